@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import doctest
+import re
 from pathlib import Path
 
 import pytest
@@ -17,3 +18,23 @@ def test_the_examples_of_the_page_are_right(page: str, least: int) -> None:
 
     assert outcome.failed == 0
     assert outcome.attempted >= least
+
+
+ROOT = DOCS.parent
+PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+FILES = tuple(f"/{path.relative_to(ROOT)}" for path in ROOT.glob("[!.]*/**/*.*"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_files_that_a_page_names_exist(page: Path) -> None:
+    assert missing(page.read_text()) == []
+
+
+def test_a_file_that_does_not_exist_is_noticed() -> None:
+    assert missing("see `core/poses.py` and `loft/nothing.py`") == ["loft/nothing.py"]
+
+
+def missing(text: str) -> list[str]:
+    """The files of the repository, whole or from some folder on, that a text names in vain."""
+    named = re.findall(r"`(\w[\w/]*/\w+\.(?:py|yaml|json))`", text)
+    return [name for name in named if not any(file.endswith(f"/{name}") for file in FILES)]
