@@ -12,7 +12,8 @@ import errno
 import json
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, cast
 
@@ -73,12 +74,9 @@ class RecordingWriter:
         self._channels: dict[tuple[str, int, int, int], int] = {}
         self._counts: Counter[str] = Counter()
         self._logged = self._flushed = 0
-        try:
+        with self._stopping():
             self._writer.start(profile=PROFILE, library=f"palpate {about.get('version', '')}")
             self._writer.add_metadata(ABOUT, dict(about))
-        except OSError as error:
-            self._give_up()
-            raise self._told(error) from error
 
     def write(self, topic: str, header: Header, body: bytes) -> None:
         """Keep one message.
@@ -89,25 +87,19 @@ class RecordingWriter:
         writer = self._open_writer()
         channel = self._channel(writer, topic, header)
         self._logged = max(self._logged, header.sent_ns)
-        try:
+        with self._stopping():
             writer.add_message(channel, self._logged, body, header.sent_ns, header.seq)
             self._counts[topic] += 1
             if self._logged - self._flushed >= FLUSH_NS:
                 self._flush(writer)
-        except OSError as error:
-            self._give_up()
-            raise self._told(error) from error
 
     def flush(self) -> None:
         """Write what is held.
 
         Raises OSError as `write` does.
         """
-        try:
+        with self._stopping():
             self._flush(self._open_writer())
-        except OSError as error:
-            self._give_up()
-            raise self._told(error) from error
 
     def close(self, missing: Mapping[str, int] | None = None) -> None:
         """Write what is held, the counts, those that never came, and the index; but once.
@@ -117,14 +109,12 @@ class RecordingWriter:
         if self._writer is None:
             return
         try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            counts = {topic: str(self._counts[topic]) for topic in sorted(self._types)}
-            self._writer.add_metadata(COUNTS, counts)
-            lacks = {topic: str((missing or {}).get(topic, 0)) for topic in sorted(self._types)}
-            self._writer.add_metadata(MISSING, lacks)
-            self._writer.finish()  # type: ignore[no-untyped-call]
-        except OSError as error:
-            raise self._told(error) from error
+            with self._stopping():
+                self._writer.flush()  # type: ignore[no-untyped-call]
+                for name, numbers in ((COUNTS, self._counts), (MISSING, missing or {})):
+                    texts = {topic: str(numbers.get(topic, 0)) for topic in sorted(self._types)}
+                    self._writer.add_metadata(name, texts)
+                self._writer.finish()  # type: ignore[no-untyped-call]
         finally:
             self._give_up()
 
@@ -170,12 +160,18 @@ class RecordingWriter:
         self._writer = None
         self._file.close()
 
-    def _told(self, error: OSError) -> OSError:
-        return OSError(
-            error.errno,
-            f"recording stopped, {self._path} cannot be written: {error.strerror}; "
-            f"what it held before stays readable",
-        )
+    @contextmanager
+    def _stopping(self) -> Iterator[None]:
+        """Close the file if it cannot be written, and say so."""
+        try:
+            yield
+        except OSError as error:
+            self._give_up()
+            raise OSError(
+                error.errno,
+                f"recording stopped, {self._path} cannot be written: {error.strerror}; "
+                f"what it held before stays readable",
+            ) from error
 
 
 class AtomicFile:
@@ -189,13 +185,11 @@ class AtomicFile:
         try:
             self._raw = path.open("xb", buffering=0)
         except FileExistsError as error:
-            raise FileExistsError(
-                error.errno, f"recording {path} exists already; it is not overwritten"
-            ) from None
+            text = f"recording {path} exists already; it is not overwritten"
+            raise FileExistsError(error.errno, text) from None
         except OSError as error:
-            raise OSError(
-                error.errno, f"recording {path} cannot be made: {error.strerror}"
-            ) from None
+            text = f"recording {path} cannot be made: {error.strerror}"
+            raise OSError(error.errno, text) from None
         self._end = 0
 
     def write(self, data: bytes) -> int:

@@ -17,6 +17,7 @@ from palpate.nodes.runtime.work import (
     NodeWork,
     Outgoing,
     SinkWork,
+    check_declared,
 )
 
 POLL_PERIOD = 0.01  # A source that has nothing to publish is asked again after this long, s
@@ -32,9 +33,9 @@ class SourceWork:
 
     def __init__(
         self,
-        source: Source,  # What it does
+        source: Source,
         params: Any,  # Instance of the source's parameter type
-        wiring: Wiring,  # Its place in the graph
+        wiring: Wiring,
         # How much an earlier start of it has published, and will be counted; None counts for itself
         tally: SourceProgress | None = None,
     ) -> None:
@@ -64,9 +65,9 @@ class SourceWork:
     def begin(self) -> Iterator[Outgoing | Finished]:
         """Open the source; what an earlier start of it had published is published at once."""
         self._published = iter(self._source.open(self._params))
-        words = (one for one in self._published if isinstance(one, Timed))
+        messages = (one for one in self._published if isinstance(one, Timed))
         due = 0.0
-        for published in islice(words, self._tally.number if self._tally else 0):
+        for published in islice(messages, self._tally.number if self._tally else 0):
             due = published.due
             yield self._pack(published)
         self.pace.start(due, time.monotonic())
@@ -83,7 +84,8 @@ class SourceWork:
             return POLL_PERIOD
         if self._next is _END:
             return None
-        return self.pace.wait(_due(self._next), time.monotonic())
+        due = self._next.due if isinstance(self._next, Timed) else 0.0
+        return self.pace.wait(due, time.monotonic())
 
     def patience(self, idle_ms: int) -> int:
         """Time for which it has nothing to do, whole ms; the rest of it is spun away."""
@@ -91,7 +93,7 @@ class SourceWork:
         return idle_ms if left is None else min(idle_ms, int(1000.0 * max(0.0, left - SPIN_TIME)))
 
     def publish_due(self) -> Iterator[Outgoing | Finished]:
-        """Say what is due, and what is due before anything else could be done."""
+        """Publish what is due, and what is due before anything else could be done."""
         for _ in range(BATCH):
             left = self.wait()
             if left is None or left > SPIN_TIME or self._next is None:
@@ -100,7 +102,7 @@ class SourceWork:
             yield self.publish_next()
 
     def publish_next(self) -> Outgoing | Finished:
-        """Say what comes next, at once."""
+        """Publish what comes next, at once."""
         published, self._next = self._next, None
         if isinstance(published, Finished):
             return published
@@ -150,35 +152,19 @@ class SourceWork:
 
     def close(self) -> None:
         """Let go of what it reads."""
-        close = getattr(self._published, "close", None)
-        if close is not None:
-            close()
+        getattr(self._published, "close", lambda: None)()
 
     def _pack(self, published: Timed) -> Outgoing:
-        cls = self._types.get(published.topic)
-        if cls is None:
-            known = ", ".join(self._types) or "nothing"
-            raise ContractError(
-                f"{self.name} published {published.topic}, which it does not declare; "
-                f"it declares {known}"
-            )
-        body, robot_time = published.message, 0.0
+        topic, body, robot_time = published.topic, published.message, 0.0
+        kind = self._types.get(topic, object) if isinstance(body, bytes) else type(body)
+        check_declared(self.name, self._types, topic, kind)
         if not isinstance(body, bytes):
-            if type(body) is not cls:
-                raise ContractError(
-                    f"{self.name} published a {type(body).__name__} on {published.topic}, "
-                    f"declared as {cls.__name__}"
-                )
             robot_time = float(getattr(body, "robot_time", 0.0))
             body = encode(body)
-        return Outgoing(self._wires[published.topic], body, robot_time, codec_of(cls).hash)
+        return Outgoing(self._wires[topic], body, robot_time, codec_of(kind).hash)
 
 
 Work = NodeWork | SourceWork | SinkWork
-
-
-def _due(published: Timed | Finished) -> float:
-    return published.due if isinstance(published, Timed) else 0.0
 
 
 def _wait(seconds: float) -> None:
@@ -193,11 +179,7 @@ def _wait(seconds: float) -> None:
 class PlaybackClock:
     """The clock of one source."""
 
-    def __init__(
-        self,
-        *,
-        paused: bool = False,  # Whether it stands still until it is told to go on
-    ) -> None:
+    def __init__(self, *, paused: bool = False) -> None:
         self.paused = paused  # Whether it stands still
         self._place = self._when = 0.0
         self._steps = 0
@@ -229,7 +211,7 @@ class PlaybackClock:
         self.paused, self._steps = False, 0
 
     def step(self, number: int) -> None:
-        """Say the next so many at once, if it stands still."""
+        """Publish the next so many at once, if it stands still."""
         if self.paused:
             self._steps += number
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from palpate.messages import codec_of, decode, encode
@@ -18,7 +17,6 @@ from palpate.messages.bus import Received
 from palpate.nodes.runtime.node import (
     Deferred,
     Finished,
-    Handler,
     Node,
     Sink,
     SinkWriter,
@@ -59,25 +57,19 @@ class NodeWork:
     Raises ContractError if the wiring names an input or output that the node does not declare.
     """
 
-    def __init__(
-        self,
-        node: Node,  # What it does
-        params: Any,  # Instance of the node's parameter type
-        wiring: Wiring,  # Its place in the graph
-    ) -> None:
+    def __init__(self, node: Node, params: Any, wiring: Wiring) -> None:
         unknown = [one.local for one in wiring.inputs if one.local not in node.inputs]
         unknown += [local for local in wiring.outputs if local not in node.outputs]
         if unknown:
-            raise ContractError(
-                f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
-            )
+            text = f"{wiring.name} is wired to {unknown[0]}, which it does not declare"
+            raise ContractError(text)
         self.name, self.has_side_effects = wiring.name, node.has_side_effects
         self.latency = Latency()  # Time of its handlers
         # Messages handled, by publisher and topic
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self._node, self._params, self._state = node, params, None
         self._wires = wiring.outputs
-        self._received = {one.topic: _subscription(node, one.local) for one in wiring.inputs}
+        self._received = {one.topic: node.inputs[one.local] for one in wiring.inputs}
         self._current: Received | None = None
         self._missing = {one.topic for one in wiring.inputs if one.local in node.needs}
         self._held: list[Received] = []
@@ -92,10 +84,7 @@ class NodeWork:
         """Topics without whose first message nothing else is handled."""
         return sorted(self._missing)
 
-    def leave_out(
-        self,
-        handled: Mapping[Edge, int],  # How many it has handled
-    ) -> dict[str, int]:
+    def leave_out(self, handled: Mapping[Edge, int]) -> dict[str, int]:
         """Messages of each topic that an earlier start has handled, and that are not handled again.
 
         What it needs before all else is: its state is a fresh one.
@@ -139,8 +128,8 @@ class NodeWork:
 
     def _handle(self, arrival: Received, pack: Callable[[Output], OutputT]) -> list[OutputT]:
         self._current = arrival
-        cls, handler, schema = self._received[arrival.topic]
-        if arrival.header.schema != schema:
+        cls, handler = self._received[arrival.topic]
+        if arrival.header.schema != codec_of(cls).hash:
             raise ContractError(f"{arrival.topic} is not a {cls.__name__} of this version")
         message: object = decode(cls, arrival.body)
         began = time.perf_counter_ns()
@@ -157,8 +146,7 @@ class NodeWork:
         if not isinstance(later, Deferred):
             return self._pack(output)
         wire = self._wire(local, later.cls)
-        make = partial(self._encoded, local, later)
-        return Promise(wire, make, codec_of(later.cls).hash)
+        return Promise(wire, lambda: encode(self._made(local, later)), codec_of(later.cls).hash)
 
     def _pack(self, output: Output) -> Outgoing | Finished:
         if isinstance(output, Finished):
@@ -170,35 +158,34 @@ class NodeWork:
         time_s = float(getattr(message, "robot_time", 0.0))
         return Outgoing(wire, encode(message), time_s, codec_of(type(message)).hash)
 
-    def _encoded(self, local: str, later: Deferred) -> bytes:
-        return encode(self._made(local, later))
-
     def _made(self, local: str, later: Deferred) -> object:
         message = later.make()
-        if type(message) is not later.cls:
-            raise ContractError(self._undeclared(local, type(message)))
+        check_declared(self.name, self._node.outputs, local, type(message))
         return message
 
     def _wire(self, local: str, cls: type) -> str:
-        if self._node.outputs.get(local) is not cls:
-            raise ContractError(self._undeclared(local, cls))
+        check_declared(self.name, self._node.outputs, local, cls)
         if local not in self._wires:
             raise ContractError(
                 f"{self.name} published {local}, which another finger's node publishes"
             )
         return self._wires[local]
 
-    def _undeclared(self, local: str, cls: type) -> str:
-        declared = self._node.outputs.get(local)
-        if declared is None:
-            known = ", ".join(self._node.outputs) or "nothing"
-            return f"{self.name} published {local}, which it does not declare; it declares {known}"
-        return f"{self.name} published a {cls.__name__} on {local}, declared as {declared.__name__}"
 
+def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:
+    """Refuse what a node publishes on a topic that it does not declare, or of another type.
 
-def _subscription(node: Node, local: str) -> tuple[type, Handler, int]:
-    cls, handler = node.inputs[local]
-    return cls, handler, codec_of(cls).hash
+    Raises ContractError.
+    """
+    if local not in declared:
+        known = ", ".join(declared) or "nothing"
+        raise ContractError(
+            f"{name} published {local}, which it does not declare; it declares {known}"
+        )
+    if declared[local] is not cls:
+        raise ContractError(
+            f"{name} published a {cls.__name__} on {local}, declared as {declared[local].__name__}"
+        )
 
 
 class SinkWork:
@@ -209,9 +196,9 @@ class SinkWork:
 
     def __init__(
         self,
-        sink: Sink,  # What it does
+        sink: Sink,
         params: Any,  # Instance of the sink's parameter type
-        wiring: Wiring,  # Its place in the graph
+        wiring: Wiring,
         *,
         again: bool = False,  # Whether an earlier start of it has written already
     ) -> None:

@@ -71,19 +71,19 @@ def array_of(shape: object, data: object, dtype: object = "<f8") -> dict[str, ob
         (array_of([1, 1], np.float64(-np.inf).tobytes()), "must be finite"),
     ],
 )
-def test_an_array_that_is_none_is_refused(entry: object, words: str, example: Make) -> None:
+def test_an_array_that_is_none_is_refused(entry: object, words: str, example: Make):
     fields = unpacked(example(TactileFrame)) | {"array": entry}
     refused(TactileFrame, msgpack.packb(fields), f"^not a TactileFrame: array .*({words})")
 
 
-def test_a_mask_holds_only_zero_and_one(example: Make) -> None:
+def test_a_mask_holds_only_zero_and_one(example: Make):
     from palpate.messages.types.touch import TactileImage
 
     fields = unpacked(example(TactileImage)) | {"mask": array_of([1, 3], b"\0\1\2", "|b1")}
     refused(TactileImage, msgpack.packb(fields), "mask must hold 0 or 1 only")
 
 
-def test_an_empty_array_is_an_array(example: Make) -> None:
+def test_an_empty_array_is_an_array(example: Make):
     fields = unpacked(example(TactileFrame)) | {"array": array_of([0, 7], b"")}
     assert decode(TactileFrame, msgpack.packb(fields)).array.shape == (0, 7)
 
@@ -102,12 +102,12 @@ def test_an_empty_array_is_an_array(example: Make) -> None:
         ("seed", "x" * 100, r"must be an integer, got 'x{36}\.\.\.$"),
     ],
 )
-def test_a_received_number_is_checked(name: str, value: object, words: str, example: Make) -> None:
+def test_a_received_number_is_checked(name: str, value: object, words: str, example: Make):
     fields = unpacked(example(World)) | {name: value}
     refused(World, msgpack.packb(fields), f"^not a World: {name} {words}")
 
 
-def test_whole_numbers_and_numpy_numbers_are_packed_as_what_the_field_is(example: Make) -> None:
+def test_whole_numbers_and_numpy_numbers_are_packed_as_what_the_field_is(example: Make):
     world = World(platform=0, reach=np.float32(0.5), fingers=np.int16(1), seed=np.uint8(3))
     back = decode(World, encode(world))
     assert (back.platform, back.reach, back.fingers, back.seed) == (0.0, 0.5, 1, 3)
@@ -123,12 +123,12 @@ def test_whole_numbers_and_numpy_numbers_are_packed_as_what_the_field_is(example
         ("text", 7, "text must be text, got 7"),
     ],
 )
-def test_a_received_text_is_checked(name: str, value: object, words: str, example: Make) -> None:
+def test_a_received_text_is_checked(name: str, value: object, words: str, example: Make):
     fields = unpacked(example(LogRecord)) | {name: value}
     refused(LogRecord, msgpack.packb(fields), words)
 
 
-def test_a_long_text_is_refused_at_both_ends(example: Make) -> None:
+def test_a_long_text_is_refused_at_both_ends(example: Make):
     record = example(LogRecord)
     long = "µ" * (MAX_TEXT // 2 + 1)
     with pytest.raises(CodecError, match=f"text must be at most {MAX_TEXT} bytes long"):
@@ -136,7 +136,7 @@ def test_a_long_text_is_refused_at_both_ends(example: Make) -> None:
     refused(LogRecord, msgpack.packb(unpacked(record) | {"text": long}), "exceeds max_str_len")
 
 
-def test_text_that_is_no_unicode_is_refused_at_both_ends(example: Make) -> None:
+def test_text_that_is_no_unicode_is_refused_at_both_ends(example: Make):
     fields = unpacked(example(LogRecord))
     with pytest.raises(CodecError, match=r"^not a LogRecord: text must be Unicode"):
         encode(LogRecord(**{**fields, "text": "\ud800"}))
@@ -145,13 +145,13 @@ def test_text_that_is_no_unicode_is_refused_at_both_ends(example: Make) -> None:
 
 
 @pytest.mark.parametrize("value", [10**400, -(10**400)])
-def test_an_integer_beyond_all_floats_is_refused(value: int, example: Make) -> None:
+def test_an_integer_beyond_all_floats_is_refused(value: int, example: Make):
     world = World(platform=value, reach=1.0, fingers=1, seed=0)
     with pytest.raises(CodecError, match=r"^not a World: platform must be finite"):
         encode(world)
 
 
-def test_a_huge_integer_is_refused_without_being_printed(example: Make) -> None:
+def test_a_huge_integer_is_refused_without_being_printed(example: Make):
     world = World(platform=0.0, reach=1.0, fingers=1, seed=10**5000)
     with pytest.raises(CodecError, match=r"^not a World: seed must fit into 64 bits$"):
         encode(world)
@@ -169,12 +169,12 @@ def test_a_huge_integer_is_refused_without_being_printed(example: Make) -> None:
         ([[1]], "must be an integer, got a list"),
     ],
 )
-def test_a_received_list_is_checked(entry: object, words: str, example: Make) -> None:
+def test_a_received_list_is_checked(entry: object, words: str, example: Make):
     fields = unpacked(example(ModelGoal)) | {"contours": entry}
     refused(ModelGoal, msgpack.packb(fields), f"^not a ModelGoal: contours {words}")
 
 
-def test_a_long_list_is_refused_at_both_ends(example: Make) -> None:
+def test_a_long_list_is_refused_at_both_ends(example: Make):
     ids = tuple(range(MAX_ITEMS + 1))
     goal = example(ModelGoal)
     fields = unpacked(goal) | {"contours": list(ids)}
@@ -192,12 +192,12 @@ def test_a_long_list_is_refused_at_both_ends(example: Make) -> None:
         ({"a": {"b": 1.0}}, "must be a float, got a dict"),
     ],
 )
-def test_a_received_table_is_checked(entry: object, words: str, example: Make) -> None:
+def test_a_received_table_is_checked(entry: object, words: str, example: Make):
     fields = unpacked(example(ShapeModel)) | {"health": entry}
     refused(ShapeModel, msgpack.packb(fields), f"^not a ShapeModel: health {words}")
 
 
-def test_a_large_table_is_refused_at_both_ends(example: Make) -> None:
+def test_a_large_table_is_refused_at_both_ends(example: Make):
     fields = unpacked(example(ShapeModel))
     table = {str(i): 0.0 for i in range(MAX_FIELDS + 1)}
     model = example(ShapeModel)
@@ -207,7 +207,7 @@ def test_a_large_table_is_refused_at_both_ends(example: Make) -> None:
     refused(ShapeModel, msgpack.packb(fields | {"health": table}), "exceeds max_map_len")
 
 
-def test_missing_and_unknown_fields_are_named(example: Make) -> None:
+def test_missing_and_unknown_fields_are_named(example: Make):
     fields = unpacked(example(World))
     fields["colour"] = fields.pop("seed")
     refused(
@@ -217,13 +217,13 @@ def test_missing_and_unknown_fields_are_named(example: Make) -> None:
     )
 
 
-def test_an_array_that_is_not_contiguous_comes_back_in_order(example: Make) -> None:
+def test_an_array_that_is_not_contiguous_comes_back_in_order(example: Make):
     frame = example(TactileFrame)
     object.__setattr__(frame, "array", np.arange(24.0).reshape(4, 6)[::2, ::-3].T)
     np.testing.assert_array_equal(decode(TactileFrame, encode(frame)).array, frame.array)
 
 
-def test_changing_an_array_after_encoding_changes_nothing(example: Make) -> None:
+def test_changing_an_array_after_encoding_changes_nothing(example: Make):
     frame = example(TactileFrame)
     body = encode(frame)
     before = frame.array.copy()
@@ -232,9 +232,7 @@ def test_changing_an_array_after_encoding_changes_nothing(example: Make) -> None
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (4, 4), (16, 16)])
-def test_finite_values_pass_though_their_sum_would_not_be(
-    shape: tuple[int, int], example: Make
-) -> None:
+def test_finite_values_pass_though_their_sum_would_not_be(shape: tuple[int, int], example: Make):
     huge = np.full(shape, 1.7e308)
     body = encode(dataclasses.replace(example(TactileFrame), array=huge))
     assert decode(TactileFrame, body).array.tobytes() == huge.tobytes()
@@ -244,7 +242,7 @@ def test_finite_values_pass_though_their_sum_would_not_be(
 @pytest.mark.parametrize("shape", [(4, 4), (16, 16)])
 def test_one_value_that_is_not_finite_is_found_wherever_it_is(
     shape: tuple[int, int], bad: float, example: Make
-) -> None:
+):
     message = example(TactileFrame)
     for place in np.ndindex(shape):
         array = np.full(shape, 1.7e308)
@@ -265,7 +263,7 @@ def test_one_value_that_is_not_finite_is_found_wherever_it_is(
         (b"\x81\xc4\x01a\x01", r"missing fields .* unknown fields"),
     ],
 )
-def test_bytes_that_are_no_map_of_fields_are_refused(body: bytes, words: str) -> None:
+def test_bytes_that_are_no_map_of_fields_are_refused(body: bytes, words: str):
     refused(World, body, words)
 
 
@@ -282,14 +280,14 @@ def test_bytes_that_are_no_map_of_fields_are_refused(body: bytes, words: str) ->
         b"\xda\xff\xff",
     ],
 )
-def test_a_length_that_was_never_sent_is_refused(prefix: bytes) -> None:
+def test_a_length_that_was_never_sent_is_refused(prefix: bytes):
     refused(World, prefix, "^not a World: ValueError")
     refused(World, b"\x81\xa4seed" + prefix, "^not a World: ValueError")
 
 
 @pytest.mark.parametrize("code", [-128, -1, 0, 5, 127])
 @pytest.mark.parametrize("size", [0, 1, 4, 8, 12, 16, 100])
-def test_an_extension_is_refused(code: int, size: int, example: Make) -> None:
+def test_an_extension_is_refused(code: int, size: int, example: Make):
     head = {1: b"\xd4", 4: b"\xd6", 8: b"\xd7", 16: b"\xd8"}.get(size, b"\xc7" + bytes([size]))
     extension = head + code.to_bytes(1, "little", signed=True) + b"\0" * size
     packed = msgpack.packb(unpacked(example(World)) | {"seed": 77})
@@ -298,7 +296,7 @@ def test_an_extension_is_refused(code: int, size: int, example: Make) -> None:
 
 
 @pytest.mark.parametrize("depth", [3, 9, 500, 1024, 100_000])
-def test_deep_nesting_is_refused(depth: int, example: Make) -> None:
+def test_deep_nesting_is_refused(depth: int, example: Make):
     deep = b"\x91" * depth + b"\xc0"
     fields = unpacked(example(ModelGoal))
     del fields["probes"]
@@ -307,18 +305,18 @@ def test_deep_nesting_is_refused(depth: int, example: Make) -> None:
     refused(ModelGoal, body[:-1] + deep, "^not a ModelGoal: ")
 
 
-def test_a_million_empty_lists_are_refused_before_they_exist() -> None:
+def test_a_million_empty_lists_are_refused_before_they_exist():
     body = b"\x81\xa4seed\xdd\x00\x0f\x00\x00" + b"\x90" * 0xF0000
     refused(World, body, "exceeds max_array_len")
 
 
-def test_empty_lists_within_lists_are_refused_before_they_take_seventy_times_their_bytes() -> None:
+def test_empty_lists_within_lists_are_refused_before_they_take_seventy_times_their_bytes():
     lists = 255 * (b"\xdc\x10\x00" + b"\x90" * 4096)
     body = b"\x81\xa4seed\xdc\x00\xff" + lists
     refused(World, body, "not a World: ValueError: more than 129 lists and maps")
 
 
-def test_no_message_comes_near_the_most_lists_and_maps(example: Make) -> None:
+def test_no_message_comes_near_the_most_lists_and_maps(example: Make):
     for cls in (ShapeModel, ModelGoal):
         assert encode(example(cls)).count(b"shape") * 2 + 20 < MAX_NESTED
 
@@ -326,7 +324,7 @@ def test_no_message_comes_near_the_most_lists_and_maps(example: Make) -> None:
 @pytest.mark.parametrize(
     "shape", [["x" * 4000], [{}], [[1]], [-1], [1.0], [True], [2**64 - 1, 2**64 - 1]]
 )
-def test_a_shape_that_is_none_is_refused_in_few_words(shape: list[Any], example: Make) -> None:
+def test_a_shape_that_is_none_is_refused_in_few_words(shape: list[Any], example: Make):
     fields = unpacked(example(TactileFrame))
     fields["direction"] = {"dtype": "<f8", "shape": shape, "data": bytes(24)}
     with pytest.raises(CodecError, match="not a TactileFrame: direction must have") as caught:
@@ -334,14 +332,14 @@ def test_a_shape_that_is_none_is_refused_in_few_words(shape: list[Any], example:
     assert len(str(caught.value)) < 120
 
 
-def test_unknown_fields_are_told_in_few_words() -> None:
+def test_unknown_fields_are_told_in_few_words():
     body = msgpack.packb({f"{i} " + "x" * 4000: i for i in range(60)})
     with pytest.raises(CodecError, match=r"unknown fields .*, \.\.\.$") as caught:
         decode(World, body)
     assert len(str(caught.value)) < 600
 
 
-def test_a_body_is_measured_before_it_is_unpacked() -> None:
+def test_a_body_is_measured_before_it_is_unpacked():
     refused(
         World,
         b"\0" * (codec.MAX_BYTES + 1),
@@ -349,7 +347,7 @@ def test_a_body_is_measured_before_it_is_unpacked() -> None:
     )
 
 
-def test_a_type_may_allow_larger_bodies(example: Make) -> None:
+def test_a_type_may_allow_larger_bodies(example: Make):
     model = example(ShapeModel)
     object.__setattr__(model, "vertices", np.zeros((100_000, 3)))
     assert decode(ShapeModel, encode(model)).vertices.shape == (100_000, 3)
@@ -360,14 +358,14 @@ def test_a_type_may_allow_larger_bodies(example: Make) -> None:
 
 @given(st.binary(max_size=300))
 @settings(max_examples=300, deadline=None)
-def test_random_bytes_are_refused_in_one_way(body: bytes) -> None:
+def test_random_bytes_are_refused_in_one_way(body: bytes):
     with pytest.raises(CodecError, match="not a World"):
         decode(World, body)
 
 
 @given(st.integers(0, 10_000), st.integers(0, 255))
 @settings(max_examples=500, deadline=None)
-def test_a_changed_byte_gives_a_checked_message_or_a_refusal(place: int, value: int) -> None:
+def test_a_changed_byte_gives_a_checked_message_or_a_refusal(place: int, value: int):
     body = bytearray(encode(FRAME))
     body[place % len(body)] = value
     try:
@@ -382,17 +380,17 @@ def test_a_changed_byte_gives_a_checked_message_or_a_refusal(place: int, value: 
 HEADER = Header(run=1 << 63, epoch=3, seq=1 << 40, sent_ns=-5, robot_time=0.25, schema=0xFFFFFFFF)
 
 
-def test_a_frame_comes_back_as_it_was() -> None:
+def test_a_frame_comes_back_as_it_was():
     frame = pack_frame("/touch/raw", HEADER, b"\0body\0")
     assert split_frame(frame) == ("/touch/raw", HEADER, b"\0body\0")
 
 
-def test_a_frame_begins_with_its_topic_and_a_zero() -> None:
+def test_a_frame_begins_with_its_topic_and_a_zero():
     # Subscriptions match the beginning: without the zero /touch would also hear /touch/raw.
     assert pack_frame("/touch", HEADER, b"").startswith(b"/touch\0")
 
 
-def test_an_empty_body_is_a_body() -> None:
+def test_an_empty_body_is_a_body():
     assert split_frame(pack_frame("/a", HEADER, b""))[2] == b""
 
 
@@ -405,18 +403,18 @@ def test_an_empty_body_is_a_body() -> None:
         b"/touch/raw\0" + b"\1" * (HEADER_SIZE - 1),
     ],
 )
-def test_a_frame_that_is_cut_off_is_refused(frame: bytes) -> None:
+def test_a_frame_that_is_cut_off_is_refused(frame: bytes):
     with pytest.raises(ValueError, match=f"not a frame: {len(frame)} bytes without a topic"):
         split_frame(frame)
 
 
-def test_a_topic_that_is_no_text_is_refused() -> None:
+def test_a_topic_that_is_no_text_is_refused():
     with pytest.raises(ValueError, match="not a frame: its topic is not Unicode"):
         split_frame(b"\xff\xfe\0" + b"\1" * HEADER_SIZE)
 
 
 @given(st.binary(max_size=200))
-def test_random_bytes_are_split_or_refused(frame: bytes) -> None:
+def test_random_bytes_are_split_or_refused(frame: bytes):
     try:
         topic, header, body = split_frame(frame)
     except ValueError as error:
@@ -444,7 +442,7 @@ def changed(value: float) -> TactileFrame:
     return replace(FRAME, array=array)
 
 
-def test_identical_bodies_do_not_differ() -> None:
+def test_identical_bodies_do_not_differ():
     assert first_difference(TactileFrame, encode(FRAME), encode(FRAME)) is None
 
 
@@ -459,18 +457,16 @@ def test_identical_bodies_do_not_differ() -> None:
         (replace(FRAME, touch=3, outcome="miss"), ("touch", "2", "3")),
     ],
 )
-def test_the_first_field_that_differs_is_named(
-    other: TactileFrame, found: tuple[str, str, str]
-) -> None:
+def test_the_first_field_that_differs_is_named(other: TactileFrame, found: tuple[str, str, str]):
     assert first_difference(TactileFrame, encode(FRAME), encode(other)) == found
 
 
-def test_a_zero_that_changed_its_sign_is_a_difference() -> None:
+def test_a_zero_that_changed_its_sign_is_a_difference():
     here, there = (encode(changed(zero)) for zero in (0.0, -0.0))
     assert first_difference(TactileFrame, here, there) == ("array[1, 2]", "0.0", "-0.0")
 
 
-def test_long_values_are_shortened() -> None:
+def test_long_values_are_shortened():
     here, there = (
         encode(LogRecord(node="a", level="info", text=letter * 1000, robot_time=0.0))
         for letter in "xy"
@@ -482,21 +478,21 @@ def test_long_values_are_shortened() -> None:
     )
 
 
-def test_one_entry_of_a_table_is_named() -> None:
+def test_one_entry_of_a_table_is_named():
     from palpate.messages.codec import _difference
 
     assert _difference({"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 3.0}) == ("['b']", "2.0", "3.0")
     assert _difference({"a": 1.0}, {"a": 1.0}) is None
 
 
-def test_equal_values_in_other_bytes_are_a_difference() -> None:
+def test_equal_values_in_other_bytes_are_a_difference():
     body = encode(LogRecord(node="a", level="info", text="b", robot_time=0.0))
     longer = body.replace(b"\xa1b", b"\xd9\x01b")  # the same text with a longer prefix
     place = body.index(b"\xa1b")
     assert first_difference(LogRecord, body, longer) == (f"bytes[{place}]", "0xa1", "0xd9")
 
 
-def test_a_body_that_is_no_message_is_a_difference() -> None:
+def test_a_body_that_is_no_message_is_a_difference():
     body = encode(LogRecord(node="a", level="info", text="b", robot_time=0.0))
     found = first_difference(LogRecord, body, b"\x80")
     assert found is not None

@@ -21,12 +21,12 @@ from palpate.messages.fields import (
 from palpate.messages.types.catalogue import TYPES
 
 
-def test_what_is_no_message_is_refused() -> None:
+def test_what_is_no_message_is_refused():
     with pytest.raises(CodecError, match="int is not a message type"):
         encode(42)
 
 
-def test_a_field_of_an_unknown_kind_is_refused() -> None:
+def test_a_field_of_an_unknown_kind_is_refused():
     @dataclass(frozen=True)
     class Odd:
         where: complex
@@ -35,7 +35,7 @@ def test_a_field_of_an_unknown_kind_is_refused() -> None:
         encode(Odd(1j))
 
 
-def test_a_type_with_one_field_comes_back() -> None:
+def test_a_type_with_one_field_comes_back():
     back = decode(One, encode(One(length=2.0)))
     assert back.length == 2.0
 
@@ -76,14 +76,14 @@ class OneInMillimetres:
     length: Annotated[float, Unit("mm")]
 
 
-def test_the_hash_changes_with_unit_name_fields_and_shape() -> None:
+def test_the_hash_changes_with_unit_name_fields_and_shape():
     kinds = (One, OneInSeconds, OneRenamed, OneMore, Image, OtherImage, OneInMillimetres)
     for kind in kinds:
         kind.__name__ = "Same"  # the title is part of the schema
     assert len({schema_hash(kind) for kind in kinds}) == len(kinds)
 
 
-def test_the_hash_is_the_same_in_another_process() -> None:
+def test_the_hash_is_the_same_in_another_process():
     program = (
         "from palpate.messages.codec import schema_hash\n"
         "from palpate.messages.types.catalogue import TYPES\n"

@@ -49,9 +49,7 @@ def ball(radius: float) -> Floats:
     return np.maximum(1e-3 - gap, 0.0)
 
 
-def test_a_ball_has_its_curvature_both_ways(
-    info: SensorInfo, sideways: Callable[[float], Floats]
-) -> None:
+def test_a_ball_has_its_curvature_both_ways(info: SensorInfo, sideways: Callable[[float], Floats]):
     patch = felt(info, image_of(ball(0.03), sideways(0.0)))
     assert patch.kind == "smooth"
     # A quartic leaves out the sixth order: (r / R)^4 of the curvature at the contact's rim.
@@ -60,22 +58,18 @@ def test_a_ball_has_its_curvature_both_ways(
     assert patch.curvature_across == pytest.approx(1 / 0.03, rel=2e-3)
 
 
-def test_the_normal_points_out_of_the_object(
-    info: SensorInfo, sideways: Callable[[float], Floats]
-) -> None:
+def test_the_normal_points_out_of_the_object(info: SensorInfo, sideways: Callable[[float], Floats]):
     pose = sideways(0.0)
     patch = felt(info, image_of(ball(0.03), pose))
     assert patch.normal == pytest.approx(-split_pose(pose)[1][:, 2], abs=1e-9)
 
 
-def test_a_miss_is_called_one(info: SensorInfo, sideways: Callable[[float], Floats]) -> None:
+def test_a_miss_is_called_one(info: SensorInfo, sideways: Callable[[float], Floats]):
     patch = felt(info, image_of(np.zeros((16, 16)), sideways(0.0), outcome="miss"))
     assert (patch.kind, patch.confidence, len(patch.jet)) == ("miss", 0.0, 0)
 
 
-def test_four_taxels_are_insufficient(
-    info: SensorInfo, sideways: Callable[[float], Floats]
-) -> None:
+def test_four_taxels_are_insufficient(info: SensorInfo, sideways: Callable[[float], Floats]):
     few = np.zeros((16, 16))
     few[7:9, 7:9] = 1e-3
     patch = felt(info, image_of(few, sideways(0.0)))
@@ -85,7 +79,7 @@ def test_four_taxels_are_insufficient(
 @pytest.mark.parametrize("steepness", [1.0, 0.3])
 def test_an_edge_has_no_curvature(
     info: SensorInfo, sideways: Callable[[float], Floats], steepness: float
-) -> None:
+):
     axis = (np.arange(16) - 7.5) * 1e-3
     roof = np.maximum(2e-3 - steepness * np.abs(axis) + 0 * axis[:, None], 0.0)
     patch = felt(replace(info, dome=0.0), image_of(roof, sideways(0.0)))

@@ -41,7 +41,7 @@ def table(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_frames_of_a_file_become_patches(table: Path) -> None:
+def test_the_frames_of_a_file_become_patches(table: Path):
     published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
     images = drive(filter.NODE, published)
     patches = messages_on(drive(curvature.NODE, [*published[:1], *images]), "/touch/patch")
@@ -54,7 +54,7 @@ def test_the_frames_of_a_file_become_patches(table: Path) -> None:
         assert patch.normal == pytest.approx([-1.0, 0.0, 0.0], abs=1e-9)
 
 
-def test_a_frame_is_due_at_its_time_or_at_once(table: Path) -> None:
+def test_a_frame_is_due_at_its_time_or_at_once(table: Path):
     params = msgspec.convert({**PAD, "path": str(table), "rate": 20.0}, driver.Params)
     published = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
     assert [one.due for one in published] == [0.0, 0.0, 0.05, 0.1]
@@ -64,7 +64,7 @@ def test_a_frame_is_due_at_its_time_or_at_once(table: Path) -> None:
     assert [one.due for one in quick if isinstance(one, Timed)] == [0.0] * 4
 
 
-def test_the_times_of_the_file_count_from_its_first_frame(table: Path) -> None:
+def test_the_times_of_the_file_count_from_its_first_frame(table: Path):
     lines = table.read_text().splitlines()
     table.write_text("\n".join(f"{t},{one}" for t, one in zip((7.0, 7.5, 9.0), lines, strict=True)))
     params = msgspec.convert({**PAD, "path": str(table)}, driver.Params)
@@ -72,7 +72,7 @@ def test_the_times_of_the_file_count_from_its_first_frame(table: Path) -> None:
     assert [one.due for one in published] == [0.0, 0.0, 0.5, 2.0]
 
 
-def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path) -> None:
+def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path):
     params = msgspec.convert({"path": str(table), "sensor": {"rows": 12}}, driver.Params)
     with pytest.raises(ValueError, match=r"frames\.csv:1: has 263 columns; expected 199"):
         driver.SOURCE.outputs(params)
@@ -91,7 +91,7 @@ def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path) -> 
         ({"values": "signal", "sensor": {"signal": "force"}}, 2e8 * 1e-6),
     ],
 )
-def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float) -> None:
+def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float):
     sensing = msgspec.convert(given, SensorParams)
     frame = tactile_frame(sensing, 0, 0.0, np.array(POSE), unit * ball())
     back = calibration_of_info(sensor_info(sensing)).decode(frame.array)
@@ -100,13 +100,13 @@ def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: f
     assert frame.outcome == "hit"
 
 
-def test_times_of_flight_are_taken_as_they_come() -> None:
+def test_times_of_flight_are_taken_as_they_come():
     sensing = msgspec.convert({"values": "signal"}, SensorParams)
     array = 2.0 * (0.003 - ball()) / 1000.0
     assert tactile_frame(sensing, 0, 0.0, np.array(POSE), array).array.tolist() == array.tolist()
 
 
-def test_what_does_not_touch_misses_and_a_pad_that_is_full_has_bottomed() -> None:
+def test_what_does_not_touch_misses_and_a_pad_that_is_full_has_bottomed():
     sensing = SensorParams()
     outcomes = [
         tactile_frame(sensing, 0, 0.0, np.array(POSE), image).outcome
@@ -126,12 +126,11 @@ def port(server: socket.socket) -> str:
     return str(server.getsockname()[1])
 
 
-def test_lines_become_frames_as_they_come(server: socket.socket) -> None:
+def test_lines_become_frames_as_they_come(server: socket.socket):
     params = msgspec.convert({**PAD, "address": port(server), "rate": 4.0}, socket_driver.Params)
     published = socket_driver.SOURCE.open(params)
     assert next(published).topic == "/touch/info"  # type: ignore[union-attr]
     assert next(published) is None
-
     peer, _ = server.accept()
     with peer:
         assert next(published) is None
@@ -141,7 +140,6 @@ def test_lines_become_frames_as_they_come(server: socket.socket) -> None:
         peer.sendall(f"{text[50:]}\n\n{text}".encode())
         first = next(one for one in published if one is not None)
     rest = [one for one in published if one is not None]
-
     assert isinstance(first, Timed) and first.due == 0.0
     assert [one.message.touch for one in (first, *rest[:-1])] == [0, 1]  # type: ignore[union-attr]
     assert rest[0].message.robot_time == 0.25  # type: ignore[union-attr]
@@ -160,7 +158,7 @@ def test_lines_become_frames_as_they_come(server: socket.socket) -> None:
         (b"1" * (1 << 19), "sent a line of more than 256 kB"),
     ],
 )
-def test_what_is_no_line_of_a_frame_is_told(server: socket.socket, sent: bytes, words: str) -> None:
+def test_what_is_no_line_of_a_frame_is_told(server: socket.socket, sent: bytes, words: str):
     params = socket_driver.Params(address=port(server))
     published = socket_driver.SOURCE.open(params)
     assert list(itertools.islice(published, 2))[1] is None
@@ -173,7 +171,7 @@ def test_what_is_no_line_of_a_frame_is_told(server: socket.socket, sent: bytes, 
             next(published)
 
 
-def test_nobody_at_the_address_is_told(server: socket.socket) -> None:
+def test_nobody_at_the_address_is_told(server: socket.socket):
     address = port(server)
     server.close()
     with pytest.raises(ValueError, match=f"{address}: cannot be reached: Connection refused"):
@@ -189,18 +187,18 @@ def test_nobody_at_the_address_is_told(server: socket.socket) -> None:
         ("192.0.2.7:65535", ("192.0.2.7", 65535)),
     ],
 )
-def test_an_address_without_a_machine_means_this_one(address: str, end: tuple[str, int]) -> None:
+def test_an_address_without_a_machine_means_this_one(address: str, end: tuple[str, int]):
     assert socket_driver.parse_address(address) == end
 
 
 @pytest.mark.parametrize(
     "address", ["", "x", "0", "65536", "192.0.2:1", "sensor.example:5555", "1:2:3", "-1", "٣"]
 )
-def test_what_is_no_address_is_refused(address: str) -> None:
+def test_what_is_no_address_is_refused(address: str):
     with pytest.raises(ValueError, match=r"address is .*; expected a port such as 5555"):
         socket_driver.Params(address=address)
 
 
-def test_a_file_is_said_again_and_a_live_sensor_is_not() -> None:
+def test_a_file_is_said_again_and_a_live_sensor_is_not():
     assert driver.SOURCE.repeats
     assert not socket_driver.SOURCE.repeats

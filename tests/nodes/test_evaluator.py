@@ -76,13 +76,13 @@ def score_of(state: State, model: ShapeModel) -> Score:
     return score
 
 
-def test_a_model_that_is_the_truth_is_at_no_distance(informed: State, model: Model) -> None:
+def test_a_model_that_is_the_truth_is_at_no_distance(informed: State, model: Model):
     score = score_of(informed, model(RADIUS))
     assert score.hausdorff < 1e-15
     assert (score.volume_error, score.watertight, score.genus) == (0.0, True, 0)
 
 
-def test_a_ball_that_is_too_large_is_too_large_by_that_much(informed: State, model: Model) -> None:
+def test_a_ball_that_is_too_large_is_too_large_by_that_much(informed: State, model: Model):
     score = score_of(informed, model(RADIUS * 1.02))
     assert score.chamfer == pytest.approx(0.02 * RADIUS, rel=0.02)
     assert score.volume_error == pytest.approx(1.02**3 - 1, rel=1e-9)
@@ -90,7 +90,7 @@ def test_a_ball_that_is_too_large_is_too_large_by_that_much(informed: State, mod
     assert score.chamfer <= score.rms <= score.hausdorff
 
 
-def test_the_score_says_what_the_model_cost(informed: State, model: Model) -> None:
+def test_the_score_says_what_the_model_cost(informed: State, model: Model):
     score = score_of(informed, model(RADIUS))
     assert (score.number, score.contours, score.touches) == (3, 3, 42)
     assert (score.robot_time, score.size, score.final) == (60.5, 2 * RADIUS, False)
@@ -98,14 +98,14 @@ def test_the_score_says_what_the_model_cost(informed: State, model: Model) -> No
 
 def test_the_sampling_floor_is_the_distance_of_two_tessellations(
     informed: State, model: Model, truth: Truth
-) -> None:
+):
     floor = prepare_surface(truth.floor_vertices, truth.floor_faces)
     expected = compare_surfaces(prepare_surface(truth.vertices, truth.faces), floor).chamfer
     assert score_of(informed, model(RADIUS)).sampling_floor == expected
     assert 0.0 < expected < 0.01 * RADIUS
 
 
-def test_only_the_final_model_ends_the_graph(informed: State, model: Model) -> None:
+def test_only_the_final_model_ends_the_graph(informed: State, model: Model):
     _, going_on = take_model(Params(), informed, model(RADIUS))
     _, ended = take_model(Params(), informed, model(RADIUS, final=True))
     assert len(going_on) == 1
@@ -113,13 +113,13 @@ def test_only_the_final_model_ends_the_graph(informed: State, model: Model) -> N
     assert resolved(ended[0][1]).final  # type: ignore[index, attr-defined]
 
 
-def test_an_open_model_has_no_genus(informed: State, model: Model) -> None:
+def test_an_open_model_has_no_genus(informed: State, model: Model):
     whole = model(RADIUS)
     score = score_of(informed, replace(whole, faces=whole.faces[1:]))
     assert (score.watertight, score.genus) == (False, -1)
 
 
-def test_the_same_inputs_give_the_same_bytes(truth: Truth, model: Model) -> None:
+def test_the_same_inputs_give_the_same_bytes(truth: Truth, model: Model):
     bodies = set()
     for _ in range(2):
         state, _ = take_truth(Params(), None, truth)
@@ -127,28 +127,28 @@ def test_the_same_inputs_give_the_same_bytes(truth: Truth, model: Model) -> None
     assert len(bodies) == 1
 
 
-def test_a_model_before_the_truth_is_refused(model: Model) -> None:
+def test_a_model_before_the_truth_is_refused(model: Model):
     with pytest.raises(ValueError, match="model 3 came before the truth"):
         take_model(Params(), None, model(RADIUS))
     assert NODE.needs == ("/truth",)
 
 
-def test_a_truth_without_volume_is_refused(truth: Truth) -> None:
+def test_a_truth_without_volume_is_refused(truth: Truth):
     with pytest.raises(ValueError, match=r"the truth must have a positive volume, got -0\.0002"):
         take_truth(Params(), None, replace(truth, faces=truth.faces[:, ::-1]))
 
 
-def test_a_model_without_faces_has_no_score(informed: State, model: Model) -> None:
+def test_a_model_without_faces_has_no_score(informed: State, model: Model):
     empty = replace(model(RADIUS), faces=np.zeros((0, 3), np.int32))
     assert take_model(Params(), informed, empty)[1] == []
 
 
-def test_a_final_model_without_faces_ends_the_graph(informed: State, model: Model) -> None:
+def test_a_final_model_without_faces_ends_the_graph(informed: State, model: Model):
     empty = replace(model(RADIUS, final=True), faces=np.zeros((0, 3), np.int32))
     assert take_model(Params(), informed, empty)[1] == [Finished("nothing could be rebuilt")]
 
 
-def test_a_model_that_is_no_surface_is_refused(informed: State, model: Model) -> None:
+def test_a_model_that_is_no_surface_is_refused(informed: State, model: Model):
     wrong = replace(model(RADIUS), faces=np.array([[0, 1, 99_999]], np.int32))
     with pytest.raises(ValueError, match="faces must name vertices from 0 to 2561, got 99999"):
         score_of(informed, wrong)

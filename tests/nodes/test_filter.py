@@ -52,7 +52,7 @@ def bump() -> Floats:
 
 def test_a_quiet_frame_comes_through_as_it_is(
     info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     image = cleaned(info, frame_of(bump, sideways(0.0), info))
     assert np.allclose(image.compression, bump, rtol=0, atol=1e-15)
     assert np.array_equal(image.mask, bump > 50e-6)
@@ -61,7 +61,7 @@ def test_a_quiet_frame_comes_through_as_it_is(
 
 def test_an_impulse_is_removed_and_counted(
     info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     hit = bump.copy()
     hit[1, 1], hit[7, 8] = 2.4e-3, 0.0
     image = cleaned(info, frame_of(hit, sideways(0.0), info))
@@ -84,7 +84,7 @@ def test_an_impulse_is_removed_and_counted(
 )
 def test_each_filter_takes_away_its_share_of_noise(
     order: FilterOrder, most: float, info: SensorInfo, sideways: Callable[[float], Floats]
-) -> None:
+):
     sigma = 10e-6
     rng = np.random.default_rng(0)
     flat = np.full((16, 16), 1e-3)
@@ -97,7 +97,7 @@ def test_each_filter_takes_away_its_share_of_noise(
 
 def test_without_impulses_the_frame_stays_as_it_is(
     info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     noisy = bump + np.random.default_rng(0).normal(0.0, 10e-6, bump.shape)
     told = replace(info, noise=10e-6)
     image = cleaned(told, frame_of(noisy, sideways(0.0), info))
@@ -107,7 +107,7 @@ def test_without_impulses_the_frame_stays_as_it_is(
 
 def test_a_taxel_that_the_calibration_does_not_trust_reads_like_its_neighbours(
     info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     gain = np.ones(bump.shape)
     gain[7, 7] = 0.0
     image = cleaned(replace(info, gain=gain), frame_of(bump, sideways(0.0), info))
@@ -118,7 +118,7 @@ def test_a_taxel_that_the_calibration_does_not_trust_reads_like_its_neighbours(
 
 def test_untouched_noise_is_not_taken_for_a_touch(
     info: SensorInfo, sideways: Callable[[float], Floats]
-) -> None:
+):
     rng = np.random.default_rng(1)
     noisy = replace(info, noise=30e-6)
     nothing = rng.normal(0.0, 30e-6, (16, 16))
@@ -127,7 +127,7 @@ def test_untouched_noise_is_not_taken_for_a_touch(
 
 def test_the_least_contact_can_be_set(
     info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     image = cleaned(info, frame_of(bump, sideways(0.0), info), contact=0.5e-3)
     assert np.array_equal(image.mask, bump > 0.5e-3)
 
@@ -135,7 +135,7 @@ def test_the_least_contact_can_be_set(
 @pytest.mark.parametrize(
     "scene", ["sphere", "box", "cylinder", "egg", "vase", "twisted", "from_mesh"]
 )
-def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str) -> None:
+def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str):
     spec = load_scene(scene).spec
     shape, pad = build_shape(spec.object), pad_of_spec(spec.sensor)
     low, high = shape.bounds()
@@ -150,7 +150,7 @@ def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str) -> None:
 
 def test_a_frame_that_comes_twice_is_taken_once(
     info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     frame = frame_of(bump, sideways(0.0), info)
     state, _ = calibrate(Params(), None, info)
     state, first = take_frame(Params(), state, frame)
@@ -161,7 +161,7 @@ def test_a_frame_that_comes_twice_is_taken_once(
 
 def test_forces_are_read_by_the_stiffness_of_a_taxel(
     bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     info = info_of(SensorSpec(signal="force"), noise=0.0)
     frame = frame_of(bump, sideways(0.0), info)
     assert frame.array.max() == pytest.approx(info.taxel_stiffness * bump.max())
@@ -170,7 +170,7 @@ def test_forces_are_read_by_the_stiffness_of_a_taxel(
 
 def test_gain_and_offset_of_the_calibration_are_applied(
     info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
-) -> None:
+):
     gain = np.random.default_rng(2).uniform(0.9, 1.1, bump.shape)
     found = replace(info, gain=gain, offset=np.full(bump.shape, 1e-5))
     image = cleaned(found, frame_of((bump - 1e-5) / gain, sideways(0.0), info))

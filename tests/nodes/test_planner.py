@@ -31,9 +31,7 @@ def several(world: World) -> World:
     return World(platform=world.platform, reach=world.reach, fingers=3, seed=world.seed)
 
 
-def test_it_grasps_then_asks_for_the_coarse_model_and_then_slices(
-    explored: Explored, world: World
-) -> None:
+def test_it_grasps_then_asks_for_the_coarse_model_and_then_slices(explored: Explored, world: World):
     published = explored(UNIFORM, world)
     topics = [topic for topic, _ in published]
     closings = topics.count("/hand/goal")
@@ -46,9 +44,7 @@ def test_it_grasps_then_asks_for_the_coarse_model_and_then_slices(
     assert topics[closings + 1] == "/probe/goal"
 
 
-def test_nothing_is_decided_before_the_model_of_what_is_known(
-    explored: Explored, world: World
-) -> None:
+def test_nothing_is_decided_before_the_model_of_what_is_known(explored: Explored, world: World):
     published = explored(UNIFORM, world)
     work = [topic for topic, _ in published if topic in ("/contour/goal", "/model/goal")][1:]
     assert work[0] == "/contour/goal"
@@ -61,9 +57,7 @@ def test_nothing_is_decided_before_the_model_of_what_is_known(
     assert done.uncovered == 0.0
 
 
-def test_goals_are_numbered_through_and_carry_frame_and_time(
-    explored: Explored, world: World
-) -> None:
+def test_goals_are_numbered_through_and_carry_frame_and_time(explored: Explored, world: World):
     published = explored(UNIFORM, world)
     goals = [goal for topic, goal in published if topic in ("/contour/goal", "/probe/goal")]
     assert [goal.id for goal in goals] == list(range(len(goals)))
@@ -74,9 +68,7 @@ def test_goals_are_numbered_through_and_carry_frame_and_time(
     assert len(frames) == 1
 
 
-def test_a_flat_top_is_touched_five_times_and_the_platform_never(
-    explored: Explored, world: World
-) -> None:
+def test_a_flat_top_is_touched_five_times_and_the_platform_never(explored: Explored, world: World):
     published = explored(UNIFORM, world)
     probes = of(published, "/probe/goal")
     assert all(
@@ -87,7 +79,7 @@ def test_a_flat_top_is_touched_five_times_and_the_platform_never(
 
 def test_the_object_is_sliced_along_the_axis_that_is_asked_for_whatever_its_top_says(
     explored: Explored, world: World
-) -> None:
+):
     published = explored(
         Params(axis=(0.6, 0.0, 0.8), planner="uniform", settings={"count": 3}), world
     )
@@ -97,7 +89,7 @@ def test_the_object_is_sliced_along_the_axis_that_is_asked_for_whatever_its_top_
 
 def test_contacts_that_tell_nothing_and_a_top_that_leans_come_to_an_end(
     explored: Explored, cylinder: Any, world: World
-) -> None:
+):
     lean = 0.2
 
     class Leaning(cylinder):
@@ -132,7 +124,7 @@ def test_contacts_that_tell_nothing_and_a_top_that_leans_come_to_an_end(
 
 def test_a_level_top_sets_an_axis_upright_that_contacts_made_lean(
     explored: Explored, cylinder: Any, world: World
-) -> None:
+):
     class Oblique(cylinder):
         """Its sections are level, and lie ever farther aside."""
 
@@ -148,9 +140,7 @@ def test_a_level_top_sets_an_axis_upright_that_contacts_made_lean(
     assert np.array_equal(axes, np.tile([0.0, 0.0, 1.0], (len(axes), 1)))
 
 
-def test_it_ends_when_the_hand_closes_on_nothing(
-    explored: Explored, cylinder: Any, world: World
-) -> None:
+def test_it_ends_when_the_hand_closes_on_nothing(explored: Explored, cylinder: Any, world: World):
     shape = cylinder()
     shape.contacts = 0
     published = explored(UNIFORM, world, shape)
@@ -162,7 +152,7 @@ def test_it_ends_when_the_hand_closes_on_nothing(
 
 def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
     explored: Explored, cylinder: Any, world: World
-) -> None:
+):
     def stuck(goal: ContourGoal) -> str:
         return "stuck" if 0.06 < goal.height < 0.09 else "closed"
 
@@ -174,9 +164,7 @@ def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
     assert 0.03 < done.uncovered < 0.05
 
 
-def test_the_default_rule_covers_the_side_and_states_a_bound(
-    explored: Explored, world: World
-) -> None:
+def test_the_default_rule_covers_the_side_and_states_a_bound(explored: Explored, world: World):
     published = explored(Params(), world)
     [done] = of(published, "/plan/done")
     assert done.tolerance_met
@@ -190,9 +178,7 @@ def test_the_default_rule_covers_the_side_and_states_a_bound(
     ("budget", "words"),
     [({"most_touches": 90}, "90 touches"), ({"most_seconds": 150.0}, "150 s of robot time")],
 )
-def test_a_budget_ends_it_and_is_kept(
-    explored: Explored, world: World, budget: Any, words: str
-) -> None:
+def test_a_budget_ends_it_and_is_kept(explored: Explored, world: World, budget: Any, words: str):
     params = Params(**budget)
     [done] = of(explored(params, world), "/plan/done")
     assert done.reason.startswith("the budget is spent")
@@ -201,9 +187,7 @@ def test_a_budget_ends_it_and_is_kept(
     assert done.touches <= budget.get("most_touches", 10_000)
 
 
-def test_fingers_work_side_by_side_apart_from_each_other(
-    explored: Explored, several: World
-) -> None:
+def test_fingers_work_side_by_side_apart_from_each_other(explored: Explored, several: World):
     published = explored(Params(), several)
     goals = of(published, "/contour/goal")
     assert {goal.finger for goal in goals} == {1, 2, 3}
@@ -215,9 +199,7 @@ def test_fingers_work_side_by_side_apart_from_each_other(
     assert done.tolerance_met
 
 
-def test_the_order_in_which_fingers_are_heard_changes_nothing(
-    explored: Explored, several: World
-) -> None:
+def test_the_order_in_which_fingers_are_heard_changes_nothing(explored: Explored, several: World):
     def bodies(order: random.Random | None) -> list[bytes]:
         published = explored(Params(), several, order=order)
         return [encode(message) for _, message in published]
@@ -227,9 +209,7 @@ def test_the_order_in_which_fingers_are_heard_changes_nothing(
         assert bodies(random.Random(seed)) == expected
 
 
-def test_a_tolerance_that_the_sensor_cannot_tell_is_refused(
-    explored: Explored, world: World
-) -> None:
+def test_a_tolerance_that_the_sensor_cannot_tell_is_refused(explored: Explored, world: World):
     with pytest.raises(ValueError, match="tolerance is 1e-06 m; it must be at least what the sen"):
         explored(Params(tolerance=1e-6), world)
 
@@ -247,14 +227,14 @@ def test_a_tolerance_that_the_sensor_cannot_tell_is_refused(
         ({"axis": [1.0, 0.0]}, "length 3"),
     ],
 )
-def test_what_cannot_be_asked_for_is_refused(params: Any, words: str) -> None:
+def test_what_cannot_be_asked_for_is_refused(params: Any, words: str):
     with pytest.raises(msgspec.ValidationError, match=words):
         msgspec.convert(params, Params)
 
 
 def test_a_model_that_drops_a_contour_has_its_slice_traced_again(
     explored: Explored, cylinder: Any, world: World
-) -> None:
+):
     class Dropping(cylinder):
         def model_of(self, goal: ModelGoal) -> tuple[str, Any]:
             topic, model = super().model_of(goal)

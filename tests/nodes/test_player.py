@@ -69,23 +69,23 @@ def _number(one: Timed) -> Any:
     return int(decode(LogRecord, one.message).text)
 
 
-def test_everything_is_said_at_its_time(bag: Path) -> None:
+def test_everything_is_said_at_its_time(bag: Path):
     words = published(bag)
     assert words[:3] == [(0.0, "/world", 1), (0.05, "/world", 2), (0.1, "/log", 1)]
     assert words[-1] == (1.0, "/log", 10)
     assert len(words) == 12
 
 
-def test_at_twice_the_rate_it_takes_half_the_time(bag: Path) -> None:
+def test_at_twice_the_rate_it_takes_half_the_time(bag: Path):
     assert published(bag, rate=2.0)[-1] == (0.5, "/log", 10)
 
 
-def test_what_was_latched_before_the_offset_is_said_first_and_only_that(bag: Path) -> None:
+def test_what_was_latched_before_the_offset_is_said_first_and_only_that(bag: Path):
     words = published(bag, start_offset=0.55)
     assert words[:3] == [(0.0, "/world", 2), (0.05, "/log", 6), (0.15, "/log", 7)]
 
 
-def test_of_latched_topics_that_keep_all_all_are_said(tmp_path: Path) -> None:
+def test_of_latched_topics_that_keep_all_all_are_said(tmp_path: Path):
     def probe(id_: int) -> Probe:
         zero = np.zeros(3)
         return Probe(
@@ -101,20 +101,20 @@ def test_of_latched_topics_that_keep_all_all_are_said(tmp_path: Path) -> None:
     assert [round(one.due, 9) for one in words] == [0.0, 0.0, 0.0, 0.0, 0.05]
 
 
-def test_an_offset_beyond_the_end_says_what_is_latched(bag: Path) -> None:
+def test_an_offset_beyond_the_end_says_what_is_latched(bag: Path):
     assert published(bag, start_offset=9.0) == [(0.0, "/world", 2)]
 
 
-def test_it_ends_where_it_is_told_to(bag: Path) -> None:
+def test_it_ends_where_it_is_told_to(bag: Path):
     assert published(bag, until=0.25)[-1] == (0.2, "/log", 2)
 
 
-def test_only_the_topics_that_are_asked_for_are_played(bag: Path) -> None:
+def test_only_the_topics_that_are_asked_for_are_played(bag: Path):
     assert {topic for _, topic, _ in published(bag, topics=("/log",))} == {"/log"}
     assert list(outputs(Params(path=str(bag), topics=("/log",)))) == ["/log"]
 
 
-def test_a_loop_begins_anew_after_a_pause(bag: Path) -> None:
+def test_a_loop_begins_anew_after_a_pause(bag: Path):
     words = list(islice(play(Params(path=str(bag), loop=True, rate=2.0)), 25))
     assert not any(isinstance(one, Finished) for one in words)
     dues = [one.due for one in words if isinstance(one, Timed)]
@@ -122,35 +122,35 @@ def test_a_loop_begins_anew_after_a_pause(bag: Path) -> None:
     assert dues[24] == pytest.approx(2.0)
 
 
-def test_a_loop_over_nothing_ends(bag: Path) -> None:
+def test_a_loop_over_nothing_ends(bag: Path):
     [end] = play(Params(path=str(bag), loop=True, topics=("/log",), until=0.05))
     assert end == Finished("played 0 messages")
 
 
-def test_the_clock_ticks_in_the_recordings_time(bag: Path) -> None:
+def test_the_clock_ticks_in_the_recordings_time(bag: Path):
     words = published(bag, clock=10.0, rate=2.0, start_offset=0.15, until=0.85)
     ticks = [(due, time) for due, topic, time in words if topic == "/clock"]
     assert ticks == [(0.0, 0.15), (0.1, 0.35), (0.2, 0.55), (0.3, 0.75)]
     assert outputs(Params(path=str(bag), clock=10.0))["/clock"] is Clock
 
 
-def test_a_recorded_clock_gives_way_to_its_own(tmp_path: Path) -> None:
+def test_a_recorded_clock_gives_way_to_its_own(tmp_path: Path):
     entries: list[Entry] = [(0.0, "/clock", Clock(time=99.0)), (0.1, "/log", log(1))]
     bag = record(tmp_path / "c.mcap", entries)
     assert [n for _, topic, n in published(bag, clock=1.0) if topic == "/clock"] == [0.0]
     assert [n for _, topic, n in published(bag) if topic == "/clock"] == [99.0]
 
 
-def test_it_says_how_much_it_has_played(bag: Path) -> None:
+def test_it_says_how_much_it_has_played(bag: Path):
     assert list(play(Params(path=str(bag))))[-1] == Finished("played 12 messages")
 
 
-def test_a_topic_that_was_not_recorded_is_refused(bag: Path) -> None:
+def test_a_topic_that_was_not_recorded_is_refused(bag: Path):
     with pytest.raises(ValueError, match=r"has no topic '/lag'; it has /log, /world"):
         outputs(Params(path=str(bag), topics=("/lag",)))
 
 
-def test_types_of_another_version_are_refused(tmp_path: Path) -> None:
+def test_types_of_another_version_are_refused(tmp_path: Path):
     path = tmp_path / "old.mcap"
     writer = RecordingWriter(path, {"/log": "LogRecord"}, {}, {"version": "1"})
     writer.write("/log", Header(1, 0, 0, 5, 0.0, 0xBAD), b"\x80")
@@ -159,7 +159,7 @@ def test_types_of_another_version_are_refused(tmp_path: Path) -> None:
         outputs(Params(path=str(path)))
 
 
-def test_a_missing_recording_is_refused(tmp_path: Path) -> None:
+def test_a_missing_recording_is_refused(tmp_path: Path):
     with pytest.raises(ValueError, match="cannot be read: No such file"):
         outputs(Params(path=str(tmp_path / "none.mcap")))
 
@@ -173,11 +173,11 @@ def test_a_missing_recording_is_refused(tmp_path: Path) -> None:
         ({"speed": 2.0}, "unknown field"),
     ],
 )
-def test_parameters_out_of_range_are_refused(params: dict[str, Any], words: str) -> None:
+def test_parameters_out_of_range_are_refused(params: dict[str, Any], words: str):
     with pytest.raises(msgspec.ValidationError, match=words):
         msgspec.convert({"path": "a", **params}, Params)
 
 
-def test_it_stands_still_at_first_if_it_is_told_to(bag: Path) -> None:
+def test_it_stands_still_at_first_if_it_is_told_to(bag: Path):
     assert SOURCE.paused(Params(path=str(bag), paused=True))
     assert not SOURCE.paused(Params(path=str(bag)))

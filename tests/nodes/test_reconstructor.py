@@ -153,7 +153,7 @@ def grasps(closings: int, *order: int) -> Heard:
     return [("/model/goal", goal), *(("/hand/contacts", contacts(number)) for number in order)]
 
 
-def test_each_goal_gets_one_model_of_exactly_its_set(inputs: Heard) -> None:
+def test_each_goal_gets_one_model_of_exactly_its_set(inputs: Heard):
     goals = [m for t, m in inputs if t in ("/model/goal", "/plan/done")]
     published = told()
     assert [model.number for model in published] == [goal.number for goal in goals]
@@ -161,14 +161,14 @@ def test_each_goal_gets_one_model_of_exactly_its_set(inputs: Heard) -> None:
     assert [model.final for model in published] == [False, False, True]
 
 
-def test_a_model_can_be_sent_and_is_closed() -> None:
+def test_a_model_can_be_sent_and_is_closed():
     last = told()[-1]
     assert encode(last)
     edges = np.sort(last.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
 
 
-def test_a_solid_sliced_along_a_tilted_axis_is_where_the_object_is() -> None:
+def test_a_solid_sliced_along_a_tilted_axis_is_where_the_object_is():
     last = told()[-1]
     off = np.linalg.norm(last.vertices - MIDDLE, axis=1) - RADIUS
     assert np.abs(off).max() < 2e-4
@@ -179,7 +179,7 @@ def test_a_solid_sliced_along_a_tilted_axis_is_where_the_object_is() -> None:
     assert away.max() < 3.0 * RADIUS
 
 
-def test_both_ends_of_a_tilted_axis_are_those_that_were_probed() -> None:
+def test_both_ends_of_a_tilted_axis_are_those_that_were_probed():
     without, both = told()[1:]
     assert (without.health["uncovered_below"], without.health["uncovered_above"]) > (0.0, 0.0)
     assert both.health["uncovered_below"] == both.health["uncovered_above"] == 0.0
@@ -187,7 +187,7 @@ def test_both_ends_of_a_tilted_axis_are_those_that_were_probed() -> None:
     assert rms / 4.0 < both.deviation < without.deviation
 
 
-def test_an_upright_object_is_touched_by_the_platform_on_which_it_stands() -> None:
+def test_an_upright_object_is_touched_by_the_platform_on_which_it_stands():
     felt = felt_by(along(UPRIGHT, 0.0, 2.0 * RADIUS))
     [model] = models([*felt, ("/plan/done", plan_done(1, [0, 1, 2], [3]))])
     assert model.health["uncovered_below"] == 0.0
@@ -195,13 +195,13 @@ def test_an_upright_object_is_touched_by_the_platform_on_which_it_stands() -> No
     assert np.array_equal(model.frame, UPRIGHT)
 
 
-def test_the_platform_says_nothing_of_a_tilted_axis(inputs: Heard) -> None:
+def test_the_platform_says_nothing_of_a_tilted_axis(inputs: Heard):
     lower = replace(next(m for t, m in inputs if t == "/world"), platform=-0.02)
     moved = [(t, lower if t == "/world" else m) for t, m in inputs]
     assert [encode(one) for one in models(moved)] == [encode(one) for one in told()]
 
 
-def test_a_probe_that_missed_touches_no_end(inputs: Heard) -> None:
+def test_a_probe_that_missed_touches_no_end(inputs: Heard):
     probe = next(m for t, m in inputs if t == "/probe/traced" and m.id == 3)
     missed = replace(
         probe, outcome="miss", point=transform_points(TILTED, np.array([[0, 0, 0.2]]))[0]
@@ -211,7 +211,7 @@ def test_a_probe_that_missed_touches_no_end(inputs: Heard) -> None:
     assert np.linalg.norm(last.vertices - MIDDLE, axis=1).max() < 1.2 * RADIUS
 
 
-def test_the_archive_of_the_final_model_is_the_solid() -> None:
+def test_the_archive_of_the_final_model_is_the_solid():
     last = told()[-1]
     solid = tree_from_arrays(arrays_from_bytes(last.archive))
     assert np.array_equal(solid.frame, TILTED)
@@ -219,7 +219,7 @@ def test_the_archive_of_the_final_model_is_the_solid() -> None:
     assert np.array_equal(grid, last.control)
 
 
-def test_contours_of_two_frames_are_refused_with_a_sentence(inputs: Heard) -> None:
+def test_contours_of_two_frames_are_refused_with_a_sentence(inputs: Heard):
     others = [
         (t, replace(m, frame=IDENTITY_POSE) if t == "/contour/traced" and m.id == 2 else m)
         for t, m in inputs
@@ -233,7 +233,7 @@ def test_contours_of_two_frames_are_refused_with_a_sentence(inputs: Heard) -> No
     assert encode(last)
 
 
-def test_goals_before_their_touches_wait_for_them(inputs: Heard) -> None:
+def test_goals_before_their_touches_wait_for_them(inputs: Heard):
     info = [one for one in inputs if one[0] in ("/world", "/touch/info")]
     goals = [one for one in inputs if one[0] in ("/model/goal", "/plan/done")]
     rest = [one for one in inputs if one[0] not in NODE.needs and one not in goals]
@@ -241,26 +241,26 @@ def test_goals_before_their_touches_wait_for_them(inputs: Heard) -> None:
     assert [encode(one) for one in early] == [encode(one) for one in told()]
 
 
-def test_touches_after_everything_else_complete_the_sets(inputs: Heard) -> None:
+def test_touches_after_everything_else_complete_the_sets(inputs: Heard):
     patches = [one for one in inputs if one[0] == "/touch/patch"]
     before = [one for one in inputs if one[0] != "/touch/patch"]
     late = models(before + patches)
     assert [encode(one) for one in late] == [encode(one) for one in told()]
 
 
-def test_a_set_that_lacks_a_touch_is_not_fitted(inputs: Heard) -> None:
+def test_a_set_that_lacks_a_touch_is_not_fitted(inputs: Heard):
     last = max(i for i, (topic, _) in enumerate(inputs) if topic == "/touch/patch")
     assert len(models(inputs[:last] + inputs[last + 1 :])) == 2
 
 
-def test_nothing_to_rebuild_gives_an_empty_model() -> None:
+def test_nothing_to_rebuild_gives_an_empty_model():
     [model] = models([("/plan/done", plan_done(1, [], []))])
     assert (len(model.vertices), model.final, model.touches) == (0, True, 19)
     assert np.array_equal(model.frame, IDENTITY_POSE) and model.deviation == 0.0
     assert encode(model)
 
 
-def test_a_goal_without_contours_gets_the_superquadric_of_the_hand() -> None:
+def test_a_goal_without_contours_gets_the_superquadric_of_the_hand():
     [coarse] = models(grasps(4, 0, 1, 2, 3))
     assert isinstance(coarse, Superquadric) and encode(coarse)
     assert coarse.size == pytest.approx([RADIUS] * 3, rel=0.02)
@@ -269,7 +269,7 @@ def test_a_goal_without_contours_gets_the_superquadric_of_the_hand() -> None:
     assert (coarse.number, coarse.bend) == (0, 0.0)
 
 
-def test_closings_may_be_heard_in_any_order_and_all_are_waited_for() -> None:
+def test_closings_may_be_heard_in_any_order_and_all_are_waited_for():
     wanted = [encode(one) for one in models(grasps(4, 0, 1, 2, 3))]
     goal, *closings = grasps(4, 3, 1, 0, 2)
     assert [encode(one) for one in models([*closings, goal])] == wanted
@@ -277,24 +277,24 @@ def test_closings_may_be_heard_in_any_order_and_all_are_waited_for() -> None:
     assert models(grasps(4, 3, 1, 2)) == []
 
 
-def test_later_closings_do_not_count() -> None:
+def test_later_closings_do_not_count():
     wanted = [encode(one) for one in models(grasps(3, 0, 1, 2))]
     assert [encode(one) for one in models(grasps(3, 3, 2, 1, 0))] == wanted
 
 
-def test_a_hand_that_met_nothing_says_so() -> None:
+def test_a_hand_that_met_nothing_says_so():
     nothing = ("/hand/contacts", contacts(0, 0))
     goal = grasps(1)[0]
     [coarse] = models([nothing, goal])
     assert coarse.warnings == ("too few points",) and encode(coarse)
 
 
-def test_models_follow_their_numbers_whatever_they_are_of(inputs: Heard) -> None:
+def test_models_follow_their_numbers_whatever_they_are_of(inputs: Heard):
     goal, *closings = grasps(2, 0, 1)
     published = models([*inputs[:2], goal, *inputs[2:], *closings])
     assert [type(one) for one in published] == [Superquadric, *[ShapeModel] * 3]
     assert [one.number for one in published] == [0, 1, 2, 3]
 
 
-def test_each_finger_has_its_own_touches_but_the_hand_is_one() -> None:
+def test_each_finger_has_its_own_touches_but_the_hand_is_one():
     assert NODE.fan_in == ("/touch/patch", "/contour/traced", "/probe/traced")

@@ -47,7 +47,7 @@ def recorder(path: Path) -> Wiring:
     )
 
 
-def test_what_is_heard_is_kept(tmp_path: Path) -> None:
+def test_what_is_heard_is_kept(tmp_path: Path):
     path = tmp_path / "topics.mcap"
     _, told = with_description([SIMULATOR, recorder(path)], {"seed": "7"})
     body = encode(World(platform=0.0, reach=0.3, fingers=1, seed=3))
@@ -61,13 +61,13 @@ def test_what_is_heard_is_kept(tmp_path: Path) -> None:
     assert [one.name for one in recorded_nodes(recording.graph)] == ["simulator", "recorder"]
 
 
-def test_a_recording_without_a_description_is_a_recording(tmp_path: Path) -> None:
+def test_a_recording_without_a_description_is_a_recording(tmp_path: Path):
     path = tmp_path / "topics.mcap"
     SINK.open(Params(path=str(path)), {}).close({})
     assert open_recording(path).graph == b""
 
 
-def test_a_described_node_comes_back_with_its_parameters() -> None:
+def test_a_described_node_comes_back_with_its_parameters():
     [recorded] = recorded_nodes(describe_wirings([SIMULATOR]))
     back = recorded.wiring(Settings)
     assert back.params == SIMULATOR.params
@@ -75,35 +75,35 @@ def test_a_described_node_comes_back_with_its_parameters() -> None:
     assert (back.inputs, back.outputs) == (SIMULATOR.inputs, SIMULATOR.outputs)
 
 
-def test_a_description_names_the_publisher_of_each_topic() -> None:
+def test_a_description_names_the_publisher_of_each_topic():
     assert publishers_of(describe_wirings([SIMULATOR])) == {"/f1/world": "simulator"}
     assert publishers_of(b"") == {}
 
 
-def test_only_recorders_are_told(tmp_path: Path) -> None:
+def test_only_recorders_are_told(tmp_path: Path):
     first, second = with_description([SIMULATOR, recorder(tmp_path / "a.mcap")], {"seed": "7"})
     assert first is SIMULATOR
     assert second.params.graph
     assert second.params.about == {"seed": "7"}
 
 
-def test_parameters_that_do_not_fit_are_refused() -> None:
+def test_parameters_that_do_not_fit_are_refused():
     [recorded] = recorded_nodes(describe_wirings([SIMULATOR]))
     with pytest.raises(ValueError, match="the recorded parameters of simulator do not fit"):
         recorded.wiring(Params)
 
 
-def test_what_is_no_description_is_refused() -> None:
+def test_what_is_no_description_is_refused():
     with pytest.raises(ValueError, match="this is no description of a graph"):
         recorded_nodes(b"{]")
 
 
 @pytest.mark.parametrize("path", ["", "runs/"])
-def test_a_path_that_names_no_file_is_refused(path: str) -> None:
+def test_a_path_that_names_no_file_is_refused(path: str):
     with pytest.raises(ValueError, match="path must name a file, got"):
         Params(path=path)
 
 
-def test_parameters_are_read_strictly() -> None:
+def test_parameters_are_read_strictly():
     with pytest.raises(msgspec.ValidationError, match="unknown field `colour`"):
         msgspec.convert({"path": "a", "colour": 1}, Params)

@@ -45,7 +45,7 @@ def pressed(ball: ObjectSpec, pose: Floats, effects: Any = None, **more: Any) ->
     return frame
 
 
-def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec) -> None:
+def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec):
     _, outputs = start(Params(object=ball))
     published = dict(outputs)  # type: ignore[arg-type]
     assert published["/world"].platform == pytest.approx(0.0, abs=1e-12)
@@ -53,7 +53,7 @@ def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec) -
     assert published["/touch/info"].dome == pytest.approx(1 / 0.015)
 
 
-def test_everything_it_says_can_be_sent(ball: ObjectSpec, sideways: Pose) -> None:
+def test_everything_it_says_can_be_sent(ball: ObjectSpec, sideways: Pose):
     params = Params(object=ball)
     state, outputs = start(params)
     _, more = touch(params, state, goal_at(sideways(0.03)))
@@ -61,7 +61,7 @@ def test_everything_it_says_can_be_sent(ball: ObjectSpec, sideways: Pose) -> Non
         assert encode(message), topic
 
 
-def test_a_touch_is_pressed_to_the_asked_depth(ball: ObjectSpec, sideways: Pose) -> None:
+def test_a_touch_is_pressed_to_the_asked_depth(ball: ObjectSpec, sideways: Pose):
     frame = pressed(ball, sideways(0.03))
     assert frame.outcome == "hit"
     # The shortest time of flight belongs to the deepest taxel: t = 2 (D - c) / v.
@@ -69,13 +69,13 @@ def test_a_touch_is_pressed_to_the_asked_depth(ball: ObjectSpec, sideways: Pose)
     assert frame.array.max() == pytest.approx(2 * 0.003 / 1000.0, rel=1e-12)
 
 
-def test_a_touch_beside_the_object_misses(ball: ObjectSpec, sideways: Pose) -> None:
+def test_a_touch_beside_the_object_misses(ball: ObjectSpec, sideways: Pose):
     frame = pressed(ball, sideways(0.2))
     assert frame.outcome == "miss"
     assert np.ptp(frame.array) == 0.0
 
 
-def test_robot_time_only_grows_and_waits_for_the_decision(ball: ObjectSpec, sideways: Pose) -> None:
+def test_robot_time_only_grows_and_waits_for_the_decision(ball: ObjectSpec, sideways: Pose):
     params = Params(object=ball)
     state, _ = start(params)
     state, [(_, first)] = touch(params, state, goal_at(sideways(0.03)))  # type: ignore[misc]
@@ -85,7 +85,7 @@ def test_robot_time_only_grows_and_waits_for_the_decision(ball: ObjectSpec, side
     assert second.robot_time > 100.0
 
 
-def test_a_touch_leaves_the_state_it_was_given_alone(ball: ObjectSpec, sideways: Pose) -> None:
+def test_a_touch_leaves_the_state_it_was_given_alone(ball: ObjectSpec, sideways: Pose):
     params = Params(object=ball)
     state, _ = start(params)
     one = touch(params, state, goal_at(sideways(0.03)))[1]
@@ -96,7 +96,7 @@ def test_a_touch_leaves_the_state_it_was_given_alone(ball: ObjectSpec, sideways:
     ]
 
 
-def test_an_unknown_robot_is_refused_with_those_that_exist(ball: ObjectSpec) -> None:
+def test_an_unknown_robot_is_refused_with_those_that_exist(ball: ObjectSpec):
     with pytest.raises(ValueError, match=r"robot must be one of \['modern', 'puma'\], got 'r2d2'"):
         Params(object=ball, robot="r2d2")
 
@@ -134,7 +134,7 @@ def test_an_unknown_robot_is_refused_with_those_that_exist(ball: ObjectSpec) -> 
         ),
     ],
 )
-def test_an_object_that_cannot_be_is_refused(wrong: dict[str, Any], words: str) -> None:
+def test_an_object_that_cannot_be_is_refused(wrong: dict[str, Any], words: str):
     with pytest.raises(msgspec.ValidationError, match=words):
         msgspec.convert(wrong, ObjectSpec)
 
@@ -170,13 +170,13 @@ def modules_after(effects: dict[str, Any]) -> set[str]:
 EFFECTS = "palpate.core.touch.effects."
 
 
-def test_an_ideal_analytic_scene_imports_neither_effects_meshes_nor_random_numbers() -> None:
+def test_an_ideal_analytic_scene_imports_neither_effects_meshes_nor_random_numbers():
     modules = modules_after({})
     assert not {"numpy.random", "scipy", "trimesh", "embreex"} & modules
     assert {name for name in modules if name.startswith(EFFECTS)} == {EFFECTS + "catalogue"}
 
 
-def test_of_the_effects_only_what_is_listed_is_imported() -> None:
+def test_of_the_effects_only_what_is_listed_is_imported():
     modules = modules_after({"crosstalk": {}, "saturation": {"share": 0.3}})
     found = {name.removeprefix(EFFECTS) for name in modules if name.startswith(EFFECTS)}
     assert found == {"catalogue", "crosstalk", "saturation"}
@@ -193,7 +193,7 @@ def frames_of(ball: ObjectSpec, pose: Floats, effects: dict[str, Any]) -> list[A
     return frames
 
 
-def test_the_order_of_the_list_does_not_matter(ball: ObjectSpec, sideways: Pose) -> None:
+def test_the_order_of_the_list_does_not_matter(ball: ObjectSpec, sideways: Pose):
     effects = {"quantisation": {}, "gaussian_noise": {}, "creep": {}, "pose_error": {}}
     backwards = dict(reversed(effects.items()))
     pose = sideways(0.03)
@@ -203,13 +203,13 @@ def test_the_order_of_the_list_does_not_matter(ball: ObjectSpec, sideways: Pose)
 
 def test_an_effect_without_strength_leaves_the_frames_byte_for_byte(
     ball: ObjectSpec, sideways: Pose
-) -> None:
+):
     pose = sideways(0.03)
     listed = {"gaussian_noise": {"sigma": 0.0}, "salt_and_pepper": {"rate": 0.0}}
     assert frames_of(ball, pose, listed) == frames_of(ball, pose, {})
 
 
-def test_adding_an_effect_leaves_the_draws_of_the_others(ball: ObjectSpec, sideways: Pose) -> None:
+def test_adding_an_effect_leaves_the_draws_of_the_others(ball: ObjectSpec, sideways: Pose):
     def reading(effects: dict[str, Any]) -> Floats:
         params = Params(object=ball, effects=effects, seed=11)
         state, _ = start(params)
@@ -224,14 +224,14 @@ def test_adding_an_effect_leaves_the_draws_of_the_others(ball: ObjectSpec, sidew
     assert np.allclose(alone, beside, rtol=0, atol=1e-20)
 
 
-def test_a_frame_is_sent_as_often_as_the_link_delivers_it(ball: ObjectSpec, sideways: Pose) -> None:
+def test_a_frame_is_sent_as_often_as_the_link_delivers_it(ball: ObjectSpec, sideways: Pose):
     params = Params(object=ball, effects={"transport": {"duplicate": 1.0, "drop": 0.0}})
     state, _ = start(params)
     _, published = touch(params, state, goal_at(sideways(0.03)))
     assert [encode(frame) for _, frame in published] == [encode(published[0][1])] * 2  # type: ignore
 
 
-def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose) -> None:
+def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose):
     ideal = pressed(ball, sideways(0.03))
     off = pressed(ball, sideways(0.03), {"pose_error": {"sigma": 1e-3}})
     # Only the way along the normal, which the move measures, can tell.
@@ -239,7 +239,7 @@ def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose) 
     assert not np.allclose(ideal.array, off.array, atol=1e-8)
 
 
-def test_listeners_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec) -> None:
+def test_listeners_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec):
     listed = {"gaussian_noise": {"sigma": 3e-6}, "tenting": {"decay": 2e-3}}
     _, published = start(Params(object=ball, effects=listed))
     info = dict(published)["/touch/info"]  # type: ignore[arg-type]
@@ -256,19 +256,19 @@ def test_listeners_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec)
         ({"drift": {"rate": -1.0}}, "rate is -1 m/sqrt"),
     ],
 )
-def test_a_bad_effect_is_refused(ball: ObjectSpec, effects: dict[str, Any], words: str) -> None:
+def test_a_bad_effect_is_refused(ball: ObjectSpec, effects: dict[str, Any], words: str):
     with pytest.raises(ValueError, match=words):
         Params(object=ball, effects=effects)
 
 
-def test_only_the_first_finger_tells_what_all_may_know(ball: ObjectSpec) -> None:
+def test_only_the_first_finger_tells_what_all_may_know(ball: ObjectSpec):
     _, published = start(Params(object=ball, finger=1, fingers=2))
     assert dict(published)["/world"].fingers == 2  # type: ignore[arg-type]
     assert [topic for topic, _ in published] == ["/world", "/touch/info", "/truth"]  # type: ignore[misc]
     assert start(Params(object=ball, finger=2, fingers=2))[1] == []
 
 
-def test_fingers_have_random_numbers_of_their_own(ball: ObjectSpec, sideways: Pose) -> None:
+def test_fingers_have_random_numbers_of_their_own(ball: ObjectSpec, sideways: Pose):
     frames = []
     for finger in (1, 2):
         params = Params(object=ball, effects={"gaussian_noise": {}}, finger=finger, fingers=2)
@@ -279,19 +279,19 @@ def test_fingers_have_random_numbers_of_their_own(ball: ObjectSpec, sideways: Po
     assert not np.array_equal(frames[0].array, frames[1].array)
 
 
-def test_a_finger_that_is_not_there_is_refused(ball: ObjectSpec) -> None:
+def test_a_finger_that_is_not_there_is_refused(ball: ObjectSpec):
     with pytest.raises(ValueError, match="finger must be at most fingers, 2, got 3"):
         Params(object=ball, finger=3, fingers=2)
 
 
-def test_a_touch_for_another_finger_is_refused(ball: ObjectSpec, sideways: Pose) -> None:
+def test_a_touch_for_another_finger_is_refused(ball: ObjectSpec, sideways: Pose):
     params = Params(object=ball)
     asked = goal_at(sideways(0.03), goal=4, finger=2)
     with pytest.raises(ValueError, match="touch 0 of goal 4 is for finger 2, but this is finger 1"):
         touch(params, start(params)[0], asked)
 
 
-def test_the_node_declares_what_its_handlers_take() -> None:
+def test_the_node_declares_what_its_handlers_take():
     assert set(NODE.inputs) == {"/finger/goal", "/hand/goal"}
 
 
@@ -304,12 +304,12 @@ def test_the_node_declares_what_its_handlers_take() -> None:
         ({"pad": {"thickness": 0.001}}, f"it must be at least {TOUCH_DEPTH / 0.8:.3g} m, to"),
     ],
 )
-def test_a_sensor_that_could_not_work_is_refused(wrong: dict[str, Any], words: str) -> None:
+def test_a_sensor_that_could_not_work_is_refused(wrong: dict[str, Any], words: str):
     with pytest.raises(msgspec.ValidationError, match=words):
         msgspec.convert(wrong, SensorSpec)
 
 
-def test_the_words_of_core_and_messages_are_the_same() -> None:
+def test_the_words_of_core_and_messages_are_the_same():
     assert get_args(pad.TouchOutcome) == get_args(touch_types.Outcome)
     assert get_args(core_curvature.PatchKind) == get_args(touch_types.SurfaceKind)
     assert get_args(trace.TraceStatus) == get_args(motion_types.ContourStatus)
@@ -336,7 +336,7 @@ def felt(params: Params, state: State, asked: TouchGoal) -> tuple[State, Tactile
     return state, frame
 
 
-def test_the_hand_says_where_its_fingers_met_the_ball(ball: ObjectSpec) -> None:
+def test_the_hand_says_where_its_fingers_met_the_ball(ball: ObjectSpec):
     params = Params(object=ball)
     _, contacts = grasp(params, start(params)[0])
     assert (contacts.number, contacts.missed, contacts.blocked) == (4, 0, 0)
@@ -345,7 +345,7 @@ def test_the_hand_says_where_its_fingers_met_the_ball(ball: ObjectSpec) -> None:
     assert contacts.fingers.tolist() == [0, 1, 2, 3, 4, 5]
 
 
-def test_fingers_that_miss_or_are_blocked_are_told(ball: ObjectSpec) -> None:
+def test_fingers_that_miss_or_are_blocked_are_told(ball: ObjectSpec):
     params = Params(object=ball)
     state = start(params)[0]
     _, beside = grasp(params, state, pose=pose_of(np.array([0.5, 0.0, 0.03]), FACING_DOWN))
@@ -354,7 +354,7 @@ def test_fingers_that_miss_or_are_blocked_are_told(ball: ObjectSpec) -> None:
     assert (low.fingers.tolist(), low.blocked) == ([5], 5)
 
 
-def test_robot_time_is_that_of_the_finger_that_went_farthest(ball: ObjectSpec) -> None:
+def test_robot_time_is_that_of_the_finger_that_went_farthest(ball: ObjectSpec):
     params = Params(object=ball)
     _, contacts = grasp(params, start(params)[0], not_before=2.0)
     assert contacts.move[[0, 1, 2, 4]] == pytest.approx([2.0, 0.0, 0.0, LIFTED])
@@ -362,7 +362,7 @@ def test_robot_time_is_that_of_the_finger_that_went_farthest(ball: ObjectSpec) -
     assert contacts.robot_time == pytest.approx(2.0 + 0.071 / 0.01 + 0.071 / 0.05 + 0.2, abs=1e-2)
 
 
-def test_the_hand_errs_without_shifting_what_the_finger_draws(ball: ObjectSpec) -> None:
+def test_the_hand_errs_without_shifting_what_the_finger_draws(ball: ObjectSpec):
     params = Params(object=ball, effects={"pose_error": {"sigma": 1e-4}, "gaussian_noise": {}})
     state, _ = start(params)
     grasped, one = grasp(params, state)
@@ -376,7 +376,7 @@ def test_the_hand_errs_without_shifting_what_the_finger_draws(ball: ObjectSpec) 
     assert np.array_equal(arrays[0], arrays[1])
 
 
-def test_a_hand_of_another_number_of_fingers_is_another_hand(ball: ObjectSpec) -> None:
+def test_a_hand_of_another_number_of_fingers_is_another_hand(ball: ObjectSpec):
     params = Params(object=ball)
     state, _ = grasp(params, start(params)[0])
     state, contacts = grasp(params, state, fingers=3)
@@ -391,9 +391,7 @@ def test_a_hand_of_another_number_of_fingers_is_another_hand(ball: ObjectSpec) -
         ({"opening": -0.1}, "opening must be positive and finite, got -0.1 m"),
     ],
 )
-def test_a_hand_that_cannot_close_is_refused(
-    ball: ObjectSpec, changes: dict[str, Any], words: str
-) -> None:
+def test_a_hand_that_cannot_close_is_refused(ball: ObjectSpec, changes: dict[str, Any], words: str):
     params = Params(object=ball)
     with pytest.raises(ValueError, match=words):
         take_grasp(params, start(params)[0], goal(**changes))
@@ -406,7 +404,7 @@ def test_the_moves_with_their_own_preset_give_the_robot_time_back(
     sideways: Callable[[float], Floats],
     robot: str,
     effects: dict[str, dict[str, float]],
-) -> None:
+):
     params = Params(object=ball, robot=robot, effects=effects)
     state, _ = start(params)
     state, contacts = grasp(params, state)
@@ -421,5 +419,5 @@ def test_the_moves_with_their_own_preset_give_the_robot_time_back(
     assert (moves.along >= 0.0).tolist() == [False, False, True, False, False]
 
 
-def test_the_words_for_a_finger_that_was_lifted_are_the_same() -> None:
+def test_the_words_for_a_finger_that_was_lifted_are_the_same():
     assert simulator.NO_SURFACE_PATH == LIFTED

@@ -55,21 +55,21 @@ def trace(loop: InProcessLoop, height: float, radius: float, number: int = 0, fi
     return contour
 
 
-def test_a_contour_is_traced_without_a_bus() -> None:
+def test_a_contour_is_traced_without_a_bus():
     contour = trace(loop_of(Params(object=BALL)), 0.03, 0.03)
     assert contour.status == "closed"
     distance = np.linalg.norm(contour.points - np.array([0.0, 0.0, 0.03]), axis=1)
     assert np.allclose(distance, 0.03, atol=5e-6)
 
 
-def test_several_contours_follow_each_other() -> None:
+def test_several_contours_follow_each_other():
     loop = loop_of(Params(object=BALL))
     first, second = trace(loop, 0.03, 0.03, 0), trace(loop, 0.04, 0.028, 1)
     assert [first.id, second.id] == [0, 1]
     assert second.robot_time > first.robot_time
 
 
-def test_two_fingers_have_clocks_and_errors_of_their_own() -> None:
+def test_two_fingers_have_clocks_and_errors_of_their_own():
     noisy = Params(object=BALL, effects={"pose_error": {}})
     loop = loop_of(noisy, fingers=2)
     first, second = (trace(loop, 0.03, 0.03, number, number + 1) for number in (0, 1))
@@ -84,7 +84,7 @@ def test_two_fingers_have_clocks_and_errors_of_their_own() -> None:
 @pytest.mark.parametrize("exponent", [1.0, 0.1])
 def test_the_narrowest_and_the_widest_array_close_contours(
     width: float, domed: bool, exponent: float
-) -> None:
+):
     sensor = SensorSpec(pitch=width / 15, pad=PadSpec(radius=width if domed else None))
     solid = SuperquadricSpec(size=(0.035, 0.03, 0.04), exponents=(exponent, exponent))
     loop = loop_of(Params(object=ObjectSpec(superquadric=solid), sensor=sensor))
@@ -92,11 +92,11 @@ def test_the_narrowest_and_the_widest_array_close_contours(
 
 
 @pytest.mark.parametrize("effects", [{"transport": {"duplicate": 0.5, "drop": 0.3}}, {"creep": {}}])
-def test_a_lossy_link_and_a_lazy_pad_do_not_stop_the_loop(effects) -> None:
+def test_a_lossy_link_and_a_lazy_pad_do_not_stop_the_loop(effects):
     assert trace(loop_of(Params(object=BALL, effects=effects)), 0.03, 0.03).status == "closed"
 
 
-def test_the_filter_is_the_one_that_was_asked_for() -> None:
+def test_the_filter_is_the_one_that_was_asked_for():
     salty = Params(object=BALL, effects={"salt_and_pepper": {"rate": 0.02}})
     errors = []
     for order in ("auto", "none"):

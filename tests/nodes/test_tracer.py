@@ -91,7 +91,7 @@ def followed(state: State, outputs: Any, finger: Finger, **params: Any) -> Itera
         state, outputs = take_patch(Params(**params), state, patch)
 
 
-def test_a_contour_of_a_ball_closes_on_the_ball(ready: State, finger: Finger) -> None:
+def test_a_contour_of_a_ball_closes_on_the_ball(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.04))
     [contour] = followed(state, outputs, finger)
     assert isinstance(contour, Contour)
@@ -106,7 +106,7 @@ def test_a_contour_of_a_ball_closes_on_the_ball(ready: State, finger: Finger) ->
     assert contour.touches <= 30
 
 
-def test_a_contour_in_a_tilted_frame_is_traced_in_it(ready: State, finger: Finger) -> None:
+def test_a_contour_in_a_tilted_frame_is_traced_in_it(ready: State, finger: Finger):
     half = np.radians(20.0) / 2
     frame = np.array([0.0, 0.0, 0.03, np.sin(half), 0.0, 0.0, np.cos(half)])
     state, outputs = take_goal(Params(), ready, contour_goal(frame=frame, height=0.01))
@@ -119,7 +119,7 @@ def test_a_contour_in_a_tilted_frame_is_traced_in_it(ready: State, finger: Finge
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.6, 0.64, 0.48)])
 def test_a_frame_that_is_turned_with_the_object_changes_no_touch(
     axis: tuple[float, float, float], ready: State, info: SensorInfo
-) -> None:
+):
     half = np.radians(25.0) / 2
     turn = np.concatenate([np.sin(half) * np.array(axis), [np.cos(half)]])
     frame = np.concatenate([[0.03, -0.02, 0.11], turn])
@@ -140,7 +140,7 @@ def test_a_frame_that_is_turned_with_the_object_changes_no_touch(
     assert np.allclose(aligned.contact_high, turned.contact_high, rtol=0, atol=1e-9)
 
 
-def test_a_contour_says_how_far_up_and_down_it_was_felt(ready: State, finger: Finger) -> None:
+def test_a_contour_says_how_far_up_and_down_it_was_felt(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.035))
     [contour] = followed(state, outputs, finger)
     assert contour.contact_low.shape == contour.contact_high.shape == (len(contour.points),)
@@ -149,7 +149,7 @@ def test_a_contour_says_how_far_up_and_down_it_was_felt(ready: State, finger: Fi
     assert np.median(contour.contact_high - contour.contact_low) > 4e-3
 
 
-def test_touches_are_counted_from_0_without_gaps(ready: State, finger: Finger) -> None:
+def test_touches_are_counted_from_0_without_gaps(ready: State, finger: Finger):
     numbers = []
     state, outputs = take_goal(Params(), ready, contour_goal())
     while "/finger/goal" in dict(outputs):  # type: ignore[arg-type]
@@ -160,13 +160,13 @@ def test_touches_are_counted_from_0_without_gaps(ready: State, finger: Finger) -
     assert numbers == list(range(contour.touches))
 
 
-def test_a_slice_above_the_object_has_no_contact(ready: State, finger: Finger) -> None:
+def test_a_slice_above_the_object_has_no_contact(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.1))
     [contour] = followed(state, outputs, finger)
     assert (contour.status, len(contour.points)) == ("no_contact", 0)
 
 
-def test_a_contour_is_given_up_when_its_touches_are_spent(ready: State, finger: Finger) -> None:
+def test_a_contour_is_given_up_when_its_touches_are_spent(ready: State, finger: Finger):
     params = Params(most_touches=10)
     state, outputs = take_goal(params, ready, contour_goal())
     [contour] = followed(state, outputs, finger, most_touches=10)
@@ -174,7 +174,7 @@ def test_a_contour_is_given_up_when_its_touches_are_spent(ready: State, finger: 
     assert contour.touches <= 11
 
 
-def test_a_probe_finds_the_top(ready: State, finger: Finger) -> None:
+def test_a_probe_finds_the_top(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, probe_goal())
     [probe] = followed(state, outputs, finger)
     assert isinstance(probe, Probe)
@@ -184,9 +184,7 @@ def test_a_probe_finds_the_top(ready: State, finger: Finger) -> None:
     assert probe.normal == pytest.approx([0, 0, 1], abs=1e-6)
 
 
-def test_a_probe_beside_the_object_reports_the_end_of_its_reach(
-    ready: State, finger: Finger
-) -> None:
+def test_a_probe_beside_the_object_reports_the_end_of_its_reach(ready: State, finger: Finger):
     goal = probe_goal(pose=pose_of(np.array([0.2, 0.0, 0.1]), FACING_DOWN))
     state, outputs = take_goal(Params(), ready, goal)
     [probe] = followed(state, outputs, finger)
@@ -194,7 +192,7 @@ def test_a_probe_beside_the_object_reports_the_end_of_its_reach(
     assert probe.point == pytest.approx([0.2, 0.0, 0.0], abs=1e-12)
 
 
-def test_goals_wait_for_each_other(ready: State, finger: Finger) -> None:
+def test_goals_wait_for_each_other(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, probe_goal())
     state, nothing = take_goal(Params(), state, contour_goal())
     assert nothing == []
@@ -202,7 +200,7 @@ def test_goals_wait_for_each_other(ready: State, finger: Finger) -> None:
     assert (probe.id, contour.status) == (1, "closed")
 
 
-def test_the_same_patch_twice_gives_the_same_answer(ready: State, finger: Finger) -> None:
+def test_the_same_patch_twice_gives_the_same_answer(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal())
     for _ in range(6):
         patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
@@ -211,7 +209,7 @@ def test_the_same_patch_twice_gives_the_same_answer(ready: State, finger: Finger
         assert [encode(m) for _, m in again] == [encode(m) for _, m in outputs]  # type: ignore
 
 
-def test_a_patch_that_nobody_asked_for_is_refused(ready: State, finger: Finger) -> None:
+def test_a_patch_that_nobody_asked_for_is_refused(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, probe_goal())
     patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
     state, _ = take_patch(Params(), state, patch)
@@ -219,9 +217,7 @@ def test_a_patch_that_nobody_asked_for_is_refused(ready: State, finger: Finger) 
         take_patch(Params(), state, patch)
 
 
-def test_a_touch_that_starts_inside_is_repeated_from_farther_away(
-    ready: State, finger: Finger
-) -> None:
+def test_a_touch_that_starts_inside_is_repeated_from_farther_away(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal(radius=0.025))
     first = dict(outputs)["/finger/goal"]  # type: ignore[arg-type]
     patch = finger.touch(first)
@@ -232,7 +228,7 @@ def test_a_touch_that_starts_inside_is_repeated_from_farther_away(
 
 
 @pytest.mark.parametrize("over", [1e-3, 5e-3])
-def test_a_slice_over_the_pole_says_so(over: float, ready: State, finger: Finger) -> None:
+def test_a_slice_over_the_pole_says_so(over: float, ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.06 + over))
     [contour] = followed(state, outputs, finger)
     assert (contour.status, len(contour.points)) == ("pole", 0)
@@ -241,7 +237,7 @@ def test_a_slice_over_the_pole_says_so(over: float, ready: State, finger: Finger
 TWO = World(platform=0.0, reach=0.15, fingers=2, seed=0)
 
 
-def test_a_goal_for_another_finger_is_left_to_it(ready: State) -> None:
+def test_a_goal_for_another_finger_is_left_to_it(ready: State):
     state, _ = know_world(Params(), ready, TWO)
     for goal in (contour_goal(finger=2), probe_goal(finger=2)):
         assert take_goal(Params(), state, goal) == (state, [])
@@ -249,17 +245,13 @@ def test_a_goal_for_another_finger_is_left_to_it(ready: State) -> None:
 
 
 @pytest.mark.parametrize(("finger", "most"), [(0, 1), (2, 1), (3, 2)])
-def test_a_goal_for_a_finger_that_is_not_there_is_refused(
-    finger: int, most: int, ready: State
-) -> None:
+def test_a_goal_for_a_finger_that_is_not_there_is_refused(finger: int, most: int, ready: State):
     state = ready if most == 1 else know_world(Params(), ready, TWO)[0]
     with pytest.raises(ValueError, match=f"goal 0 is for finger {finger}; .* are 1 to {most}"):
         take_goal(Params(), state, contour_goal(finger=finger))
 
 
-def test_where_there_are_several_fingers_each_touch_tells_the_time(
-    ready: State, finger: Finger
-) -> None:
+def test_where_there_are_several_fingers_each_touch_tells_the_time(ready: State, finger: Finger):
     state, _ = know_world(Params(), ready, TWO)
     state, outputs = take_goal(Params(), state, probe_goal())
     patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]

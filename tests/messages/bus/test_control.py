@@ -25,7 +25,7 @@ def lines(bench: Any) -> Iterator[tuple[ControlServer, ControlClient]]:
     launcher.close()
 
 
-def test_words_go_both_ways(lines: tuple[ControlServer, ControlClient]) -> None:
+def test_words_go_both_ways(lines: tuple[ControlServer, ControlClient]):
     launcher, node = lines
     assert launcher.receive() is None
     node.send("ready")
@@ -39,7 +39,7 @@ def test_words_go_both_ways(lines: tuple[ControlServer, ControlClient]) -> None:
 
 def test_a_word_to_a_node_that_is_not_there_is_said_to_be_lost(
     lines: tuple[ControlServer, ControlClient],
-) -> None:
+):
     assert not lines[0].send("nobody", "go")
 
 
@@ -57,7 +57,7 @@ def test_a_word_to_a_node_that_is_not_there_is_said_to_be_lost(
 )
 def test_what_is_no_word_is_refused(
     data: bytes, words: str, lines: tuple[ControlServer, ControlClient]
-) -> None:
+):
     launcher, node = lines
     node.socket.send(data)
     assert launcher.socket.poll(1000)
@@ -65,7 +65,7 @@ def test_what_is_no_word_is_refused(
         launcher.receive()
 
 
-def test_a_word_in_two_parts_is_refused(lines: tuple[ControlServer, ControlClient]) -> None:
+def test_a_word_in_two_parts_is_refused(lines: tuple[ControlServer, ControlClient]):
     launcher, node = lines
     node.socket.send_multipart([b"a", b"b"])
     assert launcher.socket.poll(1000)
@@ -94,7 +94,7 @@ COUNT: dict[str, Any] = {
         COUNT,
     ],
 )
-def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]) -> None:
+def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]):
     assert read_control(msgpack.packb(word), FROM_NODES) == word
 
 
@@ -119,12 +119,12 @@ def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]) -> None
         ({"kind": "x" * 5000}, "got 'x{40}'$"),
     ],
 )
-def test_a_word_without_what_belongs_to_it_is_refused(word: dict[str, Any], words: str) -> None:
+def test_a_word_without_what_belongs_to_it_is_refused(word: dict[str, Any], words: str):
     with pytest.raises(ValueError, match=words):
         read_control(msgpack.packb(word), FROM_NODES)
 
 
-def test_each_side_hears_the_words_of_the_other_alone() -> None:
+def test_each_side_hears_the_words_of_the_other_alone():
     assert read_control(msgpack.packb({"kind": "go"}), TO_NODES) == {"kind": "go"}
     with pytest.raises(
         ValueError,
@@ -143,6 +143,6 @@ def test_each_side_hears_the_words_of_the_other_alone() -> None:
         b"\xc1",
     ],
 )
-def test_what_would_take_far_more_than_it_is_says_nothing(data: bytes) -> None:
+def test_what_would_take_far_more_than_it_is_says_nothing(data: bytes):
     with pytest.raises(ValueError, match=r"^a word is a map with a kind, got no msgpack: "):
         read_control(data, FROM_NODES)

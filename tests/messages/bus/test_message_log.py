@@ -21,7 +21,7 @@ def frame(seq: int, size: int = 100, topic: str = "/talk") -> bytes:
     return pack_frame(topic, Header(1, 0, seq, seq, 0.0, 5), bytes([seq % 256]) * size)
 
 
-def test_what_is_within_the_limit_needs_no_file(tmp_path: Path) -> None:
+def test_what_is_within_the_limit_needs_no_file(tmp_path: Path):
     past = MessageLog(tmp_path / "past", ["/talk"])
     for seq in range(10):
         past.add("/talk", frame(seq))
@@ -30,7 +30,7 @@ def test_what_is_within_the_limit_needs_no_file(tmp_path: Path) -> None:
     assert not (tmp_path / "past").exists()
 
 
-def test_what_is_beyond_the_limit_is_found_in_the_file(tmp_path: Path) -> None:
+def test_what_is_beyond_the_limit_is_found_in_the_file(tmp_path: Path):
     past = MessageLog(tmp_path / "past", ["/talk"], memory=1000)
     for seq in range(50):
         past.add("/talk", frame(seq))
@@ -40,7 +40,7 @@ def test_what_is_beyond_the_limit_is_found_in_the_file(tmp_path: Path) -> None:
     past.close()
 
 
-def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_path: Path) -> None:
+def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_path: Path):
     for _ in range(2):
         past = MessageLog(tmp_path / "past", ["/talk"], memory=0)
         past.add("/talk", frame(0))
@@ -50,7 +50,7 @@ def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_pa
     assert (tmp_path / "past").stat().st_size == len(frame(0)) + 12
 
 
-def test_what_nobody_hears_is_only_counted(tmp_path: Path) -> None:
+def test_what_nobody_hears_is_only_counted(tmp_path: Path):
     past = MessageLog(tmp_path / "past", [], silent=["/talk"], memory=0)
     for seq in range(9):
         past.add("/talk", frame(seq))
@@ -59,7 +59,7 @@ def test_what_nobody_hears_is_only_counted(tmp_path: Path) -> None:
     assert not (tmp_path / "past").exists()
 
 
-def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path) -> None:
+def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path):
     names = {"silent": ["/mute"], "persistent": True}
     past = MessageLog(tmp_path / "past", ["/talk"], memory=250, **names)  # type: ignore[arg-type]
     for seq in range(5):
@@ -76,9 +76,7 @@ def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", [1, 4, 30])
-def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(
-    tmp_path: Path, cut: int
-) -> None:
+def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(tmp_path: Path, cut: int):
     path = tmp_path / "past"
     past = MessageLog(path, ["/talk"], persistent=True)
     for seq in range(3):
@@ -92,7 +90,7 @@ def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(
     assert MessageLog(path, ["/talk"], persistent=True).counts == {"/talk": 3}
 
 
-def test_what_was_answered_is_known_with_all_its_answers(tmp_path: Path) -> None:
+def test_what_was_answered_is_known_with_all_its_answers(tmp_path: Path):
     past = MessageLog(tmp_path / "past", ["/talk", "/more"], persistent=True)
     past.add("/talk", frame(0))
     past.answer([("/talk", frame(1)), ("/more", frame(0, topic="/more"))], Cause("a", "/in", 4))
@@ -106,7 +104,7 @@ def test_what_was_answered_is_known_with_all_its_answers(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("cut", [1, 60, 200])
-def test_of_an_answer_there_is_all_or_nothing(tmp_path: Path, cut: int) -> None:
+def test_of_an_answer_there_is_all_or_nothing(tmp_path: Path, cut: int):
     past = MessageLog(tmp_path / "past", ["/talk"], persistent=True)
     past.add("/talk", frame(0))
     past.answer([("/talk", frame(1)), ("/talk", frame(2))], Cause("a", "/in", 4))
@@ -117,7 +115,7 @@ def test_of_an_answer_there_is_all_or_nothing(tmp_path: Path, cut: int) -> None:
     assert (again.handled, again.counts) == ({}, {"/talk": 1})
 
 
-def test_answers_beyond_the_limit_are_found_in_the_file(tmp_path: Path) -> None:
+def test_answers_beyond_the_limit_are_found_in_the_file(tmp_path: Path):
     past = MessageLog(tmp_path / "past", ["/talk"], persistent=True, memory=200)
     for seq in range(0, 10, 2):
         frames = [("/talk", frame(seq)), ("/talk", frame(seq + 1))]
@@ -125,7 +123,7 @@ def test_answers_beyond_the_limit_are_found_in_the_file(tmp_path: Path) -> None:
     assert list(past.since("/talk", 0)) == [frame(seq) for seq in range(10)]
 
 
-def test_what_is_promised_is_made_once_and_only_if_somebody_wants_it(tmp_path: Path) -> None:
+def test_what_is_promised_is_made_once_and_only_if_somebody_wants_it(tmp_path: Path):
     made = []
 
     def make() -> bytes:
@@ -143,13 +141,13 @@ def test_what_is_promised_is_made_once_and_only_if_somebody_wants_it(tmp_path: P
     assert list(past.since("/talk", 1)) == [frame(1), frame(2)] and made == [1]
 
 
-def test_an_unknown_topic_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_topic_is_refused(tmp_path: Path):
     past = MessageLog(tmp_path / "past", ["/talk"])
     with pytest.raises(KeyError, match="/elsewhere"):
         past.count("/elsewhere")
 
 
-def test_a_tally_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_a_tally_goes_on_where_it_was(tmp_path: Path):
     tally = SourceProgress(tmp_path / "tally")
     assert tally.number == 0
     for _ in range(3):
@@ -163,7 +161,7 @@ def test_a_tally_goes_on_where_it_was(tmp_path: Path) -> None:
 TOPICS = ["/talk", "/more"]
 
 
-def test_times_outlive_their_node(tmp_path: Path) -> None:
+def test_times_outlive_their_node(tmp_path: Path):
     first = SendTimes(tmp_path / "times", "talker", TOPICS)
     assert first.before("/talk", 0) is None
     first.note("/talk", 5)
@@ -176,9 +174,7 @@ def test_times_outlive_their_node(tmp_path: Path) -> None:
     assert (published, again.before("/talk", 2)) == ([5, 1 << 60, 6, None], None)
 
 
-def test_what_is_said_again_keeps_its_time_and_what_is_new_is_later(
-    bench: Any, tmp_path: Path
-) -> None:
+def test_what_is_said_again_keeps_its_time_and_what_is_new_is_later(bench: Any, tmp_path: Path):
     headers = []
     for epoch in range(2):
         times = SendTimes(tmp_path / "said", "talker", TOPICS)
@@ -196,7 +192,7 @@ def test_what_is_said_again_keeps_its_time_and_what_is_new_is_later(
 @pytest.mark.parametrize("latest", [0, 1 << 62])
 def test_who_goes_on_with_what_was_kept_speaks_later_than_that(
     latest: int, bench: Any, tmp_path: Path
-) -> None:
+):
     kept = MessageLog(tmp_path / "past", TOPICS, persistent=True)
     kept.add("/talk", pack_frame("/talk", Header(1, 0, 0, latest, 0.0, 5), b""))
     kept.close()
@@ -210,7 +206,7 @@ def test_who_goes_on_with_what_was_kept_speaks_later_than_that(
 EDGES = [("a", "/one"), ("b", "/two")]
 
 
-def test_what_was_put_down_is_there_at_the_next_start_in_its_order(tmp_path: Path) -> None:
+def test_what_was_put_down_is_there_at_the_next_start_in_its_order(tmp_path: Path):
     first = Journal(tmp_path / "j", EDGES)
     assert first.before == ()
     first.note("b", "/two", 0)
@@ -227,7 +223,7 @@ def test_what_was_put_down_is_there_at_the_next_start_in_its_order(tmp_path: Pat
 
 
 @pytest.mark.parametrize("cut", range(1, 12))
-def test_an_entry_that_was_cut_off_is_written_anew(tmp_path: Path, cut: int) -> None:
+def test_an_entry_that_was_cut_off_is_written_anew(tmp_path: Path, cut: int):
     path = tmp_path / "j"
     first = Journal(path, EDGES)
     first.note("a", "/one", 0)
@@ -239,7 +235,7 @@ def test_an_entry_that_was_cut_off_is_written_anew(tmp_path: Path, cut: int) -> 
     assert Journal(path, EDGES).before[1:] == (Consumed("b", "/two", 7),)
 
 
-def test_a_journal_of_another_node_is_refused(tmp_path: Path) -> None:
+def test_a_journal_of_another_node_is_refused(tmp_path: Path):
     Journal(tmp_path / "j", EDGES).note("b", "/two", 0)
     with pytest.raises(ValueError, match="speaks of input 1, there are 1"):
         Journal(tmp_path / "j", EDGES[:1])
@@ -247,7 +243,7 @@ def test_a_journal_of_another_node_is_refused(tmp_path: Path) -> None:
 
 def test_an_entry_for_which_there_is_no_room_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     journal = Journal(tmp_path / "j", EDGES)
     monkeypatch.setattr(os, "write", lambda file, data: len(data) - 1)
     with pytest.raises(OSError, match="journal of what was consumed has no more room"):

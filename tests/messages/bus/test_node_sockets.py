@@ -54,9 +54,7 @@ def stations(tmp_path: Path) -> Iterator[tuple[NodeSockets, NodeSockets]]:
         station.close()
 
 
-def test_two_stations_that_hear_each_other_get_in_step(
-    stations: tuple[NodeSockets, NodeSockets],
-) -> None:
+def test_two_stations_that_hear_each_other_get_in_step(stations: tuple[NodeSockets, NodeSockets]):
     a, b = stations
     turn(stations, lambda: a.subscriber.in_step and b.subscriber.in_step)
     a.send("/a", b"body", robot_time=0.0, schema=1)
@@ -66,7 +64,7 @@ def test_two_stations_that_hear_each_other_get_in_step(
     assert not b.waiting and b.receive() is None
 
 
-def test_what_was_taken_in_comes_first(stations: tuple[NodeSockets, NodeSockets]) -> None:
+def test_what_was_taken_in_comes_first(stations: tuple[NodeSockets, NodeSockets]):
     a, b = stations
     turn(stations, lambda: a.subscriber.in_step and b.subscriber.in_step)
     b.send("/b", b"0", robot_time=0.0, schema=1)
@@ -77,7 +75,7 @@ def test_what_was_taken_in_comes_first(stations: tuple[NodeSockets, NodeSockets]
     assert [one.body for one in received if one is not None] == [b"0", b"1"]
 
 
-def test_waiting_tells_messages_from_words(stations: tuple[NodeSockets, NodeSockets]) -> None:
+def test_waiting_tells_messages_from_words(stations: tuple[NodeSockets, NodeSockets]):
     a, b = stations
     turn(stations, lambda: a.subscriber.in_step and b.subscriber.in_step)
     assert a.wait(0) == (False, False)
@@ -86,7 +84,7 @@ def test_waiting_tells_messages_from_words(stations: tuple[NodeSockets, NodeSock
     assert a.wait(0) == (True, False)
 
 
-def test_an_address_that_cannot_be_bound_is_an_error(tmp_path: Path) -> None:
+def test_an_address_that_cannot_be_bound_is_an_error(tmp_path: Path):
     where = replace(place(tmp_path), endpoints=place(tmp_path / "nowhere").endpoints)
     with pytest.raises(zmq.ZMQError):
         NodeSockets("a", where, subscriptions={}, publications={})

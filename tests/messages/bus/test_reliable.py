@@ -15,7 +15,7 @@ def seqs(arrivals: list[Any]) -> list[int]:
     return [arrival.header.seq for arrival in arrivals]
 
 
-def test_what_was_said_before_anybody_listened_is_heard(bench: Any) -> None:
+def test_what_was_said_before_anybody_listened_is_heard(bench: Any):
     publisher = bench.publisher()
     bench.publish(publisher, b"one", b"two")
     subscriber = bench.subscriber()
@@ -24,7 +24,7 @@ def test_what_was_said_before_anybody_listened_is_heard(bench: Any) -> None:
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
-def test_what_is_said_while_a_listener_joins_is_heard_once(bench: Any) -> None:
+def test_what_is_said_while_a_listener_joins_is_heard_once(bench: Any):
     publisher = bench.publisher()
     bench.publish(publisher, b"0")
     subscriber = bench.subscriber()
@@ -39,7 +39,7 @@ def test_what_is_said_while_a_listener_joins_is_heard_once(bench: Any) -> None:
     assert subscriber.gaps == 0
 
 
-def test_topics_are_counted_apart(bench: Any) -> None:
+def test_topics_are_counted_apart(bench: Any):
     publisher = bench.publisher()
     subscriber = bench.subscriber("/talk", "/more")
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
@@ -54,7 +54,7 @@ def test_topics_are_counted_apart(bench: Any) -> None:
     assert publisher.sent == {"/talk": 2, "/more": 1}
 
 
-def test_a_header_carries_what_the_receiver_checks(bench: Any) -> None:
+def test_a_header_carries_what_the_receiver_checks(bench: Any):
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
@@ -71,7 +71,7 @@ def test_a_header_carries_what_the_receiver_checks(bench: Any) -> None:
     assert header.sent_ns > 0
 
 
-def test_a_large_frame_arrives_whole(bench: Any) -> None:
+def test_a_large_frame_arrives_whole(bench: Any):
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
@@ -79,12 +79,12 @@ def test_a_large_frame_arrives_whole(bench: Any) -> None:
     assert bench.receive(subscriber)[0].body == bytes(1 << 20)
 
 
-def test_a_topic_that_is_not_the_publishers_is_refused(bench: Any) -> None:
+def test_a_topic_that_is_not_the_publishers_is_refused(bench: Any):
     with pytest.raises(KeyError, match="/elsewhere"):
         bench.publish(bench.publisher(), b"", topic="/elsewhere")
 
 
-def test_a_frame_that_is_dropped_on_the_way_is_counted_as_a_gap(bench: Any) -> None:
+def test_a_frame_that_is_dropped_on_the_way_is_counted_as_a_gap(bench: Any):
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
@@ -96,7 +96,7 @@ def test_a_frame_that_is_dropped_on_the_way_is_counted_as_a_gap(bench: Any) -> N
     assert subscriber.duplicates == 0
 
 
-def test_a_frame_that_comes_twice_is_counted_and_dropped(bench: Any) -> None:
+def test_a_frame_that_comes_twice_is_counted_and_dropped(bench: Any):
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
@@ -107,7 +107,7 @@ def test_a_frame_that_comes_twice_is_counted_and_dropped(bench: Any) -> None:
     assert (subscriber.gaps, subscriber.duplicates) == (0, 1)
 
 
-def test_a_frame_before_its_past_is_early_and_comes_again_in_order(bench: Any) -> None:
+def test_a_frame_before_its_past_is_early_and_comes_again_in_order(bench: Any):
     publisher = bench.publisher()
     bench.publish(publisher, b"0", b"1")
     subscriber = bench.subscriber()
@@ -135,9 +135,7 @@ def after_death(bench: Any, folder: Path) -> tuple[str, Any, list[Any]]:
     return endpoint, subscriber, received
 
 
-def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(
-    bench: Any, tmp_path: Path
-) -> None:
+def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(bench: Any, tmp_path: Path):
     endpoint, subscriber, received = after_death(bench, tmp_path)
     second = bench.publisher(endpoint=endpoint, epoch=1)
     bench.publish(second, b"0", b"1", b"2")
@@ -151,7 +149,7 @@ def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
-def test_a_stale_cursor_is_not_answered(bench: Any) -> None:
+def test_a_stale_cursor_is_not_answered(bench: Any):
     publisher = bench.publisher(epoch=2)
     bench.publish(publisher, b"0")
     subscriber = bench.subscriber()
@@ -162,7 +160,7 @@ def test_a_stale_cursor_is_not_answered(bench: Any) -> None:
     assert subscriber.duplicates == 0
 
 
-def test_a_sender_whose_queue_is_full_drains_and_names_who_blocks_it(bench: Any) -> None:
+def test_a_sender_whose_queue_is_full_drains_and_names_who_blocks_it(bench: Any):
     drained: list[int] = []
     publisher = bench.publisher(depth=1, patience=0.2, drain=lambda: drained.append(1))
     subscriber = bench.subscriber(depth=1)
@@ -173,7 +171,7 @@ def test_a_sender_whose_queue_is_full_drains_and_names_who_blocks_it(bench: Any)
     assert publisher.blocked > 0
 
 
-def test_a_full_queue_loses_nothing_once_it_is_drained(bench: Any) -> None:
+def test_a_full_queue_loses_nothing_once_it_is_drained(bench: Any):
     received: list[Any] = []
     publisher = bench.publisher(depth=1, drain=lambda: received.extend(bench.receive(subscriber)))
     subscriber = bench.subscriber(depth=1)
@@ -184,7 +182,7 @@ def test_a_full_queue_loses_nothing_once_it_is_drained(bench: Any) -> None:
     assert publisher.blocked > 0
 
 
-def test_a_frame_of_another_run_is_refused(bench: Any) -> None:
+def test_a_frame_of_another_run_is_refused(bench: Any):
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
@@ -195,7 +193,7 @@ def test_a_frame_of_another_run_is_refused(bench: Any) -> None:
         subscriber.receive()
 
 
-def test_a_malformed_frame_is_refused(bench: Any) -> None:
+def test_a_malformed_frame_is_refused(bench: Any):
     publisher = bench.publisher()
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
@@ -206,7 +204,7 @@ def test_a_malformed_frame_is_refused(bench: Any) -> None:
 
 def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
     bench: Any, tmp_path: Path
-) -> None:
+):
     endpoint, early, received = after_death(bench, tmp_path)
     second = bench.publisher(endpoint=endpoint, epoch=1, again=True)
     late = bench.subscriber(name="late", endpoints={"talker": endpoint})
@@ -228,7 +226,7 @@ def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
     assert (early.gaps, late.gaps, early.duplicates) == (0, 0, 0)
 
 
-def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path) -> None:
+def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path):
     endpoint, early, received = after_death(bench, tmp_path)
     times = SendTimes(tmp_path / "before", "talker", ["/talk", "/more"])
     for sent_ns in (100, 200):  # its first life had sent two

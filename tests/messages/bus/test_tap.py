@@ -25,7 +25,7 @@ def close(*ends: Tap | TapReader) -> None:
         end.close()
 
 
-def test_a_node_is_heard_by_who_listens_to_its_tap(bench: Any) -> None:
+def test_a_node_is_heard_by_who_listens_to_its_tap(bench: Any):
     tap, reader = pair(bench.context, LOG_TOPIC)
     tap.publish(LINE)
     received = reader.receive()
@@ -37,7 +37,7 @@ def test_a_node_is_heard_by_who_listens_to_its_tap(bench: Any) -> None:
     close(tap, reader)
 
 
-def test_nothing_is_copied_while_only_the_nodes_own_words_are_wanted(bench: Any) -> None:
+def test_nothing_is_copied_while_only_the_nodes_own_words_are_wanted(bench: Any):
     tap, reader = pair(bench.context, STATUS_TOPIC, LOG_TOPIC)
     tap.mirror(FRAME)
     assert not tap._mirroring
@@ -45,7 +45,7 @@ def test_nothing_is_copied_while_only_the_nodes_own_words_are_wanted(bench: Any)
     close(tap, reader)
 
 
-def test_a_frame_is_copied_for_who_wants_its_topic(bench: Any) -> None:
+def test_a_frame_is_copied_for_who_wants_its_topic(bench: Any):
     tap, reader = pair(bench.context, "/touch/raw")
     tap.mirror(FRAME)
     tap.mirror(FRAME.replace(b"raw", b"raw_not_wanted", 1))
@@ -55,7 +55,7 @@ def test_a_frame_is_copied_for_who_wants_its_topic(bench: Any) -> None:
     close(tap, reader)
 
 
-def test_copying_ends_with_the_last_who_wants_it(bench: Any) -> None:
+def test_copying_ends_with_the_last_who_wants_it(bench: Any):
     tap, reader = pair(bench.context, "/touch/raw")
     assert tap._mirroring
     reader.close()
@@ -65,7 +65,7 @@ def test_copying_ends_with_the_last_who_wants_it(bench: Any) -> None:
     tap.close()
 
 
-def test_a_listener_that_does_not_listen_holds_nobody_up(bench: Any) -> None:
+def test_a_listener_that_does_not_listen_holds_nobody_up(bench: Any):
     tap, reader = pair(bench.context, LOG_TOPIC)
     for _ in range(10 * TAP_DEPTH):
         tap.publish(LINE)

@@ -140,7 +140,7 @@ def bombs() -> dict[str, tuple[bytes, str]]:
     }
 
 
-def test_a_length_beyond_the_file_is_not_even_asked_for(tmp_path: Path) -> None:
+def test_a_length_beyond_the_file_is_not_even_asked_for(tmp_path: Path):
     (tmp_path / "bomb").write_bytes(MAGIC + struct.pack("<BQ", Opcode.CHUNK, 200 * MEBIBYTE))
     tracemalloc.start()
     try:
@@ -152,11 +152,10 @@ def test_a_length_beyond_the_file_is_not_even_asked_for(tmp_path: Path) -> None:
 
 
 @WATCHED
-def test_no_file_that_would_burst_takes_a_second_or_64_megabytes(tmp_path: Path) -> None:
+def test_no_file_that_would_burst_takes_a_second_or_64_megabytes(tmp_path: Path):
     known = bombs()
     for name, (data, _) in known.items():
         (tmp_path / name).write_bytes(MAGIC + data)
-
     paths = [tmp_path / name for name in known]
     done = subprocess.run(
         [sys.executable, "-c", OPEN_ALL, *map(str, paths)],
@@ -165,7 +164,6 @@ def test_no_file_that_would_burst_takes_a_second_or_64_megabytes(tmp_path: Path)
         timeout=60,
         check=False,
     )
-
     assert done.returncode == 0, done.stderr
     found = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(found) == len(known)
@@ -177,7 +175,7 @@ def test_no_file_that_would_burst_takes_a_second_or_64_megabytes(tmp_path: Path)
 
 
 @WATCHED
-def test_a_large_file_of_zeros_takes_no_more_than_its_own_share(tmp_path: Path) -> None:
+def test_a_large_file_of_zeros_takes_no_more_than_its_own_share(tmp_path: Path):
     share = 6 * MEBIBYTE  # random bytes, so that many are packed, and then zeros to the limit
     noise = np.random.default_rng(0).bytes(share)
     data = noise + bytes(MAX_CHUNK_RATIO * share - share - MEBIBYTE)
@@ -200,7 +198,7 @@ def test_a_large_file_of_zeros_takes_no_more_than_its_own_share(tmp_path: Path) 
 @WATCHED
 def test_an_attachment_is_passed_over_unread(
     writer: RecordingWriter, write: Callable[..., None], tmp_path: Path
-) -> None:
+):
     write(writer)
     writer.close()
     whole = (tmp_path / "topics.mcap").read_bytes()
@@ -221,7 +219,7 @@ def test_an_attachment_is_passed_over_unread(
     assert growth < 16 * MEBIBYTE
 
 
-def test_the_largest_meshes_stay_readable(tmp_path: Path) -> None:
+def test_the_largest_meshes_stay_readable(tmp_path: Path):
     rng = np.random.default_rng(0)
     vertices = rng.normal(size=(1_500_000, 3))
     faces = rng.integers(0, len(vertices), (3_000_000, 3)).astype(np.int32)
@@ -241,12 +239,12 @@ def test_the_largest_meshes_stay_readable(tmp_path: Path) -> None:
     assert np.array_equal(decode(Truth, kept.body).vertices, vertices)
 
 
-def test_the_largest_message_of_all_fits_into_a_chunk() -> None:
+def test_the_largest_message_of_all_fits_into_a_chunk():
     assert Truth.MAX_BYTES + (1 << 16) + MAX_DECLARED_BYTES // 2 < MAX_CHUNK_BYTES
 
 
 @pytest.mark.parametrize("compression", ["", "lz4"])
-def test_a_chunk_whose_checksum_does_not_fit_is_refused(tmp_path: Path, compression: str) -> None:
+def test_a_chunk_whose_checksum_does_not_fit_is_refused(tmp_path: Path, compression: str):
     data = lz4.frame.compress(CHANNEL) if compression else CHANNEL
     wrong = chunk(data, len(CHANNEL), compression, zlib.crc32(CHANNEL) ^ 1)
     (tmp_path / "wrong").write_bytes(MAGIC + wrong)

@@ -56,7 +56,7 @@ def prefix(path: Path) -> tuple[list[bytes], str]:
     return bodies, ""
 
 
-def test_a_recording_says_what_it_holds(whole: bytes, cut: Callable[[bytes], Path]) -> None:
+def test_a_recording_says_what_it_holds(whole: bytes, cut: Callable[[bytes], Path]):
     recording = open_recording(cut(whole))
     assert recording.version == "1.2.3"
     assert recording.graph == b'["a graph"]'
@@ -66,35 +66,35 @@ def test_a_recording_says_what_it_holds(whole: bytes, cut: Callable[[bytes], Pat
 
 def test_a_message_comes_back_with_all_that_its_frame_said(
     whole: bytes, cut: Callable[[bytes], Path]
-) -> None:
+):
     first, *_, last = open_recording(cut(whole)).messages()
     assert (first.topic, first.publisher, first.type) == ("/world", "simulator", "World")
     assert (last.topic, last.publisher, last.type) == ("/log", "", "LogRecord")
     assert (last.run, last.epoch, last.seq, last.sent_ns) == (7, 0, 99, 105_000_000)
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_is_named(tmp_path: Path):
     with pytest.raises(ValueError, match=r"recording .*none.mcap cannot be read: No such file"):
         open_recording(tmp_path / "none.mcap")
 
 
-def test_a_folder_is_no_recording(tmp_path: Path) -> None:
+def test_a_folder_is_no_recording(tmp_path: Path):
     with pytest.raises(ValueError, match="cannot be read: Is a directory"):
         open_recording(tmp_path)
 
 
-def test_an_empty_file_is_refused(cut: Callable[[bytes], Path]) -> None:
+def test_an_empty_file_is_refused(cut: Callable[[bytes], Path]):
     with pytest.raises(ValueError, match=r"recording .*cut.mcap is empty$"):
         open_recording(cut(b""))
 
 
 @pytest.mark.parametrize("data", [b"\x89MCAP", b"#ROSBAG V2.0\n" + b"\0" * 100, b"x"])
-def test_another_kind_of_file_is_refused(data: bytes, cut: Callable[[bytes], Path]) -> None:
+def test_another_kind_of_file_is_refused(data: bytes, cut: Callable[[bytes], Path]):
     with pytest.raises(ValueError, match="is not an MCAP file: it begins otherwise"):
         open_recording(cut(data))
 
 
-def test_an_mcap_file_of_others_is_refused(cut: Callable[[bytes], Path]) -> None:
+def test_an_mcap_file_of_others_is_refused(cut: Callable[[bytes], Path]):
     file = BytesIO()
     writer = Writer(file)
     writer.start()
@@ -105,7 +105,7 @@ def test_an_mcap_file_of_others_is_refused(cut: Callable[[bytes], Path]) -> None
 
 def test_a_recording_cut_anywhere_gives_its_beginning_or_one_sentence(
     whole: bytes, cut: Callable[[bytes], Path]
-) -> None:
+):
     reference, fault = prefix(cut(whole))
     assert (len(reference), fault) == (101, "")
     longest = 0
@@ -124,7 +124,7 @@ def test_a_recording_cut_anywhere_gives_its_beginning_or_one_sentence(
 
 def test_a_recording_cut_between_records_was_never_closed(
     writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+):
     write(writer, 100)
     recording = open_recording(tmp_path / "topics.mcap")
     assert not recording.closed
@@ -133,9 +133,7 @@ def test_a_recording_cut_between_records_was_never_closed(
     assert len(sequences) >= 80
 
 
-def test_a_flipped_bit_never_gives_a_wrong_message(
-    whole: bytes, cut: Callable[[bytes], Path]
-) -> None:
+def test_a_flipped_bit_never_gives_a_wrong_message(whole: bytes, cut: Callable[[bytes], Path]):
     reference, _ = prefix(cut(whole))
     draw = random.Random(1)
     faults = 0
@@ -159,42 +157,40 @@ def chunk(data: bytes, size: int, compression: str) -> bytes:
     return bytes(builder.end())
 
 
-def test_a_chunk_that_bursts_is_refused_before_it_does(cut: Callable[[bytes], Path]) -> None:
+def test_a_chunk_that_bursts_is_refused_before_it_does(cut: Callable[[bytes], Path]):
     bomb = chunk(lz4.frame.compress(b"\0" * (200 << 20)), 1000, "lz4")
     with pytest.raises(ValueError, match="a chunk does not hold the 1000 bytes that it states"):
         open_recording(cut(framing.MAGIC + bomb))
 
 
-def test_a_chunk_that_states_too_much_is_refused(cut: Callable[[bytes], Path]) -> None:
+def test_a_chunk_that_states_too_much_is_refused(cut: Callable[[bytes], Path]):
     bomb = chunk(lz4.frame.compress(b"\0" * 1000), 1 << 40, "lz4")
     with pytest.raises(ValueError, match=f"a chunk of {1 << 40} bytes, at most"):
         open_recording(cut(framing.MAGIC + bomb))
 
 
-def test_a_record_that_states_too_much_is_refused(cut: Callable[[bytes], Path]) -> None:
+def test_a_record_that_states_too_much_is_refused(cut: Callable[[bytes], Path]):
     huge = struct.pack("<BQ", Opcode.CHUNK, 1 << 50)
     with pytest.raises(ValueError, match=f"is damaged at byte 8: a record of {1 << 50} bytes"):
         open_recording(cut(framing.MAGIC + huge))
 
 
-def test_another_packing_is_refused(cut: Callable[[bytes], Path]) -> None:
+def test_another_packing_is_refused(cut: Callable[[bytes], Path]):
     with pytest.raises(ValueError, match="has chunks packed by 'zstd'; only lz4 is read"):
         open_recording(cut(framing.MAGIC + chunk(b"abc", 3, "zstd")))
 
 
-def test_bytes_that_do_not_unpack_are_refused(cut: Callable[[bytes], Path]) -> None:
+def test_bytes_that_do_not_unpack_are_refused(cut: Callable[[bytes], Path]):
     with pytest.raises(ValueError, match="is damaged: "):
         open_recording(cut(framing.MAGIC + chunk(b"no lz4 at all", 100, "lz4")))
 
 
-def test_a_record_that_ends_too_early_is_refused(cut: Callable[[bytes], Path]) -> None:
+def test_a_record_that_ends_too_early_is_refused(cut: Callable[[bytes], Path]):
     with pytest.raises(ValueError, match="is damaged: "):
         open_recording(cut(framing.MAGIC + frame(Opcode.METADATA, b"\5\0\0\0ab")))
 
 
-def test_a_wrong_checksum_of_all_data_is_refused(
-    whole: bytes, cut: Callable[[bytes], Path]
-) -> None:
+def test_a_wrong_checksum_of_all_data_is_refused(whole: bytes, cut: Callable[[bytes], Path]):
     end = whole.rindex(struct.pack("<BQ", Opcode.DATA_END, 4))
     checksum = zlib.crc32(whole[:end])
     assert whole[end + 9 : end + 13] == struct.pack("<I", checksum)
@@ -230,12 +226,12 @@ ABOUT = {"run": "0", "epoch": "0", "schema_hash": "0"}
 )
 def test_channels_that_are_not_ours_are_refused(
     data: bytes, words: str, cut: Callable[[bytes], Path]
-) -> None:
+):
     with pytest.raises(ValueError, match=words):
         open_recording(cut(data))
 
 
-def test_a_message_without_a_channel_is_refused(cut: Callable[[bytes], Path]) -> None:
+def test_a_message_without_a_channel_is_refused(cut: Callable[[bytes], Path]):
     message = struct.pack("<HIQQ", 9, 0, 0, 0) + b"\x80"
     data = frame(Opcode.MESSAGE, message)
     packed = chunk(lz4.frame.compress(data), len(data), "lz4")
@@ -254,7 +250,7 @@ def publish(writer: object, seqs: range) -> None:
         writer.write("/world", header, body)  # type: ignore[attr-defined]
 
 
-def test_parts_are_numbered_and_found_in_their_order(tmp_path: Path) -> None:
+def test_parts_are_numbered_and_found_in_their_order(tmp_path: Path):
     path = tmp_path / "topics.mcap"
     assert parts_of(path) == (path,)
     assert [part_path(path, number).name for number in (0, 1, 12)] == [
@@ -268,9 +264,7 @@ def test_parts_are_numbered_and_found_in_their_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.001, 0.3, 0.7, 0.999])
-def test_a_recorder_that_was_killed_goes_on_and_all_is_there_once(
-    tmp_path: Path, keep: float
-) -> None:
+def test_a_recorder_that_was_killed_goes_on_and_all_is_there_once(tmp_path: Path, keep: float):
     path = tmp_path / "topics.mcap"
     params = Params(path=str(path))
     first = SINK.open(params, TYPES)
@@ -288,7 +282,7 @@ def test_a_recorder_that_was_killed_goes_on_and_all_is_there_once(
     assert [kept.seq for kept in recording.messages()] == list(range(COUNT))
 
 
-def test_a_recorder_that_died_before_it_had_a_file_begins_one(tmp_path: Path) -> None:
+def test_a_recorder_that_died_before_it_had_a_file_begins_one(tmp_path: Path):
     assert SINK.resume is not None
     writer, had = SINK.resume(Params(path=str(tmp_path / "topics.mcap")), TYPES)
     writer.close()
@@ -308,14 +302,14 @@ def in_two_parts(path: Path) -> Path:
     return part_path(path, 1)
 
 
-def test_a_last_part_that_is_cut_off_is_still_refused(tmp_path: Path) -> None:
+def test_a_last_part_that_is_cut_off_is_still_refused(tmp_path: Path):
     last = in_two_parts(tmp_path / "topics.mcap")
     last.write_bytes(last.read_bytes()[:-20])
     with pytest.raises(ValueError, match=r"topics\.1\.mcap is cut off"):
         open_recording(tmp_path / "topics.mcap")
 
 
-def test_a_first_part_that_was_damaged_since_is_refused(tmp_path: Path) -> None:
+def test_a_first_part_that_was_damaged_since_is_refused(tmp_path: Path):
     path = tmp_path / "topics.mcap"
     in_two_parts(path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -323,7 +317,7 @@ def test_a_first_part_that_was_damaged_since_is_refused(tmp_path: Path) -> None:
         open_recording(path)
 
 
-def test_a_recording_does_not_begin_beside_a_further_part_of_another(tmp_path: Path) -> None:
+def test_a_recording_does_not_begin_beside_a_further_part_of_another(tmp_path: Path):
     (tmp_path / "topics.1.mcap").touch()
     with pytest.raises(FileExistsError, match=r"topics\.1\.mcap is there already, of another run"):
         SINK.open(Params(path=str(tmp_path / "topics.mcap")), TYPES)

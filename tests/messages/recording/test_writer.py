@@ -23,7 +23,7 @@ WORLD = schema_hash(World)
 
 def test_what_is_written_is_read_by_any_mcap_reader(
     writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+):
     write(writer, 100)
     writer.close()
     with (tmp_path / "topics.mcap").open("rb") as file:
@@ -44,7 +44,7 @@ def test_what_is_written_is_read_by_any_mcap_reader(
 
 def test_metadata_say_what_wrote_it_and_how_much(
     writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+):
     write(writer, 5)
     writer.close()
     with (tmp_path / "topics.mcap").open("rb") as file:
@@ -56,7 +56,7 @@ def test_metadata_say_what_wrote_it_and_how_much(
     }
 
 
-def test_log_times_never_go_back(writer: RecordingWriter, tmp_path: Path) -> None:
+def test_log_times_never_go_back(writer: RecordingWriter, tmp_path: Path):
     # Two publishers: what the second sent earlier was heard later.
     for seq, sent in enumerate([50, 40, 60]):
         writer.write("/world", Header(1, 0, seq, sent, 0.0, WORLD), b"\x80")
@@ -70,7 +70,7 @@ def test_log_times_never_go_back(writer: RecordingWriter, tmp_path: Path) -> Non
 
 def test_no_more_than_twenty_milliseconds_are_held(
     writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+):
     write(writer, 200)  # a millisecond apart; not closed
     on_disk = open_recording(tmp_path / "topics.mcap").counts["/log"]
     assert 180 <= on_disk <= 200
@@ -78,12 +78,12 @@ def test_no_more_than_twenty_milliseconds_are_held(
 
 def test_the_first_message_after_a_pause_is_written_at_once(
     writer: RecordingWriter, tmp_path: Path
-) -> None:
+):
     writer.write("/world", Header(1, 0, 0, 1_000 * MILLISECOND, 0.0, WORLD), b"\x80")
     assert open_recording(tmp_path / "topics.mcap").counts == {"/world": 1}
 
 
-def test_a_restarted_publisher_has_its_own_channel(writer: RecordingWriter, tmp_path: Path) -> None:
+def test_a_restarted_publisher_has_its_own_channel(writer: RecordingWriter, tmp_path: Path):
     for seq, epoch in enumerate([0, 0, 1]):
         writer.write("/world", Header(1, epoch, seq, seq, 0.0, WORLD), b"\x80")
     writer.close()
@@ -91,15 +91,13 @@ def test_a_restarted_publisher_has_its_own_channel(writer: RecordingWriter, tmp_
     assert [(kept.epoch, kept.seq) for kept in found] == [(0, 0), (0, 1), (1, 2)]
 
 
-def test_a_recording_without_messages_can_be_read(writer: RecordingWriter, tmp_path: Path) -> None:
+def test_a_recording_without_messages_can_be_read(writer: RecordingWriter, tmp_path: Path):
     writer.close()
     recording = open_recording(tmp_path / "topics.mcap")
     assert (recording.closed, recording.counts, list(recording.messages())) == (True, {}, [])
 
 
-def test_closing_twice_is_closing_once(
-    writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+def test_closing_twice_is_closing_once(writer: RecordingWriter, write: Write, tmp_path: Path):
     write(writer)
     writer.close()
     size = (tmp_path / "topics.mcap").stat().st_size
@@ -107,27 +105,25 @@ def test_closing_twice_is_closing_once(
     assert (tmp_path / "topics.mcap").stat().st_size == size
 
 
-def test_nothing_is_written_after_closing(writer: RecordingWriter) -> None:
+def test_nothing_is_written_after_closing(writer: RecordingWriter):
     writer.close()
     with pytest.raises(ValueError, match=r"recording .*topics.mcap is closed"):
         writer.write("/world", Header(1, 0, 0, 0, 0.0, WORLD), b"\x80")
 
 
-def test_a_topic_that_was_not_declared_is_refused(writer: RecordingWriter) -> None:
+def test_a_topic_that_was_not_declared_is_refused(writer: RecordingWriter):
     with pytest.raises(ValueError, match="/score is not among the topics to record"):
         writer.write("/score", Header(1, 0, 0, 0, 0.0, WORLD), b"\x80")
 
 
-def test_an_unknown_type_is_refused_before_there_is_a_file(tmp_path: Path) -> None:
+def test_an_unknown_type_is_refused_before_there_is_a_file(tmp_path: Path):
     path = tmp_path / "topics.mcap"
     with pytest.raises(ValueError, match="no message type to record /a as Strange; known are"):
         RecordingWriter(path, {"/a": "Strange"}, {}, {})
     assert not path.exists()
 
 
-def test_a_recording_is_not_overwritten(
-    writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+def test_a_recording_is_not_overwritten(writer: RecordingWriter, write: Write, tmp_path: Path):
     write(writer)
     writer.close()
     before = (tmp_path / "topics.mcap").read_bytes()
@@ -136,7 +132,7 @@ def test_a_recording_is_not_overwritten(
     assert (tmp_path / "topics.mcap").read_bytes() == before
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path):
     with pytest.raises(OSError, match=r"recording .*nowhere/a.mcap cannot be made: No such file"):
         RecordingWriter(tmp_path / "nowhere" / "a.mcap", {}, {}, {})
 
@@ -162,7 +158,7 @@ class FullDisk:
 @pytest.mark.parametrize("fails", range(1, 15))
 def test_a_full_disk_at_any_write_leaves_whole_records(
     fails: int, writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+):
     file = writer._file
     file._raw = FullDisk(file._raw, fails)  # type: ignore[assignment]
     with pytest.raises(OSError, match=r"recording stopped, .* cannot be written: No space left"):
@@ -178,9 +174,7 @@ def test_a_full_disk_at_any_write_leaves_whole_records(
         writer.write("/world", Header(1, 0, 0, 0, 0.0, WORLD), b"\x80")
 
 
-def test_the_full_disk_test_reaches_the_end_of_the_file(
-    writer: RecordingWriter, write: Write
-) -> None:
+def test_the_full_disk_test_reaches_the_end_of_the_file(writer: RecordingWriter, write: Write):
     # The 15th write is never reached: the parameters above are all writes of such a run.
     file = writer._file
     file._raw = FullDisk(file._raw, 15)  # type: ignore[assignment]
@@ -189,7 +183,7 @@ def test_the_full_disk_test_reaches_the_end_of_the_file(
     assert file._raw._left == 1  # type: ignore[attr-defined]
 
 
-def test_a_large_message_is_kept(writer: RecordingWriter, tmp_path: Path) -> None:
+def test_a_large_message_is_kept(writer: RecordingWriter, tmp_path: Path):
     body = bytes(range(256)) * (1 << 15)  # 8 MiB
     writer.write("/log", Header(1, 0, 0, 1, 0.0, schema_hash(LogRecord)), body)
     writer.close()
@@ -199,7 +193,7 @@ def test_a_large_message_is_kept(writer: RecordingWriter, tmp_path: Path) -> Non
 
 def test_a_closed_file_ends_as_the_format_says(
     writer: RecordingWriter, write: Write, tmp_path: Path
-) -> None:
+):
     write(writer)
     writer.close()
     with (tmp_path / "topics.mcap").open("rb") as file:
@@ -210,7 +204,7 @@ def test_a_closed_file_ends_as_the_format_says(
 
 def test_before_the_disk_is_full_the_recording_is_closed(
     write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     free = iter([200 << 20, 100 << 20, 63 << 20])
     monkeypatch.setattr("palpate.messages.recording.writer.free_bytes", lambda _: next(free))
     path = tmp_path / "guarded.mcap"
@@ -230,7 +224,7 @@ def test_before_the_disk_is_full_the_recording_is_closed(
         writer.flush()
 
 
-def test_what_is_flushed_is_on_the_disk(writer: RecordingWriter, tmp_path: Path) -> None:
+def test_what_is_flushed_is_on_the_disk(writer: RecordingWriter, tmp_path: Path):
     header = Header(1, 0, 0, 5, 0.0, WORLD)
     writer.write("/world", header, b"\x80")
     writer.write("/world", header._replace(seq=1, sent_ns=6), b"\x80")

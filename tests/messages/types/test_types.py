@@ -56,7 +56,7 @@ def same(one: object, other: object) -> bool:
 
 
 @EVERY_TYPE
-def test_a_message_comes_back_as_it_was(cls: type, example: Make) -> None:
+def test_a_message_comes_back_as_it_was(cls: type, example: Make):
     for seed in range(5):
         message = example(cls, seed)
         body = encode(message)
@@ -67,7 +67,7 @@ def test_a_message_comes_back_as_it_was(cls: type, example: Make) -> None:
 
 
 @EVERY_TYPE
-def test_decoded_arrays_are_read_only(cls: type, example: Make) -> None:
+def test_decoded_arrays_are_read_only(cls: type, example: Make):
     back = decode(cls, encode(example(cls)))
     for field in fields_of(cls):
         if field.array:
@@ -75,14 +75,14 @@ def test_decoded_arrays_are_read_only(cls: type, example: Make) -> None:
 
 
 @EVERY_TYPE
-def test_a_value_of_a_wrong_kind_is_refused(cls: type, example: Make) -> None:
+def test_a_value_of_a_wrong_kind_is_refused(cls: type, example: Make):
     message = example(cls)
     for field in fields_of(cls):
         refused(message, field.name, object(), ".* a object")
 
 
 @EVERY_TYPE
-def test_nothing_is_a_value_only_where_it_may_be(cls: type, example: Make) -> None:
+def test_nothing_is_a_value_only_where_it_may_be(cls: type, example: Make):
     message = example(cls)
     for field in fields_of(cls):
         if field.optional:
@@ -93,7 +93,7 @@ def test_nothing_is_a_value_only_where_it_may_be(cls: type, example: Make) -> No
 
 
 @EVERY_TYPE
-def test_a_number_is_of_its_kind_finite_and_has_a_unit(cls: type, example: Make) -> None:
+def test_a_number_is_of_its_kind_finite_and_has_a_unit(cls: type, example: Make):
     bad: dict[Any, tuple[list[Any], str]] = {
         float: ([float("nan"), float("inf"), float("-inf")], "be finite, got"),
         int: ([1.0, True, "1", 1 << 63], "(be an int|fit)"),
@@ -109,9 +109,7 @@ def test_a_number_is_of_its_kind_finite_and_has_a_unit(cls: type, example: Make)
 
 
 @EVERY_TYPE
-def test_an_array_of_another_dtype_or_shape_or_not_finite_is_refused(
-    cls: type, example: Make
-) -> None:
+def test_an_array_of_another_dtype_or_shape_or_not_finite_is_refused(cls: type, example: Make):
     message = example(cls)
     for field in fields_of(cls):
         if field.array is None:
@@ -129,14 +127,14 @@ def test_an_array_of_another_dtype_or_shape_or_not_finite_is_refused(
 
 
 @EVERY_TYPE
-def test_the_schema_names_every_field(cls: type) -> None:
+def test_the_schema_names_every_field(cls: type):
     described, names = schema(cls), [field.name for field in dataclasses.fields(cls)]
     assert described["title"] == cls.__name__
     assert list(described["properties"]) == described["required"] == names
 
 
 @EVERY_TYPE
-def test_the_documentation_lists_every_field(cls: type) -> None:
+def test_the_documentation_lists_every_field(cls: type):
     page = (Path(__file__).parents[3] / "docs" / "messages.md").read_text()
     section = page.partition(f"### {cls.__name__}\n")[2].partition("\n### ")[0]
     assert [one.name for one in fields_of(cls) if f"`{one.name}`" not in section] == []

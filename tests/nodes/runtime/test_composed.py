@@ -37,7 +37,7 @@ def places_of(solid: Solid, final: bool) -> SurfaceMesh:
     return SurfaceMesh(points, np.zeros((0, 3), np.int32), v.ravel(), turns.ravel())
 
 
-def test_the_loop_closes_and_ends(ball: ObjectSpec, exploration: Exploration, ears: Any) -> None:
+def test_the_loop_closes_and_ends(ball: ObjectSpec, exploration: Exploration, ears: Any):
     wirings = exploration(ball, 3)
     watch = ("/score", "/model/shape", "/contour/traced")
     ending = run_composed(wirings, ends="evaluator", watch=watch, watcher=ears)
@@ -111,7 +111,7 @@ def coarse_skin(coarse_spans: None, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("coarse_skin")
 def test_no_order_of_the_edges_changes_the_solid(
     ball: ObjectSpec, exploration: Exploration, ears: Any
-) -> None:
+):
     graph = exploration(ball, 1, most_touches=FEW)
     wirings = [one for one in graph if one.name != "evaluator"]
     found = set()
@@ -129,7 +129,7 @@ def test_no_order_of_the_edges_changes_the_solid(
 
 def test_a_node_that_raises_ends_the_graph_with_its_words(
     ball: ObjectSpec, exploration: Exploration, ears: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     def fail(*_: object, **__: object) -> None:
         raise ValueError("a taxel came off")
 
@@ -142,7 +142,7 @@ def test_a_node_that_raises_ends_the_graph_with_its_words(
 
 def test_a_graph_that_falls_quiet_has_stalled(
     ball: ObjectSpec, exploration: Exploration, ears: Any
-) -> None:
+):
     wirings = [one for one in exploration(ball, 1) if one.name != "tracer"]
     ending = run_composed(wirings, ends="evaluator", watch=(), watcher=ears)
     assert (ending.status, ending.reason) == (

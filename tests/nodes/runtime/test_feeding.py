@@ -72,7 +72,7 @@ def record(tmp_path: Path, info: SensorInfo) -> Record:
     return make
 
 
-def test_a_node_says_what_it_said_when_it_was_recorded(record: Record) -> None:
+def test_a_node_says_what_it_said_when_it_was_recorded(record: Record):
     path = record(wiring("filter"))
     published = feed(filter.NODE, path)
     assert [image.touch for image in messages_on(published, "/touch/image")] == [0, 1, 2]
@@ -81,14 +81,14 @@ def test_a_node_says_what_it_said_when_it_was_recorded(record: Record) -> None:
     assert_same(feed(filter.NODE, path.parent), published)
 
 
-def test_parameters_may_be_others_than_were_recorded(record: Record) -> None:
+def test_parameters_may_be_others_than_were_recorded(record: Record):
     path = record(wiring("filter"))
     lower = messages_on(feed(filter.NODE, path, params={"contact": 50e-6}), "/touch/image")
     assert [int(image.mask.sum()) for image in lower] == [16, 16, 16]
     assert not messages_on(feed(filter.NODE, path), "/touch/image")[0].mask.any()
 
 
-def test_a_new_node_takes_the_place_that_is_named(record: Record) -> None:
+def test_a_new_node_takes_the_place_that_is_named(record: Record):
     path, own = record(wiring("filter")), replace(filter.NODE)
     published = feed(own, path, name="filter", params={"contact": 100e-6})
     assert_same(published, feed(filter.NODE, path))
@@ -102,7 +102,7 @@ def only(topic: str) -> Any:
     return {topic: curvature.NODE.inputs[topic]}
 
 
-def test_a_node_that_was_not_there_hears_its_topics(record: Record) -> None:
+def test_a_node_that_was_not_there_hears_its_topics(record: Record):
     path, received = record(), curvature.NODE.inputs["/touch/image"]
     node = replace(
         curvature.NODE,
@@ -122,18 +122,18 @@ def test_a_node_that_was_not_there_hears_its_topics(record: Record) -> None:
 )
 def test_a_place_that_is_not_there_is_told(
     record: Record, graph: list[str], name: str | None, words: str
-) -> None:
+):
     with pytest.raises(ValueError, match=words):
         feed(filter.NODE, record(*map(wiring, graph)), name=name)
 
 
-def test_a_node_that_hears_nothing_of_the_recording_is_told(record: Record) -> None:
+def test_a_node_that_hears_nothing_of_the_recording_is_told(record: Record):
     node: Node = replace(curvature.NODE, inputs=only("/touch/image"), needs=())
     with pytest.raises(ValueError, match="the node subscribes to /touch/image, none of its topics"):
         feed(node, record())
 
 
-def test_a_topic_or_type_that_is_not_there_is_told(record: Record, tmp_path: Path) -> None:
+def test_a_topic_or_type_that_is_not_there_is_told(record: Record, tmp_path: Path):
     path = record()
     with pytest.raises(ValueError, match="has nothing on /raw; it has /f/image, /f/raw"):
         recorded(path, "/raw")

@@ -14,7 +14,7 @@ def arrival(publisher: str, topic: str, seq: int) -> Received:
     return Received(publisher, topic, Header(1, 0, seq, 0, 0.0, 0), b"")
 
 
-def test_arrivals_are_handed_out_in_the_order_of_the_journal() -> None:
+def test_arrivals_are_handed_out_in_the_order_of_the_journal():
     order = JournalOrder(BEFORE)
     for seq in (0, 1, 2):
         order.put(arrival("a", "/x", seq))
@@ -27,7 +27,7 @@ def test_arrivals_are_handed_out_in_the_order_of_the_journal() -> None:
     assert order.rest() == [arrival("a", "/x", 2), arrival("b", "/y", 1)]
 
 
-def test_a_publisher_that_sends_something_else_than_before_is_named() -> None:
+def test_a_publisher_that_sends_something_else_than_before_is_named():
     order = JournalOrder(BEFORE)
     order.put(arrival("a", "/x", 1))
     with pytest.raises(ValueError, match="/x 0 of a must come next, as before; got 1"):

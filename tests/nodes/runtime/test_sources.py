@@ -57,14 +57,14 @@ def texts(parcels: Any) -> list[str]:
     return [decode(LogRecord, one.body).text for one in parcels if isinstance(one, Outgoing)]
 
 
-def test_what_is_due_is_said_on_the_wire_with_its_robot_time() -> None:
+def test_what_is_due_is_said_on_the_wire_with_its_robot_time():
     [parcel] = work(lines(1)).publish_due()
     assert isinstance(parcel, Outgoing)
     assert (parcel.topic, parcel.robot_time) == ("/a/out", 2.5)
     assert texts([parcel]) == ["0"]
 
 
-def test_what_is_due_later_is_not_said_yet() -> None:
+def test_what_is_due_later_is_not_said_yet():
     made = work(lines(3, every=60.0))
     assert texts(made.publish_due()) == ["0"]
     left = made.wait()
@@ -72,32 +72,30 @@ def test_what_is_due_later_is_not_said_yet() -> None:
     assert made.patience(125) == 125
 
 
-def test_a_short_wait_is_waited_to_its_end() -> None:
+def test_a_short_wait_is_waited_to_its_end():
     assert texts(work(lines(3, every=1e-3)).publish_due()) == ["0", "1", "2"]
 
 
-def test_encoded_bodies_are_said_as_they_are() -> None:
+def test_encoded_bodies_are_said_as_they_are():
     [parcel] = work([Timed(0.0, "/out", encode(line("x")))]).publish_due()
     assert texts([parcel]) == ["x"]
 
 
-def test_it_ends_with_its_word_and_has_nothing_to_say_after_it() -> None:
+def test_it_ends_with_its_word_and_has_nothing_to_say_after_it():
     made = work([*lines(1), Finished("enough")])
     assert list(made.publish_due())[1:] == [Finished("enough")]
     assert made.wait() is None
     assert made.patience(125) == 125
 
 
-def test_where_there_is_nothing_yet_it_is_asked_again_soon() -> None:
+def test_where_there_is_nothing_yet_it_is_asked_again_soon():
     made = work([None, *lines(1)])
     assert texts(made.publish_due()) == []
     assert texts(made.publish_due()) == ["0"]
     assert made.latency.count == 1
 
 
-def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time(
-    tmp_path: Path,
-) -> None:
+def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time(tmp_path: Path):
     tally = SourceProgress(tmp_path / "tally")
     first = work(lines(5, every=60.0), tally=tally)
     assert texts(first.publish_due()) == ["0"]
@@ -113,7 +111,7 @@ def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time
     assert left is not None and 59.0 < left <= 60.0
 
 
-def test_it_stands_still_goes_on_and_steps_when_it_is_told_to() -> None:
+def test_it_stands_still_goes_on_and_steps_when_it_is_told_to():
     made = work(lines(4, every=1e-3), paused=True)
     assert texts(made.publish_due()) == ["0"]
     assert made.wait() is None
@@ -123,13 +121,13 @@ def test_it_stands_still_goes_on_and_steps_when_it_is_told_to() -> None:
     assert texts(made.publish_due()) == ["2", "3"]
 
 
-def test_tools_may_speak_for_a_source_that_lets_them() -> None:
+def test_tools_may_speak_for_a_source_that_lets_them():
     word = {"kind": "publish", "topic": "/a/out", "body": encode(line("typed"))}
     assert texts(work((), outside=True, repeats=False).obey(word)) == ["typed"]
     assert work(()).obey(word) == []
 
 
-def test_what_a_tool_says_must_be_of_the_topics_type() -> None:
+def test_what_a_tool_says_must_be_of_the_topics_type():
     other = encode(World(platform=0.0, reach=0.3, fingers=1, seed=1))
     with pytest.raises(CodecError, match="not a LogRecord"):
         work((), outside=True, repeats=False).obey(
@@ -147,12 +145,12 @@ def test_what_a_tool_says_must_be_of_the_topics_type() -> None:
         ),
     ],
 )
-def test_what_is_not_declared_is_refused(published: Timed, words: str) -> None:
+def test_what_is_not_declared_is_refused(published: Timed, words: str):
     with pytest.raises(ContractError, match=words):
         list(work([published]).publish_due())
 
 
-def test_it_hears_nothing() -> None:
+def test_it_hears_nothing():
     from palpate.messages.bus.subscriber import Received
     from palpate.messages.codec import Header
 
@@ -160,7 +158,7 @@ def test_it_hears_nothing() -> None:
         work(()).take(Received("other", "/in", Header(1, 0, 0, 0, 0.0, 0), b""))
 
 
-def test_what_it_reads_is_let_go_of() -> None:
+def test_what_it_reads_is_let_go_of():
     closed = []
 
     def read() -> Iterator[Timed]:
@@ -175,7 +173,7 @@ def test_what_it_reads_is_let_go_of() -> None:
     assert closed == [True]
 
 
-def test_what_is_due_later_is_waited_for() -> None:
+def test_what_is_due_later_is_waited_for():
     pace = PlaybackClock()
     pace.start(2.0, 100.0)
     assert pace.wait(2.0, 100.0) == 0.0
@@ -183,14 +181,14 @@ def test_what_is_due_later_is_waited_for() -> None:
     assert pace.wait(3.5, 107.0) == 0.0
 
 
-def test_while_it_stands_still_only_what_was_due_already_is_said() -> None:
+def test_while_it_stands_still_only_what_was_due_already_is_said():
     pace = PlaybackClock(paused=True)
     pace.start(0.0, 100.0)
     assert pace.wait(0.0, 105.0) == 0.0
     assert pace.wait(0.1, 105.0) is None
 
 
-def test_a_pause_takes_no_time_of_the_source() -> None:
+def test_a_pause_takes_no_time_of_the_source():
     pace = PlaybackClock()
     pace.start(0.0, 100.0)
     pace.pause(101.0)
@@ -199,7 +197,7 @@ def test_a_pause_takes_no_time_of_the_source() -> None:
     assert pace.wait(1.5, 200.0) == 0.5
 
 
-def test_pausing_or_going_on_twice_is_doing_it_once() -> None:
+def test_pausing_or_going_on_twice_is_doing_it_once():
     pace = PlaybackClock()
     pace.start(0.0, 100.0)
     pace.pause(101.0)
@@ -209,7 +207,7 @@ def test_pausing_or_going_on_twice_is_doing_it_once() -> None:
     assert pace.wait(2.0, 121.0) == 0.0
 
 
-def test_steps_say_what_is_next_and_stand_still_again() -> None:
+def test_steps_say_what_is_next_and_stand_still_again():
     pace = PlaybackClock(paused=True)
     pace.start(0.0, 100.0)
     pace.step(2)
@@ -221,7 +219,7 @@ def test_steps_say_what_is_next_and_stand_still_again() -> None:
     assert pace.wait(9.5, 300.0) == 0.5
 
 
-def test_who_does_not_stand_still_takes_no_steps() -> None:
+def test_who_does_not_stand_still_takes_no_steps():
     pace = PlaybackClock()
     pace.start(0.0, 100.0)
     pace.step(3)

@@ -47,7 +47,7 @@ def texts(published: list[Any]) -> list[str]:
     return [one.reason if isinstance(one, Finished) else one[1].text for one in published]
 
 
-def test_a_node_says_what_its_handlers_return_once_its_needs_have_come() -> None:
+def test_a_node_says_what_its_handlers_return_once_its_needs_have_come():
     received = [("/in", line("a")), ("/in", line("b"))]
     assert drive(NODE, received) == []
     published = drive(NODE, [*received, ("/need", line("n")), ("/in", line("end"))])
@@ -55,7 +55,7 @@ def test_a_node_says_what_its_handlers_return_once_its_needs_have_come() -> None
 
 
 @pytest.mark.parametrize("params", [{"prefix": "had"}, Params(prefix="had")])
-def test_parameters_may_be_a_map_or_an_instance(params: object) -> None:
+def test_parameters_may_be_a_map_or_an_instance(params: object):
     assert texts(drive(NODE, [("/need", line("n"))], params)) == ["had 0 n"]
 
 
@@ -78,12 +78,12 @@ def test_parameters_may_be_a_map_or_an_instance(params: object) -> None:
 )
 def test_what_the_runtime_would_refuse_is_refused(
     received: list[Any], params: object, error: type[Exception], words: str
-) -> None:
+):
     with pytest.raises(error, match=words):
         drive(NODE, received, params)
 
 
-def test_a_handler_that_writes_into_its_input_is_found() -> None:
+def test_a_handler_that_writes_into_its_input_is_found():
     def spoil(params: Params, state: None, image: TactileImage) -> tuple[None, Outputs]:
         image.compression[0, 0] = 1.0
         return None, []
@@ -94,7 +94,7 @@ def test_a_handler_that_writes_into_its_input_is_found() -> None:
         drive(node, [("/in", image)])
 
 
-def test_what_one_node_says_can_be_given_to_the_next(info: SensorInfo) -> None:
+def test_what_one_node_says_can_be_given_to_the_next(info: SensorInfo):
     from palpate.messages.types.touch import TactileFrame
 
     frame = example(
@@ -116,7 +116,7 @@ def source(*published: object, **declared: type) -> Source:
     return Source(params=Params, outputs=lambda params: outputs, open=opened)
 
 
-def test_a_source_is_driven_to_its_end_and_bodies_are_decoded() -> None:
+def test_a_source_is_driven_to_its_end_and_bodies_are_decoded():
     body = encode(line("b"))
     one = source(
         Timed(0.0, "/out", line("a")),
@@ -136,19 +136,17 @@ def test_a_source_is_driven_to_its_end_and_bodies_are_decoded() -> None:
         (Timed(0.0, "/out", example(World)), "published a World on /out, declared as LogRecord"),
     ],
 )
-def test_a_source_that_says_what_it_does_not_declare_is_refused(
-    published: Timed, words: str
-) -> None:
+def test_a_source_that_says_what_it_does_not_declare_is_refused(published: Timed, words: str):
     with pytest.raises(ContractError, match=words):
         drive(source(published))
 
 
-def test_a_source_is_given_no_inputs() -> None:
+def test_a_source_is_given_no_inputs():
     with pytest.raises(ValueError, match="a source subscribes to nothing"):
         drive(source(), [("/in", line("a"))])
 
 
-def test_an_example_has_the_fields_that_matter_and_plain_ones_otherwise() -> None:
+def test_an_example_has_the_fields_that_matter_and_plain_ones_otherwise():
     image = example(TactileImage, touch=3)
     assert (image.touch, image.outcome, image.mask.shape) == (3, "hit", (0, 0))
     with pytest.raises(ValueError, match="a World has no hight; it has platform, reach"):
@@ -157,14 +155,14 @@ def test_an_example_has_the_fields_that_matter_and_plain_ones_otherwise() -> Non
         example(World, seed="x")
 
 
-def test_every_message_type_has_an_example() -> None:
+def test_every_message_type_has_an_example():
     from palpate.messages.types.catalogue import TYPES
 
     for cls in TYPES.values():
         assert encode(example(cls))
 
 
-def test_messages_that_are_the_same_to_the_last_bit_are_the_same() -> None:
+def test_messages_that_are_the_same_to_the_last_bit_are_the_same():
     published = [("/out", line("a")), Finished("done")]
     assert_same(published, [("/out", line("a")), Finished("done")])
 
@@ -186,12 +184,12 @@ def test_messages_that_are_the_same_to_the_last_bit_are_the_same() -> None:
         ),
     ],
 )
-def test_the_first_difference_is_told(expected: list[Any], words: str) -> None:
+def test_the_first_difference_is_told(expected: list[Any], words: str):
     with pytest.raises(AssertionError, match=words):
         assert_same([("/out", line("a"))], expected)
 
 
-def test_a_zero_that_changed_its_sign_is_a_difference() -> None:
+def test_a_zero_that_changed_its_sign_is_a_difference():
     one, other = (example(World, reach=value) for value in (0.0, -0.0))
     with pytest.raises(AssertionError, match=r"reach: published 0.0, expected -0.0"):
         assert_same([("/world", one)], [("/world", other)])

@@ -76,17 +76,17 @@ def started(*publications: object) -> NodeWork:
     return work
 
 
-def test_what_a_node_says_goes_to_its_topic_on_the_wire() -> None:
+def test_what_a_node_says_goes_to_its_topic_on_the_wire():
     [parcel] = NodeWork(NODE, Params(), WIRING).begin()
     assert parcel == Outgoing("/a/out", encode(line("started")), 2.5, schema_hash(LogRecord))
 
 
-def test_a_message_without_robot_time_carries_zero() -> None:
+def test_a_message_without_robot_time_carries_zero():
     [parcel] = started(("/flat", WORLD)).take(need("n"))
     assert isinstance(parcel, Outgoing) and parcel.robot_time == 0.0
 
 
-def test_nothing_is_handled_before_what_is_needed_has_come() -> None:
+def test_nothing_is_handled_before_what_is_needed_has_come():
     work = started(("/out", line("x")))
     assert work.take(frame("1", 0)) == [] and work.take(frame("2", 1)) == []
     assert work.consumed["other", "/a/in"] == 0
@@ -98,7 +98,7 @@ def test_nothing_is_handled_before_what_is_needed_has_come() -> None:
     assert work.latency.count == 3
 
 
-def test_a_need_that_is_not_wired_is_not_waited_for() -> None:
+def test_a_need_that_is_not_wired_is_not_waited_for():
     wiring = Wiring(
         name="node", module="", params=b"", inputs=ALONE, outputs=WIRING.outputs, listeners={}
     )
@@ -108,7 +108,7 @@ def test_a_need_that_is_not_wired_is_not_waited_for() -> None:
     assert work._state == ["1"]
 
 
-def test_finished_is_handed_on_in_its_place() -> None:
+def test_finished_is_handed_on_in_its_place():
     published = started(("/out", line("a")), Finished("done")).take(need("n"))
     assert published[1] == Finished("done")
 
@@ -120,30 +120,30 @@ def test_finished_is_handed_on_in_its_place() -> None:
         (("/out", WORLD), "node published a World on /out, declared as LogRecord"),
     ],
 )
-def test_an_output_that_is_not_declared_is_refused(output: object, words: str) -> None:
+def test_an_output_that_is_not_declared_is_refused(output: object, words: str):
     with pytest.raises(ContractError, match=words):
         started(output).take(need("n"))
 
 
-def test_an_output_that_another_fingers_node_says_is_refused() -> None:
+def test_an_output_that_another_fingers_node_says_is_refused():
     wiring = replace(WIRING, outputs={"/flat": "/a/flat"})
     with pytest.raises(ContractError, match="node published /out, which another finger's node"):
         NodeWork(NODE, Params(), wiring).begin()
 
 
-def test_a_message_of_another_schema_is_refused() -> None:
+def test_a_message_of_another_schema_is_refused():
     with pytest.raises(ContractError, match="/a/need is not a LogRecord of this version"):
         started().take(arrival("needed", "/a/need", "n", schema=77))
 
 
-def test_a_wiring_that_names_no_input_of_the_node_is_refused() -> None:
+def test_a_wiring_that_names_no_input_of_the_node_is_refused():
     strange = Input("other", "/a/in", "/strange", "LogRecord")
     wiring = Wiring(name="node", module="", params=b"", inputs=(strange,), outputs={}, listeners={})
     with pytest.raises(ContractError, match="node is wired to /strange, which it does not"):
         NodeWork(NODE, Params(), wiring)
 
 
-def test_what_a_node_was_doing_is_known_when_it_fails() -> None:
+def test_what_a_node_was_doing_is_known_when_it_fails():
     work = started()
     with pytest.raises(ValueError, match="not a LogRecord"):
         work.take(need("n")._replace(body=b"\x80"))
@@ -166,7 +166,7 @@ class Kept:
         self.closed, self.missing = True, dict(missing)
 
 
-def test_a_sink_writes_what_it_hears_undecoded() -> None:
+def test_a_sink_writes_what_it_hears_undecoded():
     made: list[Kept] = []
 
     def open_kept(params: Params, topics: Mapping[str, str]) -> Kept:
@@ -198,14 +198,14 @@ def later_work(made: list[int], cls: type = LogRecord) -> NodeWork:
     return work
 
 
-def test_a_message_that_takes_long_is_made_at_once() -> None:
+def test_a_message_that_takes_long_is_made_at_once():
     made: list[int] = []
     [parcel] = later_work(made).take(frame("1"))
     assert isinstance(parcel, Outgoing) and made == [1]
     assert (parcel.body, parcel.robot_time) == (encode(line("late")), 2.5)
 
 
-def test_one_that_had_been_said_is_only_promised() -> None:
+def test_one_that_had_been_said_is_only_promised():
     made: list[int] = []
     [promise] = later_work(made).replay(frame("1"))
     assert isinstance(promise, Promise) and made == []
@@ -213,7 +213,7 @@ def test_one_that_had_been_said_is_only_promised() -> None:
     assert promise.make() == encode(line("late")) and made == [1]
 
 
-def test_a_promise_of_another_type_is_refused() -> None:
+def test_a_promise_of_another_type_is_refused():
     with pytest.raises(ContractError, match="published a World on /out, declared as LogRecord"):
         later_work([], World).replay(frame("1"))
     work = NodeWork(
@@ -224,12 +224,12 @@ def test_a_promise_of_another_type_is_refused() -> None:
         work.take(frame("1"))
 
 
-def test_without_durations_every_quantile_is_zero() -> None:
+def test_without_durations_every_quantile_is_zero():
     assert Latency().quantile(0.5) == 0.0
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
-def test_quantiles_are_right_to_the_width_of_a_bin(share: float) -> None:
+def test_quantiles_are_right_to_the_width_of_a_bin(share: float):
     micro = np.random.default_rng(1).lognormal(3.0, 1.0, 20_000) + 1.0
     latency = Latency()
     for value in micro:
@@ -238,7 +238,7 @@ def test_quantiles_are_right_to_the_width_of_a_bin(share: float) -> None:
     assert latency.quantile(share) == pytest.approx(np.quantile(micro, share), rel=0.03)
 
 
-def test_the_longest_durations_share_the_last_bin() -> None:
+def test_the_longest_durations_share_the_last_bin():
     latency = Latency()
     latency.add(10**18)
     assert latency.quantile(0.5) > 1e9

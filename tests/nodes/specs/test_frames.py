@@ -36,7 +36,7 @@ def write(tmp_path: Path) -> Write:
     "lines",
     [[LINE, LINE], [HEADER, LINE, "", LINE, ""], [f"\ufeff{LINE}", LINE.replace(",", " , ")]],
 )
-def test_a_table_of_frames_is_read(write: Write, lines: list[str]) -> None:
+def test_a_table_of_frames_is_read(write: Write, lines: list[str]):
     frames = read_frames(write(*lines))
     assert frames.images.shape == (2, 4, 4)
     assert frames.images[1].tolist() == np.arange(16.0).reshape(4, 4).tolist()
@@ -44,20 +44,20 @@ def test_a_table_of_frames_is_read(write: Write, lines: list[str]) -> None:
     assert frames.times is None
 
 
-def test_times_come_first(write: Write) -> None:
+def test_times_come_first(write: Write):
     times = read_frames(write(f"t,{HEADER}", f"2.5,{LINE}", f"2.5,{LINE}", f"3,{LINE}")).times
     assert times is not None
     assert times.tolist() == [2.5, 2.5, 3.0]
 
 
-def test_an_array_that_is_not_square_is_read_if_its_rows_are_told(write: Write) -> None:
+def test_an_array_that_is_not_square_is_read_if_its_rows_are_told(write: Write):
     path = write(f"{POSE}," + ",".join("0" * 32))
     assert read_frames(path, 4, 8).images.shape == (1, 4, 8)
     with pytest.raises(ValueError, match=r"f\.csv:1: has 39 columns; expected 7 of the pose and"):
         read_frames(path)
 
 
-def test_every_square_array_is_told_from_its_line_with_a_time_or_without() -> None:
+def test_every_square_array_is_told_from_its_line_with_a_time_or_without():
     for side in range(4, 65):
         for time in ("", "1.5,"):
             row = parse_row(f"{time}{POSE}," + ",".join("0" * side**2), "f:1", None)
@@ -65,7 +65,7 @@ def test_every_square_array_is_told_from_its_line_with_a_time_or_without() -> No
             assert row.time == (1.5 if time else None)
 
 
-def test_arrays_of_frames_are_read(write: Write) -> None:
+def test_arrays_of_frames_are_read(write: Write):
     poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (3, 1))
     frames = read_frames(write(frames=np.ones((3, 4, 6), np.int16), poses=poses, times=[0, 1, 1]))
     assert frames.images.shape == (3, 4, 6)
@@ -74,7 +74,7 @@ def test_arrays_of_frames_are_read(write: Write) -> None:
     assert read_frames(write(frames=np.ones((3, 4, 6)), poses=poses)).times is None
 
 
-def test_a_rounded_quaternion_is_made_a_unit(write: Write) -> None:
+def test_a_rounded_quaternion_is_made_a_unit(write: Write):
     [pose] = read_frames(write(f"0,0,0,0.707,0,0,0.707,{IMAGE}")).poses
     assert np.linalg.norm(pose[3:]) == pytest.approx(1.0, abs=1e-15)
 
@@ -96,7 +96,7 @@ def test_a_rounded_quaternion_is_made_a_unit(write: Write) -> None:
         ([HEADER], r"f\.csv: holds no frames"),
     ],
 )
-def test_a_wrong_table_is_refused_with_its_line(write: Write, lines: list[str], words: str) -> None:
+def test_a_wrong_table_is_refused_with_its_line(write: Write, lines: list[str], words: str):
     with pytest.raises(ValueError, match=words):
         read_frames(write(*lines))
 
@@ -125,7 +125,7 @@ FRAMES = np.zeros((2, 4, 4))
         ({"frames": np.array([None]), "poses": UNIT}, "is no NPZ file of plain arrays"),
     ],
 )
-def test_wrong_arrays_are_refused(write: Write, arrays: dict[str, Any], words: str) -> None:
+def test_wrong_arrays_are_refused(write: Write, arrays: dict[str, Any], words: str):
     with pytest.raises(ValueError, match=rf"f\.npz: .*{words}|f\.npz: {words}"):
         read_frames(write(**arrays))
 
@@ -139,22 +139,18 @@ def test_wrong_arrays_are_refused(write: Write, arrays: dict[str, Any], words: s
         ("f.txt", b"", "its name must end in .csv or .npz"),
     ],
 )
-def test_what_is_no_file_of_frames_is_refused(
-    tmp_path: Path, name: str, data: bytes, words: str
-) -> None:
+def test_what_is_no_file_of_frames_is_refused(tmp_path: Path, name: str, data: bytes, words: str):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(ValueError, match=words):
         read_frames(tmp_path / name)
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_told(tmp_path: Path):
     with pytest.raises(ValueError, match=r"no\.csv: cannot be read: No such file or directory"):
         read_frames(tmp_path / "no.csv")
 
 
-def test_too_large_a_file_is_refused_packed_or_not(
-    write: Write, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_large_a_file_is_refused_packed_or_not(write: Write, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(frames_file, "MAX_FILE_BYTES", 2000)
     with pytest.raises(ValueError, match="is larger than"):
         read_frames(write(*[LINE] * 100))

@@ -45,11 +45,11 @@ def solid_of(shape: Shape) -> Shape:
         ({"lattice": VASE, "taper": [0.2, 0.2], "bend": 3.0}, DeformedShape),
     ],
 )
-def test_only_what_a_lattice_deforms_becomes_facets(words: dict[str, Any], kind: type) -> None:
+def test_only_what_a_lattice_deforms_becomes_facets(words: dict[str, Any], kind: type):
     assert type(solid_of(build_shape(spec(**words)))) is kind
 
 
-def test_taper_comes_first_then_the_bend_then_the_lattice() -> None:
+def test_taper_comes_first_then_the_bend_then_the_lattice():
     words = {"taper": [0.3, -0.1], "bend": 6.0, "bend_direction": 30.0}
     base = Superquadric(np.array(SIZE), np.array(EXPONENTS)).mesh(3).vertices
     bent = Bend(6.0, math.radians(30.0))(Taper(0.3, -0.1, 0.05)(base))
@@ -61,14 +61,14 @@ def test_taper_comes_first_then_the_bend_then_the_lattice() -> None:
     assert np.abs(moved - bent).max() > 1e-3
 
 
-def test_a_lattice_left_alone_changes_nothing_of_a_bent_solid() -> None:
+def test_a_lattice_left_alone_changes_nothing_of_a_bent_solid():
     words = {"taper": [0.3, -0.1], "bend": 8.0, "bend_direction": -45.0}
     plain, latticed = build_shape(spec(**words)), build_shape(spec(**words, lattice=[{}] * 4))
     first, second = plain.mesh(4).vertices, latticed.mesh(4).vertices
     assert np.allclose(first, second, rtol=0, atol=1e-15)
 
 
-def test_exact_takes_rays_to_the_surface_that_the_lattice_deforms() -> None:
+def test_exact_takes_rays_to_the_surface_that_the_lattice_deforms():
     origins = np.array([[0.2, y, z] for y in (-0.01, 0.0, 0.01) for z in (-0.03, 0.0, 0.03)])
     exact, facets = (
         build_shape(spec(lattice=[{}] * 4, exact=exact)).cast(origins, INWARDS, 1.0)
@@ -79,7 +79,7 @@ def test_exact_takes_rays_to_the_surface_that_the_lattice_deforms() -> None:
     assert 1e-9 < np.abs(facets - wanted).max() < 1e-5
 
 
-def test_the_bend_direction_is_an_azimuth_in_degrees() -> None:
+def test_the_bend_direction_is_an_azimuth_in_degrees():
     for degrees, towards in ((0.0, [1, 0]), (90.0, [0, 1]), (-180.0, [-1, 0])):
         bent = build_shape(spec(bend=5.0, bend_direction=degrees)).mesh(3).vertices
         moved = bent - build_shape(spec()).mesh(3).vertices
@@ -87,7 +87,7 @@ def test_the_bend_direction_is_an_azimuth_in_degrees() -> None:
         assert np.allclose(moved[ends, :2].mean(axis=0), 0.005 * np.array(towards), atol=0.002)
 
 
-def test_a_posed_object_is_cast_where_it_stands() -> None:
+def test_a_posed_object_is_cast_where_it_stands():
     turn = [0.0, math.sin(0.3), 0.0, math.cos(0.3)]
     there = build_shape(
         spec(taper=[0.2, 0.2], pose={"position": [0.1, 0.2, 0.3], "rotation": turn})
@@ -99,7 +99,7 @@ def test_a_posed_object_is_cast_where_it_stands() -> None:
     assert np.allclose(found, here.cast(origins, INWARDS, 1.0), rtol=0, atol=1e-14)
 
 
-def test_a_mesh_is_cast_as_it_is() -> None:
+def test_a_mesh_is_cast_as_it_is():
     mesh = Superquadric(np.array(SIZE), np.array(EXPONENTS)).mesh(2)
     shape = solid_of(build_shape(ObjectSpec(mesh=encode_mesh(*mesh))))
     assert isinstance(shape, TriangleShape)
@@ -132,12 +132,12 @@ def test_a_mesh_is_cast_as_it_is() -> None:
         ({"pose": {"position": [math.nan, 0, 0]}}, ">= -1000.0"),
     ],
 )
-def test_what_cannot_be_is_refused_with_a_sentence(words: dict[str, Any], sentence: str) -> None:
+def test_what_cannot_be_is_refused_with_a_sentence(words: dict[str, Any], sentence: str):
     with pytest.raises(msgspec.ValidationError, match=sentence):
         spec(**words)
 
 
-def test_exact_is_refused_for_a_mesh() -> None:
+def test_exact_is_refused_for_a_mesh():
     vertices, faces = Superquadric(np.array(SIZE), np.array(EXPONENTS)).mesh(1)
     with pytest.raises(
         ValueError, match=r"exact .* lattice: leave it out, a mesh is cast as it is"
@@ -146,7 +146,7 @@ def test_exact_is_refused_for_a_mesh() -> None:
 
 
 @pytest.mark.parametrize("bend", [0.0, 4.0])
-def test_a_tapered_or_bent_superquadric_needs_numpy_alone(bend: float) -> None:
+def test_a_tapered_or_bent_superquadric_needs_numpy_alone(bend: float):
     script = (
         "import sys\n"
         "from palpate.nodes.specs import ObjectSpec, SuperquadricSpec\n"
@@ -162,6 +162,6 @@ def test_a_tapered_or_bent_superquadric_needs_numpy_alone(bend: float) -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_a_pose_that_a_program_gives_must_be_finite() -> None:
+def test_a_pose_that_a_program_gives_must_be_finite():
     with pytest.raises(ValueError, match="position and rotation must be finite"):
         PoseSpec(position=(math.nan, 0.0, 0.0))

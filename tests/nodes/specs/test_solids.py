@@ -65,9 +65,7 @@ def ranges(shape: Shape, x: float, z: float, towards: np.ndarray = SIDEWAYS) -> 
         ({"boolean": {"union": [BALL, SHIFTED]}, "lattice": LAYERS}, DeformedShape),
     ],
 )
-def test_each_word_is_a_shape_that_can_be_touched_and_meshed(
-    words: dict[str, Any], kind: type
-) -> None:
+def test_each_word_is_a_shape_that_can_be_touched_and_meshed(words: dict[str, Any], kind: type):
     shape = made(**words)
     assert type(shape) is kind
     low, high = shape.bounds()
@@ -76,27 +74,27 @@ def test_each_word_is_a_shape_that_can_be_touched_and_meshed(
     assert 0.0 < ranges(shape, 0.2, 0.02) < 0.2
 
 
-def test_a_hyperquadric_says_its_terms_and_dents() -> None:
+def test_a_hyperquadric_says_its_terms_and_dents():
     plain, dented = (made(hyperquadric={"terms": TERMS, "dents": dents}) for dents in ([], [DENT]))
     assert ranges(plain, 0.1, 0.0) == pytest.approx(0.06, abs=1e-15)
     assert 0.065 < ranges(dented, 0.1, 0.0) < 0.075
 
 
-def test_a_section_of_radii_begins_at_x_and_goes_counter_clockwise() -> None:
+def test_a_section_of_radii_begins_at_x_and_goes_counter_clockwise():
     section = {"radii": [0.03, 0.02, 0.025, 0.02]}
     shape = made(generalised_cylinder={"section": section, "sweep": [[0, 1], [0.1, 1]]})
     assert ranges(shape, 0.1, 0.05) == pytest.approx(0.07, abs=1e-14)
     assert ranges(shape, -0.1, 0.05, -SIDEWAYS) == pytest.approx(0.075, abs=1e-14)
 
 
-def test_a_tilt_is_in_degrees_and_leaves_the_sections_level() -> None:
+def test_a_tilt_is_in_degrees_and_leaves_the_sections_level():
     words = {"section": SECTION, "sweep": [[0, 1], [0.1, 1]], "tilt": 30, "tilt_direction": 0}
     low, high = made(generalised_cylinder=words).bounds()
     assert high[2] - low[2] == pytest.approx(0.1 * math.cos(math.pi / 6))
     assert high[0] - low[0] == pytest.approx(0.06 + 0.05, rel=1e-3)
 
 
-def test_poses_of_a_tree_are_composed() -> None:
+def test_poses_of_a_tree_are_composed():
     inner = {**BALL, "pose": {"position": [0.05, 0.0, 0.0]}}
     turned = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]  # x becomes y
     tree = {
@@ -123,13 +121,13 @@ def test_poses_of_a_tree_are_composed() -> None:
         ({"difference": [BALL, {"polyhedron": TETRAHEDRON}]}, 0.1),
     ],
 )  # fmt: skip
-def test_trees_combine_what_they_say(tree: dict[str, Any], middle: float) -> None:
+def test_trees_combine_what_they_say(tree: dict[str, Any], middle: float):
     shape = made(boolean=tree)
     found = ranges(shape, 0.0, 0.1, DOWN)
     assert found == pytest.approx(middle, abs=1e-14)
 
 
-def test_a_polyhedron_is_cast_as_it_is() -> None:
+def test_a_polyhedron_is_cast_as_it_is():
     shape = made(polyhedron=TETRAHEDRON)
     assert ranges(shape, 0.01, 0.1, DOWN) == pytest.approx(0.05, abs=1e-15)
     assert ranges(shape, 0.01, 0.01, DOWN) in (INSIDE, pytest.approx(0.0))
@@ -181,12 +179,12 @@ def test_a_polyhedron_is_cast_as_it_is() -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_refused_with_a_sentence(words: dict[str, Any], sentence: str) -> None:
+def test_what_cannot_be_is_refused_with_a_sentence(words: dict[str, Any], sentence: str):
     with pytest.raises(msgspec.ValidationError, match=sentence):
         msgspec.convert(words, ObjectSpec)
 
 
-def test_a_simulator_of_a_superquadric_imports_no_other_model() -> None:
+def test_a_simulator_of_a_superquadric_imports_no_other_model():
     script = (
         "import sys\n"
         "from palpate.nodes.specs import ObjectSpec, SuperquadricSpec, build_shape\n"
