@@ -17,7 +17,6 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     topics: dict[str, str]  # Topic to the name of its message type
 
     def __post_init__(self) -> None:
-        """Refuse a type that is none."""
         for topic, name in self.topics.items():
             if name not in TYPES:
                 raise ValueError(

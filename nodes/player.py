@@ -10,7 +10,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from palpate.messages import schema_hash
-from palpate.messages.recording import RecordedMessage, Recording, open_recording
+from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, Clock
 from palpate.nodes.runtime import Finished, Source, Timed
 
@@ -27,16 +27,15 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rate: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
     loop: bool = False  # Whether it begins anew at its end
     # Begins so many s after the recording's first message; latched messages from before that are
-    # said first.
+    # published first.
     start_offset: Annotated[float, Meta(ge=0)] = 0.0
     # Ends so many s after the recording's first message.
     until: Annotated[float, Meta(gt=0)] | None = None
-    # Says the recording's time on ``/clock`` so often in a second; 0 never does.
+    # Publishes the recording's time on ``/clock`` so often in a second; 0 never does.
     clock: Annotated[float, Meta(ge=0, le=1000)] = 0.0
     paused: bool = False  # Whether it waits at its beginning to be told to go on
 
     def __post_init__(self) -> None:
-        """Refuse an end before the beginning."""
         if self.until is not None and self.until <= self.start_offset:
             raise ValueError(
                 f"until must be later than start_offset {self.start_offset:g} s, got {self.until:g}"
@@ -59,7 +58,7 @@ def outputs(params: Params) -> Mapping[str, type]:
 
 
 def play(params: Params) -> Iterator[Timed | Finished]:
-    """Say what the recording holds: first what was latched before the beginning, then the rest."""
+    """Publish what the recording holds: what was latched before the beginning, then the rest."""
     recording = open_recording(Path(params.path))
     played = _played(params, recording)
     number, begun = 0, 0.0
@@ -106,19 +105,14 @@ def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Itera
         if kept.topic not in played:
             continue
         if time < params.start_offset and before is not None:
-            _remember(before, kept)
+            cls = TYPES[kept.type]
+            if cls in LATCHED:  # the last of its topic counts, or all of them
+                before[kept.topic, kept.seq if cls in ALL_KEPT else 0] = kept.body
             continue
         yield from _latched(before)
         before = None
         yield Timed(time - params.start_offset, kept.topic, kept.body)
     yield from _latched(before)
-
-
-def _remember(before: dict[tuple[str, int], bytes], kept: RecordedMessage) -> None:
-    """Keep a latched message: the last of its topic, or all of them."""
-    cls = TYPES[kept.type]
-    if cls in LATCHED:
-        before[kept.topic, kept.seq if cls in ALL_KEPT else 0] = kept.body
 
 
 def _latched(before: dict[tuple[str, int], bytes] | None) -> Iterator[Timed]:

@@ -27,7 +27,6 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     spare: Annotated[int, Meta(ge=0)] = 64 << 20
 
     def __post_init__(self) -> None:
-        """Refuse a path that names no file."""
         if not self.path or self.path.endswith("/"):
             raise ValueError(f"path must name a file, got {self.path!r}")
 
@@ -61,8 +60,8 @@ def resume_recording(
 def _recording(params: Params, types: Mapping[str, str], path: Path) -> RecordingWriter:
     graph = params.graph
     about = {**params.about, "version": __version__, "graph": graph.decode()}
-    said_by, schemas = publishers_of(graph), schemas_of(graph)
-    return RecordingWriter(path, types, said_by, about, params.spare, schemas)
+    publishers, schemas = publishers_of(graph), schemas_of(graph)
+    return RecordingWriter(path, types, publishers, about, params.spare, schemas)
 
 
 SINK = Sink(params=Params, open=start_recording, resume=resume_recording)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ from palpate.messages.types import (
     Truth,
 )
 from palpate.nodes import curvature, filter, simulator
-from palpate.nodes.runtime import Finished, Node, Outputs, run_composed
+from palpate.nodes.runtime import Finished, MessageQueue, Node, Outputs, run_composed
 
 KEPT_TYPES = (Contour, ContourGoal, GraspContacts, PlanDone, Score, ShapeModel, TactileFrame, Truth)
 MOVE_TRAVEL, MOVE_APPROACH = 1, 3  # Places in a touch's `move`
@@ -213,38 +214,45 @@ class LoopNode(NamedTuple):
 
 
 class InProcessLoop:
-    """Nodes as plain calls: every message goes to the nodes of its topic, first in, first out.
+    """Nodes as plain calls, without a codec between them: the time of their handlers alone.
 
     `nodes`: what each publishes reaches the nodes of its finger, a shared topic those of all.
     """
 
     def __init__(self, nodes: Sequence[LoopNode]) -> None:
         self._nodes = tuple(nodes)
+        listeners = defaultdict[tuple[int, str], list[int]](list)
+        for i, one in enumerate(nodes):
+            for edge in product((ALL_FINGERS, one.finger), one.node.inputs):
+                listeners[edge].append(i)
+        self._queue = MessageQueue(listeners)
         started = [one.node.start(one.params) for one in nodes]
         self._states: list[Any] = [state for state, _ in started]
-        first = [_routed(one, out) for one, (_, out) in zip(nodes, started, strict=True)]
-        self._deliver([message for some in first for message in some])
+        self._last: dict[str, Any] = {}
+        for one, (_, outputs) in zip(nodes, started, strict=True):
+            self._send(one, outputs)
+        self._deliver()
 
     def publish(self, topic: str, message: object) -> dict[str, Any]:
         """Publish to all fingers, and run until it is quiet; the last message of each topic."""
-        return self._deliver([(ALL_FINGERS, topic, message)])
+        self._last = {topic: message}
+        self._queue.put((ALL_FINGERS, topic), message)
+        return self._deliver()
 
-    def _deliver(self, first: list[_Routed]) -> dict[str, Any]:
-        waiting, last = deque(first), dict[str, Any]()
-        while waiting:
-            finger, topic, message = waiting.popleft()
-            last[topic] = message
-            for i, one in enumerate(self._nodes):
-                if topic in one.node.inputs and finger in (ALL_FINGERS, one.finger):
-                    _, handler = one.node.inputs[topic]
-                    self._states[i], outputs = handler(one.params, self._states[i], message)
-                    waiting += _routed(one, outputs)
-        return last
+    def _deliver(self) -> dict[str, Any]:
+        while (found := self._queue.take()) is not None:
+            (_, topic), i, message = found
+            one = self._nodes[i]
+            _, handler = one.node.inputs[topic]
+            self._states[i], outputs = handler(one.params, self._states[i], message)
+            self._send(one, outputs)
+        return self._last
 
-
-def _routed(one: LoopNode, outputs: Outputs) -> list[_Routed]:
-    sent = [out for out in outputs if not isinstance(out, Finished)]
-    return [(ALL_FINGERS if t in one.node.shared else one.finger, t, body) for t, body in sent]
+    def _send(self, one: LoopNode, outputs: Outputs) -> None:
+        for topic, message in (out for out in outputs if not isinstance(out, Finished)):
+            self._last[topic] = message
+            finger = ALL_FINGERS if topic in one.node.shared else one.finger
+            self._queue.put((finger, topic), message)
 
 
 def touching_nodes(simulated: simulator.Params, finger: int = 1) -> list[LoopNode]:
@@ -257,4 +265,3 @@ def touching_nodes(simulated: simulator.Params, finger: int = 1) -> list[LoopNod
 
 
 ALL_FINGERS = 0  # A message of no single finger
-_Routed = tuple[int, str, object]  # Finger, topic as the nodes call it, message

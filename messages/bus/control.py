@@ -15,19 +15,19 @@ import zmq
 from palpate.messages.bus.sockets import Socket, bind, connect, received
 from palpate.messages.codec import nesting_limit
 
-LINGER_MS = 500  # A last word has this long to leave
-MAX_CONTROL_BYTES = 1 << 20  # Longest word
-MAX_CONTROL_ITEMS = 4096  # Most entries of a list or map, and most lists and maps of a word
+LINGER_MS = 500  # A last message has this long to leave
+MAX_CONTROL_BYTES = 1 << 20  # Longest control message
+MAX_CONTROL_ITEMS = 4096  # Most entries of a list or map, and most of them in all
 ControlMessage = dict[str, Any]
 FieldCheck = Callable[[Any], bool]
 
 
 class ControlProtocol(NamedTuple):
-    """What somebody may say."""
+    """What somebody may send."""
 
-    # Kind of the word to its fields, and what they can be.
-    words: Mapping[str, Mapping[str, FieldCheck]]
-    max_bytes: int = MAX_CONTROL_BYTES  # Longest word
+    # Kind of the message to its fields, and what they can be.
+    kinds: Mapping[str, Mapping[str, FieldCheck]]
+    max_bytes: int = MAX_CONTROL_BYTES
 
 
 def _is_count(value: Any) -> bool:
@@ -40,7 +40,7 @@ def _is(kind: type) -> FieldCheck:
 
 _is_text, _is_bytes, _is_truth = _is(str), _is(bytes), _is(bool)
 _is_integer, _is_number, _is_map = _is(int), _is(float), _is(dict)
-# What the launcher says to nodes; what carries a ticket, a tool has asked for.
+# What the launcher sends to nodes; what carries a ticket, a tool has asked for.
 TO_NODES = ControlProtocol(
     {
         "go": {},
@@ -60,10 +60,10 @@ class ControlClient:
     def __init__(
         self,
         context: zmq.Context[Socket],
-        endpoint: str,  # Address of the launcher
+        endpoint: str,
         *,
-        name: str,  # Name of the node
-        accepts: ControlProtocol = TO_NODES,  # What may be said to it
+        name: str,
+        accepts: ControlProtocol = TO_NODES,  # What may be sent to it
     ) -> None:
         self._accepts = accepts
         self.socket = context.socket(zmq.DEALER)
@@ -72,19 +72,19 @@ class ControlClient:
         connect(self.socket, endpoint)
 
     def send(self, kind: str, **fields: Any) -> None:
-        """Say a word to the launcher."""
+        """Send a message to the launcher."""
         self.socket.send(msgpack.packb({"kind": kind, **fields}))
 
     def receive(self) -> ControlMessage | None:
-        """Return the launcher's next word, or None if there is none.
+        """Return the launcher's next message, or None if there is none.
 
-        Raises ValueError if what arrived is no word.
+        Raises ValueError if what arrived is none of those.
         """
         data = received(self.socket)
         return None if data is None else read_control(data, self._accepts)
 
     def close(self) -> None:
-        """Close, once the last word has left."""
+        """Close, once the last message has left."""
         self.socket.close()
 
 
@@ -105,7 +105,7 @@ def _are_texts(value: Any) -> bool:
     return type(value) is list and all(map(_is_text, value))
 
 
-# What nodes say to the launcher.
+# What nodes send to the launcher.
 FROM_NODES = ControlProtocol(
     {
         "ready": {},
@@ -133,7 +133,7 @@ class ControlServer:
         context: zmq.Context[Socket],
         endpoint: str,  # Address to bind
         *,
-        accepts: ControlProtocol = FROM_NODES,  # What may be said to it
+        accepts: ControlProtocol = FROM_NODES,  # What may be sent to it
     ) -> None:
         self._accepts = accepts
         self.socket = context.socket(zmq.ROUTER)
@@ -144,10 +144,10 @@ class ControlServer:
         bind(self.socket, endpoint)
 
     def send(self, name: str, kind: str, **fields: Any) -> bool:
-        """Say a word to a node; False if it cannot be reached."""
-        word = msgpack.packb({"kind": kind, **fields})
+        """Send a message to a node; False if it cannot be reached."""
+        data = msgpack.packb({"kind": kind, **fields})
         try:
-            self.socket.send_multipart([name.encode(), word], zmq.DONTWAIT)
+            self.socket.send_multipart([name.encode(), data], zmq.DONTWAIT)
         except zmq.ZMQError as error:
             if error.errno in (zmq.EHOSTUNREACH, zmq.EAGAIN):
                 return False
@@ -155,9 +155,9 @@ class ControlServer:
         return True
 
     def receive(self) -> tuple[str, ControlMessage] | None:
-        """Name of a node and its next word; None if there is none.
+        """Name of a node and its next message; None if there is none.
 
-        Raises ValueError if what arrived is no word.
+        Raises ValueError if what arrived is none of those.
         """
         try:
             parts = self.socket.recv_multipart(zmq.DONTWAIT)
@@ -173,9 +173,9 @@ class ControlServer:
 
 
 def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
-    """Word in a frame.
+    """Message in a frame.
 
-    Raises ValueError if the frame holds no such word, or one that lacks what belongs to it.
+    Raises ValueError if the frame holds none that may be sent, or one that lacks a field.
     """
     if len(data) > language.max_bytes:
         raise ValueError(f"a word has at most {language.max_bytes} bytes, got {len(data)}")
@@ -194,9 +194,9 @@ def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
         raise ValueError(f"a word is a map with a kind, got no msgpack: {reason}") from None
     if not isinstance(word, dict) or not isinstance(word.get("kind"), str):
         raise ValueError(f"a word is a map with a kind, got {len(data)} bytes of something else")
-    fields = language.words.get(word["kind"])
+    fields = language.kinds.get(word["kind"])
     if fields is None:
-        raise ValueError(f"a word is one of {', '.join(language.words)}, got {word['kind'][:40]!r}")
+        raise ValueError(f"a word is one of {', '.join(language.kinds)}, got {word['kind'][:40]!r}")
     if word.keys() != {"kind", *fields}:
         raise ValueError(f"the word {word['kind']} has the fields {', '.join(fields) or 'none'}")
     for name, check in fields.items():
@@ -210,7 +210,7 @@ def _are_addresses(value: Any) -> bool:
     return type(value) is dict and all(map(_is_text, (*value, *value.values())))
 
 
-# What tools say to the launcher.
+# What tools send to the launcher.
 FROM_TOOLS = ControlProtocol(
     {
         "status": {},
@@ -229,7 +229,7 @@ TO_TOOLS = ControlProtocol(
         "refused": {"text": _is_text},
     }
 )
-# What the launcher says to other machines; a node may have a large object among its parameters.
+# What the launcher sends to other machines; a node may have a large object among its parameters.
 TO_HOSTS = ControlProtocol(
     {
         "hello": {"names": _are_texts, "modules": _are_texts},
@@ -240,7 +240,7 @@ TO_HOSTS = ControlProtocol(
     },
     max_bytes=256 << 20,
 )
-# What other machines say to the launcher.
+# What other machines send to the launcher.
 FROM_HOSTS = ControlProtocol(
     {
         "hello": {"ns": _is_count, "endpoints": _are_addresses, "taps": _are_addresses},

@@ -1,4 +1,4 @@
-"""The words by which a subscriber joins a publisher, and misses nothing.
+"""The frames by which a subscriber joins a publisher, and misses nothing.
 
 Subscriptions are the only thing that a subscriber can send on the socket that it receives with,
 so the requests are made of them. S calls P by subscribing ``@S epoch P ``; P greets S with its
@@ -88,7 +88,7 @@ def resent_frame(called: bytes, frame: bytes) -> bytes:
 
 
 def in_step_notice(called: bytes, topic: str) -> bytes:
-    """Word that all of the topic's past has been sent."""
+    """Notice that all of the topic's past has been sent."""
     return called + b"\0" + IN_STEP + topic.encode()
 
 

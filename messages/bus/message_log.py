@@ -26,6 +26,7 @@ _LENGTH = struct.Struct("<I")
 _ENTRY = struct.Struct("<IQ")
 _PROGRESS = struct.Struct("<QB")
 _UNKNOWN = 255
+_FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC  # A file is made if there is none
 
 
 class Cause(NamedTuple):
@@ -106,10 +107,7 @@ class MessageLog:
 
         Raises KeyError if there is no such topic.
         """
-        if topic in self._silent:
-            self._silent[topic] += 1
-        else:
-            self._frames[topic].append(make)
+        self._hold(topic, make)
 
     def since(self, topic: str, wanted: int) -> Iterator[bytes]:
         """Frames of a topic from a sequence on; none of a topic without subscribers."""
@@ -136,28 +134,25 @@ class MessageLog:
     def _write(self, frames: Sequence[bytes], cause: Cause | None = None) -> list[tuple[int, int]]:
         """Write a record, whole or not at all; returns the places of the frames."""
         file = self._opened()
-        words = b"" if cause is None else "\0".join(map(str, cause)).encode()
-        parts = [_LENGTH.pack(len(words)), words]
-        places, at = [], self._end + 2 * _LENGTH.size + len(words)
-        for frame in frames:
-            parts += [_LENGTH.pack(len(frame)), frame]
-            places.append((at + _LENGTH.size, len(frame)))
-            at += _LENGTH.size + len(frame)
+        answered = b"" if cause is None else "\0".join(map(str, cause)).encode()
+        parts, places, at = [], [], self._end + _LENGTH.size
+        for piece in (answered, *frames):
+            parts += [_LENGTH.pack(len(piece)), piece]
+            places.append((at + _LENGTH.size, len(piece)))
+            at += _LENGTH.size + len(piece)
         data = b"".join(parts)
         if os.pwrite(file, _LENGTH.pack(len(data)) + data, self._end) < _LENGTH.size + len(data):
             raise OSError(errno.ENOSPC, "the message log has no more room on the disk")
         self._end = at
-        return places
+        return places[1:]
 
     def _read(self, start: int, length: int) -> bytes:
         return os.pread(self._opened(), length, start)
 
     def _opened(self) -> int:
         if self._file is None:
-            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
-            self._file = os.open(
-                self._path, flags if self._persistent else flags | os.O_TRUNC, 0o600
-            )
+            fresh = 0 if self._persistent else os.O_TRUNC
+            self._file = os.open(self._path, _FLAGS | fresh, 0o600)
         return self._file
 
     def _go_on(self, epoch: int) -> None:
@@ -173,9 +168,9 @@ class MessageLog:
         os.ftruncate(self._opened(), self._end)
 
     def _take_up(self, data: bytes, epoch: int) -> None:
-        words, *frames = _pieces(data)
-        if words:
-            publisher, topic, seq, finished = words.decode().split("\0", 3)
+        answered, *frames = _pieces(data)
+        if answered:
+            publisher, topic, seq, finished = answered.decode().split("\0", 3)
             self.handled[publisher, topic] = int(seq) + 1
             self.finished = self.finished or finished
         for frame in frames:
@@ -193,21 +188,15 @@ def _pieces(data: bytes) -> Iterator[bytes]:
 
 
 class SendTimes:
-    """The times at which one node has sent its messages.
+    """The times at which one node, and earlier starts of it, have sent messages.
 
     Raises OSError if the file cannot be read or written; ValueError if it speaks of other topics.
     """
 
-    def __init__(
-        self,
-        path: Path,  # The file; what an earlier start of the node has written is gone on with
-        name: str,  # Name of the node
-        # Its topics that are put down, in an order that is the same at every start
-        topics: Iterable[str],
-    ) -> None:
-        names = list(topics)
-        self._name, self._journal = name, Journal(path, [(name, topic) for topic in names])
-        self._before: dict[str, list[int]] = {topic: [] for topic in names}
+    # `topics`: those that are put down, in an order that is the same at every start
+    def __init__(self, path: Path, name: str, topics: Iterable[str]) -> None:
+        self._before: dict[str, list[int]] = {topic: [] for topic in topics}
+        self._name, self._journal = name, Journal(path, [(name, topic) for topic in self._before])
         for _, topic, sent_ns in self._journal.before:
             self._before[topic].append(sent_ns)
 
@@ -244,14 +233,10 @@ class Journal:
     does not subscribe to.
     """
 
-    def __init__(
-        self,
-        path: Path,  # The file; it is made if there is none
-        # All that the node subscribes to, in an order that is the same at every start
-        edges: Sequence[tuple[str, str]],
-    ) -> None:
+    # `edges`: all that the node subscribes to, in an order that is the same at every start
+    def __init__(self, path: Path, edges: Sequence[tuple[str, str]]) -> None:
         self._numbers = {edge: number for number, edge in enumerate(edges)}
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        self._file = os.open(path, _FLAGS, 0o600)
         try:
             self.before = self._read(path, edges)  # What earlier starts have consumed, in its order
         except ValueError:
@@ -292,11 +277,8 @@ class SourceProgress:
     Raises OSError if the file cannot be read or written.
     """
 
-    def __init__(
-        self,
-        path: Path,  # The file; it is made if there is none
-    ) -> None:
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    def __init__(self, path: Path) -> None:
+        self._file = os.open(path, _FLAGS, 0o600)
         found = os.pread(self._file, _PROGRESS.size, 0)
         number, paused = _PROGRESS.unpack(found) if len(found) == _PROGRESS.size else (0, _UNKNOWN)
         self.number: int = number  # How much has been published

@@ -14,6 +14,7 @@ from palpate.rooms import lazy
 
 if TYPE_CHECKING:
     from palpate.nodes.runtime.composed import Ending as Ending
+    from palpate.nodes.runtime.composed import MessageQueue as MessageQueue
     from palpate.nodes.runtime.composed import Watcher as Watcher
     from palpate.nodes.runtime.composed import run_composed as run_composed
     from palpate.nodes.runtime.loop import FAILED as FAILED

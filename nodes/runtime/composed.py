@@ -2,7 +2,8 @@
 
 Bodies are encoded and decoded here too, so that no handler can write into another's arrays.
 Each edge is first in, first out; which edge comes next is free, and a seeded schedule that
-draws it at random finds every dependence on the order of two publishers.
+draws it at random finds every dependence on the order of two publishers. A replay, which hands
+over recorded messages at their places, and a bench, which leaves the codec out, share the queue.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -26,7 +27,41 @@ from palpate.nodes.runtime.sources import SourceWork, Work
 from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
-RoutedEdge = tuple[str, str, str]  # Publisher, topic on the wire, and listener
+TopicT = TypeVar("TopicT")
+ListenerT = TypeVar("ListenerT")
+
+
+class MessageQueue(Generic[TopicT, ListenerT]):
+    """What is under way in one process: each edge, a topic to a listener, first in, first out.
+
+    Which edge comes next is the order of sending, or drawn.
+    """
+
+    def __init__(
+        self,
+        listeners: Mapping[TopicT, Sequence[ListenerT]],
+        draw: random.Random | None = None,
+    ) -> None:
+        self._listeners, self._draw = listeners, draw
+        self._edges: dict[tuple[TopicT, ListenerT], deque[Any]] = {}
+        self._order: deque[tuple[TopicT, ListenerT]] = deque()
+
+    def put(self, topic: TopicT, message: Any) -> None:
+        """Send a message to all who listen."""
+        for listener in self._listeners.get(topic, ()):
+            self._edges.setdefault((topic, listener), deque()).append(message)
+            if self._draw is None:
+                self._order.append((topic, listener))
+
+    def take(self) -> tuple[TopicT, ListenerT, Any] | None:
+        """Topic, listener and message of what is handed over next; None when all is quiet."""
+        if not self._edges:
+            return None
+        edge = self._order.popleft() if self._draw is None else self._draw.choice([*self._edges])
+        message = self._edges[edge].popleft()
+        if not self._edges[edge]:
+            del self._edges[edge]
+        return *edge, message
 
 
 def run_composed(
@@ -79,15 +114,14 @@ class Composition:
         self.finished: dict[str, str] = {}  # Reason of each node that has said Finished
         self.doing = "starting"  # What was last begun, in words
         self._wirings = {wiring.name: wiring for wiring in wirings}
-        self._listeners: dict[str, list[str]] = {}
         self._types: dict[str, type] = {}
+        listeners: dict[str, list[str]] = {}
         for wiring in wirings:
             for one in wiring.inputs:
-                self._listeners.setdefault(one.topic, []).append(wiring.name)
+                listeners.setdefault(one.topic, []).append(wiring.name)
+        draw = None if schedule is None else random.Random(schedule)
+        self._queue = MessageQueue(listeners, draw)
         self._watch, self._watcher = set(watch), watcher
-        self._edges: dict[RoutedEdge, deque[Received]] = {}
-        self._order: deque[RoutedEdge] = deque()
-        self._draw = None if schedule is None else random.Random(schedule)
         self._sent: dict[str, dict[str, int]] = {name: {} for name in self._wirings}
         self._next_tick = time.monotonic() + TICK_PERIOD
 
@@ -116,15 +150,10 @@ class Composition:
 
     def deliver(self) -> bool:
         """Hand over one message; False when none is left."""
-        edge = self._next_edge()
-        if edge is None:
+        if (found := self._queue.take()) is None:
             return self._ask_sources()
-        queue = self._edges[edge]
-        arrival = queue.popleft()
-        if not queue:
-            del self._edges[edge]
-        work = self.works[edge[2]]
-        self._publish(edge[2], lambda: work.take(arrival))
+        _, name, arrival = found
+        self._publish(name, lambda: self.works[name].take(arrival))
         if time.monotonic() >= self._next_tick:
             self._next_tick = time.monotonic() + TICK_PERIOD
             self._watcher.tick(self.statuses())
@@ -161,13 +190,6 @@ class Composition:
                 return True
         return False
 
-    def _next_edge(self) -> RoutedEdge | None:
-        if not self._edges:
-            return None
-        if self._draw is not None:
-            return self._draw.choice(list(self._edges))
-        return self._order.popleft()
-
     def _publish(self, name: str, act: Callable[[], Iterable[Outgoing | Finished]]) -> None:
         work = self.works[name]
         try:
@@ -184,14 +206,8 @@ class Composition:
         topic, body, robot_time, schema = parcel
         seq = self._sent[name].get(topic, 0)
         self._sent[name][topic] = seq + 1
-        arrival = Received(
-            name, topic, Header(0, 0, seq, time.monotonic_ns(), robot_time, schema), body
-        )
-        for listener in self._listeners.get(topic, ()):
-            edge = (name, topic, listener)
-            self._edges.setdefault(edge, deque()).append(arrival)
-            if self._draw is None:
-                self._order.append(edge)
+        header = Header(0, 0, seq, time.monotonic_ns(), robot_time, schema)
+        self._queue.put(topic, Received(name, topic, header, body))
         if topic in self._watch:
             self._watcher.received(topic, decode(self._types[topic], body))
 

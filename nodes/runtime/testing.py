@@ -94,18 +94,15 @@ def _published_by(
 def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
     """A message on its way to a node."""
     if topic not in node.inputs:
-        subscriptions = ", ".join(node.inputs) or "nothing"
-        raise ValueError(
-            f"the node does not subscribe to {topic}; it subscribes to {subscriptions}"
-        )
+        known = ", ".join(node.inputs) or "nothing"
+        raise ValueError(f"the node does not subscribe to {topic}; it subscribes to {known}")
     wanted = node.inputs[topic][0]
     if type(message) is not wanted:
         raise ValueError(
             f"the node subscribes to {topic} as {wanted.__name__}, got a {type(message).__name__}"
         )
-    return Received(
-        "test", topic, Header(0, 0, seq, 0, 0.0, codec_of(wanted).hash), encode(message)
-    )
+    header = Header(0, 0, seq, 0, 0.0, codec_of(wanted).hash)
+    return Received("test", topic, header, encode(message))
 
 
 def params_of(node: Node | Source, params: object) -> Any:

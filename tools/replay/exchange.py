@@ -22,6 +22,7 @@ from palpate.messages.recording import RecordedMessage, Recording
 from palpate.nodes.runtime import (
     ContractError,
     Finished,
+    MessageQueue,
     Node,
     NodeWork,
     Outgoing,
@@ -73,7 +74,10 @@ class MessageExchange:
             for topic in player.publications
             if topic in self._listeners
         }
-        self._ready: deque[tuple[str, Header, bytes]] = deque()
+        self._publishers = {
+            topic: publisher for player in players for topic, publisher in player.publishers.items()
+        }
+        self._queue = MessageQueue(self._listeners)
         self._numbers = count()
         self._ended = False
 
@@ -96,7 +100,7 @@ class MessageExchange:
         link = self._links.get(kept.topic)
         if link is None:
             header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
-            self._ready.append((kept.topic, header, kept.body))
+            self._send(kept.topic, header, kept.body)
         elif link.waiting:
             self._pass_on(link, link.waiting.popleft()[1])
         else:
@@ -143,13 +147,16 @@ class MessageExchange:
     def _pass_on(self, link: _Link, parcel: Outgoing) -> None:
         header = Header(0, 0, link.heard, 0, parcel.robot_time, parcel.schema)
         link.heard += 1
-        self._ready.append((parcel.topic, header, parcel.body))
+        self._send(parcel.topic, header, parcel.body)
+
+    def _send(self, topic: str, header: Header, body: bytes) -> None:
+        if topic in self._listeners:
+            self._queue.put(topic, Received(self._publishers[topic], topic, header, body))
 
     def _deliver(self) -> None:
-        while self._ready:
-            topic, header, body = self._ready.popleft()
-            for player in self._listeners.get(topic, ()):
-                self._take(player.receive(topic, header, body))
+        while (found := self._queue.take()) is not None:
+            _, player, arrival = found
+            self._take(player.receive(arrival))
 
 
 class ReplayedNode:
@@ -181,15 +188,14 @@ class ReplayedNode:
         """Types of what it receives, by topic."""
         self._types = {wiring.outputs[local]: node.outputs[local] for local in wiring.outputs}
         self._types |= self.subscriptions
-        self._publishers = {one.topic: one.publisher for one in wiring.inputs}
+        self.publishers = {one.topic: one.publisher for one in wiring.inputs}
 
     def begin(self) -> list[Outgoing]:
         """Start the node; what it publishes."""
         return self._run(self._work.begin)
 
-    def receive(self, topic: str, header: Header, body: bytes) -> list[Outgoing]:
+    def receive(self, arrival: Received) -> list[Outgoing]:
         """Hand it one message; what it publishes."""
-        arrival = Received(self._publishers[topic], topic, header, body)
         return [] if self.failure else self._run(lambda: self._work.take(arrival))
 
     def check(self, kept: RecordedMessage) -> None:
