@@ -173,9 +173,11 @@ class GeneralisedCylinderSpec(Struct, frozen=True, kw_only=True, forbid_unknown_
         else:
             size = np.array(self.section.size)
             section = shapes.SuperellipseSection(size, self.section.exponent)
+        heights, scales = np.array(self.sweep).T
         return shapes.GeneralisedCylinder(
             section,
-            *np.array(self.sweep).T,
+            heights,
+            scales,
             smooth=self.smooth,
             tilt=math.radians(self.tilt),
             tilt_direction=math.radians(self.tilt_direction),

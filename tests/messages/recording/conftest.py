@@ -12,6 +12,7 @@ from palpate.messages.types.world import World
 
 TYPES = {"/world": "World", "/log": "LogRecord"}
 MILLISECOND = 1_000_000
+RUN = 0xFEDC_BA98_7654_3210
 
 
 def world(seed: int) -> bytes:
@@ -36,10 +37,10 @@ def write() -> Callable[..., None]:
     """Writes one world and then so many log records, a millisecond apart."""
 
     def fill(writer: RecordingWriter, count: int = 100, *, epoch: int = 0) -> None:
-        world_header = Header(7, epoch, 0, 5 * MILLISECOND, 0.0, schema_hash(World))
+        world_header = Header(RUN, epoch, 0, 5 * MILLISECOND, 0.0, schema_hash(World))
         writer.write("/world", world_header, world(3))
         for i in range(count):
             sent = (6 + i) * MILLISECOND
-            writer.write("/log", Header(7, 0, i, sent, 0.0, schema_hash(LogRecord)), log(i))
+            writer.write("/log", Header(RUN, 0, i, sent, 0.0, schema_hash(LogRecord)), log(i))
 
     return fill

@@ -36,7 +36,7 @@ def test_what_is_written_is_read_by_any_mcap_reader(
     assert (found[0][0].encoding, found[0][1].message_encoding) == ("jsonschema", "msgpack")
     assert found[0][1].metadata == {
         "publisher": "simulator",
-        "run": f"{7:016x}",
+        "run": "fedcba9876543210",
         "epoch": "0",
         "schema_hash": f"{WORLD:08x}",
     }

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.core.rebuild import closed_sides as felt_rows
 from palpate.core.rebuild.side import radial as along
 from palpate.core.rebuild.side import radial as skin
@@ -149,3 +150,16 @@ def test_a_graph_that_falls_quiet_has_stalled(
         "stalled",
         "all is quiet, and evaluator has not finished",
     )
+
+
+def test_what_each_node_published_and_handled_is_counted(ears: Any):
+    wirings = [
+        toy("source", ToyParams(burst=5), subscribers=("counter",)),
+        toy("counter", ToyParams(expects=5), upstream="source"),
+    ]
+    ending = run_composed(wirings, ends="counter", watch=(), watcher=ears)
+    assert ending.status == "finished"
+    for name, messages, sent in (("source", 0, 5), ("counter", 5, 0)):
+        found = ending.statuses[name]
+        assert (found.node, found.messages, found.sent) == (name, messages, sent)
+        assert (found.gaps, found.duplicates, found.cpu) == (0, 0, 0.0)

@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+from collections import deque
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from palpate.messages.bus.message_log import Consumed
+from palpate.messages.bus.subscriber import Received
+from palpate.messages.codec import Header, encode, schema_hash
+from palpate.messages.types.world import World
+from palpate.nodes.runtime.loop import JournalOrder, NodeLoop
+from palpate.nodes.runtime.node import Input, Node, Sink, lone_wiring
+from palpate.nodes.runtime.work import NodeWork, SinkWork
+
+BEFORE = (Consumed("a", "/x", 0), Consumed("b", "/y", 0), Consumed("a", "/x", 1))
+
+
+def arrival(publisher: str, topic: str, seq: int) -> Received:
+    return Received(publisher, topic, Header(1, 0, seq, 0, 0.0, 0), b"")
+
+
+def test_arrivals_are_handed_out_in_the_order_of_the_journal():
+    order = JournalOrder(BEFORE)
+    for seq in (0, 1, 2):
+        order.put(arrival("a", "/x", seq))
+    assert order.take() == arrival("a", "/x", 0)
+    assert order.take() is None and order.replaying
+    order.put(arrival("b", "/y", 0))
+    order.put(arrival("b", "/y", 1))
+    assert [order.take(), order.take()] == [arrival("b", "/y", 0), arrival("a", "/x", 1)]
+    assert not order.replaying
+    assert order.rest() == [arrival("a", "/x", 2), arrival("b", "/y", 1)]
+
+
+def test_a_publisher_that_sends_something_else_than_before_is_named():
+    order = JournalOrder(BEFORE)
+    order.put(arrival("a", "/x", 1))
+    with pytest.raises(ValueError, match="/x 0 of a must come next, as before; got 1"):
+        order.take()
+
+
+WORLD = World(platform=0.0, reach=0.1, fingers=1, seed=1)
+
+
+class Station:
+    """Sockets of a node to which the launcher sends these messages, and others these worlds."""
+
+    def __init__(self, told: list[dict[str, Any]], worlds: int = 0, **past: Any) -> None:
+        header = Header(1, 0, 0, 0, 0.0, schema_hash(World))
+        self.arrivals = deque([Received("sim", "/world", header, encode(WORLD))] * worlds)
+        self.told, self.sent, self.waiting = deque(told), list[tuple[str, Any]](), False
+        self.line = SimpleNamespace(receive=self.next_told, send=self.send)
+        self.tap = SimpleNamespace(refresh=lambda: None, publish=lambda _: None)
+        missing = {"/world": 2}
+        self.subscriber = SimpleNamespace(in_step=False, gaps=2, duplicates=0, missing=missing)
+        self.publisher = SimpleNamespace(sent={"/out": 3}, past=SimpleNamespace(**past))
+
+    def next_told(self):
+        return self.told.popleft() if self.told else None
+
+    def send(self, kind, **fields):
+        self.sent.append((kind, fields))
+
+    def wait(self, _):
+        return False, True
+
+    def take_in(self):
+        pass
+
+    def receive(self):
+        return self.arrivals.popleft() if self.arrivals else None
+
+    def answer(self, published, cause):
+        assert not published and not cause.finished
+
+
+EDGES = (Input("sim", "/world", "/world", "World"),)
+
+
+def test_a_sink_that_is_told_to_stop_writes_what_has_come_and_what_never_will():
+    written = list[tuple[str, int]]()
+    writer = SimpleNamespace(write=lambda topic, header, body: written.append((topic, len(body))))
+    work = SinkWork(Sink(params=dict, open=lambda *_: writer), None, lone_wiring(None, EDGES, ()))
+    NodeLoop("recorder", Station([{"kind": "stop"}], worlds=3)).run(work)  # type: ignore[arg-type]
+    assert written == [("/world", len(encode(WORLD)))] * 3
+    assert work.missing == {"/world": 2}
+
+
+@pytest.mark.parametrize("finished", ["", "all is done"])
+def test_a_node_that_acts_tells_again_its_end_and_handles_nothing_after_a_stop(
+    finished,
+):
+    handled = list[World]()
+    node = Node(
+        params=dict,
+        start=lambda _: (None, []),
+        inputs={"/world": (World, lambda _, state, world: (handled.append(world), []))},
+        outputs={},
+        has_side_effects=True,
+    )
+    station: Any = Station([{"kind": "stop"}], 1, handled={}, counts={}, finished=finished)
+    loop = NodeLoop("actor", station, going=True)
+    loop.skip = lambda had: None  # type: ignore[method-assign]
+    loop.run(NodeWork(node, None, lone_wiring(None, EDGES, ())))
+    ends = [fields["reason"] for kind, fields in station.sent if kind == "finished"]
+    assert ends == ([finished] if finished else [])
+    assert not handled and len(station.arrivals) == 1
