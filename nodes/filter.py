@@ -8,11 +8,11 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from palpate.core import Bools
-from palpate.core.touch import Calibration, FilterOrder, Pad, clean
+from palpate.core.touch import CONTACT, Calibration, FilterOrder, Pad, clean
 from palpate.messages import derive
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime import Node, Outputs
-from palpate.nodes.specs import MIN_COMPRESSION, calibration_of_info, pad_of_info
+from palpate.nodes.specs import calibration_of_info, pad_of_info
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -22,7 +22,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # wiener-first. auto leaves a frame as it is unless it shows impulses; then it fits robustly.
     order: FilterOrder = "auto"
     # Least compression that counts as touched, m, however quiet the sensor is.
-    contact: Annotated[float, Meta(gt=0, le=0.001)] = MIN_COMPRESSION
+    contact: Annotated[float, Meta(gt=0, le=0.001)] = CONTACT
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.core.touch.curvature import CONTACT as CONTACT
     from palpate.core.touch.curvature import LocalCurvature as LocalCurvature
     from palpate.core.touch.curvature import Patch as Patch
     from palpate.core.touch.curvature import PatchKind as PatchKind
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from palpate.core.touch.jet import fit_jet as fit_jet
     from palpate.core.touch.jet import fit_robust_jet as fit_robust_jet
     from palpate.core.touch.jet import monomials as monomials
+    from palpate.core.touch.pad import CONTACT as CONTACT
     from palpate.core.touch.pad import HITS as HITS
     from palpate.core.touch.pad import SPRINGS as SPRINGS
     from palpate.core.touch.pad import Calibration as Calibration

@@ -25,9 +25,8 @@ from palpate.core.touch.forms import (
     principal_curvatures,
 )
 from palpate.core.touch.jet import Jet, JetFit, fit_jet
-from palpate.core.touch.pad import Pad
+from palpate.core.touch.pad import CONTACT, Pad
 
-CONTACT = 50e-6  # Least compression that counts as touched, m, as for the filter
 LEAST = 4  # Rows and columns of an array
 ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
 PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]

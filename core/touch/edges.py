@@ -41,8 +41,8 @@ MOST_ROUNDS = 8  # Of giving the taxels to the faces and fitting the faces anew
 THIN = 0.3
 # Robust deviations from the jet: normal noise on 256 taxels goes beyond once in 7000 frames.
 FAR = 5.0
-MOST = 3  # More than this are not strays but something that the jet cannot follow
-# Taxels that one stray may pull the plain jet off from; beyond, a robust one is not tried.
+MOST = 3  # More than this are not outliers but something that the jet cannot follow
+# Taxels that one outlier may pull the plain jet off from; beyond, a robust one is not tried.
 PULLED = 8
 
 
@@ -208,7 +208,7 @@ def isolated_outliers(
 ) -> Bools | None:
     """Up to three touched taxels, no two of them neighbours, far off a jet: (rows, cols).
 
-    None if there are none, or too many, or they lie together: a face, however small, is no stray.
+    None if there are none, or too many, or they lie together: a face, however small, is no outlier.
     `noise`: standard deviation of one taxel, m.
     """
     if not 0 < np.count_nonzero(_far(fit, noise)) <= MOST * PULLED:

@@ -25,6 +25,7 @@ HITS = ("hit", "bottomed")  # Outcomes that tell where the surface is
 # What the face does beside a contact: nothing, or it slopes back like a membrane on springs, or
 # like the surface of a deep elastic body.
 FaceKind = Literal["springs", "membrane", "half_space"]
+CONTACT = 50e-6  # Least compression that counts as touched, m
 # A taxel counts as touched from 5 standard deviations of its noise on: at 3, one in a thousand
 # untouched ones would put a point where there is no surface.
 CONTACT_DEVIATIONS = 5.0
@@ -144,7 +145,7 @@ def contact_mask(pad: Pad, compression: Floats, contact: float, noise: float) ->
     at the pitch with free borders. On a half-space the load is the inverse of Love's displacements;
     those of a 16 by 16 array have a condition of 27. A contact that runs off the array presses from
     outside as well, and adds load at the border, where it is a contact anyway. Noise counts as the
-    operator magnifies it: a skin that is stiff over many taxels needs a quiet array.
+    operator magnifies it: a face that is stiff over many taxels needs a quiet array.
     """
     moved = compression > max(contact, CONTACT_DEVIATIONS * noise)
     if pad.face.kind == "springs" or not moved.any():
@@ -223,7 +224,7 @@ class Calibration:
         """What the array sends for a compression that it takes to be `reading`, m.
 
         A round trip of the echo through the compressed pad, ``2 (d1 - c) / v`` in s, or a force,
-        ``k c`` in N. Gain and offset are corrections of the listener: not applied.
+        ``k c`` in N. Gain and offset are corrections of the decoder: not applied.
         """
         if self.signal == "force":
             return self.taxel_stiffness * reading

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from palpate.nodes.specs.objects import build_shape as build_shape
     from palpate.nodes.specs.objects import encode_mesh as encode_mesh
     from palpate.nodes.specs.sensors import CONTACT_ERROR as CONTACT_ERROR
-    from palpate.nodes.specs.sensors import MIN_COMPRESSION as MIN_COMPRESSION
     from palpate.nodes.specs.sensors import CalibrationSpec as CalibrationSpec
     from palpate.nodes.specs.sensors import EffectSpecs as EffectSpecs
     from palpate.nodes.specs.sensors import PadSpec as PadSpec

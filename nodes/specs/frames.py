@@ -19,10 +19,9 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from palpate.core import Floats, split_pose
-from palpate.core.touch import contact_mask
+from palpate.core.touch import CONTACT, contact_mask
 from palpate.messages.types import SensorInfo, TactileFrame
 from palpate.nodes.specs.sensors import (
-    MIN_COMPRESSION,
     SensorSpec,
     calibration_of_info,
     info_of,
@@ -268,7 +267,7 @@ def tactile_frame(
     scaled = sensing.scale * np.asarray(image, np.float64)
     array = calibration.encode(scaled) if sensing.values == "compression" else scaled
     compression = calibration.decode(array)
-    pressed = bool(contact_mask(pad, compression, MIN_COMPRESSION, info.noise).any())
+    pressed = bool(contact_mask(pad, compression, CONTACT, info.noise).any())
     bottomed = float(compression.max()) >= pad.saturation * pad.thickness
     _, axes = split_pose(pose)
     return TactileFrame(

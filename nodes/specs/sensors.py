@@ -35,7 +35,6 @@ from palpate.messages.types import SensorInfo
 # ball, a box and a vase of 80 to 100 mm close.
 MIN_WIDTH, MAX_WIDTH = 5.0e-3, 40.0e-3
 CONTACT_ERROR = 0.1e-3  # Standard deviation of a contact of the hand, m
-MIN_COMPRESSION = 50e-6  # Least compression that counts as touched, m
 RESOLUTION = 0.01  # Of the pitch: points of contours are off by as much where there is no noise
 Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
 Offset = Annotated[float, Meta(ge=-0.01, le=0.01, description="m")]

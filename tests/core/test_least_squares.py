@@ -121,7 +121,7 @@ def test_a_parameter_that_does_nothing_stays_where_it_is():
     assert found.parameters[0] == pytest.approx([2.0, 7.0], abs=1e-9)
 
 
-def test_too_few_steps_are_said():
+def test_too_few_steps_are_stated():
     found = levenberg_marquardt(rosenbrock, np.array([[-1.2, 1.0]]), -FREE, FREE, steps=3)
     assert not found.converged[0] and found.steps[0] == 3
 

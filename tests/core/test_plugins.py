@@ -28,7 +28,7 @@ def test_ranges_are_read_off_the_fields_that_have_one():
     }
 
 
-def test_a_range_is_said_with_its_unit_unless_it_has_none():
+def test_a_range_is_stated_with_its_unit_unless_it_has_none():
     assert str(Range(0.0, 2e-3, "m")) == "0 to 0.002 m"
     assert str(Range(0.1, 0.9, "1")) == "0.1 to 0.9"
 

@@ -1,4 +1,4 @@
-"""Now and then a taxel says nothing, or everything."""
+"""Now and then a taxel reads nothing, or everything."""
 
 from __future__ import annotations
 

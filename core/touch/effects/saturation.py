@@ -1,4 +1,4 @@
-"""A taxel that is pressed too hard says no more than that."""
+"""A taxel that is pressed too hard reads no more than that."""
 
 from __future__ import annotations
 

@@ -19,10 +19,10 @@ class Tenting(Ranged):
 
     About a straight edge ``u`` falls as ``exp(-x / l)`` with ``l = sqrt(T / k)``; at the border of
     the array it ends level. Five-point Laplacian at the pitch, solved exactly. The contact is where
-    there is pressure: listed together with a half-space, that says where and how hard the pad is
+    there is pressure: listed together with a half-space, that tells where and how hard the pad is
     touched, and this how its face falls beside it. An engineering value. At edges and corners the
     skirt reads as a rounding of half a millimetre, which would be traced as if it were the object
-    by a listener who does not know of it.
+    by a decoder that does not know of it.
     """
 
     phase: ClassVar = Phase.PAD

@@ -1,4 +1,4 @@
-"""The line from the fingertip: late, lossy, and sometimes it says a thing twice."""
+"""The line from the fingertip: late, lossy, and sometimes a frame comes twice."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Transport(Ranged):
     Reads are repeated, not touches: the finger stays where it is until a frame has arrived, and
     every frame of a touch is the same. Losses are independent, so their number is geometric, ``P(n)
     = drop^n (1 - drop)``. A frame may also arrive twice; its copies bear the same number, and a
-    listener must take only one. Engineering values of a serial line. It costs robot time and no
+    subscriber must take only one. Engineering values of a serial line. It costs robot time and no
     accuracy: that the pad creeps on while a frame is waited for is left out.
     """
 

@@ -32,7 +32,7 @@ def _survey(standing=False):
     )
 
 
-def test_what_was_felt_beyond_an_end_moves_it():
+def test_what_was_touched_beyond_an_end_moves_it():
     survey = _survey().reaching(-0.002, 0.085).reaching(0.05, 0.093)
     assert (survey.low, survey.high) == (-0.002, 0.093)
     assert survey.reached == (-0.002, 0.093)
@@ -115,7 +115,7 @@ def test_an_axis_that_leaves_a_contour_is_bent_from_middle_to_middle():
 
 def test_a_band_reaches_half_a_feature_aside_and_no_farther():
     low = np.full(COUNT, 0.05)
-    low[60] = 0.04  # felt deep on one azimuth alone
+    low[60] = 0.04  # measured deep on one azimuth alone
     one = cone(0.05, contact_low=low)
     step = 2.0 * math.pi * 0.02 / COUNT
     narrow, wide = widened(one, 0.9 * step), widened(one, 4.1 * step)
@@ -200,12 +200,12 @@ def test_of_two_at_one_time_the_lower_number_comes_first():
     assert next_finished({2: 5.0}, {2, 3}, {3: 5.0}) == 2
 
 
-def test_the_order_does_not_depend_on_who_was_heard_first():
+def test_the_order_does_not_depend_on_who_was_received_first():
     ends = {1: 3.0, 2: 2.0, 3: 4.0}
-    for heard in itertools.permutations(ends):
+    for received in itertools.permutations(ends):
         finished = {}
         busy, busy_heights = set(ends), []
-        for finger in heard:
+        for finger in received:
             finished[finger] = ends[finger]
             while (found := next_finished(finished, busy, finished)) is not None:
                 busy_heights.append(found)

@@ -366,14 +366,14 @@ def run(seed, touches, drift):
     for number in range(1, touches):
         parts = parts + drift * rng.normal(size=3) * np.sqrt([1.0, 0.5, 1.0])
         seen = parts + SIGMA * rng.normal(size=3) * np.sqrt([1.0, 0.5, 1.0])
-        felt = place((seen[0], seen[1], seen[2]), 1e-3 * number, rng.uniform(0, 6))
-        fused = fuse(fused, felt)
+        measured = place((seen[0], seen[1], seen[2]), 1e-3 * number, rng.uniform(0, 6))
+        fused = fuse(fused, measured)
         surprises.append(fused.surprise)
     return fused._replace(surprise=float(np.mean(surprises[3:])))
 
 
 @pytest.mark.slow
-def test_the_innovation_is_as_large_as_it_is_said_to_be():
+def test_the_innovation_is_as_large_as_it_is_stated_to_be():
     for drift in (0.0, 1.0, 3.0):
         found = np.mean([run(seed, 60, drift).surprise for seed in range(20)])
         # Of 1140 innovations of 3 degrees of freedom the mean is 3 +- 0.07; drift has to be
@@ -437,7 +437,7 @@ def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(flat):
 
 @pytest.mark.parametrize("noise", [2e-6, 20e-6])
 @pytest.mark.parametrize("told", [True, False])
-def test_errors_are_as_large_as_they_are_said_to_be(noise, told, flat):
+def test_errors_are_as_large_as_they_are_stated_to_be(noise, told, flat):
     x, y = flat.grid()
     rng = np.random.default_rng(1)
     height = 0.1 * x - 0.2 * y + 0.5 * (40 * x**2 + 10 * x * y - 5 * y**2)
@@ -537,7 +537,7 @@ def test_masked_contact_is_within_5_percent_under_noise_from_32_taxels_on(count,
     assert np.sqrt(np.mean(np.square(errors))) < 0.05
 
 
-def test_a_wall_that_stands_along_the_pads_normal_is_felt_without_overflow(flat):
+def test_a_wall_that_stands_along_the_pads_normal_is_touched_without_overflow(flat):
     x, _ = flat.grid()
     for steep in (1e3, 1e6, 1e150):
         patch = feel(flat, steep * x)

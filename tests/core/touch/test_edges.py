@@ -27,7 +27,7 @@ def kind_of(pad, height, noise=5e-6):
 @pytest.mark.parametrize("seed", [TUNED_WITH, HELD_OUT])
 def test_each_kind_is_called_by_its_name_19_times_of_20(seed):
     # Which kind a random touch truly is, and which touches are left out because some face
-    # owns too few taxels to be felt, is said in `draw_touch`.
+    # owns too few taxels to be measured, is stated in `draw_touch`.
     calls, _ = confusion(draws=60, seed=seed)
     assert sum(calls.values()) >= 600
     for kind in VERDICTS:
@@ -130,7 +130,7 @@ def surface(pad):
 
 
 @pytest.mark.parametrize("places", [[(4, 4)], [(0, 0), (9, 12)], [(2, 3), (2, 5), (15, 15)]])
-def test_up_to_three_single_taxels_are_strays(places, flat):
+def test_up_to_three_single_taxels_are_outliers(places, flat):
     height = surface(flat)
     for place in places:
         height[place] += 0.4e-3
@@ -147,7 +147,7 @@ def test_taxels_that_lie_together_are_a_face(flat):
         assert find(flat, height) is None
 
 
-def test_many_are_no_strays_and_neither_is_noise(flat):
+def test_many_are_no_outliers_and_neither_is_noise(flat):
     height = surface(flat)
     assert find(flat, height) is None
     height[::5, ::5] += 0.4e-3

@@ -83,7 +83,7 @@ def test_a_pad_beside_the_object_or_too_far_misses(make, ball, flat):
 
 
 @KINDS
-def test_a_hit_is_felt_where_the_object_is(make, ball, flat):
+def test_a_hit_is_touched_where_the_object_is(make, ball, flat):
     end = guarded_move(make(ball), flat, above(0.05), REACH, 1e-3)
     x, y = flat.grid()
     wanted = np.sqrt(0.03**2 - x**2 - y**2)
@@ -113,7 +113,7 @@ def test_a_ray_on_the_axis_is_exact(exponents, axis, warp):
 
 
 @KINDS
-def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make, flat):
+def test_a_plate_of_1_mm_pressed_by_2_mm_is_touched_on_its_near_side(make, flat):
     plate = make(Superquadric(np.array([0.03, 0.03, 0.0005]), np.full(2, 0.05)))
     end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
@@ -122,23 +122,23 @@ def test_a_plate_of_1_mm_pressed_by_2_mm_is_felt_on_its_near_side(make, flat):
 
 
 @KINDS
-@pytest.mark.parametrize(("aside", "felt"), [(0.0, 0), (0.5e-3, 1)])
-def test_an_object_finer_than_the_pitch_is_felt_on_a_taxel_and_not_between_taxels(
-    make, aside, felt, flat
+@pytest.mark.parametrize(("aside", "measured"), [(0.0, 0), (0.5e-3, 1)])
+def test_an_object_finer_than_the_pitch_is_touched_on_a_taxel_and_not_between_taxels(
+    make, aside, measured, flat
 ):
     """Honest: the pad has no taxel there, and says so."""
     pin = make(Superquadric(np.full(3, 0.4e-3), np.ones(2)))
     end = guarded_move(
         pin, flat, pose_of(np.array([aside, aside, 0.05]), FACING_DOWN), REACH, 0.3e-3
     )
-    assert end.outcome == ("hit" if felt else "miss")
-    assert int((end.compression > 0).sum()) == felt
-    if felt:
+    assert end.outcome == ("hit" if measured else "miss")
+    assert int((end.compression > 0).sum()) == measured
+    if measured:
         assert end.compression.max() == pytest.approx(0.3e-3, abs=EXACT)
 
 
 @KINDS
-def test_an_object_smaller_than_the_pad_is_felt_by_the_taxels_over_it_alone(make, flat):
+def test_an_object_smaller_than_the_pad_is_touched_by_the_taxels_over_it_alone(make, flat):
     small = make(Superquadric(np.full(3, 0.004), np.ones(2)))
     end = guarded_move(small, flat, above(0.05), REACH, 0.3e-3)
     assert end.outcome == "hit"
@@ -213,7 +213,7 @@ def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(warp, 
 
 
 def _errors(solid, pad, end, axes):
-    """Distances of what was felt from the surface along the rays, in extended precision, m.
+    """Distances of what was measured from the surface along the rays, in extended precision, m.
 
     Of rays that graze, the error of the gauge times the size: their range has no better.
     """
@@ -252,7 +252,7 @@ def slab(half):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend, flat):
+def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_touched_exactly(backend, flat):
     plate = TriangleShape(*slab(np.array([0.03, 0.03, 0.0005])), backend)
     end = guarded_move(plate, flat, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
@@ -260,7 +260,7 @@ def test_a_sharp_plate_of_1_mm_pressed_by_2_mm_is_felt_exactly(backend, flat):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_nothing_is_felt_through_a_hole_but_the_wall_behind_it(backend, flat):
+def test_nothing_is_touched_through_a_hole_but_the_wall_behind_it(backend, flat):
     corners, faces = slab(np.array([0.03, 0.03, 0.02]))
     top = (corners[faces][:, :, 2] > 0).all(axis=1)
     assert top.sum() == 2

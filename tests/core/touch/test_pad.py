@@ -105,7 +105,7 @@ def test_a_press_beyond_saturation_bottoms(flat, ball):
     assert end.compression.max() == pytest.approx(0.8 * 3e-3)
 
 
-def test_a_thin_plate_is_felt_on_the_near_side_even_if_pressed_beyond_the_far_one(flat):
+def test_a_thin_plate_is_touched_on_the_near_side_even_if_pressed_beyond_the_far_one(flat):
     plate = Superquadric(np.array([0.05, 0.05, 0.0005]), np.full(2, 0.05))
     end = guarded_move(plate, flat, ABOVE, 0.06, 2e-3)
     assert end.outcome == "hit"

@@ -74,7 +74,7 @@ def effects_of(*names):
     return [effect_type(name)() for name in sorted(names, key=rank)]
 
 
-def felt(pipeline, touches):
+def measured(pipeline, touches):
     states = pipeline.begin()
     for touch in touches:
         states = pipeline.simulate(touch, states)
@@ -94,7 +94,7 @@ def test_an_ideal_touch_imports_no_effect_and_no_random_number():
 
 def test_without_effects_the_array_reads_the_compression(make_finger, make_touch):
     pipeline = assemble(make_finger(), [])
-    (touch,) = felt(pipeline, [make_touch()])
+    (touch,) = measured(pipeline, [make_touch()])
     assert touch.outcome == "hit"
     assert np.array_equal(touch.reading, touch.compression)
     assert len(pipeline.stages) == 2
@@ -104,7 +104,7 @@ def test_without_effects_the_array_reads_the_compression(make_finger, make_touch
 def test_an_array_of_forces_reads_the_compression_too_if_its_springs_are_ideal(
     given, make_finger, make_touch
 ):
-    (touch,) = felt(assemble(make_finger(signal="force"), []), [make_touch(**given)])
+    (touch,) = measured(assemble(make_finger(signal="force"), []), [make_touch(**given)])
     assert np.allclose(touch.reading, touch.compression, rtol=1e-15, atol=0.0)
 
 
@@ -113,7 +113,7 @@ def test_stages_act_by_place_and_within_a_place_as_given(make_finger, make_touch
     marks = [Mark(phase, f"{phase.name} {i}", notes) for i in (1, 2) for phase in reversed(Phase)]
     marks = [mark for mark in marks if mark.phase is not Phase.CAST]
     pipeline = assemble(make_finger(), marks)
-    felt(pipeline, [make_touch()])
+    measured(pipeline, [make_touch()])
     assert notes == [f"{p.name} {i}" for p in Phase if p is not Phase.CAST for i in (1, 2)]
 
 
@@ -121,7 +121,7 @@ def test_an_effect_of_the_cast_takes_its_place(make_finger, make_touch):
     notes = []
     pipeline = assemble(make_finger(), [Mark(Phase.CAST, "cast", notes)])
     with pytest.raises(ValueError, match="no finite"):  # nobody has cast anything
-        felt(pipeline, [make_touch()])
+        measured(pipeline, [make_touch()])
     assert notes == ["cast"]
 
 
@@ -149,7 +149,7 @@ def test_the_order_of_a_list_does_not_matter(make_finger, make_touch, values_of)
     found = []
     for order in itertools.permutations(names):
         touches = [make_touch(number) for number in range(3)]
-        felt(assemble(make_finger(), effects_of(*order)), touches)
+        measured(assemble(make_finger(), effects_of(*order)), touches)
         found.append([values_of(touch) for touch in touches])
     assert all(values == found[0] for values in found)
 
@@ -171,7 +171,7 @@ def noise_beside(other, finger, touches):
     noise, others = effects_of("gaussian_noise"), effects_of(other)
     probed = [before, *noise, after]
     first = rank(other) < rank("gaussian_noise")
-    felt(assemble(finger, [*others, *probed] if first else [*probed, *others]), touches)
+    measured(assemble(finger, [*others, *probed] if first else [*probed, *others]), touches)
     return np.subtract(after.kept, before.kept)
 
 

@@ -30,8 +30,8 @@ class Sensor(NamedTuple):
 
     def read(self, compression, rng):
         seen = self.gain * compression + self.offset
-        heard = 3e-3 - (1000.0 / self.speed) * (3e-3 - seen)
-        noisy: Floats = heard + self.noise * rng.standard_normal(heard.shape)
+        received = 3e-3 - (1000.0 / self.speed) * (3e-3 - seen)
+        noisy: Floats = received + self.noise * rng.standard_normal(received.shape)
         return noisy
 
 
@@ -192,7 +192,7 @@ def test_a_speed_that_is_far_off_is_found():
     assert found.trusted.all()
 
 
-def test_offsets_are_as_sure_as_they_are_said_to_be():
+def test_offsets_are_as_sure_as_they_are_stated_to_be():
     squares = []
     for seed in range(12, 18):
         rng = np.random.default_rng(seed)

@@ -132,17 +132,17 @@ def test_wrong_normals_are_left_out():
 
 
 def test_the_error_is_as_large_as_it_says():
-    rng, errors, said = np.random.default_rng(4), [], []
+    rng, errors, stated = np.random.default_rng(4), [], []
     for _ in range(60):
         points, normals = turned(40, rng)
         normals += 3e-3 * rng.normal(size=normals.shape)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         found = revolution_axis(points, normals, NO_AXES)
         errors.append(np.linalg.norm(found.axis[:2]))
-        said.append(found.error)
-    # Each of two directions has at most the standard deviation that is said.
-    assert np.sqrt(np.mean(np.square(errors))) < 2.0 * np.mean(said)
-    assert np.sqrt(np.mean(np.square(errors))) > 0.4 * np.mean(said)
+        stated.append(found.error)
+    # Each of two directions has at most the standard deviation that is stated.
+    assert np.sqrt(np.mean(np.square(errors))) < 2.0 * np.mean(stated)
+    assert np.sqrt(np.mean(np.square(errors))) > 0.4 * np.mean(stated)
 
 
 def test_a_ball_has_no_axis():

@@ -195,7 +195,7 @@ def test_closing_again_with_the_same_number_is_the_same(ball, close):
     assert one.points.tobytes() == two.points.tobytes() != other.points.tobytes()
 
 
-def test_a_flat_face_is_felt_with_its_normal(box, close):
+def test_a_flat_face_is_touched_with_its_normal(box, close):
     standing = PosedShape(box, pose_of(np.array([0.0, 0.0, 0.04]), np.eye(3)))
     grasp = close(
         standing, pose_of(np.array([0.0, 0.0, 0.04]), FACING_DOWN), CLOSING_HAND, platform=0.0

@@ -18,19 +18,19 @@ from palpate.core.explore.planners.predicted import parts_needed
 from palpate.core.explore.planners.protocol import Observation, ObservedSlice, SliceOutcome
 
 
-def test_without_a_slice_the_whole_side_is_unfelt(observation):
+def test_without_a_slice_the_whole_side_is_untouched(observation):
     (run,) = untouched_spans(observation())
     assert run == pytest.approx((0.03 * 0.09, 0.97 * 0.09))
     assert run.middle == pytest.approx(0.045)
 
 
-def test_what_lies_between_the_felt_bands_is_unfelt(slice_of, observation):
+def test_what_lies_between_the_touched_bands_is_untouched(slice_of, observation):
     slices = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.5, 0.97)]
     runs = untouched_spans(observation(slices))
     np.testing.assert_allclose(runs, [(0.0097, 0.038), (0.052, 0.0803)], atol=2.5e-3 / 8)
 
 
-def test_a_tenth_of_the_azimuths_may_stay_unfelt_and_no_more(slice_of, observation):
+def test_a_tenth_of_the_azimuths_may_stay_untouched_and_no_more(slice_of, observation):
     for open_azimuths, whole in ((1, True), (2, False)):
         low = np.full(16, 0.0)
         low[:open_azimuths] = 0.09

@@ -74,7 +74,7 @@ def test_case_67_a_height_beyond_the_top_is_not_asked_for_again(sides, explored)
     assert sum(height > 0.93 for height in heights) <= 3
 
 
-def test_a_groove_between_two_pads_is_found_though_nothing_foretells_it(
+def test_a_groove_between_two_pads_is_found_though_nothing_predicts_it(
     explored, slice_of, observation
 ):
     def grooved(z):
@@ -94,7 +94,7 @@ def test_the_side_of_an_ellipsoid_is_exact_from_two_slices(sides, slice_of, obse
     assert rms_error(two, sides["ball"]) < 1e-5
 
 
-def test_the_stop_says_what_is_unfelt_and_how_far_to_trust_it(sides, explored):
+def test_the_stop_says_what_is_untouched_and_how_far_to_trust_it(sides, explored):
     _, stop = explored(Predicted(), sides["vase"])
     assert stop.reason == (
         "the error is within tolerance, and nothing larger than a feature is untouched"
@@ -125,7 +125,7 @@ def test_a_slice_that_would_overrun_the_budget_is_not_begun(
     assert stop.largest_untouched > 0.02
 
 
-def test_noise_beyond_the_tolerance_is_said_and_not_cut_at_for_ever(sides, slice_of, observation):
+def test_noise_beyond_the_tolerance_is_stated_and_not_cut_at_for_ever(sides, slice_of, observation):
     slices = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
         slices.append(slice_of(sides["vase"], choice.height / 0.09, deviation=1e-3))
@@ -144,7 +144,7 @@ def test_a_tolerance_out_of_reach_ends_when_slices_lie_as_close_as_they_may(expl
     assert min(np.diff(sorted(heights))) >= 2.5e-3 / 0.09 * (1.0 - 1e-6)
 
 
-def test_what_the_pad_cannot_reach_is_left_and_said(sides, slice_of, failed, observation):
+def test_what_the_pad_cannot_reach_is_left_and_stated(sides, slice_of, failed, observation):
     slices = []
     while isinstance(choice := Predicted().next(observation(slices)), Height):
         share = choice.height / 0.09
@@ -170,13 +170,13 @@ def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(failed, observati
     assert choice.largest_untouched == pytest.approx(0.94 * 0.09)
 
 
-def test_occluded_slices_count_as_far_as_they_were_felt(sides, slice_of, observation):
+def test_occluded_slices_count_as_far_as_they_were_touched(sides, slice_of, observation):
     shares = np.linspace(0.03, 0.97, 8)
     whole = [slice_of(sides["cylinder"], share) for share in shares]
     assert isinstance(Predicted().next(observation(whole)), Stop)
     gap = whole[4]
     low = gap.contact_low.copy()
-    low[:6] = gap.contact_high[:6] + 1.0  # nothing felt on six of sixteen azimuths
+    low[:6] = gap.contact_high[:6] + 1.0  # nothing measured on six of sixteen azimuths
     whole[4] = slice_of(
         sides["cylinder"], shares[4], outcome=SliceOutcome.OCCLUDED, contact_low=low
     )
@@ -254,7 +254,7 @@ def test_positions_and_slopes_are_kept_and_cubic_in_square_is_exact(slice_of, ob
     assert signs.quintic_gap.max() < 1e-6
 
 
-def test_the_foretold_error_falls_like_the_true_one(slice_of, observation):
+def test_the_predicted_error_falls_like_the_true_one(slice_of, observation):
     coarse, fine = (
         prediction(wavy, np.linspace(0.03, 0.97, n).tolist(), slice_of, observation)
         for n in (9, 17)
@@ -263,9 +263,9 @@ def test_the_foretold_error_falls_like_the_true_one(slice_of, observation):
 
 
 @pytest.mark.parametrize("count", [4, 5, 7, 9])
-def test_each_interval_errs_about_as_foretold(count, slice_of, observation):
+def test_each_interval_errs_about_as_predicted(count, slice_of, observation):
     shares = np.linspace(0.03, 0.97, count)
-    said = prediction(wavy, shares.tolist(), slice_of, observation)
+    told = prediction(wavy, shares.tolist(), slice_of, observation)
     profile = profile_of(observation([slice_of(wavy, share) for share in shares]))
     heights = np.linspace(0.03, 0.97, 801)
     slopes = 0.35 * np.cos(7.0 * heights)
@@ -273,8 +273,8 @@ def test_each_interval_errs_about_as_foretold(count, slice_of, observation):
     off /= np.sqrt(1.0 + slopes**2)
     pieces = np.array_split(off, count - 1)
     true = np.array([math.sqrt(float(np.mean(piece**2))) for piece in pieces])
-    assert (true < 3.0 * said.errors).all()
-    assert (true > said.errors / 5.0).all()
+    assert (true < 3.0 * told.errors).all()
+    assert (true > told.errors / 5.0).all()
 
 
 def test_cuts_are_drawn_to_the_end_that_bends_more(slice_of, observation):
@@ -289,38 +289,38 @@ def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(slice_o
     noisy = observation(
         [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
     )
-    said = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
-    assert said.noise == pytest.approx(math.hypot(NOISE * 1e-3, 1e-5 / 0.09), rel=1e-6)
-    assert said.rms_bound_95 == math.hypot(said.noise, said.curve)
-    assert said.wants_refinement(said.rms_bound_95 * 0.99) == (
-        said.noise < said.rms_bound_95 * 0.99
+    told = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
+    assert told.noise == pytest.approx(math.hypot(NOISE * 1e-3, 1e-5 / 0.09), rel=1e-6)
+    assert told.rms_bound_95 == math.hypot(told.noise, told.curve)
+    assert told.wants_refinement(told.rms_bound_95 * 0.99) == (
+        told.noise < told.rms_bound_95 * 0.99
     )
-    assert not said.wants_refinement(said.rms_bound_95 * 1.01)
-    assert not said.wants_refinement(said.noise * 0.5)
-    assert said._replace(curve=said.noise).wants_refinement(said.noise * 0.5)
+    assert not told.wants_refinement(told.rms_bound_95 * 1.01)
+    assert not told.wants_refinement(told.noise * 0.5)
+    assert told._replace(curve=told.noise).wants_refinement(told.noise * 0.5)
 
 
-def test_of_what_was_felt_only_the_unfelt_share_of_an_interval_errs(slice_of, observation):
+def test_of_what_was_touched_only_the_untouched_share_of_an_interval_errs(slice_of, observation):
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 5)]
     plain, whole = observation(slices), observation(slices, all_taxels=True)
     one = predict_error(plain, profile_of(plain), untouched_spans(plain))
-    all_felt = predict_error(whole, profile_of(whole), untouched_spans(whole))
+    all_measured = predict_error(whole, profile_of(whole), untouched_spans(whole))
     shares = [run.length for run in untouched_spans(whole)] / (0.09 * one.indicators.width)
-    np.testing.assert_allclose(all_felt.errors, one.errors * shares**3, rtol=1e-9)
+    np.testing.assert_allclose(all_measured.errors, one.errors * shares**3, rtol=1e-9)
 
 
-def test_a_solid_of_all_that_was_felt_states_its_own_deviation(slice_of, observation):
+def test_a_solid_of_all_that_was_touched_states_its_own_deviation(slice_of, observation):
     slices = [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
     stated = observation(slices, all_taxels=True, deviation=5e-5)
-    said = predict_error(stated, profile_of(stated), untouched_spans(stated))
+    told = predict_error(stated, profile_of(stated), untouched_spans(stated))
     expected = math.hypot(DEVIATION * 5e-5 / 0.09, 1e-5 / 0.09, LEFT)
-    assert said.noise == pytest.approx(expected, rel=1e-9)
+    assert told.noise == pytest.approx(expected, rel=1e-9)
 
 
 def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(slice_of, observation):
     slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 6)]
     noisy = observation(slices, all_taxels=True, deviation=4e-4)
-    said = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
-    assert not said.wants_averaging(0.99 * said.noise / 2.0, 6, 24)
-    assert said.wants_averaging(1.01 * said.noise / 2.0, 6, 24)
-    assert not said.wants_averaging(1.01 * said.noise, 6, 24)
+    told = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
+    assert not told.wants_averaging(0.99 * told.noise / 2.0, 6, 24)
+    assert told.wants_averaging(1.01 * told.noise / 2.0, 6, 24)
+    assert not told.wants_averaging(1.01 * told.noise, 6, 24)

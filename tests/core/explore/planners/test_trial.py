@@ -67,7 +67,7 @@ def test_beside_the_object_there_is_nothing():
     assert not slice_.usable
 
 
-def test_noise_is_the_same_for_one_seed_and_of_the_size_that_is_said():
+def test_noise_is_the_same_for_one_seed_and_of_the_size_that_is_stated():
     noisy, again, exact = (PlannerTrial(TUNED["vase"], n, 3) for n in (1e-4, 1e-4, 0.0))
     slices = [trial.slice_at(0.03) for trial in (noisy, again, exact)]
     np.testing.assert_array_equal(slices[0].radii, slices[1].radii)

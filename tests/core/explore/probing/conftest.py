@@ -43,7 +43,7 @@ def probed():
 
 @pytest.fixture(scope="session")
 def ring():
-    """A round contour of a wall that leans, whose touches felt so far below and above it."""
+    """A round contour of a wall that leans, whose touches measured so far below and above it."""
 
     def make(radius, height, *, lean=0.0, below=7e-3, above=0.0):
         turn = 2.0 * np.pi * np.arange(60) / 60

@@ -252,7 +252,7 @@ def test_a_wall_that_leans_over_the_end_has_no_edge(ring):
     assert _edge(ring(0.025, 0.03, lean=math.radians(40.0))).untouched.max() == 0.0
 
 
-def test_an_edge_under_a_touch_of_the_face_is_felt(ring):
+def test_an_edge_under_a_touch_of_the_face_is_touched(ring):
     assert _edge(ring(0.004, 0.03)).untouched.max() == 0.0
 
 
@@ -283,7 +283,7 @@ def test_a_narrow_edge_takes_fewer(ring):
     assert len(made) <= 3
 
 
-def test_an_edge_that_nobody_met_is_told_as_unfelt(ring):
+def test_an_edge_that_nobody_met_is_told_as_untouched(ring):
     edge = _edge(ring(0.035, 0.03))
     made = []
     while isinstance(found := next_edge(edge, made, WIDTH, ALLOWED), ProbeCommand):

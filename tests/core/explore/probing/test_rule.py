@@ -202,7 +202,7 @@ def test_where_nothing_is_the_search_ends(probed, observation, ring, contour):
     assert done.untouched >= 0.05
 
 
-def test_a_top_that_is_no_plane_is_felt_all_over(observation, ring):
+def test_a_top_that_is_no_plane_is_touched_all_over(observation, ring):
     observation = replace(observation, contour=ring(0.028, 0.037, above=3e-3))
     while isinstance(found := next_probe("upper", observation), ProbeCommand):
         away = float(np.linalg.norm(found.target[:2]))
@@ -216,7 +216,7 @@ def test_a_top_that_is_no_plane_is_felt_all_over(observation, ring):
     )
 
 
-def test_a_top_too_wide_to_be_felt_all_over_says_so(observation, ring):
+def test_a_top_too_wide_to_be_touched_all_over_says_so(observation, ring):
     observation = replace(observation, contour=ring(0.09, 0.037, above=3e-3))
     while isinstance(found := next_probe("upper", observation), ProbeCommand):
         point = np.array([*found.target[:2], 0.04 + 1e-3 * len(observation.probes)])

@@ -72,7 +72,7 @@ def test_curvatures_are_bounded():
     assert tight.curvature <= 500.0
 
 
-def felt(slope):
+def measured(slope):
     empty = np.zeros((0, 3))
     none = np.zeros(0)
     return SliceArc(empty, empty, none, none, none, slope, np.zeros(3), np.zeros(3), 1, 1)
@@ -97,19 +97,19 @@ def test_a_routine_starts_with_its_first_aim():
     assert place_of(resume(lambda: count_hits(2), ())) == 0.0
 
 
-def test_what_was_felt_leads_to_the_next_aim():
-    assert place_of(resume(lambda: count_hits(3), (felt(0.0),))) == 1.0
+def test_what_was_touched_leads_to_the_next_aim():
+    assert place_of(resume(lambda: count_hits(3), (measured(0.0),))) == 1.0
     assert place_of(resume(lambda: count_hits(3), (None,))) == 2.0
-    assert place_of(resume(lambda: count_hits(3), (None, felt(0.0), None))) == 5.0
+    assert place_of(resume(lambda: count_hits(3), (None, measured(0.0), None))) == 5.0
 
 
 def test_the_end_of_a_routine_is_its_result():
-    assert resume(lambda: count_hits(2), (felt(0.0), None, felt(0.0))) == ProcedureResult(2)
+    assert resume(lambda: count_hits(2), (measured(0.0), None, measured(0.0))) == ProcedureResult(2)
     assert resume(lambda: count_hits(0), ()) == ProcedureResult(0)
 
 
 def test_resuming_twice_is_resuming_once():
-    known = (felt(0.0), None)
+    known = (measured(0.0), None)
     first, second = (resume(lambda: count_hits(9), known) for _ in range(2))
     assert place_of(first) == place_of(second) == 3.0
 
@@ -118,8 +118,8 @@ def test_a_routine_may_call_another():
     def both():
         return (yield from count_hits(1)) + (yield from count_hits(1))
 
-    assert place_of(resume(both, (felt(0.0),))) == 0.0
-    assert resume(both, (felt(0.0), felt(0.0))) == ProcedureResult(2)
+    assert place_of(resume(both, (measured(0.0),))) == 0.0
+    assert resume(both, (measured(0.0), measured(0.0))) == ProcedureResult(2)
 
 
 def test_an_aim_starts_its_standoff_before_the_place_and_travels_past_it():
@@ -161,65 +161,65 @@ def level_pad(surface, touched, pad, height):
 )
 def test_the_arc_lies_on_the_ball_and_in_slice(heading, tilt, height, flat, domed, ball):
     for pad in (flat, domed):
-        felt = touch(pad, ball, heading, tilt, height)
-        assert len(felt.points) >= 6
-        assert np.allclose(felt.points[:, 2], height, rtol=0, atol=1e-17)
-        depth = RADIUS - np.linalg.norm(felt.points, axis=1)
+        measured = touch(pad, ball, heading, tilt, height)
+        assert len(measured.points) >= 6
+        assert np.allclose(measured.points[:, 2], height, rtol=0, atol=1e-17)
+        depth = RADIUS - np.linalg.norm(measured.points, axis=1)
         assert np.abs(depth).max() < ROW_BIAS
-        assert np.allclose(felt.normals, felt.points / RADIUS, atol=2e-3)
-        assert np.allclose(np.linalg.norm(felt.normals, axis=1), 1.0, atol=1e-14)
-        assert np.allclose(felt.across, 1 / RADIUS, rtol=0.05)
+        assert np.allclose(measured.normals, measured.points / RADIUS, atol=2e-3)
+        assert np.allclose(np.linalg.norm(measured.normals, axis=1), 1.0, atol=1e-14)
+        assert np.allclose(measured.across, 1 / RADIUS, rtol=0.05)
 
 
 def test_the_arc_leads_counter_clockwise(flat, ball):
     for heading in (0.0, 2.0, -3.0):
-        felt = touch(flat, ball, heading, 0.0, 0.0)
-        azimuth = np.unwrap(np.arctan2(felt.points[:, 1], felt.points[:, 0]))
+        measured = touch(flat, ball, heading, 0.0, 0.0)
+        azimuth = np.unwrap(np.arctan2(measured.points[:, 1], measured.points[:, 0]))
         assert (np.diff(azimuth) > 0.0).all()
         assert math.remainder(azimuth.mean() - heading, 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
 def test_a_slice_that_the_pad_does_not_cover_has_no_arc_but_a_slope(flat, ball):
-    felt = touch(flat, ball, 0.0, 0.0, 0.012)
-    assert felt.points.shape == felt.normals.shape == (0, 3)
-    assert felt.across.shape == (0,)
-    assert felt.above == 0
-    assert felt.below > 100
+    measured = touch(flat, ball, 0.0, 0.0, 0.012)
+    assert measured.points.shape == measured.normals.shape == (0, 3)
+    assert measured.across.shape == (0,)
+    assert measured.above == 0
+    assert measured.below > 100
     # The contact of a press of 1 mm is 7.7 mm high on either side: its upper end is nearest.
-    assert felt.nearest[2] == pytest.approx(7.5e-3, abs=1e-6)
-    assert np.linalg.norm(felt.nearest) == pytest.approx(RADIUS)
-    assert felt.slope == pytest.approx(-7e-3 / RADIUS, rel=0.1)
+    assert measured.nearest[2] == pytest.approx(7.5e-3, abs=1e-6)
+    assert np.linalg.norm(measured.nearest) == pytest.approx(RADIUS)
+    assert measured.slope == pytest.approx(-7e-3 / RADIUS, rel=0.1)
 
 
 def test_the_slope_says_how_the_surface_leans_against_the_pad(flat):
     _, y = flat.grid()
     touched = np.ones((16, 16), bool)
-    felt = level_pad(0.25 * y, touched, flat, 0.02)
-    assert len(felt.points) == 0
-    assert felt.slope == pytest.approx(0.25)
+    measured = level_pad(0.25 * y, touched, flat, 0.02)
+    assert len(measured.points) == 0
+    assert measured.slope == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(("row", "sign"), [(0, 1.0), (15, -1.0)])
 def test_where_one_row_touches_the_slope_is_a_guess_of_the_right_sign(row, sign, flat):
     touched = np.zeros((16, 16), bool)
     touched[row, 3:9] = True
-    felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
-    assert felt.slope == sign * LEAN
-    assert (felt.above, felt.below) == ((6, 0) if row == 0 else (0, 6))
+    measured = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
+    assert measured.slope == sign * LEAN
+    assert (measured.above, measured.below) == ((6, 0) if row == 0 else (0, 6))
 
 
 def test_untouched_taxels_bear_no_arc(flat):
     touched = np.ones((16, 16), bool)
     touched[:, 5:9] = False
-    felt = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
-    assert len(felt.points) == 12
+    measured = level_pad(np.zeros((16, 16)), touched, flat, 0.0)
+    assert len(measured.points) == 12
 
 
 def test_a_jump_between_two_rows_is_not_one_surface(flat):
     x, y = flat.grid()
     surface = np.where((y > 0) & (x > 0), 2.1e-3, 0.0)
-    felt = level_pad(surface, np.ones((16, 16), bool), flat, 0.0)
-    assert len(felt.points) == 8
+    measured = level_pad(surface, np.ones((16, 16), bool), flat, 0.0)
+    assert len(measured.points) == 8
 
 
 def test_each_column_gives_the_crossing_nearest_to_the_middle(flat):
@@ -227,18 +227,18 @@ def test_each_column_gives_the_crossing_nearest_to_the_middle(flat):
     # Seen from 45 degrees above, a wave in y passes the slice three times.
     pose = pose_of(np.zeros(3), pad_rotation(0.0, math.pi / 4))
     surface = 1.2e-3 * np.sin(2 * math.pi * y / 6e-3) - 0.9 * y
-    felt = arc_in_slice(flat, pose, surface, np.ones((16, 16), bool), None, 0.0)
-    assert len(felt.points) == 16
-    assert np.allclose(felt.points[:, [0, 2]], 0.0, atol=0.2e-3)
+    measured = arc_in_slice(flat, pose, surface, np.ones((16, 16), bool), None, 0.0)
+    assert len(measured.points) == 16
+    assert np.allclose(measured.points[:, [0, 2]], 0.0, atol=0.2e-3)
 
 
 def test_without_a_jet_the_pads_own_normal_stands_in(flat):
-    felt = level_pad(np.zeros((16, 16)), np.ones((16, 16), bool), flat, 0.0)
-    assert np.allclose(felt.normals, [1.0, 0.0, 0.0], atol=1e-15)
-    assert (felt.across == 0.0).all()
+    measured = level_pad(np.zeros((16, 16)), np.ones((16, 16), bool), flat, 0.0)
+    assert np.allclose(measured.normals, [1.0, 0.0, 0.0], atol=1e-15)
+    assert (measured.across == 0.0).all()
 
 
-def test_nothing_touched_is_nothing_felt(flat):
+def test_nothing_touched_is_nothing_touched(flat):
     assert level_pad(np.zeros((16, 16)), np.zeros((16, 16), bool), flat, 0.0) is None
 
 
@@ -247,26 +247,26 @@ ROUNDING = 1e-15
 
 def level(pad, surface, touched, height=0.0, tilt=0.0):
     """A pad that looks along -x, its middle at the origin."""
-    felt = arc_in_slice(
+    measured = arc_in_slice(
         pad, pose_of(np.zeros(3), pad_rotation(0.0, tilt)), surface, touched, None, height
     )
-    assert felt is not None
-    return felt
+    assert measured is not None
+    return measured
 
 
-def test_a_flat_wall_is_felt_from_the_first_touched_row_to_the_last(flat):
+def test_a_flat_wall_is_touched_from_the_first_touched_row_to_the_last(flat):
     touched = np.zeros((16, 16), bool)
     touched[3:12] = True
     for height in (0.0, -2.2e-3):
-        felt = level(flat, np.zeros((16, 16)), touched, height)
-        assert len(felt.points) == 16
-        assert np.allclose(felt.low, -3.5e-3, rtol=0, atol=1e-15)  # rows run downwards
-        assert np.allclose(felt.high, 4.5e-3, rtol=0, atol=1e-15)
+        measured = level(flat, np.zeros((16, 16)), touched, height)
+        assert len(measured.points) == 16
+        assert np.allclose(measured.low, -3.5e-3, rtol=0, atol=1e-15)  # rows run downwards
+        assert np.allclose(measured.high, 4.5e-3, rtol=0, atol=1e-15)
 
 
 def test_a_tilted_pads_band_is_as_high_as_its_rows_stand(flat):
-    felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.0, 0.5)
-    assert np.allclose(felt.high, 7.5e-3 * math.cos(0.5), rtol=0, atol=1e-15)
+    measured = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.0, 0.5)
+    assert np.allclose(measured.high, 7.5e-3 * math.cos(0.5), rtol=0, atol=1e-15)
 
 
 def test_a_break_ends_the_band_there_and_in_that_column_alone(flat):
@@ -275,20 +275,20 @@ def test_a_break_ends_the_band_there_and_in_that_column_alone(flat):
     _, y = flat.grid()
     surface = np.zeros((16, 16))
     surface[y < -4e-3] = 2.1e-3  # a step that is more than two pitches deep
-    felt = level(flat, surface, touched)
+    measured = level(flat, surface, touched)
     low = np.full(16, -7.5e-3)
     low[4] = -1.5e-3  # the row before the untouched one
-    assert np.allclose(felt.low, low, rtol=0, atol=1e-15)
-    assert np.allclose(felt.high, 3.5e-3, rtol=0, atol=1e-15)
+    assert np.allclose(measured.low, low, rtol=0, atol=1e-15)
+    assert np.allclose(measured.high, 3.5e-3, rtol=0, atol=1e-15)
 
 
 def test_where_the_slice_runs_along_a_row_the_band_is_on_both_sides_of_it(flat):
-    felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.5e-3)
-    assert np.allclose(felt.low, -7.5e-3, rtol=0, atol=1e-15)
-    assert np.allclose(felt.high, 7.5e-3, rtol=0, atol=1e-15)
+    measured = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.5e-3)
+    assert np.allclose(measured.low, -7.5e-3, rtol=0, atol=1e-15)
+    assert np.allclose(measured.high, 7.5e-3, rtol=0, atol=1e-15)
 
 
-def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat):
+def test_a_surface_that_turns_back_is_touched_to_its_highest_place(flat):
     _, y = flat.grid()
     above = 4e-3 - np.abs(y - 3.5e-3) + 1e-6
     met = crossings(flat, above, np.zeros((16, 16)), np.ones((16, 16), bool))
@@ -298,8 +298,8 @@ def test_a_surface_that_turns_back_is_felt_to_its_highest_place(flat):
 
 
 def test_what_the_slice_does_not_meet_has_no_band(flat):
-    felt = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.02)
-    assert felt.low.shape == felt.high.shape == (0,)
+    measured = level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.02)
+    assert measured.low.shape == measured.high.shape == (0,)
 
 
 def slice_arc_arc(pad, places, low, high):
@@ -308,11 +308,11 @@ def slice_arc_arc(pad, places, low, high):
     return Path(points, 0.0 * points, flat, flat + low, flat + high)
 
 
-def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat):
+def test_a_touch_over_touched_points_widens_their_bands_and_no_others(flat):
     path = slice_arc_arc(flat, [0.0, 1e-3, 2e-3], -3e-3, 1e-3)
     other = slice_arc_arc(flat, [1.3e-3, 2.3e-3, 3.3e-3], -1e-3, 5e-3)
-    felt = SliceArc(*other, 0.0, np.zeros(3), np.zeros(3), 5, 5)
-    wider = path.with_bands_of(felt, 0.75e-3)
+    measured = SliceArc(*other, 0.0, np.zeros(3), np.zeros(3), 5, 5)
+    wider = path.with_bands_of(measured, 0.75e-3)
     assert wider.high.tolist() == [1e-3, 5e-3, 5e-3]
     assert wider.low.tolist() == [-3e-3] * 3
     assert np.array_equal(wider.points, path.points)
@@ -321,12 +321,12 @@ def test_a_touch_over_felt_points_widens_their_bands_and_no_others(flat):
 def test_a_touch_without_an_arc_widens_no_band(flat):
     path = slice_arc_arc(flat, [0.0], -1e-3, 1e-3)
     empty = path_of(level(flat, np.zeros((16, 16)), np.ones((16, 16), bool), 0.02))
-    felt = SliceArc(*empty, 0.0, np.zeros(3), np.zeros(3), 5, 5)
-    assert path.with_bands_of(felt, 0.75e-3) is path
+    measured = SliceArc(*empty, 0.0, np.zeros(3), np.zeros(3), 5, 5)
+    assert path.with_bands_of(measured, 0.75e-3) is path
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, -0.8])
-def test_a_traced_ball_is_felt_as_far_as_contacts_reach(share, finger, flat, domed, ball):
+def test_a_traced_ball_is_touched_as_far_as_contacts_reach(share, finger, flat, domed, ball):
     height = 0.03 * share
     for pad in (flat, domed):
         hand = finger(ball, pad)

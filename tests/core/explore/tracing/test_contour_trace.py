@@ -162,7 +162,7 @@ def test_a_trace_gives_up_after_its_touches(most, finger, flat, ball):
 
 
 class Partly:
-    """A ball of which only those places can be felt that a rule allows."""
+    """A ball of which only those places can be measured that a rule allows."""
 
     def __init__(self, ball, rule):
         self._ball, self._rule = ball, rule
@@ -180,7 +180,7 @@ class Partly:
 
 
 @pytest.mark.parametrize("azimuth", [180.0, 90.0, -22.0])
-def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(azimuth, finger, flat, ball):
+def test_a_stretch_that_cannot_be_touched_is_a_gap_of_its_length(azimuth, finger, flat, ball):
     middle = 0.03 * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
 
     def outside(place):
@@ -193,7 +193,7 @@ def test_a_stretch_that_cannot_be_felt_is_a_gap_of_its_length(azimuth, finger, f
     assert np.linalg.norm(0.5 * (gap.start + gap.end)[:2] - middle) < 0.6e-3
 
 
-def test_a_side_that_cannot_be_felt_is_leapt_over_and_is_a_gap(finger, flat, ball):
+def test_a_side_that_cannot_be_touched_is_leapt_over_and_is_a_gap(finger, flat, ball):
     shape: Shape = Partly(ball, lambda place: np.asarray(place[:, 1] > -0.01))
     trace, status = finger(shape, flat).contour(slice_at(0.0))
     assert status == "occluded"
@@ -214,7 +214,7 @@ def test_a_contour_without_a_way_on_is_stuck(flat):
 
 
 def arc(begin, end, growth=0.0):
-    """A touch that felt part of a circle of 20 mm about the origin, or of a spiral."""
+    """A touch that measured part of a circle of 20 mm about the origin, or of a spiral."""
     azimuth = np.linspace(begin, end, 12)
     away = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(12)])
     points = (0.02 + growth * azimuth)[:, None] * away
@@ -242,8 +242,8 @@ def test_a_path_that_circles_without_closing_is_overrun(flat):
         trace, found = next_command(flat, trace)
         if not isinstance(found, TouchCommand):
             break
-        felt, azimuth = arc(azimuth, azimuth + 0.4, growth=0.0005), azimuth + 0.4
-        trace = after_touch(trace, felt)
+        measured, azimuth = arc(azimuth, azimuth + 0.4, growth=0.0005), azimuth + 0.4
+        trace = after_touch(trace, measured)
         assert trace.touches < 40
     assert found == "overrun"
     assert azimuth > 2 * np.pi
@@ -264,15 +264,15 @@ def line(begin, end, count):
     return Path(points, np.tile([along[1], -along[0], 0.0], (count, 1)), flat, flat, flat)
 
 
-def stride(pad, path, heading, felt):
-    """Where the march from the path's end goes after it has felt this, or what it found."""
+def stride(pad, path, heading, measured):
+    """Where the march from the path's end goes after it has measured this, or what it found."""
     cut = SliceSpec(pad, 0.0)
     course = heading_at_end(path, heading, cut.width)
-    found = resume(lambda: follow(cut, path, course, UPRIGHT), felt)
+    found = resume(lambda: follow(cut, path, course, UPRIGHT), measured)
     return found.result if isinstance(found, ProcedureResult) else found
 
 
-def felt_on(path):
+def measured_on(path):
     return SliceArc(*path, 0.0, path.points[0], path.points[0], 5, 5)
 
 
@@ -291,7 +291,10 @@ def test_steps_are_as_long_as_contact_and_pad_allow(flat, domed):
 
 def test_an_arc_that_joins_the_path_is_taken_without_what_lies_behind(flat):
     found = stride(
-        flat, following_arc(0.03, 0.0, 0.5, 16), 0.5, [felt_on(following_arc(0.03, 0.4, 0.8, 13))]
+        flat,
+        following_arc(0.03, 0.0, 0.5, 16),
+        0.5,
+        [measured_on(following_arc(0.03, 0.4, 0.8, 13))],
     )
     assert isinstance(found, Stride)
     azimuth = np.arctan2(found.new.points[:, 1], found.new.points[:, 0])
@@ -312,19 +315,19 @@ def test_a_miss_leads_around_the_corner_and_through_the_whole_list(flat):
 def test_a_face_beyond_the_corner_is_joined_by_the_turned_touch(flat):
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.02]), 16)
     top = line(np.array([0.0295, 0.0205]), np.array([0.02, 0.0205]), 10)
-    found = stride(flat, path, 0.0, [None, felt_on(top)])
+    found = stride(flat, path, 0.0, [None, measured_on(top)])
     assert isinstance(found, Stride)
     assert found.heading == pytest.approx(AROUND_A_CORNER[0].turn)
 
 
 def test_an_arc_beyond_a_gap_is_taken_last_with_a_touch_in_the_gaps_middle(flat):
     path = line(np.array([0.03, 0.0]), np.array([0.03, 0.01]), 11)
-    beyond = felt_on(line(np.array([0.03, 0.015]), np.array([0.03, 0.02]), 6))
+    beyond = measured_on(line(np.array([0.03, 0.015]), np.array([0.03, 0.02]), 6))
     missed = [beyond, *[None] * len(OVER_A_GAP)]
     aim = stride(flat, path, 0.0, missed)
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.place, [0.03, 0.0125], atol=1e-12)
-    between = felt_on(line(np.array([0.0299, 0.011]), np.array([0.0299, 0.014]), 4))
+    between = measured_on(line(np.array([0.0299, 0.011]), np.array([0.0299, 0.014]), 4))
     for filling, count in ((between, 4 + 6), (None, 6)):
         found = stride(flat, path, 0.0, [*missed, filling])
         assert isinstance(found, Stride)
@@ -342,12 +345,12 @@ def chain(*places):
     return Path(points, np.tile([1.0, 0.0, 0.0], (len(points), 1)), flat, flat, flat)
 
 
-def felt_at(*places):
+def measured_at(*places):
     return SliceArc(*chain(*places), 0.0, np.zeros(3), np.zeros(3), 5, 5)
 
 
-def filled(pad, path, felt):
-    return resume(lambda: probe_gaps(SliceSpec(pad, 0.0), path, UPRIGHT), felt)
+def filled(pad, path, measured):
+    return resume(lambda: probe_gaps(SliceSpec(pad, 0.0), path, UPRIGHT), measured)
 
 
 def test_points_that_join_are_left_alone(flat):
@@ -365,10 +368,10 @@ def test_a_gap_is_probed_in_its_middle_across_its_chord(flat):
     assert aim.heading == pytest.approx(0.0)
 
 
-def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat):
+def test_what_is_touched_between_is_put_in_and_what_is_not_stays_a_gap(flat):
     path = chain(0.0, 0.006, 0.016)
-    nothing = [felt_at(0.0, 0.016)] * PROBES
-    found = filled(flat, path, [*nothing, felt_at(-0.001, 0.0015, 0.003, 0.0045, 0.0075)])
+    nothing = [measured_at(0.0, 0.016)] * PROBES
+    found = filled(flat, path, [*nothing, measured_at(-0.001, 0.0015, 0.003, 0.0045, 0.0075)])
     assert isinstance(found, ProcedureResult)
     whole, [gap] = found.result
     assert whole.points[:, 1].tolist() == [0.0, 0.0015, 0.003, 0.0045, 0.006, 0.016]
@@ -377,13 +380,13 @@ def test_what_is_felt_between_is_put_in_and_what_is_not_stays_a_gap(flat):
 
 
 def test_a_gap_that_a_probe_has_shortened_is_probed_again(flat):
-    aim = filled(flat, chain(0.0, 0.010), [felt_at(0.001, 0.002)])
+    aim = filled(flat, chain(0.0, 0.010), [measured_at(0.001, 0.002)])
     assert isinstance(aim, TouchCommand)
     assert np.allclose(aim.place, [0.03, 0.006])
 
 
 def test_a_bridge_is_pressed_deeper_and_then_its_walls_are_followed_from_both_ends(flat):
-    bridged = [felt_at(0.0, 0.010)]
+    bridged = [measured_at(0.0, 0.010)]
     aims = [filled(flat, chain(0.0, 0.010), bridged * count) for count in range(1, PROBES)]
     assert filled(flat, chain(0.0, 0.010), bridged * PROBES) not in aims
     deep, *walls = aims
@@ -410,7 +413,7 @@ def test_where_nothing_is_touched_one_probe_is_enough(flat):
 
 def test_a_probe_that_feels_no_more_than_the_ends_has_not_helped(flat):
     path = chain(0.0, 0.006)
-    found = filled(flat, path, [felt_at(0.0001, 0.0059)] * PROBES)
+    found = filled(flat, path, [measured_at(0.0001, 0.0059)] * PROBES)
     assert isinstance(found, ProcedureResult)
     assert len(found.result[0].points) == 2
 
@@ -438,7 +441,7 @@ def test_each_way_is_tried_at_both_ends_with_the_deepest_press(flat):
     assert flat.saturation * flat.thickness > DEEP_TOUCH_DEPTH
 
 
-def test_an_edge_comes_down_the_wall_beyond_its_last_felt_point(flat):
+def test_an_edge_comes_down_the_wall_beyond_its_last_touched_point(flat):
     first, last = probe_walls(SliceSpec(flat, 0.0), ENDS, walls(0.7))[:2]
     for number, aim, side in ((0, first, 1.0), (1, last, -1.0)):
         assert aim.heading == pytest.approx(side * 0.9 * 0.7)
@@ -491,8 +494,8 @@ def circle_arc(begin, end):
     return Path(0.03 * away, away, flat, flat, flat)
 
 
-def reacquired(pad, path, felt):
-    return resume(lambda: reacquire(SliceSpec(pad, 0.0), path, np.zeros(2), 0.1), felt)
+def reacquired(pad, path, measured):
+    return resume(lambda: reacquire(SliceSpec(pad, 0.0), path, np.zeros(2), 0.1), measured)
 
 
 def test_approaches_come_from_ever_farther_round_up_to_the_start(flat):

@@ -31,12 +31,12 @@ from palpate.core.touch.pad import Pad
 def first_arc(finger, shape, pad, height):
     """The start of a contour, and the number of touches that it took."""
     hand = finger(shape, pad)
-    felt = []
+    measured = []
     for _ in range(150):
-        found = resume(lambda: search_first_arc(SliceSpec(pad, height), np.zeros(2), 0.1), felt)
+        found = resume(lambda: search_first_arc(SliceSpec(pad, height), np.zeros(2), 0.1), measured)
         if isinstance(found, ProcedureResult):
-            return found.result, len(felt)
-        felt.append(hand.answer(found, height))
+            return found.result, len(measured)
+        measured.append(hand.answer(found, height))
     raise AssertionError("begin does not end")
 
 
@@ -64,7 +64,7 @@ def test_off_the_equator_the_pad_tilts_until_it_lies_against_the_surface(
 
 
 @pytest.mark.parametrize("share", [0.25, 0.33, -0.33])
-def test_a_first_arc_that_is_felt_askew_is_felt_once_more_and_no_oftener(
+def test_a_first_arc_that_is_touched_askew_is_touched_once_more_and_no_oftener(
     share, finger, domed, ball
 ):
     start, touches = first_arc(finger, ball, domed, 0.03 * share)
@@ -75,13 +75,15 @@ def test_a_first_arc_that_is_felt_askew_is_felt_once_more_and_no_oftener(
 
 def test_later_tilts_follow_the_slope_without_overshooting(finger, domed, ball):
     hand, tilts = finger(ball, domed), []
-    felt = []
+    measured = []
     while isinstance(
-        aim := resume(lambda: search_first_arc(SliceSpec(domed, 0.018), np.zeros(2), 0.1), felt),
+        aim := resume(
+            lambda: search_first_arc(SliceSpec(domed, 0.018), np.zeros(2), 0.1), measured
+        ),
         TouchCommand,
     ):
         tilts.append(aim.posture.tilt)
-        felt.append(hand.answer(aim, 0.018))
+        measured.append(hand.answer(aim, 0.018))
     assert tilts == sorted(tilts)
     assert max(tilts) < math.asin(0.6)
 
@@ -116,7 +118,7 @@ def test_one_touch_from_above_tells_that_the_object_ends_below_the_slice(
             assert touches <= 20
 
 
-def test_a_slice_below_everything_that_is_felt_is_occluded(finger, flat, ball):
+def test_a_slice_below_everything_that_is_touched_is_occluded(finger, flat, ball):
     found, _ = first_arc(finger, ball, flat, -0.032)
     assert found == "occluded"
 
@@ -124,25 +126,25 @@ def test_a_slice_below_everything_that_is_felt_is_occluded(finger, flat, ball):
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 
 
-def felt_of(slope, arc=0, above=0, below=9, rise=0.0):
+def measured_of(slope, arc=0, above=0, below=9, rise=0.0):
     points, normals = np.zeros((arc, 3)), np.tile([1.0, 0.0, 0.0], (arc, 1))
     nearest = np.array([0.03, 0.0, rise])
     flat = np.zeros(arc)
     return SliceArc(points, normals, flat, flat, flat, slope, nearest, nearest, above, below)
 
 
-def search(felt, posture=UPRIGHT):
+def search(measured, posture=UPRIGHT):
     place: Floats = np.array([0.03, 0.0])
     return resume(
-        lambda: search_arc(SliceSpec(PAD, 0.0), posture, Target(place, 0.0, 3e-3, 3e-3)), felt
+        lambda: search_arc(SliceSpec(PAD, 0.0), posture, Target(place, 0.0, 3e-3, 3e-3)), measured
     )
 
 
 def test_an_arc_at_the_first_touch_ends_the_search():
-    found = search([felt_of(0.0, arc=5)])
+    found = search([measured_of(0.0, arc=5)])
     assert isinstance(found, ProcedureResult)
-    felt, posture = found.result
-    assert felt is not None
+    measured, posture = found.result
+    assert measured is not None
     assert posture == UPRIGHT
 
 
@@ -155,13 +157,13 @@ def test_a_miss_ends_the_search_with_nothing():
 @pytest.mark.parametrize("height", [0.014, 0.02, -0.02])
 def test_a_pad_beside_the_slice_walks_to_it(height, finger, flat, ball):
     hand, target = finger(ball, flat), Target(np.array([0.03, 0.0]), 0.0, 14e-3, 30e-3)
-    felt = []
+    measured = []
     while True:
-        found = resume(lambda: search_arc(SliceSpec(flat, height), UPRIGHT, target), felt)
+        found = resume(lambda: search_arc(SliceSpec(flat, height), UPRIGHT, target), measured)
         if isinstance(found, ProcedureResult):
             break
-        assert len(felt) < 8
-        felt.append(hand.answer(found, height))
+        assert len(measured) < 8
+        measured.append(hand.answer(found, height))
     arc, posture = found.result
     assert len(arc.points) >= LEAST_ARC
     assert np.allclose(arc.points[:, 2], height, atol=1e-16)
@@ -170,26 +172,26 @@ def test_a_pad_beside_the_slice_walks_to_it(height, finger, flat, ball):
 
 
 def test_a_bridge_is_searched_with_deep_touches_until_one_feels_an_arc():
-    bridged = felt_of(0.0, above=20, below=20)
+    bridged = measured_of(0.0, above=20, below=20)
     aim = search([bridged])
     assert isinstance(aim, TouchCommand)
     assert aim.posture.depth == DEEP_TOUCH_DEPTH
     assert aim.posture.frozen
-    found = search([bridged, None, felt_of(0.0, arc=3)])
+    found = search([bridged, None, measured_of(0.0, arc=3)])
     assert isinstance(found, ProcedureResult)
     assert found.result[1].frozen
 
 
 def test_a_search_that_finds_nothing_says_so_and_is_shorter_after_three():
-    bridged = felt_of(0.0, above=20, below=20)
+    bridged = measured_of(0.0, above=20, below=20)
     lengths = []
     for failed in range(5):
-        felt = [bridged]
+        measured = [bridged]
         posture = UPRIGHT._replace(failed_searches=failed)
-        while not isinstance(found := search(felt, posture), ProcedureResult):
-            felt.append(None)
+        while not isinstance(found := search(measured, posture), ProcedureResult):
+            measured.append(None)
         assert found.result == (bridged, posture._replace(failed_searches=failed + 1))
-        lengths.append(len(felt) - 1)
+        lengths.append(len(measured) - 1)
     assert lengths == [9, 9, 9, 3, 3]
 
 
@@ -198,10 +200,10 @@ def test_a_frozen_stance_is_kept_while_it_works():
     aim = search([], frozen)
     assert isinstance(aim, TouchCommand)
     assert aim.posture == frozen
-    found = search([felt_of(0.9, arc=4)], frozen)
+    found = search([measured_of(0.9, arc=4)], frozen)
     assert isinstance(found, ProcedureResult)
     assert found.result[1] == frozen
-    again = search([felt_of(0.0)], frozen)
+    again = search([measured_of(0.0)], frozen)
     assert isinstance(again, TouchCommand)
     assert again.posture.depth == TOUCH_DEPTH
 
@@ -209,15 +211,15 @@ def test_a_frozen_stance_is_kept_while_it_works():
 @pytest.mark.parametrize("slope", [-50.0, 50.0])
 def test_the_pad_is_never_tilted_beyond_its_limit(slope):
     posture = UPRIGHT._replace(tilt=-math.copysign(MOST_TILT, slope))
-    assert abs(next_posture(posture, felt_of(slope)).tilt) == MOST_TILT
-    aim = search([felt_of(slope, rise=0.02)])
+    assert abs(next_posture(posture, measured_of(slope)).tilt) == MOST_TILT
+    aim = search([measured_of(slope, rise=0.02)])
     assert isinstance(aim, TouchCommand)
     assert abs(aim.posture.tilt) <= MOST_TILT
 
 
 def test_a_small_slope_leaves_the_tilt_alone_and_a_larger_one_is_followed_in_part():
-    assert next_posture(UPRIGHT, felt_of(0.03)) == UPRIGHT
-    tilted = next_posture(UPRIGHT, felt_of(0.5)).tilt
+    assert next_posture(UPRIGHT, measured_of(0.03)) == UPRIGHT
+    tilted = next_posture(UPRIGHT, measured_of(0.5)).tilt
     assert -math.atan(0.5) < tilted < -0.5 * math.atan(0.5)
     frozen = UPRIGHT._replace(frozen=True)
-    assert next_posture(frozen, felt_of(0.5)) == frozen
+    assert next_posture(frozen, measured_of(0.5)) == frozen

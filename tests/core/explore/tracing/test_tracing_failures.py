@@ -50,7 +50,7 @@ class Beside:
 
 
 class Partly:
-    """A ball that gives way beyond y = -10 mm: nothing is felt there."""
+    """A ball that gives way beyond y = -10 mm: nothing is measured there."""
 
     def __init__(self, ball):
         self._ball = ball
@@ -218,16 +218,16 @@ def test_lengths_go_by_the_width_of_the_array(width, finger, ball):
         assert np.allclose(np.linalg.norm(trace.path.points, axis=1), 0.03, atol=35e-6)
 
 
-def test_box_felt_by_trembling_hand_costs_no_more_than_45_touches(finger, flat, domed, box):
+def test_box_touched_by_trembling_hand_costs_no_more_than_45_touches(finger, flat, domed, box):
     for pad in (flat, domed):
         for seed in range(3):
             hand, rng = finger(box, pad), np.random.default_rng(seed)
             trace = Trace(wanted(0.01))
             while isinstance((stepped := next_command(pad, trace))[1], TouchCommand):
-                felt = hand.answer(stepped[1], 0.01)
+                measured = hand.answer(stepped[1], 0.01)
                 shift = np.append(1e-4 * rng.standard_normal(2), 0.0)
-                if felt is not None:
-                    felt = felt._replace(points=felt.points + shift)
-                trace = after_touch(stepped[0], felt)
+                if measured is not None:
+                    measured = measured._replace(points=measured.points + shift)
+                trace = after_touch(stepped[0], measured)
             assert stepped[1] == "closed"
             assert stepped[0].touches <= 45

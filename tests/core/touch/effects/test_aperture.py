@@ -30,7 +30,7 @@ class Ground:
         raise NotImplementedError
 
 
-def felt(finger, touch, **given):
+def measured(finger, touch, **given):
     Aperture(**given).prepare(finger).apply(touch, None)
     return touch
 
@@ -68,7 +68,7 @@ def test_elements_report_what_their_rays_see(reading, dome, make_finger, make_to
     finger = make_finger(dome=dome)
     start = pose_of(np.array([1.3e-3, -0.4e-3, 0.033]), FACING_DOWN)
     touch = make_touch(believed=start, actual=start)
-    felt(finger, touch, width=0.9, rays=4, reading=reading)
+    measured(finger, touch, width=0.9, rays=4, reading=reading)
     assert touch.outcome == "hit"
     expected = slowly(finger, touch, 0.9, 4, reading == "max")
     assert np.allclose(touch.compression, expected, rtol=0.0, atol=1e-12)
@@ -78,7 +78,7 @@ def test_elements_report_what_their_rays_see(reading, dome, make_finger, make_to
 @pytest.mark.parametrize("depth", [0.05e-3, 1e-3, 2.2e-3])
 @pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
 def test_deepest_element_reports_asked_depth(reading, depth, dome, make_finger, make_touch):
-    touch = felt(make_finger(dome=dome), make_touch(depth=depth), reading=reading)
+    touch = measured(make_finger(dome=dome), make_touch(depth=depth), reading=reading)
     assert touch.outcome == "hit"
     assert touch.compression.max() == pytest.approx(depth, abs=1e-15)
     assert np.allclose(touch.pressure, 2e8 * touch.compression, rtol=1e-14)
@@ -95,7 +95,7 @@ def test_the_way_to_a_mean_is_right_on_rough_ground(seed, make_finger, make_touc
         return found
 
     finger = make_finger()
-    touch = felt(finger, over(finger, make_touch, Ground(rough), depth=0.3e-3))
+    touch = measured(finger, over(finger, make_touch, Ground(rough), depth=0.3e-3))
     assert touch.outcome == "hit"
     assert touch.compression.max() == pytest.approx(0.3e-3, abs=1e-15)
     assert np.isfinite(touch.compression).all()
@@ -103,7 +103,7 @@ def test_the_way_to_a_mean_is_right_on_rough_ground(seed, make_finger, make_touc
 
 def test_the_mean_of_a_plane_is_its_height_in_the_middle(make_finger, make_touch):
     finger, slope = make_finger(), 0.05
-    touch = felt(finger, over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3))
+    touch = measured(finger, over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3))
     one_ray = over(finger, make_touch, Ground(lambda x, y: slope * x), depth=2e-3)
     cast_single_rays(finger, one_ray)
     pressed = one_ray.compression > slope * 0.4e-3  # all of the element is pressed
@@ -114,7 +114,7 @@ def test_the_mean_of_a_plane_is_its_height_in_the_middle(make_finger, make_touch
 def test_the_largest_of_a_plane_is_that_of_the_outermost_ray(make_finger, make_touch):
     finger, slope = make_finger(), 0.05
     ground = Ground(lambda x, y: slope * x)
-    touch = felt(finger, over(finger, make_touch, ground, depth=2e-3), reading="max")
+    touch = measured(finger, over(finger, make_touch, ground, depth=2e-3), reading="max")
     x, _ = finger.pad.grid()
     assert touch.compression.max() == pytest.approx(2e-3)
     outermost = 0.8e-3 / 3  # three rays of an element of 0.8 pitch
@@ -133,9 +133,9 @@ def test_a_ridge_between_the_taxels_is_seen(make_finger, make_touch):
     blind = over(finger, make_touch, Ground(ridge), depth=depth)
     cast_single_rays(finger, blind)
     assert np.ptp(blind.compression) < 1e-15  # it saw the ground and no ridge
-    largest = felt(finger, over(finger, make_touch, Ground(ridge), depth=depth), reading="max")
+    largest = measured(finger, over(finger, make_touch, Ground(ridge), depth=depth), reading="max")
     assert (largest.compression.max(axis=0) > 0.0).sum() == 1
-    mean = felt(finger, over(finger, make_touch, Ground(ridge), depth=depth))
+    mean = measured(finger, over(finger, make_touch, Ground(ridge), depth=depth))
     # One ray of three sees the ridge: it is pressed three times as deep, to 0.6 mm.
     assert mean.advance == pytest.approx(3e-3 + 3 * depth)
     assert mean.compression.max() == pytest.approx(depth)
@@ -148,7 +148,7 @@ def needle(x, y):
 
 def test_a_needle_bottoms_the_pad_before_its_element_reports_depth(make_finger, make_touch):
     finger = make_finger()
-    touch = felt(finger, over(finger, make_touch, Ground(needle), depth=1e-3))
+    touch = measured(finger, over(finger, make_touch, Ground(needle), depth=1e-3))
     assert touch.outcome == "bottomed"
     assert touch.advance == pytest.approx(3e-3 + 0.8 * 3e-3)
     assert touch.compression.max() == pytest.approx(0.8 * 3e-3 / 9)
@@ -158,7 +158,7 @@ def test_a_needle_bottoms_the_pad_before_its_element_reports_depth(make_finger, 
 def test_indentation_is_what_is_reported_or_the_way_to_the_nearest_ray(
     reading, make_finger, make_touch
 ):
-    touch = felt(make_finger(), make_touch(), reading=reading)
+    touch = measured(make_finger(), make_touch(), reading=reading)
     touched = touch.compression > 0.0
     assert touched.any() and not touched.all()
     assert np.array_equal(touch.indentation[touched], touch.compression[touched])
@@ -177,7 +177,7 @@ def test_outcomes_are_those_of_single_rays_on_smooth_ground(reading, make_finger
     for given in ({"reach": 2.9e-3}, {"reach": 3.1e-3}, {"depth": 2.9e-3}, {"actual": inside}):
         one, many = make_touch(**given), make_touch(**given)
         cast_single_rays(finger, one)
-        felt(finger, many, reading=reading)
+        measured(finger, many, reading=reading)
         assert many.outcome == one.outcome
         assert many.advance == pytest.approx(one.advance, abs=30e-6)
         assert many.loading == pytest.approx(one.loading, rel=0.01)
@@ -185,7 +185,7 @@ def test_outcomes_are_those_of_single_rays_on_smooth_ground(reading, make_finger
 
 def test_a_small_element_sees_what_a_ray_does(make_finger, make_touch):
     finger, small, ray = make_finger(), make_touch(), make_touch()
-    felt(finger, small, width=0.05, rays=2)
+    measured(finger, small, width=0.05, rays=2)
     cast_single_rays(finger, ray)
     # A quarter of 0.05 mm off the middle, on slopes of up to 0.3.
     assert np.allclose(small.compression, ray.compression, rtol=0.0, atol=1e-6)

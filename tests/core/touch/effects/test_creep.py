@@ -27,7 +27,7 @@ def press(
 
 @pytest.fixture
 def feel(make_finger):
-    """What is felt in each of these touches, one after the other."""
+    """What is measured in each of these touches, one after the other."""
 
     def follow(touches):
         stage = Creep(share=SHARE, tau=TAU).prepare(make_finger())
@@ -40,7 +40,7 @@ def feel(make_finger):
 
 
 def integrated(touches, depths, taus=TAU):
-    """What is felt by small steps of the equation, q' = -q / tau + c'."""
+    """What is measured by small steps of the equation, q' = -q / tau + c'."""
     found, q, step = [], 0.0, 1e-4
     for touch, depth in zip(touches, depths, strict=True):
         back = touch.time - touch.previous - touch.rest - touch.loading - touch.dwell
@@ -78,7 +78,7 @@ def test_a_first_touch_is_the_closed_form_of_ramp_and_hold(make_touch, feel, den
     assert np.allclose(found, dent * (1 - SHARE + SHARE * branch), rtol=1e-14)
 
 
-def test_a_sudden_press_is_felt_wholly_and_a_long_one_less_by_share(make_touch, feel, dent):
+def test_a_sudden_press_is_touched_wholly_and_a_long_one_less_by_share(make_touch, feel, dent):
     (sudden,) = feel([press(make_touch, dent, loading=0.0, dwell=0.0)])
     (nearly,) = feel([press(make_touch, dent, loading=1e-12, dwell=0.0)])
     (long,) = feel([press(make_touch, dent, dwell=50 * TAU)])

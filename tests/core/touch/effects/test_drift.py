@@ -39,7 +39,7 @@ def test_no_time_no_drift(make_finger, make_touch):
     assert (walked(make_finger(), make_touch, np.zeros(3)) == 0.0).all()
 
 
-def test_a_step_does_not_depend_on_what_was_felt(make_finger, make_touch, dent):
+def test_a_step_does_not_depend_on_what_was_touched(make_finger, make_touch, dent):
     stage = Drift().prepare(make_finger())
     hit, miss = make_touch(3, dent, time=5.0), make_touch(3, 0.0 * dent, outcome="miss", time=5.0)
     assert np.array_equal(stage.apply(hit, stage.state)[1], stage.apply(miss, stage.state)[1])

@@ -20,14 +20,14 @@ def test_a_plane_is_lost_when_its_amplitude_falls_below_the_threshold(
     stage = EchoLoss(angle=12.0, threshold=0.2).prepare(make_finger())
     steepest = math.radians(12.0) * math.sqrt(-math.log(0.2))
     assert math.exp(-((steepest / math.radians(12.0)) ** 2)) == pytest.approx(0.2)
-    for slope, heard in ((0.999 * steepest, True), (1.001 * steepest, False)):
+    for slope, received in ((0.999 * steepest, True), (1.001 * steepest, False)):
         touch = make_touch(field=plane(slope, direction))
         stage.apply(touch, None)
         # Every taxel, at the border too, sees the slope of the plane.
-        assert np.array_equal(touch.reading, touch.compression if heard else np.zeros((16, 16)))
+        assert np.array_equal(touch.reading, touch.compression if received else np.zeros((16, 16)))
 
 
-def test_the_steep_flank_of_a_ridge_is_lost_and_its_top_is_heard(make_finger, make_touch):
+def test_the_steep_flank_of_a_ridge_is_lost_and_its_top_is_received(make_finger, make_touch):
     axis = (np.arange(16) - 7.5) * 1e-3
     field = np.maximum(1.5e-3 - axis**2 / (2 * 4e-3), 0.0)[None, :].repeat(16, axis=0)
     touch = make_touch(field=field)

@@ -160,7 +160,7 @@ def test_an_untouched_pad_stays_as_it_is(make_finger, make_touch):
     assert (touch.pressure == 0.0).all()
 
 
-def test_a_contact_that_is_not_found_is_said(make_finger, make_touch, monkeypatch):
+def test_a_contact_that_is_not_found_is_stated(make_finger, make_touch, monkeypatch):
     monkeypatch.setattr(half_space, "MOST_STEPS", 3)
     finger = make_finger()
     with pytest.raises(ArithmeticError, match="half_space found no contact within 3 steps"):

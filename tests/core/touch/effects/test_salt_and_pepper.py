@@ -26,7 +26,7 @@ def test_impulses_of_neighbours_and_of_successive_touches_are_independent(make_f
         assert abs(np.mean(here * there)) < 5 * rate * (1 - rate) / np.sqrt(here.size)
 
 
-def test_the_same_taxels_are_struck_whatever_was_felt(make_finger, readings, dent):
+def test_the_same_taxels_are_struck_whatever_was_touched(make_finger, readings, dent):
     stage = SaltAndPepper(rate=0.3).prepare(make_finger())
     low, high = (readings(stage, field, 3) for field in (dent + 1e-5, dent + 2e-5))
     untouched = np.isclose(high - low, 1e-5, rtol=1e-6)
