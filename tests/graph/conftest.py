@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import time
-from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -10,41 +7,41 @@ import pytest
 from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.progress import SilentDisplay
 from palpate.launch.run import perform, plan_run
-from palpate.messages.types.catalogue import LogRecord, NodeStatus
+from palpate.messages.types.catalogue import LogRecord
 from palpate.nodes.runtime.node import Input, Wiring
 
 
 class Listening:
     """A watcher that keeps all that it is told."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.seconds: list[float] = []
         self.messages: list[tuple[str, object]] = []
         self.lines: list[LogRecord] = []
         self.ticks = 0
 
-    def ready(self, seconds: float) -> None:
+    def ready(self, seconds):
         self.seconds.append(seconds)
 
-    def received(self, topic: str, message: object) -> None:
+    def received(self, topic, message):
         self.messages.append((topic, message))
 
-    def log(self, record: LogRecord) -> None:
+    def log(self, record):
         self.lines.append(record)
 
-    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+    def tick(self, statuses):
         self.ticks += 1
 
 
 @pytest.fixture
-def watcher() -> Listening:
+def watcher():
     return Listening()
 
 
 class Toys:
     """Wirings of the toy nodes beside this file."""
 
-    def broken(self, how: str, upstream: str = "source") -> Wiring:
+    def broken(self, how, upstream="source"):
         return Wiring(
             name="broken",
             module="palpate_toy_broken",
@@ -55,7 +52,7 @@ class Toys:
             on_exit="stop",
         )
 
-    def sink(self, path: Path, upstream: str = "source", **params: object) -> Wiring:
+    def sink(self, path, upstream="source", **params):
         return Wiring(
             name="sink",
             module="palpate_toy_sink",
@@ -65,7 +62,7 @@ class Toys:
             listeners={},
         )
 
-    def needy(self, need: str, upstream: str) -> Wiring:
+    def needy(self, need, upstream):
         return Wiring(
             name="needy",
             module="palpate_toy_needy",
@@ -80,7 +77,7 @@ class Toys:
 
 
 @pytest.fixture
-def toys(monkeypatch: pytest.MonkeyPatch) -> Toys:
+def toys(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent / "toys"))
     return Toys()
 
@@ -89,11 +86,11 @@ TOYS = Path(__file__).parent / "toys"
 
 
 @pytest.fixture(scope="session")
-def explored(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+def explored(tmp_path_factory):
     """Run directories of explorations by the toy planner in one process, by number of fingers."""
 
     @cache
-    def of(fingers: int) -> Path:
+    def of(fingers):
         with pytest.MonkeyPatch.context() as patch:
             patch.syspath_prepend(str(TOYS.parent))
             return explore_heights(tmp_path_factory.mktemp("toy") / "run", fingers, composed=True)
@@ -101,7 +98,7 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
     return of
 
 
-def explore_heights(out: Path, fingers: int, *, composed: bool) -> Path:
+def explore_heights(out, fingers, *, composed):
     """A run of the toy planner; its folder."""
     args = {"fingers": SourceMapped(fingers, "fingers")}
     plan = plan_run(TOYS / "fingers.yaml", args, {}, name="fingers", out=out)
@@ -111,7 +108,7 @@ def explore_heights(out: Path, fingers: int, *, composed: bool) -> Path:
     return out
 
 
-def _living(group: int) -> list[int]:
+def _living(group):
     """Processes of a group; one that only waits to be buried does not count."""
     found = []
     for folder in Path("/proc").iterdir():
@@ -126,12 +123,12 @@ def _living(group: int) -> list[int]:
 
 
 @pytest.fixture
-def group_is_gone() -> Callable[[int, float], bool]:
+def group_is_gone():
     """Waits for the last living process of a group to end; false if that takes too long."""
     return _group_is_gone
 
 
-def _group_is_gone(group: int, within: float) -> bool:
+def _group_is_gone(group, within):
     deadline = time.monotonic() + within
     while _living(group):
         if time.monotonic() > deadline:

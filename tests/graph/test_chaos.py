@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -14,13 +12,13 @@ HERE = Path(__file__).parent
 
 
 @pytest.fixture
-def toys(monkeypatch: pytest.MonkeyPatch) -> Exploration:
+def toys(monkeypatch):
     kept = [str(HERE), os.environ.get("PYTHONPATH", "")]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(one for one in kept if one))
     return Exploration(str(HERE / "toys" / "fingers.yaml"), ("fingers:=2",), ("planner",))
 
 
-def at(touch: int, kind: str, *whom: str) -> Fault:
+def at(touch, kind, *whom):
     return Fault(kind, whom, FaultTime("tracing", "/finger_1/finger/goal", touch, 0.0))
 
 

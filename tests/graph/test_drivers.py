@@ -1,12 +1,9 @@
 """A sensor of one's own in the simulator's place, and a node of one's own beside it."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +17,7 @@ FLAT = "sensor:={pad: {radius: null}}"
 
 
 @pytest.fixture(scope="module")
-def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def frames(tmp_path_factory):
     """Twelve touches of ever smaller balls."""
     side = (np.arange(16) - 7.5) * 1e-3
     x, y = np.meshgrid(side, side)
@@ -34,13 +31,13 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def filed(frames: Path) -> list[tuple[str, object]]:
+def filed(frames):
     """The patches of the file, read at once."""
     words = ("driver.yaml", f"path:={frames}", FLAT, "at_once:=true")
     return patches(launched(frames.parent, *words))
 
 
-def launched(folder: Path, *words: str) -> Path:
+def launched(folder, *words):
     """The run directory of a graph that has come to its end."""
     out = folder / f"run_{len(list(folder.iterdir()))}"
     command = [sys.executable, "-m", "palpate", "launch", *words, "--quiet", "--out", str(out)]
@@ -49,7 +46,7 @@ def launched(folder: Path, *words: str) -> Path:
     return out
 
 
-def patches(run: Path) -> list[tuple[str, object]]:
+def patches(run):
     return [("/touch/patch", patch) for patch in recorded(run, "/touch/patch", SurfacePatch)]
 
 
@@ -64,7 +61,7 @@ def test_a_file_of_frames_gives_the_same_patches_at_its_rate_and_in_one_process(
 def test_a_connection_gives_the_patches_of_its_lines(frames, filed, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as server:
 
-        def answer() -> None:
+        def answer():
             peer, _ = server.accept()
             with peer:
                 peer.sendall(frames.read_bytes())

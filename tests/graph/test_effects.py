@@ -1,11 +1,8 @@
 """Effects in the whole program: one's own among them, in processes of their own or composed."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,13 +25,13 @@ seed: 5
 """
 
 
-def palpate(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def palpate(*arguments, folder):
     command = [sys.executable, "-m", "palpate", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=SECONDS)
 
 
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def lab(tmp_path_factory):
     """A folder with an effect of one's own, and a scene that lists it."""
     folder = tmp_path_factory.mktemp("lab")
     assert palpate("init", "effect", "hum", folder=folder).returncode == 0
@@ -42,7 +39,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def explored(lab: Path, name: str, *flags: str) -> dict[str, Any]:
+def explored(lab, name, *flags):
     done = palpate("run", "scene.yaml", "--quiet", "--out", name, *flags, folder=lab)
     assert done.returncode == 0, done.stderr
     summary: dict[str, Any] = json.loads((lab / name / "summary.json").read_text())

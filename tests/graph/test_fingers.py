@@ -1,10 +1,6 @@
 """Several fingers at once: the same bytes, however their messages travel."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,10 +11,9 @@ from palpate.launch.run import perform, plan_run
 from palpate.messages.codec import decode, encode
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.types.model import ShapeModel
-from palpate.messages.types.motion import Contour, ContourGoal
+from palpate.messages.types.motion import ContourGoal
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.runtime.composed import run_composed
-from palpate.nodes.runtime.node import Wiring
 from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.replay.rerun import replay
 from tests.graph.conftest import explore_heights
@@ -32,7 +27,7 @@ EACH = ("/touch/raw", "/touch/image", "/touch/patch", "/finger/goal", "/finger/c
 Bodies = dict[str, list[bytes]]
 
 
-def messages_in(run: Path) -> Bodies:
+def messages_in(run):
     """Every message of a run, by topic, in the order in which it was published."""
     found: Bodies = {}
     for kept in open_recording(run / "topics.mcap").messages():
@@ -41,36 +36,36 @@ def messages_in(run: Path) -> Bodies:
 
 
 @pytest.fixture(scope="module")
-def composed(explored: Callable[[int], Path]) -> tuple[Path, Bodies]:
+def composed(explored):
     """Recording of a run in one process, and what it holds."""
     run = explored(FINGERS)
     return run / "topics.mcap", messages_in(run)
 
 
 @pytest.fixture(scope="module")
-def alone(explored: Callable[[int], Path]) -> Bodies:
+def alone(explored):
     """The same with one finger."""
     return messages_in(explored(1))
 
 
 @pytest.fixture(autouse=True)
-def _toys(monkeypatch: pytest.MonkeyPatch) -> None:
+def _toys(monkeypatch):
     monkeypatch.syspath_prepend(str(TOYS.parent))
 
 
-def wirings(out: Path, fingers: int) -> tuple[Wiring, ...]:
+def wirings(out, fingers):
     args = {"fingers": SourceMapped(fingers, ""), "record": SourceMapped(False, "")}
     return describe(FILE, args, out).graph.wirings()
 
 
-def of_topic(bodies: Bodies, topic: str) -> list[Any]:
+def of_topic(bodies, topic):
     """The messages of a topic."""
     kinds = {local: kind for one in KINDS for local, kind in one.NODE.outputs.items()}
     kind = kinds["/" + topic.split("/", 2)[-1] if topic.startswith("/finger_") else topic]
     return [decode(kind, body) for body in bodies[topic]]
 
 
-def contours_of(bodies: Bodies) -> list[Contour]:
+def contours_of(bodies):
     topics = [topic for topic in bodies if topic.endswith("/contour/traced")]
     return [contour for topic in topics for contour in of_topic(bodies, topic)]
 
@@ -81,7 +76,7 @@ def test_every_finger_has_topics_of_its_own_and_the_rest_is_said_once(composed):
         for topic in EACH:
             assert bodies[f"/finger_{finger}{topic}"], topic
     assert {topic for topic in bodies if not topic.startswith("/finger_")} == {
-        *("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts", "/contour/goal"),
+        *("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts", "/contour/goal")
     }
     assert [len(bodies[topic]) for topic in ("/world", "/truth", "/touch/info")] == [1, 1, 1]
 

@@ -1,16 +1,12 @@
 """Graphs on several machines, here two addresses of one."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 import zmq
@@ -31,14 +27,14 @@ FRAMES = 300
 
 
 @pytest.fixture(autouse=True)
-def key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def key(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     make_key(key_file())
     return key_file()
 
 
-def lender(where: str) -> subprocess.Popen[str]:
+def lender(where):
     started = subprocess.Popen(
         [sys.executable, "-m", "palpate", "host", where],
         stdout=subprocess.PIPE,
@@ -52,7 +48,7 @@ def lender(where: str) -> subprocess.Popen[str]:
 
 
 @pytest.fixture
-def away(key: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+def away(key):
     """Another machine that lends itself: its address, and its process."""
     [endpoint] = free_endpoints(AWAY, ["port"]).values()
     where = endpoint.removeprefix("tcp://")
@@ -64,7 +60,7 @@ def away(key: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
         process.communicate(timeout=10)
 
 
-def ring(where: str) -> list[Any]:
+def ring(where):
     return [
         toy("source", ToyParams(burst=FRAMES)),
         replace(toy("relay", ToyParams(relay=True), upstream="source"), host=where),
@@ -88,7 +84,7 @@ def test_a_node_that_dies_on_the_other_machine_goes_on(away, watcher):
     slow[1] = replace(slow[1], params=ToyParams(relay=True, work=3e-3))
     heard = watcher.received
 
-    def kill_at(topic: str, message: Any) -> None:
+    def kill_at(topic, message):
         heard(topic, message)
         if message.touch == FRAMES // 3:
             os.kill(node_of(away[1]), signal.SIGKILL)
@@ -100,7 +96,7 @@ def test_a_node_that_dies_on_the_other_machine_goes_on(away, watcher):
     assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
 
 
-def node_of(process: subprocess.Popen[str]) -> int:
+def node_of(process):
     """The one process that the server of another machine has forked."""
     found = {}
     for folder in Path("/proc").iterdir():

@@ -1,11 +1,10 @@
-from __future__ import annotations
-
+import dataclasses
 import multiprocessing
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,13 +12,12 @@ from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes import supervisor
 from palpate.messages.types.touch import TactileFrame
-from palpate.nodes.runtime.composed import Ending
-from palpate.nodes.runtime.node import Wiring
+from palpate.nodes.runtime.node import Input, Wiring
 
 pytestmark = pytest.mark.graph
 
 
-def run(wirings: list[Wiring], watcher: Any, folder: Path, **more: Any) -> Ending:
+def run(wirings, watcher, folder, **more):
     """Launch, and see that no process and no file of it is left."""
     watch = more.pop("watch", ())
     ends = more.pop("ends", wirings[0].name)
@@ -29,11 +27,11 @@ def run(wirings: list[Wiring], watcher: Any, folder: Path, **more: Any) -> Endin
     return ending
 
 
-def source(burst: int = 5) -> Wiring:
+def source(burst=5):
     return toy("source", ToyParams(burst=burst))
 
 
-def counter(expects: int, upstream: str = "source", **more: Any) -> Wiring:
+def counter(expects, upstream="source", **more):
     return toy("counter", ToyParams(expects=expects, **more), upstream=upstream)
 
 
@@ -154,7 +152,7 @@ def test_what_is_needed_is_handled_first(turn, watcher, toys, tmp_path):
 
 
 def test_what_the_watcher_raises_ends_the_graph(watcher, tmp_path):
-    def full(topic: str, message: object) -> None:
+    def full(topic, message):
         raise OSError("the screen is full")
 
     watcher.received = full
@@ -191,3 +189,59 @@ def test_a_node_of_a_users_own_starts_light_with_one_thread_and_as_nice_as_asked
         f"RuntimeError: [] {{'OPENBLAS_NUM_THREADS': '1', 'PYTHONHASHSEED': '0'}} {os.nice(0) + 3}"
     )
     assert unchanged == "True"
+
+
+SOURCE = toy("source", ToyParams())
+COUNTER = toy("counter", ToyParams(), upstream="source")
+
+
+def renamed(name):
+    return dataclasses.replace(SOURCE, name=name)
+
+
+TWICE = dataclasses.replace(COUNTER, inputs=COUNTER.inputs * 2)
+LOST = dataclasses.replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "TactileFrame"),))
+
+
+@pytest.mark.parametrize(("wirings", "ends", "watch", "words"), [
+    ([SOURCE, SOURCE], "source", [], "'source' is there twice"),
+    ([SOURCE], "sink", [], r"no node 'sink' that could end the graph; there are \['source'\]"),
+    ([renamed("launcher")], "launcher", [], "no node may be called 'launcher'"),
+    ([renamed("two words")], "two words", [], "got 'two words'"),
+    ([SOURCE], "source", ["/model"], "nobody publishes /model"),
+    ([SOURCE, TWICE], "source", [], "counter subscribes to /source twice"),
+    ([SOURCE, LOST], "source", [],
+     "counter subscribes to /sauce of source, who does not publish it"),
+])  # fmt: skip
+def test_a_graph_that_cannot_run_is_refused(wirings, ends, watch, words, watcher):
+    with pytest.raises(ValueError, match=words):
+        launch(wirings, ends=ends, watch=watch, watcher=watcher)
+    assert watcher.ticks == 0
+
+
+def test_a_folder_with_too_long_a_path_is_refused(watcher, tmp_path):
+    deep = tmp_path / ("x" * 100)
+    deep.mkdir()
+    with pytest.raises(ValueError, match="choose a folder with a shorter path"):
+        launch([SOURCE], ends="source", watch=[], watcher=watcher, work_dir=deep)
+    assert list(deep.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_is_refused(watcher, tmp_path):
+    with pytest.raises(ValueError, match="no folder for sockets can be made in"):
+        launch([SOURCE], ends="source", watch=[], watcher=watcher, work_dir=tmp_path / "nowhere")
+
+
+def test_a_launch_from_another_thread_is_refused(watcher):
+    errors: list[RuntimeError] = []
+
+    def attempt():
+        try:
+            launch([SOURCE], ends="source", watch=[], watcher=watcher)
+        except RuntimeError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join(10)
+    assert "only be launched from the main thread" in str(errors[0])

@@ -1,33 +1,25 @@
-from __future__ import annotations
-
 import os
 import random
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-pytestmark = [
-    pytest.mark.graph,
-    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
-]
+pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
 GONE_WITHIN = 4.0
-Process = subprocess.Popen[str]
-Gone = Callable[[int, float], bool]
 
 
-def slowly(case: object) -> object:
+def slowly(case):
     return pytest.param(case, marks=pytest.mark.slow)
 
 
 @pytest.fixture
-def process(tmp_path: Path) -> Iterator[Process]:
+def process(tmp_path):
     """A launcher in a process group of its own, just before its launch."""
     with subprocess.Popen(
         [sys.executable, str(SCRIPT), str(tmp_path)],
@@ -46,16 +38,16 @@ def process(tmp_path: Path) -> Iterator[Process]:
                 os.killpg(started.pid, signal.SIGKILL)
 
 
-def let_run(process: Process, seconds: float) -> None:
+def let_run(process, seconds):
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(seconds)
 
 
-def left_in(folder: Path) -> list[str]:
+def left_in(folder):
     return sorted(path.name for path in folder.iterdir() if path.name != "lines.txt")
 
 
-def assert_ended_well(process: Process, folder: Path, signal_name: str, gone: Gone) -> None:
+def assert_ended_well(process, folder, signal_name, gone):
     began = time.monotonic()
     out, err = process.communicate(timeout=GONE_WITHIN)
     assert out == f"interrupted - interrupted by {signal_name}\n"

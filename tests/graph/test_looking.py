@@ -1,11 +1,8 @@
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +10,7 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from palpate.launch.processes.registry import RunCard, running_graphs
+from palpate.launch.processes.registry import running_graphs
 from palpate.messages.bus.node_sockets import STATUS_TOPIC
 from palpate.messages.codec import decode
 from palpate.messages.types.catalogue import NodeStatus
@@ -23,10 +20,7 @@ from palpate.tools.introspection.rates import Rates
 from palpate.tools.introspection.requests import request, sample_status
 from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, find_topics
 
-pytestmark = [
-    pytest.mark.graph,
-    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
-]
+pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
 WITHIN = 30.0  # A deadline that only a broken graph or tool misses, s
 # Messages that no queue on the way to a tool can hold: 64 at the node, 1000 at the tool, each twice
@@ -34,11 +28,10 @@ WITHIN = 30.0  # A deadline that only a broken graph or tool misses, s
 MORE = 3000
 # Pause of the ring at each message, so that tools beside it get their share of the machine, s.
 WORK = 2e-4
-Output = pytest.CaptureFixture[str]
 
 
 @contextmanager
-def launched(folder: Path) -> Iterator[subprocess.Popen[str]]:
+def launched(folder):
     """A ring of two nodes and a sink that runs for ever, up and turning."""
     with subprocess.Popen(
         [sys.executable, str(SCRIPT), str(folder), str(WORK)],
@@ -58,31 +51,31 @@ def launched(folder: Path) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def wait_until(so: Callable[[], bool]) -> None:
+def wait_until(so):
     deadline = time.monotonic() + WITHIN
     while not so():
         assert time.monotonic() < deadline, "nothing came of it"
 
 
-def cards(folder: Path) -> dict[int, RunCard]:
+def cards(folder):
     """The graphs that run, by the number of their launcher's process."""
     return {card.pid: card for card in running_graphs(folder)}
 
 
-def handled(card: RunCard) -> int:
+def handled(card):
     """Messages that the source of the ring has handled so far, by its next status."""
     with TapSubscription(card, [Topic(STATUS_TOPIC, "NodeStatus", ("source",), ())]) as taps:
         received = taps.take(WITHIN)
     return decode(NodeStatus, received[-1].body).messages if received else 0
 
 
-def only(folder: Path) -> RunCard:
+def only(folder):
     (card,) = running_graphs(folder)
     return card
 
 
 @contextmanager
-def tool(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+def tool(*arguments):
     """A verb in a process of its own."""
     with subprocess.Popen(
         [sys.executable, "-m", "palpate", *arguments],
@@ -96,13 +89,13 @@ def tool(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def first_line(process: subprocess.Popen[str]) -> str:
+def first_line(process):
     assert process.stdout is not None
     return process.stdout.readline()
 
 
 @pytest.fixture(scope="module")
-def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def home(tmp_path_factory):
     """The run-time folder, in which one graph runs."""
     folder = tmp_path_factory.mktemp("ring")
     with launched(folder):
@@ -110,7 +103,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(autouse=True)
-def runtime(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def runtime(request, monkeypatch):
     folder = "home" if "home" in request.fixturenames else "tmp_path"
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(request.getfixturevalue(folder)))
 
@@ -217,7 +210,7 @@ def test_tools_that_are_stopped_unread_killed_or_interrupted_leave_the_graph_unt
     assert_untouched(card)
 
 
-def read_on(echo: subprocess.Popen[str]) -> str:
+def read_on(echo):
     """Read what a tool prints until it tells something beside it, and return that."""
     assert echo.stdout is not None and echo.stderr is not None
     touches: list[int] = []
@@ -227,13 +220,13 @@ def read_on(echo: subprocess.Popen[str]) -> str:
     return echo.stderr.readline()
 
 
-def assert_untouched(card: RunCard) -> None:
+def assert_untouched(card):
     assert only_restarts(card) == {"source": 0, "relay": 0, "sink": 0}
     found = sample_status(card, ["source", "relay", "sink"])
     assert {name: one.status.gaps for name, one in found.items()} == dict.fromkeys(found, 0)
 
 
-def only_restarts(card: RunCard) -> dict[str, int]:
+def only_restarts(card):
     return {name: about["restarts"] for name, about in request(card, "status")["nodes"].items()}
 
 
@@ -283,7 +276,7 @@ def test_one_of_several_graphs_is_chosen_by_its_number_and_its_end_ends_the_tool
         assert any(line.startswith("FAIL ") for line in told.splitlines())
 
 
-def assert_heard_on(card: RunCard) -> None:
+def assert_heard_on(card):
     """A node that is started again is received on, and publishes nothing twice."""
     numbers: list[int] = []
     epochs: set[int] = set()
@@ -299,7 +292,7 @@ def assert_heard_on(card: RunCard) -> None:
     assert all(later > earlier for earlier, later in pairwise(numbers))
 
 
-def kill_node(card: RunCard, name: str) -> None:
+def kill_node(card, name):
     about = request(card, "status")["nodes"][name]
     if about["pid"] and not about["restarts"]:
         with suppress(ProcessLookupError):

@@ -1,17 +1,12 @@
 """Nodes that are killed, stopped or broken while a graph runs: it must end as if nothing was."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import random
 import signal
 import threading
 import time
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -21,7 +16,6 @@ from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.messages.recording.reader import open_recording, parts_of
 from palpate.nodes import recorder
-from palpate.nodes.runtime.composed import Ending
 from palpate.nodes.runtime.node import Input, Wiring, with_description
 
 pytestmark = pytest.mark.graph
@@ -31,13 +25,13 @@ FRAMES = 600
 class Harm(threading.Thread):
     """Sends signals to the processes of nodes, one after the other."""
 
-    def __init__(self, names: Sequence[str], signal_: int, seed: int) -> None:
+    def __init__(self, names, signal_, seed):
         super().__init__(daemon=True)
         self._names, self._signal = list(names), signal_
         self._rng = random.Random(seed)
         self.when: list[float] = []
 
-    def run(self) -> None:
+    def run(self):
         for name in self._names:
             time.sleep(self._rng.uniform(0.05, 0.4))
             while not (
@@ -48,7 +42,7 @@ class Harm(threading.Thread):
             self.when.append(time.monotonic())
 
 
-def line(folder: Path) -> list[Wiring]:
+def line(folder):
     """A source, one who passes on, one who counts, and a recorder."""
     wirings = [
         toy("source", ToyParams(burst=FRAMES)),
@@ -68,14 +62,14 @@ def line(folder: Path) -> list[Wiring]:
     return list(with_description([*wirings, kept], {}))
 
 
-def run(wirings: list[Wiring], watcher: Any, folder: Path, harm: Harm) -> Ending:
+def run(wirings, watcher, folder, harm):
     harm.start()
     ending = launch(wirings, ends="counter", watch=["/relay"], watcher=watcher, work_dir=folder)
     assert multiprocessing.active_children() == []
     return ending
 
 
-def recorded(folder: Path) -> list[tuple[str, int]]:
+def recorded(folder):
     recording = open_recording(folder / "topics.mcap")
     assert recording.closed
     return sorted((kept.topic, kept.seq) for kept in recording.messages())
@@ -110,7 +104,7 @@ def test_neighbours_that_die_at_once_rebuild_each_other(watcher, tmp_path):
     assert ending.restarts == {"a": 2, "b": 2}
 
 
-def _kill_both() -> None:
+def _kill_both():
     for _ in range(2):
         time.sleep(0.4)
         for child in multiprocessing.active_children():

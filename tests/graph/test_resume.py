@@ -1,11 +1,7 @@
 """Explorations that go on from their recording, or go on though nodes are killed."""
 
-from __future__ import annotations
-
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,23 +20,23 @@ TOYS = Path(__file__).parent / "toys"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _toys() -> Any:
+def _toys():
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(TOYS.parent))
         yield
 
 
 @pytest.fixture(scope="module")
-def alone(explored: Callable[[int], Path]) -> Path:
+def alone(explored):
     return explored(1)
 
 
 @pytest.fixture(scope="module")
-def three(explored: Callable[[int], Path]) -> Path:
+def three(explored):
     return explored(3)
 
 
-def gone_on(bag: Path, contour: int | None, out: Path) -> Path:
+def gone_on(bag, contour, out):
     plan = plan_resume(bag, contour, nodes=("planner",), out=out)
     assert plan.before is not None
     run = perform(plan, composed=False, display=SilentDisplay())
@@ -48,7 +44,7 @@ def gone_on(bag: Path, contour: int | None, out: Path) -> Path:
     return out
 
 
-def identical(a: Path, b: Path) -> bool:
+def identical(a, b):
     return all(one.identical for one in compare_recordings(a, b).topics.values())
 
 
@@ -73,7 +69,7 @@ def test_a_recording_that_was_never_closed_is_gone_on_with_cause_before_effect(t
     assert [*violations_in(history), *causality_violations(history, whole=True)] == []
 
 
-def whole_records(data: bytes) -> bytes:
+def whole_records(data):
     """The beginning of a recording, up to the end of a record past its middle."""
     place = 8
     while place < len(data) // 2:

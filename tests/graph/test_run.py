@@ -1,7 +1,5 @@
 """The whole program, as a user starts it: every node a process of its own."""
 
-from __future__ import annotations
-
 import json
 import os
 import random
@@ -10,7 +8,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,13 +22,13 @@ KILLS = 3
 TOYS = Path(__file__).parent / "toys"
 
 
-def palpate(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def palpate(*arguments, folder):
     command = [sys.executable, "-m", "palpate", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=SECONDS)
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def run(tmp_path_factory):
     """A short exploration of the sphere: its folder and its summary."""
     folder = tmp_path_factory.mktemp("separate")
     done = palpate("run", "sphere", *EVEN, "--quiet", "--out", "run", folder=folder)
@@ -93,7 +90,7 @@ def test_unscored_and_unrecorded_in_one_process_it_is_the_same_solid_to_the_last
     assert not (tmp_path / "run" / "topics.mcap").exists()
 
 
-def nodes_of(launcher: int) -> list[int]:
+def nodes_of(launcher):
     """Processes of the nodes: the launcher's server has forked them."""
     parents = {}
     for folder in Path("/proc").iterdir():
@@ -107,7 +104,7 @@ def nodes_of(launcher: int) -> list[int]:
     return sorted(pid for pid, parent in parents.items() if parents.get(parent) == launcher)
 
 
-def kill_some(launcher: subprocess.Popen[str], seed: int) -> int:
+def kill_some(launcher, seed):
     """Kill nodes at random while it runs; returns how many."""
     rng, killed = random.Random(seed), 0
     while killed < KILLS and launcher.poll() is None:

@@ -1,13 +1,8 @@
 """Sources in a graph: recordings that are played, tools that speak, and both through deaths."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -27,12 +22,12 @@ pytestmark = pytest.mark.graph
 
 
 @pytest.fixture(autouse=True)
-def own_register(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def own_register(tmp_path, monkeypatch):
     """Tools shall find the graphs of this test alone."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
 
-def bag(path: Path, frames: int, every: float = 1e-3) -> Path:
+def bag(path, frames, every=0.001):
     writer = RecordingWriter(path, {"/player": "TactileFrame"}, {}, {"version": "1"})
     for number in range(frames):
         header = Header(
@@ -43,7 +38,7 @@ def bag(path: Path, frames: int, every: float = 1e-3) -> Path:
     return path
 
 
-def playing(path: Path, **params: Any) -> Wiring:
+def playing(path, **params):
     return Wiring(
         name="player",
         module="palpate.nodes.player",
@@ -55,7 +50,7 @@ def playing(path: Path, **params: Any) -> Wiring:
     )
 
 
-def typing() -> Wiring:
+def typing():
     return Wiring(
         name="console",
         module="palpate.nodes.console",
@@ -71,12 +66,12 @@ def typing() -> Wiring:
 class Aside(threading.Thread):
     """Does something while the graph runs, as soon as tools find it."""
 
-    def __init__(self, act: Callable[[], None]) -> None:
+    def __init__(self, act):
         super().__init__(daemon=True)
         self._act = act
         self.failure: Exception | None = None
 
-    def run(self) -> None:
+    def run(self):
         while not running_graphs():
             time.sleep(0.005)
         try:
@@ -117,7 +112,7 @@ def test_a_player_that_is_killed_goes_on_where_it_was(watcher, tmp_path):
 def test_a_player_stands_still_steps_and_goes_on(watcher, tmp_path):
     received: list[int] = []
 
-    def act() -> None:
+    def act():
         control_player(None, "step", number=3)
         while len(watcher.messages) < 4:
             time.sleep(0.005)
@@ -141,7 +136,7 @@ BODY = (
 
 
 def test_what_a_user_types_is_heard_though_the_console_dies_in_between(watcher, tmp_path):
-    def act() -> None:
+    def act():
         for number in range(4):
             publish("/console", BODY % number, rate=1, times=1, run=None, echo=echoed.append)
             if number == 1:
@@ -165,7 +160,7 @@ def test_what_a_user_types_is_heard_though_the_console_dies_in_between(watcher, 
 def test_what_cannot_be_published_is_refused_in_a_sentence(watcher, tmp_path):
     refused: list[str] = []
 
-    def act() -> None:
+    def act():
         for topic, body in [
             ("/consule", "{}"),
             ("/counter", "{}"),
@@ -213,7 +208,7 @@ def test_a_source_that_is_quiet_for_long_has_not_stalled(watcher, tmp_path, monk
 def test_a_tool_of_another_version_cannot_hurt_a_source(watcher, tmp_path):
     refused = []
 
-    def act() -> None:
+    def act():
         card = running_graphs()[0]
         for kind, fields in [
             ("publish", {"node": "console", "topic": "/nowhere", "body": b""}),

@@ -1,41 +1,26 @@
-from __future__ import annotations
-
 import sys
-from collections.abc import Callable, Mapping
 from types import ModuleType
-from typing import Any
 
 import pytest
 from msgspec import Struct
 
-from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.files.yaml_file import parse_yaml
 from palpate.nodes.runtime.node import Node
-
-MakeNode = Callable[..., str]
 
 
 class NoParams(Struct, frozen=True, kw_only=True):
     pass
 
 
-def _quiet(params: Any, state: Any, message: Any) -> tuple[Any, list[Any]]:
+def _quiet(params, state, message):
     return state, []
 
 
 @pytest.fixture
-def make_node(monkeypatch: pytest.MonkeyPatch) -> MakeNode:
+def make_node(monkeypatch):
     """Puts a node that does nothing where it can be imported; gives the module's name."""
 
-    def make(
-        module: str,
-        inputs: Mapping[str, type] | None = None,
-        outputs: Mapping[str, type] | None = None,
-        params: type = NoParams,
-        fan_in: tuple[str, ...] = (),
-        shared: tuple[str, ...] = (),
-        value: object = None,
-    ) -> str:
+    def make(module, inputs=None, outputs=None, params=NoParams, fan_in=(), shared=(), value=None):
         node = Node(
             params=params,
             start=lambda _: (None, []),
@@ -53,6 +38,6 @@ def make_node(monkeypatch: pytest.MonkeyPatch) -> MakeNode:
 
 
 @pytest.fixture
-def typed() -> Callable[[str], SourceMapped]:
+def typed():
     """A YAML text as a document with places."""
     return lambda text: parse_yaml(text, "f.yaml")

@@ -1,24 +1,14 @@
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import pytest
 from msgspec import Meta, Struct
 
 from palpate.launch.files.source_map import InputError
 from palpate.launch.files.yaml_file import parse_yaml
-from palpate.launch.graph import (
-    Graph,
-    override,
-    read_arguments,
-    read_settings,
-    resolved_text,
-)
+from palpate.launch.graph import Graph, override, read_arguments, read_settings, resolved_text
 from palpate.launch.node_kinds import Entry
 from palpate.messages.codec import Header, encode, schema, schema_hash
 from palpate.messages.fields import Metres
@@ -26,9 +16,7 @@ from palpate.messages.recording.mcap_reading import file_records
 from palpate.messages.types.catalogue import LogRecord, NodeStatus
 from palpate.messages.types.world import Truth, World
 from palpate.nodes import recorder
-from palpate.nodes.runtime.node import Sink, Wiring, schemas_of, with_description
-
-MakeNode = Callable[..., str]
+from palpate.nodes.runtime.node import Sink, schemas_of, with_description
 
 
 class Dials(Struct, frozen=True, kw_only=True):
@@ -40,18 +28,18 @@ class Named(Struct, frozen=True, kw_only=True):
     name: str = "x"
 
 
-def graph_of(*entries: Entry, ends: str = "b") -> Graph:
+def graph_of(*entries, ends="b"):
     return Graph(entries, ends, "f.yaml:9")
 
 
 @pytest.fixture
-def pair(make_node: MakeNode) -> tuple[Entry, Entry]:
+def pair(make_node):
     make_node("t.a", outputs={"/x": LogRecord}, params=Dials)
     make_node("t.b", inputs={"/x": LogRecord})
     return Entry(name="a", kind="t.a", source="f.yaml:2"), Entry(name="b", kind="t.b")
 
 
-def changed(entry: Entry, **fields: Any) -> Entry:
+def changed(entry, **fields):
     return Entry(**{name: getattr(entry, name) for name in entry.__slots__} | fields)
 
 
@@ -232,7 +220,7 @@ class Width:
     width: Metres
 
 
-def named(name: str) -> type:
+def named(name):
     """Another message type of one's own, with this name."""
 
     @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -243,7 +231,7 @@ def named(name: str) -> type:
     return Made
 
 
-def graph(make_node: MakeNode, path: Path, *outputs: type) -> tuple[Wiring, ...]:
+def graph(make_node, path, *outputs):
     for number, cls in enumerate(outputs):
         make_node(f"t.n{number}", outputs={f"/n{number}": cls})
     entries = [Entry(name=f"n{i}", kind=f"t.n{i}") for i in range(len(outputs))]

@@ -1,17 +1,13 @@
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.graph import resolved_text
-from palpate.launch.launch_file import LaunchDescription, arguments_table, describe
+from palpate.launch.launch_file import arguments_table, describe
 from palpate.launch.launch_source import EXPLORE, find_launch_file
 
-Write = Callable[[str, str], Path]
 TWO = """
 args:
   loud: true
@@ -29,7 +25,7 @@ ends: a
 """
 
 
-def described(path: Path, **args: object) -> LaunchDescription:
+def described(path, **args):
     return describe(path, {k: SourceMapped(v, k) for k, v in args.items()}, Path("runs/here"))
 
 
@@ -232,13 +228,13 @@ def test_what_a_python_launch_file_raises_is_told_with_its_line(tmp_path):
         describe(path, {}, tmp_path)
 
 
-def written(folder: Path, name: str, text: str) -> Path:
+def written(folder, name, text):
     path = folder / name
     path.write_text(text)
     return path
 
 
-def rows(text: str) -> list[str]:
+def rows(text):
     """Lines of the table, with one blank between two words."""
     return [" ".join(line.split()) for line in text.splitlines()[2:]]
 

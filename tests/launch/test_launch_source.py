@@ -1,19 +1,13 @@
-from __future__ import annotations
-
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.launch_file import describe
 from palpate.launch.launch_source import EXPLORE, named_modules
-from palpate.launch.node_kinds import Entry
 
-Write = Callable[[str, str], Path]
 BASE = """
 args:
   turns: 3
@@ -31,7 +25,7 @@ ends: a
 """
 
 
-def entries(path: Path, **args: Any) -> Mapping[str, Entry]:
+def entries(path, **args):
     given = {name: SourceMapped(value, name) for name, value in args.items()}
     found = describe(path, given, Path("out")).graph
     return {entry.name: entry for entry in found.entries}

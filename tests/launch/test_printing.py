@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from palpate.launch.printing import counted, millimetres, size_text, text_table, titled
@@ -8,11 +6,7 @@ from palpate.launch.printing import counted, millimetres, size_text, text_table,
 def test_columns_are_aligned_and_cells_are_printed_as_they_are():
     assert text_table(
         [("topic", "n", "to"), ("/a", "12", ""), ("/[b]x", "3", ":smile:")], (1,)
-    ) == [
-        "topic   n  to",
-        "/a     12",
-        "/[b]x   3  :smile:",
-    ]
+    ) == ["topic   n  to", "/a     12", "/[b]x   3  :smile:"]
 
 
 def test_a_column_has_at_least_its_width_and_no_cell_is_cut():

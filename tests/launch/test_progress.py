@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import dataclasses
 import io
 import json
@@ -17,7 +15,7 @@ from palpate.launch.progress import (
 from palpate.messages.types.catalogue import LogRecord
 
 
-def record(text: str = "the pad slipped", level: str = "warning") -> LogRecord:
+def record(text="the pad slipped", level="warning"):
     return LogRecord(node="tracer", level=level, text=text, robot_time=2.5)  # type: ignore[arg-type]
 
 

@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +12,11 @@ from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.graph import read_settings
 from palpate.launch.launch_source import EXPLORE
 from palpate.launch.progress import SilentDisplay
-from palpate.launch.run import Run, explore, perform, plan_run
+from palpate.launch.run import explore, perform, plan_run
 from palpate.messages.types.model import Score, ShapeModel
 from palpate.messages.types.motion import Contour
 from palpate.nodes.runtime.node import Finished, Node
 
-MakeNode = Callable[..., str]
-Write = Callable[[str, str], Path]
 LAUNCH = """
 args: {seed: 5, maker: t.maker}
 nodes:
@@ -32,15 +27,7 @@ ends: judge
 
 
 @pytest.fixture
-def launch_file(
-    make_node: MakeNode,
-    write: Write,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    tetrahedron: ShapeModel,
-    contour: Contour,
-    score: Score,
-) -> Path:
+def launch_file(make_node, write, tmp_path, monkeypatch, tetrahedron, contour, score):
     """A graph of two nodes: one makes a contour and a model, the other scores it and ends."""
     monkeypatch.chdir(tmp_path)
     make_node("t.maker")
@@ -51,10 +38,10 @@ def launch_file(
     outputs = {"/contour/traced": Contour, "/model/shape": ShapeModel}
     messages = [("/contour/traced", contour), ("/model/shape", tetrahedron)]
 
-    def judge(_: Any, state: Any, message: ShapeModel) -> tuple[Any, list[Any]]:
+    def judge(_, state, message):
         return state, [("/score", score), Finished("scored")]
 
-    def fail(*_: Any) -> tuple[Any, list[Any]]:
+    def fail(*_):
         raise ValueError("the finger fell off")
 
     maker = Node(params=params, start=lambda _: (None, messages), inputs={}, outputs=outputs)
@@ -72,7 +59,7 @@ def launch_file(
     return write("f.yaml", LAUNCH)
 
 
-def start(path: Path, **args: object) -> Run:
+def start(path, **args):
     located = {name: SourceMapped(value, name) for name, value in args.items()}
     plan = plan_run(path, located, {}, name="toy", out=Path("here"))
     assert not Path("here").exists()
@@ -124,7 +111,7 @@ def test_a_plan_that_is_refused_leaves_no_trace(launch_file, tmp_path):
 BALL = "object:\n  superquadric: {size: [0.03, 0.03, 0.03], exponents: [1, 1]}\n"
 
 
-def planned(folder: Path, text: str, fingers: int = 1, **settings: Any) -> None:
+def planned(folder, text, fingers=1, **settings):
     scene = folder / "s.yaml"
     scene.write_text(BALL + text)
     args = {"scene": SourceMapped(str(scene), "scene"), "fingers": SourceMapped(fingers, "fingers")}
@@ -161,12 +148,12 @@ def test_a_setting_from_outside_is_named_as_such(tmp_path):
 def test_exploring_from_python_is_what_run_does(monkeypatch):
     asked: dict[str, Any] = {}
 
-    def plan(path: Path, args: Mapping[str, SourceMapped], settings: Any, **rest: Any) -> str:
+    def plan(path, args, settings, **rest):
         asked.update(path=path, settings=settings, **rest)
         asked["args"] = {name: value.value for name, value in args.items()}
         return "the plan"
 
-    def perform(plan: str, **rest: Any) -> str:
+    def perform(plan, **rest):
         asked.update(plan=plan, **rest)
         return "the run"
 

@@ -1,16 +1,12 @@
-from __future__ import annotations
-
 import re
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from palpate.core.explore.planners.protocol import PLANNER_NAMES, make_planner, planner_type
 from palpate.core.explore.planners.uniform import Uniform
-from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.files.source_map import InputError
 from palpate.launch.scene import (
     SHIPPED_SCENES,
     check_planner,
@@ -20,7 +16,6 @@ from palpate.launch.scene import (
 )
 from palpate.tools.init import begin
 
-Write = Callable[[str, str], Path]
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
 
 
@@ -240,9 +235,6 @@ def test_a_module_that_is_no_effect_is_refused_in_one_sentence(
         load_scene(write("s.yaml", text))
     assert re.search(r"s\.yaml:[34]: ", str(caught.value))
     assert "\n" not in str(caught.value)
-
-
-Typed = Callable[[str], SourceMapped]
 
 
 def test_a_planner_is_made_with_its_settings(typed):

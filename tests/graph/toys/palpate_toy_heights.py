@@ -122,11 +122,7 @@ NODE = Node(
         "/contour/traced": (Contour, _take_contour),
         "/finger/clock": (FingerClock, _take_clock),
     },
-    outputs={
-        "/hand/goal": GraspGoal,
-        "/contour/goal": ContourGoal,
-        "/probe/goal": ProbeGoal,
-    },
+    outputs={"/hand/goal": GraspGoal, "/contour/goal": ContourGoal, "/probe/goal": ProbeGoal},
     needs=("/world",),
     fan_in=("/contour/traced", "/finger/clock"),
 )

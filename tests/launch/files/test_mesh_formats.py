@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -29,7 +27,7 @@ def test_every_format_gives_the_surface_that_was_written(name):
     assert volume(found) == pytest.approx(volume(RawMesh(vertices, faces)), rel=off)
 
 
-def volume(mesh: RawMesh) -> float:
+def volume(mesh):
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
@@ -71,18 +69,18 @@ def test_a_mesh_is_where_its_nodes_put_it():
     np.testing.assert_allclose(np.ptp(found.vertices, axis=0), [100.0, 120.0, 160.0], rtol=1e-2)
 
 
-def changed(**parts: object) -> bytes:
+def changed(**parts):
     described, held = gltf_of(VALID["plain.glb"])
     return glb({**described, **parts}, held)
 
 
-def ply(old: bytes, new: bytes, name: str = "text.ply") -> bytes:
+def ply(old, new, name="text.ply"):
     data = VALID[name]
     assert old in data
     return data.replace(old, new, 1)
 
 
-def stl(old: bytes, new: bytes) -> bytes:
+def stl(old, new):
     return VALID["text.stl"].replace(old, new, 1)
 
 

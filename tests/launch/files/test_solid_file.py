@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import zipfile
 
@@ -22,14 +20,14 @@ def test_arrays_are_read_as_they_were_written():
     assert read_npz(packed.getvalue())["a"].shape == (1000,)
 
 
-def member(content: bytes, name: str = "x.npy", how: int = zipfile.ZIP_DEFLATED) -> bytes:
+def member(content, name="x.npy", how=zipfile.ZIP_DEFLATED):
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", how) as parts:
         parts.writestr(name, content)
     return file.getvalue()
 
 
-def header(shape: str, kind: str = "<f8") -> bytes:
+def header(shape, kind="<f8"):
     text = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
 

@@ -1,6 +1,6 @@
-from __future__ import annotations
-
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -12,6 +12,7 @@ from palpate.launch.processes.node_status import (
     NodeStatusTable,
     TerminationDetector,
 )
+from palpate.launch.processes.supervisor import ToolServer
 from palpate.messages.codec import encode
 from palpate.messages.types.catalogue import NodeStatus
 
@@ -69,13 +70,11 @@ def test_silence_is_mentioned_once_until_the_node_speaks_again():
 EDGE = Edge("hearer", "talker", "/talk")
 
 
-def census() -> TerminationDetector:
+def census():
     return TerminationDetector(["talker", "hearer"], [EDGE])
 
 
-def answer(
-    one: TerminationDetector, sent: int, consumed: int, now: float, waits: tuple[str, ...] = ()
-) -> None:
+def answer(one, sent, consumed, now, waits=()):
     round_ = one.round
     one.answer("talker", round_, MessageCounts({"/talk": sent}, {}), now, 0.0)
     one.answer(
@@ -151,3 +150,23 @@ def test_who_is_dropped_is_neither_asked_nor_waited_for():
     for now in (1.0, 2.0):
         one.answer("talker", one.round, MessageCounts({"/talk": 3}, {}), now, 0.0)
     assert one.settled
+
+
+def test_a_tool_is_told_of_every_node_and_of_the_process_of_those_that_live():
+    asked: list[Any] = [("tool", {"kind": "status"}), None]
+    told: list[dict[str, Any]] = []
+    line = SimpleNamespace(receive=lambda: asked.pop(0), send=lambda _, **word: told.append(word))
+    processes = SimpleNamespace(
+        wirings={"a": None, "b": None},
+        living=["b"],
+        pid=lambda name: 7,
+        restarts=SimpleNamespace(counts={"a": 2, "b": 0}),
+    )
+    server: Any = ToolServer
+    server(line, None, processes, NodeStatusTable(["a", "b"])).serve()
+    [status] = told
+    assert status["kind"] == "status" and status["for_s"] >= 0.0
+    assert {name: (one["pid"], one["restarts"]) for name, one in status["nodes"].items()} == {
+        "a": (0, 2),
+        "b": (7, 0),
+    }

@@ -1,6 +1,5 @@
-from __future__ import annotations
-
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +8,7 @@ import time
 import pytest
 
 from palpate.launch.processes import process_table as pulse
+from palpate.launch.processes.process_hosts import exit_text
 from palpate.launch.processes.process_table import (
     ProcessState,
     RestartPolicy,
@@ -48,9 +48,7 @@ def test_a_node_that_the_launch_file_says_so_of_ends_the_run_at_once():
 PIDS = {"node": 1}
 
 
-def watched(
-    monkeypatch: pytest.MonkeyPatch, does: ProcessState | None, handler_timeout: float = 1.0
-) -> Watchdog:
+def watched(monkeypatch, does, handler_timeout=1.0):
     """A pulse whose node gave its last sign at 10 s, with 2 s used, looked at ten times a s."""
     monkeypatch.setattr(pulse, "process_state", lambda pid: does)
     made = Watchdog({"node": handler_timeout})
@@ -59,7 +57,7 @@ def watched(
     return made
 
 
-def hung_at(made: Watchdog, until: float) -> float | None:
+def hung_at(made, until):
     """When it is found to hang, s after its last sign."""
     for tick in range(1, round(10 * until) + 1):
         found = made.hung(10.0 + 0.1 * tick, PIDS)
@@ -127,3 +125,31 @@ def test_the_system_says_what_a_process_does():
     finally:
         child.kill()
         child.wait()
+
+
+@pytest.mark.parametrize(("code", "words"), [
+    (-9, "was killed by SIGKILL"),
+    (-11, "was killed by SIGSEGV"),
+    (3, "ended by itself with exit code 3"),
+    (0, "ended by itself with exit code 0"),
+])  # fmt: skip
+def test_an_exit_code_is_put_into_words(code, words):
+    assert exit_text(code) == words
+
+
+TRACKED = """
+import signal
+from multiprocessing import resource_tracker
+from palpate.launch.processes.process_hosts import ForkServer
+with ForkServer(()):
+    print(open(f"/proc/{resource_tracker._resource_tracker._pid}/status").read())
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_closed_terminal_does_not_reach_the_process_that_keeps_track():
+    run = [sys.executable, "-c", TRACKED]
+    told = subprocess.run(run, capture_output=True, text=True, timeout=30.0, check=True).stdout
+    [held] = re.findall(r"^SigBlk:\s*(\w+)$", told, re.MULTILINE)
+    assert int(held, 16) >> (signal.SIGHUP - 1) & 1

@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import os
 import shutil
 import time
-from pathlib import Path
 
 import pytest
 
@@ -22,7 +19,7 @@ from palpate.launch.processes.registry import (
 )
 
 
-def card(run: str, name: str = "vase", folder: str = "") -> RunCard:
+def card(run, name="vase", folder=""):
     return RunCard(
         run=run,
         name=name,
@@ -44,9 +41,7 @@ def test_a_graph_runs_as_long_as_its_lock_is_held(tmp_path):
     assert running_graphs(tmp_path) == []
 
 
-def left(
-    folder: Path, *, age: float = 0.0, announced: bool = True, run: Path | None = None
-) -> None:
+def left(folder, *, age=0.0, announced=True, run=None):
     """What a launcher leaves that was killed."""
     folder.mkdir()
     (folder / LOCK_FILE).touch()
