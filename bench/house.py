@@ -1,8 +1,7 @@
 """The figures of the house: how much there is, in how many files, and how many files an act needs.
 
-Three acts are watched from outside, by the calls that Python makes: one tactile frame from the
-simulator to the reconstructor, one rebuild, and planning a run. They are performed on the vase
-through the public face, each in a process of its own: ``python -m palpate.bench.house run``.
+Acts are watched from outside, by the calls that Python makes, through the public face and on the
+vase, each in a process of its own: ``python -m palpate.bench.house run``.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ class FolderSize(NamedTuple):
     name: str
     files: int
     lines: int
-    code: int  # Lines that are neither blank nor comment nor docstring
+    code: int  # Neither blank nor comment nor docstring
     median: int  # Lines of a file
     long: int  # Files of more than 600 lines
     short: int  # Files of fewer than 60
@@ -66,8 +65,7 @@ def house_rows(quick: bool) -> Iterator[FolderSize | Row | str]:
         yield folder_size(name, paths)
     if quick:
         return
-    acts = {**_probe("run"), "planning a run": _probe("plan")}
-    for act, counts in acts.items():
+    for act, counts in {**_probe("run"), "planning a run": _probe("plan")}.items():
         yield Row(act, ", ".join(f"{count} {what}" for what, count in counts.items()))
 
 
@@ -81,9 +79,13 @@ def folder_size(name: str, paths: Iterable[Path]) -> FolderSize:
     """Count files, lines and lines of code."""
     texts = [path.read_text("utf-8") for path in paths]
     lines = [len(text.splitlines()) for text in texts]
-    code, middle = sum(map(code_lines, texts)), round(median(lines)) if lines else 0
-    long, short = sum(n > LONG for n in lines), sum(n < SHORT for n in lines)
-    return FolderSize(name, len(lines), sum(lines), code, middle, long, short)
+    middle, ends = (
+        median(lines or [0]),
+        (sum(n > LONG for n in lines), sum(n < SHORT for n in lines)),
+    )
+    return FolderSize(
+        name, len(lines), sum(lines), sum(map(code_lines, texts)), round(middle), *ends
+    )
 
 
 def code_lines(text: str) -> int:
@@ -165,7 +167,10 @@ class CallWatch:
     def _visit(self, call: Call) -> None:
         """Keep what happens in nodes, each visit for itself."""
         if not self._node and call.begins and call.name != "<module>":
-            self._node = _node_of(call.file)
+            # The filter's is ``nodes/filter.py``, or all below ``nodes/filter``.
+            parts = call.file.removesuffix(".py").split("/")
+            names = (name for room, name in pairwise(parts) if room == "nodes")
+            self._node = next((name for name in names if name in FRAME_NODES), "")
         if not self._node:
             return
         self._calls.append(call)
@@ -177,12 +182,6 @@ class CallWatch:
             rebuilt = node == FRAME_NODES[-1] and len(calls) > 2 * REBUILT
             if rebuilt and len(frames_of(self.visits)) >= FRAMES:
                 raise _Enough
-
-
-def _node_of(file: str) -> str:
-    """The node of a file, as ``nodes/filter.py`` is the filter's; empty if it has none."""
-    pairs = pairwise(file.removesuffix(".py").split("/"))
-    return next((name for room, name in pairs if room == "nodes" and name in FRAME_NODES), "")
 
 
 def frames_of(visits: Sequence[Visit]) -> list[tuple[Call, ...]]:

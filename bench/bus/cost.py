@@ -111,10 +111,10 @@ def _hop(laps: int, core: int) -> float:
 def _bare_hop(laps: int, core: int, key: str | None = None) -> float:
     """The same number of bytes over bare sockets: local ones, or over TCP with a key or none."""
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
-        ends = [f"ipc://{Path(folder) / name}" for name in "ab"]
+        there, back = (f"ipc://{Path(folder) / name}" for name in "ab")
         if key is not None:
-            ends = list(free_endpoints("127.0.0.1", ("there", "back")).values())
-        return bare_hop(*ends, laps, core=core, key=key or "")
+            there, back = free_endpoints("127.0.0.1", ("there", "back")).values()
+        return bare_hop(there, back, laps, core=core, key=key or "")
 
 
 def lock_rows(quick: bool, turns: int = 15) -> Iterator[Row]:
@@ -165,7 +165,7 @@ def spawned(*calls: Callable[[Connection], object]) -> Iterator[Connection]:
         mine.close()
 
 
-def _send_back(there: str, back: str, laps: int, core: int, key: str, _: Connection) -> None:
+def _send_back(there: str, back: str, laps: int, core: int, key: str, line: Connection) -> None:
     wires = SocketContext(key)
     out, into = _pair(wires, back, there, key)
     settle(core)

@@ -253,21 +253,14 @@ class GuardedFinger:
     def __init__(self, scene: Path):
         spec = load_scene(scene).spec
         self._pad, self._made = pad_of_spec(spec.sensor), 0
-        params = simulator.Params(
-            object=spec.object,
-            sensor=spec.sensor,
-            effects=spec.effects,
-            reach=spec.world.reach,
-            seed=spec.seed,
-        )
-        self._loop = InProcessLoop(touching_nodes(params))
+        same = {name: getattr(spec, name) for name in ("object", "sensor", "effects", "seed")}
+        self._loop = InProcessLoop(touching_nodes(simulator.Params(reach=spec.world.reach, **same)))
 
     def touch(self, place: Floats, normal: Floats, standoff: float, beyond: float) -> TouchResult:
-        """Come along a normal from before a place, and go no farther than behind it.
+        """Come along an outward unit normal to a place where the surface is expected.
 
-        `place` and `normal` (3,): where the surface is expected, m, and its outward unit normal.
-        `standoff` and `beyond`: how far before the place the pad starts, and how far behind it the
-        way ends, m.
+        `standoff` and `beyond`: how far before it the pad starts, and how far behind it the way
+        ends, m.
         """
         upward = max(float(normal[2]), LEAST_UP)
         heading = float(np.arctan2(normal[1], normal[0]))

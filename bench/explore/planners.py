@@ -84,11 +84,11 @@ WORST = 100.0  # Error where nothing can be rebuilt, %
 
 
 class PlanClaim(NamedTuple):
-    """One run to its end: what was claimed, and what was true; over the height."""
+    """One run to its end: what was claimed, and what was true; errors over the height."""
 
     true: float  # Root mean square error
     bound: float  # That the run has claimed
-    slices: int  # Slices
+    slices: int
     first_true: int | None  # Slices at which the error was first within tolerance
     first_bound: int | None  # At which the bound was
 

@@ -85,9 +85,9 @@ def _assembled(part: Any) -> str:
     if not isinstance(part, dict):
         return str(part)
     [(times, inner)] = part.items()
-    text = _assembled(inner)
+    text: str = _assembled(inner)
     if "%" not in text:
-        return text * times
+        return text * int(times)
     turns = (text.replace("%d", str(i)).replace("%n", str(i + 1)) for i in range(times))
     return "".join(turn.replace("%m", str(i / 1000)) for i, turn in enumerate(turns))
 
@@ -147,7 +147,19 @@ def _other(rng: random.Random, old: Tree) -> Tree:
         rest = {name: item for name, item in old.items() if name != key}
         return rng.choice((rest, {**rest, f"{key}s": old[key]}, {**old, "more": 1}, {"x": old}))
     path = rng.choice(hostile_paths())
-    others = (None, True, "", "x", path, [], {}, _DEEP, [old] * 3, {"a": old}, "x" * 5000)
+    others: tuple[Tree, ...] = (
+        None,
+        True,
+        "",
+        "x",
+        path,
+        [],
+        {},
+        _DEEP,
+        [old] * 3,
+        {"a": old},
+        "x" * 5000,
+    )
     return rng.choice((*others, *NUMBERS, *FLOATS))
 
 

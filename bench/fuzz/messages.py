@@ -156,16 +156,12 @@ def hostile_recordings() -> list[InputFile]:
     burst = bytes(BURST)
     first = records_of(valid_recording())[:2]
     found = [
-        [chunk(burst, BURST), footer],
-        [chunk(burst, 1000), footer],
-        [chunk(bytes(1000), BURST), footer],
-        [chunk(bytes(1000), 2**64 - 1), footer],
+        *([chunk(burst, BURST), footer], [chunk(burst, 1000), footer]),
+        *([chunk(bytes(1000), BURST), footer], [chunk(bytes(1000), 2**64 - 1), footer]),
         [chunk(empty * 100_000, 100_000 * len(empty)), footer],
         [chunk(unknown * 1_000_000, 1_000_000 * len(unknown)), footer],
-        [*first, chunk(b"", 0), footer],
-        [Record(CHUNK, bytes(10)), footer],
-        [Record(12, struct.pack("<I", 2**32 - 1)), footer],
-        [Record(0x80, b"")] * 100_000,
+        *([*first, chunk(b"", 0), footer], [Record(CHUNK, bytes(10)), footer]),
+        *([Record(12, struct.pack("<I", 2**32 - 1)), footer], [Record(0x80, b"")] * 100_000),
     ]
     files = [file_of(records) for records in found]
     whole = valid_recording()

@@ -194,7 +194,8 @@ def _other(rng: random.Random, _: Tree) -> Tree:
     """A value of some other type."""
     number, float_ = rng.choice(NUMBERS), rng.choice(FLOATS)
     text, data = "x" * rng.choice((1, 40, 4096, 4097)), rng.randbytes(rng.choice((1, 8, 56)))
-    nothing, nested = [None] * rng.choice((1, 3, 4097)), [[]] * rng.choice((1, 200, 4096))
+    nothing: Tree = [None] * rng.choice((1, 3, 4097))
+    nested: Tree = [[]] * rng.choice((1, 200, 4096))
     own = msgpack.ExtType(rng.randrange(128), rng.randbytes(rng.choice((0, 1, 8))))
     maps: tuple[Tree, ...] = ({}, {"a": {}}, {b"a": 1}, own)
     lists: tuple[Tree, ...] = ([], nothing, nested, *maps)

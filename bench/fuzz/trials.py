@@ -40,6 +40,7 @@ HANG_SECONDS = 20.0  # A process that has not gone on for so long is killed, s
 # Address space that a process may take beyond what it has before the trials, bytes.
 MOST_ADDRESS_SPACE = 512 << 20
 _POLL = 0.5
+_SPACE = resource.RLIMIT_AS
 _CONTEXT = multiprocessing.get_context("forkserver")
 # Longest processor time for one input, s: what it takes on a machine that does nothing else.
 MOST_CPU_SECONDS = 1.0
@@ -134,9 +135,12 @@ def _settle() -> float:
     with suppress(OSError):  # begin the count of the peak anew, where that can be done
         Path("/proc/self/clear_refs").write_text("5")
     with suppress(OSError, ValueError):
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        limit = pages * resource.getpagesize() + MOST_ADDRESS_SPACE
-        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
+        pages, (_, hard) = (
+            Path("/proc/self/statm").read_text().split()[0],
+            resource.getrlimit(_SPACE),
+        )
+        limit = int(pages) * resource.getpagesize() + MOST_ADDRESS_SPACE
+        resource.setrlimit(_SPACE, (limit, hard))
     return _peak()
 
 
@@ -264,16 +268,14 @@ class InputKind(NamedTuple):
 
 
 def _prepare_messages(_: Path) -> None:
-    from palpate.bench.fuzz.messages import read_packet, valid_packets
-
-    for packet in valid_packets():
-        read_packet(packet)
+    messages = import_module(f"{_ROOM}.messages")
+    for packet in messages.valid_packets():
+        messages.read_packet(packet)
 
 
 def _attempt_message(rng: random.Random, _: int, __: Path) -> None:
-    from palpate.bench.fuzz.messages import mutated_packet, read_packet
-
-    read_packet(mutated_packet(rng))
+    messages = import_module(f"{_ROOM}.messages")
+    messages.read_packet(messages.mutated_packet(rng))
 
 
 def _prepare_files(kind: str, chapter: str, folder: Path) -> None:
@@ -300,8 +302,8 @@ def _attempt_file(kind: str, chapter: str, rng: random.Random, number: int, fold
 
 def _files(kind: str, chapter: str, refusal: type[Exception]) -> InputKind:
     """Files: `chapter` has their ``valid_``, ``hostile_``, ``mutated_`` and ``read_``."""
-    prepare, attempt = (partial(one, kind, chapter) for one in (_prepare_files, _attempt_file))
-    return InputKind(kind, prepare, attempt, refusal)
+    names = kind, chapter
+    return InputKind(kind, partial(_prepare_files, *names), partial(_attempt_file, *names), refusal)
 
 
 _ROOM = __name__.rpartition(".")[0]

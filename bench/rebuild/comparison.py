@@ -200,9 +200,8 @@ def with_outliers(shape: RoundObject, contours: Floats, rng: np.random.Generator
     away = contours - contours.mean(axis=1, keepdims=True)
     away[..., 2] = 0.0
     away /= np.linalg.norm(away, axis=-1, keepdims=True)
-    changed[wrong] += (
-        OUTLIER_DISTANCE * rng.choice([-1.0, 1.0], (int(wrong.sum()), 1)) * away[wrong]
-    )
+    signs = rng.choice([-1.0, 1.0], (int(wrong.sum()), 1))
+    changed[wrong] += OUTLIER_DISTANCE * signs * away[wrong]
     return list(changed)
 
 
@@ -354,16 +353,12 @@ def _solid(contours: Floats, **how: Any) -> Mesh:
 
 def _with_spline(contours: Floats) -> Mesh:
     solid = rebuild_thesis(contours)
-    triples = interpolated_parameters(solid.parameters)
-    return dataclasses.replace(solid, triples=triples).mesh(MESH_ROWS, MESH_COLUMNS)
+    solid = dataclasses.replace(solid, triples=interpolated_parameters(solid.parameters))
+    return solid.mesh(MESH_ROWS, MESH_COLUMNS)
 
 
 def spline_loft(contours: Floats) -> Mesh:
-    """The plain way: cubic splines through points of one number, around and then upwards.
-
-    `contours` (m, n, 3): upwards, the first point of each again at its end. The ends are closed by
-    planes.
-    """
+    """The plain way: a loft of contours that end with their first point again; plane ends."""
     return closed_mesh(loft_rings(contours, contours[:, 0, 2], MESH_ROWS, MESH_COLUMNS))
 
 

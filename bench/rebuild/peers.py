@@ -120,8 +120,7 @@ def _loft_rings(contours: Floats, rows: int, columns: int) -> Floats:
 def loft_rings(contours: Floats, heights: Floats, rows: int, columns: int) -> Floats:
     """Cubic splines through points of one number, around and then upwards, (rows, columns, 3).
 
-    `contours` (m, n, 3): upwards, the first point of each again at its end. `heights` (m,): of the
-    contours. `rows` and `columns`: how finely they are taken.
+    `contours` (m, n, 3): upwards, the first point of each again at its end.
     """
     turns = np.arange(contours.shape[1]) / (contours.shape[1] - 1)
     around = CubicSpline(turns, contours[..., :2], axis=1, bc_type="periodic")

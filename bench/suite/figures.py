@@ -79,9 +79,8 @@ def draw_filters(truth: Floats, what: str) -> Figure:
     frames = filtered(truth)
     errors = mean_errors(truth)
     figure = Figure(figsize=(14.0, 5.4), layout="constrained")
-    figure.suptitle(
-        f"{what}: compression, {1e6 * FRAME_NOISE:.0f} um of noise, {IMPULSES:.0%} impulses"
-    )
+    noise = f"{1e6 * FRAME_NOISE:.0f} um of noise, {IMPULSES:.0%} impulses"
+    figure.suptitle(f"{what}: compression, {noise}")
     x, y = (1e3 * axis for axis in FRAME_PAD.grid())
     for column, (name, frame) in enumerate(frames.items()):
         above = figure.add_subplot(2, len(frames), column + 1, projection="3d")
@@ -91,8 +90,7 @@ def draw_filters(truth: Floats, what: str) -> Figure:
         above.set_title(name, fontsize=9)
         below = figure.add_subplot(2, len(frames), len(frames) + column + 1)
         below.imshow(1e3 * frame, cmap="viridis", vmin=0.0, vmax=1.6)
-        below.set_xticks([])
-        below.set_yticks([])
+        below.set(xticks=[], yticks=[])
         below.set_xlabel(f"rms error {1e6 * errors[name]:.0f} um", fontsize=9)
     return figure
 
@@ -254,9 +252,8 @@ def draw_example(example: Example) -> Figure:
 
 
 def _draw_plain(axes: Axes3D, mesh: Mesh) -> None:
-    axes.plot_trisurf(
-        *mesh.vertices.T, triangles=mesh.faces, color=SURFACE, linewidth=0, antialiased=False
-    )
+    look = {"color": SURFACE, "linewidth": 0, "antialiased": False}
+    axes.plot_trisurf(*mesh.vertices.T, triangles=mesh.faces, **look)
 
 
 def _thesis_axes(figure: Figure, number: int, title: str, view: tuple[int, int]) -> Axes3D:
