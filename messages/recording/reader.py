@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -166,27 +167,27 @@ def checked_records(path: Path) -> Iterator[LocatedRecord]:
     ours = False
     schemas: set[tuple[Path, int]] = set()
     topics: dict[tuple[Path, int], str] = {}
-    counts: dict[str, int] = {}
+    counts = Counter[str]()
     for found in records_of_parts(path):
         part, byte, record = found
-        if isinstance(record, Message):
-            if not ours:
-                raise DamagedRecording(part, NOT_PALPATE, byte)
-            topic = topics[part, record.channel_id]
-            had = counts.get(topic, 0)
-            if part != path and record.sequence != had:
-                # A part begins where those before it ended: one of them was damaged since.
-                raise DamagedRecording(part, f"is damaged: it lacks {topic} {had}", byte)
-            counts[topic] = had + 1
-        elif isinstance(record, Schema):
-            schemas.add((part, record.id))
-        elif isinstance(record, Channel):
-            why = _fault(record, (part, record.schema_id) in schemas)
-            if why:
-                raise DamagedRecording(part, why, byte)
-            topics[part, record.id] = record.topic
-        elif isinstance(record, Metadata):
-            ours = ours or record.name == ABOUT
+        match record:
+            case Message(sequence=sequence):
+                if not ours:
+                    raise DamagedRecording(part, NOT_PALPATE, byte)
+                topic = topics[part, record.channel_id]
+                # A part begins where those before it ended, or one of them was damaged since.
+                if part != path and sequence != counts[topic]:
+                    lacks = f"is damaged: it lacks {topic} {counts[topic]}"
+                    raise DamagedRecording(part, lacks, byte)
+                counts[topic] += 1
+            case Schema():
+                schemas.add((part, record.id))
+            case Channel():
+                if why := _fault(record, (part, record.schema_id) in schemas):
+                    raise DamagedRecording(part, why, byte)
+                topics[part, record.id] = record.topic
+            case Metadata(name=name):
+                ours = ours or name == ABOUT
         yield found
 
 
@@ -231,13 +232,8 @@ def part_path(path: Path, number: int) -> Path:
 
 def parts_of(path: Path) -> tuple[Path, ...]:
     """The parts of a recording that are there; its own path if there is none."""
-    found = []
-    for number in count():
-        part = part_path(path, number)
-        if not part.exists():
-            break
-        found.append(part)
-    return tuple(found) or (path,)
+    numbered = (part_path(path, number) for number in count())
+    return tuple(takewhile(Path.exists, numbered)) or (path,)
 
 
 def counts_of(path: Path) -> dict[str, int]:
@@ -245,15 +241,14 @@ def counts_of(path: Path) -> dict[str, int]:
     counts: dict[str, int] = {}
     for part in parts_of(path):
         topics: dict[int, str] = {}
-        try:
+        # What is damaged holds nothing whole from there on.
+        with suppress(ValueError, KeyError):
             for record in file_records(part):
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
                 elif isinstance(record, Message):
                     topic = topics[record.channel_id]
                     counts[topic] = max(counts.get(topic, 0), record.sequence + 1)
-        except (ValueError, KeyError):
-            continue  # what is damaged holds nothing whole from there on
     return counts
 
 

@@ -90,14 +90,11 @@ def _let_go_of_parent() -> None:
         line._forkserver_alive_fd = None
 
 
-def run_node(
-    wiring: Wiring,  # The node's place in the graph; its parameters as the bytes of a msgpack map
-    place: Addresses,  # Addresses of the run
-    protect: OnTerminate,  # Called for a sink before it opens its file
-) -> int:
-    """Run one node until the launcher says stop.
+def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
+    """Run one node until the launcher says stop; `protect` is called before a sink opens its file.
 
-    Returns the exit code: 0, or `FAILED` after the launcher has been told why.
+    Parameters are the bytes of a msgpack map in the wiring. Returns the exit code: 0, or `FAILED`
+    after the launcher has been told why.
     """
     subscriptions: dict[str, list[str]] = {}
     for one in wiring.inputs:

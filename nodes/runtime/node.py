@@ -115,11 +115,8 @@ class SinkWriter(Protocol):
     def flush(self) -> None:
         """Put away what was written so far: nothing more has come for a while."""
 
-    def close(
-        self,
-        missing: Mapping[str, int],  # Topics to the messages that were sent and never came
-    ) -> None:
-        """Finish, so that all that was written can be read."""
+    def close(self, missing: Mapping[str, int]) -> None:
+        """Finish, so that all can be read; by topic, the messages that were sent and never came."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -254,14 +254,14 @@ def sensor_info(sensing: SensorParams) -> SensorInfo:
 
 
 def tactile_frame(
-    sensing: SensorParams,  # What the numbers mean
-    touch: int,  # Number of the frame, from 0; two frames of one number are one frame to the filter
-    time: float,  # When it was taken, s
-    # Of the pad: x, y, z in m, a quaternion x, y, z, w; its z axis points into the object
-    pose: Floats,
-    image: Floats,  # What the taxels sent, in the driver's own unit
+    sensing: SensorParams, touch: int, time: float, pose: Floats, image: Floats
 ) -> TactileFrame:
-    """One frame as a message."""
+    """One frame as a message.
+
+    Frames count from 0; two of one number are one frame to the filter. The time is in s; the pad's
+    pose is x, y, z in m, a quaternion x, y, z, w, and its z axis points into the object; the image
+    is what the taxels sent, in the driver's own unit.
+    """
     info = sensor_info(sensing)
     calibration, pad = calibration_of_info(info), pad_of_info(info)
     scaled = sensing.scale * np.asarray(image, np.float64)
