@@ -226,8 +226,10 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
     if touch is None:
         if state.is_searching:
             return state, []
-        if state.is_stale:
-            return _ask(state)
+        if state.is_stale:  # ask for a model of all that there is, and wait for it
+            models = state.models + 1
+            state = replace(state, models=models, modelled=state.evidence, asked=True)
+            return state, [("/model/goal", planning.model_goal(state))]
         observation = _observation(demand, state)
         choice = check_choice(rule, observation)
         if isinstance(choice, Height):
@@ -241,12 +243,6 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
     task = planning.Task(state.goals, state.clock, touch.height, (touch.end, touch.probing))
     goal = planning.probe_goal(state, finger, touch.probing)
     return _with_task(state, finger, task), [("/probe/goal", goal)]
-
-
-def _ask(state: State) -> tuple[State, Outputs]:
-    """Ask for a model of all that there is, and wait for it."""
-    state = replace(state, models=state.models + 1, modelled=state.evidence, asked=True)
-    return state, [("/model/goal", planning.model_goal(state))]
 
 
 def _with_task(state: State, finger: int, task: Task) -> State:

@@ -274,7 +274,8 @@ def _parts(solid: rebuild.Solid, final: bool) -> dict[str, Any]:
         "faces": mesh.faces,
         "uncertainty_height": heights,
         "uncertainty": deviation,
-        "health": {name: _rounded(value) for name, value in solid.health().items()},
+        # To digits that do not depend on the machine, so that bodies do not
+        "health": {name: float(f"{value:.2g}") for name, value in solid.health().items()},
     }
 
 
@@ -297,11 +298,6 @@ def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
     heights = np.linspace(*solid.closed.loft.surface.reach, BANDS)
     deviation = solid.closed.loft.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
     return heights, np.sqrt(np.mean(deviation**2, axis=1))
-
-
-def _rounded(value: float) -> float:
-    """To digits that do not depend on the machine, so that bodies do not."""
-    return float(f"{value:.2g}")
 
 
 def _rebuild(state: State, goal: ModelGoal | PlanDone) -> rebuild.Solid:

@@ -141,9 +141,10 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
             f"touch {goal.touch} of goal {goal.goal} is for finger {goal.finger}, "
             f"but this is finger {params.finger}"
         )
-    pipeline, begun = state.pipeline, max(state.clock, goal.not_before)
+    pipeline, robot = state.pipeline, ROBOT_PRESETS[params.robot]
+    begun = max(state.clock, goal.not_before)
     travel, turn = _between(state.resting, goal.pose)
-    starts = begun + free_seconds(ROBOT_PRESETS[params.robot], travel=travel, turn=turn)
+    starts = begun + free_seconds(robot, travel=travel, turn=turn)
     done = SimulatedTouch(
         shape=state.shape,
         number=state.touches,
@@ -155,7 +156,7 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         previous=state.clock,
     )
     remembered = pipeline.simulate(done, state.remembered)
-    late = max(done.time - starts - contact_seconds(ROBOT_PRESETS[params.robot], done.advance), 0.0)
+    late = max(done.time - starts - contact_seconds(robot, done.advance), 0.0)
     met = LastContact(goal.goal, done.believed[:3]) if done.outcome in HITS else None
     ways = (travel, turn, done.advance, _along(state.met, met))
     frame = derive(

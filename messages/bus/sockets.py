@@ -160,15 +160,12 @@ def read_key(path: Path) -> tuple[bytes, bytes]:
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise ValueError(f"key {path} cannot be used: {why}") from None
-    if secret is None or not _is_pair(public, secret):
+    try:
+        is_pair = secret is not None and zmq.curve_public(secret) == public
+    except (ValueError, zmq.ZMQError):
+        is_pair = False
+    if secret is None or not is_pair:
         raise ValueError(f"key {path} cannot be used: it holds no key pair")
     if shared:
         raise ValueError(f"key {path} can be read by others; run chmod 600 {path}")
     return public, secret
-
-
-def _is_pair(public: bytes, secret: bytes) -> bool:
-    try:
-        return bool(zmq.curve_public(secret) == public)
-    except (ValueError, zmq.ZMQError):
-        return False

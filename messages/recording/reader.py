@@ -279,17 +279,27 @@ class RecordingCopy:
         """Write records in their order; how many messages of each topic, is written at the end."""
         for part, _, record in found:
             match record:
-                case Schema():
-                    self._schemas[part, record.id] = self._schema(record)
-                case Channel():
+                case Schema(name=name):
+                    schema = (name, record.encoding, record.data)
+                    if schema not in self._registered:
+                        self._registered[schema] = self._writer.register_schema(*schema)
+                    self._schemas[part, record.id] = self._registered[schema]
+                case Channel(topic=topic, metadata=about):
                     schema_id = self._schemas[part, record.schema_id]
-                    self._channels[part, record.id] = record.topic, self._channel(record, schema_id)
+                    channel = (topic, record.message_encoding, schema_id)
+                    key = (*channel, tuple(sorted(about.items())))
+                    if key not in self._registered:
+                        self._registered[key] = self._writer.register_channel(*channel, about)
+                    self._channels[part, record.id] = topic, self._registered[key]
                 case Message():
                     self._message(record, *self._channels[part, record.channel_id])
                 case Metadata(name=name) if name == COUNTS:
                     self._declared |= record.metadata.keys()
-                case Metadata():
-                    self._metadata(record)
+                case Metadata(name=name, metadata=about):
+                    told = (name, tuple(sorted(about.items())))
+                    if told not in self._told:  # each part of a recording says the same
+                        self._told.add(told)
+                        self._writer.add_metadata(name, about)
 
     def close(self, name: str, about: Mapping[str, str]) -> None:
         """Write the counts, what there is to say about the copy, and the index."""
@@ -325,25 +335,6 @@ class RecordingCopy:
         same = ours.digest() == theirs.digest() == self._digest.digest()
         if not (same and recording.closed and recording.counts == counts == self.counts):
             raise ValueError(f"recording {self._path} does not hold what was written to it")
-
-    def _schema(self, schema: Schema) -> int:
-        key = (schema.name, schema.encoding, schema.data)
-        if key not in self._registered:
-            self._registered[key] = self._writer.register_schema(*key)
-        return self._registered[key]
-
-    def _channel(self, channel: Channel, schema_id: int) -> int:
-        told = channel.metadata
-        key = (channel.topic, channel.message_encoding, schema_id, tuple(sorted(told.items())))
-        if key not in self._registered:
-            self._registered[key] = self._writer.register_channel(*key[:3], told)
-        return self._registered[key]
-
-    def _metadata(self, record: Metadata) -> None:
-        key = (record.name, tuple(sorted(record.metadata.items())))
-        if key not in self._told:  # each part of a recording says the same
-            self._told.add(key)
-            self._writer.add_metadata(record.name, record.metadata)
 
     def _message(self, message: Message, topic: str, channel_id: int) -> None:
         sent, sequence = message.publish_time, message.sequence

@@ -240,19 +240,16 @@ class NodeLoop:
         """Handle a message, once it is put down that it is; if that acts on the world, after it."""
         publisher, topic, seq = arrival.publisher, arrival.topic, arrival.header.seq
         if isinstance(work, NodeWork) and work.has_side_effects:
-            self._answer(work.take(arrival), Cause(publisher, topic, seq))
+            published = work.take(arrival)
+            ends = [one for one in published if isinstance(one, Finished)]
+            outgoing = [one for one in published if isinstance(one, Outgoing)]
+            cause = Cause(publisher, topic, seq, ends[0].reason if ends else "")
+            self._station.answer(outgoing, cause)
+            self._publish(ends)
             return
         if self.journal is not None:
             self.journal.note(publisher, topic, seq)
         self._publish(work.take(arrival))
-
-    def _answer(self, published: Sequence[Outgoing | Finished], cause: Cause) -> None:
-        """Publish what a node that acts has said, with what it had received."""
-        ends = [one for one in published if isinstance(one, Finished)]
-        outgoing = [one for one in published if isinstance(one, Outgoing)]
-        reason = ends[0].reason if ends else ""
-        self._station.answer(outgoing, cause._replace(finished=reason))
-        self._publish(ends)
 
     def _go_on(self, work: Work) -> list[Publication]:
         """Take up what an earlier start has done; returns what it had not come to publish."""

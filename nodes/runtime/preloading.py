@@ -13,8 +13,8 @@ import inspect
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from importlib import import_module
 from types import ModuleType
 
@@ -26,10 +26,12 @@ _PR_SET_PDEATHSIG = 1
 def preload(names: Iterable[str]) -> None:
     """Import modules, and keep all that came of it out of later searches for garbage."""
     gc.disable()
-    with _no_longer_than_parent():
-        for name in names:
-            with suppress(Exception):
-                import_whole(name)
+    # The kernel ends this process with its parent: in an import it would notice too late.
+    signal_at_parent_death(signal.SIGKILL)
+    for name in names:
+        with suppress(Exception):
+            import_whole(name)
+    signal_at_parent_death(0)
     gc.enable()
     gc.freeze()
     if "numpy.random" in sys.modules:
@@ -49,14 +51,6 @@ def import_whole(name: str) -> None:
             match taken:
                 case ast.Attribute(ast.Name(key), attribute) if key in rooms:
                     getattr(rooms[key], attribute, None)
-
-
-@contextmanager
-def _no_longer_than_parent() -> Iterator[None]:
-    """Let the kernel end this process with its parent: in an import it would notice too late."""
-    signal_at_parent_death(signal.SIGKILL)
-    yield
-    signal_at_parent_death(0)
 
 
 def signal_at_parent_death(number: int) -> None:

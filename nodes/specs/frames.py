@@ -198,15 +198,13 @@ def square_size(columns: int) -> ArraySize | None:
 
 
 def _numbers(cells: list[str], where: str) -> Floats:
-    values = []
-    for cell in cells:
-        try:
-            values.append(float(cell))
-        except ValueError:
-            values.append(math.nan)
-        if not math.isfinite(values[-1]):
-            shown = f"column {len(values)} is {cell.strip()!r:.40}"
+    values = list[float]()
+    for column, cell in enumerate(cells, start=1):
+        value = _number(cell)
+        if value is None or not math.isfinite(value):
+            shown = f"column {column} is {cell.strip()!r:.40}"
             raise ValueError(f"{where}: {shown}; expected a finite number")
+        values.append(value)
     return np.array(values)
 
 
@@ -223,15 +221,14 @@ def unit_pose(pose: Floats, where: str) -> Floats:
 
 def is_header(text: str) -> bool:
     """Whether a line names columns, and is no frame."""
-    return any(_is_word(cell) for cell in text.split(","))
+    return any(cell.strip() and _number(cell) is None for cell in text.split(","))
 
 
-def _is_word(cell: str) -> bool:
+def _number(cell: str) -> float | None:
     try:
-        float(cell)
+        return float(cell)
     except ValueError:
-        return bool(cell.strip())
-    return False
+        return None
 
 
 class SensorParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
