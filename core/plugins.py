@@ -16,19 +16,16 @@ from types import NoneType
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 
-def class_by_name(
-    name: str, *, what: str, names: Sequence[str], package: str, attribute: str
-) -> object:
+def class_by_name(name: str, *, what: str, names: Sequence[str], package: str) -> object:
     """What stands under a name; whether it is of any use is for the caller to see.
 
     `name`: one of `names`, or ``module:Class``. `what`: the kind of thing, for complaints:
-    "effect". `names`: modules of `package`, each with one such thing. `package` and `attribute`:
-    where those are, and what they call it. Raises LookupError if there is none of this name. Raises
-    ValueError if the module cannot be imported.
+    "effect". `names`: modules of `package`, each with a class of its own name. Raises LookupError
+    if there is none of this name. Raises ValueError if the module cannot be imported.
     """
     module, colon, wanted = name.partition(":")
     if name in names:
-        module, wanted = f"{package}.{name}", attribute
+        module, wanted = f"{package}.{name}", name.title().replace("_", "")
     elif not colon:
         raise LookupError(f"there is no {what} {name!r}; there are {', '.join(names)}")
     if module.startswith("."):

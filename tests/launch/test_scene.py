@@ -151,7 +151,7 @@ def test_a_scene_without_effects_has_none(write, text):
     ("{drift: {}}", "bad.yaml:3: effects must be a list"),
     ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
     ("['.x:Y']", "must name its module in full"),
-    ("[drift, 'palpate.core.touch.effects.drift:EFFECT']", "are the same effect"),
+    ("[drift, 'palpate.core.touch.effects.drift:Drift']", "are the same effect"),
     ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
     ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
 ])  # fmt: skip

@@ -1,7 +1,7 @@
 """Which slice to trace next, and when to stop.
 
-Planners are frozen dataclasses with one pure function of an `Observation`. One planner a file,
-under the name ``PLANNER``; add your own as ``module:Class``, its numbers with ranges. It rests
+Planners are frozen dataclasses with one pure function of an `Observation`, one a file of the same
+name (``uniform``, `Uniform`); add your own as ``module:Class``, its numbers with ranges. It rests
 on core arrays and ranges alone, and touches nothing: lengths are shares of the object's height.
 """
 

@@ -63,6 +63,3 @@ def truths(value: float, peaks: tuple[float, float, float]) -> dict[str, float]:
     """How true each word is of a value, from 0 to 1; they add up to 1."""
     hats = [float(np.interp(value, peaks, hat)) for hat in np.eye(len(peaks))]
     return dict(zip(WORDS, hats, strict=True))
-
-
-PLANNER = Fuzzy

@@ -319,6 +319,3 @@ def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats
     if observation.all_taxels and observation.deviation is not None:
         return math.hypot(DEVIATION * observation.deviation / observation.extent, resolution, LEFT)
     return math.hypot(NOISE * math.sqrt(float((shares * indicators.noise**2).sum())), resolution)
-
-
-PLANNER = Predicted

@@ -286,9 +286,7 @@ def planner_type(name: str) -> type[Planner]:
     Raises LookupError if there is no such planner. Raises ValueError if the module cannot be
     imported, or holds no such planner.
     """
-    found = class_by_name(
-        name, what="planner", names=PLANNER_NAMES, package=str(__package__), attribute="PLANNER"
-    )
+    found = class_by_name(name, what="planner", names=PLANNER_NAMES, package=str(__package__))
     wanted = name.rpartition(":")[2]
     frozen = is_dataclass(found) and getattr(found, "__dataclass_params__").frozen  # noqa: B009
     if not isinstance(found, type) or not frozen or not callable(getattr(found, "next", None)):

@@ -290,7 +290,6 @@ def _check(places: Floats, values: Floats, segments: int) -> None:
         raise ValueError(f"segments must be at least 1, got {segments}")
 
 
-PLANNER = Thesis
 TEMPLATES: Mapping[Template, StepTemplate] = {
     "exponential": lambda x, power: np.asarray(np.exp(-x)),
     "inverse_power": lambda x, power: np.asarray((1.0 + x) ** -power),

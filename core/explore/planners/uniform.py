@@ -83,6 +83,3 @@ def nested(count: int) -> list[int]:
             order.append(between)
             pairs += [(between, high), (low, between)]
     return list(dict.fromkeys(order))
-
-
-PLANNER = Uniform

@@ -1,9 +1,9 @@
 """Effects that disturb a simulated touch, one a file.
 
-Nothing here is imported that no scene lists. A module of this room holds one frozen dataclass
-under the name ``EFFECT``, whose numbers have ranges, units and defaults: add one beside them, or
-name a class of your own as ``module:Class``. It rests on `palpate.core.touch.pipeline`; no effect
-imports another.
+Nothing here is imported that no scene lists. A module of this room holds one frozen dataclass of
+the same name (``gaussian_noise``, `GaussianNoise`), whose numbers have ranges, units and defaults:
+add one beside them, or name a class of your own as ``module:Class``. It rests on
+`palpate.core.touch.pipeline`; no effect imports another.
 """
 
 from __future__ import annotations

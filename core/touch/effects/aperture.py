@@ -104,6 +104,3 @@ def _way_to_mean(gaps: Floats, depth: float) -> float:
     count = gaps.shape[1]
     sums = np.sort(gaps, axis=1).cumsum(axis=1)
     return float(((count * depth + sums) / np.arange(1, count + 1)).min())
-
-
-EFFECT = Aperture

@@ -39,6 +39,3 @@ class ArmBacklash(Ranged):
             return touch.actual[:3].copy()
 
         return Stage(apply)
-
-
-EFFECT = ArmBacklash

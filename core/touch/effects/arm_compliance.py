@@ -34,6 +34,3 @@ class ArmCompliance(Ranged):
             touch.believed = advanced_pose(touch.believed, bent)
 
         return Stage(apply)
-
-
-EFFECT = ArmCompliance

@@ -38,9 +38,7 @@ def effect_type(name: str) -> type[Effect]:
     Raises LookupError if there is no such effect. Raises ValueError if the module cannot be
     imported, or holds no such effect.
     """
-    found = class_by_name(
-        name, what="effect", names=EFFECT_NAMES, package=str(__package__), attribute="EFFECT"
-    )
+    found = class_by_name(name, what="effect", names=EFFECT_NAMES, package=str(__package__))
     wanted = name.rpartition(":")[2]
     if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
         raise ValueError(f"{name!r} is no effect: {wanted!r} must be a dataclass with prepare()")

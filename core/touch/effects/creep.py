@@ -55,6 +55,3 @@ def _left(loading: float, dwell: float, tau: float) -> float:
     ramp = loading / tau
     rise = -math.expm1(-ramp) / ramp if ramp > 0.0 else 1.0
     return rise * math.exp(-dwell / tau)
-
-
-EFFECT = Creep

@@ -40,6 +40,3 @@ class Crosstalk(Ranged):
             touch.reading = mixed
 
         return Stage(apply)
-
-
-EFFECT = Crosstalk

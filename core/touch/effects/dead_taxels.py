@@ -44,6 +44,3 @@ class DeadTaxels:
             touch.reading = np.where(works, touch.reading, level)
 
         return Stage(apply)
-
-
-EFFECT = DeadTaxels

@@ -40,6 +40,3 @@ class Drift(Ranged):
             return touch.time, zeros
 
         return Stage(apply, (0.0, np.zeros(size)))
-
-
-EFFECT = Drift

@@ -71,6 +71,3 @@ def _steeper(height: Floats, largest: float) -> Bools:
     down[-1] = 2.0 * (height[-1] - height[-2])
     steeper: Bools = across * across + down * down > largest
     return steeper
-
-
-EFFECT = EchoLoss

@@ -35,6 +35,3 @@ class GainOffset(Ranged):
             touch.reading = gain * touch.reading + offset
 
         return Stage(apply)
-
-
-EFFECT = GainOffset

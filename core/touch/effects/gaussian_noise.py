@@ -33,6 +33,3 @@ class GaussianNoise(Ranged):
             touch.reading = touch.reading + sigma * noise
 
         return Stage(apply, noise=sigma)
-
-
-EFFECT = GaussianNoise

@@ -105,6 +105,3 @@ def _contact(kernel: Floats, wanted: Floats) -> Floats:
         f"half_space found no contact within {MOST_STEPS} steps: the face is still off by "
         f"{worst:.3g} of the indentation; expected {TOLERANCE:g}"
     )
-
-
-EFFECT = HalfSpace

@@ -37,6 +37,3 @@ class Hardening(Ranged):
             touch.pressure = touch.pressure * (1.0 + strength * strain * strain / (1.0 - strain))
 
         return Stage(apply)
-
-
-EFFECT = Hardening

@@ -44,6 +44,3 @@ class PoseError(Ranged):
             touch.actual = turned_pose(touch.actual, shift, [rotation * angle for angle in turn])
 
         return Stage(apply)
-
-
-EFFECT = PoseError

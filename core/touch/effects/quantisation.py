@@ -60,6 +60,3 @@ class Quantisation:
             touch.reading = whole + step * np.rint((touch.reading - whole) * (1.0 / step))
 
         return Stage(apply, noise=step / math.sqrt(12.0))
-
-
-EFFECT = Quantisation

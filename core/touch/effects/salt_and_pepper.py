@@ -38,6 +38,3 @@ class SaltAndPepper(Ranged):
             touch.reading = reading
 
         return Stage(apply)
-
-
-EFFECT = SaltAndPepper

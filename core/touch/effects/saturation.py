@@ -41,6 +41,3 @@ class Saturation(Ranged):
                 touch.outcome = "bottomed"
 
         return Stage(apply)
-
-
-EFFECT = Saturation

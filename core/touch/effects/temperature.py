@@ -57,6 +57,3 @@ class Temperature(Ranged):
             touch.reading = ratio * touch.reading + (1.0 - ratio) * zero
 
         return Stage(apply)
-
-
-EFFECT = Temperature

@@ -85,6 +85,3 @@ def _tent(
     amplitudes = answers * (loads @ flat).reshape(answers.shape)
     tent: Floats = down @ amplitudes @ across.T
     return tent
-
-
-EFFECT = Tenting

@@ -44,6 +44,3 @@ class Transport(Ranged):
             touch.copies = 2 if twice < duplicate else 1
 
         return Stage(apply)
-
-
-EFFECT = Transport

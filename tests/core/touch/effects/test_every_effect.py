@@ -223,5 +223,5 @@ def test_a_module_that_cannot_be_imported_or_holds_no_effect_is_refused():
 
 def test_a_users_own_effect_is_found_and_comes_last():
     name = "palpate.core.touch.effects.drift:Drift"
-    assert effect_type(name) is import_module("palpate.core.touch.effects.drift").EFFECT
+    assert effect_type(name) is import_module("palpate.core.touch.effects.drift").Drift
     assert rank(name) == len(EFFECT_NAMES)
