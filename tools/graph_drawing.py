@@ -24,15 +24,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from palpate.launch import Graph
 from palpate.launch.files import InputError, write_atomically
-from palpate.tools.graph_sketch import (
-    Box,
-    Sketch,
-    Wire,
-    dot_text,
-    joined,
-    mermaid_text,
-    sketch_of,
-)
+from palpate.tools.graph_sketch import Box, Sketch, Wire, dot_text, joined, mermaid_text, sketch_of
 
 # Sizes in pixels: letters of names, of what stands under them, and of topics.
 NAME, SMALL, TOPIC = 14.0, 10.5, 12.0

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.launch.files.source_map import InputError
-from palpate.launch.scene import SceneSpec, load_scene, read_calibration, write_calibration
-from palpate.tools.calibration import Calibrated, calibrate, calibration_text, calibration_warnings
+from palpate.launch.scene import load_scene, read_calibration, write_calibration
+from palpate.tools.calibration import calibrate, calibration_text, calibration_warnings
 
 Write = Callable[[str, str], Path]
 WORN = """
@@ -23,24 +23,24 @@ seed: 3
 
 
 @pytest.fixture(scope="module")
-def worn(tmp_path_factory: pytest.TempPathFactory) -> SceneSpec:
+def worn(tmp_path_factory):
     path = tmp_path_factory.mktemp("scenes") / "worn.yaml"
     path.write_text(WORN)
     return load_scene(path).spec
 
 
 @pytest.fixture(scope="module")
-def calibrated(worn: SceneSpec) -> Calibrated:
+def calibrated(worn):
     return calibrate(worn, lambda text: None)
 
 
-def test_every_taxel_of_a_domed_pad_is_reached_but_for_the_dead(calibrated: Calibrated) -> None:
+def test_every_taxel_of_a_domed_pad_is_reached_but_for_the_dead(calibrated):
     estimate = calibrated.estimate
     assert (estimate.trusted == estimate.reached).all()
     assert 0 < (~estimate.trusted).sum() < 10
 
 
-def test_errors_are_a_fifth_of_what_the_data_sheet_leaves(calibrated: Calibrated) -> None:
+def test_errors_are_a_fifth_of_what_the_data_sheet_leaves(calibrated):
     estimate = calibrated.estimate
     used = estimate.reached
     assert np.std(estimate.gain[used]) > 0.025  # the scene's sensor is 3 % off
@@ -50,9 +50,7 @@ def test_errors_are_a_fifth_of_what_the_data_sheet_leaves(calibrated: Calibrated
     assert estimate.noise == pytest.approx(10e-6, rel=0.1)
 
 
-def test_the_report_gives_each_figure_with_its_error(
-    calibrated: Calibrated, worn: SceneSpec
-) -> None:
+def test_the_report_gives_each_figure_with_its_error(calibrated, worn):
     lines = dict(
         line.split(maxsplit=1) for line in calibration_text(calibrated, worn.sensor).splitlines()
     )
@@ -60,9 +58,7 @@ def test_the_report_gives_each_figure_with_its_error(
     assert all("+-" in lines[name] for name in ("sound", "gain", "offset", "ball"))
 
 
-def test_the_ball_is_felt_truer_with_the_calibration(
-    calibrated: Calibrated, worn: SceneSpec
-) -> None:
+def test_the_ball_is_felt_truer_with_the_calibration(calibrated, worn):
     ball = calibration_text(calibrated, worn.sensor).splitlines()[-1]
     measured, by_sheet = (
         part.split(" +- ") for part in ball.partition("measured as ")[2].split("; ")
@@ -73,7 +69,7 @@ def test_the_ball_is_felt_truer_with_the_calibration(
     assert error < error_by_sheet
 
 
-def test_a_flat_pad_that_sends_forces_is_calibrated_too(worn: SceneSpec, write: Write) -> None:
+def test_a_flat_pad_that_sends_forces_is_calibrated_too(worn, write):
     text = WORN + "sensor: {signal: force, pad: {radius: null}}\n"
     spec = load_scene(write("s.yaml", text)).spec
     found = calibrate(spec, lambda text: None)
@@ -82,9 +78,7 @@ def test_a_flat_pad_that_sends_forces_is_calibrated_too(worn: SceneSpec, write: 
     assert "not estimated: the array sends forces" in calibration_text(found, spec.sensor)
 
 
-def test_a_written_calibration_is_read_by_a_scene(
-    calibrated: Calibrated, write: Write, tmp_path: Path
-) -> None:
+def test_a_written_calibration_is_read_by_a_scene(calibrated, write, tmp_path):
     write_calibration(tmp_path / "found.yaml", calibrated.estimate, calibrated.pad)
     scene = load_scene(write("s.yaml", WORN + "sensor: {calibration: found.yaml}\n"))
     sensor = scene.spec.sensor
@@ -94,7 +88,7 @@ def test_a_written_calibration_is_read_by_a_scene(
     assert np.allclose(sensor.calibration.gain, gain, rtol=1e-5)
 
 
-def test_a_file_that_is_there_is_not_overwritten(calibrated: Calibrated, tmp_path: Path) -> None:
+def test_a_file_that_is_there_is_not_overwritten(calibrated, tmp_path):
     path = tmp_path / "found.yaml"
     path.write_text("mine")
     with pytest.raises(InputError, match="exists already"):
@@ -102,7 +96,7 @@ def test_a_file_that_is_there_is_not_overwritten(calibrated: Calibrated, tmp_pat
     assert path.read_text() == "mine"
 
 
-def test_a_file_that_cannot_be_written_is_told(calibrated: Calibrated, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_told(calibrated, tmp_path):
     with pytest.raises(InputError, match="cannot be written: there is no folder"):
         write_calibration(tmp_path / "no" / "x.yaml", calibrated.estimate, calibrated.pad)
 
@@ -118,9 +112,7 @@ def test_a_file_that_cannot_be_written_is_told(calibrated: Calibrated, tmp_path:
         ("{calibration: small.yaml}", "calibration.gain must have 16 rows of 16"),
     ],
 )
-def test_a_bad_calibration_is_refused_in_one_sentence(
-    write: Write, sensor: str, words: str
-) -> None:
+def test_a_bad_calibration_is_refused_in_one_sentence(write, sensor, words):
     write("odd.yaml", "noise: -1\nsound_speed: 1000\ngain: [[1]]\noffset: [[0]]\n")
     write("small.yaml", "noise: 0\nsound_speed: 1000\ngain: [[1]]\noffset: [[0]]\n")
     with pytest.raises(InputError) as caught:
@@ -129,7 +121,7 @@ def test_a_bad_calibration_is_refused_in_one_sentence(
     assert "\n" not in str(caught.value)
 
 
-def test_the_worn_sensor_can_be_calibrated() -> None:
+def test_the_worn_sensor_can_be_calibrated():
     spec = load_scene("worn_sensor").spec
     found = calibrate(spec, lambda text: None)
     assert calibration_warnings(found) == []
@@ -137,7 +129,7 @@ def test_the_worn_sensor_can_be_calibrated() -> None:
     assert 0 < (~found.estimate.trusted).sum() < 10
 
 
-def test_pads_that_yield_are_calibrated_by_what_they_touch(write: Write) -> None:
+def test_pads_that_yield_are_calibrated_by_what_they_touch(write):
     text = WORN.replace("- dead_taxels", "- half_space")
     found = calibrate(load_scene(write("s.yaml", text)).spec, lambda text: None)
     assert calibration_warnings(found) == []
@@ -153,7 +145,7 @@ def test_pads_that_yield_are_calibrated_by_what_they_touch(write: Write) -> None
         ("saturation: {share: 0.1}", "not measured as a ball"),
     ],
 )
-def test_what_makes_no_sense_is_doubted(effect: str, words: str, write: Write) -> None:
+def test_what_makes_no_sense_is_doubted(effect, words, write):
     text = WORN.partition("effects")[0] + f"effects:\n  - {effect}\n  - gaussian_noise\nseed: 1\n"
     found = calibrate(load_scene(write("s.yaml", text)).spec, lambda text: None)
     assert any(words in doubt for doubt in calibration_warnings(found))

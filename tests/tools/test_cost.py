@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,12 +33,7 @@ ROWS = (
 GOALS = (PROBE, CONTOUR, CONTOUR, CONTOUR)
 
 
-def frames(
-    rows: Sequence[Sequence[float]] = ROWS,
-    goals: Sequence[int] = GOALS,
-    robot: str = "modern",
-    finger: int = 1,
-) -> list[object]:
+def frames(rows=ROWS, goals=GOALS, robot="modern", finger=1):
     """Frames whose times are made of their moves."""
     ends = elapsed_seconds(MoveGeometry.of_rows(np.array(rows)), ROBOTS[robot])
     return [
@@ -50,7 +45,7 @@ def frames(
     ]  # fmt: skip
 
 
-def goals(finger: int = 1, contour: int = CONTOUR) -> list[object]:
+def goals(finger=1, contour=CONTOUR):
     asked: Any = {"finger": finger, "not_before": 0.0}
     return [
         ProbeGoal(id=PROBE, pose=IDENTITY_POSE, reach=0.1, **asked),
@@ -60,7 +55,7 @@ def goals(finger: int = 1, contour: int = CONTOUR) -> list[object]:
     ]
 
 
-def closing(end: float) -> GraspContacts:
+def closing(end):
     none = np.zeros((0, 3))
     return GraspContacts(
         number=0, points=none, normals=none, fingers=np.zeros(0, np.int32), missed=4, blocked=0,
@@ -68,17 +63,17 @@ def closing(end: float) -> GraspContacts:
     )  # fmt: skip
 
 
-def graph(robot: str) -> str:
+def graph(robot):
     node = {"name": "simulator", "module": "palpate.nodes.simulator", "params": {"robot": robot}}
     return json.dumps([{**node, "inputs": [], "outputs": {}}])
 
 
 @pytest.fixture
-def record(tmp_path: Path) -> Iterator[Record]:
+def record(tmp_path):
     """Writes messages as a run's recording; gives the run's folder."""
     writers = list[RecordingWriter]()
 
-    def write(*messages: object, robot: str | None = "modern", close: bool = True) -> Path:
+    def write(*messages, robot="modern", close=True):
         topics = {kind.__name__: f"/x/{kind.__name__}" for kind in map(type, messages)}
         writer = RecordingWriter(
             tmp_path / "topics.mcap",
@@ -92,7 +87,7 @@ def record(tmp_path: Path) -> Iterator[Record]:
         if close:
             writer.close()
         else:
-            writer._open_writer().flush()  # type: ignore[no-untyped-call]
+            writer._open_writer().flush()
         writers.append(writer)
         return tmp_path
 
@@ -101,7 +96,7 @@ def record(tmp_path: Path) -> Iterator[Record]:
         writer.close()
 
 
-def test_each_robots_time_is_that_of_its_moves_phase_by_phase(record: Record) -> None:
+def test_each_robots_time_is_that_of_its_moves_phase_by_phase(record):
     found = robot_time(record(*goals(), *frames()))
     assert list(found["robots"]) == list(ROBOTS)
     assert (found["touches"], found["closings"], found["fingers"]) == (4, 0, 1)
@@ -120,17 +115,15 @@ def test_each_robots_time_is_that_of_its_moves_phase_by_phase(record: Record) ->
 
 
 @pytest.mark.parametrize("robot", ["modern", "puma"])
-def test_the_moves_of_the_robot_that_was_recorded_add_up_to_the_recorded_time(
-    record: Record, robot: str
-) -> None:
+def test_the_moves_of_the_robot_that_was_recorded_add_up_to_the_recorded_time(record, robot):
     made = frames(robot=robot)
     recorded = robot_time(record(*goals(), *made, robot=robot))["recorded"]
     assert recorded["agrees"] is True
     assert recorded["robot"] == robot
-    assert recorded["robot_time_s"] == made[-1].robot_time  # type: ignore[attr-defined]
+    assert recorded["robot_time_s"] == made[-1].robot_time
 
 
-def test_a_move_that_the_recording_lacks_is_told(record: Record) -> None:
+def test_a_move_that_the_recording_lacks_is_told(record):
     first, _, *rest = frames()
     found = robot_time(record(*goals(), first, *rest))
     assert found["recorded"]["agrees"] is False
@@ -140,27 +133,24 @@ def test_a_move_that_the_recording_lacks_is_told(record: Record) -> None:
 
 
 @pytest.mark.parametrize("robot", [None, "hydraulic"])
-def test_a_robot_that_is_not_known_cannot_be_checked_and_that_is_told(
-    record: Record, robot: str | None
-) -> None:
+def test_a_robot_that_is_not_known_cannot_be_checked_and_that_is_told(record, robot):
     found = robot_time(record(*goals(), *frames(), robot=robot))
     assert found["recorded"]["agrees"] is None
     assert "cannot be checked" in robot_time_text(found)
 
 
-def test_a_frame_that_came_twice_is_one_move(record: Record) -> None:
+def test_a_frame_that_came_twice_is_one_move(record):
     made = frames()
     found = robot_time(record(*goals(), made[0], made[0], *made[1:]))
     assert found["touches"] == 4
     assert found["recorded"]["agrees"] is True
 
 
-def test_closings_of_the_hand_are_a_phase_and_no_touches(record: Record) -> None:
+def test_closings_of_the_hand_are_a_phase_and_no_touches(record):
     grasp = (0.0, 0.0, 0.0, 0.06, LIFTED)
     ends = elapsed_seconds(MoveGeometry.of_rows(np.array([grasp, *ROWS])), ROBOTS["modern"])
     later = [
-        replace(one, robot_time=float(end))  # type: ignore[type-var]
-        for one, end in zip(frames(), ends[1:], strict=True)
+        replace(one, robot_time=float(end)) for one, end in zip(frames(), ends[1:], strict=True)
     ]
     found = robot_time(record(closing(float(ends[0])), *goals(), *later))
     assert (found["touches"], found["closings"]) == (4, 1)
@@ -173,7 +163,7 @@ def test_closings_of_the_hand_are_a_phase_and_no_touches(record: Record) -> None
     assert "grasp  contours    probes       all" in text
 
 
-def test_several_fingers_take_as_long_as_the_slowest(record: Record) -> None:
+def test_several_fingers_take_as_long_as_the_slowest(record):
     other = frames(ROWS[1:3], (2, 2), finger=2)
     found = robot_time(record(*goals(), *goals(2, 2)[1:], *other, *frames()))
     assert (found["fingers"], found["touches"]) == (2, 6)
@@ -186,16 +176,14 @@ def test_several_fingers_take_as_long_as_the_slowest(record: Record) -> None:
     assert "the table is of the slowest" in robot_time_text(found)
 
 
-def waiting(wait: float) -> list[object]:
+def waiting(wait):
     """Two moves of a second finger, before the first of which it waits."""
     first, second = ROWS[0], ROWS[2]
     return frames([(wait, *first[1:]), second], (2, 2), finger=2)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_who_waited_for_another_finger_waits_until_that_has_come_as_far(
-    record: Record, name: str
-) -> None:
+def test_who_waited_for_another_finger_waits_until_that_has_come_as_far(record, name):
     made = MoveGeometry.of_rows(np.array(ROWS))
     wait = float(elapsed_seconds(made, ROBOTS["modern"])[1])
     found = robot_time(record(*goals(), *goals(2, 2)[1:], *waiting(wait), *frames()))
@@ -206,7 +194,7 @@ def test_who_waited_for_another_finger_waits_until_that_has_come_as_far(
     assert found["robots"][name]["finger_s"]["2"] == pytest.approx(ends[-1])
 
 
-def test_who_waited_for_something_else_waits_as_long(record: Record) -> None:
+def test_who_waited_for_something_else_waits_as_long(record):
     found = robot_time(record(*goals(), *goals(2, 2)[1:], *waiting(3.21), *frames()))
     alone = MoveGeometry.of_rows(np.array([ROWS[0], ROWS[2]]))
     for name, cost in found["robots"].items():
@@ -215,7 +203,7 @@ def test_who_waited_for_something_else_waits_as_long(record: Record) -> None:
         )
 
 
-def test_nobody_waits_for_who_was_there_before(record: Record) -> None:
+def test_nobody_waits_for_who_was_there_before(record):
     """Turning is what the first finger does, and pressing the other: a puma is slower at that."""
     turning, pressing = (0.0, 0.0, 3.0, 0.001, LIFTED), (0.0, 0.0, 0.0, 0.001, LIFTED)
     ready, other = (
@@ -232,30 +220,30 @@ def test_nobody_waits_for_who_was_there_before(record: Record) -> None:
     assert cost["finger_s"]["2"] == pytest.approx(alone[-1])
 
 
-def test_moves_for_which_no_goal_was_recorded_are_a_phase_of_their_own(record: Record) -> None:
+def test_moves_for_which_no_goal_was_recorded_are_a_phase_of_their_own(record):
     found = robot_time(record(goals()[0], *frames()))
     assert found["robots"]["modern"]["phases"]["other"]["moves"] == 3
     assert "probes     other       all" in robot_time_text(found)
 
 
-def test_a_recording_that_was_never_closed_is_told(record: Record) -> None:
+def test_a_recording_that_was_never_closed_is_told(record):
     found = robot_time(record(*goals(), *frames(), close=False))
     assert found["complete"] is False
     assert "never closed" in robot_time_text(found)
 
 
-def test_only_the_robots_that_are_named_are_told_and_each_once(record: Record) -> None:
+def test_only_the_robots_that_are_named_are_told_and_each_once(record):
     found = robot_time(record(*goals(), *frames()), ["puma", "puma"])
     assert list(found["robots"]) == ["puma"]
 
 
-def test_the_file_and_its_folder_are_the_same_recording(record: Record) -> None:
+def test_the_file_and_its_folder_are_the_same_recording(record):
     folder = record(*goals(), *frames())
     assert read_moves(folder).path == read_moves(folder / "topics.mcap").path
 
 
-def test_what_tells_no_moves_is_refused(record: Record, tmp_path: Path) -> None:
-    unmoved = [replace(one, move=np.array([0, 0, 0, 0, LIFTED])) for one in frames()]  # type: ignore[type-var]
+def test_what_tells_no_moves_is_refused(record, tmp_path):
+    unmoved = [replace(one, move=np.array([0, 0, 0, 0, LIFTED])) for one in frames()]
     with pytest.raises(InputError, match="holds no moves of an arm"):
         read_moves(record(*goals(), *unmoved))
     with pytest.raises(InputError, match="the recording does not exist"):
@@ -265,27 +253,23 @@ def test_what_tells_no_moves_is_refused(record: Record, tmp_path: Path) -> None:
         read_moves(tmp_path / "text.mcap")
 
 
-def test_a_recording_without_a_touch_is_refused(record: Record) -> None:
+def test_a_recording_without_a_touch_is_refused(record):
     with pytest.raises(InputError, match="holds no moves of an arm"):
         read_moves(record(*goals()))
 
 
-def test_a_recording_of_other_messages_is_refused(
-    record: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_recording_of_other_messages_is_refused(record, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.tools.cost.KINDS", {"TactileFrame": GraspContacts})
     with pytest.raises(InputError, match="was recorded with other messages: not a GraspContacts"):
         read_moves(record(*frames()))
 
 
-def test_an_unknown_robot_is_refused_with_what_was_meant(tmp_path: Path) -> None:
+def test_an_unknown_robot_is_refused_with_what_was_meant(tmp_path):
     with pytest.raises(InputError, match="no robot 'pma'; did you mean 'puma'"):
         robot_time(tmp_path, ["pma"])
 
 
-def test_the_verb_prints_the_table_or_json(
-    record: Record, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_verb_prints_the_table_or_json(record, capsys):
     folder = str(record(*goals(), *frames()))
     assert cli.run(["cost", folder, "--robot", "puma"]) == 0
     text = capsys.readouterr().out

@@ -12,20 +12,11 @@ from xml.etree import ElementTree
 import pytest
 
 from palpate.launch.files.source_map import SourceMapped
-from palpate.launch.graph import Graph
 from palpate.launch.launch_file import describe
 from palpate.launch.launch_source import EXPLORE
 from palpate.tools.cli import command_line as cli
-from palpate.tools.graph_drawing import Edges, back_edges, draw_svg, layers_of
-from palpate.tools.graph_sketch import (
-    Box,
-    Sketch,
-    Wire,
-    dot_text,
-    joined,
-    mermaid_text,
-    sketch_of,
-)
+from palpate.tools.graph_drawing import back_edges, draw_svg, layers_of
+from palpate.tools.graph_sketch import Box, Sketch, Wire, dot_text, joined, mermaid_text, sketch_of
 
 SVG = "{http://www.w3.org/2000/svg}"
 Point = tuple[float, float]
@@ -37,18 +28,18 @@ class Rect(NamedTuple):
     right: float
     bottom: float
 
-    def meets(self, other: Rect) -> bool:
+    def meets(self, other):
         across = self.left < other.right and other.left < self.right
         return across and self.top < other.bottom and other.top < self.bottom
 
 
 @cache
-def explore_graph(fingers: int) -> Graph:
+def explore_graph(fingers):
     """The shipped graph with so many fingers."""
     return describe(EXPLORE, {"fingers": SourceMapped(fingers, "")}, Path("out")).graph
 
 
-def any_sketch(seed: int) -> Sketch:
+def any_sketch(seed):
     """A graph of some boxes with wires at random, to themselves and back as well."""
     rng = random.Random(seed)
     number = rng.randint(1, 12)
@@ -76,12 +67,12 @@ def any_sketch(seed: int) -> Sketch:
 
 
 SKETCHES: list[Callable[[], Sketch]] = [
-    *(lambda fingers=n: sketch_of(explore_graph(fingers)) for n in (1, 2, 3, 8)),  # type: ignore[misc]
-    *(lambda seed=n: any_sketch(seed) for n in range(30)),  # type: ignore[misc]
+    *(lambda fingers=n: sketch_of(explore_graph(fingers)) for n in (1, 2, 3, 8)),
+    *(lambda seed=n: any_sketch(seed) for n in range(30)),
 ]
 
 
-def rect_of(one: ElementTree.Element) -> Rect:
+def rect_of(one):
     x, y = float(one.get("x", "")), float(one.get("y", ""))
     if one.tag == f"{SVG}text":
         size = float(one.get("font-size", ""))
@@ -89,11 +80,11 @@ def rect_of(one: ElementTree.Element) -> Rect:
     return Rect(x, y, x + float(one.get("width", "")), y + float(one.get("height", "")))
 
 
-def of_class(root: ElementTree.Element, tag: str, *classes: str) -> list[ElementTree.Element]:
+def of_class(root, tag, *classes):
     return [one for one in root.iter(f"{SVG}{tag}") if one.get("class", "").split()[0] in classes]
 
 
-def ways_of(root: ElementTree.Element) -> list[list[list[Point]]]:
+def ways_of(root):
     """Corners of all lines, those of one group together."""
     found = []
     for group in root.iter(f"{SVG}g"):
@@ -112,7 +103,7 @@ def ways_of(root: ElementTree.Element) -> list[list[list[Point]]]:
 
 
 @pytest.mark.parametrize("sketch", SKETCHES)
-def test_nothing_covers_anything(sketch: Callable[[], Sketch]) -> None:
+def test_nothing_covers_anything(sketch):
     root = ElementTree.fromstring(draw_svg(sketch(), "t"))
     page = Rect(0.0, 0.0, float(root.get("width", "")), float(root.get("height", "")))
     cards = [rect_of(one) for one in of_class(root, "rect", "card", "sink")]
@@ -134,9 +125,7 @@ def test_nothing_covers_anything(sketch: Callable[[], Sketch]) -> None:
 
 
 @pytest.mark.parametrize("sketch", SKETCHES)
-def test_lines_of_different_wires_cross_but_never_run_upon_each_other(
-    sketch: Callable[[], Sketch],
-) -> None:
+def test_lines_of_different_wires_cross_but_never_run_upon_each_other(sketch):
     pieces = []
     for number, ways in enumerate(ways_of(ElementTree.fromstring(draw_svg(sketch(), "t")))):
         pieces += [(number, *piece) for way in ways for piece in pairwise(way)]
@@ -149,9 +138,7 @@ def test_lines_of_different_wires_cross_but_never_run_upon_each_other(
 
 
 @pytest.mark.parametrize("sketch", SKETCHES)
-def test_every_subscriber_is_reached_from_the_box_that_publishes(
-    sketch: Callable[[], Sketch],
-) -> None:
+def test_every_subscriber_is_reached_from_the_box_that_publishes(sketch):
     drawn = sketch()
     root = ElementTree.fromstring(draw_svg(drawn, "t"))
     boxes = []  # By their front cards, which are the last in their groups
@@ -174,17 +161,17 @@ def test_every_subscriber_is_reached_from_the_box_that_publishes(
     }
 
 
-def ways_of_group(group: ElementTree.Element) -> list[list[Point]]:
+def ways_of_group(group):
     outer = ElementTree.Element("svg")
     outer.append(group)
     return ways_of(outer)[0]
 
 
-def _beside(side: float, box: Rect, point: Point) -> bool:
+def _beside(side, box, point):
     return abs(point[0] - side) < 0.2 and box.top < point[1] < box.bottom
 
 
-def test_a_line_to_the_only_box_of_the_next_column_is_straight() -> None:
+def test_a_line_to_the_only_box_of_the_next_column_is_straight():
     boxes = tuple(Box(text=name, title="") for name in "abc")
     wires = tuple(Wire(source=i, targets=(i + 1,), labels=(f"/{i}",), title="") for i in range(2))
     for ways in ways_of(ElementTree.fromstring(draw_svg(Sketch(boxes, wires, ()), "t"))):
@@ -201,9 +188,7 @@ def test_a_line_to_the_only_box_of_the_next_column_is_straight() -> None:
         ({0: [], 1: [2], 2: [1]}, {(2, 1)}),
     ],
 )
-def test_an_edge_goes_back_if_the_way_has_come_from_there(
-    edges: Edges, back: set[tuple[int, int]]
-) -> None:
+def test_an_edge_goes_back_if_the_way_has_come_from_there(edges, back):
     assert back_edges(edges) == back
 
 
@@ -219,13 +204,11 @@ def test_an_edge_goes_back_if_the_way_has_come_from_there(
         ({i: [(i + 1) % 5000] for i in range(5000)}, [[i] for i in range(5000)]),
     ],
 )
-def test_the_column_is_the_length_of_the_longest_way(
-    edges: Edges, columns: list[list[int]]
-) -> None:
+def test_the_column_is_the_length_of_the_longest_way(edges, columns):
     assert layers_of(edges) == columns
 
 
-def wires_of(sketch: Sketch) -> dict[str, tuple[str, list[str]]]:
+def wires_of(sketch):
     names = [box.text for box in sketch.boxes]
     return {
         wire.labels[0]: (names[wire.source], [names[target] for target in wire.targets])
@@ -233,7 +216,7 @@ def wires_of(sketch: Sketch) -> dict[str, tuple[str, list[str]]]:
     }
 
 
-def test_the_sketch_has_every_node_and_every_topic() -> None:
+def test_the_sketch_has_every_node_and_every_topic():
     graph, sketch = explore_graph(1), sketch_of(explore_graph(1))
     assert {box.text for box in (*sketch.boxes, *sketch.sinks)} == {e.name for e in graph.entries}
     assert [sink.text for sink in sketch.sinks] == ["recorder"]
@@ -250,7 +233,7 @@ def test_the_sketch_has_every_node_and_every_topic() -> None:
     assert sum(len(wire.labels) for wire in together) == len(graph.topics())
 
 
-def test_the_nodes_of_several_fingers_are_stacks() -> None:
+def test_the_nodes_of_several_fingers_are_stacks():
     sketch = sketch_of(explore_graph(3))
     kinds = ("simulator", "filter", "curvature", "tracer")
     for box in sketch.boxes:
@@ -261,7 +244,7 @@ def test_the_nodes_of_several_fingers_are_stacks() -> None:
     assert wires["/contour/goal"] == ("planner", ["tracer"])
 
 
-def test_titles_tell_nodes_parameters_and_types() -> None:
+def test_titles_tell_nodes_parameters_and_types():
     sketch = sketch_of(explore_graph(3))
     [tracer] = [box for box in sketch.boxes if box.text == "tracer"]
     names = [line.partition(":")[0] for line in tracer.title.splitlines()]
@@ -276,7 +259,7 @@ def test_titles_tell_nodes_parameters_and_types() -> None:
     assert {tracer.title, raw.title} < {*titles}
 
 
-def test_the_picture_is_one_file_of_valid_xml_for_light_and_dark_pages() -> None:
+def test_the_picture_is_one_file_of_valid_xml_for_light_and_dark_pages():
     text = draw_svg(sketch_of(explore_graph(3)), "Wiring of explore.yaml")
     root = ElementTree.fromstring(text)
     assert root.findtext(f"{SVG}title") == "Wiring of explore.yaml"
@@ -288,13 +271,13 @@ def test_the_picture_is_one_file_of_valid_xml_for_light_and_dark_pages() -> None
 
 
 @pytest.mark.parametrize("text", ['<b> & "c"', "\x00\x1b", "\ud800", "]]>", "\ufffe"])
-def test_no_name_breaks_the_picture(text: str) -> None:
+def test_no_name_breaks_the_picture(text):
     box = Box(text="a", kind=text, title=text)
     wire = Wire(source=0, targets=(0,), labels=(text,), title=text, latched=True)
     ElementTree.fromstring(draw_svg(Sketch((box,), (wire,), (box,)), text))
 
 
-def test_a_graph_without_wires_is_drawn() -> None:
+def test_a_graph_without_wires_is_drawn():
     root = ElementTree.fromstring(draw_svg(Sketch((Box(text="a", title=""),), (), ()), "t"))
     assert [text.text for text in root.iter(f"{SVG}text")] == ["a"]
 
@@ -310,7 +293,7 @@ TWO = Sketch(
 )
 
 
-def test_the_wiring_as_text_for_mermaid() -> None:
+def test_the_wiring_as_text_for_mermaid():
     assert mermaid_text(TWO).splitlines() == [
         "flowchart LR",
         '  n0["a #quot;b#quot; × 2"]',
@@ -322,7 +305,7 @@ def test_the_wiring_as_text_for_mermaid() -> None:
     ]
 
 
-def test_the_wiring_as_text_for_graphviz() -> None:
+def test_the_wiring_as_text_for_graphviz():
     assert dot_text(TWO).splitlines() == [
         "digraph {",
         "  rankdir=LR",
@@ -340,9 +323,7 @@ def test_the_wiring_as_text_for_graphviz() -> None:
 @pytest.mark.parametrize(
     ("name", "begins"), [("w.svg", "<svg "), ("w.mmd", "flowchart LR\n"), ("w.dot", "digraph {\n")]
 )
-def test_the_picture_is_written_and_nothing_is_started(
-    here: Path, capsys: pytest.CaptureFixture[str], name: str, begins: str
-) -> None:
+def test_the_picture_is_written_and_nothing_is_started(here, capsys, name, begins):
     assert cli.run(["launch", "explore.yaml", "fingers:=2", "--graph", name]) == 0
     assert [path.name for path in here.iterdir()] == [name]
     text = (here / name).read_text(encoding="utf-8")
@@ -350,9 +331,7 @@ def test_the_picture_is_written_and_nothing_is_started(
 
 
 @pytest.mark.parametrize("arguments", [["--graph"], ["--graph", "-"]])
-def test_without_a_file_the_picture_goes_to_standard_output(
-    capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_without_a_file_the_picture_goes_to_standard_output(capsys, arguments):
     assert cli.run(["launch", "explore.yaml", *arguments]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("<svg ") and printed.endswith("</svg>\n")
@@ -365,25 +344,19 @@ def test_without_a_file_the_picture_goes_to_standard_output(
         ("none/wiring.svg", "none/wiring.svg: cannot be written: there is no folder none"),
     ],
 )
-def test_a_file_that_cannot_be_is_refused(
-    here: Path, capsys: pytest.CaptureFixture[str], name: str, words: str
-) -> None:
+def test_a_file_that_cannot_be_is_refused(here, capsys, name, words):
     assert cli.run(["launch", "explore.yaml", "--graph", name]) == 2
     assert words in capsys.readouterr().err
     assert list(here.iterdir()) == []
 
 
-def test_the_arguments_are_shown_and_nothing_is_started(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_arguments_are_shown_and_nothing_is_started(here, capsys):
     assert cli.run(["launch", "explore.yaml", "-s"]) == 0
     assert "fingers" in capsys.readouterr().out
     assert list(here.iterdir()) == []
 
 
-def test_the_picture_in_the_documentation_is_that_of_the_shipped_graph(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_picture_in_the_documentation_is_that_of_the_shipped_graph(capsys):
     page = Path(__file__).parents[2] / "docs" / "figures" / "graph.svg"
     assert cli.run(["launch", "explore.yaml", "--graph"]) == 0
     printed = capsys.readouterr().out
@@ -391,5 +364,5 @@ def test_the_picture_in_the_documentation_is_that_of_the_shipped_graph(
     assert _without_titles(printed) == _without_titles(page.read_text(encoding="utf-8"))
 
 
-def _without_titles(text: str) -> str:
+def _without_titles(text):
     return "".join(part.rpartition("</title>")[2] for part in text.split("<title>"))

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -39,9 +38,9 @@ FILES = {
 }
 
 
-def test_what_is_new_works_at_once_and_its_tests_pass(tmp_path: Path):
+def test_what_is_new_works_at_once_and_its_tests_pass(tmp_path):
     for kind, names in FILES.items():
-        begun, named = begin(kind, f"my_{kind}", tmp_path)  # type: ignore[arg-type]
+        begun, named = begin(kind, f"my_{kind}", tmp_path)
         assert tuple(path.name for path in begun) == names
         assert named == f"my_{kind}:My{kind.capitalize()}"
         assert not any("emplate" in path.read_text() for path in begun)
@@ -52,20 +51,18 @@ def test_what_is_new_works_at_once_and_its_tests_pass(tmp_path: Path):
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check[1])
-def test_the_templates_pass_their_own_tests(check: tuple[object, str]):
+def test_the_templates_pass_their_own_tests(check):
     module, name = check
     vars(module)[name]()
 
 
-def test_the_test_of_the_node_fails_for_one_that_tells_everything(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_the_test_of_the_node_fails_for_one_that_tells_everything(monkeypatch):
     from dataclasses import replace
 
     from palpate.tools.templates import node
 
-    def tell(params: node.Params, most: float, patch: SurfacePatch) -> tuple[float, list[object]]:
-        return node.take_patch(params, -1.0, patch)  # type: ignore[return-value]
+    def tell(params, most, patch):
+        return node.take_patch(params, -1.0, patch)
 
     wrong = replace(node.NODE, inputs={"/touch/patch": (SurfacePatch, tell)})
     monkeypatch.setattr(node_check, "NODE", wrong)
@@ -76,10 +73,9 @@ def test_the_test_of_the_node_fails_for_one_that_tells_everything(
 
 
 @pytest.mark.slow
-def test_what_is_new_is_free_of_complaints(tmp_path: Path):
+def test_what_is_new_is_free_of_complaints(tmp_path):
     begun = [*begin("node", "my_node", tmp_path)[0], *begin("driver", "my_driver", tmp_path)[0]]
     modules = [path.name for path in begun if path.suffix == ".py"]
-
     for tool in (["ruff", "check", "--isolated"], ["mypy", "--strict"]):
         command = [sys.executable, "-m", *tool, *modules]
         # As if it were installed from a wheel: mypy does not follow what is installed for editing.
@@ -90,7 +86,7 @@ def test_what_is_new_is_free_of_complaints(tmp_path: Path):
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_new_node_joins_the_graph_of_its_launch_file(here: Path):
+def test_the_new_node_joins_the_graph_of_its_launch_file(here):
     begun, _ = begin("node", "joins", here)
     graph = describe(begun[2], {}, here / "out").graph
     graph.check()
@@ -98,13 +94,12 @@ def test_the_new_node_joins_the_graph_of_its_launch_file(here: Path):
     assert line.split()[1:] == ["Joins", "joins", "recorder"]
 
 
-def test_a_type_of_ones_own_travels_and_is_recorded(here: Path):
+def test_a_type_of_ones_own_travels_and_is_recorded(here):
     (*_, launch), _ = begin("node", "bends", here)
     command = ["launch", str(launch), "scene:=sphere", "--composed", "--quiet", "--out", "out"]
     budget = ["--set", "planner.most_touches=30", "--set", "bends.least=1.0"]
-
     assert cli.run([*command, *budget]) in (0, 1)
-    from bends import Bends  # type: ignore[import-not-found]
+    from bends import Bends
 
     told = recorded(here / "out", "/bends", Bends)
     patches = recorded(here / "out", "/touch/patch", SurfacePatch)
@@ -125,11 +120,7 @@ def test_a_type_of_ones_own_travels_and_is_recorded(here: Path):
         ("node", "launcher", "'launcher' is a node that palpate has"),
         ("driver", "filter", "'filter' is a driver that palpate has"),
         ("node", "world", "the class World of 'world' has a meaning already"),
-        (
-            "node",
-            "tactile_frame",
-            "the class TactileFrame of 'tactile_frame' has a meaning",
-        ),
+        ("node", "tactile_frame", "the class TactileFrame of 'tactile_frame' has a meaning"),
         ("node", "a" * 33, "is too long; a node's name has at most 32 letters"),
         ("effect", "mains-hum", "'mains-hum' cannot name a module"),
         ("effect", "drift", "'drift' is an effect that palpate has"),
@@ -141,7 +132,7 @@ def test_a_type_of_ones_own_travels_and_is_recorded(here: Path):
         ("planner", "planner_trial", "the class PlannerTrial of 'planner_trial' has a meaning"),
     ],
 )
-def test_a_bad_name_is_refused(kind: Any, name: str, words: str, tmp_path: Path):
+def test_a_bad_name_is_refused(kind, name, words, tmp_path):
     with pytest.raises(InputError, match=words):
         begin(kind, name, tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -155,7 +146,7 @@ def test_a_bad_name_is_refused(kind: Any, name: str, words: str, tmp_path: Path)
         ("effect", "mine.py"),
     ],
 )
-def test_nothing_is_overwritten_and_nothing_half_written(kind: Any, there: str, tmp_path: Path):
+def test_nothing_is_overwritten_and_nothing_half_written(kind, there, tmp_path):
     (tmp_path / there).write_text("mine")
     with pytest.raises(InputError, match=rf"{there}: exists already; it is not overwritten"):
         begin(kind, "mine", tmp_path)
@@ -163,15 +154,13 @@ def test_nothing_is_overwritten_and_nothing_half_written(kind: Any, there: str, 
     assert (tmp_path / there).read_text() == "mine"
 
 
-def test_a_folder_that_is_not_there_is_told(tmp_path: Path):
+def test_a_folder_that_is_not_there_is_told(tmp_path):
     with pytest.raises(InputError, match=r"mine\.py: cannot be written: there is no folder"):
         begin("effect", "mine", tmp_path / "no")
 
 
 @pytest.mark.parametrize("kind", ["node", "driver"])
-def test_the_verb_says_what_was_written_and_what_to_do_next(
-    kind: str, here: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_the_verb_says_what_was_written_and_what_to_do_next(kind, here, capsys):
     assert cli.run(["init", kind, "verbal"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("verbal.py, test_verbal.py, verbal.yaml: written")
@@ -184,9 +173,7 @@ def test_the_verb_says_what_was_written_and_what_to_do_next(
 Write = Callable[[str, str], Path]
 
 
-def test_a_new_effect_can_be_listed_at_once(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_new_effect_can_be_listed_at_once(write, tmp_path, monkeypatch):
     (path,), listed = begin("effect", "mains_hum", tmp_path)
     assert (path, listed) == (tmp_path / "mains_hum.py", "mains_hum:MainsHum")
     monkeypatch.chdir(tmp_path)
@@ -198,7 +185,7 @@ def test_a_new_effect_can_be_listed_at_once(
     assert "emplate" not in path.read_text().replace("the template", "")
 
 
-def test_a_new_planner_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_new_planner_is_found_by_its_name(tmp_path, monkeypatch):
     _, named = begin("planner", "by_bow", tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     assert getattr(make_planner(named, {"most_bow": 2.0}), "most_bow") == 2.0  # noqa: B009
@@ -206,13 +193,11 @@ def test_a_new_planner_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.
         make_planner(named, {"most_bow": 0.0})
 
 
-def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_own(
-    monkeypatch: pytest.MonkeyPatch,
-):
-    from palpate.core.explore.planners.protocol import Choice, Height, Observation, Stop
+def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_own(monkeypatch):
+    from palpate.core.explore.planners.protocol import Height, Stop
 
     class Metres(Template):
-        def next(self, observation: Observation) -> Choice:
+        def next(self, observation):
             heights = [observation.low + 0.01 * (i + 1) for i in range(len(observation.slices) + 1)]
             return Height(heights[-1], "on") if heights[-1] < 0.08 else Stop("end", None)
 
@@ -225,9 +210,7 @@ def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_o
         planner_check.test_everything_a_pad_can_touch_is_touched()
 
 
-def test_the_verb_says_what_was_written_and_how_it_is_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_verb_says_what_was_written_and_how_it_is_used(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.run(["init", "planner", "my_planner"]) == 0
     said = capsys.readouterr().out
@@ -246,7 +229,7 @@ SHELL = [
 
 
 @pytest.fixture
-def reader(here: Path) -> Path:
+def reader(here):
     """The reader's folder: ten frames of a ball of 20 mm, the last one without contact."""
     side = (np.arange(16) - 7.5) * 1e-3
     x, y = np.meshgrid(side, side)
@@ -262,9 +245,8 @@ def test_the_page_is_short():
     assert len([line for line in SNIPPET.splitlines() if line]) <= 10
 
 
-def test_the_snippet_tells_normals_and_curvatures(reader: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_snippet_tells_normals_and_curvatures(reader, capsys):
     exec(SNIPPET, {})
-
     *lines, last = capsys.readouterr().out.splitlines()
     assert last == "miss"
     assert len(lines) == 9
@@ -274,7 +256,7 @@ def test_the_snippet_tells_normals_and_curvatures(reader: Path, capsys: pytest.C
         assert found.groups() == ("50.00", "0.00", "50.00", "0.00")
 
 
-def test_every_command_of_the_page_does_what_it_says(reader: Path):
+def test_every_command_of_the_page_does_what_it_says(reader):
     for line in SHELL:
         program, *words = shlex.split(line)
         if program == "python":

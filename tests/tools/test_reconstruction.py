@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ import trimesh
 
 import palpate
 from palpate.core.archive import tree_to_bytes
-from palpate.core.arrays import Floats
 from palpate.core.geometry.self_intersections import SelfIntersection
 from palpate.core.poses import inverse_pose, transform_points
 from palpate.launch.files.file_access import write_atomically
@@ -26,13 +24,13 @@ HEIGHTS = np.linspace(-45.0, 45.0, 10)
 
 
 @pytest.fixture(autouse=True)
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def home(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
-def table(home: Path) -> Path:
+def table(home):
     """An ellipsoid of 100 mm, without its ends, in mm."""
     lines = ["x,y,z,contour"]
     for number, z in enumerate(HEIGHTS):
@@ -44,11 +42,11 @@ def table(home: Path) -> Path:
     return path
 
 
-def run(*arguments: object) -> int:
+def run(*arguments):
     return cli.run(["rebuild", *map(str, arguments)])
 
 
-def sentence(output: Output) -> str:
+def sentence(output):
     """The one line on standard error, which is all that there may be."""
     out, err = output.readouterr()
     assert out == ""
@@ -57,9 +55,7 @@ def sentence(output: Output) -> str:
     return err
 
 
-def test_every_file_that_is_asked_for_is_written_in_its_unit(
-    table: Path, home: Path, capsys: Output
-) -> None:
+def test_every_file_that_is_asked_for_is_written_in_its_unit(table, home, capsys):
     names = ["a.ply", "a.stl", "a.glb", "a.obj", "a.npz"]
     asked = [part for name in names for part in ("-o", name)]
     assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, *asked) == 0
@@ -74,7 +70,7 @@ def test_every_file_that_is_asked_for_is_written_in_its_unit(
         )
 
 
-def test_what_was_read_left_out_and_doubted_is_told(table: Path, capsys: Output) -> None:
+def test_what_was_read_left_out_and_doubted_is_told(table, capsys):
     lines = table.read_text().splitlines()
     lines[5] = "nan," + lines[5].split(",", 1)[1]
     lines += ["1,1,90,77", "2,2,90,77"]
@@ -88,9 +84,7 @@ def test_what_was_read_left_out_and_doubted_is_told(table: Path, capsys: Output)
     assert "root mean square" in said
 
 
-def test_ends_that_nobody_touched_are_doubted_and_touched_ones_not(
-    home: Path, capsys: Output
-) -> None:
+def test_ends_that_nobody_touched_are_doubted_and_touched_ones_not(home, capsys):
     square = np.column_stack([np.cos(TURN), np.sin(TURN)])
     parts = {f"contour_{i}": np.column_stack([square, np.full(30, z)]) for i, z in enumerate("")}
     for i, z in enumerate(np.linspace(0.1, 0.9, 9)):
@@ -106,7 +100,7 @@ def test_ends_that_nobody_touched_are_doubted_and_touched_ones_not(
     assert "says where" not in capsys.readouterr().out
 
 
-def test_figures_are_printed_as_json(table: Path, capsys: Output) -> None:
+def test_figures_are_printed_as_json(table, capsys):
     assert run(table, "--unit", "cm", "--json", "--method", "coarse") == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["method"] == "coarse"
@@ -118,12 +112,12 @@ def test_figures_are_printed_as_json(table: Path, capsys: Output) -> None:
     assert figures["size_m"] == pytest.approx([0.6, 0.48, 1.0], rel=0.05)
 
 
-def test_a_wrong_unit_is_doubted(table: Path, capsys: Output) -> None:
+def test_a_wrong_unit_is_doubted(table, capsys):
     assert run(table) == 0
     assert "m in size when read in m: is the unit right?" in capsys.readouterr().out
 
 
-def test_a_cloud_is_rebuilt_and_its_order_told(table: Path, home: Path, capsys: Output) -> None:
+def test_a_cloud_is_rebuilt_and_its_order_told(table, home, capsys):
     points = np.loadtxt(table, delimiter=",", skiprows=1)[:, :3]
     cloud = trimesh.PointCloud(np.random.default_rng(0).permutation(points))
     cloud.export(home / "cloud.ply")
@@ -134,7 +128,7 @@ def test_a_cloud_is_rebuilt_and_its_order_told(table: Path, home: Path, capsys: 
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".vtk"])
-def test_the_control_lattice_is_written(table: Path, home: Path, suffix: str) -> None:
+def test_the_control_lattice_is_written(table, home, suffix):
     name = f"lattice{suffix}"
     assert run(table, "--unit", "mm", "--lattice", name, "-o", "solid.npz") == 0
     fit = palpate.load(home / "solid.npz").lattice
@@ -181,18 +175,14 @@ def test_the_control_lattice_is_written(table: Path, home: Path, suffix: str) ->
         (["--top", "inf"], "--top inf: must be a finite number"),
     ],
 )
-def test_bad_input_is_one_sentence_and_nothing_is_written(
-    table: Path, home: Path, capsys: Output, arguments: list[str], said: str
-) -> None:
+def test_bad_input_is_one_sentence_and_nothing_is_written(table, home, capsys, arguments, said):
     before = sorted(home.iterdir())
     assert run(table, *arguments) == cli.BAD_INPUT
     assert said in sentence(capsys)
     assert sorted(home.iterdir()) == before
 
 
-def test_contours_of_which_nothing_can_be_made_are_refused_by_file(
-    home: Path, capsys: Output
-) -> None:
+def test_contours_of_which_nothing_can_be_made_are_refused_by_file(home, capsys):
     (home / "line.csv").write_text(
         "x,y,z,contour\n" + "".join(f"{i},0,{k},{k}\n" for k in (0, 1) for i in range(9))
     )
@@ -201,13 +191,13 @@ def test_contours_of_which_nothing_can_be_made_are_refused_by_file(
     assert not (home / "a.ply").exists()
 
 
-def test_the_points_themselves_are_not_overwritten(home: Path, capsys: Output) -> None:
+def test_the_points_themselves_are_not_overwritten(home, capsys):
     np.savez(home / "a.npz", contour_0=np.eye(3), contour_1=np.eye(3) + 1.0)
     assert run("a.npz", "-o", home / "a.npz") == cli.BAD_INPUT
     assert "is the file that is read; write to another" in sentence(capsys)
 
 
-def test_a_recording_that_is_none_is_refused(home: Path, capsys: Output) -> None:
+def test_a_recording_that_is_none_is_refused(home, capsys):
     (home / "a.mcap").write_bytes(b"nothing")
     assert run("a.mcap") == cli.BAD_INPUT
     sentence(capsys)
@@ -220,28 +210,28 @@ def test_a_recording_that_is_none_is_refused(home: Path, capsys: Output) -> None
     assert "empty: is no folder of a run: it holds no topics.mcap" in sentence(capsys)
 
 
-def test_an_end_far_beyond_the_contours_is_a_guess(table: Path, capsys: Output) -> None:
+def test_an_end_far_beyond_the_contours_is_a_guess(table, capsys):
     assert run(table, "--unit", "mm", "--top", 100, "--bottom", -50) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "the top lies 55 mm above the highest contour, where contours are at most 10 mm" in said
     assert "the bottom lies" not in said
 
 
-def test_a_touched_end_that_the_method_does_not_reach_is_told(table: Path, capsys: Output) -> None:
+def test_a_touched_end_that_the_method_does_not_reach_is_told(table, capsys):
     assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, "--method", "thesis") == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "the top was touched at z = 50 mm, and the solid ends at 4" in said
     assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in said
 
 
-def test_doubts_of_the_superquadric_are_told(table: Path, capsys: Output) -> None:
+def test_doubts_of_the_superquadric_are_told(table, capsys):
     lines = [line for line in table.read_text().splitlines() if not line.endswith(tuple("56789"))]
     table.write_text("\n".join(lines))
     assert run(table, "--unit", "mm", "--method", "coarse") == 0
     assert "the superquadric's fit is" in capsys.readouterr().out
 
 
-def test_contours_that_are_odd_but_used_are_named(home: Path, capsys: Output) -> None:
+def test_contours_that_are_odd_but_used_are_named(home, capsys):
     star = 1.0 + 0.9 * np.cos(5 * TURN)
     lines = ["x,y,z,contour"]
     for number, z in enumerate(np.linspace(0.0, 1.0, 4)):
@@ -254,9 +244,7 @@ def test_contours_that_are_odd_but_used_are_named(home: Path, capsys: Output) ->
     assert "warning contour 19 (lines 62 to 91)" in said
 
 
-def test_crossings_of_the_surface_are_told(
-    table: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_crossings_of_the_surface_are_told(table, capsys, monkeypatch):
     two = SelfIntersection(np.zeros((2, 2), np.int32), np.zeros((2, 3)))
     monkeypatch.setattr("palpate.tools.reconstruction.self_intersection", lambda *_: two)
     assert run(table, "--unit", "mm") == 0
@@ -265,7 +253,7 @@ def test_crossings_of_the_surface_are_told(
     assert "the surface passes through itself: 2 pairs of triangles cross" in said
 
 
-def test_contours_that_cannot_be_used_are_called_as_in_the_file(home: Path, capsys: Output) -> None:
+def test_contours_that_cannot_be_used_are_called_as_in_the_file(home, capsys):
     rows = [f"{i},0,{k},{k + 17}" for k in range(9) for i in range(2)]
     (home / "few.csv").write_text("\n".join(["x,y,z,contour", *rows]))
     assert run("few.csv") == cli.BAD_INPUT
@@ -274,7 +262,7 @@ def test_contours_that_cannot_be_used_are_called_as_in_the_file(home: Path, caps
     assert said.endswith("; and 3 more\n")
 
 
-def test_a_solid_is_saved_and_loaded_whole(table: Path, home: Path, capsys: Output) -> None:
+def test_a_solid_is_saved_and_loaded_whole(table, home, capsys):
     assert run(table, "--unit", "mm", "-o", "first.npz") == 0
     solid = palpate.load("first.npz")
     palpate.save(solid, home / "second.npz")
@@ -288,10 +276,10 @@ def test_a_solid_is_saved_and_loaded_whole(table: Path, home: Path, capsys: Outp
     with pytest.raises(InputError, match="there is no folder file"):
         save(solid, "file/a.npz")
     with pytest.raises(TypeError, match="solid must be a Solid, as reconstruct returns it, got 3"):
-        save(3, "a.npz")  # type: ignore[arg-type]
+        save(3, "a.npz")
 
 
-def test_what_holds_no_solid_is_not_loaded(home: Path) -> None:
+def test_what_holds_no_solid_is_not_loaded(home):
     with pytest.raises(InputError, match="cannot be read: No such file"):
         load("a.npz")
     np.savez(home / "a.npz", x=np.ones(3))
@@ -305,11 +293,11 @@ def test_what_holds_no_solid_is_not_loaded(home: Path) -> None:
         load("c.npz")
 
 
-def test_several_files_are_written_together_or_not_at_all(home: Path) -> None:
+def test_several_files_are_written_together_or_not_at_all(home):
     (home / "a").write_text("old")
     (home / "folder").mkdir()
 
-    def fail(path: Path) -> None:
+    def fail(path):
         path.write_text("half")
         raise OSError(28, os.strerror(28))
 
@@ -333,12 +321,12 @@ def test_several_files_are_written_together_or_not_at_all(home: Path) -> None:
 REBUILD_FRAMED_HEIGHTS = np.linspace(-0.045, 0.045, 10)
 
 
-def rebuild_framed_run(*arguments: str) -> int:
+def rebuild_framed_run(*arguments):
     return cli.run(["rebuild", *arguments])
 
 
 @pytest.fixture
-def recorded(monkeypatch: pytest.MonkeyPatch) -> Floats:
+def recorded(monkeypatch):
     """Pose of the tilted frame in which a recorded ellipsoid of 100 mm was sliced."""
     frame = np.array([0.01, 0.0, 0.05, 0.28, 0.0, 0.0, 0.96])
     contours = []
@@ -352,9 +340,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> Floats:
     return frame
 
 
-def test_a_recording_in_a_tilted_frame_gives_a_solid_in_the_world(
-    recorded: Floats, home: Path, capsys: Output
-) -> None:
+def test_a_recording_in_a_tilted_frame_gives_a_solid_in_the_world(recorded, home, capsys):
     heights = ("--bottom", "-0.05", "--top", "0.05")  # along the slicing axis
     outs = ("-o", "a.ply", "-o", "a.npz", "--lattice", "a.vtk", "--json")
     assert rebuild_framed_run("a.mcap", *heights, *outs) == 0
@@ -371,9 +357,7 @@ def test_a_recording_in_a_tilted_frame_gives_a_solid_in_the_world(
     assert f"\n{first} " in (home / "a.vtk").read_text()
 
 
-def test_ends_along_a_tilted_axis_are_doubted_by_their_height(
-    recorded: Floats, capsys: Output
-) -> None:
+def test_ends_along_a_tilted_axis_are_doubted_by_their_height(recorded, capsys):
     assert rebuild_framed_run("a.mcap", "--top", "0.08", "--method", "coarse") == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "the top was touched at height 80 mm, and the solid ends at" in text

@@ -16,13 +16,13 @@ Write = Callable[[str, str], Path]
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
 
 
-def test_a_scene_without_effects_says_so(write: Write) -> None:
+def test_a_scene_without_effects_says_so(write):
     said = simulation_text(load_scene(write("s.yaml", BALL)).spec)
     assert said.splitlines()[-1] == "simulated  exact contact, and no effects"
     assert "16 x 16 taxels, pitch 1 mm; pad domed 15 mm, 3 mm thick; sends times of flight" in said
 
 
-def test_effects_are_told_in_the_order_in_which_they_act_with_units(write: Write) -> None:
+def test_effects_are_told_in_the_order_in_which_they_act_with_units(write):
     text = BALL + "effects:\n  - drift\n  - gaussian_noise: {sigma: 2.0e-6}\n  - pose_error\n"
     said = simulation_text(load_scene(write("s.yaml", text)).spec).splitlines()
     names = [line.split()[1] for line in said[2:]]
@@ -30,7 +30,7 @@ def test_effects_are_told_in_the_order_in_which_they_act_with_units(write: Write
     assert said[-1].split(maxsplit=2) == ["signal", "gaussian_noise", "sigma 2e-06 m"]
 
 
-def test_every_effect_can_be_told(write: Write) -> None:
+def test_every_effect_can_be_told(write):
     listed = "".join(f"  - {name}\n" for name in reversed(EFFECT_NAMES))
     said = simulation_text(load_scene(write("s.yaml", BALL + "effects:\n" + listed)).spec)
     assert [line.split()[1] for line in said.splitlines()[2:]] == list(EFFECT_NAMES)
@@ -39,33 +39,33 @@ def test_every_effect_can_be_told(write: Write) -> None:
 PAGE = (Path(__file__).parents[2] / "docs" / "effects.md").read_text(encoding="utf-8")
 
 
-def effect_title(name: str) -> str:
+def effect_title(name):
     return str(sys.modules[effect_type(name).__module__].__doc__).strip().partition("\n")[0]
 
 
-def section(name: str) -> str:
+def section(name):
     _, found, after = PAGE.partition(f"### {name}\n")
     assert found, name
     return after.partition("\n### ")[0]
 
 
-def test_the_page_has_the_effects_in_their_order() -> None:
+def test_the_page_has_the_effects_in_their_order():
     assert [line[4:] for line in PAGE.splitlines() if line.startswith("### ")] == list(EFFECT_NAMES)
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_the_page_has_each_parameter_with_default_range_and_unit(name: str) -> None:
+def test_the_page_has_each_parameter_with_default_range_and_unit(name):
     kind = effect_type(name)
     text = section(name)
     assert effect_title(name) in " ".join(text.split())
-    for field in fields(kind):  # type: ignore[arg-type]
+    for field in fields(kind):
         default = "none" if field.default is None else field.default
         allowed = ranges_of(kind).get(field.name, "")
         assert f"| `{field.name}` | {default} | {allowed} |" in text
 
 
-def test_the_list_names_every_effect_and_parameter() -> None:
+def test_the_list_names_every_effect_and_parameter():
     said = effects_text()
     for name in EFFECT_NAMES:
         assert f"{name}: {effect_title(name)}" in said
-        assert all(f"\n  {field.name} " in said for field in fields(effect_type(name)))  # type: ignore[arg-type]
+        assert all(f"\n  {field.name} " in said for field in fields(effect_type(name)))

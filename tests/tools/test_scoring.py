@@ -1,19 +1,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
-from palpate.core.arrays import Floats
 from palpate.core.shapes.tessellations import icosphere
 from palpate.launch.files.mesh_file import export_model
 from palpate.launch.files.source_map import InputError
-from palpate.messages.types.model import ShapeModel
 from palpate.tools import scoring as score_files
 from palpate.tools.cli import command_line as cli
 from palpate.tools.scoring import read_mesh_or_points, score, score_text
@@ -24,10 +19,10 @@ SIZE = np.array([0.05, 0.04, 0.03])
 
 
 @pytest.fixture
-def saved(tmp_path: Path) -> Callable[..., Path]:
+def saved(tmp_path):
     """Writes a lopsided ball, so many times as large, turned and moved."""
 
-    def save(name: str, scale: float = 1.0, turn: float = 0.0, faces: Any = FACES) -> Path:
+    def save(name, scale=1.0, turn=0.0, faces=FACES):
         vertices = scale * DIRECTIONS * SIZE
         vertices[:, 0] *= 1.0 + 6.0 * vertices[:, 2] / scale
         vertices[:, 1] += 4.0 * vertices[:, 0] ** 2 / scale
@@ -39,13 +34,12 @@ def saved(tmp_path: Path) -> Callable[..., Path]:
     return save
 
 
-def points_of(path: Path) -> Floats:
+def points_of(path):
     return np.asarray(trimesh.load(path, process=False).vertices)
 
 
-def test_a_file_is_at_no_distance_from_itself(saved: Callable[..., Path]) -> None:
+def test_a_file_is_at_no_distance_from_itself(saved):
     found = score(saved("a.ply"), saved("b.ply"))
-
     assert found["chamfer_m"] < 1e-15
     assert found["hausdorff_m"] < 1e-14
     assert found["volume_error"] == pytest.approx(0.0, abs=1e-12)
@@ -53,9 +47,8 @@ def test_a_file_is_at_no_distance_from_itself(saved: Callable[..., Path]) -> Non
     assert (found["one_sided"], found["aligned"], found["pose"]) == (False, False, None)
 
 
-def test_a_larger_solid_is_as_far_away_as_it_is_larger(saved: Callable[..., Path]) -> None:
+def test_a_larger_solid_is_as_far_away_as_it_is_larger(saved):
     found = score(saved("a.ply", 1.02), saved("b.ply"))
-
     assert 0.0004 < found["chamfer_m"] < 0.001
     assert found["chamfer_m"] < found["rms_m"] < found["p95_m"] < found["hausdorff_m"] < 0.002
     assert found["volume_error"] == pytest.approx(1.02**3 - 1.0, rel=1e-6)
@@ -63,11 +56,8 @@ def test_a_larger_solid_is_as_far_away_as_it_is_larger(saved: Callable[..., Path
     assert found["size_m"] == pytest.approx(0.06)
 
 
-def test_what_a_run_exports_is_the_same_in_every_format(
-    tmp_path: Path, tetrahedron: ShapeModel
-) -> None:
+def test_what_a_run_exports_is_the_same_in_every_format(tmp_path, tetrahedron):
     files = export_model(tetrahedron, tmp_path)
-
     assert len(files) == 4
     for name in files:
         for other in files:
@@ -77,23 +67,20 @@ def test_what_a_run_exports_is_the_same_in_every_format(
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)])
-def test_the_unit_can_be_said(saved: Callable[..., Path], unit: str, scale: float) -> None:
+def test_the_unit_can_be_said(saved, unit, scale):
     found = score(saved("a.ply"), saved("b.ply", scale), reference_unit=unit)
-
     assert found["hausdorff_m"] < 1e-7
     assert found["reference_unit"] == unit
 
 
-def test_a_wrong_unit_is_doubted(saved: Callable[..., Path]) -> None:
+def test_a_wrong_unit_is_doubted(saved):
     found = score(saved("a.ply"), saved("b.stl"))  # written in m, and read in mm
-
     assert not found["same_order_of_size"]
     assert "warning    their sizes differ widely: see --unit" in score_text(found)
 
 
-def test_aligned_files_may_lie_anywhere(saved: Callable[..., Path]) -> None:
+def test_aligned_files_may_lie_anywhere(saved):
     found = score(saved("a.ply", 1.0, 0.7), saved("b.ply"), aligned=True)
-
     assert found["hausdorff_m"] < 1e-7
     assert found["alignment_rms_m"] < 1e-7
     assert not found["alignment_ambiguous"]
@@ -105,14 +92,10 @@ def test_aligned_files_may_lie_anywhere(saved: Callable[..., Path]) -> None:
 
 
 @pytest.mark.parametrize("aligned", [False, True])
-def test_against_points_the_distances_are_one_sided_and_said_to_be(
-    saved: Callable[..., Path], tmp_path: Path, aligned: bool
-) -> None:
+def test_against_points_the_distances_are_one_sided_and_said_to_be(saved, tmp_path, aligned):
     points = points_of(saved("b.ply", 1.02, 0.3 if aligned else 0.0))[::3]
     np.savetxt(tmp_path / "p.csv", 1000 * points, delimiter=",", header="x,y,z", comments="")
-
     found = score(saved("a.ply", 1.02), tmp_path / "p.csv", reference_unit="mm", aligned=aligned)
-
     assert found["one_sided"]
     assert found["points"] == len(points)
     assert found["chamfer_m"] is found["volume_error"] is found["sampling_floor_m"] is None
@@ -124,68 +107,57 @@ def test_against_points_the_distances_are_one_sided_and_said_to_be(
         assert found["pose"][3] > 0.0
 
 
-def test_a_ply_without_faces_holds_points(saved: Callable[..., Path], tmp_path: Path) -> None:
+def test_a_ply_without_faces_holds_points(saved, tmp_path):
     trimesh.PointCloud(points_of(saved("a.ply"))).export(tmp_path / "p.ply")
-
     found = score(saved("a.ply"), tmp_path / "p.ply")
-
     assert found["points"] == 642
     assert found["hausdorff_m"] < 1e-8
 
 
-def test_the_reference_need_not_be_closed(saved: Callable[..., Path]) -> None:
+def test_the_reference_need_not_be_closed(saved):
     found = score(saved("a.ply"), saved("b.ply", faces=FACES[:-40]))
-
     assert found["volume_error"] is None
     assert 0.0 < found["chamfer_m"] < 0.001
     assert "volume not known" in score_text(found)
 
 
-def test_a_closed_surface_that_is_inside_out_is_turned(saved: Callable[..., Path]) -> None:
+def test_a_closed_surface_that_is_inside_out_is_turned(saved):
     found = score(saved("a.ply", faces=FACES[:, ::-1]), saved("b.ply"))
-
     assert found["normal_deg"] < 1e-3
     assert found["volume_error"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_crossings_are_counted(tmp_path: Path, saved: Callable[..., Path]) -> None:
+def test_crossings_are_counted(tmp_path, saved):
     ball = trimesh.Trimesh(0.03 * DIRECTIONS, FACES, process=False)
     other = ball.copy()
     other.apply_translation([0.04, 0.002, 0.001])
     trimesh.util.concatenate([ball, other]).export(tmp_path / "two.ply")
-
     found = score(tmp_path / "two.ply", saved("b.ply"))
-
     assert found["components"] == 2
     assert found["self_intersections"] > 50
 
 
-def test_points_are_no_model(saved: Callable[..., Path], write: Callable[[str, str], Path]) -> None:
+def test_points_are_no_model(saved, write):
     with pytest.raises(InputError, match=r"p\.csv: holds points; the model must be a surface"):
         score(write("p.csv", "1,2,3\n4,5,6\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n"), saved("a.ply"))
 
 
-def test_a_surface_without_area_is_refused(
-    write: Callable[[str, str], Path], saved: Callable[..., Path]
-) -> None:
+def test_a_surface_without_area_is_refused(write, saved):
     line = write("x.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n")
     with pytest.raises(InputError, match=r"x\.off: a surface must have an area"):
         score(line, saved("a.ply"))
 
 
-def test_an_alignment_that_fits_two_ways_is_doubted(tmp_path: Path) -> None:
+def test_an_alignment_that_fits_two_ways_is_doubted(tmp_path):
     trimesh.Trimesh(DIRECTIONS * SIZE, FACES, process=False).export(tmp_path / "a.ply")
-
     found = score(tmp_path / "a.ply", tmp_path / "a.ply", aligned=True)
-
     assert found["alignment_ambiguous"]
     assert found["pose"] == pytest.approx([0, 0, 0, 0, 0, 0, 1], abs=1e-9)
     assert "warning    another pose fits as well" in score_text(found)
 
 
-def test_the_command_prints_a_table(saved: Callable[..., Path], capsys: Output) -> None:
+def test_the_command_prints_a_table(saved, capsys):
     assert cli.run(["score", str(saved("a.ply", 1.02)), str(saved("b.ply"))]) == 0
-
     out, err = capsys.readouterr()
     assert err == ""
     assert "distance   chamfer 0." in out
@@ -194,10 +166,9 @@ def test_the_command_prints_a_table(saved: Callable[..., Path], capsys: Output) 
     assert max(map(len, out.splitlines()[2:])) <= 100
 
 
-def test_the_command_prints_json(saved: Callable[..., Path], capsys: Output) -> None:
+def test_the_command_prints_json(saved, capsys):
     arguments = ["score", str(saved("a.ply")), str(saved("b.ply")), "--json"]
     assert cli.run(arguments) == 0
-
     found = json.loads(capsys.readouterr().out)
     assert found["chamfer_m"] < 1e-15
     assert found["mean_m"] is None
@@ -212,26 +183,17 @@ def test_the_command_prints_json(saved: Callable[..., Path], capsys: Output) -> 
         (["score", "a.ply", "b.ply", "--unit", "km"], "'km' is not one of 'm', 'cm', 'mm'"),
     ],
 )
-def test_the_command_refuses_in_one_sentence(
-    arguments: list[str],
-    words: str,
-    capsys: Output,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_command_refuses_in_one_sentence(arguments, words, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
     assert cli.run(arguments) == 2
-
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
     assert words in err
 
 
-def test_the_help_says_what_is_measured(capsys: Output) -> None:
+def test_the_help_says_what_is_measured(capsys):
     assert cli.run(["score", "--help"]) == 0
-
     out = capsys.readouterr().out.replace("-\n  ", "-")
     for word in ("MODEL", "REFERENCE", "one-sided", "--align", "--reference-unit", "--json"):
         assert word in out
@@ -251,11 +213,8 @@ TABLE = "x;y;z\n0;0;0\n1;0;0\n0;1;0\n0;0;1\n1;1;0\n1;0;1\n"
         "\ufeffid;Z;X;Y\n0;0;0;0\n1;0;1;0\n2;0;0;1\n3;1;0;0\n4;0;1;1\n5;1;1;0\n",
     ],
 )
-def test_points_are_read_however_the_table_is_written(
-    write: Callable[[str, str], Path], text: str
-) -> None:
+def test_points_are_read_however_the_table_is_written(write, text):
     found = read_mesh_or_points(write("p.csv", text), "cm")
-
     expected = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1]]
     np.testing.assert_allclose(found.vertices, np.array(expected) / 100)
     assert found.faces.shape == (0, 3)
@@ -279,14 +238,12 @@ def test_points_are_read_however_the_table_is_written(
         ("m.doc", "hello", "m.doc: 'doc' is no mesh format"),
     ],
 )
-def test_files_that_hold_nothing_are_refused(
-    write: Callable[[str, str], Path], name: str, text: str, words: str
-) -> None:
+def test_files_that_hold_nothing_are_refused(write, name, text, words):
     with pytest.raises(InputError, match=words):
         read_mesh_or_points(write(name, text), None)
 
 
-def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none\.csv: cannot be read: No such file"):
         read_mesh_or_points(tmp_path / "none.csv", None)
     (tmp_path / "p.csv").write_bytes(b"\xff\xfe\x00")
@@ -294,9 +251,7 @@ def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path: Path) -> None:
         read_mesh_or_points(tmp_path / "p.csv", None)
 
 
-def test_a_file_that_is_too_large_is_refused(
-    write: Callable[[str, str], Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_file_that_is_too_large_is_refused(write, monkeypatch, tmp_path):
     np.savez_compressed(tmp_path / "m.npz", vertices=np.zeros((2_000_000, 3)))
     with pytest.raises(InputError, match="unpacks to 45 MiB, more than is read"):
         read_mesh_or_points(tmp_path / "m.npz", None)
@@ -321,9 +276,7 @@ def test_a_file_that_is_too_large_is_refused(
         ({"vertices": np.array([{}]), "faces": np.eye(3)}, "'vertices.npy': an array of objects"),
     ],
 )
-def test_an_archive_that_is_no_model_is_refused(
-    tmp_path: Path, arrays: dict[str, Any], words: str
-) -> None:
+def test_an_archive_that_is_no_model_is_refused(tmp_path, arrays, words):
     np.savez(tmp_path / "m.npz", **arrays)
     with pytest.raises(InputError, match=words):
         read_mesh_or_points(tmp_path / "m.npz", None)

@@ -158,11 +158,7 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
     "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."
 )
 @click.option(
-    "-o",
-    "--output",
-    type=PATH,
-    required=True,
-    help="The new file or folder, not there yet.",
+    "-o", "--output", type=PATH, required=True, help="The new file or folder, not there yet."
 )
 @names_option("--topics", "A,B", "Topics to write; all if left out.")
 def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ...]) -> None:

@@ -9,12 +9,7 @@ import click
 
 from palpate import launch
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import (
-    PATH,
-    json_option,
-    print_figures,
-    quiet_option,
-)
+from palpate.tools.cli.command_line import PATH, json_option, print_figures, quiet_option
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 

@@ -158,10 +158,7 @@ def _entry(place: Wiring | RecordedNode) -> Entry:
     finger = f"finger_{place.name.rpartition('_')[2]}"
     within = any(topic.startswith(f"/{finger}/") for topic in place.outputs.values())
     return Entry(
-        name=place.name,
-        kind=place.module,
-        params=place.params,
-        namespace=finger if within else "",
+        name=place.name, kind=place.module, params=place.params, namespace=finger if within else ""
     )
 
 

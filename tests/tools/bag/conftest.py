@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +10,7 @@ import pytest
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.catalogue import LogRecord
-from palpate.messages.types.model import PlanDone, Score, ShapeModel
-from palpate.messages.types.motion import Contour
+from palpate.messages.types.model import PlanDone
 from palpate.messages.types.touch import SurfacePatch, TactileFrame
 from palpate.messages.types.world import SensorInfo, Truth
 
@@ -22,18 +21,10 @@ MILLISECOND = 1_000_000
 
 
 @pytest.fixture
-def record(tmp_path: Path) -> Record:
+def record(tmp_path):
     """Writes a recording of some messages, a few milliseconds apart."""
 
-    def write(
-        messages: Sequence[Message],
-        *,
-        name: str = "topics.mcap",
-        skip: int = 0,
-        graph: str = "",
-        close: bool = True,
-        publisher: str = "somebody",
-    ) -> Path:
+    def write(messages, *, name="topics.mcap", skip=0, graph="", close=True, publisher="somebody"):
         types = {topic: type(message).__name__ for topic, message in messages}
         publishers = dict.fromkeys(types, publisher)
         about = {"version": "1.2.3", "graph": graph}
@@ -55,7 +46,7 @@ def record(tmp_path: Path) -> Record:
 
 
 @pytest.fixture
-def sensor() -> SensorInfo:
+def sensor():
     """An array of two rows and three columns."""
     return SensorInfo(
         rows=2,
@@ -75,7 +66,7 @@ def sensor() -> SensorInfo:
     )
 
 
-def frame(touch: int) -> TactileFrame:
+def frame(touch):
     return TactileFrame(
         goal=1,
         touch=touch,
@@ -89,7 +80,7 @@ def frame(touch: int) -> TactileFrame:
 
 
 @pytest.fixture
-def patch() -> SurfacePatch:
+def patch():
     """A touch of which four taxels of six felt something."""
     return SurfacePatch(
         goal=1,
@@ -120,14 +111,7 @@ def patch() -> SurfacePatch:
 
 
 @pytest.fixture
-def explored(
-    record: Record,
-    sensor: SensorInfo,
-    patch: SurfacePatch,
-    contour: Contour,
-    tetrahedron: ShapeModel,
-    score: Score,
-) -> Path:
+def explored(record, sensor, patch, contour, tetrahedron, score):
     """A recording with a message of most kinds."""
     truth = Truth(
         vertices=tetrahedron.vertices,

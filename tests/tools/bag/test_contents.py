@@ -26,7 +26,6 @@ from palpate.launch.files.source_map import InputError
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.reader import (
     ReadablePrefix,
-    RecordedMessage,
     RecordingCopy,
     open_recording,
     part_path,
@@ -46,11 +45,9 @@ GRAPH = json.dumps(
 )
 
 
-def test_a_recording_says_what_it_holds(record: Record) -> None:
+def test_a_recording_says_what_it_holds(record):
     path = record(MESSAGES, graph=GRAPH)
-
     info = bag_info(path)
-
     sizes = [30 * len(encode(LOG)), len(encode(WORLD))]
     assert info["parts"] == [{"path": str(path), "bytes": info["bytes"], "closed": True}]
     assert info["bytes"] == path.stat().st_size
@@ -74,13 +71,11 @@ def test_a_recording_says_what_it_holds(record: Record) -> None:
     assert info["metadata"]["counts"] == {"/log": "30", "/world": "1"}
 
 
-def test_a_recording_that_is_cut_off_is_shown_up_to_the_cut(record: Record) -> None:
+def test_a_recording_that_is_cut_off_is_shown_up_to_the_cut(record):
     path = record(MESSAGES)
     size = path.stat().st_size // 2
     path.write_bytes(path.read_bytes()[:size])
-
     info = bag_info(path)
-
     assert not info["closed"] and info["end"] is not None
     assert info["end"]["why"] == f"is cut off at byte {size}"
     assert 0 < info["end"]["byte"] < size
@@ -88,45 +83,38 @@ def test_a_recording_that_is_cut_off_is_shown_up_to_the_cut(record: Record) -> N
     assert "no: topics.mcap is cut off at byte" in info_text(info)
 
 
-def test_a_recording_that_was_never_closed_says_so(record: Record) -> None:
+def test_a_recording_that_was_never_closed_says_so(record):
     path = record(MESSAGES, close=False)
-
     info = bag_info(path)
-
     size = path.stat().st_size
     assert info["end"] == {"path": str(path), "byte": size, "why": "was never closed"}
     assert "counts" not in info["metadata"]
 
 
-def test_the_parts_of_a_recording_are_listed_and_counted_together(record: Record) -> None:
+def test_the_parts_of_a_recording_are_listed_and_counted_together(record):
     path = record(MESSAGES[:11], close=False)
     had = bag_info(path)["messages"]
     record(MESSAGES, name="topics.1.mcap", skip=had)
-
     info = bag_info(path.parent)
-
     assert [part["closed"] for part in info["parts"]] == [False, True]
     assert (info["closed"], info["messages"]) == (True, 31)
     assert "topics.1.mcap" in info_text(info)
 
 
-def test_a_graph_that_is_none_is_not_believed(record: Record) -> None:
+def test_a_graph_that_is_none_is_not_believed(record):
     info = bag_info(record(MESSAGES, graph="[{}]"))
-
     assert info["nodes"] == []
     assert "nodes      not known" in info_text(info)
 
 
-def test_a_text_that_steers_a_terminal_is_shown_in_quotes(record: Record) -> None:
+def test_a_text_that_steers_a_terminal_is_shown_in_quotes(record):
     info = bag_info(record(MESSAGES, publisher="\x1b[31mred", graph="\x1b"))
-
     assert "\x1b" not in info_text(info)
     assert info["topics"][0]["publisher"] == r"'\x1b[31mred'"
 
 
-def test_lines_for_people(record: Record) -> None:
+def test_lines_for_people(record):
     lines = info_text(bag_info(record(MESSAGES, graph=GRAPH))).splitlines()
-
     assert lines[1:6] == [
         "version    1.2.3",
         "closed     yes",
@@ -144,18 +132,14 @@ def test_lines_for_people(record: Record) -> None:
 @pytest.mark.parametrize(
     ("data", "words"), [(b"", "it is empty"), (b"x" * 99, "it is not an MCAP file")]
 )
-def test_what_is_no_recording_is_refused(tmp_path: Path, data: bytes, words: str) -> None:
+def test_what_is_no_recording_is_refused(tmp_path, data, words):
     (tmp_path / "a.mcap").write_bytes(data)
-
     with pytest.raises(InputError, match=f"a.mcap: cannot be read as a recording: {words}"):
         bag_info(tmp_path / "a.mcap")
 
 
-def test_the_exit_code_says_whether_a_recording_is_whole(
-    record: Record, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_exit_code_says_whether_a_recording_is_whole(record, capsys):
     path = record(MESSAGES)
-
     assert cli.run(["bag", "info", str(path)]) == 0
     assert capsys.readouterr().out.startswith(f"recording  {path}")
     path.write_bytes(path.read_bytes()[:-3])
@@ -168,13 +152,13 @@ def test_the_exit_code_says_whether_a_recording_is_whole(
 COUNT = 100
 
 
-def log(number: int) -> LogRecord:
+def log(number):
     draw = random.Random(number)
     text = "".join(draw.choices("abcdefghijklmnopqrstuvwxyz ", k=60))
     return LogRecord(node="filter", level="info", text=text, robot_time=0.1 * number)
 
 
-def world(seed: int) -> World:
+def world(seed):
     return World(platform=0.0, reach=0.3, fingers=1, seed=seed)
 
 
@@ -182,19 +166,19 @@ RECOVER_MESSAGES = [("/world", world(i)) if i % 10 == 0 else ("/log", log(i)) fo
 
 
 @pytest.fixture
-def whole(record: Record) -> bytes:
+def whole(record):
     """Bytes of a closed recording of 20 kB."""
     data = record(RECOVER_MESSAGES).read_bytes()
     assert 15_000 < len(data) < 25_000, len(data)
     return data
 
 
-def bodies(path: Path) -> list[bytes]:
+def bodies(path):
     """Of the messages up to the first fault."""
     return [one.record.data for one in ReadablePrefix(path) if hasattr(one.record, "publish_time")]
 
 
-def expected(whole: bytes) -> list[int]:
+def expected(whole):
     """How many messages lie in whole chunks before each cut, as the stock reader tells."""
     grown = [0] * (len(whole) + 1)
     with BytesIO(whole) as file:
@@ -207,26 +191,23 @@ def expected(whole: bytes) -> list[int]:
     return list(accumulate(grown))
 
 
-def stock_counts(path: Path) -> Counter[str]:
+def stock_counts(path):
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         return Counter(channel.topic for _, channel, _ in reader.iter_messages())
 
 
-def kept(path: Path) -> list[RecordedMessage]:
+def kept(path):
     return list(open_recording(path).messages())
 
 
 @pytest.mark.parametrize(
     "step", [pytest.param(5, marks=pytest.mark.slow), 61], ids=["many bytes", "some bytes"]
 )
-def test_a_cut_leaves_exactly_the_messages_of_the_whole_chunks_before_it(
-    whole: bytes, tmp_path: Path, step: int
-) -> None:
+def test_a_cut_leaves_exactly_the_messages_of_the_whole_chunks_before_it(whole, tmp_path, step):
     all_bodies, counts = bodies(tmp_path / "topics.mcap"), expected(whole)
     assert counts[-1] == len(all_bodies) == COUNT
     assert len(set(counts)) > 10
-
     path = tmp_path / "cut.mcap"
     path.write_bytes(whole)
     for end in range(len(whole), -1, -step):
@@ -234,13 +215,10 @@ def test_a_cut_leaves_exactly_the_messages_of_the_whole_chunks_before_it(
         assert bodies(path) == all_bodies[: counts[end]], end
 
 
-def test_what_is_recovered_from_a_cut_is_closed_and_any_reader_reads_it(
-    whole: bytes, tmp_path: Path
-) -> None:
+def test_what_is_recovered_from_a_cut_is_closed_and_any_reader_reads_it(whole, tmp_path):
     reference, counts = kept(tmp_path / "topics.mcap"), expected(whole)
     first = next(end for end, count in enumerate(counts) if count)
     cuts = [first, *random.Random(0).sample(range(first, len(whole)), 40), len(whole)]
-
     for end in cuts:
         path, out = tmp_path / f"{end}.mcap", tmp_path / f"{end}.recovered.mcap"
         path.write_bytes(whole[:end])
@@ -253,9 +231,7 @@ def test_what_is_recovered_from_a_cut_is_closed_and_any_reader_reads_it(
         assert saved.end.byte <= end
 
 
-def test_a_cut_before_the_first_whole_chunk_leaves_nothing_and_no_file(
-    whole: bytes, tmp_path: Path
-) -> None:
+def test_a_cut_before_the_first_whole_chunk_leaves_nothing_and_no_file(whole, tmp_path):
     first = next(end for end, count in enumerate(expected(whole)) if count)
     folder = tmp_path / "alone"
     folder.mkdir()
@@ -267,9 +243,7 @@ def test_a_cut_before_the_first_whole_chunk_leaves_nothing_and_no_file(
         assert [one.name for one in folder.iterdir()] == ["cut.mcap"]
 
 
-def test_a_flipped_bit_never_puts_a_wrong_message_into_what_is_recovered(
-    whole: bytes, tmp_path: Path
-) -> None:
+def test_a_flipped_bit_never_puts_a_wrong_message_into_what_is_recovered(whole, tmp_path):
     reference = kept(tmp_path / "topics.mcap")
     draw, shorter = random.Random(2), 0
     for number in range(100):
@@ -287,9 +261,8 @@ def test_a_flipped_bit_never_puts_a_wrong_message_into_what_is_recovered(
     assert shorter > 50
 
 
-def test_a_copy_has_all_that_the_recording_says(whole: bytes, tmp_path: Path) -> None:
+def test_a_copy_has_all_that_the_recording_says(whole, tmp_path):
     out = recover_recording(tmp_path / "topics.mcap").path
-
     with out.open("rb") as new, (tmp_path / "topics.mcap").open("rb") as old:
         readers = make_reader(new, validate_crcs=True), make_reader(old, validate_crcs=True)
         header = readers[0].get_header()
@@ -305,21 +278,18 @@ def test_a_copy_has_all_that_the_recording_says(whole: bytes, tmp_path: Path) ->
     assert {one.compression for one in summaries[0].chunk_indexes} == {"lz4"}
 
 
-def test_a_copy_has_the_checksums_of_a_recording(whole: bytes, tmp_path: Path) -> None:
+def test_a_copy_has_the_checksums_of_a_recording(whole, tmp_path):
     data = recover_recording(tmp_path / "topics.mcap").path.read_bytes()
-
     end = data.rindex(struct.pack("<BQ", Opcode.DATA_END, 4))
     assert struct.unpack("<I", data[end + 9 : end + 13]) == (zlib.crc32(data[:end]),)
 
 
-def test_parts_become_one_file_with_every_message_once(record: Record, tmp_path: Path) -> None:
+def test_parts_become_one_file_with_every_message_once(record, tmp_path):
     path = record(RECOVER_MESSAGES[:70], close=False)
     whole = len(kept(path))
     record(RECOVER_MESSAGES, name="topics.1.mcap", skip=whole)
     path.write_bytes(path.read_bytes() + b"\6half a chunk")
-
     saved = recover_recording(path)
-
     assert saved.parts == (path, part_path(path, 1))
     assert [one.seq for one in kept(saved.path) if one.topic == "/world"] == list(range(10))
     assert len(kept(saved.path)) == COUNT
@@ -332,7 +302,7 @@ def test_parts_become_one_file_with_every_message_once(record: Record, tmp_path:
     )
 
 
-def test_log_times_never_go_back_from_part_to_part(tmp_path: Path) -> None:
+def test_log_times_never_go_back_from_part_to_part(tmp_path):
     path = tmp_path / "topics.mcap"
     for number, seq, sent in ((0, 0, 50), (1, 1, 40), (1, 2, 60)):
         part = part_path(path, number)
@@ -341,41 +311,34 @@ def test_log_times_never_go_back_from_part_to_part(tmp_path: Path) -> None:
         writer.write("/world", Header(1, 0, seq, sent, 0.0, schema_hash(World)), b"\x80")
         if seq != 1:
             writer.close()
-
     with recover_recording(path).path.open("rb") as file:
         found = [message for _, _, message in make_reader(file).iter_messages()]
     assert [one.log_time for one in found] == [50, 50, 60]
     assert [one.publish_time for one in found] == [50, 40, 60]
 
 
-def test_parts_between_which_messages_are_missing_are_recovered_up_to_there(
-    record: Record,
-) -> None:
+def test_parts_between_which_messages_are_missing_are_recovered_up_to_there(record):
     path = record(RECOVER_MESSAGES[:70])
     record(RECOVER_MESSAGES, name="topics.1.mcap", skip=80)
-
     saved = recover_recording(path)
-
     assert len(kept(saved.path)) == 70
     assert saved.end.part == part_path(path, 1)
     assert saved.end.why == "is damaged: it lacks /world 7"
 
 
-def test_a_run_directory_stands_for_its_recording(record: Record, tmp_path: Path) -> None:
+def test_a_run_directory_stands_for_its_recording(record, tmp_path):
     record(RECOVER_MESSAGES)
-
     assert recover_recording(tmp_path).path == tmp_path / "topics.recovered.mcap"
 
 
-def test_a_recording_that_was_never_closed_is_said_to_be(record: Record, tmp_path: Path) -> None:
+def test_a_recording_that_was_never_closed_is_said_to_be(record, tmp_path):
     saved = recover_recording(record(RECOVER_MESSAGES, close=False), tmp_path / "new.mcap")
-
     assert recovered_text(saved).endswith(
         "all that there is in topics.mcap, which was never closed"
     )
 
 
-def test_nothing_is_overwritten(record: Record, tmp_path: Path) -> None:
+def test_nothing_is_overwritten(record, tmp_path):
     path, out = record(RECOVER_MESSAGES), tmp_path / "new.mcap"
     out.write_bytes(b"mine")
     with pytest.raises(InputError, match=r"new.mcap: exists already; it is not overwritten"):
@@ -390,12 +353,10 @@ def test_nothing_is_overwritten(record: Record, tmp_path: Path) -> None:
     assert out.read_bytes() == b"mine"
 
 
-def test_a_copy_that_cannot_be_written_leaves_nothing_behind(
-    record: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_copy_that_cannot_be_written_leaves_nothing_behind(record, tmp_path, monkeypatch):
     path = record(RECOVER_MESSAGES)
 
-    def full(self: AtomicFile, data: bytes) -> int:
+    def full(self, data):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(AtomicFile, "write", full)
@@ -404,22 +365,17 @@ def test_a_copy_that_cannot_be_written_leaves_nothing_behind(
     assert [one.name for one in tmp_path.iterdir()] == ["topics.mcap"]
 
 
-def test_a_copy_that_is_not_what_was_written_is_not_believed(
-    record: Record, tmp_path: Path
-) -> None:
+def test_a_copy_that_is_not_what_was_written_is_not_believed(record, tmp_path):
     copy = RecordingCopy(tmp_path / "copy.mcap", "palpate")
     copy.take(ReadablePrefix(record(RECOVER_MESSAGES)))
     copy.close("recovered", {})
     copy.check()
     copy.counts["/log"] -= 1
-
     with pytest.raises(ValueError, match="does not hold what was written to it"):
         copy.check()
 
 
-def test_the_exit_code_says_whether_anything_was_recovered(
-    record: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_exit_code_says_whether_anything_was_recovered(record, tmp_path, capsys):
     path, out = record(RECOVER_MESSAGES), tmp_path / "new.mcap"
     path.write_bytes(path.read_bytes()[:6000])
     assert cli.run(["bag", "recover", str(path), "-o", str(out)]) == 0
@@ -429,7 +385,6 @@ def test_the_exit_code_says_whether_anything_was_recovered(
         r"which is cut off at byte 6000\n",
         said,
     )
-
     path.write_bytes(b"")
     assert cli.run(["bag", "recover", str(path)]) == 2
     assert capsys.readouterr().err == (
@@ -437,7 +392,7 @@ def test_the_exit_code_says_whether_anything_was_recovered(
     )
 
 
-def test_what_is_no_recording_is_refused_recover(tmp_path: Path) -> None:
+def test_what_is_no_recording_is_refused_recover(tmp_path):
     with pytest.raises(InputError, match=r"none.mcap: the recording does not exist"):
         recover_recording(tmp_path / "none.mcap")
     with pytest.raises(InputError, match=r"holds no recording: there is no topics.mcap in it"):
@@ -451,9 +406,7 @@ def test_what_is_no_recording_is_refused_recover(tmp_path: Path) -> None:
         ("msgpack", {"run": "0", "epoch": "0", "schema_hash": "0"}, "ends before it began"),
     ],
 )
-def test_a_recording_of_others_is_refused(
-    tmp_path: Path, encoding: str, told: dict[str, str], words: str
-) -> None:
+def test_a_recording_of_others_is_refused(tmp_path, encoding, told, words):
     path = tmp_path / "theirs.mcap"
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.LZ4)
@@ -461,7 +414,6 @@ def test_a_recording_of_others_is_refused(
         schema = writer.register_schema("Chatter", "jsonschema", b"{}")
         channel = writer.register_channel("/chatter", encoding, schema, told)
         writer.add_message(channel, 0, b"hello", 0)
-        writer.finish()  # type: ignore[no-untyped-call]
-
+        writer.finish()
     with pytest.raises(InputError, match=words):
         recover_recording(path)

@@ -19,7 +19,6 @@ from palpate.launch.files.source_map import InputError
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.catalogue import TYPES
-from palpate.messages.types.model import ShapeModel
 from palpate.messages.types.world import World
 from palpate.tools.bag.decoding import file_stems, open_decoded
 from palpate.tools.bag.export import export_bag, write_csv, write_npz
@@ -36,13 +35,9 @@ class Strange:
 
 
 @EVERY
-def test_each_format_is_written_whole_and_said(
-    explored: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_format_is_written_whole_and_said(explored, tmp_path, kind, capsys):
     out = tmp_path / "out"
-
     assert cli.run(["bag", "export", str(explored), "--format", kind, "-o", str(out)]) == 0
-
     assert re.fullmatch(
         rf"{out}: \d+ (files|arrays|messages) of 9 topics\n", capsys.readouterr().out
     )
@@ -50,10 +45,9 @@ def test_each_format_is_written_whole_and_said(
 
 
 @EVERY
-def test_nothing_is_overwritten(explored: Path, tmp_path: Path, kind: str) -> None:
+def test_nothing_is_overwritten(explored, tmp_path, kind):
     (tmp_path / "out").mkdir()
     (tmp_path / "file").write_text("mine")
-
     for name in ("out", "file"):
         with pytest.raises(InputError, match=f"{name}: exists already; it is not overwritten"):
             export_bag(explored, kind, tmp_path / name)
@@ -61,77 +55,65 @@ def test_nothing_is_overwritten(explored: Path, tmp_path: Path, kind: str) -> No
 
 
 @EVERY
-def test_a_message_that_cannot_be_decoded_leaves_nothing_behind(
-    record: Record, tmp_path: Path, kind: str
-) -> None:
+def test_a_message_that_cannot_be_decoded_leaves_nothing_behind(record, tmp_path, kind):
     path = tmp_path / "topics.mcap"
     writer = RecordingWriter(path, {"/world": "World"}, {}, {})
     for seq, body in enumerate([encode(WORLD), b"\x80"]):
         writer.write("/world", Header(0, 0, seq, 0, 0.0, schema_hash(World)), body)
     writer.close()
-
     with pytest.raises(InputError, match=r"topics.mcap: /world 1: not a World: missing fields"):
         export_bag(path, kind, tmp_path / "out")
     assert [one.name for one in tmp_path.iterdir()] == ["topics.mcap"]
 
 
-def test_another_version_of_a_message_is_refused(tmp_path: Path) -> None:
+def test_another_version_of_a_message_is_refused(tmp_path):
     path = tmp_path / "topics.mcap"
     writer = RecordingWriter(path, {"/world": "World"}, {}, {})
     writer.write("/world", Header(0, 0, 0, 0, 0.0, 7), encode(WORLD))
     writer.close()
-
     with pytest.raises(InputError, match=r"/world was recorded with another version of World"):
         export_bag(path, "npz", tmp_path / "out")
 
 
-def test_an_unknown_message_is_refused(
-    record: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unknown_message_is_refused(record, tmp_path, monkeypatch):
     monkeypatch.setitem(TYPES, "Strange", Strange)
     path = record([("/a", Strange(1.0)), ("/world", WORLD)])
     monkeypatch.delitem(TYPES, "Strange")
-
     with pytest.raises(InputError, match="/a holds Strange; there is no such type of message"):
         export_bag(path, "csv", tmp_path / "out")
     export_bag(path, "csv", tmp_path / "out", ["/world"])
 
 
-def test_a_damaged_recording_is_to_be_recovered_first(explored: Path, tmp_path: Path) -> None:
+def test_a_damaged_recording_is_to_be_recovered_first(explored, tmp_path):
     explored.write_bytes(explored.read_bytes()[:-30])
-
     with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves what"):
         export_bag(explored, "csv", tmp_path / "out")
 
 
-def test_a_recording_that_was_never_closed_is_exported_and_said_to_be(
-    record: Record, tmp_path: Path
-) -> None:
+def test_a_recording_that_was_never_closed_is_exported_and_said_to_be(record, tmp_path):
     path = record([("/world", WORLD)] * 3, close=False)
-
     assert "never closed" in export_bag(path, "npz", tmp_path / "out.npz")
 
 
-def test_unknown_topics_and_empty_recordings_are_refused(record: Record, tmp_path: Path) -> None:
+def test_unknown_topics_and_empty_recordings_are_refused(record, tmp_path):
     with pytest.raises(InputError, match="has no topic '/wrold'; did you mean '/world'"):
         open_decoded(record([("/world", WORLD)]), ["/wrold"])
     with pytest.raises(InputError, match="holds no message"):
         open_decoded(record([], name="empty.mcap"))
 
 
-def test_times_count_from_the_first_message_of_all(record: Record, tmp_path: Path) -> None:
+def test_times_count_from_the_first_message_of_all(record, tmp_path):
     path = record([("/a", WORLD), ("/b", WORLD)])
     export_bag(path, "npz", tmp_path / "out.npz", ["/b"])
-
     with np.load(tmp_path / "out.npz") as found:
         assert found["b.sent_s"] == pytest.approx([0.007])
 
 
 @pytest.mark.parametrize("number", [errno.EPERM, errno.EEXIST, errno.ENOSPC])
 def test_a_file_is_moved_though_there_are_no_links_but_never_onto_another(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
-    def link(source: Path, target: Path) -> None:
+    tmp_path, monkeypatch, number
+):
+    def link(source, target):
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(new_file.os, "link", link)
@@ -145,10 +127,10 @@ def test_a_file_is_moved_though_there_are_no_links_but_never_onto_another(
     assert len(list(tmp_path.iterdir())) == (number == errno.EPERM)
 
 
-def test_what_came_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+def test_what_came_meanwhile_is_not_overwritten(tmp_path):
     path = tmp_path / "a"
 
-    def slow(part: Path) -> None:
+    def slow(part):
         part.mkdir()
         path.write_text("mine")
 
@@ -162,20 +144,19 @@ Rows = list[dict[str, str]]
 
 
 @pytest.fixture
-def folder(explored: Path, tmp_path: Path) -> Path:
+def folder(explored, tmp_path):
     write_csv(open_decoded(explored), tmp_path / "tables")
     return tmp_path / "tables"
 
 
-def rows(path: Path) -> Rows:
+def rows(path):
     csv.field_size_limit(1 << 24)
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
-def test_each_topic_has_a_table_with_a_row_for_each_message(folder: Path) -> None:
+def test_each_topic_has_a_table_with_a_row_for_each_message(folder):
     names = {path.name: len(rows(path)) for path in folder.glob("*.csv")}
-
     assert names == {
         "contour_traced.csv": 2,
         "log.csv": 1,
@@ -189,9 +170,8 @@ def test_each_topic_has_a_table_with_a_row_for_each_message(folder: Path) -> Non
     }
 
 
-def test_a_row_begins_with_number_and_times(folder: Path) -> None:
+def test_a_row_begins_with_number_and_times(folder):
     found = rows(folder / "touch_raw.csv")
-
     assert list(found[0])[:4] == ["seq", "sent_s", "robot_time", "goal"]
     assert [row["seq"] for row in found] == ["0", "1", "2"]
     # The first message of the recording was the truth, the second the sensor: 7 ms apart.
@@ -199,37 +179,33 @@ def test_a_row_begins_with_number_and_times(folder: Path) -> None:
     assert [float(row["robot_time"]) for row in found] == [0.0, 0.5, 1.0]
 
 
-def test_an_array_of_one_shape_has_a_column_for_each_element(folder: Path) -> None:
+def test_an_array_of_one_shape_has_a_column_for_each_element(folder):
     row = rows(folder / "touch_raw.csv")[1]
-
     assert [float(row[f"pose.{i}"]) for i in range(7)] == [0.011, 0.02, 0.03, 0, 0, 0, 1]
     values = [float(row[f"array.{i}.{j}"]) for i in range(2) for j in range(3)]
     assert values == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     assert "array" not in row and "array.2.0" not in row
 
 
-def test_an_array_whose_shape_varies_and_a_list_are_json(folder: Path) -> None:
+def test_an_array_whose_shape_varies_and_a_list_are_json(folder):
     one, other = rows(folder / "contour_traced.csv")
-
     assert json.loads(one["points"]) == [[0.0, 0.0, 0.0]]
     assert json.loads(other["points"]) == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0, 7.0, 8.0]]
     assert (one["gap_reasons"], other["gap_reasons"]) == ("[]", '["missed"]')
     assert json.loads(rows(folder / "model_shape.csv")[1]["dropped_reasons"])[1] == 'Lücke, "offen"'
 
 
-def test_a_table_has_a_column_for_each_name_that_occurs(folder: Path) -> None:
+def test_a_table_has_a_column_for_each_name_that_occurs(folder):
     one, other = rows(folder / "model_shape.csv")
     names = ("health.condition", "health.fallbacks", "health.folds")
-
     assert [one[name] for name in names] == ["3.5", "0.0", ""]
     assert [other[name] for name in names] == ["1.5", "", "2.0"]
 
 
-def test_truth_is_one_nothing_is_empty_and_texts_are_whole(folder: Path) -> None:
+def test_truth_is_one_nothing_is_empty_and_texts_are_whole(folder):
     (done,) = rows(folder / "plan_done.csv")
     (patch,) = rows(folder / "touch_patch.csv")
     (log,) = rows(folder / "log.csv")
-
     assert (done["tolerance_met"], done["rms_bound_95"]) == ("1", "")
     assert done["reason"] == "within, all of it"
     assert [patch[f"mask.0.{j}"] for j in range(3)] == ["0", "1", "1"]
@@ -237,21 +213,16 @@ def test_truth_is_one_nothing_is_empty_and_texts_are_whole(folder: Path) -> None
     assert log["text"] == "a, b\n=c"
 
 
-def test_an_array_too_large_for_columns_is_json(
-    explored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_array_too_large_for_columns_is_json(explored, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.tools.bag.export.MAX_COLUMNS", 6)
     write_csv(open_decoded(explored, ["/touch/raw"]), tmp_path / "tables")
-
     row = rows(tmp_path / "tables" / "touch_raw.csv")[0]
-
     assert json.loads(row["pose"])[:3] == [0.01, 0.02, 0.03]
     assert float(row["array.1.2"]) == 5.0
 
 
-def test_the_units_lie_beside_the_tables(folder: Path) -> None:
+def test_the_units_lie_beside_the_tables(folder):
     units = json.loads((folder / "units.json").read_text())
-
     assert units["touch_raw.csv"] == {
         "sent_s": "s",
         "direction": "1",
@@ -264,18 +235,15 @@ def test_the_units_lie_beside_the_tables(folder: Path) -> None:
     assert units.keys() == {path.name for path in folder.glob("*.csv")}
 
 
-def test_topics_that_are_not_wanted_are_left_out(explored: Path, tmp_path: Path) -> None:
+def test_topics_that_are_not_wanted_are_left_out(explored, tmp_path):
     written = write_csv(open_decoded(explored, ["/score", "/log"]), tmp_path / "tables")
-
     assert sorted(written) == ["log.csv", "score.csv", "units.json"]
     assert rows(tmp_path / "tables" / "score.csv")[0]["sent_s"] == "0.070000000"
 
 
-def test_names_of_files_are_harmless_and_differ() -> None:
+def test_names_of_files_are_harmless_and_differ():
     topics = ["/touch/raw", "/touch_raw", "/../../etc/passwd", "/", "/" + "x" * 300]
-
     found = file_stems(topics)
-
     assert list(found.values()) == ["touch_raw", "touch_raw_2", "______etc_passwd", "_", "x" * 100]
 
 
@@ -283,7 +251,7 @@ Arrays = dict[str, Any]
 
 
 @pytest.fixture
-def arrays(explored: Path, tmp_path: Path) -> Arrays:
+def arrays(explored, tmp_path):
     count = write_npz(open_decoded(explored), tmp_path / "run.npz")
     with np.load(tmp_path / "run.npz", allow_pickle=False) as file:
         found = dict(file)
@@ -291,7 +259,7 @@ def arrays(explored: Path, tmp_path: Path) -> Arrays:
     return found
 
 
-def test_fields_become_arrays_with_the_messages_first(arrays: Arrays) -> None:
+def test_fields_become_arrays_with_the_messages_first(arrays):
     assert arrays["touch_raw.array"].shape == (3, 2, 3)
     assert arrays["touch_raw.array"][2].tolist() == [[2.0, 3.0, 4.0], [5.0, 6.0, 7.0]]
     assert arrays["touch_raw.pose"][:, 0] == pytest.approx([0.01, 0.011, 0.012])
@@ -300,20 +268,19 @@ def test_fields_become_arrays_with_the_messages_first(arrays: Arrays) -> None:
     assert arrays["touch_raw.robot_time"].tolist() == [0.0, 0.5, 1.0]
 
 
-def test_kinds_of_numbers_are_kept(arrays: Arrays) -> None:
+def test_kinds_of_numbers_are_kept(arrays):
     kinds = {name: arrays[f"touch_patch.{name}"].dtype.str for name in ("mask", "umbilic", "goal")}
-
     assert kinds == {"mask": "|b1", "umbilic": "|b1", "goal": "<i8"}
     assert arrays["truth.faces"].dtype == np.int32
     assert arrays["truth.faces"].shape == (1, 4, 3)
 
 
-def test_texts_are_unicode_of_one_width(arrays: Arrays) -> None:
+def test_texts_are_unicode_of_one_width(arrays):
     assert arrays["log.text"].tolist() == ["a, b\n=c"]
     assert arrays["touch_raw.outcome"].dtype == "<U3"
 
 
-def test_messages_of_several_lengths_are_joined(arrays: Arrays) -> None:
+def test_messages_of_several_lengths_are_joined(arrays):
     assert arrays["contour_traced.points"].shape == (4, 3)
     assert arrays["contour_traced.points.lengths"].tolist() == [1, 3]
     assert arrays["contour_traced.points"][1:].tolist() == np.arange(9.0).reshape(3, 3).tolist()
@@ -321,32 +288,28 @@ def test_messages_of_several_lengths_are_joined(arrays: Arrays) -> None:
     assert arrays["contour_traced.gap_reasons.lengths"].tolist() == [0, 1]
 
 
-def test_arrays_that_differ_in_other_axes_are_flattened(
-    arrays: Arrays, tetrahedron: ShapeModel
-) -> None:
+def test_arrays_that_differ_in_other_axes_are_flattened(arrays, tetrahedron):
     flat, shapes = arrays["model_shape.control"], arrays["model_shape.control.shapes"]
-
     assert shapes.tolist() == [[4, 4, 4, 3], [4, 4, 5, 3]]
     first, second = np.split(flat, np.cumsum(shapes.prod(axis=1))[:-1])
     assert np.array_equal(first.reshape(shapes[0]), tetrahedron.control)
     assert second.size == shapes[1].prod()
 
 
-def test_lists_of_one_length_are_stacked(arrays: Arrays) -> None:
+def test_lists_of_one_length_are_stacked(arrays):
     assert arrays["model_shape.contours"].tolist() == [[0, 1], [0, 1]]
     assert arrays["model_shape.probes"].shape == (2, 0)
     assert arrays["model_shape.probes"].dtype == np.int64
 
 
-def test_tables_have_an_array_for_each_name_and_nan_where_it_is_missing(arrays: Arrays) -> None:
+def test_tables_have_an_array_for_each_name_and_nan_where_it_is_missing(arrays):
     assert arrays["model_shape.health.condition"].tolist() == [3.5, 1.5]
     assert np.isnan(arrays["model_shape.health.folds"]).tolist() == [True, False]
     assert np.isnan(arrays["plan_done.rms_bound_95"]).all()
 
 
-def test_the_same_recording_gives_the_same_file(explored: Path, tmp_path: Path) -> None:
+def test_the_same_recording_gives_the_same_file(explored, tmp_path):
     paths = tmp_path / "a.npz", tmp_path / "b.npz"
     for path in paths:
         write_npz(open_decoded(explored, ["/touch/raw"]), path)
-
     assert paths[0].read_bytes() == paths[1].read_bytes()

@@ -3,9 +3,7 @@ from __future__ import annotations
 import base64
 import json
 from collections import defaultdict
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +11,6 @@ import pytest
 from mcap.reader import make_reader
 
 from palpate.core.touch.pad import Pad
-from palpate.messages.types.touch import SurfacePatch
-from palpate.messages.types.world import SensorInfo
 from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import open_decoded
 from palpate.tools.bag.foxglove import write_foxglove
@@ -23,7 +19,7 @@ from palpate.tools.bag.foxglove import write_foxglove
 Found = dict[str, list[tuple[str, dict[str, Any], dict[str, Any], int]]]
 
 
-def read(path: Path) -> Found:
+def read(path):
     found: Found = defaultdict(list)
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
@@ -36,7 +32,7 @@ def read(path: Path) -> Found:
     return found
 
 
-def export(bag: Path, topics: Sequence[str] = ()) -> Found:
+def export(bag, topics=()):
     path = bag.with_name("foxglove.mcap")
     count = write_foxglove(open_decoded(bag, topics), path)
     found = read(path)
@@ -45,7 +41,7 @@ def export(bag: Path, topics: Sequence[str] = ()) -> Found:
 
 
 @pytest.fixture
-def found(explored: Path) -> Found:
+def found(explored):
     return export(explored)
 
 
@@ -60,7 +56,7 @@ KINDS: dict[str, Any] = {
 }
 
 
-def faults(value: Any, schema: dict[str, Any], place: str = "") -> list[str]:
+def faults(value, schema, place=""):
     """Where a value does not follow a JSON schema, in the words of one that are used here."""
     if "anyOf" in schema:
         return min((faults(value, one, place) for one in schema["anyOf"]), key=len)
@@ -107,24 +103,23 @@ def faults(value: Any, schema: dict[str, Any], place: str = "") -> list[str]:
         ([None], {"type": "array", "items": {"anyOf": [{"type": "string"}, {"type": "number"}]}}),
     ],
 )
-def test_what_does_not_follow_its_schema_is_found(value: Any, schema: dict[str, Any]) -> None:
+def test_what_does_not_follow_its_schema_is_found(value, schema):
     if "items" in schema and "anyOf" not in schema["items"]:
         schema["items"]["items"] = {"type": "number"}
     assert len(faults(value, schema)) == 1
 
 
-def test_every_message_follows_its_schema(found: Found) -> None:
+def test_every_message_follows_its_schema(found):
     wrong = [
         f"{topic} {fault}"
         for topic, said in found.items()
         for _, schema, message, _ in said
         for fault in faults(message, schema)
     ]
-
     assert wrong == []
 
 
-def test_each_topic_has_the_schema_that_foxglove_knows(found: Found) -> None:
+def test_each_topic_has_the_schema_that_foxglove_knows(found):
     assert {topic: said[0][0] for topic, said in found.items()} == {
         "/truth": "foxglove.SceneUpdate",
         "/touch/info": "SensorInfo",
@@ -142,9 +137,8 @@ def test_each_topic_has_the_schema_that_foxglove_knows(found: Found) -> None:
     }
 
 
-def test_a_model_is_a_mesh_with_its_triangles(found: Found) -> None:
+def test_a_model_is_a_mesh_with_its_triangles(found):
     _, _, update, time = found["/model/shape"][0]
-
     (entity,) = update["entities"]
     (mesh,) = entity["triangles"]
     assert mesh["indices"] == [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
@@ -155,27 +149,22 @@ def test_a_model_is_a_mesh_with_its_triangles(found: Found) -> None:
     assert {"key": "touches", "value": "40"} in entity["metadata"]
 
 
-def test_a_model_without_a_surface_takes_the_last_one_away(found: Found) -> None:
+def test_a_model_without_a_surface_takes_the_last_one_away(found):
     update = found["/model/shape"][1][2]
-
     assert update["entities"] == []
     assert [one["type"] for one in update["deletions"]] == [1]
 
 
-def test_contours_are_lines_that_stay_beside_each_other(found: Found) -> None:
+def test_contours_are_lines_that_stay_beside_each_other(found):
     entities = [update["entities"][0] for _, _, update, _ in found["/contour/traced/lines"]]
-
     assert [one["id"] for one in entities] == ["contour 0", "contour 1"]
     assert [one["lines"][0]["type"] for one in entities] == [1, 0]
     assert [len(one["lines"][0]["points"]) for one in entities] == [1, 3]
     assert entities[1]["lines"][0]["points"][2] == {"x": 6.0, "y": 7.0, "z": 8.0}
 
 
-def test_a_patch_is_a_cloud_of_the_taxels_that_touch(
-    found: Found, sensor: SensorInfo, patch: SurfacePatch
-) -> None:
+def test_a_patch_is_a_cloud_of_the_taxels_that_touch(found, sensor, patch):
     ((_, _, cloud, _),) = found["/touch/patch/points"]
-
     data = base64.b64decode(cloud["data"], validate=True)
     assert [(one["name"], one["offset"], one["type"]) for one in cloud["fields"]] == [
         ("x", 0, 7),
@@ -191,9 +180,8 @@ def test_a_patch_is_a_cloud_of_the_taxels_that_touch(
     assert cloud["pose"]["position"] == {"x": 0.01, "y": 0.02, "z": 0.03}
 
 
-def test_fingers_have_poses_and_frames(found: Found) -> None:
+def test_fingers_have_poses_and_frames(found):
     poses, frames = found["/touch/raw/pose"], found["/tf"]
-
     assert [pose["pose"]["position"]["x"] for _, _, pose, _ in poses] == [0.01, 0.011, 0.012]
     (transform,) = frames[2][2]["transforms"]
     assert (transform["parent_frame_id"], transform["child_frame_id"]) == ("world", "finger_2")
@@ -201,15 +189,13 @@ def test_fingers_have_poses_and_frames(found: Found) -> None:
     assert transform["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
-def test_log_lines_have_their_level(found: Found) -> None:
+def test_log_lines_have_their_level(found):
     ((_, _, line, _),) = found["/log"]
-
     assert (line["level"], line["name"], line["message"]) == (3, "filter", "a, b\n=c")
 
 
-def test_all_else_is_json_with_lists_within_lists(found: Found) -> None:
+def test_all_else_is_json_with_lists_within_lists(found):
     _, schema, frame, _ = found["/touch/raw"][1]
-
     assert frame["array"] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     assert schema["properties"]["array"] == {
         "type": "array",
@@ -221,20 +207,15 @@ def test_all_else_is_json_with_lists_within_lists(found: Found) -> None:
     assert found["/touch/patch"][0][2]["mask"][0] == [False, True, True]
 
 
-def test_a_patch_has_its_size_though_the_sensor_is_not_exported(explored: Path) -> None:
+def test_a_patch_has_its_size_though_the_sensor_is_not_exported(explored):
     found = export(explored, ["/touch/patch"])
-
     assert found.keys() == {"/touch/patch", "/touch/patch/points"}
 
 
 @pytest.mark.parametrize("field", ["mask", "height"])
-def test_a_patch_that_is_not_of_the_sensor_is_no_cloud(
-    record: Callable[..., Path], sensor: SensorInfo, patch: SurfacePatch, field: str
-) -> None:
+def test_a_patch_that_is_not_of_the_sensor_is_no_cloud(record, sensor, patch, field):
     other = replace(patch, **{field: np.zeros((3, 3), getattr(patch, field).dtype)})
-
     found = export(
         record([("/touch/patch", patch), ("/touch/info", sensor), ("/touch/patch", other)])
     )
-
     assert found.keys() == {"/touch/patch", "/touch/info"}

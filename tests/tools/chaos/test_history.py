@@ -1,7 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import msgpack
@@ -12,7 +11,6 @@ from palpate.messages.recording.writer import RecordingWriter
 from palpate.tools.chaos.history import (
     Event,
     History,
-    Violation,
     causality_violations,
     digests,
     read_history,
@@ -56,7 +54,7 @@ GOOD = (
 )
 
 
-def write(path: Path, lines: tuple[Line, ...], *, closed: bool = True) -> Path:
+def write(path, lines, *, closed=True):
     writer = RecordingWriter(path, TYPES, PUBLISHERS, {"version": "test"})
     for line in lines:
         header = Header(1, line.epoch, line.seq, line.sent_ns, 0.0, 7)
@@ -69,7 +67,7 @@ def write(path: Path, lines: tuple[Line, ...], *, closed: bool = True) -> Path:
     return path
 
 
-def events(lines: tuple[Line, ...]) -> History:
+def events(lines):
     said = [
         Event(PUBLISHERS[one.topic], one.topic, one.epoch, one.seq, one.sent_ns, packed(one))
         for one in lines
@@ -77,32 +75,31 @@ def events(lines: tuple[Line, ...]) -> History:
     return History(tuple(said), closed=True)
 
 
-def packed(line: Line) -> bytes:
+def packed(line):
     body: bytes = msgpack.packb(line.body)
     return body
 
 
-def changed(place: int, **fields: object) -> tuple[Line, ...]:
+def changed(place, **fields):
     return tuple(
-        line._replace(**fields) if number == place else line  # type: ignore[arg-type]
-        for number, line in enumerate(GOOD)
+        line._replace(**fields) if number == place else line for number, line in enumerate(GOOD)
     )
 
 
-def without(*places: int) -> tuple[Line, ...]:
+def without(*places):
     return tuple(line for number, line in enumerate(GOOD) if number not in places)
 
 
-def wrong(history: History) -> list[Violation]:
+def wrong(history):
     return [*violations_in(history), *causality_violations(history, whole=True)]
 
 
-def test_a_history_without_a_fault_passes(tmp_path: Path) -> None:
+def test_a_history_without_a_fault_passes(tmp_path):
     history = read_history(write(tmp_path / "topics.mcap", GOOD))
     assert (len(history.events), history.closed, wrong(history)) == (len(GOOD), True, [])
 
 
-def test_parts_are_read_as_one_though_the_first_was_never_closed(tmp_path: Path) -> None:
+def test_parts_are_read_as_one_though_the_first_was_never_closed(tmp_path):
     path = write(tmp_path / "topics.mcap", GOOD[:4], closed=False)
     write(tmp_path / "topics.1.mcap", GOOD[4:])
     history = read_history(path)
@@ -110,7 +107,7 @@ def test_parts_are_read_as_one_though_the_first_was_never_closed(tmp_path: Path)
 
 
 @pytest.mark.parametrize("cut", [1, 9, 60])
-def test_a_file_that_is_cut_off_is_read_as_far_as_it_is_whole(cut: int, tmp_path: Path) -> None:
+def test_a_file_that_is_cut_off_is_read_as_far_as_it_is_whole(cut, tmp_path):
     path = write(tmp_path / "topics.mcap", GOOD, closed=False)
     path.write_bytes(path.read_bytes()[:-cut])
     history = read_history(path)
@@ -118,7 +115,7 @@ def test_a_file_that_is_cut_off_is_read_as_far_as_it_is_whole(cut: int, tmp_path
     assert list(history.events) == list(events(GOOD).events)[: len(history.events)]
 
 
-def test_a_file_that_is_damaged_is_read_up_to_the_damage(tmp_path: Path) -> None:
+def test_a_file_that_is_damaged_is_read_up_to_the_damage(tmp_path):
     path = write(tmp_path / "topics.mcap", GOOD)
     data = bytearray(path.read_bytes())
     data[data.index(b"lz4") + 40] ^= 0xFF
@@ -148,11 +145,11 @@ def test_a_file_that_is_damaged_is_read_up_to_the_damage(tmp_path: Path) -> None
         (changed(2, body={"goal": 0, "touch": 7}), "cause", "/touch/raw 0 answers goal 0, touch 7"),
     ],
 )
-def test_each_law_fires(lines: tuple[Line, ...], law: str, text: str) -> None:
+def test_each_law_fires(lines, law, text):
     assert any(one.law == law and one.text.startswith(text) for one in wrong(events(lines)))
 
 
-def test_a_cause_may_lack_where_the_recording_has_no_end() -> None:
+def test_a_cause_may_lack_where_the_recording_has_no_end():
     assert not list(causality_violations(events(without(0)), whole=False))
     early = changed(2, sent_ns=15)
     assert [one.law for one in causality_violations(events(early), whole=False)] == ["cause"]
@@ -162,13 +159,11 @@ def test_a_cause_may_lack_where_the_recording_has_no_end() -> None:
     "change",
     [lambda lines: lines[:-1], lambda lines: (*lines[:-1], lines[-1]._replace(body={"goal": 1}))],
 )
-def test_a_topic_has_another_digest_if_anything_in_it_is_another(
-    change: Callable[[tuple[Line, ...]], tuple[Line, ...]],
-) -> None:
+def test_a_topic_has_another_digest_if_anything_in_it_is_another(change):
     one, other = digests(events(GOOD)), digests(events(change(GOOD)))
     different = {topic for topic in one if one[topic] != other.get(topic)}
     assert different == {"/finger_2/touch/image"}
 
 
-def test_the_order_of_recording_does_not_change_a_digest() -> None:
+def test_the_order_of_recording_does_not_change_a_digest():
     assert digests(events(GOOD)) == digests(events(GOOD[::-1]))

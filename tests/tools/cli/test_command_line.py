@@ -23,12 +23,12 @@ Output = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def home(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def sentence(output: Output) -> str:
+def sentence(output):
     """The one line on standard error, which is all that there may be."""
     out, err = output.readouterr()
     assert out == ""
@@ -37,23 +37,21 @@ def sentence(output: Output) -> str:
     return err
 
 
-def test_help_lists_the_verbs_without_importing_one() -> None:
+def test_help_lists_the_verbs_without_importing_one():
     code = (
         "import sys; from palpate.tools.cli.command_line import run; "
         "run(['--help']); print(*sys.modules)"
     )
-
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
-
     *text, modules = done.stdout.splitlines()
     for verb in ("run", "launch", "replay", "bag", "scene", "node", "topic", "doctor", "bench"):
         assert any(line.startswith(f"  {verb} ") for line in text)
     assert not {"numpy", "msgspec", "rich", "palpate.tools.cli.launching"} & set(modules.split())
 
 
-def test_the_version_is_said(capsys: Output) -> None:
+def test_the_version_is_said(capsys):
     assert cli.run(["--version"]) == 0
     assert re.fullmatch(r"palpate, version \d+\.\d+\.\d+\n", capsys.readouterr().out)
 
@@ -90,10 +88,7 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["bag", "export", "x.mcap", "-o", "y"], "Missing option '--format'"),
         (["bag", "export", "x.mcap", "-o", "y", "--format", "csv"], "x.mcap: the recording does"),
         (["bench", "bux"], "'bux' is not one of"),
-        (
-            ["bench", "touch", "--figures", "x"],
-            "--figures belongs to curvature, shapes, rebuild",
-        ),
+        (["bench", "touch", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild"),
         (["init", "effect", "Hum"], "'Hum' cannot name a module"),
         (["topic", "ecko"], "there is no verb 'ecko'; did you mean 'echo'? (see palpate topic"),
         (["topic", "echo"], "Missing argument 'TOPIC'"),
@@ -105,9 +100,7 @@ def test_the_version_is_said(capsys: Output) -> None:
         (["calibrate", "vaes"], "there is no scene 'vaes'; did you mean 'vase'?"),
     ],
 )
-def test_a_wrong_command_line_is_refused_in_one_sentence(
-    home: Path, capsys: Output, arguments: list[str], words: str
-) -> None:
+def test_a_wrong_command_line_is_refused_in_one_sentence(home, capsys, arguments, words):
     assert cli.run(arguments) == 2
     assert words in sentence(capsys)
     assert list(home.iterdir()) == []
@@ -151,7 +144,7 @@ BAD_SCENES = {
 }
 
 
-def off(first: str, turned: bool, closed: bool) -> str:
+def off(first, turned, closed):
     faces = ["3 0 2 1", "3 0 1 3", "3 0 3 2", "3 1 2 3"][: 4 if closed else 3]
     if turned:
         faces = [f"3 {' '.join(face.split()[:0:-1])}" for face in faces]
@@ -161,8 +154,8 @@ def off(first: str, turned: bool, closed: bool) -> str:
 @pytest.mark.parametrize("verb", [["run"], ["run", "--json"], ["scene", "check"]])
 @pytest.mark.parametrize("name", BAD_SCENES)
 def test_a_bad_scene_ends_with_2_and_one_sentence_and_leaves_nothing(
-    write: Write, home: Path, capsys: Output, name: str, verb: list[str]
-) -> None:
+    write, home, capsys, name, verb
+):
     text, words = BAD_SCENES[name]
     write("empty.ply", "")
     write("open.off", off("0 0 0", turned=False, closed=False))
@@ -170,18 +163,15 @@ def test_a_bad_scene_ends_with_2_and_one_sentence_and_leaves_nothing(
     write("nan.off", off("nan 0 0", turned=False, closed=True))
     write("bad.yaml", text)
     before = sorted(home.iterdir())
-
     assert cli.run([*verb, "bad.yaml"]) == 2
-
     said = sentence(capsys)
     assert said.startswith("palpate: bad.yaml")
     assert words in said
     assert sorted(home.iterdir()) == before
 
 
-def test_the_scenes_are_listed_with_what_they_are(capsys: Output) -> None:
+def test_the_scenes_are_listed_with_what_they_are(capsys):
     assert cli.run(["scene", "list"]) == 0
-
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == sorted(
         p.stem for p in SHIPPED_SCENES.glob("*.yaml")
@@ -190,7 +180,7 @@ def test_the_scenes_are_listed_with_what_they_are(capsys: Output) -> None:
     assert any(line.startswith("vase         A vase of 100 mm") for line in lines)
 
 
-def test_the_kinds_of_node_are_listed_and_described(capsys: Output) -> None:
+def test_the_kinds_of_node_are_listed_and_described(capsys):
     assert cli.run(["node", "kinds"]) == 0
     assert capsys.readouterr().out.split() == list(list_kinds())
     assert cli.run(["node", "kinds", "planner"]) == 0
@@ -200,27 +190,23 @@ def test_the_kinds_of_node_are_listed_and_described(capsys: Output) -> None:
     assert "  takes planner  default 'predicted'" in text
 
 
-def test_a_required_parameter_is_said_to_be_required() -> None:
+def test_a_required_parameter_is_said_to_be_required():
     assert "  takes object  required" in describe_kind("simulator")
     with pytest.raises(InputError, match="there is no kind"):
         describe_kind("none")
 
 
-def command_that(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    def fail(*_: Any, **__: Any) -> None:
+def command_that(monkeypatch, error):
+    def fail(*_, **__):
         raise error
 
     monkeypatch.setattr(cli.palpate_group, "main", fail)
 
 
-def test_a_bug_shows_a_sentence_and_keeps_its_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: Output, tmp_path: Path
-) -> None:
+def test_a_bug_shows_a_sentence_and_keeps_its_traceback(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     command_that(monkeypatch, ZeroDivisionError("by\nnothing"))
-
     assert cli.run(["run"]) == 3
-
     said = sentence(capsys)
     found = re.fullmatch(r"palpate: a bug: ZeroDivisionError: by nothing; .* in (\S+)\n", said)
     assert found is not None
@@ -236,53 +222,43 @@ def test_a_bug_shows_a_sentence_and_keeps_its_traceback(
         (InputError("f.yaml:3: wrong"), 2, "palpate: f.yaml:3: wrong"),
     ],
 )
-def test_every_other_failure_is_a_sentence_too(
-    monkeypatch: pytest.MonkeyPatch, capsys: Output, error: BaseException, code: int, words: str
-) -> None:
+def test_every_other_failure_is_a_sentence_too(monkeypatch, capsys, error, code, words):
     command_that(monkeypatch, error)
-
     assert cli.run(["run"]) == code
     assert words in sentence(capsys)
 
 
-def test_an_output_that_nobody_reads_is_no_failure() -> None:
+def test_an_output_that_nobody_reads_is_no_failure():
     code = "from palpate.tools.cli.command_line import main; main(['scene', 'list'])"
     read, write = os.pipe()
     os.close(read)
-
     done = subprocess.run(
         [sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, timeout=60, check=False
     )
     os.close(write)
-
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_the_exit_code_of_a_verb_is_that_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_exit_code_of_a_verb_is_that_of_the_process(monkeypatch):
     monkeypatch.setattr(cli.palpate_group, "main", lambda *_, **__: 1)
-
     with pytest.raises(SystemExit) as caught:
         cli.main(["run"])
-
     assert caught.value.code == 1
 
 
-def test_json_is_all_that_json_prints(
-    monkeypatch: pytest.MonkeyPatch, capsys: Output, home: Path
-) -> None:
-    from palpate.launch.run import Plan, Run
+def test_json_is_all_that_json_prints(monkeypatch, capsys, home):
+    from palpate.launch.run import Run
     from palpate.nodes.runtime.composed import Ending
     from palpate.tools import report as play
 
     asked: list[bool] = []
 
-    def performed(plan: Plan, *, composed: bool, display: object) -> Run:
+    def performed(plan, *, composed, display):
         asked.append(composed)
         ending = Ending(status="died", reason="the tracer fell")
         return Run(home, ending, {"status": "died"}, None, 3)
 
     monkeypatch.setattr(play, "perform", performed)
-
     plan: Any = None
     assert play.perform_and_print(plan, composed=True, as_json=True, quiet=False) == 3
     assert json.loads(capsys.readouterr().out) == {"status": "died"}
@@ -291,17 +267,14 @@ def test_json_is_all_that_json_prints(
     assert asked == [True, False]
 
 
-def test_a_program_that_exits_from_within_is_no_success(
-    monkeypatch: pytest.MonkeyPatch, capsys: Output
-) -> None:
+def test_a_program_that_exits_from_within_is_no_success(monkeypatch, capsys):
     command_that(monkeypatch, SystemExit(0))
     assert cli.run(["run"]) == 3
     assert "called exit(0)" in sentence(capsys)
 
 
-def test_a_scene_is_checked_and_told(capsys: Output) -> None:
+def test_a_scene_is_checked_and_told(capsys):
     assert cli.run(["scene", "check", "worn_sensor"]) == 0
-
     first, sensor, simulated, *effects = capsys.readouterr().out.splitlines()
     assert first.endswith("can be explored; the object measures 60.0 x 52.0 x 90.0 mm")
     assert "16 x 16 taxels" in sensor
@@ -310,10 +283,9 @@ def test_a_scene_is_checked_and_told(capsys: Output) -> None:
     assert "sigma 0.0001 m, rotation 0.05 deg" in effects[0]
 
 
-def test_a_calibration_is_written_and_told(write: Write, home: Path, capsys: Output) -> None:
+def test_a_calibration_is_written_and_told(write, home, capsys):
     write("s.yaml", "object: {superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}}")
     assert cli.run(["calibrate", "s.yaml", "--out", "found.yaml", "--quiet"]) == 0
-
     out, err = capsys.readouterr()
     assert err == ""
     assert "256 calibrated, 0 not reached, 0 not trusted" in out
@@ -322,18 +294,18 @@ def test_a_calibration_is_written_and_told(write: Write, home: Path, capsys: Out
     assert sentence(capsys) == "palpate: found.yaml: exists already; it is not overwritten\n"
 
 
-def test_an_effect_is_begun(home: Path, capsys: Output) -> None:
+def test_an_effect_is_begun(home, capsys):
     assert cli.run(["init", "effect", "hum"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "  - hum:Hum"
     assert (home / "hum.py").exists()
 
 
-def test_the_effects_are_listed(capsys: Output) -> None:
+def test_the_effects_are_listed(capsys):
     assert cli.run(["scene", "effects"]) == 0
     assert "\ngaussian_noise: Noise of the electronics" in capsys.readouterr().out
 
 
-def test_a_word_that_is_none_of_a_few_is_refused_with_those(write: Write, capsys: Output) -> None:
+def test_a_word_that_is_none_of_a_few_is_refused_with_those(write, capsys):
     ball = "object: {superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}}\n"
     write("s.yaml", ball + "effects:\n  - aperture: {reading: median}\n")
     assert cli.run(["scene", "check", "s.yaml"]) == 2

@@ -1,22 +1,19 @@
 from __future__ import annotations
 
 import json
-from typing import Any
-
-import pytest
 
 from palpate.tools.chaos.fault_injection import Fault, FaultTime, InjectionLog, NodeRecovery
 from palpate.tools.chaos.trials import Tally
 from palpate.tools.cli.command_line import run
 
 
-def test_a_kind_that_there_is_not_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_kind_that_there_is_not_is_refused(capsys):
     assert run(["chaos", "--kinds", "kil"]) == 2
     said = capsys.readouterr().err
     assert said.startswith("palpate: --kinds kil: there is no 'kil'; ") and "kill" in said
 
 
-def test_the_line_says_what_came_of_all_runs(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_the_line_says_what_came_of_all_runs(monkeypatch, capsys):
     fault = Fault("kill", ("tracer",), FaultTime("tracing", "/finger/goal", 3, 0.1))
     tally = Tally(5, runs=1, survived=1, failed=[(6, "gap: /a 1 of b is not there")], lost=1)
     back = [NodeRecovery("kill", "tracer", "tracing", 0.25)]

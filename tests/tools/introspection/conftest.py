@@ -14,10 +14,10 @@ Copy = Callable[..., TapMessage]
 
 
 @pytest.fixture
-def copy() -> Copy:
+def copy():
     """A copy of the message with this number, sent at this time, s."""
 
-    def make(seq: int, sent: float, *, late: float = 0.0, body: bytes = b"") -> TapMessage:
+    def make(seq, sent, *, late=0.0, body=b""):
         sent_ns, came_ns = round(1e9 * sent), round(1e9 * (sent + late))
         return TapMessage("/t", "talker", Header(1, 0, seq, sent_ns, 0.0, 0), body, 0, came_ns)
 
@@ -25,7 +25,7 @@ def copy() -> Copy:
 
 
 @pytest.fixture
-def card() -> RunCard:
+def card():
     """A talker whom a hearer hears."""
     params = {"size": 3, "mesh": b"\0" * 300, "text": "some words " * 40, "deep": {"pose": [1.5]}}
     talker = RecordedNode(

@@ -22,18 +22,18 @@ from palpate.tools.introspection.topics import TapMessage, Topic
 TOPIC = Topic("/t", "TactileFrame", ("talker",), ())
 
 
-def heard(touch: int, **more: Any) -> TapMessage:
+def heard(touch, **more):
     schema = more.get("schema", schema_hash(TactileFrame))
     return TapMessage(
         "/t", "talker", Header(1, 0, touch, 0, 0.0, schema), encode(frame(touch)), 0, 0
     )
 
 
-def paths(*texts: str) -> tuple[Any, ...]:
+def paths(*texts):
     return tuple(read_path(text, TactileFrame) for text in texts)
 
 
-def test_a_message_is_shown_in_yaml_with_a_line_after_it() -> None:
+def test_a_message_is_shown_in_yaml_with_a_line_after_it():
     text = message_text(TOPIC, heard(3), EchoFormat())
     assert text is not None
     assert text.splitlines()[:2] == ["goal: 0", "touch: 3"]
@@ -56,24 +56,24 @@ def test_a_message_is_shown_in_yaml_with_a_line_after_it() -> None:
         (EchoFormat(raw=True, wanted=read_filter("touch > 3", TactileFrame)), None),
     ],
 )
-def test_what_is_asked_for_is_shown(form: EchoFormat, text: str | None) -> None:
+def test_what_is_asked_for_is_shown(form, text):
     assert message_text(TOPIC, heard(3), form) == text
 
 
-def test_a_row_has_the_same_columns_for_every_message() -> None:
+def test_a_row_has_the_same_columns_for_every_message():
     form = EchoFormat(csv=True, style=TextStyle(full=True))
     rows = [message_text(TOPIC, heard(touch), form) for touch in (3, 4)]
     counts = {row.count(",") for row in rows if row is not None}
     assert counts == {3 + 3 + 7 + 1 + 256 + 5 + 1 - 1}
 
 
-def test_a_message_of_another_version_is_refused() -> None:
+def test_a_message_of_another_version_is_refused():
     with pytest.raises(ValueError, match="the graph was started by another version"):
         message_text(TOPIC, heard(3, schema=1), EchoFormat())
     assert message_text(TOPIC, heard(3, schema=1), EchoFormat(raw=True)) is not None
 
 
-def test_losses_are_told_once_a_second_and_never_twice() -> None:
+def test_losses_are_told_once_a_second_and_never_twice():
     told: list[str] = []
     losses = LossReport("/t", told.append)
     for lost, now in ((0, 10.0), (2, 10.5), (3, 10.9), (0, 11.1), (0, 13.0), (1, 13.5)):
@@ -118,11 +118,11 @@ FIELDS: dict[str, Any] = {
         ("goal == true", False),
     ],
 )
-def test_a_filter_wants_what_it_says(text: str, wanted: bool) -> None:
+def test_a_filter_wants_what_it_says(text, wanted):
     assert read_filter(text, TactileFrame)(FIELDS) is wanted
 
 
-def test_entries_of_a_table_can_be_compared() -> None:
+def test_entries_of_a_table_can_be_compared():
     wanted = read_filter("health.condition > 2", ShapeModel)
     assert wanted({"health": {"condition": 3.0}})
     assert not wanted({"health": {}})
@@ -153,7 +153,7 @@ def test_entries_of_a_table_can_be_compared() -> None:
         ("touch > 3 or " * 100 + "touch > 3", "at most 1000 characters, got 1309"),
     ],
 )
-def test_anything_else_is_refused_in_one_sentence(text: str, words: str) -> None:
+def test_anything_else_is_refused_in_one_sentence(text, words):
     with pytest.raises(ValueError) as caught:
         read_filter(text, TactileFrame)
     assert words in str(caught.value)
@@ -167,14 +167,14 @@ def test_anything_else_is_refused_in_one_sentence(text: str, words: str) -> None
         ("touch < 'a'", "touch is 7; 'a' is of another kind"),
     ],
 )
-def test_what_cannot_be_compared_is_refused_with_the_message(text: str, words: str) -> None:
+def test_what_cannot_be_compared_is_refused_with_the_message(text, words):
     wanted = read_filter(text, TactileFrame)
     with pytest.raises(ValueError) as caught:
         wanted(FIELDS)
     assert words in str(caught.value)
 
 
-def test_a_path_leads_to_a_value_within_the_message() -> None:
+def test_a_path_leads_to_a_value_within_the_message():
     fields = {"pose": np.arange(7.0), "array": np.eye(2), "touch": 3}
     assert read_path("touch", TactileFrame).of(fields) == 3
     assert read_path("m.pose[2]", TactileFrame).of(fields) == 2.0
@@ -184,18 +184,18 @@ def test_a_path_leads_to_a_value_within_the_message() -> None:
 
 
 @pytest.mark.parametrize("text", ["pose[7]", "pose.x", "touch[0]", "touch.real", "array[0][0][0]"])
-def test_a_path_that_leads_nowhere_is_no_value(text: str) -> None:
+def test_a_path_that_leads_nowhere_is_no_value(text):
     fields = {"pose": np.arange(7.0), "array": np.eye(2), "touch": 3}
     with pytest.raises(LookupError):
         read_path(text, TactileFrame).of(fields)
 
 
 @pytest.mark.parametrize("text", ["", ".", "pose[]", "pose[-1]", "pose[x]", "pose..x", "3", "a b"])
-def test_what_is_no_path_is_refused(text: str) -> None:
+def test_what_is_no_path_is_refused(text):
     with pytest.raises(ValueError, match="is no field; expected something like"):
         read_path(text, TactileFrame)
 
 
-def test_an_unknown_field_is_refused_with_the_nearest() -> None:
+def test_an_unknown_field_is_refused_with_the_nearest():
     with pytest.raises(ValueError, match=r"has no field 'robot_tim'; did you mean 'robot_time'\?"):
         read_path("robot_tim", TactileFrame)

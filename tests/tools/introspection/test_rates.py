@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import pytest
 
@@ -12,7 +12,7 @@ from palpate.tools.introspection.topics import TapMessage
 Copy = Callable[..., TapMessage]
 
 
-def rates_of(copies: Iterable[TapMessage], window: int = 10_000) -> Rates:
+def rates_of(copies, window=10_000):
     rates = Rates(window)
     for one in copies:
         rates.add(one)
@@ -20,7 +20,7 @@ def rates_of(copies: Iterable[TapMessage], window: int = 10_000) -> Rates:
 
 
 @pytest.mark.parametrize("heard", [1.0, 0.5, 0.05])
-def test_lost_copies_do_not_falsify_a_rate_of_1_khz(copy: Copy, heard: float) -> None:
+def test_lost_copies_do_not_falsify_a_rate_of_1_khz(copy, heard):
     rng = random.Random(1)
     # Sent every millisecond, a little early or late; copies come late, in bursts, or not at all.
     sent = [1e-3 * seq + 2e-4 * rng.random() for seq in range(5000)]
@@ -31,12 +31,12 @@ def test_lost_copies_do_not_falsify_a_rate_of_1_khz(copy: Copy, heard: float) ->
     assert rate == pytest.approx(1000.0, rel=1e-4)
 
 
-def test_a_rate_is_right_after_the_longest_loss(copy: Copy) -> None:
+def test_a_rate_is_right_after_the_longest_loss(copy):
     copies = [copy(seq, 1e-3 * seq) for seq in (0, 1, 4000, 4001)]
     assert rates_of(copies).rate() == pytest.approx(1000.0)
 
 
-def test_periods_are_those_of_neighbours_alone(copy: Copy) -> None:
+def test_periods_are_those_of_neighbours_alone(copy):
     rates = rates_of([copy(0, 0.0), copy(1, 0.01), copy(5, 0.05), copy(6, 0.08)])
     periods = rates.periods()
     assert periods is not None
@@ -49,7 +49,7 @@ def test_periods_are_those_of_neighbours_alone(copy: Copy) -> None:
     )
 
 
-def test_without_two_neighbours_there_is_a_rate_but_no_period(copy: Copy) -> None:
+def test_without_two_neighbours_there_is_a_rate_but_no_period(copy):
     rates = rates_of([copy(0, 0.0), copy(9, 0.09)])
     assert rates.periods() is None
     assert rate_text(rates) == (
@@ -58,24 +58,24 @@ def test_without_two_neighbours_there_is_a_rate_but_no_period(copy: Copy) -> Non
     )
 
 
-def test_one_message_has_no_rate(copy: Copy) -> None:
+def test_one_message_has_no_rate(copy):
     assert rate_text(rates_of([copy(0, 0.0)])) is None
     assert bandwidth_text(rates_of([copy(0, 0.0)])) is None
     assert rate_text(Rates()) is delay_text(Rates()) is bandwidth_text(Rates()) is None
 
 
-def test_a_figure_is_that_of_the_window(copy: Copy) -> None:
+def test_a_figure_is_that_of_the_window(copy):
     slow, fast = [copy(n, 1.0 * n) for n in range(10)], [copy(9 + n, 9 + 0.1 * n) for n in (1, 2)]
     rates = rates_of([*slow, *fast], window=3)
     assert (rates.rate(), rates.received) == (pytest.approx(10.0), 3)
 
 
-def test_counting_from_0_once_more_begins_the_window_anew(copy: Copy) -> None:
+def test_counting_from_0_once_more_begins_the_window_anew(copy):
     rates = rates_of([copy(7, 0.0), copy(8, 1.0), copy(0, 5.0), copy(1, 5.5)])
     assert (rates.rate(), rates.sent) == (2.0, 2)
 
 
-def test_bandwidth_counts_whole_frames_and_those_not_heard(copy: Copy) -> None:
+def test_bandwidth_counts_whole_frames_and_those_not_heard(copy):
     body = bytes(1000 - HEADER_SIZE - 3)
     rates = rates_of(copy(seq, 0.001 * seq, body=body) for seq in (0, 1, 3))
     assert rates.bandwidth() == pytest.approx(1e6)
@@ -85,7 +85,7 @@ def test_bandwidth_counts_whole_frames_and_those_not_heard(copy: Copy) -> None:
     )
 
 
-def test_a_delay_is_from_sending_to_taking(copy: Copy) -> None:
+def test_a_delay_is_from_sending_to_taking(copy):
     rates = rates_of([copy(0, 1.0, late=0.001), copy(1, 2.0, late=0.003)])
     assert delay_text(rates) == (
         "average delay: 0.002000\n\tmin: 0.001000s max: 0.003000s std dev: 0.001000s window: 2"

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.launch.processes.registry import RunCard
 from palpate.messages.codec import Header
 from palpate.messages.types.catalogue import TYPES
 from palpate.messages.types.touch import TactileFrame
@@ -18,33 +17,33 @@ from palpate.tools.introspection.topics import (
 )
 
 
-def test_the_topics_are_those_of_the_nodes_and_their_own_words(card: RunCard) -> None:
+def test_the_topics_are_those_of_the_nodes_and_their_own_words(card):
     assert list(topics_of(card)) == ["/log", "/node/status", "/odd", "/t"]
     assert find_topic(card, "t") == Topic("/t", "TactileFrame", ("talker",), ("hearer",))
     assert find_topic(card, "/log").publishers == ("talker", "hearer")
 
 
-def test_a_topic_without_publisher_is_refused_with_the_nearest(card: RunCard) -> None:
+def test_a_topic_without_publisher_is_refused_with_the_nearest(card):
     with pytest.raises(ValueError, match=r"nobody publishes /logg; did you mean '/log'\?"):
         find_topic(card, "/logg")
 
 
-def test_a_topic_that_is_named_twice_is_one(card: RunCard) -> None:
+def test_a_topic_that_is_named_twice_is_one(card):
     assert [one.name for one in find_topics(card, ["/t", "t", "/log"])] == ["/t", "/log"]
 
 
-def test_each_tap_is_asked_for_what_its_node_publishes(card: RunCard) -> None:
+def test_each_tap_is_asked_for_what_its_node_publishes(card):
     topics = find_topics(card, ["/t", "/log"])
     assert taps_of(card, topics) == {"talker": ["/t", "/log"], "hearer": ["/log"]}
 
 
-def test_a_type_that_is_not_known_is_refused(card: RunCard) -> None:
+def test_a_type_that_is_not_known_is_refused(card):
     assert type_of(find_topic(card, "/t")) is TactileFrame
     with pytest.raises(ValueError, match="/odd carries the type 'NoSuchType', which is not known"):
         type_of(find_topic(card, "/odd"))
 
 
-def test_fields_have_their_units_and_shapes() -> None:
+def test_fields_have_their_units_and_shapes():
     lines = {line.split()[0]: " ".join(line.split()[1:]) for line in field_lines(TactileFrame)}
     assert lines["robot_time"] == "number s"
     assert lines["array"] == "any x any float64 s or N"
@@ -52,26 +51,26 @@ def test_fields_have_their_units_and_shapes() -> None:
 
 
 @pytest.mark.parametrize("name", TYPES)
-def test_every_type_has_a_line_for_each_field(name: str) -> None:
+def test_every_type_has_a_line_for_each_field(name):
     lines = field_lines(TYPES[name])
-    assert [line.split()[0] for line in lines] == list(TYPES[name].__dataclass_fields__)  # type: ignore[attr-defined]
+    assert [line.split()[0] for line in lines] == list(TYPES[name].__dataclass_fields__)
     assert not any("<f8" in line or "{" in line for line in lines)
 
 
-def places(order: SequenceTracker, *numbers: tuple[int, int]) -> list[int | None]:
+def places(order, *numbers):
     """What is missing before messages of these epochs and numbers."""
     return [order.place(Header(1, epoch, seq, 0, 0.0, 0)) for epoch, seq in numbers]
 
 
-def test_what_came_before_the_tool_is_not_missing() -> None:
+def test_what_came_before_the_tool_is_not_missing():
     assert places(SequenceTracker(anew=False), (0, 500), (0, 501)) == [0, 0]
 
 
-def test_missing_messages_are_counted_from_the_numbers() -> None:
+def test_missing_messages_are_counted_from_the_numbers():
     assert places(SequenceTracker(anew=False), (0, 1), (0, 5), (0, 6)) == [0, 3, 0]
 
 
-def test_what_a_node_says_again_after_a_restart_is_no_news() -> None:
+def test_what_a_node_says_again_after_a_restart_is_no_news():
     again = [(1, 0), (1, 1), (1, 2), (1, 3)]
     assert places(SequenceTracker(anew=False), (0, 1), (0, 2), *again) == [
         0,
@@ -83,9 +82,9 @@ def test_what_a_node_says_again_after_a_restart_is_no_news() -> None:
     ]
 
 
-def test_a_late_copy_of_an_earlier_start_is_no_news() -> None:
+def test_a_late_copy_of_an_earlier_start_is_no_news():
     assert places(SequenceTracker(anew=True), (1, 3), (0, 9)) == [0, None]
 
 
-def test_who_counts_anew_after_a_restart_has_lost_nothing() -> None:
+def test_who_counts_anew_after_a_restart_has_lost_nothing():
     assert places(SequenceTracker(anew=True), (0, 7), (1, 2), (1, 4)) == [0, 0, 1]

@@ -1,10 +1,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import msgspec
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.catalogue import LogRecord
-from palpate.nodes.runtime.node import Input, Node, Outputs, Wiring, describe_wirings
+from palpate.nodes.runtime.node import Input, Node, Wiring, describe_wirings
 
 MakeChain = Callable[..., list[Wiring]]
 RecordChain = Callable[[list[tuple[str, float]]], Path]
@@ -25,11 +24,11 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     fails_at: float = -1.0
 
 
-def log(value: float) -> LogRecord:
+def log(value):
     return LogRecord(node="x", level="info", text="", robot_time=value)
 
 
-def pass_on(params: Params, state: Any, record: LogRecord) -> tuple[Any, Outputs]:
+def pass_on(params, state, record):
     if record.robot_time == params.fails_at:
         raise ArithmeticError("no\nmore")
     state = (*state, params.gain * record.robot_time)
@@ -47,10 +46,10 @@ NODE = Node(
 
 
 @pytest.fixture
-def chain(monkeypatch: pytest.MonkeyPatch) -> list[Wiring]:
+def chain(monkeypatch):
     """Two nodes: the first doubles ``/a`` into ``/b``, the second doubles ``/b`` into ``/c``."""
     made = ModuleType("links")
-    made.NODE = NODE  # type: ignore[attr-defined]
+    made.NODE = NODE
     monkeypatch.setitem(sys.modules, "links", made)
     places = (("first", "source", "/a", "/b"), ("second", "first", "/b", "/c"))
     return [
@@ -67,10 +66,10 @@ def chain(monkeypatch: pytest.MonkeyPatch) -> list[Wiring]:
 
 
 @pytest.fixture
-def record_chain(tmp_path: Path, chain: Sequence[Wiring]) -> RecordChain:
+def record_chain(tmp_path, chain):
     """Writes topics and values into a recording of the two nodes, in the order of sending."""
 
-    def write(said: list[tuple[str, float]]) -> Path:
+    def write(said):
         path = tmp_path / "topics.mcap"
         about = {"graph": describe_wirings(chain).decode()}
         writer = RecordingWriter(path, dict.fromkeys(("/a", "/b", "/c"), "LogRecord"), {}, about)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,22 +26,20 @@ SAID += [("/b", 6.0), ("/c", 12.0)]
 BOTH = ["first", "second"]
 
 
-def lines_of(bag: Path, *settings: str, nodes: list[str] = BOTH) -> tuple[int, list[str]]:
+def lines_of(bag, *settings, nodes=BOTH):
     """Exit code and lines of a replay; the cells of the table by single spaces."""
     lines: list[str] = []
     code = replay(bag, nodes, lines.append, settings=read_settings(settings))
     return code, [" ".join(line.split()) for line in lines]
 
 
-def test_with_the_same_parameters_nothing_changes(record_chain: RecordChain) -> None:
+def test_with_the_same_parameters_nothing_changes(record_chain):
     said = ["first: identical, 3 on /b", "second: identical, 3 on /c"]
-
     assert lines_of(record_chain(SAID)) == (0, said)
 
 
-def test_who_hears_a_replayed_node_hears_what_it_says_now(record_chain: RecordChain) -> None:
+def test_who_hears_a_replayed_node_hears_what_it_says_now(record_chain):
     code, lines = lines_of(record_chain(SAID), "first.gain=3")
-
     assert code == 0
     assert lines[:2] == [
         "first: differs, /b 0 robot_time: recorded 2.0, now 3.0",
@@ -53,17 +51,14 @@ def test_who_hears_a_replayed_node_hears_what_it_says_now(record_chain: RecordCh
     ]
 
 
-def test_what_is_not_replayed_comes_from_the_recording(record_chain: RecordChain) -> None:
+def test_what_is_not_replayed_comes_from_the_recording(record_chain):
     bag = record_chain([(topic, value + (topic == "/b")) for topic, value in SAID])
-
     _, lines = lines_of(bag, nodes=["second"])
-
     assert lines[0] == "second: differs, /c 0 robot_time: recorded 4.0, now 6.0"
 
 
-def test_if_a_node_says_fewer_its_listener_hears_no_more(record_chain: RecordChain) -> None:
+def test_if_a_node_says_fewer_its_listener_hears_no_more(record_chain):
     code, lines = lines_of(record_chain(SAID), "first.copies=0")
-
     assert code == 0
     assert lines == [
         "first: differs, /b 0: recorded, but not published again",
@@ -75,11 +70,8 @@ def test_if_a_node_says_fewer_its_listener_hears_no_more(record_chain: RecordCha
     ]
 
 
-def test_if_a_node_says_more_its_listener_hears_the_rest_in_the_end(
-    record_chain: RecordChain,
-) -> None:
+def test_if_a_node_says_more_its_listener_hears_the_rest_in_the_end(record_chain):
     code, lines = lines_of(record_chain(SAID), "first.copies=2")
-
     # Said now: 2 2 4 4 6 6, of which the first three stand in the places of 2 4 6.
     assert code == 0
     assert lines == [
@@ -94,25 +86,18 @@ def test_if_a_node_says_more_its_listener_hears_the_rest_in_the_end(
     ]
 
 
-def test_what_is_said_later_than_it_was_is_heard_then(record_chain: RecordChain) -> None:
+def test_what_is_said_later_than_it_was_is_heard_then(record_chain):
     said = ["first: identical, 3 on /b", "second: identical, 3 on /c"]
-
     assert lines_of(record_chain(SAID), "first.late=2") == (0, said)
 
 
-def test_a_message_that_was_recorded_before_its_cause_is_waited_for(
-    record_chain: RecordChain,
-) -> None:
+def test_a_message_that_was_recorded_before_its_cause_is_waited_for(record_chain):
     bag = record_chain([("/b", 2.0), ("/c", 4.0), ("/a", 1.0)])
-
     assert lines_of(bag) == (0, ["first: identical, 1 on /b", "second: identical, 1 on /c"])
 
 
-def test_after_a_node_has_failed_nothing_more_of_it_is_heard(
-    record_chain: RecordChain,
-) -> None:
+def test_after_a_node_has_failed_nothing_more_of_it_is_heard(record_chain):
     code, lines = lines_of(record_chain(SAID), "first.fails_at=2")
-
     assert code == 1
     assert lines == [
         "first: fails, ArithmeticError handling /a 1 from source: no more",
@@ -128,7 +113,7 @@ BODY = bytes(100_000)
 MANY = 200
 
 
-def recorded(path: Path, times: Sequence[int], body: bytes = b"\x80") -> Any:
+def recorded(path, times, body=b"\x80"):
     writer = RecordingWriter(path, {"/log": "LogRecord"}, {}, {})
     for seq, sent in enumerate(times):
         writer.write("/log", Header(1, 0, seq, sent, 0.0, schema_hash(LogRecord)), body)
@@ -136,30 +121,27 @@ def recorded(path: Path, times: Sequence[int], body: bytes = b"\x80") -> Any:
     return open_recording(path)
 
 
-def test_messages_come_by_the_time_at_which_they_were_sent(tmp_path: Path) -> None:
+def test_messages_come_by_the_time_at_which_they_were_sent(tmp_path):
     recording = recorded(tmp_path / "a.mcap", [5, 3, 9, 3, 1])
-
     found = [(kept.sent_ns, kept.seq) for kept in in_order_of_sending(recording)]
-
     assert found == [(1, 4), (3, 1), (3, 3), (5, 0), (9, 2)]
 
 
-def test_a_recording_without_messages_has_no_order(tmp_path: Path) -> None:
+def test_a_recording_without_messages_has_no_order(tmp_path):
     assert list(in_order_of_sending(recorded(tmp_path / "a.mcap", []))) == []
 
 
-def test_a_recording_is_not_held(tmp_path: Path) -> None:
+def test_a_recording_is_not_held(tmp_path):
     # Each was heard after the one that was sent after it, as of two publishers.
     times = [place ^ 1 for place in range(MANY)]
     recording = recorded(tmp_path / "a.mcap", times, BODY)
     plain, ordered = peak_of(recording.messages()), peak_of(in_order_of_sending(recording))
-
     # Beyond what any reading takes: one message that waits, one that is handed over, and times.
     assert ordered - plain < 3 * len(BODY)
     assert MANY * len(BODY) > 5 * ordered
 
 
-def peak_of(messages: Iterator[RecordedMessage]) -> int:
+def peak_of(messages):
     """Most bytes that are held while all messages are gone through."""
     tracemalloc.start()
     assert sum(1 for _ in messages) == MANY
@@ -176,14 +158,13 @@ class Shrinking:
     left: int = 3
     path: Path = Path("a.mcap")
 
-    def messages(self) -> Iterator[RecordedMessage]:
+    def messages(self):
         self.left -= 1
         yield from [self.kept] * self.left
 
 
-def test_a_recording_that_shrinks_meanwhile_is_refused(tmp_path: Path) -> None:
+def test_a_recording_that_shrinks_meanwhile_is_refused(tmp_path):
     [kept] = recorded(tmp_path / "a.mcap", [5]).messages()
     shrinking: Any = Shrinking(kept)
-
     with pytest.raises(ValueError, match=r"recording a\.mcap became shorter while it was read"):
         list(in_order_of_sending(shrinking))

@@ -16,7 +16,7 @@ from palpate.launch.node_kinds import Entry
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.reader import open_recording
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.catalogue import LogRecord, NodeStatus
+from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
 from palpate.nodes import tracer
 from palpate.nodes.runtime.composed import run_composed
@@ -46,15 +46,15 @@ class Params(msgspec.Struct, frozen=True, kw_only=True):
     factor: float = 2.0
 
 
-def log(value: float, text: str = "sum") -> LogRecord:
+def log(value, text="sum"):
     return LogRecord(node="adder", level="info", text=text, robot_time=value)
 
 
-def world(seed: int) -> World:
+def world(seed):
     return World(platform=0.0, reach=1.0, fingers=1, seed=seed)
 
 
-def add(params: Params, state: float, record: LogRecord) -> tuple[float, Outputs]:
+def add(params, state, record):
     """The sum so far, in units of the world's seed; says nothing of negative numbers."""
     state += record.robot_time
     outputs: Outputs = [("/sum", log(state * params.factor))] if record.robot_time >= 0 else []
@@ -63,7 +63,7 @@ def add(params: Params, state: float, record: LogRecord) -> tuple[float, Outputs
     return state, outputs
 
 
-def take_seed(params: Params, state: float, message: World) -> tuple[float, Outputs]:
+def take_seed(params, state, message):
     return state + message.seed, []
 
 
@@ -92,16 +92,16 @@ GOOD: list[Message] = [
 
 
 @pytest.fixture
-def adder(monkeypatch: pytest.MonkeyPatch) -> str:
+def adder(monkeypatch):
     """Puts the adder where it can be imported; gives the module's name."""
     made = ModuleType("adding")
-    made.NODE = ADDER  # type: ignore[attr-defined]
+    made.NODE = ADDER
     monkeypatch.setitem(sys.modules, "adding", made)
     return "adding"
 
 
 @pytest.fixture
-def wiring(adder: str) -> Wiring:
+def wiring(adder):
     return Wiring(
         name="adder",
         module=adder,
@@ -113,10 +113,10 @@ def wiring(adder: str) -> Wiring:
 
 
 @pytest.fixture
-def record(tmp_path: Path, wiring: Wiring) -> Record:
+def record(tmp_path, wiring):
     """Writes messages into a recording of the adder."""
 
-    def write(messages: list[Message], *, graph: bytes | None = None, schema: int = 0) -> Path:
+    def write(messages, *, graph=None, schema=0):
         path = tmp_path / "topics.mcap"
         about = {"graph": (describe_wirings([wiring]) if graph is None else graph).decode()}
         path.unlink(missing_ok=True)
@@ -130,15 +130,13 @@ def record(tmp_path: Path, wiring: Wiring) -> Record:
     return write
 
 
-def changed(place: int, message: Message) -> list[Message]:
+def changed(place, message):
     return [*GOOD[:place], message, *GOOD[place + 1 :]]
 
 
-def test_a_node_that_says_the_same_is_identical(record: Record) -> None:
+def test_a_node_that_says_the_same_is_identical(record):
     lines: Lines = []
-
     code = replay(record(GOOD), ["adder"], lines.append)
-
     assert (code, lines) == (0, ["adder: identical, 3 on /sum"])
 
 
@@ -164,39 +162,31 @@ def test_a_node_that_says_the_same_is_identical(record: Record) -> None:
         ),
     ],
 )
-def test_the_first_difference_is_shown(messages: list[Message], line: str, record: Record) -> None:
+def test_the_first_difference_is_shown(messages, line, record):
     lines: Lines = []
-
     code = replay(record(messages), ["adder"], lines.append)
-
     assert (code, lines[0]) == (1, line)
     assert lines[1].split()[:4] == ["topic", "field", "compared", "differ"]
 
 
-def test_a_node_that_raises_now_has_failed_whatever_was_set(
-    record: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(params: Params, state: float, message: LogRecord) -> tuple[float, Outputs]:
+def test_a_node_that_raises_now_has_failed_whatever_was_set(record, monkeypatch):
+    def fail(params, state, message):
         raise ZeroDivisionError("the step is 0")
 
     inputs: Mapping[str, Any] = {**ADDER.inputs, "/number": (LogRecord, fail)}
     broken = Node(params=Params, start=ADDER.start, inputs=inputs, outputs=ADDER.outputs)
     monkeypatch.setattr(sys.modules["adding"], "NODE", broken)
     lines: Lines = []
-
     code = replay(record(GOOD), ["adder"], lines.append)
-
     assert code == 1
     where = "handling /number 0 from source"
     assert lines[0] == f"adder: fails, ZeroDivisionError {where}: the step is 0"
     assert replay(record(GOOD), ["adder"], lines.append, settings=THREE) == 1
 
 
-def test_with_another_parameter_the_table_is_what_was_asked_for(record: Record) -> None:
+def test_with_another_parameter_the_table_is_what_was_asked_for(record):
     lines: Lines = []
-
     code = replay(record(GOOD), ["adder"], lines.append, settings=THREE)
-
     assert code == 0
     assert lines == [
         "adder: differs, /sum 0 robot_time: recorded 2.0, now 3.0",
@@ -205,26 +195,22 @@ def test_with_another_parameter_the_table_is_what_was_asked_for(record: Record) 
     ]
 
 
-def test_the_folder_of_a_run_stands_for_its_recording(record: Record) -> None:
+def test_the_folder_of_a_run_stands_for_its_recording(record):
     assert replay(record(GOOD).parent, ["adder"], lambda line: None) == 0
 
 
-def test_a_node_that_is_named_twice_runs_once(record: Record) -> None:
+def test_a_node_that_is_named_twice_runs_once(record):
     lines: Lines = []
-
     assert replay(record(GOOD), ["adder", "adder"], lines.append) == 0
     assert len(lines) == 1
 
 
-def test_finishing_is_not_compared(record: Record) -> None:
+def test_finishing_is_not_compared(record):
     more = [*GOOD, ("/number", 3, log(200.0)), ("/sum", 3, log(430.0))]
-
     assert replay(record(more), ["adder"], lambda line: None) == 0
 
 
-def test_a_recording_that_was_never_closed_is_replayed_as_far_as_it_goes(
-    tmp_path: Path, wiring: Wiring
-) -> None:
+def test_a_recording_that_was_never_closed_is_replayed_as_far_as_it_goes(tmp_path, wiring):
     path = tmp_path / "topics.mcap"
     about = {"graph": describe_wirings([wiring]).decode()}
     writer = RecordingWriter(path, TYPES, {}, about)
@@ -234,18 +220,16 @@ def test_a_recording_that_was_never_closed_is_replayed_as_far_as_it_goes(
         if place < len(GOOD) - 1:
             writer.write(topic, header, encode(message))
     lines: Lines = []
-
     code = replay(path, ["adder"], lines.append)
     writer.close()
-
     assert code == 0
     assert lines[0].endswith("topics.mcap was never closed: replaying as far as it goes")
     assert lines[1] == "adder: identical, 2 on /sum"
 
 
 def test_messages_are_handed_over_in_the_order_in_which_they_were_sent(
-    tmp_path: Path, wiring: Wiring, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, wiring, monkeypatch
+):
     # Without needs, the world must come before the number, though it was recorded after it.
     hasty = Node(
         params=Params, start=ADDER.start, inputs=ADDER.inputs, outputs=ADDER.outputs, needs=()
@@ -257,7 +241,6 @@ def test_messages_are_handed_over_in_the_order_in_which_they_were_sent(
         header = Header(1, 0, seq, sent, 0.0, schema_hash(type(message)))
         writer.write(topic, header, encode(message))
     writer.close()
-
     assert replay(path, ["adder"], lambda line: None) == 0
 
 
@@ -268,14 +251,12 @@ def test_messages_are_handed_over_in_the_order_in_which_they_were_sent(
         ([], "has no node that can be replayed exactly"),  # the adder is not palpate's own
     ],
 )
-def test_a_node_that_cannot_be_chosen_is_refused(
-    nodes: list[str], words: str, record: Record
-) -> None:
+def test_a_node_that_cannot_be_chosen_is_refused(nodes, words, record):
     with pytest.raises(ValueError, match=words):
         replay(record(GOOD), nodes)
 
 
-def test_a_recorder_cannot_be_replayed(record: Record) -> None:
+def test_a_recorder_cannot_be_replayed(record):
     from palpate.nodes import recorder
 
     sink = Wiring(
@@ -286,19 +267,17 @@ def test_a_recorder_cannot_be_replayed(record: Record) -> None:
         outputs={},
         listeners={},
     )
-
     with pytest.raises(ValueError, match="recorder neither subscribes nor publishes"):
         replay(record(GOOD, graph=describe_wirings([sink])), ["recorder"])
 
 
-def test_a_recording_that_does_not_name_its_nodes_is_refused(record: Record) -> None:
+def test_a_recording_that_does_not_name_its_nodes_is_refused(record):
     with pytest.raises(ValueError, match="does not say which nodes made it"):
         replay(record(GOOD, graph=b""), ["adder"])
 
 
-def test_a_module_that_is_not_there_is_named(record: Record, wiring: Wiring) -> None:
+def test_a_module_that_is_not_there_is_named(record, wiring):
     graph = describe_wirings([wiring]).replace(b'"adding"', b'"gone_away"')
-
     with pytest.raises(ValueError, match="no module 'gone_away'"):
         replay(record(GOOD, graph=graph), ["adder"])
 
@@ -306,28 +285,25 @@ def test_a_module_that_is_not_there_is_named(record: Record, wiring: Wiring) -> 
 @pytest.mark.parametrize(
     ("then", "gone"), [('"local":"/number"', '"local":"/in"'), ('{"/sum":', '{"/in":')]
 )
-def test_a_node_that_has_other_topics_by_now_is_refused(
-    then: str, gone: str, record: Record, wiring: Wiring
-) -> None:
+def test_a_node_that_has_other_topics_by_now_is_refused(then, gone, record, wiring):
     graph = describe_wirings([wiring]).decode().replace(then, gone).encode()
-
     with pytest.raises(ValueError, match="adder is wired to /in, which it does not declare; it"):
         replay(record(GOOD, graph=graph), ["adder"])
 
 
-def test_a_lost_message_is_named(record: Record) -> None:
+def test_a_lost_message_is_named(record):
     with pytest.raises(ValueError, match="lacks /number 1: it has 2 instead"):
         replay(record([*GOOD[:4], *GOOD[5:]]), ["adder"])
 
 
-def test_messages_of_another_version_are_refused(record: Record) -> None:
+def test_messages_of_another_version_are_refused(record):
     with pytest.raises(
         ValueError, match=r"/sum was recorded with another version of LogRecord \(schema 0000002a,"
     ):
         replay(record(GOOD, schema=42), ["adder"])
 
 
-def test_a_recording_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_read_is_refused(tmp_path):
     with pytest.raises(ValueError, match="the recording does not exist"):
         replay(tmp_path / "none.mcap", ["adder"])
 
@@ -338,16 +314,16 @@ KINDS = ["simulator", "filter", "curvature", "tracer", "planner", "reconstructor
 class Deaf:
     """A watcher that does not listen."""
 
-    def ready(self, seconds: float) -> None: ...
+    def ready(self, seconds): ...
 
-    def received(self, topic: str, message: object) -> None: ...
+    def received(self, topic, message): ...
 
-    def log(self, record: LogRecord) -> None: ...
+    def log(self, record): ...
 
-    def tick(self, statuses: Mapping[str, NodeStatus]) -> None: ...
+    def tick(self, statuses): ...
 
 
-def explore(path: Path, contact: float = 50e-6) -> Path:
+def explore(path, contact=50e-6):
     """Recording of a whole exploration of a ball: one contour, and a probe or two."""
     ball = ObjectSpec(
         superquadric=SuperquadricSpec(size=(0.03,) * 3, exponents=(1.0, 1.0)),
@@ -367,15 +343,13 @@ def explore(path: Path, contact: float = 50e-6) -> Path:
 
 
 @pytest.fixture(scope="module")
-def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def explored(tmp_path_factory):
     return explore(tmp_path_factory.mktemp("explored") / "topics.mcap")
 
 
-def test_the_nodes_of_a_real_run_say_the_same_again(explored: Path) -> None:
+def test_the_nodes_of_a_real_run_say_the_same_again(explored):
     lines: Lines = []
-
     code = replay(explored, (), lines.append)
-
     assert code == 0
     names = [line.partition(":")[0] for line in lines]
     assert names == ["filter", "curvature", "evaluator"]
@@ -383,37 +357,32 @@ def test_the_nodes_of_a_real_run_say_the_same_again(explored: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["simulator", "tracer", "planner"])
-def test_nodes_of_a_composed_run_that_hear_several_say_the_same_again(
-    name: str, explored: Path
-) -> None:
+def test_nodes_of_a_composed_run_that_hear_several_say_the_same_again(name, explored):
     lines: Lines = []
-
     assert replay(explored, [name], lines.append) == 0
     assert lines[0].startswith(f"{name}: identical, ")
 
 
-def test_nodes_that_hear_each_other_say_the_same_again(explored: Path) -> None:
+def test_nodes_that_hear_each_other_say_the_same_again(explored):
     lines: Lines = []
-
     assert replay(explored, KINDS, lines.append) == 0
     assert all(": identical, " in line for line in lines)
 
 
 @pytest.mark.slow
 def test_all_nodes_together_say_what_a_run_with_that_parameter_says(
-    explored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    explored, tmp_path, monkeypatch
+):
     said: dict[str, list[bytes]] = {}
     take = TopicComparison.said
 
-    def keep(comparison: TopicComparison, body: bytes) -> None:
+    def keep(comparison, body):
         said.setdefault(comparison.topic, []).append(body)
         take(comparison, body)
 
     monkeypatch.setattr(TopicComparison, "said", keep)
     settings = read_settings(["filter.contact=300e-6"])
     assert replay(explored, KINDS, lambda line: None, settings=settings) == 0
-
     run: dict[str, list[bytes]] = {}
     other = explore(tmp_path / "topics.mcap", contact=300e-6)
     for kept in open_recording(other).messages():
@@ -422,10 +391,9 @@ def test_all_nodes_together_say_what_a_run_with_that_parameter_says(
     assert compare_recordings(explored, other).topics["/contour/traced"].differ == 1
 
 
-def test_curvature_hears_what_the_filter_says_with_its_new_parameter(explored: Path) -> None:
+def test_curvature_hears_what_the_filter_says_with_its_new_parameter(explored):
     settings = read_settings(["filter.order=median-first"])
     lines: Lines = []
-
     assert replay(explored, ["filter", "curvature"], lines.append, settings=settings) == 0
     assert lines[1].startswith("curvature: differs, /touch/patch ")
     fields = {tuple(line.split()[:2]) for line in lines[3:]}
@@ -434,19 +402,15 @@ def test_curvature_hears_what_the_filter_says_with_its_new_parameter(explored: P
     assert ("/touch/patch", "pose[0:3]") not in fields  # where the arm was does not depend on it
 
 
-def test_a_parameter_of_a_node_that_is_not_run_again_is_refused(explored: Path) -> None:
+def test_a_parameter_of_a_node_that_is_not_run_again_is_refused(explored):
     lines: Lines = []
-
     with pytest.raises(InputError, match="'filter' is not among the nodes to run again: curvature"):
         replay(explored, ["curvature"], lines.append, settings=read_settings(["filter.order=none"]))
     assert lines == []
 
 
-def test_the_verb_takes_the_folder_of_a_run_and_parameters(
-    explored: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_verb_takes_the_folder_of_a_run_and_parameters(explored, capsys):
     verb = ["replay", str(explored.parent), "--nodes", "filter, curvature"]
-
     assert cli.run([*verb, "--set", "filter.order=auto"]) == 0
     assert capsys.readouterr().out.count(": identical, ") == 2
     assert cli.run([*verb, "--set", "filter.order=none", "--set", "filter.contact=100e-6"]) == 0
@@ -461,26 +425,23 @@ def test_the_verb_takes_the_folder_of_a_run_and_parameters(
         ("planner.most_touches=9", "'planner' is not among the nodes to run again: filter; add"),
     ],
 )
-def test_a_setting_that_cannot_be_used_is_refused_in_one_sentence(
-    setting: str, words: str, explored: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_setting_that_cannot_be_used_is_refused_in_one_sentence(setting, words, explored, capsys):
     assert cli.run(["replay", str(explored), "--nodes", "filter", "--set", setting]) == 2
-
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith(f"palpate: --set {setting}: {words}")
     assert err.count("\n") == 1
 
 
-def test_a_changed_filter_is_found_out(explored: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changed_filter_is_found_out(explored, monkeypatch):
     from palpate.nodes import filter as filtering
 
     inputs = dict(filtering.NODE.inputs)
     cls, handler = inputs["/touch/raw"]
 
-    def off_by_a_bit(params: Any, state: Any, message: Any) -> tuple[Any, Outputs]:
+    def off_by_a_bit(params, state, message):
         state, outputs = handler(params, state, message)
-        [(topic, image)] = outputs  # type: ignore[misc]
+        [(topic, image)] = outputs
         image.compression.flat[100] *= 1 + 2**-52
         return state, [(topic, image)]
 
@@ -494,13 +455,12 @@ def test_a_changed_filter_is_found_out(explored: Path, monkeypatch: pytest.Monke
     )
     monkeypatch.setattr(filtering, "NODE", changed)
     lines: Lines = []
-
     assert replay(explored, ["filter"], lines.append) == 1
     assert lines[0].startswith("filter: differs, /touch/image ")
     assert " compression[6, 4]: recorded " in lines[0]
 
 
-def tracers(*fingers: int) -> list[Wiring]:
+def tracers(*fingers):
     """Tracers of several fingers."""
     return [
         Wiring(
@@ -515,29 +475,25 @@ def tracers(*fingers: int) -> list[Wiring]:
     ]
 
 
-def chosen(wirings: list[Wiring]) -> list[ReplayNode]:
+def chosen(wirings):
     return [ReplayNode(tracer.NODE, wiring) for wiring in wirings]
 
 
-def test_a_setting_is_laid_over_the_recorded_parameters() -> None:
+def test_a_setting_is_laid_over_the_recorded_parameters():
     wirings = tracers(1, 2)
     again = chosen(wirings)
-
     found = with_settings(
         again, describe_wirings(wirings), read_settings(["tracer_2.most_touches=90"])
     )
-
     assert found[0] == again[0]
     assert found[1].wiring.params == tracer.Params(finger=2, most_touches=90)
 
 
-def test_a_setting_without_a_number_means_the_nodes_of_all_fingers() -> None:
+def test_a_setting_without_a_number_means_the_nodes_of_all_fingers():
     wirings = tracers(1, 2)
-
     found = with_settings(
         chosen(wirings), describe_wirings(wirings), read_settings(["tracer.most_touches=90"])
     )
-
     assert [one.wiring.params.most_touches for one in found] == [90, 90]
     assert [one.wiring.params.finger for one in found] == [1, 2]
 
@@ -550,47 +506,41 @@ def test_a_setting_without_a_number_means_the_nodes_of_all_fingers() -> None:
         ("most_touches=1", "must look like planner.tolerance=0.2e-3"),
     ],
 )
-def test_a_setting_of_another_node_is_refused(setting: str, words: str) -> None:
+def test_a_setting_of_another_node_is_refused(setting, words):
     one, other = tracers(1, 2)
-
     with pytest.raises(InputError) as caught:
         with_settings(chosen([other]), describe_wirings([one, other]), read_settings([setting]))
-
     assert str(caught.value).startswith(f"--set {setting}: {words}")
 
 
 @pytest.mark.parametrize(
     "setting", ["filter.oder=median", "filter.order=median-frist", "filter.contact=1"]
 )
-def test_what_run_refuses_is_refused_in_the_same_words(setting: str, tmp_path: Path) -> None:
+def test_what_run_refuses_is_refused_in_the_same_words(setting, tmp_path):
     node = load_node("palpate.nodes.filter")
     one = replace(tracers(1)[0], name="filter", module="palpate.nodes.filter", outputs={})
     plain = Graph((Entry(name="filter"),), ends="filter")
     with pytest.raises(InputError) as run:
         override(plain, read_settings([setting])).wirings()
-
     with pytest.raises(InputError) as again:
         wiring = replace(one, params=node.params())
-        with_settings([ReplayNode(node, wiring)], describe_wirings([one]), read_settings([setting]))  # type: ignore[arg-type]
-
+        with_settings([ReplayNode(node, wiring)], describe_wirings([one]), read_settings([setting]))
     assert str(again.value) == str(run.value)
     assert str(run.value).startswith(f"--set {setting}: ")
 
 
-def player(fields: dict[str, FieldChange], *, fewer: int = 0, more: int = 0) -> Any:
+def player(fields, *, fewer=0, more=0):
     """A node that says ``/x``, of which 20 messages were compared."""
     changes = SimpleNamespace(fields=fields)
     said = SimpleNamespace(topic="/x", compared=20, fewer=fewer, more=more, changes=changes)
     return SimpleNamespace(publications={"/x": said})
 
 
-def test_a_field_without_a_size_has_its_note_at_the_end() -> None:
+def test_a_field_without_a_size_has_its_note_at_the_end():
     height = FieldChange("m", 3, 12, 4, 0.5, 0.25, {"shape": ChangeNote(2, "(1,)", "(2,)")})
     kind = FieldChange("", 5, 1, notes={"value": ChangeNote(1, "'hit'", "'miss'")})
     count = FieldChange("#", 5, 1, 1, 2.0, 4.0)
-
     lines = list(change_table([player({"height": height, "kind": kind, "count": count}, fewer=3)]))
-
     assert lines == [
         "topic  field     compared  differ  first  largest   rms  unit",
         "/x     height          20      12      3      0.5  0.25  m  2 of another shape, "
@@ -601,13 +551,12 @@ def test_a_field_without_a_size_has_its_note_at_the_end() -> None:
     ]
 
 
-def test_there_is_no_table_where_nothing_has_changed() -> None:
+def test_there_is_no_table_where_nothing_has_changed():
     assert list(change_table([player({})])) == []
 
 
-def test_a_table_of_nothing_but_counts_has_all_heads() -> None:
+def test_a_table_of_nothing_but_counts_has_all_heads():
     lines = list(change_table([player({}, more=1)]))
-
     assert lines == [
         "topic  field     compared  differ  first  largest  rms  unit",
         "/x     messages        20             20                1 more than recorded",

@@ -19,10 +19,10 @@ class Params(msgspec.Struct, frozen=True):
 
 
 @pytest.fixture
-def actor(monkeypatch: pytest.MonkeyPatch) -> Wiring:
+def actor(monkeypatch):
     quiet: Any = lambda params, state, message: (state, [])  # noqa: E731
     made = ModuleType("actor")
-    made.NODE = Node(  # type: ignore[attr-defined]
+    made.NODE = Node(
         params=Params,
         start=lambda params: (None, []),
         inputs={"/world": (LogRecord, quiet), "/goal": (LogRecord, quiet)},
@@ -48,24 +48,24 @@ def actor(monkeypatch: pytest.MonkeyPatch) -> Wiring:
 WORLD = (Consumed("a", "/world", 0), 1)
 
 
-def goals(*times: int) -> list[tuple[Consumed, int]]:
+def goals(*times):
     return [(Consumed("b", "/g", seq), sent_ns) for seq, sent_ns in enumerate(times)]
 
 
-def said(*times: int) -> list[SentMessage]:
+def said(*times):
     return [SentMessage("/done", sent_ns, 0, b"") for sent_ns in times]
 
 
-def test_what_was_not_answered_is_still_to_be_done(actor: Wiring) -> None:
+def test_what_was_not_answered_is_still_to_be_done(actor):
     heard = [WORLD, *goals(10, 11, 12, 13)]
     done = answered_messages(actor, heard, said(5, 20, 30))
     assert done == [Consumed("b", "/g", 0), Consumed("b", "/g", 1)]
 
 
-def test_more_answers_than_questions_answer_them_all(actor: Wiring) -> None:
+def test_more_answers_than_questions_answer_them_all(actor):
     assert len(answered_messages(actor, goals(10, 11), said(20, 21, 22, 23))) == 2
 
 
-def test_what_it_needs_is_handed_over_again(actor: Wiring) -> None:
+def test_what_it_needs_is_handed_over_again(actor):
     assert answered_messages(actor, [WORLD], said(5)) == []
     assert answered_messages(actor, [], []) == []
