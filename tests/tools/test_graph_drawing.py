@@ -42,7 +42,7 @@ def explore_graph(fingers):
 def any_sketch(seed):
     """A graph of some boxes with wires at random, to themselves and back as well."""
     rng = random.Random(seed)
-    number = rng.randint(1, 12)
+    number = seed + 1
     boxes = [
         Box(
             text="n" * rng.randint(1, 20),
@@ -67,8 +67,8 @@ def any_sketch(seed):
 
 
 SKETCHES: list[Callable[[], Sketch]] = [
-    *(lambda fingers=n: sketch_of(explore_graph(fingers)) for n in (1, 2, 3, 8)),
-    *(lambda seed=n: any_sketch(seed) for n in range(30)),
+    *(lambda fingers=n: sketch_of(explore_graph(fingers)) for n in (1, 3)),
+    *(lambda seed=n: any_sketch(seed) for n in range(12)),
 ]
 
 
@@ -320,14 +320,13 @@ def test_the_wiring_as_text_for_graphviz():
     ]
 
 
-@pytest.mark.parametrize(
-    ("name", "begins"), [("w.svg", "<svg "), ("w.mmd", "flowchart LR\n"), ("w.dot", "digraph {\n")]
-)
-def test_the_picture_is_written_and_nothing_is_started(here, capsys, name, begins):
-    assert cli.run(["launch", "explore.yaml", "fingers:=2", "--graph", name]) == 0
-    assert [path.name for path in here.iterdir()] == [name]
-    text = (here / name).read_text(encoding="utf-8")
-    assert text.startswith(begins) and "simulator × 2" in text
+def test_the_picture_is_written_and_nothing_is_started(here):
+    begins = {"w.svg": "<svg ", "w.mmd": "flowchart LR\n", "w.dot": "digraph {\n"}
+    for name, begin in begins.items():
+        assert cli.run(["launch", "explore.yaml", "fingers:=2", "--graph", name]) == 0
+        text = (here / name).read_text(encoding="utf-8")
+        assert text.startswith(begin) and "simulator × 2" in text
+    assert {path.name for path in here.iterdir()} == {*begins}
 
 
 @pytest.mark.parametrize("arguments", [["--graph"], ["--graph", "-"]])

@@ -16,15 +16,15 @@ def test_a_kind_that_there_is_not_is_refused(capsys):
 def test_the_line_says_what_came_of_all_runs(monkeypatch, capsys):
     fault = Fault("kill", ("tracer",), FaultTime("tracing", "/finger/goal", 3, 0.1))
     tally = Tally(5, runs=1, survived=1, failed=[(6, "gap: /a 1 of b is not there")], lost=1)
-    back = [NodeRecovery("kill", "tracer", "tracing", 0.25)]
+    back = [NodeRecovery("kill", "tracer", "tracing", seconds) for seconds in (0.75, 0.25, 0.5)]
+    back.append(NodeRecovery("stop", "tracer", "tracing", 1.0))
     tally.injected.update(one.kind for one in InjectionLog([fault, fault]).faults)
     tally.back += back
     monkeypatch.setattr("palpate.tools.chaos.run_trials", lambda *_, **__: tally)
     assert run(["chaos"]) == 1
     said = capsys.readouterr()
-    assert said.out == (
-        "injected 2 survived 1 lost 1 duplicated 0 recovery p50 0.25 s p99 0.25 s\n"
-    )
+    recovery = "recovery p50 0.50 s p99 0.75 s stopped p50 1.00 s p99 1.00 s"
+    assert said.out == f"injected 2 survived 1 lost 1 duplicated 0 {recovery}\n"
     assert said.err == "palpate: chaos --seed 6 --minutes 0: gap: /a 1 of b is not there\n"
     run(["chaos", "--json"])
-    assert json.loads(capsys.readouterr().out)["recovery_p99_s"] == 0.25
+    assert json.loads(capsys.readouterr().out)["recovery_p99_s"] == 0.75

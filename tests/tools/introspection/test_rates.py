@@ -2,12 +2,21 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import pytest
 
+import palpate.tools.introspection.rates as rates_module
 from palpate.messages.codec import HEADER_SIZE
-from palpate.tools.introspection.rates import Rates, bandwidth_text, delay_text, rate_text
-from palpate.tools.introspection.topics import TapMessage
+from palpate.tools.introspection.rates import (
+    RateMonitor,
+    Rates,
+    bandwidth_text,
+    delay_text,
+    rate_text,
+)
+from palpate.tools.introspection.topics import TapMessage, Topic
 
 Copy = Callable[..., TapMessage]
 
@@ -90,3 +99,14 @@ def test_a_delay_is_from_sending_to_taking(copy):
     assert delay_text(rates) == (
         "average delay: 0.002000\n\tmin: 0.001000s max: 0.003000s std dev: 0.001000s window: 2"
     )
+
+
+def test_figures_are_printed_once_a_second(card, monkeypatch):
+    clock = iter(0.1 * tick for tick in range(1000))
+    taps = SimpleNamespace(batches=lambda duration: [[]] * 25)
+    monkeypatch.setattr(rates_module, "TapSubscription", lambda *_: nullcontext(taps))
+    monkeypatch.setattr(rates_module, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    printed = []
+    topics = [Topic("/t", "", ("talker",), ())]
+    RateMonitor(topics, 10, rate_text, printed.append).run(card, topics, None)
+    assert printed == ["no messages on /t"] * 2

@@ -5,9 +5,11 @@ import pytest
 from palpate.messages.codec import Header
 from palpate.messages.types.catalogue import TYPES
 from palpate.messages.types.touch import TactileFrame
+from palpate.tools.introspection import topics
 from palpate.tools.introspection.echo import field_lines
 from palpate.tools.introspection.topics import (
     SequenceTracker,
+    TapSubscription,
     Topic,
     find_topic,
     find_topics,
@@ -33,8 +35,8 @@ def test_a_topic_that_is_named_twice_is_one(card):
 
 
 def test_each_tap_is_asked_for_what_its_node_publishes(card):
-    topics = find_topics(card, ["/t", "/log"])
-    assert taps_of(card, topics) == {"talker": ["/t", "/log"], "hearer": ["/log"]}
+    wanted = find_topics(card, ["/t", "/log"])
+    assert taps_of(card, wanted) == {"talker": ["/t", "/log"], "hearer": ["/log"]}
 
 
 def test_a_type_that_is_not_known_is_refused(card):
@@ -88,3 +90,11 @@ def test_a_late_copy_of_an_earlier_start_is_no_news():
 
 def test_who_counts_anew_after_a_restart_has_lost_nothing():
     assert places(SequenceTracker(anew=True), (0, 7), (1, 2), (1, 4)) == [0, 0, 1]
+
+
+def test_batches_come_as_long_as_the_graph_runs(card, monkeypatch):
+    alive = iter([True, True, False])
+    monkeypatch.setattr(topics, "ALIVE_CHECK", 0.0)
+    monkeypatch.setattr(topics, "is_running", lambda _: next(alive))
+    with TapSubscription(card, find_topics(card, ["/t"])) as taps:
+        assert list(taps.batches()) == [[], [], []]
