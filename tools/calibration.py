@@ -71,10 +71,7 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(scene: SceneSpec, progress: CalibrationProgress) -> Calibrated:
-    """Press a known flat and a known ball with the sensor of a scene.
-
-    Raises ValueError if too few taxels could be pressed.
-    """
+    """Press a known flat and a known ball; raises ValueError if too few taxels could be pressed."""
     pipeline = build_pipeline(scene.sensor, scene.effects, ROBOT_PRESETS[ROBOT], seed=scene.seed)
     finger = _Finger(pipeline)
     pad = pipeline.finger.pad

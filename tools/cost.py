@@ -49,11 +49,9 @@ TITLE_WIDTH = 12  # Letters
 
 
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
-    """What a recorded run would have cost, by stable names with the unit in them.
+    """What a recorded run would have cost robots, or all known, by names with the unit in them.
 
-    `run`: a recording, or the folder of a run; `names`: robots; all that palpate knows if none is
-    named. Raises InputError if the recording cannot be read or tells no moves, or a robot is
-    unknown.
+    Raises InputError if the recording cannot be read or tells no moves, or a robot is unknown.
     """
     for name in names:
         if name not in ROBOTS:
@@ -156,10 +154,7 @@ def _part_figures(made: MoveDurations, which: Bools) -> Costs:
 
 
 def read_moves(run: Path) -> RunMoves:
-    """The moves of a run.
-
-    Raises InputError if it cannot be read, or does not tell its moves.
-    """
+    """The moves of a run; raises InputError if it cannot be read, or does not tell them."""
     path = find_bag(run)
     moves = _MoveCollector()
     try:

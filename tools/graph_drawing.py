@@ -39,36 +39,7 @@ Edges = Mapping[int, Sequence[int]]  # Box to the boxes that subscribe
 Point = tuple[float, float]  # To the right and down
 _NARROW, _WIDE = frozenset("fijlrt/.,:;|!' ()[]-_1"), frozenset("mwMW@%")
 _UNFIT = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_STYLE = """
-text { font-family: system-ui, "Segoe UI", Helvetica, Arial, "DejaVu Sans", sans-serif; }
-.page { fill: #ffffff; stroke: #d0d7de; }
-.name { font-weight: 600; fill: #1f2328; }
-.small { fill: #59636e; }
-.card { fill: #eef2f7; stroke: #57606a; stroke-width: 1.3; }
-.ends { stroke: #1a7f37; stroke-width: 2.6; }
-.sink { fill: none; stroke: #57606a; stroke-dasharray: 2 3; }
-.line { fill: none; stroke: #2f6fb5; stroke-width: 1.5; stroke-linejoin: round; }
-.head { fill: #2f6fb5; }
-.topic { fill: #1b4b80; }
-.back .line { stroke: #c2571a; }
-.back .head { fill: #c2571a; }
-.back .topic { fill: #8f3d0d; }
-.latched .line { stroke-dasharray: 6 3; }
-@media (prefers-color-scheme: dark) {
-.page { fill: #0d1117; stroke: #30363d; }
-.name { fill: #e6edf3; }
-.small { fill: #9da7b3; }
-.card { fill: #1c2430; stroke: #8b949e; }
-.ends { stroke: #3fb950; }
-.sink { fill: none; stroke: #8b949e; }
-.line { stroke: #58a6ff; }
-.head { fill: #58a6ff; }
-.topic { fill: #a5d0ff; }
-.back .line { stroke: #f0883e; }
-.back .head { fill: #f0883e; }
-.back .topic { fill: #ffc599; }
-}
-"""
+_STYLE = Path(__file__).with_name("graph.css").read_text("utf-8")
 
 
 def write_picture(graph: Graph, path: Path, title: str) -> None:
@@ -102,7 +73,7 @@ def draw_svg(sketch: Sketch, title: str) -> str:
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high}" width="{wide}" '
         f'height="{high}" role="img" aria-label={quoteattr(_UNFIT.sub("?", title))}>',
-        f"<title>{_safe(title)}</title>\n<style>{_STYLE}</style>",
+        f"<title>{_safe(title)}</title>\n<style>\n{_STYLE}</style>",
         _rect("page", 0.5, 0.5, wide - 1.0, high - 1.0),
         *(*parts, *legend, "</svg>"),
     ]

@@ -101,11 +101,10 @@ class RebuildResult(NamedTuple):
 
 
 def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildResult:
-    """Read points and rebuild a solid from them.
+    """Read points and rebuild a solid from them; `say` is told what is being done.
 
-    `points`: see `read_points`; `wanted`: what is asked for; `say`: told in some words what is
-    being done. Raises InputError if a file cannot be read, or no solid can be made of it: the
-    sentence says why.
+    Raises InputError if a file cannot be read, or no solid can be made of it: the sentence says
+    why.
     """
     # Heavy, and not needed by those who ask for help.
     from palpate.core.rebuild import reconstruct
@@ -215,10 +214,7 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
 
 
 def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | None) -> None:
-    """Write all files, or none.
-
-    Raises InputError if one cannot be written.
-    """
+    """Write all files, or none; raises InputError if one cannot be written."""
     mesh, solid = rebuilt.mesh, rebuilt.solid
     files: dict[Path, FileWriter] = {
         path: (lambda part: save(solid, part))

@@ -39,11 +39,7 @@ def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool)
 
 
 def check_scene(scene: str) -> str:
-    """That a scene can be explored, the size of its object, and what is simulated.
-
-    `scene`: path of a YAML file, or the name of a shipped scene. Raises InputError if it cannot be
-    explored.
-    """
+    """That a scene can be explored, its size, and what is simulated; else raises InputError."""
     path = find_scene(scene)
     described, _ = check_run(EXPLORE, {"scene": SourceMapped(str(path), "")}, {}, RUNS)
     assert described.scene is not None

@@ -52,11 +52,9 @@ def score(
     reference_unit: str | None = None,
     aligned: bool = False,
 ) -> ScoreRecord:
-    """Distances between a model and what it should be, by stable names.
+    """Distances between a surface and what it should be, by stable names; one-sided against points.
 
-    `model`: a surface; `reference`: a surface, or points; against points the distances are
-    one-sided; `unit`, `reference_unit`: units of their coordinates; see `read_mesh_or_points`;
-    `aligned`: move the model onto the reference first, rigidly. Raises InputError if a file cannot
+    `aligned` moves the model onto the reference first, rigidly. Raises InputError if a file cannot
     be read or does not hold what it must.
     """
     solid = _outwards(read_mesh_or_points(model, unit))
@@ -85,12 +83,10 @@ def score(
 
 
 def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
-    """What a file holds.
+    """A surface (PLY, STL, OBJ, OFF, GLB, NPZ) or points (CSV, TXT, XYZ, a PLY without faces).
 
-    `path`: a surface (PLY, STL, OBJ, OFF, GLB, or an NPZ file of a run or of `palpate.save`),
-    closed or not; or points (CSV, or a PLY without faces); `unit`: unit of its coordinates: ``m``,
-    ``cm`` or ``mm``; as palpate writes it if None, which is mm for STL and m for all others. Raises
-    InputError if the file cannot be read, or holds neither.
+    Without a `unit` as palpate writes it: mm for STL and m for all others. Raises InputError if the
+    file cannot be read, or holds neither.
     """
     kind = path.suffix.lower()
     taken = unit if unit is not None else OWN_UNITS.get(kind, "m")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.tools.chaos.fault_injection import Fault, FaultTime, InjectionLog
+from palpate.tools.chaos.fault_injection import Fault, InjectionLog
 from palpate.tools.chaos.trials import Exploration, examine_run, run_baseline, run_trials
 
 pytestmark = pytest.mark.graph
@@ -19,7 +19,7 @@ def toys(monkeypatch):
 
 
 def at(touch, kind, *whom):
-    return Fault(kind, whom, FaultTime("tracing", "/finger_1/finger/goal", touch, 0.0))
+    return Fault(kind, whom, "tracing", "/finger_1/finger/goal", touch, 0.0)
 
 
 SEVERAL = [

@@ -70,11 +70,7 @@ class BagInfo(TypedDict):
 
 
 def bag_info(bag: Path) -> BagInfo:
-    """Go through a recording, up to its end or its first damage.
-
-    `bag`: a recording, or a run directory. Raises InputError if there is none, or nothing of it can
-    be read.
-    """
+    """Go through a recording up to its end or first damage; InputError if nothing can be read."""
     path = find_bag(bag)
     prefix, tally = ReadablePrefix(path), _Tally()
     for found in prefix:
@@ -219,11 +215,9 @@ class Recovered(NamedTuple):
 
 
 def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
-    """Write all that is whole of a recording, from its beginning on, into one new file.
+    """Write all that is whole of a recording into a new file, or into ``NAME.recovered.mcap``.
 
-    `bag`: a recording, or a run directory; `out`: the new file; ``NAME.recovered.mcap`` beside the
-    recording if left out. Raises InputError if nothing can be saved, or the new file exists or
-    cannot be written.
+    Raises InputError if nothing can be saved, or the new file exists or cannot be written.
     """
     source = find_bag(bag)
     target = out or source.with_name(f"{source.stem}.{RECOVERED_RECORD}{source.suffix}")
@@ -294,12 +288,10 @@ class RecordingDiff:
 
 
 def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> RecordingDiff:
-    """Compare two recordings by topic and sequence.
+    """Compare two recordings by topic and sequence; all topics if none is named.
 
     Neither runs, restarts and times matter, nor in which order messages of different topics came.
-    `a`, `b`: recordings, or the folders of their runs; `topics`: topics to compare; all if empty.
-    Raises ValueError if one of them cannot be read or is out of order, or neither has one of the
-    topics.
+    Raises ValueError if one cannot be read or is out of order, or neither has one of the topics.
     """
     both = open_recording(find_bag(a)), open_recording(find_bag(b))
     known = {*both[0].counts, *both[1].counts}

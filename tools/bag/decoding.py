@@ -41,11 +41,9 @@ class DecodedRecording(NamedTuple):
     def published(
         self, topics: Iterable[str] | None = None, also: frozenset[str] = frozenset()
     ) -> Iterator[DecodedMessage]:
-        """Messages of these topics, in the order of arrival.
+        """Messages of these topics, or of types that are wanted `also`, in the order of arrival.
 
-        `topics`: all that are wanted if left out; `also`: types of messages that are given whatever
-        their topic. Raises InputError if one of them was recorded with other types than those of
-        today.
+        Raises InputError if one of them was recorded with other types than those of today.
         """
         wanted = frozenset(self.topics if topics is None else topics)
         for kept in self.recording.messages():
@@ -69,9 +67,8 @@ class DecodedRecording(NamedTuple):
 
 
 def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
-    """Check a recording from end to end.
+    """Check a recording from end to end; of its topics those that are named are wanted, or all.
 
-    `bag`: a recording, or a run directory; `topics`: the topics that are wanted; all if empty.
     Raises InputError if there is no such recording or topic, or it is damaged.
     """
     path = find_bag(bag)
@@ -93,10 +90,7 @@ def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
 
 
 def file_stems(topics: Iterable[str]) -> dict[str, str]:
-    """Names for topics in which nothing but letters, digits and ``_`` occurs: ``touch_raw``.
-
-    A name that an earlier topic has already is numbered.
-    """
+    """Names of letters, digits and ``_`` for topics: ``touch_raw``; numbered if one is taken."""
     found: dict[str, str] = {}
     for topic in topics:
         stem = re.sub(r"[^A-Za-z0-9_]", "_", topic.strip("/"))[:MAX_STEM_LENGTH] or "_"

@@ -33,12 +33,10 @@ Values = NDArray[Any]
 
 
 def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> str:
-    """Write a recording in another format.
+    """Write a recording as a format of `FORMATS`; returns what was written, in a line.
 
-    `bag`: a recording, or a run directory; `kind`: ``"csv"``, ``"npz"`` or ``"foxglove"``; `out`:
-    the new file, or for ``"csv"`` the new folder; `topics`: the topics to write; all if empty.
-    Returns what was written, in a line. Raises InputError if the recording is damaged, has other
-    message types than today's or no such topic, or there is something at `out` already.
+    Raises InputError if the recording is damaged, has other message types than today's or no such
+    topic, or there is something at `out` already.
     """
     check_new(out)
     source = open_decoded(bag, topics)

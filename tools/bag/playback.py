@@ -27,10 +27,7 @@ _KEY = re.compile(rb"\x1b\[[A-D]|[^\x1b]", re.DOTALL)
 
 
 def read_remap(pairs: Sequence[str]) -> dict[str, str]:
-    """Old topics to new ones, from texts like ``/a:=/b``.
-
-    Raises InputError if a text is no such pair.
-    """
+    """Old topics to new ones, from ``/a:=/b``; raises InputError if a text is no such pair."""
     remap = {}
     for pair in pairs:
         old, sign, new = pair.partition(":=")
@@ -48,7 +45,7 @@ def player_entry(bag: Path, params: Mapping[str, Any], remap: Mapping[str, str])
 def play_recording(entry: Entry, *, quiet: bool) -> int:
     """Play until the end of the recording, or Ctrl-C; returns the exit code.
 
-    Raises InputError if the recording cannot be played; nothing has been started.
+    Raises InputError if it cannot be played; nothing has been started.
     """
     wirings = Graph((entry,), ends=PLAYER_NAME).wirings()
     with Keyboard() as keys:

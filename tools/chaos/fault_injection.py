@@ -100,7 +100,7 @@ class FaultInjector:
         card = self._card(until)
         if card is None:
             return self._process.poll() is not None
-        topics = {fault.moment.topic for fault in self._left} - {""}
+        topics = {fault.topic for fault in self._left} - {""}
         with ExitStack() as kept:
             context = kept.enter_context(zmq.Context())
             reader = TapReader(
@@ -136,18 +136,16 @@ class FaultInjector:
         if fault is None or status.state != "running" or epoch < after:
             return
         del self._blows[status.node]
-        kind, phase = fault.kind, fault.moment.phase
+        kind, phase = fault.kind, fault.phase
         if phase != "start":  # else it was not up, and waits for the others
             seconds = time.monotonic() - when
             self.done.back.append(NodeRecovery(kind, status.node, phase, seconds))
 
     def _inject(self, card: RunCard) -> None:
         now = time.monotonic()
-        for fault in [
-            one for one in self._left if self._seen.get(one.moment.topic, -1) >= one.moment.seq
-        ]:
+        for fault in [one for one in self._left if self._seen.get(one.topic, -1) >= one.seq]:
             self._left.remove(fault)
-            self._due.append((now + fault.moment.delay, fault))
+            self._due.append((now + fault.delay, fault))
         for due in [one for one in self._due if one[0] <= now]:
             self._due.remove(due)
             if not self._strike(card, due[1]):
@@ -224,26 +222,20 @@ def _fill(pid: int, recording: Path) -> bool:
     return True
 
 
-class FaultTime(NamedTuple):
-    """When a fault is put in."""
+class Fault(NamedTuple):
+    """One fault, and when it is put in."""
 
+    kind: str  # One of `FAULT_KINDS`
+    whom: tuple[str, ...]  # The nodes that it hits; none for one that hits the launcher, or nobody
     phase: str  # One of `PHASES`
     topic: str  # Topic by which the moment is known; empty for the launch itself
     seq: int  # The message of that topic with which it comes
     delay: float  # Time after it, s
 
-
-class Fault(NamedTuple):
-    """One fault."""
-
-    kind: str  # One of `FAULT_KINDS`
-    whom: tuple[str, ...]  # The nodes that it hits; none for one that hits the launcher, or nobody
-    moment: FaultTime
-
     def __str__(self) -> str:
-        when = f"{self.moment.topic} {self.moment.seq}" if self.moment.topic else "the launch"
+        when = f"{self.topic} {self.seq}" if self.topic else "the launch"
         whom = f" {' and '.join(self.whom)}" if self.whom else ""
-        return f"{self.kind}{whom} {self.moment.delay:.3f} s after {when}"
+        return f"{self.kind}{whom} {self.delay:.3f} s after {when}"
 
 
 class GraphFacts(NamedTuple):
@@ -257,11 +249,9 @@ class GraphFacts(NamedTuple):
 def draw_faults(
     seed: int, known: GraphFacts, kinds: Sequence[str], number: int
 ) -> tuple[Fault, ...]:
-    """Faults of one run, in no order.
+    """Faults of one run, in no order: so many, or the one that is to end it.
 
-    Runs with seeds that follow each other go through every node in every phase. `seed`: from which
-    all follows; `known`: the graph; `kinds`: of `FAULT_KINDS`, which may be drawn; `number`: how
-    many; a run that a fault is to end meets that one alone.
+    Runs with seeds that follow each other go through every node in every phase.
     """
     rng = random.Random(f"palpate chaos {seed}")
     ending = [kind for kind in kinds if kind in ENDING]
@@ -269,7 +259,7 @@ def draw_faults(
     if ending and (not lasting or seed % len(kinds) < len(ending)):
         kind = ending[seed % len(ending)]
         phase = PHASES[seed // len(ending) % len(PHASES)]
-        return (Fault(kind, (), _moment(rng, phase, known)),)
+        return (Fault(kind, (), *_moment(rng, phase, known)),)
     places = list(product(known.nodes, PHASES))
     random.Random(0).shuffle(places)
     faults: list[Fault] = []
@@ -285,19 +275,19 @@ def draw_faults(
         if any(hit[one] == MAX_PER_NODE for one in whom):
             continue
         hit.update(whom)
-        faults.append(Fault(kind, whom, _moment(rng, phase, known)))
+        faults.append(Fault(kind, whom, *_moment(rng, phase, known)))
     return tuple(faults)
 
 
-def _moment(rng: random.Random, phase: str, known: GraphFacts) -> FaultTime:
+def _moment(rng: random.Random, phase: str, known: GraphFacts) -> tuple[str, str, int, float]:
     delay = rng.uniform(0.0, _LONGEST[phase])
     for mark in _MARKS.get(phase, ()):
         topics = sorted(topic for topic in known.counts if topic.endswith(mark))
         if topics:
             topic = rng.choice(topics)
             last = known.counts[topic] - 1
-            return FaultTime(phase, topic, last if phase == "end" else rng.randint(0, last), delay)
-    return FaultTime(phase, "", 0, delay)
+            return phase, topic, last if phase == "end" else rng.randint(0, last), delay
+    return phase, "", 0, delay
 
 
 def _whom(rng: random.Random, kind: str, name: str, known: GraphFacts) -> tuple[str, ...]:

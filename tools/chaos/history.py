@@ -54,10 +54,7 @@ class Violation(NamedTuple):
 
 
 def read_history(path: Path) -> History:
-    """Read a recording with all its parts, each as far as it is whole.
-
-    Raises OSError if there is no such file.
-    """
+    """Read a recording's parts, each as far as it is whole; raises OSError if there is none."""
     events: list[Event] = []
     closed = False
     parts = (path.with_name(f"{path.stem}.{number}{path.suffix}") for number in count(1))

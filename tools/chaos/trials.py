@@ -62,7 +62,7 @@ class Tally:
         """Count one run."""
         self.runs += 1
         self.injected.update(fault.kind for fault in injected.faults)
-        self.phases.update(fault.moment.phase for fault in injected.faults)
+        self.phases.update(fault.phase for fault in injected.faults)
         self.nodes.update(name for fault in injected.faults for name in fault.whom)
         self.survived += 0 if found.wrong else len(injected.faults)
         self.lost += found.lost
@@ -120,11 +120,10 @@ def run_trials(
     echo: Callable[[str], None],
     faults: int = FAULTS_PER_RUN,
 ) -> Tally:
-    """Run an exploration undisturbed, and then with faults until the time is over, but once.
+    """Run an exploration undisturbed, then with faults, seed by seed, until the minutes are over.
 
-    `subject`: what is explored; `seed`: of the first run; each further one has the next; `minutes`:
-    no run is begun later than this; `kinds`: faults that may be put in; `echo`: takes lines about
-    the progress; `faults`: most faults of one run. Raises ValueError if the undisturbed run fails.
+    Once at least. `echo` takes lines about the progress. Raises ValueError if the undisturbed run
+    fails.
     """
     work = Path(tempfile.mkdtemp(prefix="chaos-"))
     tally = Tally(seed)
@@ -145,10 +144,7 @@ def run_trials(
 
 
 def run_baseline(subject: Exploration, out: Path) -> Baseline:
-    """Run it once.
-
-    Raises ValueError if it comes to no end by itself.
-    """
+    """Run it once; raises ValueError if it comes to no end by itself."""
     code = subject.start(out).wait()
     if code not in (0, 1) or not (out / "summary.json").exists():
         raise ValueError(f"the undisturbed run fails: {stderr_of(out)}")

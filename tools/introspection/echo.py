@@ -79,10 +79,7 @@ class EchoFormat(NamedTuple):
 
 
 class LossReport:
-    """How many messages were sent and not received.
-
-    `topic`: its name; `tell`: takes a sentence.
-    """
+    """How many messages were sent and not received, told in sentences."""
 
     def __init__(self, topic: str, tell: Echo) -> None:
         self._topic, self._tell = topic, tell
@@ -173,10 +170,7 @@ def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | 
 
 
 def fields_of(topic: Topic, received: TapMessage) -> dict[str, Any]:
-    """Name of each field of a message to its value.
-
-    Raises ValueError if the message is not of the topic's type as it is known here.
-    """
+    """Fields of a message and their values; raises ValueError if it is not of the topic's type."""
     cls = type_of(topic)
     codec = codec_of(cls)
     if received.header.schema != codec.hash:
@@ -298,10 +292,7 @@ def _plain(value: Sequence) -> list[Any]:
 
 
 def read_filter(text: str, cls: type) -> MessageFilter:
-    """A filter for messages of one type.
-
-    Raises ValueError if it is not made of such comparisons, or the type has no such field.
-    """
+    """A filter for messages of one type; raises ValueError if it is none, or lacks a field."""
     if len(text) > MAX_FILTER_LENGTH:
         raise ValueError(f"a filter has at most {MAX_FILTER_LENGTH} characters, got {len(text)}")
     reader = _Reader(_tokens(text), cls)
@@ -437,10 +428,7 @@ class FieldPath(NamedTuple):
     steps: tuple[str | int, ...]  # Field, then keys of tables and indices of sequences
 
     def of(self, fields: Mapping[str, Any]) -> Any:
-        """The value at this path.
-
-        Raises LookupError if this message has none there.
-        """
+        """The value at this path; raises LookupError if this message has none there."""
         value: Any = fields
         for step in self.steps:
             if not isinstance(value, (np.ndarray, tuple) if isinstance(step, int) else Mapping):

@@ -26,11 +26,7 @@ WINDOW = 10_000  # Messages over which a figure is taken, unless the user says o
 
 
 class RateMonitor:
-    """Figures of some topics, each publisher by itself.
-
-    `topics`: what is measured; `window`: messages over which a figure is taken; `say`: figures of
-    one publisher to lines; `echo`: takes some lines.
-    """
+    """Figures of some topics, each publisher by itself, over so many messages."""
 
     def __init__(
         self, topics: Sequence[Topic], window: int, say: RateText, echo: Callable[[str], None]
@@ -85,10 +81,7 @@ class Statistics(NamedTuple):
 
 
 class Rates:
-    """The last messages of one publisher on one topic.
-
-    `window`: how many messages are looked at, at most; at least 2.
-    """
+    """The last messages of one publisher on one topic: `window` at most, at least 2."""
 
     def __init__(self, window: int = WINDOW) -> None:
         self.last = -1

@@ -40,18 +40,12 @@ PLAYER_MODULE = "palpate.nodes.player"
 
 
 def running_nodes(card: RunCard) -> list[str]:
-    """Names of the nodes whose process runs, sorted.
-
-    Raises ValueError if the launcher gives no answer.
-    """
+    """Names of the nodes whose process runs, sorted; raises ValueError if nobody answers."""
     return sorted(name for name, about in request(card, "status")["nodes"].items() if about["pid"])
 
 
 def node_text(card: RunCard, name: str) -> str:
-    """What a node is, how it is doing, its topics, and its parameters.
-
-    Raises ValueError if the graph has no such node, or the launcher gives no answer.
-    """
+    """What a node is and how it is doing; raises ValueError if there is none, or nobody answers."""
     node = find_node(card, name)
     about = request(card, "status")["nodes"][node.name]
     beats = sample_status(card, [node.name]) if about["pid"] else {}
@@ -102,10 +96,7 @@ class StatusSample(NamedTuple):
 def sample_status(
     card: RunCard, names: Collection[str], patience: float = STATUS_PATIENCE
 ) -> dict[str, StatusSample]:
-    """What the nodes of these names say; twice each, unless the patience ends, s.
-
-    Raises ValueError if what comes is no such word.
-    """
+    """What these nodes publish of themselves; twice each, unless the patience ends, s."""
     found: dict[str, StatusSample] = {}
     sent: dict[str, int] = {}
     topic = Topic(STATUS_TOPIC, NodeStatus.__name__, tuple(names), ())
@@ -127,20 +118,16 @@ def sample_status(
 
 
 def dump_params(card: RunCard, name: str | None = None) -> str:
-    """Parameters in YAML, ``node: {params: ...}``.
+    """Parameters of one node or of all, ``node: {params: ...}``; bytes by their size and SHA-256.
 
-    Bytes, and other long texts, are named by their size and SHA-256. `card`: the running graph;
-    `name`: of one node alone. Raises ValueError if the graph has no such node.
+    Raises ValueError if the graph has no such node.
     """
     nodes = card.nodes if name is None else (find_node(card, name),)
     return "\n".join(yaml_lines({one.name: {"params": params_of(one)} for one in nodes}))
 
 
 def find_node(card: RunCard, name: str) -> RecordedNode:
-    """The node of this name, which may begin with a slash.
-
-    Raises ValueError if the graph has none.
-    """
+    """The node of this name, which may begin with a slash; raises ValueError if there is none."""
     nodes = {one.name: one for one in card.nodes}
     wanted = name.removeprefix("/")
     if wanted not in nodes:
@@ -242,12 +229,10 @@ def publish(
     run: str | None,
     echo: Callable[[str], None],
 ) -> None:
-    """Publish a message on a console's topic, once or again and again.
+    """Publish a message, its fields in YAML, on a console's topic, so many times or until Ctrl-C.
 
-    `topic`: the topic, on the wire; `body`: the message's fields, in YAML; `rate`: messages in a
-    second; `times`: how many; None until Ctrl-C; `run`: which running graph; None for the latest;
-    `echo`: prints a line. Raises InputError if no such graph runs, the topic is not a console's, or
-    the body is no such message.
+    Raises InputError if no such graph runs, the topic is not a console's, or the body is no such
+    message.
     """
     if not rate > 0.0:
         raise InputError(f"--rate must be positive, got {rate:g}")

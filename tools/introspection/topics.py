@@ -42,8 +42,8 @@ class TapMessage(NamedTuple):
 class SequenceTracker:
     """The order of one publisher's messages on one topic, of which some are missing.
 
-    `anew`: whether a publisher that is started again counts from 0 once more. Otherwise it goes on
-    counting, after it has repeated what it had published: that is no news.
+    A publisher that is started again counts `anew`, or goes on after repeating what it had
+    published, which is no news.
     """
 
     def __init__(self, *, anew: bool) -> None:
@@ -64,10 +64,7 @@ class SequenceTracker:
 
 
 class TapSubscription:
-    """Subscribers at the taps of a running graph.
-
-    `card`: the running graph; `topics`: what to receive.
-    """
+    """Copies of what a running graph publishes on some topics."""
 
     def __init__(self, card: RunCard, topics: Iterable[Topic]) -> None:
         self._card = card
@@ -96,10 +93,7 @@ class TapSubscription:
         self._sockets.close()
 
     def batches(self, duration: float | None = None) -> Iterator[list[TapMessage]]:
-        """What has come, some ten times a second or as it comes; ends with the graph, or Ctrl-C.
-
-        `duration`: ends after this long, s. Raises ValueError if what arrives is not a frame.
-        """
+        """What has come, ten times a second; ends with the graph, the duration, s, or Ctrl-C."""
         now = time.monotonic()
         until = None if duration is None else now + duration
         look = now + ALIVE_CHECK
@@ -173,18 +167,12 @@ def topics_of(card: RunCard) -> dict[str, Topic]:
 
 
 def find_topics(card: RunCard, names: Sequence[str]) -> list[Topic]:
-    """The topics of these names, each once.
-
-    Raises ValueError if nobody publishes one of them.
-    """
+    """The topics of these names, each once; raises ValueError if nobody publishes one of them."""
     return list(dict.fromkeys(find_topic(card, name) for name in names))
 
 
 def find_topic(card: RunCard, name: str) -> Topic:
-    """The topic of this name, which may lack its first slash.
-
-    Raises ValueError if nobody publishes it.
-    """
+    """The topic of this name, whose slash may lack; raises ValueError if nobody publishes it."""
     known = topics_of(card)
     wanted = name if name.startswith("/") else f"/{name}"
     if wanted not in known:
@@ -193,10 +181,7 @@ def find_topic(card: RunCard, name: str) -> Topic:
 
 
 def type_of(topic: Topic) -> type:
-    """The message type of a topic.
-
-    Raises ValueError if this palpate does not know it.
-    """
+    """The message type of a topic; raises ValueError if this palpate does not know it."""
     if topic.type not in TYPES:
         what = f"the type {topic.type!r}" if topic.type else "a type that its graph does not name"
         raise ValueError(f"{topic.name} carries {what}, which is not known here; --raw shows bytes")

@@ -24,21 +24,13 @@ class TopicComparison:
 
     def __init__(self, topic: str, cls: type) -> None:
         self.topic = topic
-        self.compared = 0
-        """Messages that were compared."""
-        self.differ = 0
-        """Messages of them that differ."""
-        self.fewer = 0
-        """Messages that were recorded, but are not published now."""
-        self.more = 0
-        """Messages that are published now, but were not recorded."""
-        self.changes = TopicChanges(cls)
-        """Field by field."""
-        self.first = ""
-        """The first difference, in words; empty as long as there is none."""
+        self.compared = self.differ = 0  # Messages that were compared, and of them that differ
+        # Messages that were recorded, but are not published now, and the other way round.
+        self.fewer = self.more = 0
+        self.changes = TopicChanges(cls)  # Field by field
+        self.first = ""  # The first difference, in words; empty as long as there is none
         self._cls = cls
-        self._then: deque[bytes] = deque()
-        self._now: deque[bytes] = deque()
+        self._then, self._now = deque[bytes](), deque[bytes]()
         self._silent, self._unsaid = False, 0
 
     def recorded(self, body: bytes) -> None:
@@ -143,8 +135,8 @@ class TopicChanges:
     @property
     def fields(self) -> dict[str, FieldChange]:
         """In the order of the type; a field by its parts if these have different units."""
-        places = {name: place for place, name in enumerate(self._units)}
-        names = sorted(self._fields, key=lambda name: places.get(name.partition("[")[0], -1))
+        order = ["bytes", *self._units]
+        names = sorted(self._fields, key=lambda name: order.index(name.partition("[")[0]))
         return {name: self._fields[name] for name in names}
 
     def add(self, seq: int, then: bytes, now: bytes) -> None:

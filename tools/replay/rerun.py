@@ -78,16 +78,13 @@ def replay(
     *,
     settings: Mapping[str, SourceMapped] | None = None,
 ) -> int:
-    """Run nodes of a recording again, in lockstep and as fast as they can.
+    """Run nodes of a recording again, all that can be replayed exactly if none is named.
 
-    What one of them publishes now is what the others receive; all else of the graph comes from the
-    recording. `bag`: the recording, or the folder of its run; `nodes`: names of nodes in the
-    recorded graph; all that can be replayed exactly if empty; `echo`: prints a line; `settings`:
-    ``node.param`` to its value, laid over the recorded parameters. Returns 1 if a node raised, or
-    if none was given another parameter and one did not publish the same, byte for byte; otherwise
-    0. Raises ValueError if the recording cannot be read or lacks messages, or a node is unknown,
-    cannot be replayed, or was recorded with other message types; InputError if a setting cannot be
-    used.
+    What one of them publishes now is what the others receive; all else comes from the recording.
+    `settings` are laid over the recorded parameters. Returns 1 if a node raised, or without
+    settings if one did not publish the same, byte for byte; else 0. Raises ValueError if the
+    recording cannot be read or lacks messages, or a node is unknown, cannot be replayed, or was
+    recorded with other message types; InputError if a setting cannot be used.
     """
     recording = open_recording(find_bag(bag))
     chosen = with_settings(choose_nodes(recording, nodes), recording.graph, settings or {})
@@ -123,12 +120,10 @@ def replay(
 def with_settings(
     chosen: Sequence[ReplayNode], graph: bytes, settings: Mapping[str, SourceMapped]
 ) -> tuple[ReplayNode, ...]:
-    """The nodes with parameters set as by ``palpate run --set``.
+    """The nodes with parameters set as by ``palpate run --set``, in the graph in which they ran.
 
-    `chosen`: the nodes that are run again; `graph`: description of the graph in which they ran;
-    `settings`: ``node.param`` to its value. Raises InputError if a setting does not look like this,
-    names a node that is not run again, or a parameter that it does not have, or has a value that is
-    of the wrong type or out of range.
+    Raises InputError if a setting does not look like this, or names a node that is not run again or
+    a parameter that it lacks, or its value is of the wrong type or out of range.
     """
     if not settings:
         return tuple(chosen)
@@ -208,13 +203,11 @@ def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
 def plan_resume(
     bag: Path, contour: int | None, *, nodes: Sequence[str] = (), out: Path | None = None
 ) -> Plan:
-    """Plan to go on with a recorded exploration.
+    """Plan to go on with an exploration after a contour, or after all that was recorded.
 
-    `bag`: the recording, or the folder of its run; `contour`: the last contour of which is known;
-    None for all that was recorded; `nodes`: names of nodes whose modules are not palpate's own, and
-    may be imported; `out`: the new run directory. Raises ValueError if the recording cannot be
-    read, does not say how it was made, has fewer contours, or a node cannot be loaded; InputError
-    if the folder cannot be used.
+    `nodes` names those whose modules are not palpate's own, and may be imported. Raises ValueError
+    if the recording cannot be read, does not say how it was made, has fewer contours, or a node
+    cannot be loaded; InputError if the folder cannot be used.
     """
     recording = open_recording(find_bag(bag))
     about = {key: text for key, text in recording.about.items() if key not in ("graph", "version")}
@@ -323,11 +316,7 @@ def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessag
 
 
 def past_differences(bag: Path, run: Path) -> str:
-    """What of the earlier run came out otherwise, in a sentence; empty if nothing did.
-
-    `bag`: the earlier recording, or the folder of its run; `run`: the run directory of the run that
-    went on with it.
-    """
+    """What of the earlier run came out otherwise in the one that went on; empty if nothing did."""
     if not (run / RECORDING).exists():
         return ""
     found = compare_recordings(bag, run).topics.items()

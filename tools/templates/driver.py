@@ -32,14 +32,11 @@ from palpate.nodes.specs import (
 class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set, beside what it may say of any sensor."""
 
+    # The array: rows, columns, distance between taxels in m, and the pad over them.
     sensor: SensorSpec = SensorSpec(rows=16, cols=16, pitch=0.001, pad=PadSpec(radius=None))
-    """The array: rows, columns, distance between taxels in m, and the pad over them."""
-    frames: Annotated[int, Meta(ge=1)] = 20
-    """Frames until it ends."""
-    rate: Annotated[float, Meta(gt=0)] = 50.0
-    """Frames per second, Hz."""
-    radius: Annotated[float, Meta(gt=0)] = 0.02
-    """Of the ball, m."""
+    frames: Annotated[int, Meta(ge=1)] = 20  # Frames until it ends
+    rate: Annotated[float, Meta(gt=0)] = 50.0  # Frames per second, Hz
+    radius: Annotated[float, Meta(gt=0)] = 0.02  # Of the ball, m
 
 
 def read_frame(params: Params, number: int) -> tuple[Floats, Floats] | None:

@@ -26,10 +26,8 @@ class Template:
 
     phase: ClassVar = Phase.SIGNAL
 
-    size: Annotated[float, Range(0.0, 1e-3, "m")] = 5e-6
-    """Amplitude, as compression."""
-    frequency: Annotated[float, Range(0.0, 1e3, "Hz")] = 50.0
-    """Frequency."""
+    size: Annotated[float, Range(0.0, 1e-3, "m")] = 5e-6  # Amplitude, as compression
+    frequency: Annotated[float, Range(0.0, 1e3, "Hz")] = 50.0  # Frequency
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -24,26 +24,19 @@ from palpate.nodes import Node, Outputs
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    least: Annotated[float, Meta(ge=0)] = 10.0
-    """Curvatures below are not told of, 1/m."""
+    least: Annotated[float, Meta(ge=0)] = 10.0  # Curvatures below are not told of, 1/m
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Template:
     """A place that bends more than all before. On ``/template``."""
 
-    goal: Count
-    """Number of the contour or probe that the touch belongs to."""
-    touch: Count
-    """Number of the touch within the goal."""
-    place: Vector
-    """Where the middle of the pad was, world frame."""
-    curvature: PerMetre
-    """Largest principal curvature; convex is positive."""
-    error: PerMetre
-    """Its standard error."""
-    robot_time: Seconds
-    """Robot time at the end of the touch."""
+    goal: Count  # Number of the contour or probe that the touch belongs to
+    touch: Count  # Number of the touch within the goal
+    place: Vector  # Where the middle of the pad was, world frame
+    curvature: PerMetre  # Largest principal curvature; convex is positive
+    error: PerMetre  # Its standard error
+    robot_time: Seconds  # Robot time at the end of the touch
 
 
 def start(params: Params) -> tuple[float, Outputs]:

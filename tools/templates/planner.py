@@ -41,8 +41,8 @@ from palpate.planning import (
 class Template:
     """Goes where nothing was touched, and then to where the side bows between two slices."""
 
+    # Bow between two slices over the tolerance: above 1, for the slopes tell most of it.
     most_bow: Annotated[float, Range(0.1, 100.0, "1")] = 4.0
-    """Bow between two slices over the tolerance: above 1, for the slopes tell most of it."""
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -23,8 +23,7 @@ from palpate.planning import (
 )
 from palpate.tools.templates.planner import Template
 
-TOLERANCE = 0.0025
-"""Root mean square error that is asked for, over the object's height."""
+TOLERANCE = 0.0025  # Root mean square error that is asked for, over the object's height
 
 
 def test_everything_a_pad_can_touch_is_touched() -> None:

@@ -26,7 +26,7 @@ def test_all_follows_from_the_seed():
 
 def test_runs_that_follow_each_other_go_through_every_node_in_every_phase():
     faults = [fault for seed in range(20) for fault in draw_faults(seed, KNOWN, ("kill",), 4)]
-    hit = {(fault.whom[0], fault.moment.phase) for fault in faults}
+    hit = {(fault.whom[0], fault.phase) for fault in faults}
     assert hit == {(node, phase) for node in KNOWN.nodes for phase in PHASES}
 
 
@@ -35,7 +35,7 @@ def test_no_node_meets_a_storm_and_every_moment_comes(seed):
     faults = draw_faults(seed, KNOWN, LASTING, 8)
     hit = [name for fault in faults for name in fault.whom]
     assert max(hit.count(name) for name in KNOWN.nodes) <= MAX_PER_NODE
-    assert all(one.moment.seq < KNOWN.counts.get(one.moment.topic, 1) for one in faults)
+    assert all(one.seq < KNOWN.counts.get(one.topic, 1) for one in faults)
 
 
 def test_each_kind_is_drawn_and_what_ends_a_run_is_alone():

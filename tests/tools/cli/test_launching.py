@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 
-from palpate.tools.chaos.fault_injection import Fault, FaultTime, InjectionLog, NodeRecovery
+from palpate.tools.chaos.fault_injection import Fault, InjectionLog, NodeRecovery
 from palpate.tools.chaos.trials import Tally
 from palpate.tools.cli.command_line import run
 
@@ -14,7 +14,7 @@ def test_a_kind_that_there_is_not_is_refused(capsys):
 
 
 def test_the_line_says_what_came_of_all_runs(monkeypatch, capsys):
-    fault = Fault("kill", ("tracer",), FaultTime("tracing", "/finger/goal", 3, 0.1))
+    fault = Fault("kill", ("tracer",), "tracing", "/finger/goal", 3, 0.1)
     tally = Tally(5, runs=1, survived=1, failed=[(6, "gap: /a 1 of b is not there")], lost=1)
     back = [NodeRecovery("kill", "tracer", "tracing", seconds) for seconds in (0.75, 0.25, 0.5)]
     back.append(NodeRecovery("stop", "tracer", "tracing", 1.0))
