@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -156,13 +155,35 @@ def _part_figures(made: MoveDurations, which: Bools) -> Costs:
 def read_moves(run: Path) -> RunMoves:
     """The moves of a run; raises InputError if it cannot be read, or does not tell them."""
     path = find_bag(run)
-    moves = _MoveCollector()
+    phases: dict[int | None, Phase] = {None: "grasp"}  # By goal; none where the hand closed
+    # By finger its simulator, and of its moves the figures, goals and ends.
+    found: dict[int, tuple[str, list[Floats], list[int | None], list[float]]] = {}
+    seen = set[tuple[int, int, int]]()
     try:
         recording = open_recording(path)
         robots = _robots(recording)
         for kept in recording.messages():
-            if kept.type in KINDS:
-                moves.take(kept.publisher, decode(KINDS[kept.type], kept.body))
+            match decode(KINDS[kept.type], kept.body) if kept.type in KINDS else None:
+                case ContourGoal(id=goal):
+                    phases[goal] = "contours"
+                    continue
+                case ProbeGoal(id=goal):
+                    phases[goal] = "probes"
+                    continue
+                case GraspContacts() as moved:
+                    number, named = HAND_FINGER, None
+                case TactileFrame() as moved:
+                    number, named = moved.finger, moved.goal
+                    key = (moved.finger, moved.goal, moved.touch)
+                    if key in seen:  # a link may deliver a frame twice
+                        continue
+                    seen.add(key)
+                case _:
+                    continue
+            _, rows, goals, ends = found.setdefault(number, (kept.publisher, [], [], []))
+            rows.append(moved.move)
+            goals.append(named)
+            ends.append(moved.robot_time)
     except CodecError as error:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:
@@ -170,12 +191,12 @@ def read_moves(run: Path) -> RunMoves:
     fingers = tuple(
         FingerMoves(
             number,
-            robots.get(finger.publisher),
-            MoveGeometry.of_rows(np.array(finger.rows)),
-            tuple(moves.phases.get(goal, "other") for goal in finger.goals),
-            np.array(finger.ends),
+            robots.get(publisher),
+            MoveGeometry.of_rows(np.array(rows)),
+            tuple(phases.get(goal, "other") for goal in goals),
+            np.array(ends),
         )
-        for number, finger in sorted(moves.fingers.items())
+        for number, (publisher, rows, goals, ends) in sorted(found.items())
     )
     # The frame of a sensor that no arm moved has a move of nothing.
     if not any((one.moves.approach > 0.0).any() for one in fingers):
@@ -210,48 +231,6 @@ class RunMoves(NamedTuple):
     path: Path  # The recording
     fingers: tuple[FingerMoves, ...]  # By their numbers; at least one
     closed: bool  # Whether the recording is complete
-
-
-@dataclass(slots=True)
-class _Finger:
-    """One finger's moves as they come."""
-
-    publisher: str
-    rows: list[Floats] = field(default_factory=list)
-    goals: list[int | None] = field(default_factory=list)  # None where the hand closed
-    ends: list[float] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class _MoveCollector:
-    """A recording as it comes."""
-
-    fingers: dict[int, _Finger] = field(default_factory=dict)
-    phases: dict[int | None, Phase] = field(default_factory=lambda: {None: "grasp"})  # By goal
-    seen: set[tuple[int, int, int]] = field(default_factory=set)
-
-    def take(self, publisher: str, message: object) -> None:
-        """Keep one message."""
-        match message:
-            case ContourGoal():
-                self.phases[message.id] = "contours"
-            case ProbeGoal():
-                self.phases[message.id] = "probes"
-            case GraspContacts():
-                self._moved(publisher, HAND_FINGER, None, message)
-            case TactileFrame():
-                key = (message.finger, message.goal, message.touch)
-                if key not in self.seen:  # a link may deliver a frame twice
-                    self._moved(publisher, message.finger, message.goal, message)
-                self.seen.add(key)
-
-    def _moved(
-        self, publisher: str, number: int, goal: int | None, moved: TactileFrame | GraspContacts
-    ) -> None:
-        finger = self.fingers.setdefault(number, _Finger(publisher))
-        finger.rows.append(moved.move)
-        finger.goals.append(goal)
-        finger.ends.append(moved.robot_time)
 
 
 def robot_time_text(costs: Costs) -> str:

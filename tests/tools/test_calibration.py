@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,7 +8,6 @@ from palpate.launch.scene import load_scene, read_calibration, write_calibration
 from palpate.tools import calibration
 from palpate.tools.calibration import calibrate, calibration_text, calibration_warnings
 
-Write = Callable[[str, str], Path]
 WORN = """
 object:
   superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}

@@ -1,9 +1,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,6 @@ from palpate.messages.types.touch import TactileFrame
 from palpate.tools.cli import command_line as cli
 from palpate.tools.cost import PARTS, read_moves, robot_time, robot_time_text
 
-Record = Callable[..., Path]
 LIFTED = -1.0
 UP = np.array([0.0, 0.0, 1.0])
 PROBE, CONTOUR = 0, 1

@@ -5,7 +5,6 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -168,9 +167,6 @@ def test_the_verb_says_what_was_written_and_what_to_do_next(kind, here, capsys):
         assert command in said
     assert f"palpate topic echo {'/verbal' if kind == 'node' else '/touch/patch'}\n" in said
     assert cli.run(["init", kind, "verbal"]) == 2
-
-
-Write = Callable[[str, str], Path]
 
 
 def test_a_new_effect_can_be_listed_at_once(write, tmp_path, monkeypatch):

@@ -18,7 +18,6 @@ from palpate.launch.files.source_map import InputError
 from palpate.tools.cli import command_line as cli
 from palpate.tools.scoring import read_mesh_or_points
 
-Output = pytest.CaptureFixture[str]
 TURN = 2 * np.pi * np.arange(30) / 30
 HEIGHTS = np.linspace(-45.0, 45.0, 10)
 

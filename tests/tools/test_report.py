@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type
 from palpate.launch.scene import load_scene
 from palpate.tools.report import effects_text, simulation_text
 
-Write = Callable[[str, str], Path]
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
 
 

@@ -13,7 +13,6 @@ from palpate.tools import scoring as score_files
 from palpate.tools.cli import command_line as cli
 from palpate.tools.scoring import read_mesh_or_points, score, score_text
 
-Output = pytest.CaptureFixture[str]
 DIRECTIONS, FACES = icosphere(3)
 SIZE = np.array([0.05, 0.04, 0.03])
 

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +12,6 @@ from palpate.messages.types.model import PlanDone
 from palpate.messages.types.touch import SurfacePatch, TactileFrame
 from palpate.messages.types.world import SensorInfo, Truth
 
-Message = tuple[str, object]  # Topic and message
-Record = Callable[..., Path]
 POSE = np.array([0.01, 0.02, 0.03, 0.0, 0.0, 0.0, 1.0])
 MILLISECOND = 1_000_000
 

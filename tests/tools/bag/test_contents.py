@@ -8,10 +8,8 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable
 from io import BytesIO
 from itertools import accumulate
-from pathlib import Path
 
 import pytest
 from mcap.data_stream import ReadDataStream
@@ -36,7 +34,6 @@ from palpate.messages.types.world import World
 from palpate.tools.bag.contents import bag_info, info_text, recover_recording, recovered_text
 from palpate.tools.cli import command_line as cli
 
-Record = Callable[..., Path]
 WORLD = World(platform=0.0, reach=0.3, fingers=1, seed=3)
 LOG = LogRecord(node="filter", level="info", text="x" * 100, robot_time=0.0)
 MESSAGES = [("/world", WORLD), *[("/log", LOG)] * 30]

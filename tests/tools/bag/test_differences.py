@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +12,6 @@ from palpate.tools.bag.contents import compare_recordings, diff_text
 from palpate.tools.cli import command_line as cli
 
 Said = tuple[str, int, object]  # Topic, sequence, and the message or its body
-Record = Callable[..., Path]
 TYPES = {"/world": "World", "/in": "LogRecord", "/out": "LogRecord"}
 WORLD = World(platform=0.0, reach=1.0, fingers=1, seed=3)
 

@@ -5,10 +5,7 @@ import errno
 import json
 import os
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +21,6 @@ from palpate.tools.bag.decoding import file_stems, open_decoded
 from palpate.tools.bag.export import export_bag, write_csv, write_npz
 from palpate.tools.cli import command_line as cli
 
-Record = Callable[..., Path]
 WORLD = World(platform=0.0, reach=0.3, fingers=1, seed=3)
 EVERY = pytest.mark.parametrize("kind", ["csv", "npz", "foxglove"])
 
@@ -140,9 +136,6 @@ def test_what_came_meanwhile_is_not_overwritten(tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["a"]
 
 
-Rows = list[dict[str, str]]
-
-
 @pytest.fixture
 def folder(explored, tmp_path):
     write_csv(open_decoded(explored), tmp_path / "tables")
@@ -245,9 +238,6 @@ def test_names_of_files_are_harmless_and_differ():
     topics = ["/touch/raw", "/touch_raw", "/../../etc/passwd", "/", "/" + "x" * 300]
     found = file_stems(topics)
     assert list(found.values()) == ["touch_raw", "touch_raw_2", "______etc_passwd", "_", "x" * 100]
-
-
-Arrays = dict[str, Any]
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,6 @@ from palpate.launch.files.source_map import InputError
 from palpate.launch.node_kinds import describe_kind, list_kinds
 from palpate.launch.scene import SHIPPED_SCENES
 from palpate.tools.cli import command_line as cli
-
-Write = Callable[[str, str], Path]
-Output = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import msgspec
 import pytest
 
@@ -9,8 +7,6 @@ from palpate.launch.processes.registry import RunCard
 from palpate.messages.codec import Header
 from palpate.nodes.runtime.node import Input, RecordedNode
 from palpate.tools.introspection.topics import TapMessage
-
-Copy = Callable[..., TapMessage]
 
 
 @pytest.fixture

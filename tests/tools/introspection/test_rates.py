@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -16,9 +15,7 @@ from palpate.tools.introspection.rates import (
     delay_text,
     rate_text,
 )
-from palpate.tools.introspection.topics import TapMessage, Topic
-
-Copy = Callable[..., TapMessage]
+from palpate.tools.introspection.topics import Topic
 
 
 def rates_of(copies, window=10_000):

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 
 import msgspec
@@ -12,9 +10,6 @@ from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.catalogue import LogRecord
 from palpate.nodes.runtime.node import Input, Node, Wiring, describe_wirings
-
-MakeChain = Callable[..., list[Wiring]]
-RecordChain = Callable[[list[tuple[str, float]]], Path]
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

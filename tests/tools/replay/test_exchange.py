@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from palpate.messages.types.catalogue import LogRecord
 from palpate.tools.replay.exchange import in_order_of_sending
 from palpate.tools.replay.rerun import replay
 
-RecordChain = Callable[[list[tuple[str, float]]], Path]
 SAID = [("/a", 1.0), ("/b", 2.0), ("/c", 4.0), ("/a", 2.0), ("/b", 4.0), ("/c", 8.0), ("/a", 3.0)]
 
 

@@ -1,9 +1,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -38,7 +37,6 @@ from palpate.tools.replay.exchange import ReplayNode
 from palpate.tools.replay.rerun import change_table, replay, with_settings
 
 Message = tuple[str, int, object]  # Topic, sequence and message, as the recorder heard it
-Record = Callable[..., Path]
 Lines = list[str]
 
 
@@ -358,7 +356,7 @@ def test_curvature_hears_what_the_filter_says_with_its_new_parameter(explored):
 
 
 def test_a_parameter_of_a_node_that_is_not_run_again_is_refused(explored):
-    lines: Lines = []
+    lines = []
     with pytest.raises(InputError, match="'filter' is not among the nodes to run again: curvature"):
         replay(explored, ["curvature"], lines.append, settings=read_settings(["filter.order=none"]))
     assert lines == []
