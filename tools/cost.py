@@ -163,7 +163,8 @@ def read_moves(run: Path) -> RunMoves:
         recording = open_recording(path)
         robots = _robots(recording)
         for kept in recording.messages():
-            match decode(KINDS[kept.type], kept.body) if kept.type in KINDS else None:
+            message: object = decode(KINDS[kept.type], kept.body) if kept.type in KINDS else None
+            match message:
                 case ContourGoal(id=goal):
                     phases[goal] = "contours"
                     continue

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from palpate.tools.chaos.trials import quantile

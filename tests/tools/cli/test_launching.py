@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 
 from palpate.tools.chaos.fault_injection import Fault, InjectionLog, NodeRecovery
