@@ -23,7 +23,7 @@ from palpate.launch.processes import ForkServer, Interrupts, RemoteHost, private
 from palpate.messages.bus import TO_HOSTS, Addresses, ControlMessage, ControlServer, SocketContext
 from palpate.nodes.runtime import Wiring
 
-PORT = 7447  # Where a machine that lends itself listens, unless the user says otherwise
+PORT = 7447  # Where a machine that lends itself listens, unless the user wants another
 _HOST = re.compile(r"(\d{1,3}(?:\.\d{1,3}){3}|[a-z0-9][a-z0-9.-]*)(?::(\d{1,5}))?", re.IGNORECASE)
 LAUNCHER_LOST = 6.0  # A launcher that has been silent for so long is gone, s
 TURN_MS = 100
@@ -169,7 +169,7 @@ class HostedRun:
         }
 
     def spawn(self, word: ControlMessage) -> ControlMessage | None:
-        """Start a node; its files are this machine's. An answer says that it cannot be."""
+        """Start a node; its files are this machine's. An answer tells that it cannot be."""
         name = str(word["node"])
         place = msgspec.msgpack.decode(word["place"], type=Addresses)
         number = self._names.index(name)

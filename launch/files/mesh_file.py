@@ -60,7 +60,7 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a scene names a mesh file."""
 
     file: str  # Path, relative to the scene's folder
-    unit: Literal["m", "cm", "mm"]  # Unit of the file's coordinates; the file itself does not say
+    unit: Literal["m", "cm", "mm"]  # Unit of the file's coordinates; the file itself does not tell
 
 
 def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
@@ -191,7 +191,7 @@ def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
     """Write the solid into a folder; without a surface, only what there is to say about it.
 
     There will be ``mesh.ply`` (m), ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz``
-    (everything that the model says, and the solid itself for `palpate.load`); the names are
+    (everything that the model holds, and the solid itself for `palpate.load`); the names are
     returned.
     """
     archived = arrays_from_bytes(model.archive) if len(model.archive) else {}

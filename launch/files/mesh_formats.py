@@ -159,7 +159,7 @@ def _off_polygons(lines: list[bytes]) -> Ragged:
 
 
 class RawMesh(NamedTuple):
-    """What a file says, unchecked but for its form."""
+    """What a file holds, unchecked but for its form."""
 
     vertices: Floats  # (n, 3), in the file's unit
     faces: Indices  # (m, 3); none if the file holds points alone

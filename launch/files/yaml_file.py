@@ -181,26 +181,22 @@ def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target
     ``planner.tolerance``. Raises InputError if a key is unknown or missing, a value has the wrong
     type or lies out of range, or a number is not finite.
     """
-    refuse_unknown(given, wanted, name)
-    refuse_infinite(given, name)
+    _refuse_unknown(given, given.value, inspect.type_info(wanted), (), name)
+    _refuse_infinite(given, given.value, (), name)
     try:
         return msgspec.convert(given.value, wanted)
     except msgspec.ValidationError as error:
         raise _complaint(given, wanted, name, str(error)) from None
 
 
-def refuse_unknown(given: SourceMapped, wanted: type, name: str = "") -> None:
-    """Refuse keys that no Struct within `wanted` has, with the nearest one that it has."""
-    _walk_keys(given, given.value, inspect.type_info(wanted), (), name)
-
-
-def _walk_keys(
+def _refuse_unknown(
     given: SourceMapped, value: Any, kind: inspect.Type, path: KeyPath, name: str
 ) -> None:
+    """Refuse keys that no Struct within `kind` has, with the nearest one that it has."""
     if isinstance(kind, inspect.UnionType):
         for choice in kind.types:
             if isinstance(choice, _KEYED) == isinstance(value, Mapping):
-                _walk_keys(given, value, choice, path, name)
+                _refuse_unknown(given, value, choice, path, name)
     elif isinstance(kind, _KEYED) and isinstance(value, Mapping):
         fields = {field.encode_name: field.type for field in kind.fields}
         if isinstance(kind, inspect.StructType) and kind.tag_field is not None:
@@ -211,26 +207,21 @@ def _walk_keys(
                 owner = f" in {where}" if where else ""
                 text = f"unknown key {key!r}{owner}; {hint(str(key), fields)}"
                 raise given.error((*path, key), text)
-            _walk_keys(given, item, fields[key], (*path, key), name)
+            _refuse_unknown(given, item, fields[key], (*path, key), name)
     elif isinstance(value, (list, tuple)):
         kinds = getattr(kind, "item_types", None) or [getattr(kind, "item_type", None)] * len(value)
         for i, (item, item_kind) in enumerate(zip(value, kinds, strict=False)):
             if item_kind is not None:
-                _walk_keys(given, item, item_kind, (*path, i), name)
+                _refuse_unknown(given, item, item_kind, (*path, i), name)
 
 
-def refuse_infinite(given: SourceMapped, name: str = "") -> None:
-    """Refuse numbers that are infinite or not a number."""
-    _walk_numbers(given, given.value, (), name)
-
-
-def _walk_numbers(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:
+def _refuse_infinite(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:
     if isinstance(value, Mapping):
         for key, item in value.items():
-            _walk_numbers(given, item, (*path, key), name)
+            _refuse_infinite(given, item, (*path, key), name)
     elif isinstance(value, (list, tuple)):
         for i, item in enumerate(value):
-            _walk_numbers(given, item, (*path, i), name)
+            _refuse_infinite(given, item, (*path, i), name)
     elif isinstance(value, float) and not math.isfinite(value):
         where = path_text((name, *path) if name else path)
         raise given.error(path, f"{where} is {value}; a number must be finite")

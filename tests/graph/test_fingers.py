@@ -70,7 +70,7 @@ def contours_of(bodies):
     return [contour for topic in topics for contour in of_topic(bodies, topic)]
 
 
-def test_every_finger_has_topics_of_its_own_and_the_rest_is_said_once(composed):
+def test_every_finger_has_topics_of_its_own_and_the_rest_is_told_once(composed):
     _, bodies = composed
     for finger in range(1, FINGERS + 1):
         for topic in EACH:
@@ -95,14 +95,11 @@ def test_what_a_finger_does_takes_no_time_of_the_others(composed, alone):
     assert ends[FINGERS] < 0.6 * ends[1]
 
 
-def test_every_finger_has_errors_of_its_own(composed):
+def test_every_finger_has_errors_and_a_clock_of_its_own(composed):
     first = [of_topic(composed[1], f"/finger_{n}/touch/raw")[0] for n in (1, 2, 3)]
     # They begin at heights that mirror each other on a ball, but not with the same noise.
     assert len({frame.array.tobytes() for frame in first}) == FINGERS
     assert [frame.finger for frame in first] == [1, 2, 3]
-
-
-def test_a_clock_follows_every_touch_and_only_grows(composed):
     for finger in range(1, FINGERS + 1):
         clocks = of_topic(composed[1], f"/finger_{finger}/finger/clock")
         patches = of_topic(composed[1], f"/finger_{finger}/touch/patch")
@@ -146,12 +143,6 @@ def test_no_order_of_the_edges_changes_a_byte(schedules, composed, tmp_path, wat
         for topic, message in watcher.messages:
             bodies.setdefault(topic, []).append(encode(message))
         assert bodies == composed[1]
-
-
-def test_replaying_it_says_the_same_again(composed):
-    lines: list[str] = []
-    assert replay(composed[0], NODES, lines.append) == 0
-    assert [line.partition(", ")[0] for line in lines] == [f"{name}: identical" for name in NODES]
 
 
 @pytest.mark.graph

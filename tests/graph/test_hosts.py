@@ -74,18 +74,18 @@ def test_a_graph_on_two_machines_loses_nothing(away, watcher, tmp_path):
     assert [message.touch for _, message in watcher.messages] == list(range(FRAMES))
     assert (ending.gaps, ending.duplicates) == (0, 0)
     away[1].send_signal(signal.SIGINT)
-    said, _ = away[1].communicate(timeout=10)
-    assert ": relay" in said and "has ended" in said
+    told, _ = away[1].communicate(timeout=10)
+    assert ": relay" in told and "has ended" in told
     assert [path.name for path in tmp_path.iterdir()] == ["config"]
 
 
 def test_a_node_that_dies_on_the_other_machine_goes_on(away, watcher):
     slow = ring(away[0])
     slow[1] = replace(slow[1], params=ToyParams(relay=True, work=3e-3))
-    heard = watcher.received
+    received = watcher.received
 
     def kill_at(topic, message):
-        heard(topic, message)
+        received(topic, message)
         if message.touch == FRAMES // 3:
             os.kill(node_of(away[1]), signal.SIGKILL)
 
@@ -133,7 +133,7 @@ def test_without_a_key_nothing_is_started(away, watcher):
         launch(ring(away[0]), ends="counter", watch=[], watcher=watcher)
 
 
-def test_who_connects_without_a_key_hears_nothing(key):
+def test_who_connects_without_a_key_receives_nothing(key):
     wires = SocketContext(str(key))
     publisher, open_ear = wires.context.socket(zmq.XPUB), zmq.Context.instance().socket(zmq.SUB)
     [endpoint] = free_endpoints("127.0.0.1", ["port"]).values()

@@ -89,7 +89,7 @@ def test_the_trace_of_a_failure_goes_to_the_log(watcher, toys, tmp_path):
     assert "palpate_toy_broken.py" in watcher.lines[-1].text
 
 
-def test_a_node_whose_module_is_missing_ends_the_graph(watcher, tmp_path):
+def test_a_module_or_parameters_that_do_not_fit_end_the_graph(watcher, tmp_path, toys):
     lost = Wiring(
         name="lost", module="palpate_nothing", params={}, inputs=(), outputs={}, listeners={}
     )
@@ -98,9 +98,6 @@ def test_a_node_whose_module_is_missing_ends_the_graph(watcher, tmp_path):
     assert ending.reason.startswith(
         "lost failed while loading: ValueError: no module 'palpate_nothing'"
     )
-
-
-def test_parameters_that_do_not_fit_end_the_graph(watcher, toys, tmp_path):
     wrong = toy("wrong", ToyParams())
     wrong = Wiring(
         name="wrong",
@@ -219,15 +216,12 @@ def test_a_graph_that_cannot_run_is_refused(wirings, ends, watch, words, watcher
     assert watcher.ticks == 0
 
 
-def test_a_folder_with_too_long_a_path_is_refused(watcher, tmp_path):
+def test_folders_that_are_missing_or_too_deep_are_refused(watcher, tmp_path):
     deep = tmp_path / ("x" * 100)
     deep.mkdir()
     with pytest.raises(ValueError, match="choose a folder with a shorter path"):
         launch([SOURCE], ends="source", watch=[], watcher=watcher, work_dir=deep)
     assert list(deep.iterdir()) == []
-
-
-def test_a_folder_that_is_not_there_is_refused(watcher, tmp_path):
     with pytest.raises(ValueError, match="no folder for sockets can be made in"):
         launch([SOURCE], ends="source", watch=[], watcher=watcher, work_dir=tmp_path / "nowhere")
 

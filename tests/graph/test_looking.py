@@ -108,7 +108,7 @@ def runtime(request, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(request.getfixturevalue(folder)))
 
 
-def test_echo_hears_a_running_graph(home, capsys):
+def test_echo_receives_a_running_graph(home, capsys):
     assert cli.run(["topic", "echo", "/relay", "-n", "3"]) == 0
     documents = [
         one for one in YAML(typ="safe", pure=True).load_all(capsys.readouterr().out) if one
@@ -230,7 +230,7 @@ def only_restarts(card):
     return {name: about["restarts"] for name, about in request(card, "status")["nodes"].items()}
 
 
-def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path, capsys):
+def test_without_a_graph_every_tool_tells_so_in_one_sentence(tmp_path, capsys):
     for words in ("node list", "node info a", "topic list", "topic info a", "topic echo a",
                   "topic hz a", "topic bw a", "topic delay a", "param dump"):  # fmt: skip
         assert cli.run(words.split()) == 2

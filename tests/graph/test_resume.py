@@ -86,12 +86,9 @@ def test_only_what_was_sent_before_the_contour_is_known(alone, tmp_path):
     assert not (tmp_path / "again").exists()
 
 
-def test_more_contours_than_there_are_are_refused(alone, tmp_path):
+def test_what_cannot_be_gone_on_from_is_refused(alone, tmp_path):
     with pytest.raises(ValueError, match="has 5 contours, so none to go on from after 9"):
         plan_resume(alone, 9, nodes=("planner",), out=tmp_path / "again")
-
-
-def test_a_module_that_is_not_ours_must_be_named(alone, tmp_path):
     with pytest.raises(ValueError, match=r"wants module 'toys.palpate_toy_heights' for"):
         plan_resume(alone, None, out=tmp_path / "again")
 

@@ -116,7 +116,7 @@ def kill_some(launcher, seed):
     return killed
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is whose child")
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who is whose child")
 def test_a_run_whose_nodes_are_killed_comes_to_the_same_solid(run, tmp_path):
     out, calm = run
     words = [

@@ -80,16 +80,13 @@ class Aside(threading.Thread):
             self.failure = error
 
 
-def test_a_recording_is_played_to_its_last_message(watcher, tmp_path):
+def test_a_recording_is_played_to_its_last_message_at_its_times(watcher, tmp_path):
     counter = toy("counter", ToyParams(expects=300), upstream="player")
     wirings = [playing(bag(tmp_path / "a.mcap", 300)), counter]
     ending = launch(wirings, ends="player", watch=["/player"], watcher=watcher)
     assert (ending.status, ending.reason) == ("finished", "played 300 messages")
     assert [message.touch for _, message in watcher.messages] == list(range(300))
     assert ending.statuses["counter"].messages == 300
-
-
-def test_messages_come_at_their_times(watcher, tmp_path):
     wirings = [playing(bag(tmp_path / "a.mcap", 21, every=0.02))]
     times: list[float] = []
     watcher.received = lambda *_: times.append(time.monotonic())
@@ -135,7 +132,7 @@ BODY = (
 )
 
 
-def test_what_a_user_types_is_heard_though_the_console_dies_in_between(watcher, tmp_path):
+def test_what_a_user_types_is_received_though_the_console_dies_in_between(watcher, tmp_path):
     def act():
         for number in range(4):
             publish("/console", BODY % number, rate=1, times=1, run=None, echo=echoed.append)

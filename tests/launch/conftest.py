@@ -24,7 +24,7 @@ def make_node(monkeypatch):
         node = Node(
             params=params,
             start=lambda _: (None, []),
-            inputs={topic: (said, _quiet) for topic, said in (inputs or {}).items()},
+            inputs={topic: (told, _quiet) for topic, told in (inputs or {}).items()},
             outputs=outputs or {},
             fan_in=fan_in,
             shared=shared,

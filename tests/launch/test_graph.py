@@ -43,7 +43,7 @@ def changed(entry, **fields):
     return Entry(**{name: getattr(entry, name) for name in entry.__slots__} | fields)
 
 
-def test_a_wiring_says_who_hears_what_from_whom(pair):
+def test_a_wiring_and_its_table_name_topic_type_and_both_ends(pair):
     a, b = graph_of(*pair).wirings()
     assert a.outputs == {"/x": "/x"}
     assert a.listeners == {"/x": ("b",)}
@@ -51,9 +51,18 @@ def test_a_wiring_says_who_hears_what_from_whom(pair):
     assert [(i.publisher, i.topic, i.local, i.type) for i in b.inputs] == [
         ("a", "/x", "/x", "LogRecord")
     ]
+    table = graph_of(*pair).table().splitlines()
+    assert table[0].split() == ["topic", "type", "from", "to"]
+    assert table[1].split() == ["/x", "LogRecord", "a", "b"]
+    assert table[-1] == "ends with the Finished of b"
+    a = changed(pair[0], remap={"/x": "/z"}, namespace="one")
+    b = changed(pair[1], remap={"/x": "/z"})
+    first, second = graph_of(a, b).wirings()
+    assert first.outputs == {"/x": "/z"}
+    assert [(i.topic, i.local) for i in second.inputs] == [("/z", "/x")]
 
 
-def test_a_namespace_is_put_before_the_topics_and_looked_into_first(make_node):
+def test_a_namespace_is_looked_into_first_and_an_input_that_is_many_takes_all(make_node):
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord, "/y": LogRecord})
     make_node("t.c", outputs={"/y": LogRecord})
@@ -63,11 +72,8 @@ def test_a_namespace_is_put_before_the_topics_and_looked_into_first(make_node):
         Entry(name="b", kind="t.b", namespace="two"),
         Entry(name="c", kind="t.c"),
     ).wirings()
-    heard = {i.local: (i.publisher, i.topic) for i in wirings[2].inputs}
-    assert heard == {"/x": ("a2", "/two/x"), "/y": ("c", "/y")}
-
-
-def test_an_input_that_is_many_hears_every_namespace(make_node):
+    received = {i.local: (i.publisher, i.topic) for i in wirings[2].inputs}
+    assert received == {"/x": ("a2", "/two/x"), "/y": ("c", "/y")}
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord}, fan_in=("/x",))
     b = graph_of(
@@ -81,7 +87,7 @@ def test_an_input_that_is_many_hears_every_namespace(make_node):
     ]
 
 
-def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(make_node):
+def test_what_a_node_shares_is_received_and_told_by_the_first_finger_alone(make_node):
     make_node(
         "t.a",
         inputs={"/x": LogRecord, "/ask": LogRecord},
@@ -101,8 +107,8 @@ def test_what_a_node_shares_is_heard_and_said_by_the_first_finger_alone(make_nod
     ).wirings()
     assert a1.outputs == {"/y": "/finger_1/y", "/told": "/told"}
     assert a2.outputs == {"/y": "/finger_2/y"}
-    heard = [{i.local: (i.publisher, i.topic) for i in one.inputs} for one in (a1, a2, b1, b2)]
-    assert heard == [
+    received = [{i.local: (i.publisher, i.topic) for i in one.inputs} for one in (a1, a2, b1, b2)]
+    assert received == [
         {"/x": ("b_1", "/finger_1/x"), "/ask": ("c", "/ask")},
         {"/x": ("b_2", "/finger_2/x")},
         {"/told": ("a_1", "/told")},
@@ -116,31 +122,19 @@ def test_in_any_other_namespace_a_node_keeps_what_it_shares(make_node):
     make_node("t.a", outputs={"/told": LogRecord}, shared=("/told",))
     spaces = ("", "lab", "finger_0", "finger_10")
     entries = [Entry(name=f"a{n}", kind="t.a", namespace=one) for n, one in enumerate(spaces)]
-    said = [one.outputs["/told"] for one in graph_of(*entries, ends="a0").wirings()]
-    assert said == ["/told", "/lab/told", "/finger_0/told", "/finger_10/told"]
+    told = [one.outputs["/told"] for one in graph_of(*entries, ends="a0").wirings()]
+    assert told == ["/told", "/lab/told", "/finger_0/told", "/finger_10/told"]
 
 
-def test_remapping_renames_a_topic_on_the_wire(pair):
-    a = changed(pair[0], remap={"/x": "/z"}, namespace="one")
-    b = changed(pair[1], remap={"/x": "/z"})
-    first, second = graph_of(a, b).wirings()
-    assert first.outputs == {"/x": "/z"}
-    assert [(i.topic, i.local) for i in second.inputs] == [("/z", "/x")]
-
-
-def test_a_sink_hears_every_topic(pair, make_node):
+def test_a_sink_takes_every_topic_and_cannot_end_a_graph(pair, make_node):
     sink = Sink(params=Dials, open=lambda params, types: None)  # type: ignore[arg-type,return-value]
     make_node("t.s", value=sink)
     wirings = graph_of(*pair, Entry(name="s", kind="t.s")).wirings()
     assert [i.topic for i in wirings[2].inputs] == ["/x"]
     assert wirings[0].listeners == {"/x": ("b", "s")}
-
-
-def test_the_table_names_topic_type_and_both_ends(pair):
-    table = graph_of(*pair).table().splitlines()
-    assert table[0].split() == ["topic", "type", "from", "to"]
-    assert table[1].split() == ["/x", "LogRecord", "a", "b"]
-    assert table[-1] == "ends with the Finished of b"
+    make_node("t.s", value=Sink(params=Dials, open=lambda params, types: None))  # type: ignore[arg-type,return-value]
+    with pytest.raises(InputError, match="ends names 's'"):
+        graph_of(*pair, Entry(name="s", kind="t.s"), ends="s").check()
 
 
 @pytest.mark.parametrize(("which", "change", "words"), [
@@ -166,18 +160,12 @@ def test_a_graph_that_could_not_run_is_refused(pair, which, change, words):
         graph_of(*entries).check()
 
 
-def test_a_parameter_set_elsewhere_is_refused_with_that_place(pair):
+def test_topics_types_and_parameters_that_do_not_fit_are_refused(pair, make_node):
     a = changed(pair[0], params={"turns": 0}, places={("turns",): "--set a.turns=0"})
     with pytest.raises(InputError, match=r"^--set a.turns=0: a.turns is 0"):
         graph_of(a, pair[1]).check()
-
-
-def test_two_publishers_of_one_topic_are_refused(pair):
     with pytest.raises(InputError, match="publishes /x, which 'a' publishes already"):
         graph_of(*pair, changed(pair[0], name="c")).check()
-
-
-def test_types_that_differ_are_refused(pair, make_node):
     make_node("t.c", inputs={"/x": NodeStatus})
     with pytest.raises(
         InputError, match="subscribes to /x as NodeStatus, but 'a' publishes it as L"
@@ -185,7 +173,7 @@ def test_types_that_differ_are_refused(pair, make_node):
         graph_of(*pair, Entry(name="c", kind="t.c")).check()
 
 
-def test_a_publisher_outside_the_namespace_hears_nothing_within(make_node):
+def test_a_publisher_outside_the_namespace_receives_nothing_within(make_node):
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord})
     with pytest.raises(InputError, match="subscribes to /x, which nobody publishes"):
@@ -196,12 +184,6 @@ def test_a_publisher_outside_the_namespace_hears_nothing_within(make_node):
 def test_ends_must_name_a_node(pair, ends):
     with pytest.raises(InputError, match=f"^f.yaml:9: ends names '{ends}'"):
         graph_of(*pair, ends=ends).check()
-
-
-def test_a_sink_cannot_end_a_graph(pair, make_node):
-    make_node("t.s", value=Sink(params=Dials, open=lambda params, types: None))  # type: ignore[arg-type,return-value]
-    with pytest.raises(InputError, match="ends names 's'"):
-        graph_of(*pair, Entry(name="s", kind="t.s"), ends="s").check()
 
 
 @pytest.mark.parametrize("topic", ["/truth", "/harmless"])
@@ -239,7 +221,7 @@ def graph(make_node, path, *outputs):
     return Graph((*entries, keeps), ends="n0").wirings()
 
 
-def test_a_recording_has_the_schemas_of_types_of_ones_own(make_node, tmp_path):
+def test_a_recording_has_the_schemas_of_types_of_ones_own_and_needs_them(make_node, tmp_path):
     path = tmp_path / "topics.mcap"
     wirings = with_description(graph(make_node, path, Width, World), {})
     params = wirings[-1].params
@@ -251,9 +233,6 @@ def test_a_recording_has_the_schemas_of_types_of_ones_own(make_node, tmp_path):
     writer.close({})
     kept = {one.name: one.data for one in file_records(path) if type(one).__name__ == "Schema"}  # type: ignore[union-attr]
     assert json.loads(kept["Width"]) == schema(Width)
-
-
-def test_without_its_schema_a_type_of_ones_own_is_not_recorded(tmp_path):
     params = recorder.Params(path=str(tmp_path / "topics.mcap"))
     assert schemas_of(b"") == {}
     with pytest.raises(ValueError, match="no message type to record /n0 as Width"):
@@ -275,21 +254,15 @@ def test_one_type_may_be_on_two_topics(make_node, tmp_path):
     assert graph(make_node, tmp_path / "topics.mcap", Width, Width)
 
 
-def test_a_setting_is_laid_over_the_parameters_and_says_so_in_its_place():
+def test_a_setting_is_laid_over_maps_and_structs_and_tells_its_place():
     graph = Graph((Entry(name="a", params={"name": "y"}), Entry(name="b")), "a")
     a, b = override(graph, read_settings(["a.turns=5", "a.turns=6"])).entries
     assert a.params == {"name": "y", "turns": 6}
     assert a.settings.place(("turns",)) == "--set a.turns=6"
     assert b.params == {}
-
-
-def test_a_setting_is_laid_over_a_struct_too():
     graph = Graph((Entry(name="a", params=Named(name="y")),), "a")
     (a,) = override(graph, read_settings(["a.turns=[1, 2]"])).entries
     assert a.params == {"name": "y", "turns": [1, 2]}
-
-
-def test_a_setting_reaches_into_a_map_that_a_parameter_holds():
     graph = Graph((Entry(name="a", params={"numbers": {"count": 3, "most": 9}, "turns": 1}),), "a")
     (a,) = override(graph, read_settings(["a.numbers.count=5", "a.more.x=2"])).entries
     assert a.params == {"numbers": {"count": 5, "most": 9}, "turns": 1, "more": {"x": 2}}

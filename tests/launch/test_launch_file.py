@@ -29,7 +29,7 @@ def described(path, **args):
     return describe(path, {k: SourceMapped(v, k) for k, v in args.items()}, Path("runs/here"))
 
 
-def test_a_launch_file_becomes_a_graph(write):
+def test_a_launch_file_becomes_a_graph_and_arguments_override_defaults(write):
     graph = described(write("f.yaml", TWO)).graph
     a, b = graph.entries
     assert (a.name, a.module, a.namespace, a.remap) == ("a", "t.a", "one", {"/x": "/z"})
@@ -38,13 +38,12 @@ def test_a_launch_file_becomes_a_graph(write):
     assert b.module == "palpate.nodes.b"
     assert b.source.endswith("f.yaml:12")
     assert graph.ends == "a"
-
-
-def test_an_argument_overrides_its_default_and_keeps_its_type(write):
     found = described(write("f.yaml", TWO), turns=7, loud=False)
     assert [entry.name for entry in found.graph.entries] == ["a"]
     assert found.graph.entries[0].params["turns"] == 7
     assert found.args["label"] == "n7"
+    with pytest.raises(InputError, match="has no argument 'lout'; did you mean 'loud'"):
+        described(write("f.yaml", TWO), lout=1)
 
 
 def test_the_shipped_launch_file_takes_everything_from_the_scene():
@@ -59,7 +58,7 @@ def test_the_shipped_launch_file_takes_everything_from_the_scene():
     assert found.graph.ends == "evaluator"
 
 
-def test_what_the_scene_says_of_the_planner_is_placed_in_the_scene(write):
+def test_what_the_scene_tells_of_the_planner_is_placed_in_the_scene(write):
     scene = write(
         "s.yaml",
         "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
@@ -116,7 +115,7 @@ ends: b
 """
 
 
-def test_there_is_a_node_for_each_finger(write):
+def test_there_is_a_node_for_each_finger_and_one_alone_has_no_namespace(write):
     one, two, b = described(write("f.yaml", EACH)).graph.entries
     assert (one.name, one.module, one.namespace) == ("a_1", "palpate.nodes.a", "finger_1")
     assert (two.name, two.module, two.namespace) == ("a_2", "palpate.nodes.a", "finger_2")
@@ -128,15 +127,9 @@ def test_there_is_a_node_for_each_finger(write):
     assert one.source.endswith("f.yaml:5") and two.source.endswith("f.yaml:5")
     assert two.places["label",].endswith("f.yaml:7")
     assert (b.name, b.namespace) == ("b", "")
-
-
-def test_a_single_finger_has_no_namespace(write):
     a, _ = described(write("f.yaml", EACH), hands=1).graph.entries
     assert (a.name, a.namespace, a.finger) == ("a", "", 0)
     assert a.params == {"number": 1, "of": 1, "label": "finger 1"}
-
-
-def test_a_wrong_number_of_fingers_is_refused_with_where_it_was_given(write):
     with pytest.raises(InputError, match=r"^hands: fingers must be 1 to 8, got 12$"):
         described(write("f.yaml", EACH), hands=12)
 
@@ -163,11 +156,6 @@ def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_grap
     assert again == first
 
 
-def test_an_unknown_argument_is_refused_with_the_nearest(write):
-    with pytest.raises(InputError, match="has no argument 'lout'; did you mean 'loud'"):
-        described(write("f.yaml", TWO), lout=1)
-
-
 def test_a_launch_file_is_found_by_path_and_the_shipped_one_by_name(write):
     path = write("f.yaml", TWO)
     assert find_launch_file(path) == path
@@ -192,9 +180,11 @@ def describe(turns, out="", size=1):
 """
 
 
-def test_a_python_file_describes_its_graph_itself(write):
+def test_a_python_file_describes_its_graph_itself_if_it_is_there(write, tmp_path):
     graph = described(write("f.py", PYTHON), turns=4).graph
     assert graph.entries[0].params == {"turns": 4, "out": "runs/here"}
+    with pytest.raises(InputError, match="does not exist"):
+        described(tmp_path / "none.py")
 
 
 @pytest.mark.parametrize(("text", "args", "words"), [
@@ -208,11 +198,6 @@ def test_a_python_file_describes_its_graph_itself(write):
 def test_a_wrong_python_file_is_refused(write, text, args, words):
     with pytest.raises(InputError, match=re.escape(words)):
         described(write("f.py", text), **args)
-
-
-def test_a_python_file_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        described(tmp_path / "none.py")
 
 
 def test_what_a_python_launch_file_raises_is_told_with_its_line(tmp_path):
@@ -239,11 +224,13 @@ def rows(text):
     return [" ".join(line.split()) for line in text.splitlines()[2:]]
 
 
-def test_the_arguments_of_the_shipped_graph_are_shown_with_default_and_comment():
+def test_arguments_are_shown_with_default_and_comment_if_there_are_any(tmp_path):
     shown = rows(arguments_table(EXPLORE))
     assert "scene vase name of a shipped scene, or a path" in shown
     assert "seed $(scene.seed)" in shown
     assert "record true keep every message in topics.mcap" in shown
+    path = written(tmp_path, "graph.yaml", "nodes: {}\nends: x\n")
+    assert arguments_table(path) == f"{path} takes no arguments"
 
 
 @pytest.mark.parametrize(
@@ -260,11 +247,6 @@ def test_the_arguments_of_the_shipped_graph_are_shown_with_default_and_comment()
 def test_a_comment_is_what_stands_behind_the_argument(tmp_path, line, row):
     path = written(tmp_path, "graph.yaml", f"args:\n  {line}\nnodes: {{}}\nends: x\n")
     assert rows(arguments_table(path)) == [row]
-
-
-def test_a_file_without_arguments_says_so(tmp_path):
-    path = written(tmp_path, "graph.yaml", "nodes: {}\nends: x\n")
-    assert arguments_table(path) == f"{path} takes no arguments"
 
 
 def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp_path):

@@ -3,13 +3,10 @@ import pytest
 from palpate.launch.printing import counted, millimetres, size_text, text_table, titled
 
 
-def test_columns_are_aligned_and_cells_are_printed_as_they_are():
+def test_columns_are_aligned_and_no_cell_is_cut():
     assert text_table(
         [("topic", "n", "to"), ("/a", "12", ""), ("/[b]x", "3", ":smile:")], (1,)
     ) == ["topic   n  to", "/a     12", "/[b]x   3  :smile:"]
-
-
-def test_a_column_has_at_least_its_width_and_no_cell_is_cut():
     assert text_table([("a", "b"), ("x" * 200, "1")], least=(1, 3))[1] == "x" * 200 + "  1"
     assert text_table([("a", "b")], (1,), (3, 4)) == ["a       b"]
 

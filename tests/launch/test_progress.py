@@ -19,7 +19,7 @@ def record(text="the pad slipped", level="warning"):
     return LogRecord(node="tracer", level=level, text=text, robot_time=2.5)  # type: ignore[arg-type]
 
 
-def test_the_gatherer_adds_up_what_it_hears(contour, tetrahedron, score):
+def test_the_gatherer_adds_up_what_it_receives(contour, tetrahedron, score):
     gatherer = ProgressWatcher(3, SilentDisplay(), io.StringIO())
     gatherer.ready(0.5)
     for message in (contour, dataclasses.replace(contour, robot_time=9.0), tetrahedron, score):
@@ -65,12 +65,9 @@ def test_plain_lines_come_once_a_score_and_once_a_warning(score):
     ]
 
 
-def test_a_line_of_progress_fits_on_a_screen(score):
+def test_a_line_of_progress_fits_on_a_screen_and_the_live_one_is_taken_away(score, capfd):
     progress = Progress(contours=200, touches=99999, wall=99999.0, scores=[(1.0, score)])
     assert len(progress_text(progress)) <= 70
-
-
-def test_the_live_line_is_taken_away_at_the_end(score, capfd):
     live = LiveDisplay()
     live.show(Progress(scores=[(1.0, score)]))
     live.note(record())
@@ -79,15 +76,12 @@ def test_the_live_line_is_taken_away_at_the_end(score, capfd):
     assert "warning  tracer: the pad slipped" in capfd.readouterr().err
 
 
-def test_the_display_suits_the_terminal(monkeypatch):
+def test_the_display_suits_the_terminal_and_silence_is_silent(monkeypatch, score, capfd):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
     assert type(open_display(quiet=False)) is LineDisplay
     assert type(open_display(quiet=True)) is SilentDisplay
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     assert type(open_display(quiet=False)) is LiveDisplay
-
-
-def test_silence_is_silent(score, capfd):
     silence = SilentDisplay()
     silence.ready(1, 1.0)
     silence.show(Progress(scores=[(1.0, score)]))

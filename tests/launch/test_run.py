@@ -66,7 +66,7 @@ def start(path, **args):
     return perform(plan, composed=True, display=SilentDisplay())
 
 
-def test_a_run_leaves_its_results_in_its_directory(launch_file):
+def test_a_run_leaves_its_results_and_what_was_run_in_its_directory(launch_file):
     run = start(launch_file)
     assert run.exit_code == 0
     names = {path.name for path in run.folder.iterdir()}
@@ -83,10 +83,6 @@ def test_a_run_leaves_its_results_in_its_directory(launch_file):
     assert run.model is not None
     np.testing.assert_array_equal(run.model.vertices.shape, (4, 3))
     assert "mesh.stl" in run.text
-
-
-def test_the_resolved_launch_file_says_what_was_run(launch_file):
-    run = start(launch_file)
     text = (run.folder / "launch.yaml").read_text()
     assert "kind: t.maker" in text
     assert "ends: judge" in text
@@ -121,8 +117,10 @@ def planned(folder, text, fingers=1, **settings):
     plan_run(EXPLORE, args, laid, name="s", out=folder / "run")
 
 
-def test_a_demand_that_can_be_met_passes(tmp_path):
+def test_a_demand_that_can_be_met_passes_and_a_setting_is_named_as_such(tmp_path):
     planned(tmp_path, "explore: {tolerance: 0.1e-3}\n", fingers=2)
+    with pytest.raises(InputError, match="--set tolerance: tolerance is 1e-06 m"):
+        planned(tmp_path, "", tolerance=1e-6)
 
 
 @pytest.mark.parametrize(("text", "fingers", "words"), [
@@ -138,11 +136,6 @@ def test_a_demand_that_cannot_be_met_is_refused_in_its_place(tmp_path, text, fin
     with pytest.raises(InputError, match=re.escape(words)):
         planned(tmp_path, text, fingers)
     assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
-
-
-def test_a_setting_from_outside_is_named_as_such(tmp_path):
-    with pytest.raises(InputError, match="--set tolerance: tolerance is 1e-06 m"):
-        planned(tmp_path, "", tolerance=1e-6)
 
 
 def test_exploring_from_python_is_what_run_does(monkeypatch):

@@ -21,13 +21,10 @@ def home(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_choosing_leaves_no_trace():
+def test_choosing_leaves_no_trace_and_latest_is_the_last_run_made():
     folder = choose_run_directory("vase", None)
     assert re.fullmatch(r"runs/\d{4}-\d\d-\d\dT\d\d-\d\d-\d\d_vase", str(folder.path))
     assert not Path("runs").exists()
-
-
-def test_latest_points_to_the_last_run_made():
     for name in ("one", "two"):
         choose_run_directory(name, None).create()
     assert Path("runs/latest").resolve().name.endswith("_two")
@@ -50,17 +47,12 @@ def test_a_folder_that_the_user_chooses_is_taken_as_it_is():
     assert not Path("here/latest").exists()
 
 
-def test_files_are_written_whole(tmp_path):
+def test_files_are_written_whole_and_only_as_json_has_them(tmp_path):
     folder = choose_run_directory("vase", Path("here"))
     folder.create()
     folder.write_json("summary.json", {"a": 1.5, "b": None})
     assert os.listdir("here") == ["summary.json"]
     assert json.loads(Path("here/summary.json").read_text()) == {"a": 1.5, "b": None}
-
-
-def test_a_number_that_json_does_not_have_is_refused():
-    folder = choose_run_directory("vase", Path("here"))
-    folder.create()
     with pytest.raises(ValueError, match="not JSON compliant"):
         folder.write_json("summary.json", {"a": float("nan")})
 
@@ -139,9 +131,12 @@ def progress(tetrahedron, score):
     )
 
 
-def test_the_keys_are_stable_whatever_happened(progress):
+def test_a_summary_has_the_same_keys_and_null_for_what_is_unknown(progress):
     assert set(summarise(ending(), progress, "vase", 7)) == KEYS
     assert set(summarise(ending("died"), Progress(), None, None)) == KEYS
+    found = summarise(Ending(status="died", reason="x"), Progress(), None, None)
+    unknown = ("chamfer_m", "watertight", "mesh_sha256", "compute_s", "touches_per_s", "ready_s")
+    assert {found[key] for key in unknown} == {None}
 
 
 def test_a_summary_holds_the_figures_of_the_run(progress, score):
@@ -166,16 +161,10 @@ def test_a_summary_holds_the_figures_of_the_run(progress, score):
     assert json.loads(json.dumps(found, allow_nan=False)) == found
 
 
-def test_what_is_unknown_is_null():
-    found = summarise(Ending(status="died", reason="x"), Progress(), None, None)
-    unknown = ("chamfer_m", "watertight", "mesh_sha256", "compute_s", "touches_per_s", "ready_s")
-    assert {found[key] for key in unknown} == {None}
-
-
 @pytest.mark.parametrize(
     ("status", "code"), [("finished", 0), ("died", 3), ("stalled", 3), ("interrupted", 130)]
 )
-def test_the_exit_code_says_how_it_ended(progress, status, code):
+def test_the_exit_code_tells_how_it_ended(progress, status, code):
     assert exit_code(summarise(ending(status), progress, "vase", 7), rebuilds=True) == code
 
 
@@ -210,14 +199,11 @@ def test_the_closing_words_fit_on_a_screen(progress, tmp_path):
     assert lines[-1] == f"run        {tmp_path / 'r'}"
 
 
-def test_the_closing_words_do_without_figures(tmp_path):
+def test_the_closing_words_do_without_figures_and_tell_what_is_promised(tmp_path, progress):
     summary = summarise(Ending(status="died", reason="boom"), Progress(), None, None)
     lines = summary_text(summary, [], tmp_path).splitlines()
     assert lines[0] == "result     no model was measured"
     assert "died       boom" in lines
-
-
-def test_the_closing_words_tell_what_the_run_promises_of_its_error(progress, tmp_path):
     summary = summarise(ending(), progress, "vase", 7)
     summary |= {"rms_bound_95_m": 28e-6, "rms_m": 16e-6, "largest_untouched_m": 2.5e-3}
     text = summary_text(summary, [], tmp_path)

@@ -24,9 +24,9 @@ def _start(params: Params) -> tuple[int, Outputs]:
     return 0, []
 
 
-def _on_frame(params: Params, heard: int, message: TactileFrame) -> tuple[int, Outputs]:
-    if heard < 2:
-        return heard + 1, []
+def _on_frame(params: Params, received: int, message: TactileFrame) -> tuple[int, Outputs]:
+    if received < 2:
+        return received + 1, []
     if params.how == "tell":
         heavy = {"scipy", "trimesh", "rich", "mcap", "numpy.random", "palpate.launch"}
         settings = {key: os.environ[key] for key in ("OPENBLAS_NUM_THREADS", "PYTHONHASHSEED")}
@@ -42,7 +42,7 @@ def _on_frame(params: Params, heard: int, message: TactileFrame) -> tuple[int, O
         "wrong type": [("/out", LogRecord(node="", level="info", text="", robot_time=0.0))],
         "not finite": [("/out", dataclasses.replace(message, robot_time=float("nan")))],
     }[params.how]
-    return heard, outputs
+    return received, outputs
 
 
 NODE = Node(

@@ -36,7 +36,7 @@ class State:
     left: tuple[float, ...] = ()
     goals: int = 0
     busy: tuple[int, ...] = ()
-    heard: dict[int, Contour] = field(default_factory=dict)
+    received: dict[int, Contour] = field(default_factory=dict)
     clocks: dict[int, float] = field(default_factory=dict)
     taken: tuple[int, ...] = ()
 
@@ -62,8 +62,8 @@ def _grasped(params: Params, state: State, contacts: GraspContacts) -> tuple[Sta
 
 
 def _take_contour(params: Params, state: State, contour: Contour) -> tuple[State, Outputs]:
-    heard = {**state.heard, contour.finger: contour}
-    return _take_up(params, replace(state, heard=heard))
+    received = {**state.received, contour.finger: contour}
+    return _take_up(params, replace(state, received=received))
 
 
 def _take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
@@ -72,15 +72,15 @@ def _take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State
 
 def _take_up(params: Params, state: State) -> tuple[State, Outputs]:
     outputs: Outputs = []
-    while state.heard:
-        times = {finger: contour.robot_time for finger, contour in state.heard.items()}
+    while state.received:
+        times = {finger: contour.robot_time for finger, contour in state.received.items()}
         finger = next_finished(times, state.busy, state.clocks)
         if finger is None:
             break
-        contour = state.heard[finger]
+        contour = state.received[finger]
         state = replace(
             state,
-            heard={one: heard for one, heard in state.heard.items() if one != finger},
+            received={one: received for one, received in state.received.items() if one != finger},
             busy=tuple(one for one in state.busy if one != finger),
             taken=(*state.taken, contour.id),
         )

@@ -1,4 +1,4 @@
-"""A node that handles nothing before it has heard what it needs."""
+"""A node that handles nothing before it has received what it needs."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ class Params(msgspec.Struct, frozen=True, kw_only=True):
     pass
 
 
-def _on_need(params: Params, heard: tuple[str, ...], _: TactileFrame) -> tuple[object, Outputs]:
-    return (*heard, "need"), []
+def _on_need(params: Params, received: tuple[str, ...], _: TactileFrame) -> tuple[object, Outputs]:
+    return (*received, "need"), []
 
 
-def _on_frame(params: Params, heard: tuple[str, ...], _: TactileFrame) -> tuple[object, Outputs]:
-    if "need" not in heard:
-        raise RuntimeError("heard a frame before what it needs")
-    return (*heard, "frame"), [Finished("all there")]
+def _on_frame(params: Params, received: tuple[str, ...], _: TactileFrame) -> tuple[object, Outputs]:
+    if "need" not in received:
+        raise RuntimeError("received a frame before what it needs")
+    return (*received, "frame"), [Finished("all there")]
 
 
 NODE = Node(

@@ -72,32 +72,18 @@ def test_a_bad_mesh_is_refused_in_one_sentence(write, name, text, words):
     assert "\n" not in str(caught.value)
 
 
-def test_a_mesh_that_is_not_there_is_refused(tmp_path):
+def test_what_is_missing_too_large_or_too_fine_is_refused(tmp_path, write, monkeypatch):
     with pytest.raises(InputError, match="the mesh cannot be read: No such file"):
         read_mesh(tmp_path / "none.ply", "mm")
-
-
-def test_a_large_file_is_refused_before_it_is_read(write, monkeypatch):
     path = write("x.off", off())
     monkeypatch.setattr(mesh_file, "MAX_MESH_BYTES", 10)
     with pytest.raises(InputError, match="is larger than"):
         read_mesh(path, "mm")
-
-
-def test_too_many_triangles_are_refused(write, monkeypatch):
     path = write("x.off", off())
+    monkeypatch.undo()
     monkeypatch.setattr(mesh_file, "MAX_FACES", 3)
     with pytest.raises(InputError, match="has 4 triangles; at most 3 are taken"):
         read_mesh(path, "mm")
-
-
-def test_two_meshes_in_one_file_are_refused(tmp_path):
-    import trimesh
-
-    one = trimesh.creation.box()
-    trimesh.Scene([one, one.copy()]).export(tmp_path / "x.glb")
-    with pytest.raises(InputError, match="holds 2 meshes; there must be exactly one"):
-        read_mesh(tmp_path / "x.glb", "mm")
 
 
 def test_a_file_with_y_up_is_turned(tmp_path):
@@ -109,13 +95,6 @@ def test_a_file_with_y_up_is_turned(tmp_path):
     vertices, _ = read_mesh(tmp_path / "x.glb", "mm")
     assert vertices.min(axis=0) == pytest.approx([-0.0005, -0.001, 0.0085])
     assert vertices.max(axis=0) == pytest.approx([0.0005, 0.001, 0.0115])
-
-
-def test_points_without_triangles_are_refused(write):
-    header = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
-    path = write("x.ply", header + "property float z\nend_header\n0 0 0\n")
-    with pytest.raises(InputError, match="holds points without triangles"):
-        read_mesh(path, "mm")
 
 
 def test_no_cut_or_damage_to_a_file_shows_more_than_a_sentence(tmp_path):
@@ -150,11 +129,21 @@ def test_the_shipped_mesh_is_what_its_script_writes(tmp_path):
     np.testing.assert_allclose(np.ptp(again, axis=0), np.ptp(shipped, axis=0), rtol=1e-6)
 
 
-def test_a_mesh_in_two_pieces_is_refused(write):
+def test_pieces_and_points_are_refused(write, tmp_path):
     both = [*CORNERS, *((x + 50, y, z) for x, y, z in CORNERS)]
     faces = [*FACES, *((a + 4, b + 4, c + 4) for a, b, c in FACES)]
     with pytest.raises(InputError, match="is made of 2 separate surfaces"):
         read_mesh(write("two.off", off(both, faces)), "mm")
+    header = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+    path = write("x.ply", header + "property float z\nend_header\n0 0 0\n")
+    with pytest.raises(InputError, match="holds points without triangles"):
+        read_mesh(path, "mm")
+    import trimesh
+
+    one = trimesh.creation.box()
+    trimesh.Scene([one, one.copy()]).export(tmp_path / "x.glb")
+    with pytest.raises(InputError, match="holds 2 meshes; there must be exactly one"):
+        read_mesh(tmp_path / "x.glb", "mm")
 
 
 def test_a_mesh_with_a_hole_through_it_is_refused(write):
@@ -174,7 +163,7 @@ def test_a_mesh_with_a_hole_through_it_is_refused(write):
         read_mesh(write("ring.off", off(corners, faces)), "mm")
 
 
-def test_the_meshes_keep_volume_and_unit(tetrahedron, tmp_path):
+def test_the_meshes_keep_volume_and_unit_and_gltf_has_y_up(tetrahedron, tmp_path):
     names = export_model(tetrahedron, tmp_path)
     assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
     volume = 0.01 * 0.02 * 0.03 / 6.0
@@ -182,16 +171,12 @@ def test_the_meshes_keep_volume_and_unit(tetrahedron, tmp_path):
         mesh = trimesh.load(tmp_path / name, force="mesh")
         assert mesh.is_watertight
         np.testing.assert_allclose(mesh.volume, volume * scale**3, rtol=1e-5)
-
-
-def test_gltf_stands_upright_with_y_up(tetrahedron, tmp_path):
-    export_model(tetrahedron, tmp_path)
     low, high = trimesh.load(tmp_path / "mesh.glb", force="mesh").bounds
     np.testing.assert_allclose(low, [0, 0, -0.02], atol=1e-9)
     np.testing.assert_allclose(high, [0.01, 0.03, 0], atol=1e-9)
 
 
-def test_the_arrays_can_be_read_without_pickle(tetrahedron, tmp_path):
+def test_the_arrays_can_be_read_without_pickle_and_are_no_solid(tetrahedron, tmp_path):
     export_model(tetrahedron, tmp_path)
     with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
         arrays = dict(found)
@@ -205,6 +190,8 @@ def test_the_arrays_can_be_read_without_pickle(tetrahedron, tmp_path):
     assert bool(arrays["final"]) is True
     names = {field.name for field in dataclasses.fields(ShapeModel)} - {"health", "archive"}
     assert names | {"health_names", "health_values"} == set(arrays)
+    with pytest.raises(InputError, match="holds no solid"):
+        palpate.load(tmp_path / "model.npz")
 
 
 def test_the_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
@@ -219,12 +206,6 @@ def test_the_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
     np.testing.assert_array_equal(tree_to_bytes(again), tree_to_bytes(solid))
     with np.load(tmp_path / "model.npz", allow_pickle=False) as arrays:
         np.testing.assert_array_equal(arrays["vertices"], tetrahedron.vertices)
-
-
-def test_a_model_without_the_solid_itself_is_not_loaded(tetrahedron, tmp_path):
-    export_model(tetrahedron, tmp_path)
-    with pytest.raises(InputError, match="holds no solid"):
-        palpate.load(tmp_path / "model.npz")
 
 
 def test_a_model_without_a_surface_leaves_no_mesh(tetrahedron, tmp_path):

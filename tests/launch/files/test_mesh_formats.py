@@ -140,7 +140,7 @@ REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
 
 
 @pytest.mark.parametrize(("kind", "data", "words"), REFUSED)
-def test_what_is_not_what_it_says_is_refused(kind, data, words):
+def test_what_is_not_what_it_tells_is_refused(kind, data, words):
     with pytest.raises(ValueError, match=r"^[a-z]") as caught:
         READERS[kind](data())
     assert words in str(caught.value)

@@ -96,18 +96,15 @@ def test_a_table_that_cannot_be_used_is_refused_with_its_line(tmp_path, text, wo
         read_points(write(tmp_path, "a.csv", text))
 
 
-def test_a_file_that_is_no_text_is_refused_with_its_line(tmp_path):
+def test_what_is_no_text_no_points_or_not_there_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"x,y,z\n1,2,3\n\xff\xfe\n")
     with pytest.raises(InputError, match=r"a\.csv:3: is no text in UTF-8"):
         read_points(tmp_path / "a.csv")
-
-
-def test_files_of_other_kinds_and_files_that_are_not_there_are_refused(tmp_path):
     (tmp_path / "a.stl").touch()
     with pytest.raises(InputError, match=r"'.stl' is no format of points; known: .npz"):
         read_points(tmp_path / "a.stl")
-    with pytest.raises(InputError, match=r"a.csv: cannot be read: No such file"):
-        read_points(tmp_path / "a.csv")
+    with pytest.raises(InputError, match=r"b.csv: cannot be read: No such file"):
+        read_points(tmp_path / "b.csv")
     with pytest.raises(InputError, match=r"topics.mcap"):
         read_points(tmp_path)
 
@@ -188,13 +185,14 @@ def test_exact_heights_are_cut_whatever_their_spacing():
     assert spread == 0.0
 
 
-def test_points_of_a_star_shaped_section_are_ordered_by_azimuth():
+def test_points_of_a_star_shaped_section_are_ordered_by_azimuth_and_so_are_few():
     points = np.random.default_rng(0).permutation(ring(0.0)[:, :2] * [1.0, 0.4])
     found = order_points(points)
     assert found.by_azimuth
     assert sorted(found.rows) == list(range(24))
     steps = np.diff(np.unwrap(np.arctan2(*points[found.rows].T[::-1])))
     assert (steps > 0.0).all()
+    assert sorted(order_points(np.eye(3)[:, :2]).rows) == [0, 1, 2]
 
 
 def test_points_of_a_horseshoe_are_ordered_by_the_shortest_way():
@@ -209,10 +207,6 @@ def test_points_of_a_horseshoe_are_ordered_by_the_shortest_way():
     assert length <= best * (1 + 1e-9)
     cloud = np.column_stack([np.tile(true, (3, 1)), np.repeat([0.0, 1.0, 2.0], len(true))])
     assert "3 of 3 slices are not star-shaped" in slice_cloud(cloud).notes[1]
-
-
-def test_a_few_points_are_ordered_too():
-    assert sorted(order_points(np.eye(3)[:, :2]).rows) == [0, 1, 2]
 
 
 def test_tops_are_read_from_a_table(tmp_path):
@@ -290,17 +284,16 @@ def test_a_recording_gives_the_contours_that_the_plan_ended_with():
     assert found.normals is not None and len(found.normals) == 2
 
 
-def test_contours_that_were_not_closed_are_left_out_and_told():
+def test_contours_that_were_not_closed_are_left_out_or_refused():
     assert "stuck" in get_args(ContourStatus)
     found = contours_of(PATH, RecordedContours([contour(1), contour(2, "stuck")]))
     assert found.places == ("contour 1",)
     assert found.tops is None
     assert "left out 1 contours that were not closed" in found.notes
-
-
-def test_a_recording_without_closed_contours_is_refused():
     with pytest.raises(InputError, match="holds no closed contour, of 1 that were traced"):
         contours_of(PATH, RecordedContours([contour(1, "stuck")]))
+    with pytest.raises(InputError, match=r"topics\.mcap: contours must be traced in one slicing"):
+        contours_of(PATH, RecordedContours([contour(1), contour(2, frame=TILTED)]))
 
 
 def test_the_topics_are_those_of_the_reconstructor():
@@ -323,20 +316,12 @@ def test_the_platform_is_a_touch_of_an_upright_object_alone():
     assert heights == {"upright": [[0.0, 0.0, -0.3]], "tilted": None}
 
 
-def test_contours_of_two_frames_are_refused():
-    with pytest.raises(InputError, match=r"topics\.mcap: contours must be traced in one slicing"):
-        contours_of(PATH, RecordedContours([contour(1), contour(2, frame=TILTED)]))
-
-
-def test_probes_touch_the_ends_along_the_axis():
+def test_probes_touch_the_ends_along_the_axis_and_a_frame_has_its_points_unit():
     traced = [contour(1, frame=TILTED), contour(2, frame=TILTED)]
     up, down = (transform_points(TILTED, np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
     probes = [replace(probe(i, hit=True), point=one) for i, one in enumerate((up, down), 4)]
     found = contours_of(PATH, RecordedContours(traced, probes))
     assert found.tops is not None and found.tops == pytest.approx(np.array([up, down]))
-
-
-def test_a_frame_has_the_unit_of_its_points():
     found = contours_of(PATH, RecordedContours([contour(1, frame=TILTED)])).scaled(1000.0)
     assert found.frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])
 

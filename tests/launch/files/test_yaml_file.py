@@ -13,12 +13,9 @@ from palpate.launch.files.yaml_file import (
 )
 
 
-def test_numbers_are_those_of_yaml_1_2():
+def test_numbers_are_those_of_yaml_1_2_and_every_value_has_its_line():
     value = parse_yaml("[5e-2, 1e3, no, 012, true, null, 0x10]", "f").value
     assert value == [0.05, 1000.0, "no", 12, True, None, 16]
-
-
-def test_every_value_has_its_line():
     found = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n", "f.yaml")
     assert found.place(("a", "b", 1, "c")) == "f.yaml:4"
     assert found.place(("a", "b", 0, "none")) == "f.yaml:3"
@@ -76,12 +73,9 @@ def test_what_would_take_long_or_much_is_refused_as_soon_as_it_is_seen(text, wor
     assert len(str(caught.value)) < 250
 
 
-def test_a_missing_file_is_refused(tmp_path):
+def test_a_missing_file_and_bytes_that_are_no_text_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"none.yaml: cannot be read: No such file"):
         read_yaml(tmp_path / "none.yaml")
-
-
-def test_bytes_that_are_no_text_are_refused(tmp_path):
     (tmp_path / "f.yaml").write_bytes(b"a: \xff\xfe")
     with pytest.raises(InputError, match="is not text in UTF-8"):
         read_yaml(tmp_path / "f.yaml")
@@ -136,12 +130,9 @@ def test_a_complaint_names_place_path_value_and_what_would_be_right(typed, text,
     assert str(caught.value) == sentence
 
 
-def test_a_name_is_put_before_the_path(typed):
+def test_a_complaint_has_the_name_before_the_path_and_long_values_cut_short(typed):
     with pytest.raises(InputError, match=r"yard.count is 'x'"):
         convert(typed("count: x"), Yard, "yard")
-
-
-def test_a_long_value_is_cut_short():
     with pytest.raises(InputError) as caught:
         convert(SourceMapped({"count": "x" * 1000}, "f"), Yard)
     assert len(str(caught.value)) < 150

@@ -149,9 +149,6 @@ def test_what_was_done_with_signals_before_is_done_again():
     with Interrupts():
         assert signal.getsignal(signal.SIGINT) != before[0]
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
-
-
-def test_a_closed_terminal_is_ignored_where_it_was_ignored_before():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         with Interrupts() as interrupts:

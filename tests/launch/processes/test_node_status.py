@@ -29,15 +29,12 @@ STATUS = NodeStatus(
 )
 
 
-def test_a_node_is_ready_and_says_goodbye_with_its_counters():
+def test_a_node_reports_that_it_is_ready_exits_or_has_failed():
     roll = NodeStatusTable(["filter"])
     assert roll.receive("filter", {"kind": "ready"}) == []
     assert roll.receive("filter", {"kind": "exiting", "status": encode(STATUS)}) == []
     assert roll.ready == roll.exiting == {"filter"}
     assert roll.statuses["filter"].messages == 3
-
-
-def test_a_failure_is_one_line_and_its_trace_another():
     roll = NodeStatusTable(["filter"])
     lines = roll.receive("filter", {"kind": "failed", "text": "it broke", "trace": "T" * 99_999})
     assert roll.failed == {"filter": "it broke"}
@@ -46,17 +43,14 @@ def test_a_failure_is_one_line_and_its_trace_another():
         encode(line)
 
 
-def test_a_stranger_is_refused():
+def test_strangers_and_counters_that_cannot_be_read_are_refused():
     with pytest.raises(ValueError, match="'spy' reported, which is not in the graph"):
         NodeStatusTable(["filter"]).receive("spy", {"kind": "ready"})
-
-
-def test_counters_that_cannot_be_read_are_refused():
     with pytest.raises(ValueError, match="not a NodeStatus"):
         NodeStatusTable(["filter"]).receive("filter", {"kind": "exiting", "status": b""})
 
 
-def test_silence_is_mentioned_once_until_the_node_speaks_again():
+def test_silence_is_mentioned_once_until_the_node_reports_again():
     roll = NodeStatusTable(["filter"])
     late = time.monotonic() + 2 * SILENCE
     [line] = roll.silent(late)
@@ -82,33 +76,24 @@ def answer(one, sent, consumed, now, waits=()):
     )
 
 
-def test_two_equal_rounds_with_everything_consumed_are_settled():
+def test_two_equal_rounds_with_everything_consumed_are_settled_and_no_others():
     one = census()
     answer(one, 3, 3, 0.0)
     assert not one.settled
     answer(one, 3, 3, 1.0)
     assert one.settled
     assert one.still_for(2.0) == 2.0
-
-
-def test_a_message_that_is_on_its_way_is_not_settled():
     one = census()
     answer(one, 3, 2, 0.0)
     answer(one, 3, 2, 1.0)
     assert not one.settled
     assert one.unconsumed() == [(EDGE, 3, 2)]
-
-
-def test_rounds_that_differ_are_not_settled():
     one = census()
     answer(one, 3, 3, 0.0)
     answer(one, 3, 3, 1.0)
     answer(one, 4, 4, 2.0)
     assert not one.settled
     assert one.still_for(3.0) == 0.0
-
-
-def test_what_was_counted_before_is_forgotten():
     one = census()
     answer(one, 3, 3, 0.0)
     one.forget()
@@ -116,20 +101,23 @@ def test_what_was_counted_before_is_forgotten():
     assert not one.settled
 
 
-def test_an_answer_to_an_earlier_round_does_not_count():
+def test_who_has_not_answered_this_round_is_asked_again_but_not_who_is_dropped():
     one = census()
     answer(one, 3, 3, 0.0)
     one.answer("talker", 0, MessageCounts({"/talk": 3}, {}), 1.0, 0.0)
     one.answer("stranger", 1, MessageCounts({"/talk": 3}, {}), 1.0, 0.0)
     assert one.to_ask(1.0) == ["talker", "hearer"]
-
-
-def test_who_has_not_answered_is_asked_again():
     one = census()
     assert one.to_ask(0.0) == ["talker", "hearer"]
     one.answer("talker", 0, MessageCounts({}, {}), 0.0, 0.0)
     assert one.to_ask(RETRY / 2) == []
     assert one.to_ask(RETRY) == ["hearer"]
+    one = TerminationDetector(["talker", "hearer"], [EDGE, Edge("late", "talker", "/talk")])
+    one.drop("hearer")
+    assert one.to_ask(1.0) == ["talker"]
+    for now in (1.0, 2.0):
+        one.answer("talker", one.round, MessageCounts({"/talk": 3}, {}), now, 0.0)
+    assert one.settled
 
 
 def test_complaints_name_who_waits_for_what():
@@ -141,15 +129,6 @@ def test_complaints_name_who_waits_for_what():
     ]
     answer(one, 0, 0, 1.0)
     assert one.complaints() == ["hearer has received nothing on /talk (talker)"]
-
-
-def test_who_is_dropped_is_neither_asked_nor_waited_for():
-    one = TerminationDetector(["talker", "hearer"], [EDGE, Edge("late", "talker", "/talk")])
-    one.drop("hearer")
-    assert one.to_ask(1.0) == ["talker"]
-    for now in (1.0, 2.0):
-        one.answer("talker", one.round, MessageCounts({"/talk": 3}, {}), now, 0.0)
-    assert one.settled
 
 
 def test_a_tool_is_told_of_every_node_and_of_the_process_of_those_that_live():

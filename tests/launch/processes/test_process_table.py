@@ -17,7 +17,7 @@ from palpate.launch.processes.process_table import (
 )
 
 
-def test_a_node_may_be_started_again_but_not_in_a_storm():
+def test_a_node_is_started_again_but_not_in_a_storm_nor_to_die_of_the_same():
     restarts = RestartPolicy({"a": "restart", "b": "restart"})
     how = "was killed by SIGKILL"
     assert [restarts.refusal("a", how, False, now) for now in (0.0, 1.0, 2.0)] == [None] * 3
@@ -27,9 +27,6 @@ def test_a_node_may_be_started_again_but_not_in_a_storm():
     )
     assert restarts.refusal("a", how, False, 10.5) is None
     assert restarts.counts == {"a": 4, "b": 1}
-
-
-def test_a_message_of_which_a_node_dies_twice_ends_the_run():
     restarts = RestartPolicy({"a": "restart"})
     how = "failed while handling /in 7 from b: ValueError: no"
     assert restarts.refusal("a", how, True, 0.0) is None
@@ -37,9 +34,6 @@ def test_a_message_of_which_a_node_dies_twice_ends_the_run():
     assert restarts.refusal("a", how.replace("7", "8"), True, 90.0) == (
         "a failed while handling /in 8 from b: ValueError: no; so it did when it was started again"
     )
-
-
-def test_a_node_that_the_launch_file_says_so_of_ends_the_run_at_once():
     restarts = RestartPolicy({"a": "stop"})
     assert restarts.refusal("a", "hung", False, 0.0) == "a hung"
     assert restarts.counts == {"a": 0}
@@ -104,14 +98,14 @@ def test_a_node_that_begins_may_take_its_time_but_must_not_be_stopped(monkeypatc
     assert hung_at(made, 5.0) == (None if found is None else pytest.approx(found))
 
 
-def test_nothing_is_expected_of_a_node_that_has_said_goodbye(monkeypatch):
+def test_nothing_is_expected_of_a_node_that_has_told_goodbye(monkeypatch):
     made = watched(monkeypatch, ProcessState("T", 2.0))
     made.forget("node")
     assert hung_at(made, 5.0) is None
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux says what a process does")
-def test_the_system_says_what_a_process_does():
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what a process does")
+def test_the_system_tells_what_a_process_does():
     assert process_state(1 << 30) is None
     child = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:

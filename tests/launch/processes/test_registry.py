@@ -33,12 +33,15 @@ def card(run, name="vase", folder=""):
     )
 
 
-def test_a_graph_runs_as_long_as_its_lock_is_held(tmp_path):
+def test_a_graph_runs_as_long_as_its_lock_is_held_and_its_card_can_be_read(tmp_path):
     with private_folder(tmp_path) as folder:
         assert running_graphs(tmp_path) == []
         announce(folder, card("ab01"))
         assert [one.run for one in running_graphs(tmp_path)] == ["ab01"]
     assert running_graphs(tmp_path) == []
+    with private_folder(tmp_path) as folder:
+        (folder / CARD_FILE).write_text("{")
+        assert running_graphs(tmp_path) == []
 
 
 def left(folder, *, age=0.0, announced=True, run=None):
@@ -84,13 +87,9 @@ def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path):
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_a_spoilt_card_is_no_running_graph(tmp_path):
-    with private_folder(tmp_path) as folder:
-        (folder / CARD_FILE).write_text("{")
-        assert running_graphs(tmp_path) == []
-
-
 def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path):
+    with pytest.raises(ValueError, match="no graph of yours is running"):
+        find_run(None, tmp_path)
     with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
         announce(one, card("ab01"))
         announce(other, card("ac02", "egg"))
@@ -101,11 +100,6 @@ def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path):
             find_run("a", tmp_path)
         with pytest.raises(ValueError, match=r"no running graph is called 'x'; .* ab01 \(vase\)"):
             find_run("x", tmp_path)
-
-
-def test_without_a_running_graph_that_is_said(tmp_path):
-    with pytest.raises(ValueError, match="no graph of yours is running"):
-        find_run(None, tmp_path)
 
 
 def test_a_folder_that_holds_anything_else_is_somebodys_own(tmp_path):
@@ -128,13 +122,10 @@ def test_the_folder_is_private_and_vanishes_with_all_that_is_in_it(tmp_path):
         shutil.rmtree(folder)  # somebody else has tidied up
 
 
-def test_the_users_own_folder_is_preferred(tmp_path, monkeypatch):
+def test_the_folder_of_the_user_is_preferred_to_the_temporary_one(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     with private_folder(None) as folder:
         assert folder.parent == tmp_path
-
-
-def test_without_a_folder_of_ones_own_the_temporary_one_will_do(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "nowhere"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with private_folder(None) as folder:
