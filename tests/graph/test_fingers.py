@@ -153,6 +153,7 @@ def test_separate_processes_publish_the_same_to_the_last_byte(composed, tmp_path
     assert replay(run / "topics.mcap", NODES, lambda line: None) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.graph
 def test_a_whole_exploration_is_the_same_in_processes_and_in_one(tmp_path):
     given = {"scene": "sphere", "fingers": 2, "count": 2}

@@ -87,7 +87,7 @@ def test_a_recording_is_played_to_its_last_message_at_its_times(watcher, tmp_pat
     assert (ending.status, ending.reason) == ("finished", "played 300 messages")
     assert [message.touch for _, message in watcher.messages] == list(range(300))
     assert ending.statuses["counter"].messages == 300
-    wirings = [playing(bag(tmp_path / "a.mcap", 21, every=0.02))]
+    wirings = [playing(bag(tmp_path / "b.mcap", 21, every=0.02))]
     times: list[float] = []
     watcher.received = lambda *_: times.append(time.monotonic())
     launch(wirings, ends="player", watch=["/player"], watcher=watcher)
