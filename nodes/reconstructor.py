@@ -240,7 +240,6 @@ def shape_model(
     why: str = "",  # Why nothing could be rebuilt of contours that are there
 ) -> ShapeModel:
     """The message for a solid."""
-    dropped: dict[int, str]
     if solid is not None:
         dropped: dict[int, str] = {one.which: one.why for one in solid.slices.dropped}
     else:
