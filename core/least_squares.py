@@ -21,8 +21,7 @@ Loss = Callable[[Floats], tuple[Floats, Floats]]
 FIRST_DAMPING = 1e-3  # Of a column's squared length
 MOST_DAMPING = 1e12
 PASSES = 3  # Through the bounds that a step would pass; what passes after the last is cut
-# Of the longest column: a parameter that moves the residuals less is held like that.
-LEAST_COLUMN = 1e-14
+LEAST_COLUMN = 1e-14  # Of the longest column: a parameter that moves residuals less is held so
 
 
 class Solutions(NamedTuple):
@@ -30,8 +29,7 @@ class Solutions(NamedTuple):
 
     parameters: Floats  # (b, p)
     cost: Floats  # Half the sum of what the squared residuals cost, (b,)
-    # (b,): the residuals vanished, no step lowers the cost, or the steps did not matter.
-    converged: Bools
+    converged: Bools  # (b,): residuals vanished, no step lowers the cost, or steps did not matter
     steps: Ints  # Steps tried, (b,)
 
 

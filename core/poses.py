@@ -19,8 +19,7 @@ IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 FACING_DOWN: Floats = np.diag([1.0, -1.0, -1.0])  # Rotation of a pad that looks straight down
 IDENTITY_POSE.setflags(write=False)
 FACING_DOWN.setflags(write=False)
-# A quaternion may be this far from unit length: it is normalised; farther is an error.
-UNIT_TOLERANCE = 1e-6
+UNIT_TOLERANCE = 1e-6  # Quaternions off unit length by less are normalised; by more an error
 SERIES_BELOW = 0.1  # Angle, rad, below which the Jacobian's last coefficient comes from its series
 
 

@@ -70,8 +70,7 @@ class MoveGeometry(NamedTuple):
     wait: Floats  # Time in which the arm did not move, waiting for a decision or a message, (n,), s
     travel: Floats  # From the last start pose to this one, (n,), m
     turn: Floats  # Angle between the two, (n,), rad
-    # From the start pose to the end of the move, (n,), m; the finger goes back as far.
-    approach: Floats
+    approach: Floats  # From start pose to end of the move, (n,), m; the finger goes back as far
     # From the last contact to this one, where the finger could have slid, (n,), m; `LIFTED` where
     # one of the two was none, or they belong to different goals.
     along: Floats

@@ -63,8 +63,7 @@ class Survey:
     high: float  # Where it ends, m
     low_deviation: float  # Standard deviation of `low`, m; 0 once it was touched
     high_deviation: float  # Of `high`
-    # Largest distance of its surface from the axis, as the first contacts let expect, m.
-    radius: float
+    radius: float  # Largest distance of its surface from the axis, as first contacts let expect, m
     pad_width: float  # Of a finger, m
     resolution: float  # Smallest difference that the sensor tells, m
     standing: bool  # Whether it stands on its lower end, so that this is known

@@ -30,14 +30,11 @@ from palpate.core.touch.pad import CONTACT, Pad
 LEAST = 4  # Rows and columns of an array
 ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
 PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
-# In pitches: a misfit of this size, or of 4 deviations of the noise, halves the confidence.
-CONFIDENT = 0.04
+CONFIDENT = 0.04  # In pitches: such a misfit, or 4 deviations of the noise, halves the confidence
 CONFIDENT_DEVIATIONS = 4.0
-# Standard deviations by which k1 and k2 must differ before their directions mean anything.
-DIRECTED = 3.0
+DIRECTED = 3.0  # Standard deviations by which k1 and k2 differ if their directions mean anything
 LEVEL = 1e-9  # In 1 / pads' widths: k1 and k2 that differ by less are equal but for rounding
-# Normal of a patch of which nothing is known: that of the pad.
-AWAY: Floats = np.array([0.0, 0.0, -1.0])
+AWAY: Floats = np.array([0.0, 0.0, -1.0])  # Normal of an unknown patch: the pad's
 NOWHERE: Floats = np.zeros(3)  # Principal direction where there is none
 # Covariance of S11, S12, S22 if curvature is as likely to change in one direction as in any other.
 ISOTROPIC: Floats = np.diag([1.0, 0.5, 1.0])
@@ -94,26 +91,22 @@ class Patch(NamedTuple):
     kind: PatchKind  # What it is
     jet: Jet | None = None  # The fitted jet; None if too few taxels were touched for any
     normal: Floats = AWAY  # Outward unit normal at the middle of the contact, (3,)
-    # Principal curvatures k1 >= k2, 1/m; convex is positive.
-    principal: tuple[float, float] = (0.0, 0.0)
+    principal: tuple[float, float] = (0.0, 0.0)  # Curvatures k1 >= k2, 1/m; convex is positive
     across: float = 0.0  # Normal curvature along the asked direction, 1/m
-    # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet.
-    confidence: float = 0.0
+    confidence: float = 0.0  # From 0 to 1: share of taxels that touch, damped by the misfit
     residual: float = 0.0  # Root mean square misfit of the jet, m
     gaussian: float = 0.0  # Product of the principal curvatures, 1/m^2
     mean: float = 0.0  # Their mean, 1/m
     # Unit tangent along which the curvature is k1, (3,); zero unless the patch is smooth.
     principal_direction: Floats = NOWHERE
-    # Whether k1 and k2 are the same within their errors: then any direction would do.
-    umbilic: bool = True
+    umbilic: bool = True  # Whether k1 and k2 are alike within their errors: no direction counts
     # Standard deviation of the normal's angle, rad; pi if nothing is known of it.
     normal_error: float = math.pi
     # Standard deviations of the principal curvatures by noise alone, 1/m: what a quartic cannot
     # follow, on balls below 20 pitches, comes on top.
     principal_error: tuple[float, float] = (0.0, 0.0)
     across_error: float = 0.0  # Standard deviation of `across`, 1/m
-    # Where on the surface all this holds: over the middle of the contact, (3,), m.
-    place: Floats = NOWHERE
+    place: Floats = NOWHERE  # Where all this holds: over the middle of the contact, (3,), m
     shape: ShapeOperator | None = None  # The shape operator there; None unless the patch is smooth
     # Covariance of its three parts, (3, 3), 1/m^2; None unless the patch is smooth.
     shape_covariance: Floats | None = None
@@ -223,8 +216,7 @@ class FusedCurvature(NamedTuple):
     """What the touches so far say of the curvature at the last one's place."""
 
     place: LocalCurvature  # Curvature there
-    # Squared changes of curvature beyond noise, weighted sum, 1/m^2; may be negative.
-    changed: float
+    changed: float  # Squared changes of curvature beyond noise, weighted, 1/m^2; may be negative
     travelled: float  # Squared distances over which they came about, likewise weighted, m^2
     # Normalised squared innovation of the last touch: 3 on average if all is well; 0 for the first
     # touch.

@@ -27,8 +27,7 @@ UNEXPLAINED = 0.03
 # In 1 / pitches: what curves within two pitches is an edge to this array, however well a polynomial
 # passes through the few taxels that touch it.
 SHARPEST = 0.5
-# Flat faces that leave less than this share of what the jet leaves are what is there.
-PIECES_WIN = 0.5
+PIECES_WIN = 0.5  # Flat faces that leave less than this share of what the jet does are there
 # A third and fourth face are there if they leave less than this share of what two leave, flat or
 # curved. Two curved ones are the rim of a cylinder: an edge.
 THIRD_PAYS = 0.4
@@ -37,13 +36,10 @@ THIRD_PAYS = 0.4
 THREE_WAYS = 0.1
 SURE = 4.0  # Standard deviations by which noise alone may lift the deviation of a fit
 MOST_ROUNDS = 8  # Of giving the taxels to the faces and fitting the faces anew
-# In pitches: taxels that scatter less than this across a line do not move a face's plane.
-THIN = 0.3
-# Robust deviations from the jet: normal noise on 256 taxels goes beyond once in 7000 frames.
-FAR = 5.0
+THIN = 0.3  # In pitches: taxels that scatter less across a line do not move a face's plane
+FAR = 5.0  # Robust deviations from the jet: noise on 256 taxels goes beyond once in 7000 frames
 MOST = 3  # More than this are not outliers but something that the jet cannot follow
-# Taxels that one outlier may pull the plain jet off from; beyond, a robust one is not tried.
-PULLED = 8
+PULLED = 8  # Taxels that one outlier may pull the jet off from; beyond, no robust one is tried
 
 
 def classify_surface(

@@ -26,13 +26,11 @@ WINDOW = 3  # Taxels along a side of the neighbourhood
 # In pitches: what bends a line of three by less, or stands off a jet by less, is left to the fit.
 # It is half of what the tightest curve that has a curvature bends.
 UNEVEN = 0.25
-# In pitches: what stands off a jet by more is looked at, however badly the jet fits.
-STANDS_OFF = 0.5
+STANDS_OFF = 0.5  # In pitches: what stands off by more is looked at, however badly the jet fits
 FAR = 6.0  # In between, robust deviations from the jet
 # Deviations of a taxel by which noise alone may bend a line of three: two of its own.
 BEND_DEVIATIONS = 2.0 * math.sqrt(6.0)
-# A line supports a taxel if it bends by less than this share of how far the taxel is off.
-OWN_MISFIT = 0.5
+OWN_MISFIT = 0.5  # A line supports a taxel if it bends by less than this share of its misfit
 # Even lines of a taxel that can support others: the outermost of a step's corner has three, and so
 # has the middle of five in a row. Impulses are seldom that many in a row.
 CORE_LINES = 3
@@ -40,8 +38,7 @@ STRAIGHT = 0.05  # In pitches: what a line of three may bend, beside noise, to c
 # What holds a suspect is itself off by this share of what makes one: the rest of a ridge that the
 # jet misses. From the even surface beside it an impulse gets no support.
 ALSO_OFF = 0.5
-# In pitches: a taxel as high as one beside it that is no impulse is none: the end of a ridge.
-LEVEL = 0.15
+LEVEL = 0.15  # In pitches: as high as this beside one that is no impulse, a taxel is none: a ridge
 # In pitches: how far an impulse in the outermost rings stands beyond all that is about it; the
 # array's own corners have three neighbours only.
 BEYOND, BEYOND_IN_CORNERS = 0.15, 0.45
@@ -54,8 +51,7 @@ class CleanedImage(NamedTuple):
 
     compression: Floats  # (rows, cols), m
     touched: Bools  # Where the pad touches, impulses left out, (rows, cols)
-    # Taxels that stood out like impulses, and were replaced; 0 if none were looked for.
-    impulses: int
+    impulses: int  # Taxels that stood out and were replaced; 0 if none were looked for
 
 
 def clean(

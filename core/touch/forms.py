@@ -15,8 +15,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 
-# Principal curvatures that differ by less than this share of their size are equal: rounding.
-UMBILIC = 1e-13
+UMBILIC = 1e-13  # Of their size: principal curvatures that differ by less are equal: rounding
 
 
 class ShapeOperator(NamedTuple):

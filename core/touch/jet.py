@@ -38,8 +38,7 @@ class JetFit(NamedTuple):
     """A jet, its derivatives at the middle of the contact, and how sure they are."""
 
     jet: Jet  # The polynomial
-    # Mean x and y of the touched taxels, and the jet's height there, m.
-    middle: tuple[float, float, float]
+    middle: tuple[float, float, float]  # Mean x, y of touched taxels, the jet's height there, m
     derivatives: Floats  # z_x, z_y, z_xx, z_xy, z_yy at the middle, (5,); second derivatives in 1/m
     # Square root of the derivatives' covariance for unit noise, (5, m): the covariance is
     # ``deviation**2 * factor @ factor.T``.

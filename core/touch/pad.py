@@ -30,8 +30,7 @@ CONTACT = 50e-6  # Least compression that counts as touched, m
 # untouched ones would put a point where there is no surface.
 CONTACT_DEVIATIONS = 5.0
 KEPT_OPERATORS = 4  # Of large arrays each takes up to 134 MB
-# What the array sends: times of flight of an echo, s, or forces, N.
-Signal = Literal["time", "force"]
+Signal = Literal["time", "force"]  # What an array sends: times of flight of echoes, s, or forces, N
 
 
 class FaceModel(NamedTuple):
@@ -217,8 +216,7 @@ class Calibration:
     sound_speed: float  # In the pad, m/s
     taxel_stiffness: float  # Force on one taxel for each metre of compression, N/m: k of (1.2)
     gain: Floats | float = 1.0  # Factor that corrects each taxel, (rows, cols) or one for all
-    # What is added to each taxel after that, m, (rows, cols) or one for all.
-    offset: Floats | float = 0.0
+    offset: Floats | float = 0.0  # Added to each taxel after that, m, (rows, cols) or one for all
 
     def encode(self, reading: Floats) -> Floats:
         """What the array sends for a compression that it takes to be `reading`, m.

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
 MOST_COPIES = 100  # Of one frame
-# What each stage remembers between touches, in the order of the stages.
-StageStates = tuple[Any, ...]
+StageStates = tuple[Any, ...]  # What stages remember between touches, in the order of the stages
 NOTHING: Floats = np.zeros((0, 0))
 NOTHING.setflags(write=False)
 

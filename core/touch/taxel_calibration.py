@@ -24,21 +24,17 @@ from palpate.core.touch.pad import Calibration
 LEAST_PRESSES = 4  # A taxel needs this many presses for a gain and an offset of its own
 # Compressions below this are left out, m: an error of pose could have lifted the pad off.
 LEAST_KNOWN = 0.15e-3
-# A taxel that answers with less than this share of what it is pressed by is not trusted.
-DEAD_GAIN = 0.3
+DEAD_GAIN = 0.3  # A taxel that answers with less of what it is pressed by is not trusted
 STUCK = 0.2e-3  # Nor is one that reads more than this beside the others when nothing is touched, m
 SWEEPS = 8
-# No array is quieter, m: with less, a prior would say nothing beside the readings.
-LEAST_NOISE = 1e-7
+LEAST_NOISE = 1e-7  # No array is quieter, m: a prior would count for nothing beside the readings
 LEAST_REACHED = 16
 FAR = 6.0  # Free readings farther off than this many scales are impulses
 OUTLIER = 4.5  # Readings farther off than this many standard deviations are left out
-# Spread of the pose's error with which the estimate begins, m and rad.
-FIRST_POSE, FIRST_TILT = 0.1e-3, 2e-3
+FIRST_POSE, FIRST_TILT = 0.1e-3, 2e-3  # First spread of the pose's error, m and rad
 # Likewise of the taxels' departures from the common gain and offset, 1 and m.
 FIRST_GAIN, FIRST_OFFSET = 0.03, 10e-6
-# Compressions are counted in mm where gains are solved for, so that all columns are alike.
-UNIT = 1e-3
+UNIT = 1e-3  # Compressions are in mm where gains are solved for: all columns are alike
 TaxelIndices = NDArray[np.signedinteger]
 LEAST_SPREAD = 1e-9  # m
 
@@ -55,8 +51,7 @@ class CalibrationEstimate:
     sound_speed_error: float  # Standard error, m/s
     noise: float  # Standard deviation of one taxel, m
     trusted: Bools  # (taxels,)
-    # Which trusted taxels were pressed often enough for a gain of their own, (taxels,).
-    reached: Bools
+    reached: Bools  # Which trusted taxels were pressed often enough for an own gain, (taxels,)
     pose_error: float  # Standard deviation of the arm's error along the pad's normal, m
     residual: float  # Root mean square of what is left of the readings used, m
     condition: float  # Of the system that was solved
@@ -164,8 +159,7 @@ def _estimate(
 class CalibrationTouches(NamedTuple):
     """Touches of known things."""
 
-    # Compression that the known shape and the believed pose make, (touches, taxels), m.
-    known: Floats
+    known: Floats  # Of the known shape and the believed pose, (touches, taxels), m
     read: Floats  # What the data sheet makes of the signal, (touches, taxels), m
     free: Floats  # The same when nothing was touched, (frames, taxels), m
 

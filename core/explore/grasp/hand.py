@@ -22,13 +22,11 @@ from palpate.core.poses import pad_rotation, pose_of, split_pose
 from palpate.core.shapes import Shape
 from palpate.core.touch import CONTACT, Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
 
-# Over the platform, m: at which the hand closes while it has found nothing.
-SEARCH_HEIGHTS = (0.04, 0.012)
+SEARCH_HEIGHTS = (0.04, 0.012)  # Over the platform, m: where the hand closes while nothing is found
 THICKNESS = 0.04  # Of what is touched, while it has not been touched from all sides, m
 FEW = 12  # Contacts below which it has not
 SLENDEREST = 0.15  # No expected semi-axis is shorter than this share of the longest
-# Angles between the hand's axis and the vertical.
-LEANS = (0.0, math.radians(40.0), math.radians(75.0))
+LEANS = (0.0, math.radians(40.0), math.radians(75.0))  # Of the hand's axis from the vertical
 AROUND = 8  # Directions from which a leaning hand comes
 # Where the hand closes, in expected semi-axes, the shortest first.
 SHIFTS = np.array(

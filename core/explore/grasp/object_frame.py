@@ -52,12 +52,10 @@ LEANING = 0.5  # The same, where the fitted solid is no help
 NEAR = 0.06  # Of the extent: contacts as near as this to the outermost one belong to the end
 BOUNDED = 0.3  # Share of this that is allowed to a fit that came to a bound
 QUARTER = 0.25  # Of the extent: the widest contact so near to the lower end tells how wide that is
-# Of the diameter: a solid that misses its contacts by more says nothing of what is beyond.
-FITS = 0.015
+FITS = 0.015  # Of the diameter: a solid that misses its contacts by more tells of nothing beyond
 LEAST_COSINE = 0.5  # The platform cuts off an axis that is steeper than this
 REACH = 0.2  # Of the diameter: how far one residual speaks for its neighbourhood
-# A fit follows the contacts: away from them it is off by this many times what it shows there.
-UNSEEN = 5.0
+UNSEEN = 5.0  # A fit follows the contacts: away from them it is off by so many times its misses
 TIED = 1e-6  # Of the largest variance: no gap between two counts as smaller
 
 

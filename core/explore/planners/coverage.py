@@ -204,8 +204,7 @@ class ErrorIndicators(NamedTuple):
     chord_gap: Floats  # The cubic against the straight line between the positions
     rise_mismatch: Floats  # How far slopes and curvatures of both ends miss the positions' rise
     noise: Floats  # Standard deviation of the two slices
-    # From 0 to 1: towards which end it bends more, by the root of the second derivatives.
-    bend_side: Floats
+    bend_side: Floats  # From 0 to 1: to which end it bends more, by the root of second derivatives
 
 
 def error_indicators(profile: Profile) -> ErrorIndicators:

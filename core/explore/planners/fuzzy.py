@@ -19,8 +19,7 @@ from palpate.core.plugins import Range, Ranged
 WORDS = ("small", "medium", "large")
 BEND = (1.0, 4.0, 10.0)  # Mean curvature times height at which each word is wholly true
 CHANGE = (0.5, 2.0, 6.0)  # Of its change
-# Steps over the height.
-STEP: Mapping[str, float] = {"wide": 0.25, "fair": 0.16, "short": 0.1, "tiny": 0.05}
+STEP: Mapping[str, float] = {"wide": 0.25, "fair": 0.16, "short": 0.1, "tiny": 0.05}  # Of height
 RULES: Mapping[tuple[str, str], str] = {
     # curvature, change: step
     ("small", "small"): "wide",

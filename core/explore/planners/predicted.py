@@ -48,8 +48,7 @@ from palpate.core.plugins import Range, check_ranges
 # Reasons of slices that no error has asked for.
 COVERING, UNTOUCHED = "the coarse cover", "nothing has touched what lies there"
 ROOM = 2.0  # Slices that only average noise lie at least so many features apart
-# A slice so near to where one of the cover was wanted stands for it; of the height.
-COVER_REACH = 0.12
+COVER_REACH = 0.12  # Of the height: a slice so near to a wanted one of the cover stands for it
 PULLED = 0.35  # A cut moves by up to this share of a part, towards the end that bends more
 AMPLE = 1.3  # Cuts are planned for an error by so much below the tolerance
 NEAR = 1e-6  # Values that differ by less of themselves are alike; then the shorter way counts
@@ -57,8 +56,7 @@ MOST_CUTS = 64  # Slices that are planned ahead
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
 SAFETY = 1.1  # Bound of 95 % over the predicted error of the whole
 NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
-# An interval of which all but a share was touched errs by that share to this power less.
-UNTOUCHED_ORDER = 3.0
+UNTOUCHED_ORDER = 3.0  # An interval errs by its untouched share to this power less
 # Bound of 95 % over the deviation that a solid of all taxels states itself, and what edges leave
 # that no deviation states, over the extent: from 200 explorations of drawn objects, half of
 # them with noise.

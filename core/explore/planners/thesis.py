@@ -40,11 +40,9 @@ from palpate.core.plugins import Range, check_ranges
 
 MOST_BENT = 40.0  # The piecewise linear form reaches so far, in rate times curvature times height
 MOST_FAILURES = 3  # In a row; then the search in this direction ends
-# A step that would lead to where a slice has failed is taken so much shorter.
-SHORTER = (1.0, 0.75, 0.6, 0.4)
+SHORTER = (1.0, 0.75, 0.6, 0.4)  # A step to where a slice has failed is taken so much shorter
 Template = Literal["exponential", "inverse_power", "logarithmic"]
-# Of x, 0 or more, and a number that only the last two take.
-StepTemplate = Callable[[Floats, float], Floats]
+StepTemplate = Callable[[Floats, float], Floats]  # Of x >= 0, and a number that the last two take
 LEAST_GAP = 1e-3  # Of the even gap: free knots never come nearer
 MOST_CALLS = 60  # Of the function that free knots are found with
 LEAST_CURVATURE = 1e-12

@@ -32,8 +32,7 @@ STEEPEST = math.radians(45.0)  # A normal that leans more says that an edge was 
 ALIKE = math.radians(3.0)
 FAINT = 1e-3  # Weight of a normal that is not believed
 STEEP = 0.6  # Upward part of a wall's normal below which there is an edge between it and the face
-# Of the pad's width: a stretch between band and face that is lower needs no touch.
-UNTOUCHED = 1.0 / 6.0
+UNTOUCHED = 1.0 / 6.0  # Of the pad's width: a lower stretch between band and face needs no touch
 LEAST_ALIKE = 4  # Touches after which the edge is believed to be the same all around, if they agree
 MOST_EDGE = 8  # Touches of one edge
 APART = 1.0  # Widths of the pad: places nearer to a touched one need no touch
@@ -68,8 +67,7 @@ class StopProbing(NamedTuple):
     """No touch is worth its time."""
 
     reason: str  # Why, in a few words
-    # Width of the largest stretch of the end that nobody touched, m; 0 where that is unknown.
-    untouched: float
+    untouched: float  # Width of the largest stretch of it that nobody touched, m; 0 if unknown
 
 
 class ProbeResult(NamedTuple):
@@ -97,8 +95,7 @@ class EndObservation:
     width: float  # Of the pad
     tolerance: float  # What two heights may differ by and still be as good as one
     noise: float = 0.0  # Standard deviation of a touch's place
-    # Whether the object stands on this end: nothing can be touched from beyond it.
-    standing: bool = False
+    standing: bool = False  # Whether the object stands on this end: no touch comes from beyond
     contour: SideContour | None = None  # The contour nearest to it; None while there is none
     probes: tuple[ProbeResult, ...] = ()  # Touches made of this end, in their order
 

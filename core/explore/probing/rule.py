@@ -55,13 +55,11 @@ MOST_LEAN = math.radians(45.0)
 CLEARANCE = 5e-3  # Start of a touch over the highest point known, m
 DEVIATIONS = 3.0  # Standard deviations by which an end may be higher than expected
 MOST_RINGS = 3  # Rings of places around the axis at which an object is looked for
-# Of the object's height: how far down a face is looked for. Farther inside nothing closes it.
-DEEP = 0.5
+DEEP = 0.5  # Of the object's height: how far down a face is looked for: deeper nothing closes it
 # Where the surface leans less, a pole is under the pad: of a ridge that goes on beyond the pad,
 # what touches leans little more.
 SUMMIT_LEAN = math.radians(3.0)
-# Of the pad's width: a place is not touched again that lies nearer to a touched one.
-SAME_PLACE = 0.25
+SAME_PLACE = 0.25  # Of the pad's width: a place nearer to a touched one is not touched again
 MOST_CLIMBS = 8  # Touches after which nobody climbs on
 
 

@@ -43,13 +43,11 @@ GOOD_FIT = 4.0e-3  # A parabola within this of the points is good; in widths of 
 CURVATURES = (-3.0, 7.5)  # Bounds of the path's curvature, in 1 / widths of the pad
 LEVEL_NORMAL = 0.2  # A normal whose level part is shorter than this has no azimuth
 ALIKE = 0.8  # Cosine of the angle within which the measured normal and the parabola must agree
-# The same where the parabola is good: beside an edge the normals are those of two faces.
-CLOSE = 0.997
+CLOSE = 0.997  # Where the parabola is good: beside an edge the normals are those of two faces
 NEIGHBOURS = 8  # Pairs of taxels that tell the slope nearest to the slice
 LEAN = 0.36  # Slope to assume where only an edge of the pad touches: 20 degrees
 Indices = NDArray[np.intp]
-# Two neighbouring taxels belong to one surface if they differ by less than this many pitches.
-STEEP = 2.0
+STEEP = 2.0  # Two neighbouring taxels on one surface differ by less than this many pitches
 # First row, counted from the one before the slice, and number of rows that a polynomial goes
 # through: the first window of which all rows are touched.
 SLICE_ARC_WINDOWS = ((-1, 4), (-2, 4), (0, 4), (-1, 3), (0, 3), (0, 2))
@@ -83,8 +81,7 @@ class Posture(NamedTuple):
     tilt: float = 0.0  # Elevation of the outward normal that the pad expects, rad
     shift: float = 0.0  # The contour lies this far from the pad's middle along its y axis, m
     depth: float = TOUCH_DEPTH  # Depth of press, m
-    # True once a search has found a posture that works: it is then kept for the contour.
-    frozen: bool = False
+    frozen: bool = False  # True once a search has found it: it is then kept for the contour
     failed_searches: int = 0  # Searches in a row that found none
     contact: float = math.inf  # Half the length of the arc that a searched posture touched first, m
 

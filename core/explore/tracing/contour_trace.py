@@ -449,8 +449,7 @@ class Stride(NamedTuple):
     heading: float  # Azimuth of the outward normal with which they were touched, rad
     posture: Posture  # How the pad was held
     gaps: tuple[Gap, ...] = ()  # Stretches from the path's end on that could not be touched
-    # True if the contour could not be followed but was met again from outside.
-    reacquired: bool = False
+    reacquired: bool = False  # True if the contour was lost but was met again from outside
 
 
 class Attempt(NamedTuple):

@@ -41,8 +41,7 @@ LEVEL = 0.03  # Slope below which the tilt is left alone
 MOST_STEPS = 6  # Touches of a walk
 GIVE_UP = 0.85  # A walk ends when a step leaves more than this share of the way to the slice
 BRIDGED = 3  # More touched taxels than this above and below the slice, and none at it: a bridge
-# Shift that brings the slice to just inside the pad's edge; in widths of the pad.
-SHIFT = 6.8 / 15.0
+SHIFT = 6.8 / 15.0  # Brings the slice to just inside the pad's edge; in widths of the pad
 LEANS = (-0.45, -0.9, 0.45)  # Tilts tried together with a shift, rad
 INCLINED = 0.3  # A surface steeper than this is tried with the pad tilted to it and shifted, rad
 MOST_FAILED_SEARCHES = 2  # After these, leaning postures are no longer tried on this contour
