@@ -32,10 +32,7 @@ def read_only(value):
 
 @pytest.fixture
 def make_touch(ball):
-    """A touch of a ball from 3 mm above it, with read-only arrays.
-
-    Given a compression or a reading it is as if it had been pressed, by as much.
-    """
+    """A touch of a ball from 3 mm above it, with read-only arrays."""
 
     def make(number=0, field=None, **more):
         start = pose_of(np.array([0.0, 0.0, 0.033]), FACING_DOWN)

@@ -213,10 +213,7 @@ def test_rays_along_a_face_meet_what_is_within_it_and_miss_what_is_beside(warp, 
 
 
 def _errors(solid, pad, end, axes):
-    """Distances of what was measured from the surface along the rays, in extended precision, m.
-
-    Of rays that graze, the error of the gauge times the size: their range has no better.
-    """
+    """Distances of what was measured from the surface along the rays, in extended precision, m."""
     wide = np.longdouble
     met = np.isfinite(end.indentation).ravel()
     gaps = end.advance - end.indentation.ravel()[met] + pad.thickness

@@ -89,7 +89,6 @@ def count_hits(most):
 
 
 def place_of(aim):
-    assert isinstance(aim, TouchCommand)
     return float(aim.place[0])
 
 
@@ -133,8 +132,6 @@ def test_an_aim_starts_its_standoff_before_the_place_and_travels_past_it():
 
 
 RADIUS = 0.03
-
-
 # What a cubic through four rows misses on a ball, m; a straight line cuts off 4.2 um.
 ROW_BIAS = 0.2e-6
 

@@ -17,20 +17,14 @@ from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
 from palpate.core.touch.pipeline import Phase, assemble
 
 FOLDER = Path(effects.__file__ or "").parent
-
-
 # Each number of each effect.
 NUMBERS = [
     (name, field, allowed)
     for name in EFFECT_NAMES
     for field, allowed in ranges_of(effect_type(name)).items()
 ]
-
-
 # Hits, a miss, and a press to the bottom.
 OUTCOMES: list[dict[str, float]] = [{}, {"reach": 1e-3}, {"depth": 2.9e-3}, {"depth": 0.4e-3}]
-
-
 # Parameters with which an effect has none.
 NOTHING: dict[str, dict[str, Any]] = {
     "pose_error": {"sigma": 0.0, "rotation": 0.0},

@@ -24,10 +24,7 @@ def solved(finger, make_touch, indentation):
 
 
 def displacement(finger, pressure, fine=12):
-    """Displacement of each taxel's middle, by point loads on a fine grid (Boussinesq).
-
-    In the middle of its own square the mean of 1 / r is 4 asinh(1) over the side.
-    """
+    """Displacement of each taxel's middle, by point loads on a fine grid (Boussinesq)."""
     pitch = finger.pad.pitch
     parts = ((np.arange(fine) + 0.5) / fine - 0.5) * pitch
     x, y = finger.pad.grid()
