@@ -72,7 +72,7 @@ def test_the_times_of_the_file_count_from_its_first_frame(table: Path):
     assert [one.due for one in published] == [0.0, 0.0, 0.5, 2.0]
 
 
-def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path):
+def test_a_file_that_cannot_be_published_is_refused_before_the_start(table: Path):
     params = msgspec.convert({"path": str(table), "sensor": {"rows": 12}}, driver.Params)
     with pytest.raises(ValueError, match=r"frames\.csv:1: has 263 columns; expected 199"):
         driver.SOURCE.outputs(params)
@@ -91,7 +91,7 @@ def test_a_file_that_cannot_be_said_is_refused_before_the_start(table: Path):
         ({"values": "signal", "sensor": {"signal": "force"}}, 2e8 * 1e-6),
     ],
 )
-def test_the_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float):
+def test_the_numbers_mean_what_the_parameters_tell(given: dict[str, Any], unit: float):
     sensing = msgspec.convert(given, SensorParams)
     frame = tactile_frame(sensing, 0, 0.0, np.array(POSE), unit * ball())
     back = calibration_of_info(sensor_info(sensing)).decode(frame.array)
@@ -199,6 +199,6 @@ def test_what_is_no_address_is_refused(address: str):
         socket_driver.Params(address=address)
 
 
-def test_a_file_is_said_again_and_a_live_sensor_is_not():
+def test_a_file_is_published_again_and_a_live_sensor_is_not():
     assert driver.SOURCE.repeats
     assert not socket_driver.SOURCE.repeats

@@ -90,7 +90,7 @@ def test_a_ball_that_is_too_large_is_too_large_by_that_much(informed: State, mod
     assert score.chamfer <= score.rms <= score.hausdorff
 
 
-def test_the_score_says_what_the_model_cost(informed: State, model: Model):
+def test_the_score_tells_what_the_model_cost(informed: State, model: Model):
     score = score_of(informed, model(RADIUS))
     assert (score.number, score.contours, score.touches) == (3, 3, 42)
     assert (score.robot_time, score.size, score.final) == (60.5, 2 * RADIUS, False)

@@ -77,7 +77,7 @@ def test_a_flat_top_is_touched_five_times_and_the_platform_never(explored: Explo
     assert 5 <= len(probes) <= 13
 
 
-def test_the_object_is_sliced_along_the_axis_that_is_asked_for_whatever_its_top_says(
+def test_the_object_is_sliced_along_the_axis_that_is_asked_for_whatever_its_top_tells(
     explored: Explored, world: World
 ):
     published = explored(
@@ -199,7 +199,7 @@ def test_fingers_work_side_by_side_apart_from_each_other(explored: Explored, sev
     assert done.tolerance_met
 
 
-def test_the_order_in_which_fingers_are_heard_changes_nothing(explored: Explored, several: World):
+def test_the_order_in_which_fingers_arrive_changes_nothing(explored: Explored, several: World):
     def bodies(order: random.Random | None) -> list[bytes]:
         published = explored(Params(), several, order=order)
         return [encode(message) for _, message in published]

@@ -69,7 +69,7 @@ def _number(one: Timed) -> Any:
     return int(decode(LogRecord, one.message).text)
 
 
-def test_everything_is_said_at_its_time(bag: Path):
+def test_everything_is_published_at_its_time(bag: Path):
     words = published(bag)
     assert words[:3] == [(0.0, "/world", 1), (0.05, "/world", 2), (0.1, "/log", 1)]
     assert words[-1] == (1.0, "/log", 10)
@@ -80,12 +80,12 @@ def test_at_twice_the_rate_it_takes_half_the_time(bag: Path):
     assert published(bag, rate=2.0)[-1] == (0.5, "/log", 10)
 
 
-def test_what_was_latched_before_the_offset_is_said_first_and_only_that(bag: Path):
+def test_what_was_latched_before_the_offset_is_published_first_and_only_that(bag: Path):
     words = published(bag, start_offset=0.55)
     assert words[:3] == [(0.0, "/world", 2), (0.05, "/log", 6), (0.15, "/log", 7)]
 
 
-def test_of_latched_topics_that_keep_all_all_are_said(tmp_path: Path):
+def test_of_latched_topics_that_keep_all_all_are_published(tmp_path: Path):
     def probe(id_: int) -> Probe:
         zero = np.zeros(3)
         return Probe(
@@ -101,7 +101,7 @@ def test_of_latched_topics_that_keep_all_all_are_said(tmp_path: Path):
     assert [round(one.due, 9) for one in words] == [0.0, 0.0, 0.0, 0.0, 0.05]
 
 
-def test_an_offset_beyond_the_end_says_what_is_latched(bag: Path):
+def test_an_offset_beyond_the_end_tells_what_is_latched(bag: Path):
     assert published(bag, start_offset=9.0) == [(0.0, "/world", 2)]
 
 
@@ -141,7 +141,7 @@ def test_a_recorded_clock_gives_way_to_its_own(tmp_path: Path):
     assert [n for _, topic, n in published(bag) if topic == "/clock"] == [99.0]
 
 
-def test_it_says_how_much_it_has_played(bag: Path):
+def test_it_tells_how_much_it_has_played(bag: Path):
     assert list(play(Params(path=str(bag))))[-1] == Finished("played 12 messages")
 
 

@@ -195,7 +195,7 @@ def test_an_upright_object_is_touched_by_the_platform_on_which_it_stands():
     assert np.array_equal(model.frame, UPRIGHT)
 
 
-def test_the_platform_says_nothing_of_a_tilted_axis(inputs: Heard):
+def test_the_platform_tells_nothing_of_a_tilted_axis(inputs: Heard):
     lower = replace(next(m for t, m in inputs if t == "/world"), platform=-0.02)
     moved = [(t, lower if t == "/world" else m) for t, m in inputs]
     assert [encode(one) for one in models(moved)] == [encode(one) for one in told()]
@@ -269,7 +269,7 @@ def test_a_goal_without_contours_gets_the_superquadric_of_the_hand():
     assert (coarse.number, coarse.bend) == (0, 0.0)
 
 
-def test_closings_may_be_heard_in_any_order_and_all_are_waited_for():
+def test_closings_may_be_received_in_any_order_and_all_are_waited_for():
     wanted = [encode(one) for one in models(grasps(4, 0, 1, 2, 3))]
     goal, *closings = grasps(4, 3, 1, 0, 2)
     assert [encode(one) for one in models([*closings, goal])] == wanted
@@ -282,7 +282,7 @@ def test_later_closings_do_not_count():
     assert [encode(one) for one in models(grasps(3, 3, 2, 1, 0))] == wanted
 
 
-def test_a_hand_that_met_nothing_says_so():
+def test_a_hand_that_met_nothing_tells_so():
     nothing = ("/hand/contacts", contacts(0, 0))
     goal = grasps(1)[0]
     [coarse] = models([nothing, goal])

@@ -47,7 +47,7 @@ def recorder(path: Path) -> Wiring:
     )
 
 
-def test_what_is_heard_is_kept(tmp_path: Path):
+def test_what_is_received_is_kept(tmp_path: Path):
     path = tmp_path / "topics.mcap"
     _, told = with_description([SIMULATOR, recorder(path)], {"seed": "7"})
     body = encode(World(platform=0.0, reach=0.3, fingers=1, seed=3))

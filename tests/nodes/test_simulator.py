@@ -53,7 +53,7 @@ def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec):
     assert published["/touch/info"].dome == pytest.approx(1 / 0.015)
 
 
-def test_everything_it_says_can_be_sent(ball: ObjectSpec, sideways: Pose):
+def test_everything_it_publishes_can_be_sent(ball: ObjectSpec, sideways: Pose):
     params = Params(object=ball)
     state, outputs = start(params)
     _, more = touch(params, state, goal_at(sideways(0.03)))
@@ -231,7 +231,7 @@ def test_a_frame_is_sent_as_often_as_the_link_delivers_it(ball: ObjectSpec, side
     assert [encode(frame) for _, frame in published] == [encode(published[0][1])] * 2  # type: ignore
 
 
-def test_the_arm_says_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose):
+def test_the_arm_tells_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose):
     ideal = pressed(ball, sideways(0.03))
     off = pressed(ball, sideways(0.03), {"pose_error": {"sigma": 1e-3}})
     # Only the way along the normal, which the move measures, can tell.
@@ -336,7 +336,7 @@ def felt(params: Params, state: State, asked: TouchGoal) -> tuple[State, Tactile
     return state, frame
 
 
-def test_the_hand_says_where_its_fingers_met_the_ball(ball: ObjectSpec):
+def test_the_hand_tells_where_its_fingers_met_the_ball(ball: ObjectSpec):
     params = Params(object=ball)
     _, contacts = grasp(params, start(params)[0])
     assert (contacts.number, contacts.missed, contacts.blocked) == (4, 0, 0)

@@ -140,7 +140,7 @@ def test_a_frame_that_is_turned_with_the_object_changes_no_touch(
     assert np.allclose(aligned.contact_high, turned.contact_high, rtol=0, atol=1e-9)
 
 
-def test_a_contour_says_how_far_up_and_down_it_was_felt(ready: State, finger: Finger):
+def test_a_contour_tells_how_far_up_and_down_it_was_touched(ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.035))
     [contour] = followed(state, outputs, finger)
     assert contour.contact_low.shape == contour.contact_high.shape == (len(contour.points),)
@@ -228,7 +228,7 @@ def test_a_touch_that_starts_inside_is_repeated_from_farther_away(ready: State, 
 
 
 @pytest.mark.parametrize("over", [1e-3, 5e-3])
-def test_a_slice_over_the_pole_says_so(over: float, ready: State, finger: Finger):
+def test_a_slice_over_the_pole_tells_so(over: float, ready: State, finger: Finger):
     state, outputs = take_goal(Params(), ready, contour_goal(height=0.06 + over))
     [contour] = followed(state, outputs, finger)
     assert (contour.status, len(contour.points)) == ("pole", 0)

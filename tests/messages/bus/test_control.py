@@ -37,7 +37,7 @@ def test_words_go_both_ways(lines: tuple[ControlServer, ControlClient]):
     assert node.receive() == {"kind": "count", "round": 3}
 
 
-def test_a_word_to_a_node_that_is_not_there_is_said_to_be_lost(
+def test_a_word_to_a_node_that_is_not_there_is_published_to_be_lost(
     lines: tuple[ControlServer, ControlClient],
 ):
     assert not lines[0].send("nobody", "go")
@@ -94,7 +94,7 @@ COUNT: dict[str, Any] = {
         COUNT,
     ],
 )
-def test_words_of_nodes_are_read_as_they_were_said(word: dict[str, Any]):
+def test_words_of_nodes_are_read_as_they_were_sent(word: dict[str, Any]):
     assert read_control(msgpack.packb(word), FROM_NODES) == word
 
 
@@ -124,7 +124,7 @@ def test_a_word_without_what_belongs_to_it_is_refused(word: dict[str, Any], word
         read_control(msgpack.packb(word), FROM_NODES)
 
 
-def test_each_side_hears_the_words_of_the_other_alone():
+def test_each_side_receives_the_words_of_the_other_alone():
     assert read_control(msgpack.packb({"kind": "go"}), TO_NODES) == {"kind": "go"}
     with pytest.raises(
         ValueError,
@@ -143,6 +143,6 @@ def test_each_side_hears_the_words_of_the_other_alone():
         b"\xc1",
     ],
 )
-def test_what_would_take_far_more_than_it_is_says_nothing(data: bytes):
+def test_what_would_take_far_more_than_it_is_tells_nothing(data: bytes):
     with pytest.raises(ValueError, match=r"^a word is a map with a kind, got no msgpack: "):
         read_control(data, FROM_NODES)

@@ -7,13 +7,13 @@ from palpate.messages.bus import handshake as join
 CALL = join.join_call("finger_1/filter", 2, "simulator")
 
 
-def test_a_call_is_read_as_it_was_said():
+def test_a_call_is_read_as_it_was_published():
     assert join.read_request(b"\x01" + CALL) == join.JoinRequest(
         "finger_1/filter", CALL, "simulator", None, "", 0
     )
 
 
-def test_a_cursor_is_read_as_it_was_said():
+def test_a_cursor_is_read_as_it_was_published():
     notice = b"\x01" + join.join_cursor(CALL, 3, "/touch/raw", 17)
     assert join.read_request(notice) == join.JoinRequest(
         "finger_1/filter", CALL, "simulator", 3, "/touch/raw", 17
@@ -41,7 +41,7 @@ def test_any_other_notice_is_no_request(notice: bytes):
     assert join.read_request(notice) is None
 
 
-def test_answers_are_read_as_they_were_said():
+def test_answers_are_read_as_they_were_sent():
     greeting = join.read_reply(join.greeting(CALL, 4))
     assert (greeting.publisher, greeting.kind) == ("simulator", join.GREETING)
     assert join.read_epoch(greeting.rest) == 4

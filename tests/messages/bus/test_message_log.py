@@ -40,7 +40,7 @@ def test_what_is_beyond_the_limit_is_found_in_the_file(tmp_path: Path):
     past.close()
 
 
-def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_path: Path):
+def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_publish_it_again(tmp_path: Path):
     for _ in range(2):
         past = MessageLog(tmp_path / "past", ["/talk"], memory=0)
         past.add("/talk", frame(0))
@@ -50,7 +50,7 @@ def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_say_it_again(tmp_pa
     assert (tmp_path / "past").stat().st_size == len(frame(0)) + 12
 
 
-def test_what_nobody_hears_is_only_counted(tmp_path: Path):
+def test_what_nobody_receives_is_only_counted(tmp_path: Path):
     past = MessageLog(tmp_path / "past", [], silent=["/talk"], memory=0)
     for seq in range(9):
         past.add("/talk", frame(seq))
@@ -59,7 +59,7 @@ def test_what_nobody_hears_is_only_counted(tmp_path: Path):
     assert not (tmp_path / "past").exists()
 
 
-def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path):
+def test_what_cannot_be_published_again_outlives_its_node(tmp_path: Path):
     names = {"silent": ["/mute"], "persistent": True}
     past = MessageLog(tmp_path / "past", ["/talk"], memory=250, **names)  # type: ignore[arg-type]
     for seq in range(5):
@@ -76,7 +76,7 @@ def test_what_cannot_be_said_again_outlives_its_node(tmp_path: Path):
 
 
 @pytest.mark.parametrize("cut", [1, 4, 30])
-def test_a_frame_that_was_cut_off_when_its_node_died_was_never_said(tmp_path: Path, cut: int):
+def test_a_frame_that_was_cut_off_when_its_node_died_was_never_published(tmp_path: Path, cut: int):
     path = tmp_path / "past"
     past = MessageLog(path, ["/talk"], persistent=True)
     for seq in range(3):
@@ -174,7 +174,7 @@ def test_times_outlive_their_node(tmp_path: Path):
     assert (published, again.before("/talk", 2)) == ([5, 1 << 60, 6, None], None)
 
 
-def test_what_is_said_again_keeps_its_time_and_what_is_new_is_later(bench: Any, tmp_path: Path):
+def test_what_is_published_again_keeps_its_time_and_the_new_is_later(bench: Any, tmp_path: Path):
     headers = []
     for epoch in range(2):
         times = SendTimes(tmp_path / "said", "talker", TOPICS)

@@ -15,7 +15,7 @@ def seqs(arrivals: list[Any]) -> list[int]:
     return [arrival.header.seq for arrival in arrivals]
 
 
-def test_what_was_said_before_anybody_listened_is_heard(bench: Any):
+def test_what_was_published_before_anybody_listened_is_received(bench: Any):
     publisher = bench.publisher()
     bench.publish(publisher, b"one", b"two")
     subscriber = bench.subscriber()
@@ -24,7 +24,7 @@ def test_what_was_said_before_anybody_listened_is_heard(bench: Any):
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
-def test_what_is_said_while_a_listener_joins_is_heard_once(bench: Any):
+def test_what_is_published_while_a_listener_joins_is_received_once(bench: Any):
     publisher = bench.publisher()
     bench.publish(publisher, b"0")
     subscriber = bench.subscriber()
@@ -202,7 +202,7 @@ def test_a_malformed_frame_is_refused(bench: Any):
         subscriber.receive()
 
 
-def test_a_publisher_that_says_it_all_again_tells_each_listener_what_it_lacks(
+def test_a_publisher_that_publishes_it_all_again_tells_each_listener_what_it_lacks(
     bench: Any, tmp_path: Path
 ):
     endpoint, early, received = after_death(bench, tmp_path)

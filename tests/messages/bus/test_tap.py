@@ -25,7 +25,7 @@ def close(*ends: Tap | TapReader) -> None:
         end.close()
 
 
-def test_a_node_is_heard_by_who_listens_to_its_tap(bench: Any):
+def test_a_node_is_received_by_who_listens_to_its_tap(bench: Any):
     tap, reader = pair(bench.context, LOG_TOPIC)
     tap.publish(LINE)
     received = reader.receive()

@@ -56,7 +56,7 @@ def prefix(path: Path) -> tuple[list[bytes], str]:
     return bodies, ""
 
 
-def test_a_recording_says_what_it_holds(whole: bytes, cut: Callable[[bytes], Path]):
+def test_a_recording_tells_what_it_holds(whole: bytes, cut: Callable[[bytes], Path]):
     recording = open_recording(cut(whole))
     assert recording.version == "1.2.3"
     assert recording.graph == b'["a graph"]'
@@ -64,7 +64,7 @@ def test_a_recording_says_what_it_holds(whole: bytes, cut: Callable[[bytes], Pat
     assert recording.closed
 
 
-def test_a_message_comes_back_with_all_that_its_frame_said(
+def test_a_message_comes_back_with_all_that_its_frame_published(
     whole: bytes, cut: Callable[[bytes], Path]
 ):
     first, *_, last = open_recording(cut(whole)).messages()

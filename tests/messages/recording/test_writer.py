@@ -42,7 +42,7 @@ def test_what_is_written_is_read_by_any_mcap_reader(
     }
 
 
-def test_metadata_say_what_wrote_it_and_how_much(
+def test_metadata_tell_what_wrote_it_and_how_much(
     writer: RecordingWriter, write: Write, tmp_path: Path
 ):
     write(writer, 5)
@@ -191,7 +191,7 @@ def test_a_large_message_is_kept(writer: RecordingWriter, tmp_path: Path):
     assert kept.body == body
 
 
-def test_a_closed_file_ends_as_the_format_says(
+def test_a_closed_file_ends_as_the_format_tells(
     writer: RecordingWriter, write: Write, tmp_path: Path
 ):
     write(writer)

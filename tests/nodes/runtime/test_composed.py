@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 from palpate.bench.bus.toy_node import ToyParams, toy
-from palpate.core.rebuild import closed_sides as felt_rows
-from palpate.core.rebuild.side import radial as along
-from palpate.core.rebuild.side import radial as skin
+from palpate.core.rebuild import closed_sides
+from palpate.core.rebuild.side import radial
 from palpate.core.rebuild.solid import Solid
 from palpate.core.rebuild.surface.meshing import SurfaceMesh
 from palpate.messages.types.model import ShapeModel
 from palpate.nodes import reconstructor
-from palpate.nodes import reconstructor as shape_model
-from palpate.nodes.planning import phases as planner_grasp
+from palpate.nodes.planning import phases
 from palpate.nodes.runtime.composed import run_composed
 from palpate.nodes.runtime.node import Wiring
 from palpate.nodes.specs.objects import ObjectSpec
@@ -82,10 +80,9 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
 @pytest.fixture
 def coarse_spans(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Few spans along the side; what follows from their number is kept no longer than that."""
-    tables = (along.along_basis, along.even_spans, along.bending_root)
-    for module in (along, skin):
-        monkeypatch.setattr(module, "SPANS", 9)
-    monkeypatch.setattr(along, "HALVED", 1)
+    tables = (radial.along_basis, radial.even_spans, radial.bending_root)
+    monkeypatch.setattr(radial, "SPANS", 9)
+    monkeypatch.setattr(radial, "HALVED", 1)
     for table in tables:
         table.cache_clear()
     yield
@@ -94,22 +91,22 @@ def coarse_spans(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture
-def coarse_skin(coarse_spans: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A skin with few coefficients, and places of the surface for a mesh, each computed once."""
+def coarse_side(coarse_spans: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A side with few coefficients, and places of the surface for a mesh, each computed once."""
     for module, name in (
         (reconstructor, "rebuild_set"),
         (reconstructor, "coarse_model"),
-        (planner_grasp, "fit_object_frame"),
+        (phases, "fit_object_frame"),
     ):
         monkeypatch.setattr(module, name, remembered(getattr(module, name)))
-    monkeypatch.setattr(skin, "AROUND", 16)
-    monkeypatch.setattr(shape_model, "_mesh", places_of)
-    monkeypatch.setattr(felt_rows, "ROWS", 17)
-    monkeypatch.setattr(felt_rows, "TURNS", 32)
+    monkeypatch.setattr(radial, "AROUND", 16)
+    monkeypatch.setattr(reconstructor, "_mesh", places_of)
+    monkeypatch.setattr(closed_sides, "ROWS", 17)
+    monkeypatch.setattr(closed_sides, "TURNS", 32)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_skin")
+@pytest.mark.usefixtures("coarse_side")
 def test_no_order_of_the_edges_changes_the_solid(
     ball: ObjectSpec, exploration: Exploration, ears: Any
 ):

@@ -72,7 +72,7 @@ def record(tmp_path: Path, info: SensorInfo) -> Record:
     return make
 
 
-def test_a_node_says_what_it_said_when_it_was_recorded(record: Record):
+def test_a_node_publishes_what_it_published_when_it_was_recorded(record: Record):
     path = record(wiring("filter"))
     published = feed(filter.NODE, path)
     assert [image.touch for image in messages_on(published, "/touch/image")] == [0, 1, 2]
@@ -102,7 +102,7 @@ def only(topic: str) -> Any:
     return {topic: curvature.NODE.inputs[topic]}
 
 
-def test_a_node_that_was_not_there_hears_its_topics(record: Record):
+def test_a_node_that_was_not_there_receives_its_topics(record: Record):
     path, received = record(), curvature.NODE.inputs["/touch/image"]
     node = replace(
         curvature.NODE,
@@ -127,7 +127,7 @@ def test_a_place_that_is_not_there_is_told(
         feed(filter.NODE, record(*map(wiring, graph)), name=name)
 
 
-def test_a_node_that_hears_nothing_of_the_recording_is_told(record: Record):
+def test_a_node_that_receives_nothing_of_the_recording_is_told(record: Record):
     node: Node = replace(curvature.NODE, inputs=only("/touch/image"), needs=())
     with pytest.raises(ValueError, match="the node subscribes to /touch/image, none of its topics"):
         feed(node, record())

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import deque
 from types import SimpleNamespace
 from typing import Any
@@ -107,3 +109,19 @@ def test_a_node_that_acts_tells_again_its_end_and_handles_nothing_after_a_stop(
     ends = [fields["reason"] for kind, fields in station.sent if kind == "finished"]
     assert ends == ([finished] if finished else [])
     assert not handled and len(station.arrivals) == 1
+
+
+PRELOADED = """
+import sys
+from palpate.nodes.runtime.preloading import preload
+import palpate.nodes.tracer
+late = "palpate.core.explore.tracing.contour_trace"
+print(late in sys.modules)
+preload(["palpate.nodes.tracer"])
+print(late in sys.modules)
+"""
+
+
+def test_what_a_node_takes_from_lazy_rooms_is_there_before_it_is_forked():
+    done = subprocess.run([sys.executable, "-c", PRELOADED], capture_output=True, text=True)
+    assert done.stdout.split() == ["False", "True"]

@@ -57,14 +57,14 @@ def texts(parcels: Any) -> list[str]:
     return [decode(LogRecord, one.body).text for one in parcels if isinstance(one, Outgoing)]
 
 
-def test_what_is_due_is_said_on_the_wire_with_its_robot_time():
+def test_what_is_due_is_published_on_the_wire_with_its_robot_time():
     [parcel] = work(lines(1)).publish_due()
     assert isinstance(parcel, Outgoing)
     assert (parcel.topic, parcel.robot_time) == ("/a/out", 2.5)
     assert texts([parcel]) == ["0"]
 
 
-def test_what_is_due_later_is_not_said_yet():
+def test_what_is_due_later_is_not_published_yet():
     made = work(lines(3, every=60.0))
     assert texts(made.publish_due()) == ["0"]
     left = made.wait()
@@ -76,12 +76,12 @@ def test_a_short_wait_is_waited_to_its_end():
     assert texts(work(lines(3, every=1e-3)).publish_due()) == ["0", "1", "2"]
 
 
-def test_encoded_bodies_are_said_as_they_are():
+def test_encoded_bodies_are_published_as_they_are():
     [parcel] = work([Timed(0.0, "/out", encode(line("x")))]).publish_due()
     assert texts([parcel]) == ["x"]
 
 
-def test_it_ends_with_its_word_and_has_nothing_to_say_after_it():
+def test_it_ends_with_its_word_and_has_nothing_to_tell_after_it():
     made = work([*lines(1), Finished("enough")])
     assert list(made.publish_due())[1:] == [Finished("enough")]
     assert made.wait() is None
@@ -95,7 +95,9 @@ def test_where_there_is_nothing_yet_it_is_asked_again_soon():
     assert made.latency.count == 1
 
 
-def test_what_an_earlier_start_had_said_is_said_at_once_and_the_rest_in_its_time(tmp_path: Path):
+def test_an_earlier_starts_messages_are_published_at_once_and_the_rest_in_time(
+    tmp_path: Path,
+):
     tally = SourceProgress(tmp_path / "tally")
     first = work(lines(5, every=60.0), tally=tally)
     assert texts(first.publish_due()) == ["0"]
@@ -127,7 +129,7 @@ def test_tools_may_speak_for_a_source_that_lets_them():
     assert work(()).obey(word) == []
 
 
-def test_what_a_tool_says_must_be_of_the_topics_type():
+def test_what_a_tool_publishes_must_be_of_the_topics_type():
     other = encode(World(platform=0.0, reach=0.3, fingers=1, seed=1))
     with pytest.raises(CodecError, match="not a LogRecord"):
         work((), outside=True, repeats=False).obey(
@@ -150,7 +152,7 @@ def test_what_is_not_declared_is_refused(published: Timed, words: str):
         list(work([published]).publish_due())
 
 
-def test_it_hears_nothing():
+def test_it_receives_nothing():
     from palpate.messages.bus.subscriber import Received
     from palpate.messages.codec import Header
 
@@ -181,7 +183,7 @@ def test_what_is_due_later_is_waited_for():
     assert pace.wait(3.5, 107.0) == 0.0
 
 
-def test_while_it_stands_still_only_what_was_due_already_is_said():
+def test_while_it_stands_still_only_what_was_due_already_is_published():
     pace = PlaybackClock(paused=True)
     pace.start(0.0, 100.0)
     assert pace.wait(0.0, 105.0) == 0.0
@@ -207,7 +209,7 @@ def test_pausing_or_going_on_twice_is_doing_it_once():
     assert pace.wait(2.0, 121.0) == 0.0
 
 
-def test_steps_say_what_is_next_and_stand_still_again():
+def test_steps_tell_what_is_next_and_stand_still_again():
     pace = PlaybackClock(paused=True)
     pace.start(0.0, 100.0)
     pace.step(2)

@@ -47,7 +47,7 @@ def texts(published: list[Any]) -> list[str]:
     return [one.reason if isinstance(one, Finished) else one[1].text for one in published]
 
 
-def test_a_node_says_what_its_handlers_return_once_its_needs_have_come():
+def test_a_node_publishes_what_its_handlers_return_once_its_needs_have_come():
     received = [("/in", line("a")), ("/in", line("b"))]
     assert drive(NODE, received) == []
     published = drive(NODE, [*received, ("/need", line("n")), ("/in", line("end"))])
@@ -94,7 +94,7 @@ def test_a_handler_that_writes_into_its_input_is_found():
         drive(node, [("/in", image)])
 
 
-def test_what_one_node_says_can_be_given_to_the_next(info: SensorInfo):
+def test_what_one_node_publishes_can_be_given_to_the_next(info: SensorInfo):
     from palpate.messages.types.touch import TactileFrame
 
     frame = example(
@@ -136,7 +136,7 @@ def test_a_source_is_driven_to_its_end_and_bodies_are_decoded():
         (Timed(0.0, "/out", example(World)), "published a World on /out, declared as LogRecord"),
     ],
 )
-def test_a_source_that_says_what_it_does_not_declare_is_refused(published: Timed, words: str):
+def test_a_source_that_publishes_what_it_does_not_declare_is_refused(published: Timed, words: str):
     with pytest.raises(ContractError, match=words):
         drive(source(published))
 

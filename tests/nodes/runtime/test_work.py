@@ -76,7 +76,7 @@ def started(*publications: object) -> NodeWork:
     return work
 
 
-def test_what_a_node_says_goes_to_its_topic_on_the_wire():
+def test_what_a_node_publishes_goes_to_its_topic_on_the_wire():
     [parcel] = NodeWork(NODE, Params(), WIRING).begin()
     assert parcel == Outgoing("/a/out", encode(line("started")), 2.5, schema_hash(LogRecord))
 
@@ -125,7 +125,7 @@ def test_an_output_that_is_not_declared_is_refused(output: object, words: str):
         started(output).take(need("n"))
 
 
-def test_an_output_that_another_fingers_node_says_is_refused():
+def test_an_output_that_another_fingers_node_publishes_is_refused():
     wiring = replace(WIRING, outputs={"/flat": "/a/flat"})
     with pytest.raises(ContractError, match="node published /out, which another finger's node"):
         NodeWork(NODE, Params(), wiring).begin()
@@ -166,7 +166,7 @@ class Kept:
         self.closed, self.missing = True, dict(missing)
 
 
-def test_a_sink_writes_what_it_hears_undecoded():
+def test_a_sink_writes_what_it_receives_undecoded():
     made: list[Kept] = []
 
     def open_kept(params: Params, topics: Mapping[str, str]) -> Kept:
@@ -205,7 +205,7 @@ def test_a_message_that_takes_long_is_made_at_once():
     assert (parcel.body, parcel.robot_time) == (encode(line("late")), 2.5)
 
 
-def test_one_that_had_been_said_is_only_promised():
+def test_one_that_had_been_published_is_only_promised():
     made: list[int] = []
     [promise] = later_work(made).replay(frame("1"))
     assert isinstance(promise, Promise) and made == []

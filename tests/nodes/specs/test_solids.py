@@ -74,7 +74,7 @@ def test_each_word_is_a_shape_that_can_be_touched_and_meshed(words: dict[str, An
     assert 0.0 < ranges(shape, 0.2, 0.02) < 0.2
 
 
-def test_a_hyperquadric_says_its_terms_and_dents():
+def test_a_hyperquadric_tells_its_terms_and_dents():
     plain, dented = (made(hyperquadric={"terms": TERMS, "dents": dents}) for dents in ([], [DENT]))
     assert ranges(plain, 0.1, 0.0) == pytest.approx(0.06, abs=1e-15)
     assert 0.065 < ranges(dented, 0.1, 0.0) < 0.075
@@ -121,7 +121,7 @@ def test_poses_of_a_tree_are_composed():
         ({"difference": [BALL, {"polyhedron": TETRAHEDRON}]}, 0.1),
     ],
 )  # fmt: skip
-def test_trees_combine_what_they_say(tree: dict[str, Any], middle: float):
+def test_trees_combine_what_they_tell(tree: dict[str, Any], middle: float):
     shape = made(boolean=tree)
     found = ranges(shape, 0.0, 0.1, DOWN)
     assert found == pytest.approx(middle, abs=1e-14)
