@@ -42,7 +42,7 @@ def run(*command: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(tmp_path_factory):
     """Palpate installed from its wheel, apart from the checkout."""
     work = tmp_path_factory.mktemp("wheel")
     source, target = work / "source", work / "target"
@@ -58,9 +58,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-def test_every_module_of_the_wheel_can_be_imported(installed: Path):
+def test_every_module_of_the_wheel_can_be_imported(installed):
     done = run(sys.executable, "-P", "-c", IMPORT_ALL, installed, PYTHONPATH=str(installed))
-
     assert done.returncode == 0, done.stderr
     layers = ("core", "messages", "nodes", "launch", "tools", "bench")
     here = sum(
@@ -70,9 +69,8 @@ def test_every_module_of_the_wheel_can_be_imported(installed: Path):
     assert int(done.stdout) == here + public
 
 
-def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed: Path):
+def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed):
     names = {path.name for path in (ROOT / "scenes").iterdir() if path.suffix in (".yaml", ".ply")}
-
     assert len(names) >= 7
     for name in names:
         assert (installed / "palpate/launch/scenes" / name).is_file()
@@ -81,15 +79,13 @@ def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed:
     assert (installed / "palpate/bench/fuzz/hostile.yaml").is_file()
 
 
-def test_the_wheel_installs_nothing_but_palpate(installed: Path):
+def test_the_wheel_installs_nothing_but_palpate(installed):
     tops = {path.name for path in installed.iterdir()}
-
     assert {name for name in tops if not re.match(r"palpate|bin$", name)} == set()
 
 
 def test_the_version_is_the_same_everywhere():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-
     assert palpate.__version__ == project["version"]
     assert f"\nversion: {palpate.__version__}\n" in (ROOT / "CITATION.cff").read_text()
 
@@ -121,7 +117,6 @@ def test_the_top_module_offers_its_names_and_no_others():
 
 def test_importing_palpate_imports_nothing_heavy():
     code = "import palpate, sys; print(sorted({'numpy', 'scipy', 'click'} & set(sys.modules)))"
-
     assert run(sys.executable, "-c", code).stdout == "[]\n"
 
 
@@ -131,13 +126,12 @@ def test_the_pins_have_no_address_and_cover_what_is_required():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     wanted = [*project["dependencies"], *extras["dev"], *extras["docs"]]
-
     assert all(re.fullmatch(r"[a-z0-9.-]+==[a-z0-9.]+( ; .+)?", line) for line in lines)
     assert {re.split(r"[>=;\[ ]", name)[0].lower() for name in wanted} <= pinned
 
 
 @pytest.fixture
-def clone(tmp_path: Path) -> Path:
+def clone(tmp_path):
     """The start script in a folder of its own, with an environment that counts as set up."""
     for name in ("go", "pyproject.toml", "constraints.txt"):
         shutil.copy(ROOT / name, tmp_path / name)
@@ -156,22 +150,17 @@ def set_up(clone: Path, palpate_script: str) -> None:
     (clone / ".venv" / ".stamp").write_text(stamp)
 
 
-def test_the_start_script_explores_the_vase_unless_told_otherwise(clone: Path):
+def test_the_start_script_explores_the_vase_unless_told_otherwise(clone):
     set_up(clone, 'echo "$@"')
-
     assert run(clone / "go").stdout == "run vase\n"
     assert run(clone / "go", "scene", "list").stdout == "scene list\n"
 
 
-def test_a_package_called_launch_on_the_path_does_not_disturb_the_start_script(
-    clone: Path,
-):
+def test_a_package_called_launch_on_the_path_does_not_disturb_the_start_script(clone):
     (clone / "ros" / "launch").mkdir(parents=True)
     (clone / "ros" / "launch" / "__init__.py").write_text("raise SystemExit('the wrong launch')")
     set_up(clone, f"exec {sys.executable} -P -c 'import launch'")
-
     done = run(clone / "go", "--version", PYTHONPATH=str(clone / "ros"))
-
     assert "the wrong launch" not in done.stderr
     assert "No module named 'launch'" in done.stderr
 
@@ -193,20 +182,16 @@ def path_without_python(clone: Path) -> Path:
     return folder
 
 
-def test_without_a_new_enough_python_the_start_script_says_so(clone: Path):
+def test_without_a_new_enough_python_the_start_script_says_so(clone):
     programs = path_without_python(clone)
     stand_in(programs, "python3", "exit 1")
-
     done = run(clone / "go", PATH=str(programs))
-
     assert done.returncode == 2
     assert done.stderr.startswith("palpate: needs Python 3.11 or newer")
     assert done.stderr.count("\n") == 1
 
 
-def test_a_python_that_does_not_run_is_passed_over_and_a_missing_venv_is_said(
-    clone: Path,
-):
+def test_a_python_that_does_not_run_is_passed_over_and_a_missing_venv_is_said(clone):
     programs = path_without_python(clone)
     # A version manager's answer to a name for which it has no version.
     stand_in(programs, "python3", "echo 'no version is set' >&2; exit 127")
@@ -214,9 +199,7 @@ def test_a_python_that_does_not_run_is_passed_over_and_a_missing_venv_is_said(
     no_venv = f'[ "$1 $2" = "-m venv" ] && exit 1\nexec {sys.executable} "$@"'
     stand_in(programs, "python3.12", no_venv)
     stand_in(programs, "python3.11", "exit 1")
-
     done = run(clone / "go", PATH=str(programs))
-
     assert done.returncode == 2
     assert "Python's venv is missing; on Debian or Ubuntu" in done.stderr
     assert not (clone / ".venv").exists()
@@ -241,9 +224,7 @@ def without_pip_settings() -> dict[str, str]:
 @pytest.mark.parametrize(
     ("setting", "called"), [({}, True), ({"PIP_INDEX_URL": "http://127.0.0.1:9/"}, False)]
 )
-def test_uv_sets_up_unless_pip_has_an_index_of_its_own(
-    clone: Path, setting: dict[str, str], called: bool
-):
+def test_uv_sets_up_unless_pip_has_an_index_of_its_own(clone, setting, called):
     programs = path_without_python(clone)
     (programs / "mkdir").symlink_to(shutil.which("mkdir") or "")
     (programs / "chmod").symlink_to(shutil.which("chmod") or "")

@@ -1,9 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
-import pytest
-
 from palpate.bench import house
 from palpate.bench.house import (
     Call,
@@ -36,18 +32,18 @@ def call() -> None:
 '''
 
 
-def test_blank_lines_comments_and_docstrings_are_no_code(tmp_path: Path):
+def test_blank_lines_comments_and_docstrings_are_no_code(tmp_path):
     assert code_lines(TEXT) == 4
     (tmp_path / "one.py").write_text(TEXT)
     assert folder_size("x", [tmp_path / "one.py"])[1:] == (1, 13, 4, 13, 0, 1)
 
 
-def test_the_product_is_the_sum_of_its_folders(monkeypatch: pytest.MonkeyPatch):
+def test_the_product_is_the_sum_of_its_folders(monkeypatch):
     monkeypatch.setattr(house, "FOLDERS", ("launch", "palpate", "tests"))
     monkeypatch.setattr(house, "sources", lambda folder: sources(folder)[:9])
     _, product, *folders = house_rows(quick=True)
-    rooms = [one for one in folders if one.name != "tests"]  # type: ignore[union-attr]
-    assert {one.name for one in rooms} == {"launch", "palpate"}  # type: ignore[union-attr]
+    rooms = [one for one in folders if one.name != "tests"]
+    assert {one.name for one in rooms} == {"launch", "palpate"}
     assert product[1:4] == tuple(sum(one[i] for one in rooms) for i in (1, 2, 3))
 
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from palpate.bench.objects import (
     ROUNDING,
     SHAPE_HEIGHT,
     WAVY,
-    RoundObject,
     drawn_object,
     hidden_depth,
     mesh_of_radius,
@@ -33,7 +31,7 @@ from palpate.nodes.specs.objects import build_shape
 
 
 @pytest.mark.parametrize("name", REBUILT_SHAPES)
-def test_the_mesh_of_an_object_is_closed_and_its_contours_lie_on_it(name: str):
+def test_the_mesh_of_an_object_is_closed_and_its_contours_lie_on_it(name):
     shape, truth = REBUILT_SHAPES[name], truth_of(name)
     mesh = shape.true_mesh()
     found = solidity(mesh.vertices, mesh.faces)
@@ -54,7 +52,7 @@ NAMES = [*ROUND_OBJECTS, "wavy"]
 
 
 @pytest.mark.parametrize("thing", EVERY, ids=NAMES)
-def test_contours_lie_on_their_object_counter_clockwise(thing: RoundObject):
+def test_contours_lie_on_their_object_counter_clockwise(thing):
     heights = np.linspace(-1.0, 1.0, 7)
     grid = thing.contours(heights, 48)[..., :2]
     assert np.abs(thing.distances(grid, heights)[0]).max() < 1e-13
@@ -63,7 +61,7 @@ def test_contours_lie_on_their_object_counter_clockwise(thing: RoundObject):
 
 
 @pytest.mark.parametrize("thing", EVERY, ids=NAMES)
-def test_a_place_moved_along_the_normal_is_so_far_off(thing: RoundObject):
+def test_a_place_moved_along_the_normal_is_so_far_off(thing):
     heights = np.linspace(-0.8, 0.8, 5)
     grid, step = thing.contours(heights, 16)[..., :2], 1e-4
     out = grid - thing.axis(heights)[:, None]
@@ -88,7 +86,7 @@ def straight(z: Floats, t: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("name", ["cone", "star"])
-def test_a_mesh_of_a_radius_is_one_closed_solid_that_stands_on_the_floor(name: str):
+def test_a_mesh_of_a_radius_is_one_closed_solid_that_stands_on_the_floor(name):
     mesh = mesh_of_radius(EXPLORED_OBJECTS[name])
     found = solidity(mesh.vertices, mesh.faces)
     assert (found.watertight, found.genus, found.components) == (True, 0, 1)
@@ -119,15 +117,13 @@ def test_an_end_that_comes_to_a_point_is_left_as_it_is():
 @pytest.mark.parametrize(
     "name", [name for name, one in EXPLORED_OBJECTS.items() if not callable(one)]
 )
-def test_a_described_object_is_as_high_as_the_others(name: str, tmp_path: Path):
+def test_a_described_object_is_as_high_as_the_others(name, tmp_path):
     scene = load_scene(write_scene(tmp_path, EXPLORED_OBJECTS[name], (), DEMAND))
     assert scene.size[2] == pytest.approx(EXPLORED_HEIGHT, rel=0.06)
     assert build_shape(scene.spec.object).bounds()[0, 2] == pytest.approx(0.0, abs=2e-3)
 
 
-def test_a_scene_says_what_stands_where_and_what_is_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_scene_says_what_stands_where_and_what_is_asked(tmp_path, monkeypatch):
     monkeypatch.setattr(objects, "RINGS", 60)
     monkeypatch.setattr(objects, "TURNS", 48)
     demand = Demand("uniform", 3e-4, {"count": 5})
@@ -146,7 +142,7 @@ def test_a_scene_says_what_stands_where_and_what_is_asked(
     assert high[2] == pytest.approx(0.07 + np.cos(np.radians(25.0)) * EXPLORED_HEIGHT, abs=0.008)
 
 
-def test_a_described_object_is_moved_with_its_own_place(tmp_path: Path):
+def test_a_described_object_is_moved_with_its_own_place(tmp_path):
     path = write_scene(
         tmp_path, EXPLORED_OBJECTS["sphere"], (), DEMAND, moved=leaning(90.0, 0.01, 0.07)
     )
@@ -166,9 +162,7 @@ def test_a_seed_below_0_is_refused():
         drawn_object(-1)
 
 
-def test_a_seed_that_leads_to_no_object_a_pad_can_touch_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_a_seed_that_leads_to_no_object_a_pad_can_touch_is_refused(monkeypatch):
     monkeypatch.setattr(objects, "DEEPEST", -1.0)
     monkeypatch.setattr(objects, "DRAWS", 2)
     with pytest.raises(ValueError, match="that a pad can touch, 5 does not"):
@@ -181,7 +175,7 @@ def test_nothing_of_a_convex_side_is_hidden_from_the_dome():
 
 
 @pytest.mark.parametrize("round_by", [0.007, 0.01])
-def test_a_hollow_rounder_than_the_dome_hides_what_lies_between_both(round_by: float):
+def test_a_hollow_rounder_than_the_dome_hides_what_lies_between_both(round_by):
     half = 0.006
 
     def depth(ball: float) -> float:

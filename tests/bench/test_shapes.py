@@ -27,15 +27,13 @@ TRIALS = 30
     ("kind", "least"),
     [("rigid", 0.97), ("outliers", 0.95), ("tapered", 0.98), ("bent", 0.98), ("both", 0.98)],
 )
-def test_random_solids_are_recovered(kind: str, least: float):
+def test_random_solids_are_recovered(kind, least):
     one_way, both_ways = good_shares(recover_many(KINDS[kind], TRIALS))
     # One in thirty may fail by chance; two are too many.
     assert min(one_way, both_ways) >= min(least, 1 - 1.5 / TRIALS)
 
 
-def test_the_table_names_each_figure_once_and_says_what_was_missed(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_the_table_names_each_figure_once_and_says_what_was_missed(monkeypatch):
     bad = RecoveryOutcome(one_sided=0.5, chamfer=0.5, floor=1e-4, seconds=9.0)
     monkeypatch.setattr(shapes, "recover_many", lambda kind, trials: [bad] * 3)
     rows = list(recovery_rows(quick=True))
@@ -54,12 +52,10 @@ def test_the_table_names_each_figure_once_and_says_what_was_missed(
         (spline_rows, ("residual", "not inverted", "proved"), 9),
     ],
 )
-def test_every_demand_that_needs_no_clock_is_met(
-    measured: object, words: tuple[str, ...], count: int, monkeypatch: pytest.MonkeyPatch
-):
+def test_every_demand_that_needs_no_clock_is_met(measured, words, count, monkeypatch):
     for name, value in {"POINTS": 1000, "QUICK_LOOPED": 4, "INVERSION_ROUNDS": 1}.items():
         monkeypatch.setattr(shapes, name, value)
-    rows = list(measured(True))  # type: ignore[operator]
+    rows = list(measured(True))
     assert len({row.name for row in rows}) == len(rows)
     judged = [row for row in rows if any(word in row.name for word in words)]
     assert len(judged) == count
@@ -79,7 +75,7 @@ def test_the_curves_of_the_figure_show_the_gap_that_the_thesis_leaves():
         assert len(ours.control) == len(thesis.control)
 
 
-def test_the_figures_can_be_drawn(tmp_path: Path):
+def test_the_figures_can_be_drawn(tmp_path):
     draw_models(["gem"]).savefig(tmp_path / "models.png", dpi=30)
     draw_curves().savefig(tmp_path / "curves.png", dpi=30)
     assert all((tmp_path / name).stat().st_size > 1000 for name in ("models.png", "curves.png"))

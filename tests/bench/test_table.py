@@ -26,7 +26,7 @@ GROUPS = {"good": f"{__name__}:good", "bad": f"{__name__}:bad"}
 
 
 @pytest.fixture(autouse=True)
-def here(monkeypatch: pytest.MonkeyPatch):
+def here(monkeypatch):
     """Groups of this file are found whatever name it was imported by."""
     monkeypatch.setattr(table, "named", lambda place: globals()[place.rpartition(":")[2]])
 
@@ -64,7 +64,7 @@ def test_a_line_without_a_demand_ends_with_its_value():
         (at_least("a", float("nan"), 0.0), ">= 0", False),
     ],
 )
-def test_a_demand_is_met_up_to_its_bound(row: Row, target: str, holds: bool):
+def test_a_demand_is_met_up_to_its_bound(row, target, holds):
     assert (row.target, row.holds) == (target, holds)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.golden.golden import GOLDENS, Golden, Workshop, differences, elsewhere
+from tests.golden.golden import GOLDENS, Workshop, differences, elsewhere
 
 MARKS = (pytest.mark.graph, pytest.mark.timeout(600))
 CASES = [
@@ -14,15 +14,14 @@ CASES = [
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
+def shop(tmp_path_factory):
     """Where all runs of this file leave what others look at."""
     return Workshop(tmp_path_factory.mktemp("golden"))
 
 
 @pytest.mark.parametrize("golden", CASES)
-def test_golden(golden: Golden, shop: Workshop):
+def test_golden(golden, shop):
     apart = differences(golden.stored(), golden.make(shop))
-
     if apart and (where := elsewhere()):
         pytest.skip(f"differs, but so does the machine: {where}")
     assert not apart, "\n".join(apart)

@@ -34,7 +34,7 @@ COUNT = 2
 
 
 @pytest.fixture(scope="module")
-def explored() -> Explored:
+def explored():
     return explore_object(
         EXPLORED_OBJECTS["ellipsoid"], EXACT, Demand("uniform", settings={"count": COUNT})
     )
@@ -49,7 +49,7 @@ def named(rows: list[Row], part: str) -> Row:
     return found
 
 
-def test_an_exploration_is_kept_with_all_that_was_published(explored: Explored):
+def test_an_exploration_is_kept_with_all_that_was_published(explored):
     assert len(explored.contours) == explored.score.contours == COUNT
     assert explored.score.final
     assert explored.models[-1].final
@@ -59,23 +59,21 @@ def test_an_exploration_is_kept_with_all_that_was_published(explored: Explored):
     assert explored.truth.height == pytest.approx(0.09)
 
 
-def test_a_run_that_states_a_bound_holds_it_or_not(explored: Explored):
+def test_a_run_that_states_a_bound_holds_it_or_not(explored):
     assert explored.held is None
     size = explored.score.size
     assert changed(explored, bound=0.5 * size).held is True
     assert changed(explored, bound=1e-9 * size).held is False
 
 
-def test_an_exploration_that_dies_is_told_with_its_reason(monkeypatch: pytest.MonkeyPatch):
+def test_an_exploration_that_dies_is_told_with_its_reason(monkeypatch):
     ending = Ending(status="died", reason="the tracer: no way on")
     monkeypatch.setattr(harness, "run_composed", lambda *args, **kwargs: ending)
     with pytest.raises(RuntimeError, match="exploration died: the tracer: no way on"):
         explore_object(EXPLORED_OBJECTS["ellipsoid"], EXACT, Demand())
 
 
-def test_the_side_is_good_from_contours_with_slopes_and_better_from_everything(
-    explored: Explored,
-):
+def test_the_side_is_good_from_contours_with_slopes_and_better_from_everything(explored):
     side = Side.of(explored.truth)
     share = side.points[:, 2] / side.height
     assert 0.03 <= share.min() <= share.max() <= 0.97
@@ -85,7 +83,7 @@ def test_the_side_is_good_from_contours_with_slopes_and_better_from_everything(
     assert contour_error(side, explored, 1) == WORST
 
 
-def test_contours_are_counted_until_the_side_is_good_enough(explored: Explored):
+def test_contours_are_counted_until_the_side_is_good_enough(explored):
     side = Side.of(explored.truth)
     more = explored._replace(contours=2 * explored.contours)
     errors = {2: 1.0, 3: 0.2, 4: 0.1}
@@ -96,9 +94,7 @@ def test_contours_are_counted_until_the_side_is_good_enough(explored: Explored):
     assert at_end(side, few) == MOST_CONTOURS_PLANNED
 
 
-def test_whole_explorations_are_held_against_error_and_cost(
-    explored: Explored, monkeypatch: pytest.MonkeyPatch
-):
+def test_whole_explorations_are_held_against_error_and_cost(explored, monkeypatch):
     demands: list[Demand] = []
 
     def explore(target: Any, noise: Any, demand: Demand) -> Explored:
@@ -122,9 +118,7 @@ def test_whole_explorations_are_held_against_error_and_cost(
     assert not named(rows, "box, noise: contours, touches").holds
 
 
-def test_an_object_that_leans_is_held_against_itself(
-    explored: Explored, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_object_that_leans_is_held_against_itself(explored, monkeypatch):
     poses: list[Any] = []
 
     def explore(target: Any, noise: Any, demand: Any, seed: int, moved: Any) -> Explored:
@@ -140,9 +134,7 @@ def test_an_object_that_leans_is_held_against_itself(
 @pytest.mark.parametrize(
     ("leaning", "value", "holds"), [(1.2, "1.20 x", True), (1.21, "1.21 x", False)]
 )
-def test_a_leaning_object_may_be_a_fifth_worse(
-    monkeypatch: pytest.MonkeyPatch, leaning: float, value: str, holds: bool
-):
+def test_a_leaning_object_may_be_a_fifth_worse(monkeypatch, leaning, value, holds):
     monkeypatch.setattr(
         explorations,
         "mean_chamfer",
@@ -171,7 +163,7 @@ def test_a_direction_that_is_much_better_than_the_other_is_a_miss_too(
     assert np.linalg.norm(asked[1]) == pytest.approx(1.0)
 
 
-def test_three_fingers_are_held_against_one(explored: Explored, monkeypatch: pytest.MonkeyPatch):
+def test_three_fingers_are_held_against_one(explored, monkeypatch):
     seconds = {1: 100.0, 3: 41.0}
     asked = iter([1, 3])
 
@@ -186,12 +178,12 @@ def test_three_fingers_are_held_against_one(explored: Explored, monkeypatch: pyt
     assert (error.value, error.holds) == ("1.00 x", True)
 
 
-def test_the_time_of_tracing_begins_with_the_end_of_the_first_contour(explored: Explored):
+def test_the_time_of_tracing_begins_with_the_end_of_the_first_contour(explored):
     times = [one.robot_time for one in explored.contours]
     assert explorations.tracing_seconds(explored) == max(times) - min(times)
 
 
-def test_a_run_is_near_if_it_ended_within_one_contour(explored: Explored):
+def test_a_run_is_near_if_it_ended_within_one_contour(explored):
     after = explored.scores[0].contours
     assert first_within(explored.scores, 100.0) == after
     assert first_within(explored.scores, 0.0) is None
@@ -203,7 +195,7 @@ def test_a_run_is_near_if_it_ended_within_one_contour(explored: Explored):
 
 
 @pytest.mark.parametrize(("held", "holds"), [(89, False), (90, True), (98, True), (99, False)])
-def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(held: int, holds: bool):
+def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(held, holds):
     told = [RunClaim(i < held, 0 if i < 80 else 5, 0) for i in range(100)]
     rows = list(calibration_figures(told))
     assert named(rows, "bound of 95 %").holds == holds
@@ -215,7 +207,7 @@ def test_a_bound_of_95_percent_may_hold_neither_too_seldom_nor_too_often(held: i
     assert len(list(calibration_figures([RunClaim(True, None, None)]))) == 2
 
 
-def test_runs_of_the_calibration_tell_how_far_they_are(monkeypatch: pytest.MonkeyPatch):
+def test_runs_of_the_calibration_tell_how_far_they_are(monkeypatch):
     monkeypatch.setattr(explorations, "calibration_run", lambda number: RunClaim(True, 0, 0))
     rows = list(explorations.calibration_rows(False))
     assert sum("runs so far" in row.name for row in rows) == 9
@@ -238,7 +230,7 @@ def counts(**more: int) -> ContourCounts:
         ({"positions": 7}, ["predicted over uniform, positions only"]),
     ],
 )
-def test_the_default_planner_is_held_against_each_rival(more: dict[str, int], missed: list[str]):
+def test_the_default_planner_is_held_against_each_rival(more, missed):
     rows = list(planners.count_sums({"a": counts(**more), "b": counts(**more)}))
     assert [row.name for row in rows if not row.holds] == missed
 

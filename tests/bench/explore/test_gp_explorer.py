@@ -35,7 +35,7 @@ def explorer_of(folder: Path, noise: str = "exact") -> Explorer:
     return Explorer(GuardedFinger(scene), box, 0.0, 0.01)
 
 
-def test_fifteen_touches_find_an_ellipsoid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_fifteen_touches_find_an_ellipsoid(tmp_path, monkeypatch):
     monkeypatch.setattr(peer, "CELL", 5e-3)
     monkeypatch.setattr(peer, "LEVEL", 5)
     explorer = explorer_of(tmp_path)
@@ -47,14 +47,14 @@ def test_fifteen_touches_find_an_ellipsoid(tmp_path: Path, monkeypatch: pytest.M
     assert error < 0.01 * 0.09
 
 
-def test_the_same_finger_with_the_same_noise_explores_alike(tmp_path: Path):
+def test_the_same_finger_with_the_same_noise_explores_alike(tmp_path):
     ways = [
         explorer_of(tmp_path, "noise").until(lambda state: state.touches >= 4).way for _ in range(2)
     ]
     assert ways[0] == ways[1]
 
 
-def test_a_touch_beside_the_object_tells_that_nothing_is_there(tmp_path: Path):
+def test_a_touch_beside_the_object_tells_that_nothing_is_there(tmp_path):
     scene = write_scene(tmp_path, EXPLORED_OBJECTS[NAME], NOISES["exact"], Demand())
     finger = GuardedFinger(scene)
     touched = finger.touch(np.array([0.1, 0.0, 0.045]), np.array([1.0, 0.0, 0.0]), 0.02, 0.01)
@@ -80,7 +80,7 @@ def test_tuned_objects_are_not_among_those_that_count():
     assert {*peer.TUNED_ON, *peer.COMPARED, *peer.QUICK} <= set(EXPLORED_OBJECTS)
 
 
-def test_palpate_must_be_twice_as_good_on_the_same_way(monkeypatch: pytest.MonkeyPatch):
+def test_palpate_must_be_twice_as_good_on_the_same_way(monkeypatch):
     class Ours:
         percent, travel, touches = 0.1, 6.0, 200
 
@@ -186,7 +186,7 @@ def test_points_of_one_touch_are_off_together():
     assert together.deviations(place)[0] > 2.0 * alone.deviations(place)[0]
 
 
-def test_the_mesh_is_closed_and_ends_at_the_floor(monkeypatch: pytest.MonkeyPatch):
+def test_the_mesh_is_closed_and_ends_at_the_floor(monkeypatch):
     monkeypatch.setattr(peer, "CELL", 0.15)
     monkeypatch.setattr(peer, "LEVEL", 4)
     mesh = touched_ellipsoid().mesh(np.array([[-1.5] * 3, [1.5] * 3]), -0.5)

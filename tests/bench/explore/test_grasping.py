@@ -12,7 +12,7 @@ from palpate.core.explore.grasp.object_frame import mass_properties
 
 
 @pytest.mark.parametrize("name", GRASPED_OBJECTS)
-def test_an_object_is_closed_and_stands_about_the_origin(name: str):
+def test_an_object_is_closed_and_stands_about_the_origin(name):
     vertices, faces = GRASPED_OBJECTS[name]().mesh(3)
     body = mass_properties(vertices, faces)
     assert 2e-5 < body.volume < 4e-4
@@ -33,7 +33,7 @@ def test_a_ball_is_right_if_it_is_said_to_be_ambiguous():
     assert outcome.right and outcome.ambiguous
 
 
-def test_the_rows_are_told_apart_and_hold(monkeypatch: pytest.MonkeyPatch):
+def test_the_rows_are_told_apart_and_hold(monkeypatch):
     monkeypatch.setattr(bench_grasp, "GRASPED_OBJECTS", {"cylinder": GRASPED_OBJECTS["cylinder"]})
     monkeypatch.setattr(bench_grasp, "COUNTS", (30,))
     rows = list(grasp_rows(quick=True))

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import pytest
-
 from palpate.bench.explore import planners
 from palpate.bench.explore.planners import (
     MOST_MILLISECONDS,
@@ -15,7 +13,7 @@ from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, Pl
 from palpate.core.explore.planners.uniform import Uniform
 
 
-def test_every_demand_on_planners_that_needs_no_clock_is_met(monkeypatch: pytest.MonkeyPatch):
+def test_every_demand_on_planners_that_needs_no_clock_is_met(monkeypatch):
     monkeypatch.setattr(planners, "DRAWN", 21)
     monkeypatch.setattr(planners, "THESIS_SETS", planners.THESIS_SETS[::3])
     rows = list(planner_rows(True))

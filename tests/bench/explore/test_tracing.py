@@ -17,11 +17,11 @@ from palpate.bench.explore.tracing import (
 from palpate.bench.objects import TRACED_OBJECTS, carved
 from palpate.core.explore.tracing.contour_path import Gap
 from palpate.core.poses import pose_of
-from palpate.core.touch.pad import Pad, guarded_move
+from palpate.core.touch.pad import guarded_move
 
 
 @pytest.mark.parametrize("name", sorted(TRACED_OBJECTS))
-def test_every_object_has_the_outline_that_its_rays_meet(name: str):
+def test_every_object_has_the_outline_that_its_rays_meet(name):
     target = TRACED_OBJECTS[name]
     height = 0.4 * target.half
     outline = target.outline(height)
@@ -90,7 +90,7 @@ def mouth(half_width: float) -> Gap:
 
 
 @pytest.mark.parametrize("pad", [FLAT, DOMED], ids=["flat", "domed"])
-def test_nothing_of_a_convex_object_is_hidden(pad: Pad):
+def test_nothing_of_a_convex_object_is_hidden(pad):
     target = TRACED_OBJECTS["cylinder"]
     assert unreachable_chord(target, pad, 0.0, mouth(0.004)) == 0.0
 

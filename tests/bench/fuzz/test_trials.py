@@ -4,7 +4,6 @@ import random
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -44,7 +43,7 @@ def test_what_holds_is_told_in_four_rows():
         (Tally(1, 1, [], 0.1, 2, 64.1), "damaged meshes: memory"),
     ],
 )
-def test_each_missed_demand_is_named(found: Tally, missed: str):
+def test_each_missed_demand_is_named(found, missed):
     rows = list(tally_rows("meshes", 2, found))
     assert [row.name for row in rows if not row.holds] == [missed]
 
@@ -80,9 +79,7 @@ def raising(error: Exception, cause: Exception | None = None) -> Callable[[], No
         (InputError("a.ply: is empty"), InputError),
     ],
 )
-def test_the_one_error_and_its_own_children_are_refusals(
-    error: Exception, refusal: type[Exception], tmp_path: Path
-):
+def test_the_one_error_and_its_own_children_are_refusals(error, refusal, tmp_path):
     assert try_input(kind(raising(error), refusal), 1, tmp_path)[:2] == ("refused", str(error))
 
 
@@ -99,15 +96,13 @@ def test_the_one_error_and_its_own_children_are_refusals(
         (ValueError("no"), MemoryError(), "refused for want of memory: no"),
     ],
 )
-def test_every_other_error_is_a_defect(
-    error: Exception, cause: Exception | None, words: str, tmp_path: Path
-):
+def test_every_other_error_is_a_defect(error, cause, words, tmp_path):
     outcome = try_input(kind(raising(error, cause)), 1, tmp_path)
     assert outcome.verdict == "defect"
     assert outcome.reason.startswith(words)
 
 
-def test_what_takes_long_each_time_is_a_defect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_what_takes_long_each_time_is_a_defect(tmp_path, monkeypatch):
     monkeypatch.setattr(trials, "MOST_CPU_SECONDS", 0.01)
     tries: list[float] = []
 
@@ -121,20 +116,18 @@ def test_what_takes_long_each_time_is_a_defect(tmp_path: Path, monkeypatch: pyte
     assert len(tries) == 3
 
 
-def test_what_was_slow_once_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_what_was_slow_once_is_tried_again(tmp_path, monkeypatch):
     took = iter([5.0, 0.1])
     monkeypatch.setattr(trials, "_took", lambda *_: next(took))
     assert try_input(kind(lambda: None), 1, tmp_path) == ("accepted", "", 0.1)
 
 
-def test_what_waits_uses_no_processor_and_is_timed_by_the_clock(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_what_waits_uses_no_processor_and_is_timed_by_the_clock(monkeypatch):
     assert trials._took(time.process_time(), time.monotonic()) < 1.0
     assert trials._took(time.process_time(), time.monotonic() - 11.0) >= 11.0
 
 
-def test_the_damage_of_a_number_is_always_the_same(tmp_path: Path):
+def test_the_damage_of_a_number_is_always_the_same(tmp_path):
     seen: list[float] = []
     drawn = InputKind("x", lambda _: None, lambda rng, *_: seen.append(rng.random()), ValueError)
     for number in (3, 4, 3):
@@ -143,16 +136,14 @@ def test_the_damage_of_a_number_is_always_the_same(tmp_path: Path):
     assert seen[0] == random.Random("x 3").random()
 
 
-def test_every_second_file_is_one_made_to_hurt_while_there_are_any(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_every_second_file_is_one_made_to_hurt_while_there_are_any(tmp_path, monkeypatch):
     read: list[str] = []
     toys = {
         "hostile_toys": lambda: [("a", b""), ("b", b"")],
         "mutated_toys": lambda rng: ("hurt", b""),
         "read_toys": lambda path: read.append(path.name),
     }
-    monkeypatch.setitem(sys.modules, "toys", SimpleNamespace(**toys))  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "toys", SimpleNamespace(**toys))
     toy = trials._files("toys", "toys", ValueError)
     for number in range(6):
         toy.attempt(random.Random(number), number, tmp_path)
@@ -175,7 +166,7 @@ SAMPLES = {
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_damaged_input_is_refused_in_one_sentence_or_valid(name: str, tmp_path: Path):
+def test_damaged_input_is_refused_in_one_sentence_or_valid(name, tmp_path):
     INPUT_KINDS[name].prepare(tmp_path)
     outcomes = [try_input(INPUT_KINDS[name], number, tmp_path) for number in SAMPLES[name]]
     assert [one.reason for one in outcomes if one.verdict == "defect"] == []
@@ -204,9 +195,7 @@ def attempt(rng, number, folder):
 
 
 @pytest.mark.graph
-def test_a_crash_a_hang_and_every_other_error_are_told_with_their_number(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_crash_a_hang_and_every_other_error_are_told_with_their_number(tmp_path, monkeypatch):
     (tmp_path / "faulty_kind.py").write_text(FAULTY)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(trials, "HANG_SECONDS", 1.0)

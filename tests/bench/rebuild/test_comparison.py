@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from types import ModuleType
 from typing import ClassVar
 
@@ -52,7 +51,7 @@ from palpate.core.shapes.tessellations import icosphere
 
 
 @pytest.fixture(autouse=True, scope="module")
-def coarse_truth() -> Iterator[None]:
+def coarse_truth():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(objects, "TRUE_ROWS", 121)
         patch.setattr(objects, "TRUE_COLUMNS", 180)
@@ -81,8 +80,8 @@ def test_a_mesh_is_not_off_from_itself_and_a_moved_one_is():
 
 
 @pytest.mark.parametrize("build", PEERS, ids=[one.__name__ for one in PEERS])
-def test_a_peer_makes_a_closed_mesh_near_the_object(build: Peer):
-    mesh = build(contours_of("vase", (12, 32)))  # type: ignore[operator]
+def test_a_peer_makes_a_closed_mesh_near_the_object(build):
+    mesh = build(contours_of("vase", (12, 32)))
     found = solidity(mesh.vertices, mesh.faces)
     assert (found.watertight, found.genus) == (True, 0)
     assert truth_of("vase").errors_of(mesh).chamfer < 1.5
@@ -164,10 +163,10 @@ class Meshes:
 
 
 @pytest.fixture
-def package(monkeypatch: pytest.MonkeyPatch):
+def package(monkeypatch):
     fake = ModuleType("pymeshlab")
-    fake.MeshSet = Meshes  # type: ignore[attr-defined]
-    fake.Mesh = lambda vertex_matrix, v_normals_matrix: (  # type: ignore[attr-defined]
+    fake.MeshSet = Meshes
+    fake.Mesh = lambda vertex_matrix, v_normals_matrix: (
         vertex_matrix,
         v_normals_matrix,
     )
@@ -183,13 +182,13 @@ def test_points_and_normals_go_in_and_a_mesh_comes_out():
     assert Meshes.depths == [8]
 
 
-def test_without_the_package_it_is_said_to_be_missing(monkeypatch: pytest.MonkeyPatch):
+def test_without_the_package_it_is_said_to_be_missing(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert not poisson_installed()
 
 
 @pytest.fixture
-def coarse(monkeypatch: pytest.MonkeyPatch):
+def coarse(monkeypatch):
     """Truths and lofts coarse enough to be compared in no time."""
     sizes = {"TRUE": (121, 180), "FLOOR": (91, 131), "MESH": (61, 80)}
     for name, (rows, columns) in sizes.items():
@@ -224,7 +223,7 @@ def test_what_the_page_says_of_the_ways_holds():
 
 
 @pytest.mark.usefixtures("coarse")
-def test_a_row_for_each_way_says_what_it_missed(monkeypatch: pytest.MonkeyPatch):
+def test_a_row_for_each_way_says_what_it_missed(monkeypatch):
     ways = (VARIANTS[0], VARIANTS[2]._replace(most=1e-6))
     monkeypatch.setattr(comparison, "VARIANTS", ways)
     monkeypatch.setattr(comparison, "NOISY_VARIANTS", (NOISY_VARIANTS[0],))

@@ -27,7 +27,7 @@ def test_a_section_of_a_tube_is_its_outline():
     assert np.abs(lines[..., 0]).max() == pytest.approx(1.0)
 
 
-def test_the_figures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_figures_are_drawn(tmp_path, monkeypatch):
     for name, value in (
         ("ROWS", 20),
         ("COLUMNS", 24),
@@ -49,7 +49,7 @@ def test_the_page_shows_figures_that_are_there_and_examples_that_are_right():
     assert outcome.attempted >= 10
 
 
-def test_the_figure_shows_each_object_thrice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_figure_shows_each_object_thrice(tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "REBUILT_SHAPES", {"vase": REBUILT_SHAPES["vase"]})
     monkeypatch.setattr(figures, "TOLERANCE", 2.0)
     monkeypatch.setattr(figures, "PEER_DPI", 20)

@@ -49,7 +49,7 @@ def test_a_run_that_meets_every_demand_has_no_faults():
         ({"hashes": frozenset({"a", "b"})}, "not repeatable"),
     ],
 )
-def test_each_missed_demand_is_named(changes: dict[str, Any], fault: str):
+def test_each_missed_demand_is_named(changes, fault):
     assert outcome(**changes).missed == [fault]
 
 
@@ -61,14 +61,12 @@ def test_each_missed_demand_is_named(changes: dict[str, Any], fault: str):
         (["explore", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild"),
     ],
 )
-def test_options_of_another_bench_are_refused_in_one_sentence(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-):
+def test_options_of_another_bench_are_refused_in_one_sentence(capsys, arguments, words):
     assert cli.run(["bench", *arguments]) == 2
     assert words in capsys.readouterr().err
 
 
-def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch: pytest.MonkeyPatch):
+def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
     asked: list[Any] = []
 
     def run(groups: Any, **how: Any) -> int:
@@ -84,7 +82,7 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch: pytest.MonkeyPat
     assert asked.pop() == (verb.BENCHES["scenes"], False, False)
 
 
-def test_the_figures_of_a_bench_are_drawn_first(monkeypatch: pytest.MonkeyPatch):
+def test_the_figures_of_a_bench_are_drawn_first(monkeypatch):
     drawn: list[str] = []
     monkeypatch.setattr(verb, "named", lambda place: lambda folder: drawn.append((place, folder)))
     monkeypatch.setattr(verb, "run_groups", lambda *_, **__: 0)

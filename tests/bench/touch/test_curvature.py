@@ -32,7 +32,7 @@ IN_THE_DOCS = (ROOT / "docs" / "touch.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def printed() -> list[str]:
+def printed():
     return [str(line) for line in curvature_rows(quick=True)]
 
 
@@ -41,7 +41,7 @@ def first_words(lines: list[str]) -> list[str]:
     return [line[:34].strip() for line in lines if line.strip()]
 
 
-def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed: list[str]):
+def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed):
     table = IN_THE_DOCS.split("```")[1].strip().splitlines()
     names = [name for name in first_words(table) if name in ESTIMATORS]
     assert names == list(ESTIMATORS)
@@ -52,13 +52,11 @@ def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed: lis
 
 
 @pytest.fixture(scope="module")
-def estimators() -> list[EstimatorErrors]:
+def estimators():
     return estimator_rows(trials=10)
 
 
-def test_the_order_of_the_estimators_is_that_of_the_documentation(
-    estimators: list[EstimatorErrors],
-):
+def test_the_order_of_the_estimators_is_that_of_the_documentation(estimators):
     rows = {row.name: row.errors for row in estimators}
     thesis, ours = rows[THESIS], rows[OURS]
     assert len(thesis) == len(HEADS)
@@ -75,7 +73,7 @@ def test_the_order_of_the_estimators_is_that_of_the_documentation(
     assert ours[4] < 1.1 * min(errors[4] for errors in rows.values())
 
 
-def test_what_palpate_does_meets_its_targets(estimators: list[EstimatorErrors]):
+def test_what_palpate_does_meets_its_targets(estimators):
     ours = next(row for row in estimators if row.name == OURS)
     assert ours.errors[1] <= 0.5e-3
     assert ours.errors[4] <= 1.6e-3
@@ -90,7 +88,7 @@ def test_what_palpate_does_meets_its_targets(estimators: list[EstimatorErrors]):
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_every_estimator_is_right_on_a_clean_tilted_plane(name: str):
+def test_every_estimator_is_right_on_a_clean_tilted_plane(name):
     k1, k2, _ = ESTIMATORS[name](PAD_SURFACES["tilted plane"](*PAD.grid()), 0.0)
     assert (k1, k2) == pytest.approx((0.0, 0.0), abs=1e-2)
 
@@ -122,7 +120,7 @@ def test_a_bench_that_meets_every_demand_misses_none():
         ({"partial": [PartialContact(40, {"palpate": 0.06})]}, "32 taxels"),
     ],
 )
-def test_each_missed_demand_is_named(changes: dict[str, Any], words: str):
+def test_each_missed_demand_is_named(changes, words):
     [name] = missed(**changes)
     assert words in name
 
@@ -135,7 +133,7 @@ def test_a_kind_that_is_called_otherwise_and_a_worse_fusion_are_missed():
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_every_random_surface_can_be_drawn_and_is_the_same_again(name: str):
+def test_every_random_surface_can_be_drawn_and_is_the_same_again(name):
     one, other = (
         [draw_touch(np.random.default_rng(seed), name) for seed in range(15)] for _ in range(2)
     )
@@ -146,7 +144,7 @@ def test_every_random_surface_can_be_drawn_and_is_the_same_again(name: str):
     assert all(np.isfinite(touch.height).all() for touch in drawn)
 
 
-def test_the_figures_of_the_filters_show_every_chain_with_its_error(tmp_path: Path):
+def test_the_figures_of_the_filters_show_every_chain_with_its_error(tmp_path):
     x, _ = PAD.grid()
     truth = np.where(x > 0, 1.2e-3, 0.0)
     names = list(filtered(truth))

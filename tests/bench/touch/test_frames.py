@@ -23,7 +23,7 @@ def test_casts_are_as_exact_as_is_demanded():
     assert all(row.holds for row in rows)
 
 
-def test_a_cast_that_is_a_nanometre_off_is_found_out(monkeypatch: pytest.MonkeyPatch):
+def test_a_cast_that_is_a_nanometre_off_is_found_out(monkeypatch):
     cast = Superquadric.cast
 
     def off(self: Superquadric, origins: Floats, direction: Floats, reach: float) -> Floats:
@@ -65,7 +65,7 @@ def test_the_oracle_tells_inside_from_outside():
     assert (frames._outside(shape, start, along, way) > 0.0).tolist() == [False, True]
 
 
-def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor(monkeypatch: pytest.MonkeyPatch):
+def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor(monkeypatch):
     closed = frames.TracedContour("closed", 20, 1e-6, 2e-6)
     monkeypatch.setattr(frames, "trace_contour", lambda body, effects: closed)
     monkeypatch.setattr(frames, "EFFECT_FRAMES", 2)
@@ -74,9 +74,7 @@ def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor(monkeypatch: py
 
 
 @pytest.mark.parametrize(("body", "most"), [("ball", 4.3e-6), ("box", 1e-7)])
-def test_without_effects_a_contour_is_as_good_as_a_straight_line_between_rows(
-    body: str, most: float
-):
+def test_without_effects_a_contour_is_as_good_as_a_straight_line_between_rows(body, most):
     traced = trace_contour(body, {})
     assert traced.status == "closed"
     # Rows are 1 mm apart: a chord of the ball is pitch^2 / 8 R = 4.2 um off.
@@ -98,7 +96,7 @@ def test_costs_are_told_for_each_set():
     assert ratio > 1.0
 
 
-def test_every_single_call_has_its_cost(monkeypatch: pytest.MonkeyPatch):
+def test_every_single_call_has_its_cost(monkeypatch):
     monkeypatch.setattr(frames, "QUICK_CALL_ROUNDS", 1)
     rows = list(frames.cost_rows(quick=True))
     assert len({row.name for row in rows}) == len(rows) == 2 * len(frames.cast_shapes()) + 5
