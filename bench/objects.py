@@ -16,20 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats
+from palpate.core import Floats, shapes
 from palpate.core.explore.planners import TUNED, drawn_objects
 from palpate.core.geometry import close_rings
-from palpate.core.shapes import (
-    INSIDE,
-    MISS,
-    Bend,
-    DeformedSuperquadric,
-    Mesh,
-    Shape,
-    Superquadric,
-    Taper,
-    TriangleShape,
-)
 
 Radius = Callable[[Floats, Floats], Floats]  # Distance from the axis, by height and azimuth
 # What is explored: as a scene describes it, or by its radius, heights from 0 to 1 and both over
@@ -41,8 +30,8 @@ TRUE_ROWS, TRUE_COLUMNS = 241, 360  # Of the meshes of the true surfaces
 TRUE_LEVEL = 7  # Of the mesh of the bent one: 328,000 faces
 ROUGH_LEVEL = 6  # Of that in which the middles of its sections are looked for
 HALVINGS = 60  # Steps that find a radius to the last bit
-SOLID = Superquadric(np.array([32.0, 26.0, HALF]), np.array([0.7, 0.8]))
-TAPER, BEND = Taper(0.25, 0.15, HALF), Bend(0.006)
+SOLID = shapes.Superquadric(np.array([32.0, 26.0, HALF]), np.array([0.7, 0.8]))
+TAPER, BEND = shapes.Taper(0.25, 0.15, HALF), shapes.Bend(0.006)
 ROUND_HEIGHT = 2.0  # Of every object that is measured; its contours lie from -1 to 1
 SLOPE_STEP = 1e-5  # Over which slopes are taken
 EXPLORED_HEIGHT = 0.09  # Of every object that is given by its radius, m
@@ -75,10 +64,12 @@ def radial_rings(radii: Floats, heights: Floats, angles: Floats) -> Floats:
     return np.stack([radii * np.cos(angles), radii * np.sin(angles), level], axis=-1)
 
 
-def closed_mesh(rings: Floats, low: Floats | None = None, high: Floats | None = None) -> Mesh:
+def closed_mesh(
+    rings: Floats, low: Floats | None = None, high: Floats | None = None
+) -> shapes.Mesh:
     """A mesh of rings (m, n, 3), closed towards two places, else the middles of its ends."""
     low = rings[0].mean(axis=0) if low is None else low
-    return Mesh(*close_rings(low, rings, rings[-1].mean(axis=0) if high is None else high))
+    return shapes.Mesh(*close_rings(low, rings, rings[-1].mean(axis=0) if high is None else high))
 
 
 class RoundObject(NamedTuple):
@@ -88,7 +79,7 @@ class RoundObject(NamedTuple):
     axis: Callable[[Floats], Floats] = straight  # Places (..., 2) of the axis at heights
     low: float = -1.0  # Its lower end
     high: float = 1.0  # Its upper end
-    fine: Callable[[], Mesh] | None = None  # Its mesh, where that is not made of rings
+    fine: Callable[[], shapes.Mesh] | None = None  # Its mesh, where that is not made of rings
 
     def rings(self, heights: Floats, angles: Floats) -> Floats:
         """Points (m, n, 3) of the surface at heights (m,) and azimuths (n,)."""
@@ -100,7 +91,7 @@ class RoundObject(NamedTuple):
         """Exact contours (m, around, 3), counter-clockwise, at even azimuths from the first."""
         return self.rings(heights, 2.0 * np.pi * (first + np.arange(around) / around))
 
-    def true_mesh(self) -> Mesh:
+    def true_mesh(self) -> shapes.Mesh:
         """A fine mesh of the surface, closed by planes or, where the radius is 0, by points."""
         if self.fine is not None:
             return self.fine()
@@ -142,9 +133,9 @@ class RoundObject(NamedTuple):
 def _bent() -> RoundObject:
     """A superquadric, tapered along its axis and then bent."""
 
-    def deformed(level: int) -> Mesh:
+    def deformed(level: int) -> shapes.Mesh:
         base = SOLID.mesh(level)
-        return Mesh(BEND(TAPER(base.vertices)), base.faces)
+        return shapes.Mesh(BEND(TAPER(base.vertices)), base.faces)
 
     coarse, faces = deformed(ROUGH_LEVEL)
     triangles = coarse[faces]
@@ -176,7 +167,7 @@ def _bent() -> RoundObject:
     return RoundObject(radius, axis, *ends, partial(deformed, TRUE_LEVEL))
 
 
-def mesh_of_radius(radius: Radius) -> Mesh:
+def mesh_of_radius(radius: Radius) -> shapes.Mesh:
     """The solid within a radius, standing on z = 0 with flat or pointed ends, m."""
     # Closer together towards the ends, where a rounding or a pole bends most.
     z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, RINGS))
@@ -247,7 +238,7 @@ class RadialSolid(NamedTuple):
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
         """Range (n,) along parallel rays: see `Shape.cast`."""
         start = self._level(origins)
-        ranges = np.where(start < 0.0, INSIDE, MISS)
+        ranges = np.where(start < 0.0, shapes.INSIDE, shapes.MISS)
         ball = math.hypot(self.widest, self.half)
         nearest = -(origins @ direction)
         low, high = max(float(nearest.min()) - ball, 0.0), min(float(nearest.max()) + ball, reach)
@@ -265,7 +256,7 @@ class RadialSolid(NamedTuple):
         ranges[met] = after
         return ranges
 
-    def mesh(self, level: int) -> Mesh:
+    def mesh(self, level: int) -> shapes.Mesh:
         """Refuse."""
         raise NotImplementedError("a radial solid has no mesh")
 
@@ -279,7 +270,7 @@ class RadialSolid(NamedTuple):
 class TracedSolid(NamedTuple):
     """A solid to be traced, about the origin."""
 
-    shape: Superquadric | RadialSolid
+    shape: shapes.Superquadric | RadialSolid
     half: float  # Half its height, m
 
     def outline(self, height: float) -> Floats:
@@ -310,17 +301,17 @@ def carved(profile: str, depth: float, half_width: float) -> TracedSolid:
     return TracedSolid(RadialSolid(radius, 0.045, 0.028), 0.045)
 
 
-def turned(radius: Radius, half_height: float = 0.045) -> TriangleShape:
+def turned(radius: Radius, half_height: float = 0.045) -> shapes.TriangleShape:
     """The solid with this radius over -1 to 1, and flat ends where it is not 0 there, m."""
     z = -np.cos(np.linspace(0.0, np.pi, GRASPED_RINGS))
     angle = 2.0 * np.pi * np.arange(GRASPED_TURNS) / GRASPED_TURNS
     rings = radial_rings(np.maximum(radius(z[:, None], angle), 1e-6), half_height * z, angle)
     low, high = np.array([[0.0, 0.0, -half_height], [0.0, 0.0, half_height]])
-    return TriangleShape(*closed_mesh(rings, low, high))
+    return shapes.TriangleShape(*closed_mesh(rings, low, high))
 
 
-def _superquadric(x: float, y: float, z: float, e1: float, e2: float) -> Superquadric:
-    return Superquadric(np.array([x, y, z]), np.array([e1, e2]))
+def _superquadric(x: float, y: float, z: float, e1: float, e2: float) -> shapes.Superquadric:
+    return shapes.Superquadric(np.array([x, y, z]), np.array([e1, e2]))
 
 
 def _traced(x: float, y: float, z: float, e1: float, e2: float) -> TracedSolid:
@@ -466,15 +457,15 @@ TRACED_OBJECTS: Mapping[str, TracedSolid] = {
         0.045,
     ),
 }
-GRASPED_OBJECTS: Mapping[str, Callable[[], Shape]] = {
-    "egg": lambda: DeformedSuperquadric(
+GRASPED_OBJECTS: Mapping[str, Callable[[], shapes.Shape]] = {
+    "egg": lambda: shapes.DeformedSuperquadric(
         _superquadric(0.026, 0.026, 0.038, 1.0, 1.0), np.array([-0.3, -0.3])
     ),
     "ellipsoid": partial(_superquadric, 0.022, 0.03, 0.042, 1.0, 1.0),
     "box": partial(_superquadric, 0.03, 0.02, 0.04, 0.1, 0.1),
     "cylinder": partial(_superquadric, 0.022, 0.022, 0.045, 0.1, 1.0),
-    "tapered and bent": lambda: DeformedSuperquadric(
-        _superquadric(0.02, 0.018, 0.045, 0.5, 0.7), np.array([0.3, 0.3]), Bend(6.0)
+    "tapered and bent": lambda: shapes.DeformedSuperquadric(
+        _superquadric(0.02, 0.018, 0.045, 0.5, 0.7), np.array([0.3, 0.3]), shapes.Bend(6.0)
     ),
     "tile": partial(_superquadric, 0.04, 0.04, 0.015, 0.2, 1.0),
     "bottle": partial(

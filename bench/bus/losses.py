@@ -12,7 +12,7 @@ import random
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -49,9 +49,12 @@ def reliability_rows(quick: bool) -> Iterator[Row]:
     yield Row(title, str(wrong), "0", wrong == 0 and restarts == 1)
     lost = lost_over_plain(number, stalls)
     yield Row("the same over a plain PUB socket, stalls alone: lost", str(lost), "> 0", lost > 0)
-    ring = recorded_rate(RING_LAPS // 3 if quick else RING_LAPS)
+    laps = RING_LAPS // 3 if quick else RING_LAPS
+    plain, recorded = _with_and_without(partial(_ring, laps), RECORDER_TURNS)
+    ring = min(plain) / min(recorded)
     yield Row("rate with a recorder, ring of tokens without work", f"{ring:.2f}")
-    ratio = recorded_touches(1 if quick else RECORDER_TURNS)
+    plain, recorded = _with_and_without(_touches, 1 if quick else RECORDER_TURNS)
+    ratio = max(recorded) / max(plain)
     yield at_least("rate with a recorder, touches of a sphere", ratio, 0.85)
 
 
@@ -131,14 +134,8 @@ def _publish(socket: zmq.Socket[bytes], line: Connection, number: int) -> int:
     return received
 
 
-def recorded_rate(laps: int) -> float:
-    """Rate of a ring of two nodes with a recorder, over that without one; measured in turns."""
-    calls = {recorded: partial(_ring, laps, recorded) for recorded in (False, True)}
-    plain, recorded = (min(found) for found in in_turns(calls, RECORDER_TURNS).values())
-    return plain / recorded
-
-
 def _ring(laps: int, recorded: bool) -> float:
+    """Time of a ring of two nodes, s."""
     graph = token_ring(laps)
     if not recorded:
         return ring_seconds(graph)
@@ -155,14 +152,15 @@ def _ring(laps: int, recorded: bool) -> float:
         return ring_seconds(list(with_description([*graph, kept], {})))
 
 
-def recorded_touches(turns: int) -> float:
-    """Touches a second of an exploration with a recorder, over those without; in turns."""
-    calls = {recorded: partial(_touches, recorded) for recorded in (False, True)}
-    plain, recorded = (max(found) for found in in_turns(calls, turns).values())
-    return recorded / plain
+def _with_and_without(call: Callable[[bool], float], turns: int) -> Iterable[list[float]]:
+    """What a call gives without a recorder and with one, measured in turns."""
+    return in_turns(
+        {recorded: partial(call, recorded) for recorded in (False, True)}, turns
+    ).values()
 
 
 def _touches(recorded: bool) -> float:
+    """Touches a second of an exploration."""
     scene = SourceMapped(str(find_scene("sphere")), "bench")
     args = {"scene": scene, "record": SourceMapped(recorded, "bench")}
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:

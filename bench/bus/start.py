@@ -62,9 +62,8 @@ def start_rows(quick: bool, turns: int = 7) -> Iterator[Row]:
 def start_once(*, early: bool) -> Started:
     """Check the graph that explores, launch it without its recorder, and end when it is ready.
 
-    To be called in a new process, in which nothing heavy was imported.
-
-    `early`: wake the server before the graph is checked, as ``palpate run`` does.
+    In a new process, in which nothing heavy was imported. `early`: wake the server before the graph
+    is checked, as ``palpate run`` does.
     """
     began = time.perf_counter()
     from palpate.launch import EXPLORE

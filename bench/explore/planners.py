@@ -24,29 +24,7 @@ from palpate.bench.explore.harness import (
 from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject
 from palpate.bench.table import Row, at_least, at_most, best_seconds
 from palpate.core import Floats, Ints, inverse_pose, split_pose, transform_points
-from palpate.core.explore.planners import (
-    END_SHARE,
-    EXTENT,
-    HELD_OUT,
-    MOST_CONTOURS_PLANNED,
-    TEMPLATES,
-    TUNED,
-    Choice,
-    Fuzzy,
-    Observation,
-    ObservedSlice,
-    Planner,
-    PlannerTrial,
-    Predicted,
-    Radius,
-    Thesis,
-    drawn_objects,
-    observation_of,
-    predict_error,
-    profile_of,
-    run_planner,
-    untouched_spans,
-)
+from palpate.core.explore import planners as rules
 from palpate.core.geometry import nearest_points, prepare_surface
 from palpate.core.rebuild import reconstruct
 from palpate.messages.types import Contour, Truth
@@ -61,15 +39,18 @@ CANDIDATES = 95  # Heights among which one that sees the truth chooses
 MOST_MILLISECONDS = 5.0
 THESIS_SETS = [
     *(
-        Thesis(template=template, bend_rate=a, change_rate=2.0 * a, least=least, most=most)
+        rules.Thesis(template=template, bend_rate=a, change_rate=2.0 * a, least=least, most=most)
         for template, a, (least, most) in product(
-            TEMPLATES, (0.05, 0.15, 0.4), ((0.02, 0.2), (0.08, 0.2), (0.06, 0.35))
+            rules.TEMPLATES, (0.05, 0.15, 0.4), ((0.02, 0.2), (0.08, 0.2), (0.06, 0.35))
         )
     ),
-    *(Thesis(template=template, form="joint", least=0.08, most=0.2) for template in TEMPLATES),
+    *(
+        rules.Thesis(template=template, form="joint", least=0.08, most=0.2)
+        for template in rules.TEMPLATES
+    ),
 ]
 FUZZY_SCALES = (0.5, 0.7, 1.0, 1.4)
-Trials = Mapping[str, PlannerTrial]
+Trials = Mapping[str, rules.PlannerTrial]
 Counts = Mapping[str, int]  # Contours that each object needs
 PERCENT = 0.25  # Root mean square error of the side, % of the height
 SCREENED = 3  # Sets of the thesis that are best on exact contours
@@ -96,24 +77,27 @@ class PlanClaim(NamedTuple):
 def planner_rows(quick: bool) -> Iterable[Row]:
     """Figures of planners; fewer runs of the calibration if quick."""
     yield from count_rows()
-    yield from _other_objects("held-out objects", HELD_OUT)
-    yield from _other_objects("drawn objects", drawn_objects(DRAWN, SEED))
+    yield from _other_objects("held-out objects", rules.HELD_OUT)
+    yield from _other_objects("drawn objects", rules.drawn_objects(DRAWN, SEED))
     yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
-    trial, heights = PlannerTrial(TUNED["bottle"]), EXTENT * np.linspace(0.03, 0.97, 12)
+    trial, heights = (
+        rules.PlannerTrial(rules.TUNED["bottle"]),
+        rules.EXTENT * np.linspace(0.03, 0.97, 12),
+    )
     slices = tuple(trial.slice_at(height) for height in heights.tolist())
-    decide = partial(Predicted().next, observation_of(slices, 0.0002))
+    decide = partial(rules.Predicted().next, rules.observation_of(slices, 0.0002))
     milliseconds = 1e3 * best_seconds(decide, 9)
     yield at_most("a decision with 12 slices, ms", milliseconds, MOST_MILLISECONDS, ".1f")
 
 
 def count_rows() -> Iterable[Row]:
     """Contours that the planners need for the demand, summed over the objects."""
-    trials = _trials(TUNED)
+    trials = _trials(rules.TUNED)
     even, bare = even_counts(trials), even_counts(trials, slopes=False)
-    predicted = first_counts(Predicted(), trials)
+    predicted = first_counts(rules.Predicted(), trials)
     sets = [plan_counts(one, trials) for one in THESIS_SETS]
     sums = [sum(counts.values()) for counts in sets]
-    fuzzy = min(sum(plan_counts(Fuzzy(scale=s), trials).values()) for s in FUZZY_SCALES)
+    fuzzy = min(sum(plan_counts(rules.Fuzzy(scale=s), trials).values()) for s in FUZZY_SCALES)
     seen = {name: greedy_count(trial) for name, trial in trials.items()}
     for name in trials:
         counts = f"{bare[name]} / {even[name]} / {predicted[name]} / {seen[name]}"
@@ -149,25 +133,27 @@ def _rival_rows(predicted: Counts, rivals: Mapping[str, Counts], even: Counts) -
     yield Row(title, str(more), f"<= {MOST_MORE}", more <= MOST_MORE)
 
 
-def _trials(objects: Mapping[str, Radius]) -> Trials:
-    return {name: PlannerTrial(radius) for name, radius in objects.items()}
+def _trials(objects: Mapping[str, rules.Radius]) -> Trials:
+    return {name: rules.PlannerTrial(radius) for name, radius in objects.items()}
 
 
-def greedy_count(trial: PlannerTrial) -> int:
+def greedy_count(trial: rules.PlannerTrial) -> int:
     """Slices for one who sees the truth, and always takes the height that helps most."""
-    heights = (EXTENT * np.linspace(END_SHARE, 1.0 - END_SHARE, CANDIDATES)).tolist()
+    heights = (
+        rules.EXTENT * np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, CANDIDATES)
+    ).tolist()
     slices = [trial.slice_at(heights[0]), trial.slice_at(heights[-1])]
-    while trial.rms(slices) > DEMAND and len(slices) < MOST_CONTOURS_PLANNED:
+    while trial.rms(slices) > DEMAND and len(slices) < rules.MOST_CONTOURS_PLANNED:
         taken = {one.height for one in slices}
         offers = [trial.slice_at(height) for height in heights if height not in taken]
         slices.append(min(offers, key=lambda one: trial.rms([*slices, one])))
     return len(slices)
 
 
-def _other_objects(title: str, objects: Mapping[str, Radius]) -> Iterable[Row]:
+def _other_objects(title: str, objects: Mapping[str, rules.Radius]) -> Iterable[Row]:
     trials = _trials(objects)
     even, bare = even_counts(trials), even_counts(trials, slopes=False)
-    predicted = first_counts(Predicted(), trials)
+    predicted = first_counts(rules.Predicted(), trials)
     total = sum(predicted.values())
     for name, whole in (("uniform", even), ("uniform, positions only", bare)):
         ratio = f"{total / sum(whole.values()):.2f}"
@@ -179,31 +165,31 @@ def _other_objects(title: str, objects: Mapping[str, Radius]) -> Iterable[Row]:
 def even_counts(trials: Trials, *, slopes: bool = True) -> Counts:
     """Of even slices, the fewest that do."""
 
-    def fewest(trial: PlannerTrial) -> int:
-        for count in range(2, MOST_CONTOURS_PLANNED):
-            heights = EXTENT * np.linspace(END_SHARE, 1.0 - END_SHARE, count)
+    def fewest(trial: rules.PlannerTrial) -> int:
+        for count in range(2, rules.MOST_CONTOURS_PLANNED):
+            heights = rules.EXTENT * np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, count)
             slices = [trial.slice_at(height) for height in heights.tolist()]
             if trial.rms(slices, slopes=slopes) <= DEMAND:
                 return count
-        return MOST_CONTOURS_PLANNED
+        return rules.MOST_CONTOURS_PLANNED
 
     return {name: fewest(trial) for name, trial in trials.items()}
 
 
-def first_counts(planner: Planner, trials: Trials) -> Counts:
+def first_counts(planner: rules.Planner, trials: Trials) -> Counts:
     """After how many slices of a plan the side is first good enough."""
     return {
-        name: _first(errors_of(trial, run_planner(planner, trial, DEMAND)[0]), DEMAND)
-        or MOST_CONTOURS_PLANNED
+        name: _first(errors_of(trial, rules.run_planner(planner, trial, DEMAND)[0]), DEMAND)
+        or rules.MOST_CONTOURS_PLANNED
         for name, trial in trials.items()
     }
 
 
 def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
     """Whether the bound holds as often as it claims, on objects not used for tuning."""
-    objects = {**HELD_OUT, **drawn_objects(DRAWN // 3, SEED)}
+    objects = {**rules.HELD_OUT, **rules.drawn_objects(DRAWN // 3, SEED)}
     runs = [
-        plan_claim(PlannerTrial(radius, noise, seed), tolerance)
+        plan_claim(rules.PlannerTrial(radius, noise, seed), tolerance)
         for radius in objects.values()
         for noise, seed in ((0.0, 0), (PLAN_NOISE, 1), (PLAN_NOISE, 2))
         for tolerance in tolerances
@@ -224,21 +210,21 @@ def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
     yield Row(name, f"{np.median(late):.0f}")
 
 
-def plan_claim(trial: PlannerTrial, tolerance: float) -> PlanClaim:
+def plan_claim(trial: rules.PlannerTrial, tolerance: float) -> PlanClaim:
     """Let the default planner work until it stops, and compare what it claims with the truth."""
-    slices, _ = run_planner(Predicted(), trial, tolerance, most=40)
+    slices, _ = rules.run_planner(rules.Predicted(), trial, tolerance, most=40)
     bounds = [
-        predict_error(one, profile_of(one), untouched_spans(one)).rms_bound_95
+        rules.predict_error(one, rules.profile_of(one), rules.untouched_spans(one)).rms_bound_95
         if len(one.slices) > 2
         else 1.0
-        for one in (observation_of(slices[: i + 1], tolerance) for i in range(len(slices)))
+        for one in (rules.observation_of(slices[: i + 1], tolerance) for i in range(len(slices)))
     ]
     errors = errors_of(trial, slices)
     first_true, first_bound = _first(errors, tolerance), _first(bounds, tolerance)
     return PlanClaim(errors[-1], bounds[-1], len(slices), first_true, first_bound)
 
 
-def errors_of(trial: PlannerTrial, slices: Sequence[ObservedSlice]) -> list[float]:
+def errors_of(trial: rules.PlannerTrial, slices: Sequence[rules.ObservedSlice]) -> list[float]:
     """True error after each slice, over the height."""
     return [trial.rms(slices[: i + 1]) for i in range(len(slices))]
 
@@ -248,12 +234,12 @@ def _first(values: Sequence[float], most: float) -> int | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ByContours(Predicted):
+class ByContours(rules.Predicted):
     """The default planner, not counting on what pads touch beside the slices."""
 
-    def next(self, observation: Observation) -> Choice:
+    def next(self, observation: rules.Observation) -> rules.Choice:
         """As `Predicted.next`."""
-        return Predicted.next(self, replace(observation, all_taxels=False, deviation=None))
+        return rules.Predicted.next(self, replace(observation, all_taxels=False, deviation=None))
 
 
 class ContourCounts(NamedTuple):
@@ -301,23 +287,23 @@ def count_sums(found: Mapping[str, ContourCounts]) -> Iterator[Row]:
     yield Row("sum, uniform / predicted, all taxels", " / ".join(map(str, taxels)))
 
 
-def best_sets(count: int) -> list[Thesis]:
+def best_sets(count: int) -> list[rules.Thesis]:
     """The sets of the thesis that need the fewest contours where these are exact."""
-    trials = _trials(TUNED)
+    trials = _trials(rules.TUNED)
     return sorted(THESIS_SETS, key=lambda one: sum(plan_counts(one, trials).values()))[:count]
 
 
-def plan_counts(planner: Planner, trials: Trials) -> Counts:
+def plan_counts(planner: rules.Planner, trials: Trials) -> Counts:
     """How many slices a plan has, if at its end the side is good enough."""
     counts = {}
     for name, trial in trials.items():
-        slices, stop = run_planner(planner, trial, DEMAND)
+        slices, stop = rules.run_planner(planner, trial, DEMAND)
         done = stop is not None and trial.rms(slices) <= DEMAND
-        counts[name] = len(slices) if done else MOST_CONTOURS_PLANNED
+        counts[name] = len(slices) if done else rules.MOST_CONTOURS_PLANNED
     return counts
 
 
-def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> ContourCounts:
+def counts_of(target: ExploreObject, sets: Sequence[rules.Thesis]) -> ContourCounts:
     """Contours that an object takes with each planner."""
     demand = within_percent(PERCENT)
     predicted = explore_object(target, EXACT, demand)
@@ -333,7 +319,7 @@ def counts_of(target: ExploreObject, sets: Sequence[Thesis]) -> ContourCounts:
         """The fewest even slices that do."""
         even = ((count, evenly(count)) for count in range(2, MOST_EVEN + 1))
         good = (n for n, one in even if error(side, one, len(one.contours)) <= PERCENT)
-        return next(good, MOST_CONTOURS_PLANNED)
+        return next(good, rules.MOST_CONTOURS_PLANNED)
 
     return ContourCounts(
         positions=fewest(partial(contour_error, slopes=False)),
@@ -349,13 +335,13 @@ def first_within_percent(side: Side, one: Explored, error: SideError) -> int:
     """Contours of a run until the side is first good enough, else `MOST_CONTOURS_PLANNED`."""
     counts = range(2, len(one.contours) + 1)
     good = (count for count in counts if error(side, one, count) <= PERCENT)
-    return next(good, MOST_CONTOURS_PLANNED)
+    return next(good, rules.MOST_CONTOURS_PLANNED)
 
 
 def at_end(side: Side, one: Explored) -> int:
     """Contours of a run whose side is good enough at its end, else `MOST_CONTOURS_PLANNED`."""
     count = len(one.contours)
-    return count if contour_error(side, one, count) <= PERCENT else MOST_CONTOURS_PLANNED
+    return count if contour_error(side, one, count) <= PERCENT else rules.MOST_CONTOURS_PLANNED
 
 
 class Side(NamedTuple):
@@ -369,7 +355,9 @@ class Side(NamedTuple):
         """The side of a true surface."""
         points = prepare_surface(truth.vertices, truth.faces).samples.points
         share = (points[:, 2] - float(truth.vertices[:, 2].min())) / truth.height
-        return cls(points[(share >= END_SHARE) & (share <= 1.0 - END_SHARE)], truth.height)
+        return cls(
+            points[(share >= rules.END_SHARE) & (share <= 1.0 - rules.END_SHARE)], truth.height
+        )
 
     def percent(self, vertices: Floats, faces: Ints) -> float:
         """Root mean square distance of the side from a mesh, % of the height."""

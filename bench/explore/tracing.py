@@ -16,17 +16,7 @@ import numpy as np
 from palpate.bench.objects import HOLLOWS, TRACED_OBJECTS, TracedSolid
 from palpate.bench.table import Row
 from palpate.core import Bools, Floats, pad_rotation, pose_of, rotations_from_vectors, split_pose
-from palpate.core.explore.tracing import (
-    Gap,
-    SliceArc,
-    TouchCommand,
-    Trace,
-    TraceGoal,
-    TraceStatus,
-    after_touch,
-    arc_in_slice,
-    next_command,
-)
+from palpate.core.explore import tracing
 from palpate.core.touch import HITS, Pad, fit_patch, guarded_move
 
 FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
@@ -59,22 +49,22 @@ FAR, PAST = 0.07, 0.01  # Rays begin this far before the stretch and end this fa
 
 
 class TouchNoise(NamedTuple):
-    """What disturbs a touch."""
+    """What disturbs a touch: standard deviations."""
 
     place: float = 0.1e-3  # Of the pose on each axis, m
     turn: float = math.radians(0.05)  # Of the pose about each axis, rad
-    taxel: float = 10e-6  # Of each taxel, m
+    taxel: float = 10e-6  # m
 
 
 class SliceFigures(NamedTuple):
     """One slice, traced."""
 
-    status: TraceStatus  # How it ended
+    status: tracing.TraceStatus  # How it ended
     touches: int  # Touches made
     rms: float  # Distance of its points from the true slice, m
     worst: float  # The largest of them, m
     covered: float  # Share of the true slice within 1 mm of a point
-    gaps: tuple[Gap, ...]
+    gaps: tuple[tracing.Gap, ...]
 
 
 def tracing_rows(quick: bool) -> Iterator[Row]:
@@ -132,7 +122,7 @@ def hollow_rows(quick: bool) -> Iterator[Row]:
             yield Row(f"{name}, {kind}", shown, "within 1 mm", honest and off < NEAR)
 
 
-def unreachable_chord(target: TracedSolid, pad: Pad, height: float, gap: Gap) -> float:
+def unreachable_chord(target: TracedSolid, pad: Pad, height: float, gap: tracing.Gap) -> float:
     """Chord of the longest stretch in a gap that no pose of the pad can touch, m; 0 for none."""
     points = _stretch(target.outline(height), gap)
     places = np.column_stack([points, np.full(len(points), height)])
@@ -154,7 +144,7 @@ def unreachable_chord(target: TracedSolid, pad: Pad, height: float, gap: Gap) ->
     return max((float(np.linalg.norm(chord)) for chord in chords), default=0.0)
 
 
-def _stretch(outline: Floats, gap: Gap) -> Floats:
+def _stretch(outline: Floats, gap: tracing.Gap) -> Floats:
     """Points (n, 2) of an outline from a gap's start to its end."""
     first, last = (
         int(np.linalg.norm(outline - end[:2], axis=1).argmin()) for end in (gap.start, gap.end)
@@ -217,12 +207,12 @@ def trace_figures(
 
     height = share * target.half
     touch = simulated_finger(target, pad, height, noise, seed)
-    trace = Trace(TraceGoal(height, np.zeros(2), APPROACH, MOST_SLICE_TOUCHES))
+    trace = tracing.Trace(tracing.TraceGoal(height, np.zeros(2), APPROACH, MOST_SLICE_TOUCHES))
     while True:
-        trace, status = next_command(pad, trace)
-        if not isinstance(status, TouchCommand):
+        trace, status = tracing.next_command(pad, trace)
+        if not isinstance(status, tracing.TouchCommand):
             break
-        trace = after_touch(trace, touch(status))
+        trace = tracing.after_touch(trace, touch(status))
     if trace.path is None:
         return SliceFigures(status, trace.touches, math.inf, math.inf, 0.0, trace.gaps)
     outline, points = target.outline(height), trace.path.points[:, :2]
@@ -236,11 +226,11 @@ def trace_figures(
 
 def simulated_finger(
     target: TracedSolid, pad: Pad, height: float, noise: TouchNoise | None, seed: int = 0
-) -> Callable[[TouchCommand], SliceArc | None]:
+) -> Callable[[tracing.TouchCommand], tracing.SliceArc | None]:
     """A finger that touches a solid and tells what it touches of one slice."""
     rng = np.random.default_rng(seed)
 
-    def touch(aim: TouchCommand) -> SliceArc | None:
+    def touch(aim: tracing.TouchCommand) -> tracing.SliceArc | None:
         believed = aim.start(height)
         pose, (place, axes) = believed.copy(), split_pose(believed)
         actual = believed
@@ -260,7 +250,7 @@ def simulated_finger(
         surface = pad.surface(compression, touched)
         patch = fit_patch(pad, surface, touched, axes[2], spread)
         smooth = patch.kind == "smooth"
-        return arc_in_slice(pad, pose, surface, touched, patch.jet, height, smooth=smooth)
+        return tracing.arc_in_slice(pad, pose, surface, touched, patch.jet, height, smooth=smooth)
 
     return touch
 

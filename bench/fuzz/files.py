@@ -35,17 +35,7 @@ from palpate.bench.fuzz.mutations import (
 from palpate.core import FORM_KEY, tree_to_arrays
 from palpate.core.geometry import solidity
 from palpate.core.shapes import Superquadric
-from palpate.launch import SHIPPED_SCENES, shipped_scenes
-from palpate.launch.files import (
-    MAX_EXTENT,
-    MAX_FACES,
-    MIN_EXTENT,
-    load,
-    parse_yaml,
-    read_cloud,
-    read_mesh,
-    read_surface,
-)
+from palpate.launch import SHIPPED_SCENES, files, shipped_scenes
 from palpate.tools import check_scene
 
 Table = NDArray[Any]
@@ -129,7 +119,7 @@ def valid_scenes() -> list[InputFile]:
 
 def _hurt_value(rng: random.Random, text: bytes) -> bytes:
     """A scene with other values somewhere; JSON is YAML, too."""
-    tree = parse_yaml(text.decode(), SCENE_NAME).value
+    tree = files.parse_yaml(text.decode(), SCENE_NAME).value
     for _ in range(rng.choice((1, 1, 2))):
         path = rng.choice(tree_paths(tree))
         tree = with_value(tree, path, _other(rng, value_at(tree, path)))
@@ -194,7 +184,7 @@ def hostile_solids() -> list[InputFile]:
         deep = {"tuple": [deep, None]}
     twice: list[Tree] = [{"tuple": [1, 1]}]
     twice += [{"tuple": [{"same": f"solid/{i}"}] * 2} for i in range(60)]
-    files = [
+    made = [
         _form({"tuple": twice}),
         _form(deep),
         npz({FORM_KEY: np.array('{"version": 1' + "0" * 4000 + ', "tree": null}')}),
@@ -211,7 +201,7 @@ def hostile_solids() -> list[InputFile]:
         b"PK\x05\x06" + bytes(18),
         b"",
     ]
-    return [InputFile(SOLID_NAME, data) for data in files]
+    return [InputFile(SOLID_NAME, data) for data in made]
 
 
 def _form(tree: Tree) -> bytes:
@@ -295,7 +285,7 @@ def read_scenes(path: Path) -> None:
 
 def read_solids(path: Path) -> None:
     """Read a saved solid, and take it apart again; raises InputError if it is refused."""
-    assert len(tree_to_arrays(load(path))) > 1, "holds nothing"
+    assert len(tree_to_arrays(files.load(path))) > 1, "holds nothing"
 
 
 def mutated_meshes(rng: random.Random) -> InputFile:
@@ -308,7 +298,8 @@ def mutated_meshes(rng: random.Random) -> InputFile:
     if name.endswith("glb") and rng.random() < 0.6:
         return InputFile(name, _damaged_glb(rng, data))
     if name.endswith("ply") and rng.random() < 0.5:
-        return InputFile(name, _damaged_head(rng, data))
+        size = data.index(b"end_header\n") + len(b"end_header\n")  # its header alone
+        return InputFile(name, mutate_text(rng, data[:size]) + data[size:])
     return InputFile(name, mutate_bytes(rng, data, samples[rng.choice(list(samples))]))
 
 
@@ -346,33 +337,29 @@ def gltf_of(data: bytes) -> tuple[Any, bytes]:
     return json.loads(data[20 : 20 + size]), data[28 + size :]
 
 
-def _damaged_head(rng: random.Random, data: bytes) -> bytes:
-    """A PLY file whose header alone is hurt."""
-    size = data.index(b"end_header\n") + len(b"end_header\n")
-    return mutate_text(rng, data[:size]) + data[size:]
-
-
 def read_meshes(path: Path) -> None:
     """Read a mesh as one that need not be closed, or points; and then as a scene does.
 
     Raises InputError if it is refused. Raises AssertionError if it is accepted and not finite; by a
     scene, if it is not closed and of fitting size.
     """
-    points = read_cloud(path, "mm")
+    points = files.read_cloud(path, "mm")
     if points is not None and len(points):
         assert points.ndim == 2 and points.shape[1] == 3, "points without three coordinates"
     else:
-        _check(*read_surface(path, "mm"))
-    vertices, faces = read_mesh(path, "mm")
+        _check(*files.read_surface(path, "mm"))
+    vertices, faces = files.read_mesh(path, "mm")
     _check(vertices, faces)
     found, extents = solidity(vertices, faces), np.ptp(vertices, axis=0)
     assert found.watertight and found.components == 1 and found.volume > 0.0, "is not one solid"
-    assert extents.min() >= MIN_EXTENT and extents.max() <= MAX_EXTENT, "is too small or too large"
+    assert extents.min() >= files.MIN_EXTENT and extents.max() <= files.MAX_EXTENT, (
+        "is too small or too large"
+    )
 
 
 def _check(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
     assert np.isfinite(vertices).all(), "a vertex is not finite"
-    assert 0 < len(faces) <= MAX_FACES, "has no triangles or too many"
+    assert 0 < len(faces) <= files.MAX_FACES, "has no triangles or too many"
     assert faces.min() >= 0 and faces.max() < len(vertices), "names a vertex that is not there"
 
 
@@ -383,6 +370,9 @@ def valid_meshes() -> list[InputFile]:
     vertices, faces = shape.mesh(LEVEL)
     places, corners = _rows(vertices.round(4)), _rows(faces, "3 ")
     off = f"OFF\n# by hand\n{len(vertices)} {len(faces)} 0\n{places}{corners}"
+    kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    table = np.zeros(len(faces), kind)
+    table["corners"] = vertices[faces]
     text = _ply_head("ascii", len(vertices), len(faces)) + (places + corners).encode()
     return [
         InputFile("text.ply", text),
@@ -390,7 +380,7 @@ def valid_meshes() -> list[InputFile]:
         InputFile("big.ply", _ply_binary(vertices, faces, ">", "big")),
         InputFile("mixed.ply", _ply_mixed(vertices, faces)),
         InputFile("text.stl", _stl_text(vertices, faces)),
-        InputFile("binary.stl", _stl_binary(vertices, faces)),
+        InputFile("binary.stl", bytes(80) + struct.pack("<I", len(faces)) + table.tobytes()),
         InputFile("plain.obj", _obj(vertices, faces)),
         InputFile("plain.off", off.encode()),
         InputFile("plain.glb", glb(*_gltf(vertices, faces))),
@@ -435,13 +425,6 @@ def _stl_text(vertices: Table, faces: Table) -> bytes:
     return "\n".join([*lines, "endsolid by hand", ""]).encode()
 
 
-def _stl_binary(vertices: Table, faces: Table) -> bytes:
-    kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    table = np.zeros(len(faces), kind)
-    table["corners"] = vertices[faces]
-    return bytes(80) + struct.pack("<I", len(faces)) + table.tobytes()
-
-
 def _obj(vertices: Table, faces: Table) -> bytes:
     lines = ["mtllib none.mtl", "o by hand", *(f"v {x} {y} {z}" for x, y, z in vertices.tolist())]
     lines += ["vn 0 0 1", "usemtl red"]
@@ -460,20 +443,19 @@ def glb(described: Any, held: bytes) -> bytes:
 
 def _gltf(vertices: Table, faces: Table) -> tuple[Any, bytes]:
     places, corners = vertices.astype("<f4").tobytes(), faces.astype("<u4").tobytes()
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": len(vertices), "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5125, "count": faces.size, "type": "SCALAR"},
+    ]
+    views: list[dict[str, int]] = [
+        {"buffer": 0, "byteLength": len(places)},
+        {"buffer": 0, "byteOffset": len(places), "byteLength": len(corners)},
+    ]
     described = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
+        **{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}]},
         "nodes": [{"children": [1]}, {"mesh": 0, "translation": [0.0, 0.0, 50.0]}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": len(vertices), "type": "VEC3"},
-            {"bufferView": 1, "componentType": 5125, "count": faces.size, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteLength": len(places)},
-            {"buffer": 0, "byteOffset": len(places), "byteLength": len(corners)},
-        ],
+        **{"accessors": accessors, "bufferViews": views},
         "buffers": [{"byteLength": len(places) + len(corners)}],
     }
     return described, places + corners

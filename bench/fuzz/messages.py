@@ -22,20 +22,15 @@ import msgpack
 import numpy as np
 
 from palpate.bench.fuzz.mutations import NUMBERS, InputFile, mutate_body, mutate_bytes
-from palpate.messages import Array, Header, decode, encode, pack_frame, schema_hash, split_frame
-from palpate.messages.bus import (
-    FROM_NODES,
-    GREETING,
-    TO_NODES,
-    greeting,
-    in_step_notice,
-    join_call,
-    join_cursor,
-    read_control,
-    read_epoch,
-    read_reply,
-    read_request,
-    resent_frame,
+from palpate.messages import (
+    Array,
+    Header,
+    bus,
+    decode,
+    encode,
+    pack_frame,
+    schema_hash,
+    split_frame,
 )
 from palpate.messages.recording import RecordingWriter, open_recording
 from palpate.messages.types import TYPES
@@ -66,7 +61,7 @@ _PLAIN: dict[type, Callable[[np.random.Generator], Any]] = {
     float: lambda rng: float(rng.normal()),
     str: lambda rng: "a reason, µm"[: int(rng.integers(1, 13))],
 }
-WORD_KINDS = {"node": FROM_NODES, "launcher": TO_NODES}
+WORD_KINDS = {"node": bus.FROM_NODES, "launcher": bus.TO_NODES}
 RECORDING_NAME = "topics.mcap"
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK, MESSAGE, FOOTER = 6, 5, 2  # Codes of records
@@ -105,17 +100,17 @@ def read_packet(packet: Packet) -> None:
     elif reader == "frame":
         assert pack_frame(*split_frame(data)) == data, "a frame is not what it was read from"
     elif reader == "answer":
-        answer = read_reply(data)
-        if answer.kind == GREETING:
-            read_epoch(answer.rest)
+        answer = bus.read_reply(data)
+        if answer.kind == bus.GREETING:
+            bus.read_epoch(answer.rest)
     elif reader == "request":
-        request = read_request(data)
+        request = bus.read_request(data)
         if request is None:
             raise ValueError("no request")
         furthest = max(request.wanted, request.epoch or 0)
         assert furthest < 1 << 64, "a request is too far"
     else:
-        read_control(data, WORD_KINDS[reader])
+        bus.read_control(data, WORD_KINDS[reader])
 
 
 def _read_body(cls: type, data: bytes) -> None:
@@ -217,15 +212,15 @@ def _examples() -> dict[str, tuple[Packet, ...]]:
     }
     header = Header(7, 1, 17, 10**15, 1.5, schema_hash(TYPES["TactileFrame"]))
     frame = pack_frame("/touch/raw", header, found["TactileFrame"][0].data)
-    call = join_call("finger_1/filter", 2, "simulator")
+    call = bus.join_call("finger_1/filter", 2, "simulator")
     words: dict[str, list[bytes]] = {
         "frame": [frame],
         "answer": [
-            greeting(call, 4),
-            resent_frame(call, frame),
-            in_step_notice(call, "/touch/raw"),
+            bus.greeting(call, 4),
+            bus.resent_frame(call, frame),
+            bus.in_step_notice(call, "/touch/raw"),
         ],
-        "request": [b"\x01" + call, b"\x01" + join_cursor(call, 3, "/touch/raw", 17)],
+        "request": [b"\x01" + call, b"\x01" + bus.join_cursor(call, 3, "/touch/raw", 17)],
         "node": [msgpack.packb(word) for word in _NODE_WORDS],
         "launcher": [msgpack.packb(word) for word in _LAUNCHER_WORDS],
     }

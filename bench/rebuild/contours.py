@@ -18,7 +18,7 @@ from palpate.core.rebuild.side import ContourLoft, fit_contour_loft
 from palpate.core.touch import Jet
 from palpate.launch import EXPLORE, choose_run_directory, describe, find_scene, override
 from palpate.launch.files import SourceMapped
-from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, Truth, World
+from palpate.messages import types
 from palpate.nodes import reconstructor as reconstructor_node
 from palpate.nodes.runtime import run_composed
 from palpate.nodes.specs import pad_of_info
@@ -290,16 +290,16 @@ def explore_evenly(scene: str, count: int, noisy: bool) -> TouchedScene:
 
 
 def _touched_scene(kept: Mapping[type, list[Any]]) -> TouchedScene:
-    [done], [truth], [world] = (kept[name] for name in (PlanDone, Truth, World))
-    pad = pad_of_info(kept[SensorInfo][-1])
+    [done], [truth], [world] = (kept[name] for name in (types.PlanDone, types.Truth, types.World))
+    pad = pad_of_info(kept[types.SensorInfo][-1])
     parts: dict[int, list[ContactPoints]] = {}
-    for patch in kept[SurfacePatch]:
+    for patch in kept[types.SurfacePatch]:
         if patch.goal in (*done.contours, *done.probes):
             jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
             points = contact_points_of(pad, patch.pose, patch.height, patch.mask, jet)
             parts.setdefault(patch.goal, []).append(points)
-    contours = [one for one in kept[Contour] if one.id in done.contours]
-    probes = [one for one in kept[Probe] if one.id in done.probes]
+    contours = [one for one in kept[types.Contour] if one.id in done.contours]
+    probes = [one for one in kept[types.Probe] if one.id in done.probes]
     prepared = prepare_surface(truth.vertices, truth.faces)
     other = prepare_surface(truth.floor_vertices, truth.floor_faces)
     return TouchedScene(

@@ -21,23 +21,15 @@ from palpate.bench.objects import HALF, REBUILT_SHAPES
 from palpate.bench.rebuild import CONTOUR_NOISE, EXAMPLES, Example, loft, noisy_contours, truth_of
 from palpate.bench.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
 from palpate.bench.touch import HEADS, TRIALS, EstimatorErrors, estimator_rows, noise_variance
-from palpate.core import Floats
+from palpate.core import Floats, touch
 from palpate.core.geometry import nearest_points
 from palpate.core.shapes import Mesh
 from palpate.core.splines import ClosedCurve, Lattice, fit_closed_curve
 from palpate.core.thesis import fit_closed_curve_thesis, rebuild_thesis
-from palpate.core.touch import (
-    Pad,
-    adaptive_wiener,
-    median_filter,
-    median_then_wiener,
-    remove_impulses,
-    wiener_then_median,
-)
 from palpate.launch import load_scene
 from palpate.nodes.specs import build_shape
 
-FRAME_PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+FRAME_PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 FRAME_NOISE = 40e-6  # m
 IMPULSES = 0.05  # Share of the taxels
 CONTACT = 200e-6  # Least compression that counts as touched, m: 5 deviations of the noise
@@ -112,11 +104,15 @@ def filtered(truth: Floats, seed: int = 0) -> Mapping[str, Floats]:
     raw = np.where(hit < IMPULSES, np.where(up < 0.5, 0.0, 2.4e-3), raw)
     return {
         "raw (3.3)": raw,
-        "Wiener (3.4)": adaptive_wiener(raw, noise_variance(raw)),
-        "median (3.4)": median_filter(raw),
-        "Wiener, then median (3.5)": wiener_then_median(raw, noise_variance(raw)),
-        "median, then Wiener (3.6)": median_then_wiener(raw, noise_variance(median_filter(raw))),
-        "palpate: impulses mended": remove_impulses(FRAME_PAD, raw, CONTACT, FRAME_NOISE).image,
+        "Wiener (3.4)": touch.adaptive_wiener(raw, noise_variance(raw)),
+        "median (3.4)": touch.median_filter(raw),
+        "Wiener, then median (3.5)": touch.wiener_then_median(raw, noise_variance(raw)),
+        "median, then Wiener (3.6)": touch.median_then_wiener(
+            raw, noise_variance(touch.median_filter(raw))
+        ),
+        "palpate: impulses mended": touch.remove_impulses(
+            FRAME_PAD, raw, CONTACT, FRAME_NOISE
+        ).image,
     }
 
 

@@ -18,23 +18,8 @@ from scipy.ndimage import gaussian_filter
 
 from palpate.bench.table import Row, at_least, at_most
 from palpate.bench.touch.surfaces import SURFACES, WALKS, FusionScore, draw_touch, score_fusion
-from palpate.core import Bools, Floats
+from palpate.core import Bools, Floats, touch
 from palpate.core.thesis import fit_spline, spline_shape
-from palpate.core.touch import (
-    Pad,
-    PatchKind,
-    fit_jet,
-    fit_patch,
-    fit_robust_jet,
-    graph_shape_operator,
-    median_filter,
-    median_then_wiener,
-    monomials,
-    neighbourhoods,
-    principal_curvatures,
-    remove_impulses,
-    wiener_then_median,
-)
 
 # Noise in pitches, and share of impulses.
 COLUMNS = ((0.0, 0.0), (0.01, 0.0), (0.05, 0.0), (0.05, 0.02), (0.05, 0.08))
@@ -49,10 +34,10 @@ LEAST_RIGHT = 0.95  # Share of each kind that must be called by its name
 MOST_FUSED = 1.1  # Error of fused touches over that of single ones, on any surface
 # Of the columns: noise in pitches, then share of impulses.
 HEADS = ("0", ".01", ".05", "+2 %", "+8 %")
-VERDICTS: tuple[PatchKind, ...] = ("smooth", "edge", "corner", "insufficient", "miss")
+VERDICTS: tuple[touch.PatchKind, ...] = ("smooth", "edge", "corner", "insufficient", "miss")
 BALL = 20.0  # Radius of the ball that is touched in part, pitches
 FUSED_NOISE = 20e-6  # m
-PAD = Pad(rows=16, cols=16, pitch=1.0, thickness=3.0, dome=0.0, saturation=0.8)
+PAD = touch.Pad(rows=16, cols=16, pitch=1.0, thickness=3.0, dome=0.0, saturation=0.8)
 ALL: Bools = np.ones((16, 16), bool)
 QUADRIC_REACH = 6.0  # Half the width of the window of a local quadric, pitches
 SMOOTHING_REACH = 3.6  # The same of a Savitzky-Golay filter of 8 by 8 taxels
@@ -120,7 +105,7 @@ def _truth(shape: HeightMap, place: tuple[float, float]) -> tuple[float, float]:
         (z[1, 1] - z[-1, 1] - z[1, -1] + z[-1, -1]) / (4 * h**2),
         (z[0, 1] - 2 * z[0, 0] + z[0, -1]) / h**2,
     )
-    k1, k2, *_ = principal_curvatures(graph_shape_operator(slopes, seconds))
+    k1, k2, *_ = touch.principal_curvatures(touch.graph_shape_operator(slopes, seconds))
     return k1, k2
 
 
@@ -151,7 +136,7 @@ def _share(found: list[tuple[float, float] | None]) -> float | None:
 
 
 def _masked(frame: Floats, touched: Bools) -> tuple[float, float] | None:
-    patch = fit_patch(PAD, frame, touched, np.array([0.0, 1.0, 0.0]), 0.01)
+    patch = touch.fit_patch(PAD, frame, touched, np.array([0.0, 1.0, 0.0]), 0.01)
     return patch.principal if patch.kind == "smooth" else None
 
 
@@ -168,27 +153,29 @@ def curvature_rows(quick: bool) -> Iterator[Row | str]:
     yield from (row for row in demands if not row.holds)
 
 
-def confusion(draws: int, seed: int) -> tuple[Counter[tuple[PatchKind, PatchKind]], int]:
+def confusion(
+    draws: int, seed: int
+) -> tuple[Counter[tuple[touch.PatchKind, touch.PatchKind]], int]:
     """How often each kind is called what, and how many draws were borderline cases."""
     rng = np.random.default_rng(seed)
-    calls: Counter[tuple[PatchKind, PatchKind]] = Counter()
+    calls: Counter[tuple[touch.PatchKind, touch.PatchKind]] = Counter()
     borderline = 0
     for name in SURFACES:
         for _ in range(draws):
-            touch = draw_touch(rng, name)
-            if touch is None:
+            known = draw_touch(rng, name)
+            if known is None:
                 borderline += 1
                 continue
             across = np.array([0.0, 1.0, 0.0])
-            patch = fit_patch(touch.pad, touch.height, touch.touched, across, touch.noise)
-            calls[touch.kind, patch.kind] += 1
+            patch = touch.fit_patch(known.pad, known.height, known.touched, across, known.noise)
+            calls[known.kind, patch.kind] += 1
     return calls, borderline
 
 
 def _tables(
     rows: list[EstimatorErrors],
     partial: list[PartialContact],
-    calls: Counter[tuple[PatchKind, PatchKind]],
+    calls: Counter[tuple[touch.PatchKind, touch.PatchKind]],
     borderline: int,
     scores: Mapping[str, FusionScore],
 ) -> Iterator[str]:
@@ -244,7 +231,7 @@ def estimator_demands(rows: list[EstimatorErrors], partial: list[PartialContact]
     yield Row("the same, 32 taxels or more touched", f"{worst:.1%}", "< 5 %", worst < MOST_PARTIAL)
 
 
-def verdict_demands(calls: Counter[tuple[PatchKind, PatchKind]]) -> Iterator[Row]:
+def verdict_demands(calls: Counter[tuple[touch.PatchKind, touch.PatchKind]]) -> Iterator[Row]:
     """How often each kind is called by its name."""
     for kind in VERDICTS:
         yield at_least(f"{kind}: called by its name", right_share(calls, kind), LEAST_RIGHT, ".1%")
@@ -256,7 +243,9 @@ def fusion_demands(scores: Mapping[str, FusionScore]) -> Iterator[Row]:
         yield at_most(f"{name}: fused over single", score.fused / score.single, MOST_FUSED)
 
 
-def right_share(calls: Counter[tuple[PatchKind, PatchKind]], kind: PatchKind) -> float:
+def right_share(
+    calls: Counter[tuple[touch.PatchKind, touch.PatchKind]], kind: touch.PatchKind
+) -> float:
     """Share of a kind that was called by its name."""
     return calls[kind, kind] / max(sum(calls[kind, called] for called in VERDICTS), 1)
 
@@ -281,18 +270,18 @@ class PartialContact(NamedTuple):
 
 def noise_variance(frame: Floats) -> float:
     """Mean of the variances around each taxel: what a Wiener filter that knows no noise takes."""
-    return float(neighbourhoods(frame).var(axis=-1).mean())
+    return float(touch.neighbourhoods(frame).var(axis=-1).mean())
 
 
 def _curvatures(derivatives: Floats) -> Curvatures:
     p, q, r, s, t = derivatives.tolist()
-    k1, k2, *_ = principal_curvatures(graph_shape_operator((p, q), (r, s, t)))
+    k1, k2, *_ = touch.principal_curvatures(touch.graph_shape_operator((p, q), (r, s, t)))
     return k1, k2, (0.0, 0.0)
 
 
 def _spline(frame: Floats, noise: float = 0.0) -> Curvatures:
     shape = spline_shape(PAD, fit_spline(PAD, frame, noise), 0.0, 0.0)
-    k1, k2, *_ = principal_curvatures(shape)
+    k1, k2, *_ = touch.principal_curvatures(shape)
     return k1, k2, (0.0, 0.0)
 
 
@@ -301,7 +290,7 @@ def _window(reach: float, degree: int) -> tuple[Bools, Floats]:
     """A square window, and what gives the derivatives at the pad's middle from its taxels."""
     x, y = PAD.grid()
     inside = (np.abs(x) < reach) & (np.abs(y) < reach)
-    solve = np.linalg.pinv(monomials(x[inside], y[inside], degree))
+    solve = np.linalg.pinv(touch.monomials(x[inside], y[inside], degree))
     return inside, solve[1:6] * np.array([1.0, 1.0, 2.0, 1.0, 2.0])[:, None]
 
 
@@ -319,9 +308,9 @@ def _gaussian(frame: Floats) -> Curvatures:
 
 def _flagged(frame: Floats) -> Curvatures:
     """Quartic on what does not stand off its neighbourhood's median."""
-    off = np.abs(frame - median_filter(frame))
+    off = np.abs(frame - touch.median_filter(frame))
     good = off <= FLAGGED * 1.4826 * float(np.median(off)) + 1e-12
-    fit = fit_jet(PAD, frame, good)
+    fit = touch.fit_jet(PAD, frame, good)
     if fit is None or fit.jet.degree < 2:
         return np.nan, np.nan, (0.0, 0.0)
     k1, k2, *_ = _curvatures(fit.derivatives)
@@ -331,9 +320,9 @@ def _flagged(frame: Floats) -> Curvatures:
 def _quartic(frame: Floats, noise: float | None = None) -> Curvatures:
     """Over the whole pad; robust if a noise is told."""
     if noise is None:
-        fit = fit_jet(PAD, frame, ALL)
+        fit = touch.fit_jet(PAD, frame, ALL)
     else:
-        fit = fit_robust_jet(PAD, frame, ALL, max(noise, LEAST_DEVIATION))
+        fit = touch.fit_robust_jet(PAD, frame, ALL, max(noise, LEAST_DEVIATION))
     assert fit is not None
     return _curvatures(fit.derivatives)
 
@@ -341,8 +330,8 @@ def _quartic(frame: Floats, noise: float | None = None) -> Curvatures:
 def _ours(frame: Floats, noise: float) -> Curvatures:
     """What the filter and curvature nodes do: mend the frame, leave impulses out of the fit."""
     lift = float(frame.max()) + 1.0  # so that every taxel is touched
-    clean = remove_impulses(PAD, lift - frame, 0.05, noise)
-    patch = fit_patch(PAD, frame, ~clean.impulses, np.array([0.0, 1.0, 0.0]), noise)
+    clean = touch.remove_impulses(PAD, lift - frame, 0.05, noise)
+    patch = touch.fit_patch(PAD, frame, ~clean.impulses, np.array([0.0, 1.0, 0.0]), noise)
     x, y, _ = patch.place.tolist()
     if patch.kind != "smooth":
         return np.nan, np.nan, (x, y)
@@ -350,11 +339,11 @@ def _ours(frame: Floats, noise: float) -> Curvatures:
 
 
 def _wiener_median(frame: Floats) -> Floats:
-    return wiener_then_median(frame, noise_variance(frame))
+    return touch.wiener_then_median(frame, noise_variance(frame))
 
 
 def _median_wiener(frame: Floats) -> Floats:
-    return median_then_wiener(frame, noise_variance(median_filter(frame)))
+    return touch.median_then_wiener(frame, noise_variance(touch.median_filter(frame)))
 
 
 # By name; the first is the thesis's own chain.
@@ -367,7 +356,7 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "quartic, full pad": lambda f, s: _quartic(f),
     "Gaussian derivative": lambda f, s: _gaussian(f),
     "Savitzky-Golay, 8 x 8 cubic": lambda f, s: _polynomial(f, SMOOTHING_REACH, 3),
-    "median, quadric": lambda f, s: _polynomial(median_filter(f)),
+    "median, quadric": lambda f, s: _polynomial(touch.median_filter(f)),
     "Wiener, median, quadric": lambda f, s: _polynomial(_wiener_median(f)),
     "median, Wiener, quadric": lambda f, s: _polynomial(_median_wiener(f)),
     "flag, quartic on the rest": lambda f, s: _flagged(f),

@@ -23,41 +23,21 @@ from palpate.bench.touch.curvature import (
     estimator_rows,
     partial_rows,
 )
-from palpate.core import IDENTITY_POSE, ROBOT_PRESETS, Floats, pad_rotation, pose_of, split_pose
-from palpate.core.shapes import (
-    Bend,
-    DeformedShape,
-    DeformedSuperquadric,
-    Shape,
-    Superquadric,
-    TriangleShape,
+from palpate.core import (
+    IDENTITY_POSE,
+    ROBOT_PRESETS,
+    Floats,
+    pad_rotation,
+    pose_of,
+    shapes,
+    split_pose,
+    touch,
 )
 from palpate.core.splines import LatticeLayer, layered_lattice
-from palpate.core.touch import (
-    Pad,
-    Pipeline,
-    SimulatedTouch,
-    fit_jet,
-    fit_patch,
-    fit_robust_jet,
-    guarded_move,
-    remove_impulses,
-)
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
 from palpate.messages.types import Contour, ContourGoal, TouchGoal
-from palpate.nodes import simulator, tracer
-from palpate.nodes.specs import (
-    EffectSpecs,
-    ObjectSpec,
-    PadSpec,
-    PoseSpec,
-    SensorSpec,
-    SuperquadricSpec,
-    build_pipeline,
-    encode_mesh,
-    pad_of_spec,
-)
+from palpate.nodes import simulator, specs, tracer
 
 WORN = "worn_sensor"  # The scene with all the faults of 1999
 SIZE, EXPONENTS = (0.03, 0.025, 0.04), (0.7, 0.9)
@@ -68,8 +48,10 @@ EFFECT_REPEATS = 15
 SEED = 5
 APPROACH = 0.02  # The finger comes from this far outside of the object, m
 CALL_ROUNDS, QUICK_CALL_ROUNDS = 300, 30
-DOMED_PAD = Pad(rows=16, cols=16, pitch=0.001, thickness=0.003, dome=1 / 0.015, saturation=0.8)
-FLAT_PAD = Pad(rows=16, cols=16, pitch=0.001, thickness=0.003, dome=0.0, saturation=0.8)
+DOMED_PAD = touch.Pad(
+    rows=16, cols=16, pitch=0.001, thickness=0.003, dome=1 / 0.015, saturation=0.8
+)
+FLAT_PAD = touch.Pad(rows=16, cols=16, pitch=0.001, thickness=0.003, dome=0.0, saturation=0.8)
 PRESS_START = pose_of(np.array([0.1, 0.0, 0.01]), pad_rotation(0.0, 0.2))
 FRAME_NOISE = 10e-6  # m
 ACROSS = np.array([0.0, 1.0, 0.0])
@@ -84,9 +66,9 @@ def touch_rows(quick: bool) -> Iterable[Row]:
 
 def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
     """Costs of a frame, all measured in turn within one run."""
-    exact = ObjectSpec(superquadric=SuperquadricSpec(size=SIZE, exponents=EXPONENTS))
+    exact = specs.ObjectSpec(superquadric=specs.SuperquadricSpec(size=SIZE, exponents=EXPONENTS))
     vertices, faces = _solid().mesh(MESH_LEVEL)
-    mesh = ObjectSpec(mesh=encode_mesh(vertices, faces))
+    mesh = specs.ObjectSpec(mesh=specs.encode_mesh(vertices, faces))
     worn = load_scene(WORN).spec.effects
     # A dead taxel under the contact looks like an impulse.
     quiet = {name: worn[name] for name in worn if name not in ("salt_and_pepper", "dead_taxels")}
@@ -126,8 +108,8 @@ def exactness_rows(frames: int) -> Iterable[Row]:
     exact, radius = _solid(), 0.03
     worst = max(_error_of_cast(exact, *ray) for ray in _rays(frames))
     yield Row("error of a cast at a superquadric", f"{worst:.1e} m", "<= 1e-9 m", worst <= 1e-9)
-    mesh = Superquadric(np.full(3, radius), np.ones(2)).mesh(MESH_LEVEL)
-    facets, corners, off = TriangleShape(*mesh), mesh.vertices[mesh.faces], []
+    mesh = shapes.Superquadric(np.full(3, radius), np.ones(2)).mesh(MESH_LEVEL)
+    facets, corners, off = shapes.TriangleShape(*mesh), mesh.vertices[mesh.faces], []
     for origins, direction in _rays(frames):
         ranges = facets.cast(origins, direction, 1.0)
         hit = np.isfinite(ranges)
@@ -143,11 +125,11 @@ def exactness_rows(frames: int) -> Iterable[Row]:
     yield Row(name, f"{1e6 * max(off):.2f} um", target, good)
 
 
-def _solid() -> Superquadric:
-    return Superquadric(np.array(SIZE), np.array(EXPONENTS))
+def _solid() -> shapes.Superquadric:
+    return shapes.Superquadric(np.array(SIZE), np.array(EXPONENTS))
 
 
-def _error_of_cast(shape: Superquadric, origins: Floats, direction: Floats) -> float:
+def _error_of_cast(shape: shapes.Superquadric, origins: Floats, direction: Floats) -> float:
     """Largest error of a cast, against bisection in extended precision, m."""
     ranges = shape.cast(origins, direction, 1.0)
     hit = np.isfinite(ranges)
@@ -164,7 +146,7 @@ def _error_of_cast(shape: Superquadric, origins: Floats, direction: Floats) -> f
     return float(np.abs(near - middle[kept]).max(initial=0.0))
 
 
-def _outside(shape: Superquadric, start: Any, along: Any, way: Any) -> Any:
+def _outside(shape: shapes.Superquadric, start: Any, along: Any, way: Any) -> Any:
     """The inside-outside function less 1, (2.6) without its outer power."""
     e1, e2 = (np.longdouble(e) for e in shape.exponents)
     x, y, z = (np.abs(start + way[:, None] * along) / shape.size.astype(np.longdouble)).T
@@ -198,9 +180,9 @@ def _goals(count: int) -> Iterable[TouchGoal]:
 
 def estimator_summary(trials: int) -> Iterable[Row]:
     """Cost of a plain jet, and errors of the curvatures: the whole is ``bench curvature``."""
-    pad = pad_of_spec(SensorSpec(pad=PadSpec(radius=None)))
+    pad = specs.pad_of_spec(specs.SensorSpec(pad=specs.PadSpec(radius=None)))
     x, y = pad.grid()
-    fit = partial(fit_jet, pad, (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool))
+    fit = partial(touch.fit_jet, pad, (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool))
     seconds = min(timeit.repeat(fit, number=500, repeat=9)) / 500
     yield at_most("plain jet of a full pad", 1e6 * seconds, 10, ".0f", " us")
     yield from estimator_demands(estimator_rows(trials), partial_rows(trials))
@@ -215,27 +197,31 @@ def cost_rows(quick: bool) -> Iterator[Row]:
     for name, shape in cast_shapes().items():
         cast = partial(shape.cast, origins, axes[:, 2], 0.104)
         calls[f"cast, {len(origins)} rays: {name}"] = cast
-        calls[f"press: {name}"] = partial(guarded_move, shape, DOMED_PAD, PRESS_START, 0.1, 0.001)
+        calls[f"press: {name}"] = partial(
+            touch.guarded_move, shape, DOMED_PAD, PRESS_START, 0.1, 0.001
+        )
     for name, call in {**calls, **_frame_calls()}.items():
         yield Row(name, f"{1e6 * best_seconds(call, rounds):.0f} us")
 
 
-def cast_shapes() -> Mapping[str, Shape]:
+def cast_shapes() -> Mapping[str, shapes.Shape]:
     """Ten shapes that a finger meets."""
-    solid = Superquadric(np.array([0.04, 0.03, 0.05]), np.array([0.4, 0.7]))
+    solid = shapes.Superquadric(np.array([0.04, 0.03, 0.05]), np.array([0.4, 0.7]))
     layers = [LatticeLayer(0.8), LatticeLayer(1.2, 0.2), LatticeLayer(), LatticeLayer(0.9)]
     lattice = layered_lattice(solid.bounds(), layers)
     return {
-        "ball": Superquadric(np.full(3, 0.04), np.ones(2)),
+        "ball": shapes.Superquadric(np.full(3, 0.04), np.ones(2)),
         "superquadric": solid,
-        "tapered": DeformedSuperquadric(solid, np.array([0.3, 0.3])),
-        "tapered and bent": DeformedSuperquadric(solid, np.array([0.3, 0.1]), Bend(5.0, 0.5)),
-        "lattice, facets": DeformedShape(solid, lattice),
-        "lattice, exact": DeformedShape(solid, lattice, exact=True),
-        "mesh of 20k faces": TriangleShape(*solid.mesh(5)),
-        "mesh of 80k faces": TriangleShape(*solid.mesh(6)),
-        "mesh of 5k faces, z-buffer": TriangleShape(*solid.mesh(4), embree=False),
-        "mesh of 20k faces, z-buffer": TriangleShape(*solid.mesh(5), embree=False),
+        "tapered": shapes.DeformedSuperquadric(solid, np.array([0.3, 0.3])),
+        "tapered and bent": shapes.DeformedSuperquadric(
+            solid, np.array([0.3, 0.1]), shapes.Bend(5.0, 0.5)
+        ),
+        "lattice, facets": shapes.DeformedShape(solid, lattice),
+        "lattice, exact": shapes.DeformedShape(solid, lattice, exact=True),
+        "mesh of 20k faces": shapes.TriangleShape(*solid.mesh(5)),
+        "mesh of 80k faces": shapes.TriangleShape(*solid.mesh(6)),
+        "mesh of 5k faces, z-buffer": shapes.TriangleShape(*solid.mesh(4), embree=False),
+        "mesh of 20k faces, z-buffer": shapes.TriangleShape(*solid.mesh(5), embree=False),
     }
 
 
@@ -246,9 +232,9 @@ def _frame_calls() -> dict[str, Callable[[], object]]:
     impulses = np.where(rng.random(x.shape) < 0.08, 2.4e-3, image)
     edge = 0.5 * np.abs(x + 0.2 * y) + FRAME_NOISE * rng.normal(size=x.shape)
     everywhere = np.ones((16, 16), bool)
-    mend = partial(remove_impulses, FLAT_PAD, contact=5e-5, noise=FRAME_NOISE)
-    patch = partial(fit_patch, FLAT_PAD)
-    robust = partial(fit_robust_jet, FLAT_PAD, height, everywhere, FRAME_NOISE)
+    mend = partial(touch.remove_impulses, FLAT_PAD, contact=5e-5, noise=FRAME_NOISE)
+    patch = partial(touch.fit_patch, FLAT_PAD)
+    robust = partial(touch.fit_robust_jet, FLAT_PAD, height, everywhere, FRAME_NOISE)
     return {
         "impulses removed, a clean frame": partial(mend, image),
         "impulses removed, 8 %": partial(mend, impulses),
@@ -262,7 +248,7 @@ class TracedContour(NamedTuple):
     """A contour, against the truth."""
 
     status: str  # How tracing ended
-    touches: int  # Touches made
+    touches: int
     rms: float  # Root mean square distance of its points to the surface, m
     worst: float  # Largest distance, m
 
@@ -292,7 +278,10 @@ class EffectFigures(NamedTuple):
 def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
     """The cost of each effect and the error that it causes; fewer frames if quick."""
     frames, repeats = (EFFECT_FRAMES // 2, 3) if quick else (EFFECT_FRAMES, EFFECT_REPEATS)
-    sets: dict[str, EffectSpecs] = {"(ideal)": {}, **{name: {name: {}} for name in EFFECT_NAMES}}
+    sets: dict[str, specs.EffectSpecs] = {
+        "(ideal)": {},
+        **{name: {name: {}} for name in EFFECT_NAMES},
+    }
     sets[WORN] = load_scene(WORN).spec.effects
     costs = frame_costs(sets, frames, repeats)
     heads = "".join(f"{name + ' um':>11}{'worst':>8}{'touches':>8}  {'':<6}" for name in BODIES)
@@ -300,13 +289,13 @@ def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
     for name, effects in sets.items():
         traced = tuple(trace_contour(body, effects) for body in BODIES)
         yield EffectFigures(name, *costs[name][1:], traced)
-    ideal, sensor = statistics.median(bare for bare, _, _ in costs.values()), SensorSpec()
+    ideal, sensor = statistics.median(bare for bare, _, _ in costs.values()), specs.SensorSpec()
     rays = sensor.rows * sensor.cols
     yield f"the ideal frame takes {1e6 * ideal:.0f} us: a superquadric, {rays} rays"
 
 
 def frame_costs(
-    sets: Mapping[str, EffectSpecs], frames: int, repeats: int
+    sets: Mapping[str, specs.EffectSpecs], frames: int, repeats: int
 ) -> dict[str, tuple[float, float, float]]:
     """Time of an ideal frame, what each set of effects adds, s, and the ratio of both times.
 
@@ -314,7 +303,7 @@ def frame_costs(
     """
     ideal = _pipeline({})
 
-    def pair(pipeline: Pipeline) -> tuple[float, float, float]:
+    def pair(pipeline: touch.Pipeline) -> tuple[float, float, float]:
         bare, full = _time(ideal, frames), _time(pipeline, frames)
         return bare, full - bare, full / bare
 
@@ -326,29 +315,29 @@ def frame_costs(
     }
 
 
-def _pipeline(effects: EffectSpecs) -> Pipeline:
-    return build_pipeline(SensorSpec(), effects, ROBOT_PRESETS["modern"], seed=SEED)
+def _pipeline(effects: specs.EffectSpecs) -> touch.Pipeline:
+    return specs.build_pipeline(specs.SensorSpec(), effects, ROBOT_PRESETS["modern"], seed=SEED)
 
 
-def _time(pipeline: Pipeline, frames: int) -> float:
+def _time(pipeline: touch.Pipeline, frames: int) -> float:
     """Seconds of one frame, of so many at different places of a ball."""
     shape, starts = _solid(), [goal.pose for goal in _goals(frames)]
     states, clock = pipeline.begin(), 0.0
     began = time.perf_counter()
     for number, start in enumerate(starts):
-        touch = SimulatedTouch(shape, number, start, start, 0.1, 1e-3, clock, clock)
-        states = pipeline.simulate(touch, states)
-        clock = touch.time
+        made = touch.SimulatedTouch(shape, number, start, start, 0.1, 1e-3, clock, clock)
+        states = pipeline.simulate(made, states)
+        clock = made.time
     return (time.perf_counter() - began) / frames
 
 
-def trace_contour(body: str, effects: EffectSpecs) -> TracedContour:
+def trace_contour(body: str, effects: specs.EffectSpecs) -> TracedContour:
     """Trace the contour at the middle of one of the `BODIES`."""
     size, exponents = BODIES[body]
     middle = np.array([0.0, 0.0, size[2]])
-    spec = ObjectSpec(
-        superquadric=SuperquadricSpec(size=size, exponents=exponents),
-        pose=PoseSpec(position=(0.0, 0.0, size[2])),
+    spec = specs.ObjectSpec(
+        superquadric=specs.SuperquadricSpec(size=size, exponents=exponents),
+        pose=specs.PoseSpec(position=(0.0, 0.0, size[2])),
     )
     params = simulator.Params(object=spec, effects=effects, seed=SEED)
     loop = InProcessLoop([*touching_nodes(params), LoopNode(1, tracer.NODE, tracer.Params())])
@@ -365,7 +354,7 @@ def trace_contour(body: str, effects: EffectSpecs) -> TracedContour:
     if not len(contour.points):
         return TracedContour(contour.status, contour.touches, np.nan, np.nan)
     # Distance of points near the surface, to first order along the gauge's gradient.
-    shape = Superquadric(np.array(size), np.array(exponents))
+    shape = shapes.Superquadric(np.array(size), np.array(exponents))
     points, step = contour.points - middle, 1e-6 * max(size)
     gauge = shape.gauge(points)
     slopes = [(shape.gauge(points + step * e) - gauge) / step for e in np.eye(3)]

@@ -11,18 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core import Bools, Floats
-from palpate.core.touch import (
-    LocalCurvature,
-    Pad,
-    PatchKind,
-    PrincipalCurvatures,
-    ShapeOperator,
-    begin_fusion,
-    fit_patch,
-    fuse,
-    principal_curvatures,
-)
+from palpate.core import Bools, Floats, touch
 
 MM = 1e-3
 CONTACT = 50e-6  # Least compression that counts as touched, m, and in deviations of the noise
@@ -35,7 +24,7 @@ THINNEST = 0.4
 # Height over the pad and number of the face at places x, y.
 PadSurface = Callable[[Floats, Floats], tuple[Floats, Floats]]
 Vector = tuple[float, float, float]
-WALKED_PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+WALKED_PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 DEPTH = 1.5e-3
 STEP = 3e-3  # Way between two touches, m: four fifths of the pad overlap
 TOUCHES = 12
@@ -45,22 +34,21 @@ TILT = 0.05  # Spread of the pad's lean from the surface, rad
 class KnownTouch(NamedTuple):
     """A touch whose kind is known."""
 
-    kind: PatchKind  # What it is
-    pad: Pad  # What touched it
+    kind: touch.PatchKind
+    pad: touch.Pad
     height: Floats  # Surface over the plane of the pad's face, (rows, cols), m
-    touched: Bools  # Where the pad touches, (rows, cols)
+    touched: Bools  # (rows, cols)
     noise: float  # Standard deviation of one taxel, m
 
 
 def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch | None:
     """One random touch of a kind by its name in `SURFACES`; None if it is a borderline case.
 
-    A face counts if it owns 8 touched taxels that are not all on a line. A touch in which some
-    face owns fewer than that, but not none, is a borderline: nobody can say whether it should
-    be touched. A touch of fewer than 12 taxels is insufficient whatever it touches.
+    A face counts if it owns 8 touched taxels that are not all on a line; where one owns fewer, but
+    some, nobody can say whether it should be touched. Fewer than 12 taxels are insufficient.
     """
     dome = 0.0 if rng.random() < 0.5 else 1.0 / rng.uniform(12 * MM, 25 * MM)
-    pad = Pad(rows=16, cols=16, pitch=MM, thickness=3 * MM, dome=dome, saturation=0.8)
+    pad = touch.Pad(rows=16, cols=16, pitch=MM, thickness=3 * MM, dome=dome, saturation=0.8)
     x, y = pad.grid()
     surface, face = SURFACES[name](rng)(x, y)
     noise = 10.0 ** rng.uniform(-6.0, math.log10(20e-6))
@@ -73,13 +61,10 @@ def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch | None:
     compression = compression + noise * rng.normal(size=over.shape)
     touched = compression > max(CONTACT, CONTACT_SPREADS * noise)
     kind = _kind(pad, face, touched)
-    if kind is None:
-        return None
-    height = pad.surface(compression, touched)
-    return KnownTouch(kind, pad, height, touched, noise)
+    return kind and KnownTouch(kind, pad, pad.surface(compression, touched), touched, noise)
 
 
-def _kind(pad: Pad, face: Floats, touched: Bools) -> PatchKind | None:
+def _kind(pad: touch.Pad, face: Floats, touched: Bools) -> touch.PatchKind | None:
     if not touched.any():
         return "miss"
     if touched.sum() < LEAST_TAXELS:
@@ -87,11 +72,11 @@ def _kind(pad: Pad, face: Floats, touched: Bools) -> PatchKind | None:
     owners = [int(owner) for owner in np.unique(face[touched])]
     if not all(_counts(pad, touched & (face == owner)) for owner in owners):
         return None
-    kinds: tuple[PatchKind, ...] = ("smooth", "edge", "corner")
+    kinds: tuple[touch.PatchKind, ...] = ("smooth", "edge", "corner")
     return kinds[min(len(owners), len(kinds)) - 1]
 
 
-def _counts(pad: Pad, own: Bools) -> bool:
+def _counts(pad: touch.Pad, own: Bools) -> bool:
     if own.sum() < COUNTS_FROM:
         return False
     spread = np.column_stack([axis[own] - axis[own].mean() for axis in pad.grid()])
@@ -118,11 +103,11 @@ def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionSc
     for _ in range(walks):
         fused = None
         for number, (found, truth) in enumerate(_touches(rng, *WALKS[name], noise)):
-            fused = begin_fusion(found) if fused is None else fuse(fused, found)
+            fused = touch.begin_fusion(found) if fused is None else touch.fuse(fused, found)
             if number < 3:
                 continue
             wanted = np.array([truth.k1, truth.k2])
-            alone = principal_curvatures(found.shape)
+            alone = touch.principal_curvatures(found.shape)
             errors.append([np.array(alone[:2]) - wanted, np.array(fused.principal[:2]) - wanted])
             surprises.append(fused.surprise)
     single, both = np.sqrt(np.mean(np.square(errors), axis=(0, 2)))
@@ -131,7 +116,7 @@ def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionSc
 
 def _touches(
     rng: np.random.Generator, inverse_squares: Vector, start: Vector, noise: float
-) -> Iterator[tuple[LocalCurvature, PrincipalCurvatures]]:
+) -> Iterator[tuple[touch.LocalCurvature, touch.PrincipalCurvatures]]:
     """Touches along a walk, and the true curvature at the place of each."""
     matrix = np.diag(inverse_squares)
     point = np.array(start) / math.sqrt(float(np.array(start) @ matrix @ start))
@@ -143,12 +128,12 @@ def _touches(
         touched = compression > 50e-6
         compression = compression + noise * rng.normal(size=height.shape)
         surface = np.where(touched, -compression, 0.0)
-        patch = fit_patch(WALKED_PAD, surface, touched, axes[:, 0], noise)
+        patch = touch.fit_patch(WALKED_PAD, surface, touched, axes[:, 0], noise)
         if patch.shape is not None and patch.shape_covariance is not None:
             tangents, normal = patch.shape.tangents @ axes.T, axes @ patch.shape.normal
-            shape = ShapeOperator(tangents, normal, patch.shape.parts)
+            shape = touch.ShapeOperator(tangents, normal, patch.shape.parts)
             place = point + axes @ (patch.place + np.array([0.0, 0.0, advance]))
-            yield LocalCurvature(place, shape, patch.shape_covariance), _truth(matrix, place)
+            yield touch.LocalCurvature(place, shape, patch.shape_covariance), _truth(matrix, place)
         along = np.cross([0.0, 0.0, 1.0], matrix @ point)
         point = point + STEP * along / np.linalg.norm(along)
         point = point / math.sqrt(float(point @ matrix @ point))
@@ -178,7 +163,7 @@ def _height(matrix: Floats, point: Floats, axes: Floats) -> Floats:
     return height
 
 
-def _truth(matrix: Floats, place: Floats) -> PrincipalCurvatures:
+def _truth(matrix: Floats, place: Floats) -> touch.PrincipalCurvatures:
     """Principal curvatures of the quadric nearest to a place."""
     gradient = matrix @ place
     size = float(np.linalg.norm(gradient))
@@ -186,7 +171,7 @@ def _truth(matrix: Floats, place: Floats) -> PrincipalCurvatures:
     frame = np.linalg.svd(normal[None])[2][1:]
     k = frame @ matrix @ frame.T / size
     parts = (float(k[0, 0]), float(k[0, 1]), float(k[1, 1]))
-    return principal_curvatures(ShapeOperator(frame, normal, parts))
+    return touch.principal_curvatures(touch.ShapeOperator(frame, normal, parts))
 
 
 def _quadric(matrix: Floats, top: Floats) -> PadSurface:
