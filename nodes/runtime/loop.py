@@ -269,26 +269,32 @@ class NodeLoop:
     def _replay(self, work: NodeWork, before: Sequence[Consumed]) -> list[Publication]:
         """Do once more what an earlier start has done.
 
-        Returns what it died over: it may have been making something that takes long, which is
-        still to be made and sent, with all that it published after that.
+        Returns what it died over, or had not come to: it may have been making something that takes
+        long, which is still to be made and sent, with all that is new after that.
         """
         station, order, owed = self._station, JournalOrder(before), list[Publication]()
         while order.replaying and self._turn_again(work):
             while (come := station.receive()) is not None:
                 order.put(come)
             while order.replaying and (arrival := order.take()) is not None:
-                owed = self._republish(work.replay(arrival))
+                owed += self._republish(work.replay(arrival), behind=bool(owed))
                 self._beat_if_due()
         station.give_back(order.rest())
         return owed
 
-    def _republish(self, published: Sequence[Publication]) -> list[Publication]:
-        """Publish it once more; returns what takes long and had not been, and all after it."""
-        for place, one in enumerate(published):
-            if isinstance(one, Promise) and not self._station.publisher.was_published(one.topic):
-                return list(published[place:])
-            self._publish([one])
-        return []
+    def _republish(self, published: Sequence[Publication], *, behind: bool) -> list[Publication]:
+        """Publish it once more; returns what takes long and had not been, and what is new after it.
+
+        All that is new, if the node is `behind` already: it had not come to all that it received.
+        """
+        owed = list[Publication]()
+        for one in published:
+            had = not isinstance(one, Finished) and self._station.publisher.was_published(one.topic)
+            if had or not (behind or owed or isinstance(one, Promise)):
+                self._publish([one])
+            else:
+                owed.append(one)
+        return owed
 
     def _turn_again(self, work: Work) -> bool:
         """Wait for a moment while it is rebuilt, and obey; False if it is told to end."""

@@ -14,7 +14,7 @@ from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.types.world import World
 from palpate.nodes.runtime.loop import JournalOrder, NodeLoop
 from palpate.nodes.runtime.node import Input, Node, Sink, lone_wiring
-from palpate.nodes.runtime.work import NodeWork, SinkWork
+from palpate.nodes.runtime.work import NodeWork, Outgoing, Promise, SinkWork
 
 BEFORE = (Consumed("a", "/x", 0), Consumed("b", "/y", 0), Consumed("a", "/x", 1))
 
@@ -125,3 +125,16 @@ print(late in sys.modules)
 def test_what_a_node_takes_from_lazy_rooms_is_there_before_it_is_forked():
     done = subprocess.run([sys.executable, "-c", PRELOADED], capture_output=True, text=True)
     assert done.stdout.split() == ["False", "True"]
+
+
+def test_all_that_a_node_had_not_come_to_is_owed_and_what_it_had_published_goes_first():
+    had, done = {"/a": 1, "/b": 2}, []
+    station = Station([])
+    loop = NodeLoop("n", station, going=True)
+    station.publisher.was_published = lambda topic: done.count(topic) < had[topic]
+    station.publisher.promise = station.send = lambda topic, *_: done.append(topic)
+    score, plain = Promise("/a", bytes, 0), Outgoing("/b", b"", 0.0, 0)
+    owed = loop._republish([score, score, plain], behind=False)
+    owed += loop._republish([score, plain, plain], behind=bool(owed))
+    assert done == ["/a", "/b", "/b"]
+    assert owed == [score, score, plain]
