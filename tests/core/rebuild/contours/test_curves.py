@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.contours import curves
 from palpate.core.rebuild.contours.curves import (
     FINE,
     are_nearly_star_shaped,
@@ -146,3 +147,10 @@ def test_noise_that_goes_back_a_little_is_told_from_a_shape_that_does():
     figures = np.stack([CIRCLE, noisy, hooked, clockwise, CIRCLE + [3.0, 0.0]])
     assert are_star_shaped(figures).tolist() == [True, False, False, False, False]
     assert are_nearly_star_shaped(figures).tolist() == [True, True, False, False, False]
+
+
+def test_curves_of_even_steps_are_sampled_by_one_matrix():
+    ring = order_closed_points(even_ring(24, 0.01))
+    fit = curves._through(ring.points, np.arange(24) / 24)
+    fine = curves._even_matrix(24) @ fit.control
+    assert np.array_equal(curves._seen(ring, fit).fine, ring.middle + ring.size * fine)

@@ -318,6 +318,18 @@ def test_one_contour_far_off_is_a_candidate_and_tells_by_how_much(count):
         assert off[row] == pytest.approx(9.0, rel=0.3)
 
 
+@pytest.mark.parametrize("count", [3, 9])
+def test_a_candidate_is_off_by_a_tenth_of_the_radius_in_any_unit(count):
+    for share, listed in ((0.93, 0), (0.8, 1)):
+        radii = np.full(count, 30.0)
+        radii[count // 2] *= share
+        heights, grid = stack(radii)
+        found = neighbour_misfits(heights, grid)
+        assert np.count_nonzero(found) == listed
+        for scale in (1e-3, 1e3):
+            assert neighbour_misfits(scale * heights, scale * grid) == pytest.approx(scale * found)
+
+
 @pytest.mark.parametrize("count", [3, 4, 6, 9, 27])
 def test_smooth_objects_are_not_a_candidate(count):
     heights = np.linspace(-49.5, 49.5, count)

@@ -16,16 +16,15 @@ Made = Callable[..., Any]
 GOOD = 0.02  # Of the diameter
 
 
-def worst(cloud: Made, chamfer: Made, *shape: Any, trials: int = 8) -> float:
+def worst(cloud: Made, chamfer: Made, *shape: Any, trials: int = 3) -> float:
     """Largest Chamfer distance of some recoveries, as a share of the diameter."""
     clouds = [cloud(*shape, seed=seed) for seed in range(trials)]
     return float(max(chamfer(recover(made.points), made) for made in clouds))
 
 
 def test_a_cube_with_exponents_of_005_is_found_from_anywhere(cloud, chamfer):
-    clouds = [cloud([1.0, 1.0, 1.0], [0.05, 0.05], seed=seed) for seed in range(20)]
-    good = [chamfer(recover(made.points), made) < GOOD for made in clouds]
-    assert np.mean(good) >= 0.95
+    clouds = [cloud([1.0, 1.0, 1.0], [0.05, 0.05], seed=seed) for seed in range(6)]
+    assert all(chamfer(recover(made.points), made) < GOOD for made in clouds)
 
 
 def test_a_disc_twenty_times_as_wide_as_thick_is_no_wider(cloud, chamfer):

@@ -16,6 +16,7 @@ from palpate.core.rebuild.surface.closed import Surface, close_surface
 from palpate.core.rebuild.surface.meshing import (
     DEFAULT_TOLERANCE,
     SurfaceMesh,
+    _places,
     mesh_surface,
     search_surface,
 )
@@ -196,6 +197,16 @@ def test_a_point_on_the_axis_finds_the_pole(ellipsoid_side):
     foot = search.nearest([[0.0, 0.0, 0.2], [0.0, 0.0, -0.2]])
     np.testing.assert_allclose(foot.distances, 0.17, rtol=1e-12)
     np.testing.assert_allclose(foot.points[:, 2], [0.03, -0.03])
+
+
+def test_the_turn_of_a_triangle_at_a_pole_is_between_its_other_corners(ellipsoid_side):
+    search = search_surface(close_surface(ellipsoid_side(SIZE)), 1e-3)
+    faces, last = search.mesh.faces, len(search.mesh.vertices) - 1
+    at_pole = ((faces == 0) | (faces == last)).any(axis=1)
+    centres = search.mesh.vertices[faces[at_pole]].mean(axis=1)
+    _, turns = _places(search.mesh, nearest_points(search.search, centres))
+    off = turns - np.arctan2(*(centres[:, :2] / SIZE[:2]).T[::-1]) / (2 * np.pi)
+    assert np.abs(off - np.round(off)).max() < 1e-9
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
