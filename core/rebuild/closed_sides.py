@@ -147,11 +147,7 @@ def _between_ends(
 
 
 def runs_through_axis(surface: ContourSurface, rim: float, end: float) -> bool:
-    """Whether a section between the last contour (its height: `rim`) and the point is inside out.
-
-    Where the last contour is seen whole from its middle, so must be all sections; else a section
-    must but lie on the whole on the side of the axis on which the contour lies.
-    """
+    """Whether a section between the last contour, at `rim`, and the point is inside out."""
     ways = 1.0 - np.geomspace(1.0, LAST, SECTIONS)
     turns = np.arange(SECTION_TURNS) / SECTION_TURNS
     sections: Floats = surface.at((rim + ways * (end - rim))[:, None], turns[None])
@@ -179,9 +175,8 @@ def radial_rows(
 ) -> RadialRows | None:
     """Rows of the radial spline through all contact points, over the heights that were touched.
 
-    None where the contours, which say where the axis is, tell more alone: where sections are not
-    star-shaped about it, or hardly anything was touched, or not all around. `bottom` and `top` are
-    heights at which a touch found the ends, m.
+    None where the contours tell more alone: where sections are not star-shaped about the axis, or
+    hardly anything was touched, or not all around. `bottom` and `top` are touched ends' heights, m.
     """
     levels = np.column_stack([[area_centroid(fine) for fine in slices.fine], slices.heights])
     axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])

@@ -98,10 +98,8 @@ def reconstruct(
     solid answers in the world; heights count along the frame's z axis. `noise` is the standard
     deviation of a coordinate; estimated if left out. Raises ValueError if no contour can be used,
     or one alone without `tops` above and below it, or an argument has no use: the sentence says
-    why.
-
-    Fung, 1999, 4.2 and 4.4, with a smoothed skin through the contours in place of the shell and
-    core.
+    why. Fung, 1999, 4.2 and 4.4, with a smoothed skin through the contours in place of the shell
+    and core.
     """
     if method not in get_args(Method):
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
@@ -149,7 +147,13 @@ class Rebuilder:
     def __call__(self, evidence: Evidence) -> Solid:
         """The solid that evidence tells of, which can be made again from more of it."""
         if self.method == "coarse":
-            solid = _coarse(evidence)
+            points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
+            found = fit_coarse(points, evidence.noise)
+            if not found.fitted:
+                words = f"contours must determine a superquadric, got {found.warnings[0]}"
+                raise ValueError(words)
+            surface = closed_surface((coarse_patch(found),))
+            solid = Solid(surface=surface, method="coarse", evidence=evidence, model=found)
         elif self.method == "thesis":
             solid = _thesis(evidence, self.faithful)
         else:
@@ -166,15 +170,6 @@ class Rebuilder:
             )
         shear = None if solid.closed is None else solid.closed.shear
         return replace(solid, surface=placed(solid.surface, evidence.frame, shear), rebuilder=self)
-
-
-def _coarse(evidence: Evidence) -> Solid:
-    points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
-    found = fit_coarse(points, evidence.noise)
-    if not found.fitted:
-        raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
-    surface = closed_surface((coarse_patch(found),))
-    return Solid(surface=surface, method="coarse", evidence=evidence, model=found)
 
 
 def coarse_patch(recovery: Recovery) -> SampledPatch:
@@ -258,10 +253,9 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
     Contacts of a hand, or points of contours; `noise` is the standard deviation of a coordinate, if
     it is known: what is less explains nothing. Tapered and bent where that pays; of points too few,
     or all in a plane, an ellipsoid in their extents, which says so in its warnings. Raises
-    ValueError if the points are not finite, or the noise is not positive.
-
-    Fung, 1999, 3.2.2, step 1, with pose, taper, bend and free exponents. Chosen by Schwarz,
-    *Estimating the dimension of a model*, 1978.
+    ValueError if the points are not finite, or the noise is not positive. Fung, 1999, 3.2.2, step
+    1, with pose, taper, bend and free exponents. Chosen by Schwarz, *Estimating the dimension of a
+    model*, 1978.
     """
     places = finite_array("points", points, (None, 3))
     if noise is not None:

@@ -198,10 +198,7 @@ class Solid:
 
     @property
     def overshoot(self) -> float:
-        """How far the side leaves the box around its contours, as a share of the box's width.
-
-        More than some hundredths: contours close together, too unlike for a smooth side.
-        """
+        """How far the side leaves the box of its contours, over its width: hundredths are wild."""
         if self.closed is None:
             return 0.0
         fine = self.slices.fine
@@ -243,22 +240,32 @@ class Solid:
             found |= _of_side(self.closed)
             found["outlying_points"] += outliers
             if self.evidence.contacts is not None:
-                found |= _of_contacts(self.closed)
+                radial = self.closed.radial
+                found["radial_unused"] = float(radial is None)
+                if radial is not None:
+                    about = {"sigma": radial.sigma, "condition": radial.condition}
+                    found |= radial.figures | about
         if self.lattice is not None:
-            found |= _of_lattice(self.lattice)
+            names = ("rms", "most", "condition", "folded")
+            health = self.lattice.health
+            found |= {f"lattice_{name}": float(getattr(health, name)) for name in names}
+            if (refined := self.lattice.refinement) is not None:
+                moves = ("points", "beyond", "before", "after", "moved")
+                found |= {f"refined_{name}": float(getattr(refined, name)) for name in moves}
+                found["lattice_folded"] = refined.folded
         if isinstance(self.model, Recovery):
             names = ("rms", "rank", "condition", "looseness")
             found |= {name: float(getattr(self.model, name)) for name in names}
             found["uncovered_share"] = self.model.uncovered
             found["warnings"] = float(len(self.model.warnings))
         if isinstance(self.model, ThesisSolid):
-            health = self.model.health
+            fit = self.model.health
             found |= {
-                "unmatched_contours": float((~health.one_to_one).sum()),
-                "degenerate_contours": float(health.degenerate.sum()),
-                "cores_moved": float(health.cores_moved.sum()),
-                "core_points_outside": float(health.cores_outside.sum()),
-                "widest_gap": float(health.gaps.max()),
+                "unmatched_contours": float((~fit.one_to_one).sum()),
+                "degenerate_contours": float(fit.degenerate.sum()),
+                "cores_moved": float(fit.cores_moved.sum()),
+                "core_points_outside": float(fit.cores_outside.sum()),
+                "widest_gap": float(fit.gaps.max()),
             }
         pieces = self.surface.pieces
         for name, upper in (("below", False), ("above", True)):
@@ -409,25 +416,6 @@ def _of_side(closed: ContourSolid) -> dict[str, float]:
         "swing": loft.swing,
         "reparametrised": float(closed.loft.surface.axial_parameter.reparametrisation is not None),
     }
-
-
-def _of_contacts(closed: ContourSolid) -> dict[str, float]:
-    radial = closed.radial
-    if radial is None:
-        return {"radial_unused": 1.0}
-    about = {"sigma": radial.sigma, "condition": radial.condition}
-    return {"radial_unused": 0.0} | radial.figures | about
-
-
-def _of_lattice(lattice: LatticeFit) -> dict[str, float]:
-    health, refined = lattice.health, lattice.refinement
-    told = ("rms", "most", "condition", "folded")
-    found = {f"lattice_{name}": float(getattr(health, name)) for name in told}
-    if refined is not None:
-        moved = ("points", "beyond", "before", "after", "moved")
-        found |= {f"refined_{name}": float(getattr(refined, name)) for name in moved}
-        found["lattice_folded"] = refined.folded
-    return found
 
 
 class _Cells(NamedTuple):

@@ -46,9 +46,8 @@ def contact_points_of(
     """Surface points under the touched taxels of one touch, and normals from the jet.
 
     `pose` (7,) is the pad's in the world, `surface` (rows, cols) lies over the plane of its face,
-    m, and `touched` (rows, cols) tells which taxels count. Without a jet the normal is the pad's
-    own. Next to an edge, which it does not follow, normals are those of the taxels beside it; a
-    taxel whose normal nobody can tell is left out.
+    m. Without a jet the normal is the pad's own. Next to an edge, which it does not follow, normals
+    are those of the taxels beside it; a taxel whose normal nobody can tell is left out.
     """
     position, axes = split_pose(pose)
     x, y = pad.grid()
@@ -163,9 +162,8 @@ def normals_as_points(
 
     Contours are (n, 3) arrays, or (n, 2) with `heights` (m,); normals (n, 3) point outward and have
     any length. Rows that are not finite, or whose normal has no length, are left out. Both are
-    given in the world, the contact points lie in the `frame` (7,), if there is one.
-
-    Raises ValueError if there are not as many normals as contours, or as points of a contour.
+    given in the world, the contact points lie in the `frame` (7,), if there is one. Raises
+    ValueError if there are not as many normals as contours, or as points of a contour.
     """
     if len(normals) != len(contours):
         raise ValueError(
@@ -236,6 +234,4 @@ def contacts_into_frame(frame: Floats | None, contacts: ContactPoints) -> Contac
 
 def turned_into_frame(frame: Floats | None, directions: Floats) -> Floats:
     """Directions (n, 3) of the world as they are seen from a frame."""
-    if frame is None:
-        return directions
-    return directions @ rotation_matrix(frame[3:])
+    return directions if frame is None else directions @ rotation_matrix(frame[3:])

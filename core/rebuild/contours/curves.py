@@ -75,10 +75,8 @@ def contour_curves(
     anywhere, in either direction, any number of them, the first again at the end or not. Rows that
     are not finite are left out. With `heights` (len(contours),) they are (n, 2). `first` is the
     number of the first of them; `frame` (7,) the pose of the frame around whose z axis they run, in
-    the world in which they are given.
-
-    Raises ValueError if a shape is another, a height is not finite, or there are heights in a
-    frame.
+    the world in which they are given. Raises ValueError if a shape is another, a height is not
+    finite, or there are heights in a frame.
     """
     if frame is not None and heights is not None:
         raise ValueError(
@@ -213,10 +211,7 @@ def refitted_curve(loop: ContourCurve, points: Floats, outlier: Bools) -> Contou
 
 
 def slice_curve(points: Floats) -> SliceCurve:
-    """Closed cubic through points (m, 2) around a contour, in any order and direction.
-
-    It is smoothed only where it would meet itself, as points are closer than their noise.
-    """
+    """Closed cubic through points (m, 2) in any order, smoothed only where it would meet itself."""
     ring = splines.order_closed_points(points)
     if len(ring.points) < LEAST_CURVE_POINTS:
         curve = splines.fit_closed_curve(points, parameters="even", smoothing=None)
@@ -230,12 +225,7 @@ def slice_curve(points: Floats) -> SliceCurve:
 
 
 def slice_parameters(points: Floats) -> Floats:
-    """Parameters (m,) of points (m, 2) around a closed curve, in turns; the first is 0.
-
-    Even steps where the points were touched at even distances, else in proportion to the chords; of
-    points that are hardly farther apart than their noise only chords over several steps are
-    compared.
-    """
+    """Parameters (m,) of points (m, 2), in turns: even if their steps are, else by chords."""
     parameters = splines.curve_parameters(points, "even")
     if len(points) < splines.LEAST_POINTS or same_steps(parameters) or not _noisy_even(points):
         return parameters

@@ -259,15 +259,12 @@ class InconsistentContours(NamedTuple):
 def inconsistent_contours(heights: ArrayLike, grid: ArrayLike) -> InconsistentContours:
     """Find contours that contradict their neighbours.
 
-    Of contours (M, K, 2) at rising heights (M,), matched place by place, m. A wrong one's own
-    prediction and those of its neighbours are off by known shares of its displacement; an edge, a
-    step or a zigzag of the object itself leaves other shares. But what a single contour has
-    touched, a groove narrower than twice the spacing, is no different from a contour gone wrong.
-    The lowest and the highest contour are never bad: beyond them nothing tells how the object
-    rounds off. None is bad where there are fewer than 9, or so many bad, more than one in five or
-    so, that nothing tells how good ones fare.
-
-    Raises ValueError if a shape is wrong, a number not finite, or the heights do not rise.
+    Of contours (M, K, 2) at rising heights (M,), matched place by place, m. What a single contour
+    has touched, a groove narrower than twice the spacing, is no different from a contour gone
+    wrong. The lowest and the highest contour are never bad: beyond them nothing tells how the
+    object rounds off. None is bad where there are fewer than 9, or so many bad, more than one in
+    five or so, that nothing tells how good ones fare. Raises ValueError if a shape is wrong, a
+    number not finite, or the heights do not rise.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
@@ -420,9 +417,8 @@ def _rms_length(apart: Floats) -> Floats:
 def neighbour_weights(heights: Floats) -> Floats:
     """Weights (M, M) that predict contours at rising heights (M,): ``weights @ rows``.
 
-    Lagrange's weights of the polynomial through the two nearest contours below and the two above,
-    or as many as there are; at either end through the three nearest ones. Rows sum to 1; they are 0
-    where there are fewer than 2 others.
+    Lagrange's, by the two nearest contours below and above; at either end by the three nearest.
+    Rows sum to 1; they are 0 where there are fewer than 2 others.
     """
     return _weights(tuple(heights.tolist()))
 

@@ -291,11 +291,7 @@ def start_ray(shapes: Floats) -> Floats:
 
 
 def minimum_twist(shapes: Floats) -> Floats:
-    """Steps (M - 1,), in turns, to where the next curve should begin; curves as of `start_ray`.
-
-    The step s makes the sum of ``|a(u) - b(u + s)|^2`` smallest: the peak of a circular
-    correlation.
-    """
+    """Steps (M - 1,), in turns, to the next curve's begin with the largest circular correlation."""
     waves = np.fft.fft(shapes[..., 0] + 1j * shapes[..., 1], axis=1)
     # The sum over both coordinates is the real part of one complex product.
     correlation = np.fft.ifft(np.conj(waves[:-1]) * waves[1:], axis=1).real
@@ -331,9 +327,8 @@ def begin_turns(steps: Floats, from_slice: int, begin: float) -> Floats:
 def follow_signatures(shapes: Floats, steps: Floats) -> Floats:
     """Steps (M - 1,), in turns, under which the signatures of neighbours agree.
 
-    Of curves as of `start_ray`, and the steps of the least twist. Lobes look alike: any one step
-    could as well be a lobe further. So all are chosen together, for the largest sum of correlations
-    less what changes of the twist cost (dynamic programming: Bellman, 1957).
+    Lobes look alike: any one step could as well be a lobe further. So all are chosen together, for
+    the largest sum of correlations less what changes of the twist cost (Bellman, 1957).
     """
     if not len(steps):
         return steps

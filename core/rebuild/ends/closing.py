@@ -151,7 +151,13 @@ def _end(
 ) -> End:
     last = float(stack.depths[-1])
     if touched is None:
-        return _untouched_end(stack)
+        rows = stack.depths, stack.radii
+        if (ahead := free_pole(*rows, stack.scatter)) is not None:
+            return stack.end("pole", last + ahead, conic(*rows, last + ahead))
+        if (ahead := free_shoulder(*rows, stack.scatter)) is not None:
+            profile = superellipse(*rows, last + ahead)
+            return stack.end("superellipse", last + ahead, profile, ahead)
+        return stack.end("fan", last, Flat(0.0), stack.spacing)
     depth = stack.sign * float(finite_array(name, touched, ()))
     if depth < last - stack.spacing:
         raise ValueError(
@@ -160,25 +166,17 @@ def _end(
         )
     if depth - last <= LEAST_GAP * max(last - float(stack.depths[0]), stack.spacing):
         return stack.end("flat", last, Flat(0.0))
-    rows = stack.depths, stack.radii, depth, stack.scatter
-    kind, profile, _ = choose_profile(*rows, dense=dense, beyond=beyond)
+    kind, profile, _ = choose_profile(
+        stack.depths, stack.radii, depth, stack.scatter, dense=dense, beyond=beyond
+    )
     return stack.end(kind, depth, profile)
-
-
-def _untouched_end(stack: _Stack) -> End:
-    last, rows = float(stack.depths[-1]), (stack.depths, stack.radii)
-    if (ahead := free_pole(*rows, stack.scatter)) is not None:
-        return stack.end("pole", last + ahead, conic(*rows, last + ahead))
-    if (ahead := free_shoulder(*rows, stack.scatter)) is not None:
-        return stack.end("superellipse", last + ahead, superellipse(*rows, last + ahead), ahead)
-    return stack.end("fan", last, Flat(0.0), stack.spacing)
 
 
 def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
     """How far beyond the last contour the solid closes; None where nobody can know.
 
-    By ascending outward coordinates (n,) of the contours, mean radii there, positive, and a mean
-    radius's standard deviation `scatter`.
+    By ascending outward coordinates (n,), mean radii there, and a mean radius's deviation
+    `scatter`.
     """
     if len(depths) < POLE_FEWEST:
         return None

@@ -70,7 +70,10 @@ class RoundCurve:
 
     def at(self, way: Floats, by: int = 0) -> Floats:
         """See `ProfileCurve.at`."""
-        zeta, radius = self._begin()
+        zeta, radius = 0.0, 1.0  # at the rim, from the curve's centre
+        if isinstance(self.profile, Superellipse):
+            zeta, p, q, trend = self.profile
+            radius = float(shoulder(np.array(zeta), p, q)) * (1.0 + trend * zeta)
         first = math.atan2(zeta, radius / (1.0 + self._trend * zeta))
         rate = 0.5 * math.pi - first
         polar = self._polar(first + rate * way)
@@ -78,13 +81,6 @@ class RoundCurve:
         if by == 0:
             found = found - np.array([zeta, 0.0])
         return np.asarray(found / np.array([1.0 - zeta, radius]))
-
-    def _begin(self) -> tuple[float, float]:
-        """Height and radius at the rim, from the curve's centre."""
-        if isinstance(self.profile, Conic):
-            return 0.0, 1.0
-        begin, p, q, trend = self.profile
-        return begin, float(shoulder(np.array(begin), p, q)) * (1.0 + trend * begin)
 
     @property
     def _trend(self) -> float:
@@ -262,11 +258,9 @@ def _slope(depths: Floats, radii: Floats, end: float) -> float:
 
 
 def superellipse(depths: Floats, radii: Floats, end: float) -> Profile:
-    """Superellipse that best follows the last contours.
+    """Superellipse that best follows the last contours before an end beyond them.
 
-    By outward coordinates (n,) of the contours, ascending, mean radii there, and the outward
-    coordinate of the end, beyond the last contour. For each pair of exponents the scale follows by
-    projection, for all pairs at once.
+    By ascending outward coordinates (n,), mean radii there, and the end's outward coordinate.
     """
     begin = depths[max(0, len(depths) - SHOULDER_REACH)]
     zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
@@ -286,9 +280,8 @@ def shoulder_misfits(zeta: Floats, radii: Floats) -> Floats:
 def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None = None) -> Profile:
     """Superellipse on a wall that flares or narrows; parameters as of `superellipse`.
 
-    It follows all the contours that are given, which have to lie close together, and what was
-    touched beyond them. For each pair of exponents width and trend follow by orthogonal projection
-    (QR), for all pairs at once.
+    It follows all the contours, close together, and what was touched beyond them. For each pair of
+    exponents width and trend follow by orthogonal projection (QR), for all pairs at once.
     """
     begin, last = depths[0], len(depths) - 1
     weights = np.ones(len(depths))
@@ -355,11 +348,7 @@ class ArcCurve:
 
 
 def rounded(depths: Floats, radii: Floats, end: float) -> Rounded | None:
-    """Wall and arc that best follow the last rows of a side; parameters as of `superellipse`.
-
-    None if no arc leaves a disc within it, or none is the best. For each radius of the arc the wall
-    follows by projection, for all radii at once.
-    """
+    """Wall and arc that best follow the last rows; None if no arc leaves a disc within."""
     depths, radii, last = depths[-ROWS:], radii[-ROWS:], float(radii[-1])
     gap = end - float(depths[-1])
     way = (depths - depths[-1]) / gap

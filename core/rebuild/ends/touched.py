@@ -134,10 +134,7 @@ def _one_height(heights: Floats, within: float) -> float:
 
 
 def dome_height(contacts: ContactPoints, on: Bools, way: float) -> float | None:
-    """How far an end reaches, along the axis in its own direction, m; None if few touched it.
-
-    `contacts` have normals; `on` (n,) tells which lie on the end, `way` is as of `touched_end`.
-    """
+    """How far an end reaches, along the axis, m, by taxels `on` it (n,); None if few touched it."""
     assert contacts.normals is not None
     reach = way * contacts.points[:, 2]
     deep = DEEP * float(np.ptp(reach))
@@ -173,11 +170,10 @@ def end_from_contacts(
     end: float | None,
     noise: float,
 ) -> End:
-    """How the side, a radial spline, goes on from its first or last row.
+    """How the side, a radial spline, goes on from its first or last row, at `turns` (k,).
 
-    The row has `turns` (k,) and the height `rim`, from which the side goes on `inwards`, negative
-    downwards; the end was touched at the height `end`; `noise` is a row's point's deviation; all in
-    m.
+    That lies at the height `rim`, and the side goes on `inwards`, negative downwards; the end was
+    touched at the height `end`; `noise` is the deviation of a row's points; all in m.
     """
     heights = np.sort(rim + STRETCH * inwards * np.arange(ROWS) / (ROWS - 1))
     grid = spline.rings(heights, turns)
@@ -215,8 +211,8 @@ def edge_samples(
     """Mean radii between the last row and the end; None where too little was touched.
 
     From contacts as measured, for shifts that fit the smooth side would hide the edge. `rim` and
-    `end` are the heights of the side's last row and of the end, `radius` is that row's mean one,
-    and `lean` (2,) how far aside of its middle the end's middle lies, m.
+    `end` are heights, `radius` the row's mean one, `lean` (2,) how far aside the end's middle lies,
+    m.
     """
     assert contacts.normals is not None
     sign = 1.0 if end > rim else -1.0

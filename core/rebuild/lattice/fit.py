@@ -473,6 +473,12 @@ def _report(
     before: LatticeFit, after: LatticeFit, first: Floats, last: Floats, steps: int
 ) -> Refinement:
     moved = np.linalg.norm(after.lattice.control - before.lattice.control, axis=-1)
+    # Folds are sampled in the whole prism: layers need not be level.
+    places, weights = after.section.inside()
+    layers = after.lattice.volume.bases[2].count
+    along = (np.arange(layers) + 0.5) / layers
+    local = np.column_stack([np.repeat(places, layers, axis=0), np.tile(along, len(places))])
+    folded = after.lattice.jacobian_determinant(after.prism.points(local)) <= 0.0
     return Refinement(
         points=len(first),
         beyond=0,
@@ -480,16 +486,6 @@ def _report(
         after=float(np.sqrt(np.mean(np.square(last)))),
         most=float(last.max()),
         moved=float(moved.max()),
-        folded=_folded(after),
+        folded=float(np.repeat(weights, layers) @ folded / (layers * weights.sum())),
         steps=steps,
     )
-
-
-def _folded(fit: LatticeFit) -> float:
-    """Share of the prism that is turned inside out, sampled: layers need not be level."""
-    places, weights = fit.section.inside()
-    layers = fit.lattice.volume.bases[2].count
-    along = (np.arange(layers) + 0.5) / layers
-    local = np.column_stack([np.repeat(places, layers, axis=0), np.tile(along, len(places))])
-    change = fit.lattice.jacobian_determinant(fit.prism.points(local))
-    return float(np.repeat(weights, layers) @ (change <= 0.0) / (layers * weights.sum()))

@@ -88,7 +88,11 @@ def layers_of(surface: ContourSurface, count: int | None = None) -> Layers:
     widths = [float(np.ptp(control[end], axis=0).max()) for end in (0, -1)]
     pinned = widths[0] <= 1e-12 * size, widths[1] <= 1e-12 * size
     if count is None:
-        basis, curves = _cubic(own, control)
+        basis, curves = own, control
+        if own.degree != CUBIC:  # of few contours, without inner knots
+            basis = clamped_basis(CUBIC + 1)
+            values = own.matrix(basis.greville()) @ control.reshape(own.count, -1)
+            curves = _interpolated(basis, values).reshape(CUBIC + 1, -1, 2)
         basis, curves = _for_heights(surface, basis, curves)
         heights = _interpolated(basis, _height(surface, basis.greville()))
     else:
@@ -102,15 +106,6 @@ def layers_of(surface: ContourSurface, count: int | None = None) -> Layers:
         found = np.concatenate([values[:1], inner, values[-1:]])  # the ends are taken as they are
         curves, heights = found[:, :-1].reshape(count, -1, 2), found[:, -1]
     return Layers(basis, curves, heights, pinned)
-
-
-def _cubic(basis: Basis, control: Floats) -> tuple[Basis, Floats]:
-    """The same spline with cubic functions; lower degrees, of few contours, have no inner knots."""
-    if basis.degree == CUBIC:
-        return basis, control
-    raised = clamped_basis(CUBIC + 1)
-    values = basis.matrix(raised.greville()) @ control.reshape(basis.count, -1)
-    return raised, _interpolated(raised, values).reshape(CUBIC + 1, -1, 2)
 
 
 def _for_heights(surface: ContourSurface, basis: Basis, curves: Floats) -> tuple[Basis, Floats]:
@@ -203,7 +198,12 @@ def solve_section(
         rings = vstack(inner, "csr")
         share = drawn / _mean(rings)
         form = form + share * (rings.T @ rings).toarray()
-        right = right + share * (rings.T @ _inner(box, _layers_last(moves), fading))
+        # As the rim does: its affine part goes on to the middle straight, what is left of it fades.
+        wanted, rows = _layers_last(moves), np.column_stack([box, np.ones(len(box))])
+        affine = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+        rest = wanted - rows @ affine
+        ways = [q * (box @ affine[:2]) + affine[2] + q**fading * rest for q in RINGS]
+        right = right + share * (rings.T @ np.concatenate(ways))
     factor, _ = lapack.dpotrf(form, lower=1)
     moved = cho_solve((factor, True), right)
     share = float(lapack.dpocon(factor, np.abs(form).sum(axis=0).max(), uplo="L")[0])
@@ -221,14 +221,6 @@ def _layers_last(values: Floats) -> Floats:
 def _mean(rows: csr_array) -> float:
     """Mean diagonal of the quadratic form of rows."""
     return float(np.square(rows.data).sum() / rows.shape[1])
-
-
-def _inner(box: Floats, moves: Floats, fading: float) -> Floats:
-    """How rings shall move, (rings k, 2 l): by the affine part of the rim; the rest fades."""
-    rows = np.column_stack([box, np.ones(len(box))])
-    affine = np.linalg.lstsq(rows, moves, rcond=None)[0]
-    rest = moves - rows @ affine
-    return np.concatenate([q * (box @ affine[:2]) + affine[2] + q**fading * rest for q in RINGS])
 
 
 def fit_section(curves: Floats, grasp: Recovery | None = None) -> Section:

@@ -73,10 +73,9 @@ def normal_distances(
 ) -> tuple[Floats, Floats]:
     """Distances (b, n), negative inside, and their derivatives (b, n, p).
 
-    `parameters` (b, p): of each solid, see `RIGID`. Rotation vectors turn the solid's own axes, and
-    positions are along the axes of its frame: so nothing depends on how points and frames lie
-    together. `points` (n, 3): in the unit of the sizes. `frames` (b, 3, 3): axes, as columns, in
-    which each solid stands where no rotation leaves it. `warps`: which parameters there are.
+    Of solids with parameters (b, p), see `RIGID`, from points (n, 3) in the unit of the sizes.
+    `frames` (b, 3, 3) are axes, as columns, in which each solid stands where no rotation leaves it:
+    rotation vectors turn the solid's own axes, and positions are along those of its frame.
     """
     turns, body = _body(parameters, points, frames)
     seen = _see(parameters, body, warps)

@@ -241,10 +241,7 @@ def _bounds(half: Floats, middle: Floats, warps: Warps) -> tuple[Floats, Floats]
 
 
 def suggested_axes(points: Floats) -> Floats:
-    """Axes (12, 3, 3) in which to start, as columns: each of these with each axis as z.
-
-    Principal axes of points (n, 3), these turned by 45 degrees, axes of extreme fourth moments.
-    """
+    """Axes (12, 3, 3) to start in: principal, turned by 45 degrees, of extreme fourth moments."""
     centred = points - points.mean(axis=0)
     principal = principal_axes(centred)
     most = _quartic_axes(centred, principal, largest=True)

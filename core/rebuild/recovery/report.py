@@ -118,8 +118,12 @@ def reported(
     covariance, rank, condition = certainty(jacobian[inliers], noise or scatter, free)
     share, loose = 1.0, 1.0  # of what is folded, nothing is known
     if not found.folded:
-        places, area = _surface(solid, place)
-        share = uncovered(places, area, points[inliers], rms)
+        base = Superquadric(solid.size, solid.exponents)
+        surface = sampled_surface(base, solid.taper, bend_of(solid.bend), COVER_LEVEL)
+        # The same places each time: nothing here is left to chance.
+        sampled = area_samples(surface, SAMPLES, np.random.default_rng(0))
+        places = sampled @ solid.axes.T + place
+        share = uncovered(places, surface.area, points[inliers], rms)
         slopes = normal_distances(parameters[None], places, solid.axes[None], warps)[1][0]
         loose = looseness(slopes, covariance, solid.exponents)
     cautious = loose * (caution(left) if noise is None else 1.0)
@@ -178,15 +182,6 @@ def certainty(jacobian: Floats, noise: float, free: Bools) -> tuple[Floats, int,
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = root @ root.T
     return covariance, rank, condition
-
-
-def _surface(solid: CanonicalSolid, place: Floats) -> tuple[Floats, float]:
-    """Places spread evenly over a solid, and its area."""
-    base = Superquadric(solid.size, solid.exponents)
-    surface = sampled_surface(base, solid.taper, bend_of(solid.bend), COVER_LEVEL)
-    # The same places each time: nothing here is left to chance.
-    sampled = area_samples(surface, SAMPLES, np.random.default_rng(0))
-    return sampled @ solid.axes.T + place, surface.area
 
 
 def bend_of(vector: Floats) -> Bend:
@@ -377,8 +372,7 @@ def outlyingness(points: Floats) -> Floats:
     """How far each of points (n, 3) is from the middle of most, in their spread, (n,).
 
     Mahalanobis distance over a reweighted covariance, about the point with the least sum of
-    distances: unlike the median of each coordinate, that one turns with the points. Weiszfeld,
-    1937.
+    distances, which turns with the points (Weiszfeld, 1937).
     """
     centre = points.mean(axis=0)
     for _ in range(MEDIAN_STEPS):

@@ -64,9 +64,7 @@ def side_equations(
 ) -> SideEquations:
     """Equations of the points between two heights, m; those on level faces are left out.
 
-    `contacts` have normals; splines along run over 0 to 1.
-
-    Raises ValueError if no point is left.
+    `contacts` have normals; splines along run over 0 to 1. Raises ValueError if no point is left.
     """
     assert contacts.normals is not None
     away, distance, facing = _about(contacts.points, contacts.normals, axis_curve)

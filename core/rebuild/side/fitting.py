@@ -128,25 +128,18 @@ def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) ->
     candidates = [AxialParameter(low, high, ends) for ends in trials]
     fit = _careful(rows, candidates, noise)
     swing = fit.swing()
-    if swing <= SWINGS:
-        return _far_better_reparametrised(rows, candidates, noise, fit)
+    if swing <= SWINGS:  # to follow the way along the surface must predict rows far better
+        error = _prediction_error(fit)
+        if len(rows.heights) < LEAST_PACED or error**2 / np.sqrt(rows.grid.shape[1]) < PREDICTED:
+            return fit
+        mapped = _careful(rows, [reparametrised(rows, one, 1.0) for one in candidates], noise)
+        return mapped if _prediction_error(mapped) < FAR_BETTER * error else fit
     attempts = [
         _careful(rows, [reparametrised(rows, one, power) for one in candidates], noise)
         for power in POWERS
     ]
     mapped = min(attempts, key=ContourFit.swing)
     return mapped if mapped.swing() < CALMER * swing else fit
-
-
-def _far_better_reparametrised(
-    rows: ContourRows, candidates: list[AxialParameter], noise: float | None, fit: ContourFit
-) -> ContourFit:
-    """A fit that follows the way along the surface, if it predicts far better."""
-    off = _prediction_error(fit) ** 2 / np.sqrt(rows.grid.shape[1])
-    if len(rows.heights) < LEAST_PACED or off < PREDICTED:
-        return fit
-    mapped = _careful(rows, [reparametrised(rows, one, 1.0) for one in candidates], noise)
-    return mapped if _prediction_error(mapped) < FAR_BETTER * _prediction_error(fit) else fit
 
 
 def _careful(

@@ -218,19 +218,15 @@ def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats,
 
 def local_outliers(off: Floats) -> Bools:
     """Points that stick out, by distances (m, k) from a surface, where others do not."""
-    alone = _less_neighbours(unpredicted(off))
+    before, after = (np.stack([np.roll(off, way * n, -1) for n in (1, 2, 3)]) for way in (1, -1))
+    # Less the median of five guesses by the points beside, of which one wrong spoils two at most.
+    guesses = [*(0.5 * (before + after)), 2.0 * before[0] - before[1], 2.0 * after[0] - after[1]]
+    alone = _less_neighbours(off - np.median(guesses, axis=0))
     size = np.abs(alone)
     column = np.median(size, axis=0)
     column = np.median([np.roll(column, 1), column, np.roll(column, -1)], axis=0)
     scale = np.maximum(np.median(size), np.maximum(column, np.median(size, axis=1)[:, None]))
     return np.asarray(size > STICKING / PROBABLE_ERROR * scale)
-
-
-def unpredicted(off: Floats) -> Floats:
-    """What points do not have of the median of five guesses by those beside along the last axis."""
-    before, after = (np.stack([np.roll(off, way * n, -1) for n in (1, 2, 3)]) for way in (1, -1))
-    guesses = [*(0.5 * (before + after)), 2.0 * before[0] - before[1], 2.0 * after[0] - after[1]]
-    return np.asarray(off - np.median(guesses, axis=0))
 
 
 def _bridged(grid: Floats, outlying: Bools) -> Floats:

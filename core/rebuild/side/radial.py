@@ -310,27 +310,22 @@ def fit_radial_spline(
     """Fit the side surface between two heights, m, to contact points with normals.
 
     Those outside the heights, or on level faces, are left out. `stiffness` is how much more bending
-    costs than it does without noise.
-
-    Raises ValueError if no point is left.
+    costs than it does without noise. Raises ValueError if no point is left.
     """
     along, around = along_basis(), PeriodicBasis(AROUND)
     rows = side_equations(contacts, axis_curve, low, high, along, around)
-    bending = stiffness * _strengths(rows.places), bending_root()
-    system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND)
-    found = system.solve(rows.matrix.T @ rows.target).reshape(along.count, AROUND)
-    return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness)
-
-
-def _strengths(places: Floats) -> Floats:
-    """Strength of bending along in each span, from the points' places (n, 2) along and around."""
-    span = np.minimum((places[:, 0] * SPANS).astype(int), SPANS - 1)
-    sector = (np.mod(places[:, 1], 1.0) * SECTORS).astype(int) % SECTORS
+    # Stronger bending along in spans where nothing was touched, and beside them.
+    span = np.minimum((rows.places[:, 0] * SPANS).astype(int), SPANS - 1)
+    sector = (np.mod(rows.places[:, 1], 1.0) * SECTORS).astype(int) % SECTORS
     touched = np.zeros((SPANS, SECTORS), np.bool_)
     touched[span, sector] = True
     untouched = np.mean(~touched, axis=1) > HOLES
     near = np.convolve(untouched, np.ones(2 * BESIDE + 1), mode="same") > 0.5
-    return np.where(near, UNTOUCHED, TOUCHED)[even_spans()]
+    strengths = np.where(near, UNTOUCHED, TOUCHED)[even_spans()]
+    bending = stiffness * strengths, bending_root()
+    system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND)
+    found = system.solve(rows.matrix.T @ rows.target).reshape(along.count, AROUND)
+    return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness)
 
 
 @lru_cache(maxsize=1)

@@ -112,9 +112,8 @@ def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -
     """Prepare one axis of a grid.
 
     By basis functions (m, n) at its lines, the root (r, n) of the penalty, and the lines' weights
-    (m,), 1 if left out.
-
-    Raises ValueError if shapes do not fit, a number is not finite, or a weight is not positive.
+    (m,), 1 if left out. Raises ValueError if shapes do not fit, a number is not finite, or a weight
+    is not positive.
     """
     basis = finite_array("basis", basis, (None, None))
     count = basis.shape[1]
@@ -156,10 +155,8 @@ def smooth(
     share, at the price that values cannot be passed; of 1.2, up to five sixths of them are spent
     (Kim and Gu, *Smoothing spline Gaussian regression*, 2004). Nothing is subtracted from almost
     the same, so that the score has its limit (of leaving one out) where as many degrees of freedom
-    are spent as there are values.
-
-    Raises ValueError if the shape does not fit the axes, a value is not finite, the noise is
-    negative or not finite, or the caution is below 1.
+    are spent as there are values. Raises ValueError if the shape does not fit the axes, a value is
+    not finite, the noise is negative or not finite, or the caution is below 1.
     """
     lines = len(along.roots), len(around.roots)
     values = finite_array("values", values, (*lines, None))
@@ -217,9 +214,7 @@ def bending_along(basis: Basis, order: int = 2) -> Floats:
 def bending_around(count: int) -> Floats:
     """Root (count, count) of the bending of a closed curve, beyond that of an ellipse.
 
-    Second differences of what remains of the control points when points and ellipses are taken out:
-    constants and the first harmonic cost nothing, so that a smoothed circle keeps its size however
-    strongly it is smoothed.
+    Constants and the first harmonic cost nothing: a smoothed circle keeps its size.
     """
     unit = np.eye(count)
     before, after = np.roll(unit, 1, axis=1), np.roll(unit, -1, axis=1)

@@ -46,9 +46,8 @@ class ContourSurface:
 
         Beyond its reach its section is carried on. `by` says how often to differentiate by the
         height, once at most, and by the turn. At a round end the slope by the height grows without
-        limit: see `places`.
-
-        Raises ValueError if a number is not finite, or a derivative is negative or not offered.
+        limit: see `places`. Raises ValueError if a number is not finite, or a derivative is
+        negative or not offered.
         """
         if by[0] not in (0, 1):
             raise ValueError(f"by must be 0 or 1 in the height, got {by[0]}")
@@ -235,10 +234,9 @@ class Reparametrisation:
 
 
 def reparametrisation_through(even: Floats, lengths: Floats) -> Reparametrisation:
-    """One with steps of given lengths (m - 1,) between values (m,), both rising, and their span.
+    """With steps of given lengths (m - 1,) between rising values (m,), and their span.
 
-    Its slopes are those of Fritsch and Butland, *A method for constructing local monotone piecewise
-    cubic interpolants*, 1984.
+    Slopes of Fritsch and Butland, *Local monotone piecewise cubic interpolants*, 1984.
     """
     places = np.concatenate([[0.0], np.cumsum(lengths)])
     mapped = even[0] + (even[-1] - even[0]) * places / places[-1]

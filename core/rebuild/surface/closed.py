@@ -136,11 +136,7 @@ def _off_poles(v: ArrayLike) -> Floats:
 def curvatures_of(
     by_v: Floats, by_t: Floats, by_vv: Floats, by_vt: Floats, by_tt: Floats
 ) -> Curvatures:
-    """From a surface's derivatives (n, 3) by v upwards and t counter-clockwise, not parallel.
-
-    As `palpate.core.touch.shape_operator` does it for one point: both forms in orthonormal
-    tangents, by Gram-Schmidt, never from the squares E, F and G.
-    """
+    """By derivatives (n, 3), not parallel: `palpate.core.touch.shape_operator` for many."""
     a = np.linalg.norm(by_v, axis=1)
     along = by_v / a[:, None]
     normals = unit_normals(by_v, by_t)

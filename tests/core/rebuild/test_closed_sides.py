@@ -202,7 +202,7 @@ def test_a_few_contours_give_a_closed_solid_that_stands_on_the_platform(shares, 
     assert points[:, 2].max() == pytest.approx(0.06, abs=2e-4)
 
 
-def test_a_top_that_nobody_touched_is_said_to_be_open_by_the_contours_distance(oracle):
+def test_a_top_that_nobody_touched_is_told_to_be_open_by_the_contours_distance(oracle):
     solid = oracle([0.025, 0.025, 0.04], [0.05, 1.0]).rebuilt([-0.6, 0.0, 0.6], top=False)
     assert solid.uncovered[0] == 0.0
     assert solid.uncovered[1] == pytest.approx(0.6 * 0.04, rel=0.01)
@@ -239,7 +239,7 @@ def test_the_figures_of_the_fit_are_told(oracle):
     assert 0.0 < uncertainty.rms < uncertainty.most < 1e-3
 
 
-def test_a_side_that_was_touched_at_one_height_alone_is_stretched_and_that_is_said(oracle):
+def test_a_side_that_was_touched_at_one_height_alone_is_stretched_and_it_is_told(oracle):
     contours, contacts, tops = oracle([0.03, 0.03, 0.4], [1.0, 1.0]).evidence([0.0], top=False)
     solid = reconstruct(contours, patches=contacts, tops=tops, method="skin")
     assert solid.health()["radial_stretched"] == 1.0
@@ -253,7 +253,7 @@ def kidney(points: int) -> tuple[Floats, Floats]:
     return ring, np.concatenate([out, -out[::-1]])
 
 
-def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_that_is_said():
+def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_it_is_told():
     ring, across = kidney(120)
     heights = np.linspace(0.01, 0.05, 5)
     contours = [np.column_stack([ring, np.full(len(ring), z)]) for z in heights]
@@ -271,7 +271,7 @@ def test_sections_that_are_not_star_shaped_are_left_to_the_contours_and_that_is_
         assert np.array_equal(places(solid), places(alone))
 
 
-def test_a_handful_of_points_is_left_out_and_that_is_said(oracle):
+def test_a_handful_of_points_is_left_out_and_it_is_told(oracle):
     contours, contacts, tops = oracle(*BALL).evidence(NINE)
     few = ContactPoints(contacts.points[:50], contacts.normals[:50], contacts.touch[:50])
     health = reconstruct(contours, patches=few, tops=tops, method="skin").health()

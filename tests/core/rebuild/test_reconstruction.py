@@ -207,9 +207,9 @@ def test_every_method_gives_a_closed_solid(method, faithful, off):
     assert all(np.isfinite(value) for value in solid.health().values())
 
 
-def test_what_does_not_come_from_a_skin_claims_no_uncertainty():
-    said = whole("skin").uncertainty()
-    assert said is not None and said.most > 0.0
+def test_what_does_not_come_from_a_loft_claims_no_uncertainty():
+    told = whole("skin").uncertainty()
+    assert told is not None and told.most > 0.0
     for solid in (whole("coarse"), whole("thesis")):
         assert solid.uncertainty() is None is solid.whole_deviation()
 
@@ -219,7 +219,7 @@ def test_the_program_differs_from_what_is_right():
     assert program.health()["widest_gap"] > 0.01 > right.health()["widest_gap"]
 
 
-def test_a_superquadric_says_how_well_it_fits():
+def test_a_superquadric_tells_how_well_it_fits():
     bulge = [ring * np.array([1 + 0.3 * np.sin(ring[0, 2] / 5), 1, 1]) for ring in EGG]
     misses = reconstruct(bulge, method="coarse").health()["rms"]
     assert whole("coarse").health()["rms"] < 1e-9 < 1.0 < misses
@@ -269,7 +269,7 @@ def test_what_is_no_patches_is_refused():
         reconstruct(EGG, patches=3)  # type: ignore[arg-type]
 
 
-def test_the_side_says_its_deviation_place_by_place():
+def test_the_side_tells_its_deviation_place_by_place():
     heights, turns = np.linspace(-20.0, 20.0, 5), np.arange(4) / 4
     traced, coarse = whole("lattice"), whole("coarse")
     rng = np.random.default_rng(0)
@@ -277,8 +277,8 @@ def test_the_side_says_its_deviation_place_by_place():
     numbers = np.repeat(np.arange(len(EGG), dtype=np.int32), [len(ring) for ring in EGG])
     contacts = reconstruct(EGG, patches=ContactPoints(points, None, numbers))
     for solid in (traced, contacts):
-        said = solid.deviation(heights, turns)
-        assert said is not None and said.shape == (5, 4) and (said >= 0.0).all()
+        told = solid.deviation(heights, turns)
+        assert told is not None and told.shape == (5, 4) and (told >= 0.0).all()
     assert coarse.deviation(heights, turns) is None
 
 

@@ -47,10 +47,10 @@ def found_in(contours: Floats) -> tuple[PointOutliers, list[Floats]]:
     return outliers, [loop.as_given for loop in slices.loops]
 
 
-def are(outliers: PointOutliers, felt: list[Floats], wrong: Bools, contours: Floats) -> Bools:
+def are(outliers: PointOutliers, mended: list[Floats], wrong: Bools, contours: Floats) -> Bools:
     """Which points (15, 60), in their own order, were found."""
     out = np.zeros(wrong.shape, bool)
-    for row, (mask, points) in enumerate(zip(outliers.masks, felt, strict=True)):
+    for row, (mask, points) in enumerate(zip(outliers.masks, mended, strict=True)):
         bad = {tuple(point) for point in points[mask].tolist()}
         out[row] = [tuple(point) in bad for point in contours[row, :, :2].tolist()]
     return out
@@ -75,8 +75,8 @@ def test_nine_of_ten_points_3_mm_off_are_found_and_next_to_no_others(edged, nois
         away = rng.normal(size=contours.shape)
         away *= 3.0 / np.linalg.norm(away, axis=2, keepdims=True)
         contours = contours + away * wrong[..., None]
-        outliers, felt = found_in(contours)
-        out = are(outliers, felt, wrong, contours)
+        outliers, mended = found_in(contours)
+        out = are(outliers, mended, wrong, contours)
         hits, misses = hits + (out & wrong).sum(), misses + (~out & wrong).sum()
         others += (out & ~wrong).sum()
     assert hits > 8 * misses

@@ -158,7 +158,7 @@ def _end(middle: Floats) -> End:
     return End("conic", RIM, HEIGHT, 0.0, Conic(0.0), middle, True)
 
 
-def _felt(lean: Floats, turns: Floats = TURNS) -> ContactPoints:
+def _touched(lean: Floats, turns: Floats = TURNS) -> ContactPoints:
     """Half an ellipsoid on the row, sheared by a lean."""
     way, at = (one.ravel() for one in np.meshgrid(np.linspace(0.1, 0.95, 9), turns))
     out = np.column_stack([np.cos(at), np.sin(at)])
@@ -176,19 +176,19 @@ def _felt(lean: Floats, turns: Floats = TURNS) -> ContactPoints:
 @pytest.mark.parametrize("told", [[0.0, 0.0], [0.006, -0.004]])
 def test_an_end_leans_as_it_was_touched_and_not_as_the_contours_do(told):
     lean = np.array([-0.003, 0.002])
-    found = with_touched_middle(_end(np.array(told)), ROW, _felt(lean))
+    found = with_touched_middle(_end(np.array(told)), ROW, _touched(lean))
     assert found.middle == pytest.approx(lean, abs=0.6e-3)
 
 
 def test_one_side_alone_tells_of_its_own_direction():
     lean = np.array([-0.003, 0.002])
-    found = with_touched_middle(_end(np.zeros(2)), ROW, _felt(lean, np.linspace(-0.2, 0.2, 9)))
+    found = with_touched_middle(_end(np.zeros(2)), ROW, _touched(lean, np.linspace(-0.2, 0.2, 9)))
     assert found.middle[0] == pytest.approx(lean[0], abs=1e-3)
     assert abs(found.middle[1]) < abs(lean[1])
 
 
 def test_an_end_that_nobody_touched_stays_where_it_is():
-    contacts = _felt(np.zeros(2))
+    contacts = _touched(np.zeros(2))
     below = ContactPoints(
         contacts.points - np.array([0.0, 0.0, 0.02]), contacts.normals, contacts.touch
     )
@@ -200,7 +200,7 @@ def test_an_end_that_nobody_touched_stays_where_it_is():
 
 def test_a_middle_far_outside_is_not_believed():
     told = _end(np.zeros(2))
-    assert with_touched_middle(told, ROW, _felt(np.array([0.03, 0.0]))) is told
+    assert with_touched_middle(told, ROW, _touched(np.array([0.03, 0.0]))) is told
 
 
 Make = Callable[..., Any]

@@ -34,7 +34,7 @@ def test_sections_seen_whole_from_the_middle_do_not_fold(sampled, name, noise):
     assert fit.health.rms < max(0.1 * skin.uncertainty().rms, 1e-5)
 
 
-def test_the_side_is_the_deformed_prism_and_close_to_the_skin(sampled):
+def test_the_side_is_the_deformed_prism_and_close_to_the_loft(sampled):
     skin = sampled("lobed").loft()
     fit = fit_lattice(skin.surface)
     v, turns = places(300)
@@ -92,7 +92,7 @@ def test_a_sound_lattice_is_proved_sound(sampled):
     assert fit.folds().verdict == "sound"
 
 
-def test_a_section_bent_around_its_middle_folds_and_says_so():
+def test_a_section_bent_around_its_middle_folds_and_tells_so():
     turn = 2 * np.pi * np.arange(80) / 80
     bend, width = 1.9 * np.sin(turn), 0.52 + 0.16 * np.cos(turn)
     kidney = np.column_stack([width * np.cos(bend), width * np.sin(bend)])
@@ -136,7 +136,7 @@ def test_a_size_below_four_is_refused(sampled, size):
         fit_lattice(sampled("bent tube").loft().surface, size=size)
 
 
-def test_more_control_points_come_nearer_to_the_skin(sampled):
+def test_more_control_points_come_nearer_to_the_loft(sampled):
     surface = sampled("star").loft().surface
     misfits = [fit_lattice(surface, size=(side, 27)).health.rms for side in (5, 9, 17)]
     assert misfits[1] < 0.5 * misfits[0]
@@ -276,7 +276,7 @@ def test_points_at_an_end_are_counted_and_change_nothing():
     assert np.array_equal(refined.lattice.lattice.control, tube().lattice.lattice.control)
 
 
-def test_the_refined_solid_stays_closed_and_says_what_was_done():
+def test_the_refined_solid_stays_closed_and_tells_what_was_done():
     refined = ball().refined(outwards(ball(), 0.7, 0.6, -4.0))
     assert refined.mesh(1.0).faces.shape[1] == 3
     health = refined.health()
@@ -285,7 +285,7 @@ def test_the_refined_solid_stays_closed_and_says_what_was_done():
     assert health["lattice_folded"] == refined.lattice.refinement.folded == 0.0
 
 
-def test_a_pull_through_the_other_side_is_a_fold_and_said():
+def test_a_pull_through_the_other_side_is_a_fold_and_told():
     refined = tube().refined([[-0.6, 0.0, 0.5]], weights=False)
     through = refine_lattice(tube().lattice, np.array([[-0.8, 0.0, 0.5]]), np.array([[0.5, 0.0]]))
     assert refined.lattice.refinement.folded == 0.0

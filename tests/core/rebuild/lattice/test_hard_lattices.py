@@ -120,7 +120,7 @@ def test_forty_control_points_each_way_are_solved_for_many_points():
 
 @pytest.mark.parametrize("name", ["lobed", "rounded box", "star"])
 @pytest.mark.parametrize(("rows", "around", "noise"), [(27, 81, 0.0), (27, 81, 4e-3), (9, 24, 0.0)])
-def test_the_lattice_is_as_near_to_the_object_as_the_skin(sampled, name, rows, around, noise):
+def test_the_lattice_is_as_near_to_the_object_as_the_loft(sampled, name, rows, around, noise):
     one = sampled(name, rows=rows, around=around, noise=noise)
     lattice, skin = (reconstruct(one.contours(), method=way) for way in ("lattice", "skin"))
     v, turns = np.random.default_rng(1).uniform(0.05, 0.95, (2, 400))

@@ -98,7 +98,7 @@ RIM = np.column_stack([np.cos(TURN), np.sin(TURN)])
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
 @pytest.mark.parametrize("poles", [(False, False), (True, True), (True, False)])
-def test_layers_are_the_skin_itself_with_heights_to_a_millionth(count, poles):
+def test_layers_are_the_loft_itself_with_heights_to_a_millionth(count, poles):
     heights = np.linspace(-0.8, 0.8, count) if count > 1 else np.zeros(1)
     radius = np.sqrt(1 - heights**2)
     grid = radius[:, None, None] * RIM

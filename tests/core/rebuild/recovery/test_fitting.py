@@ -79,7 +79,7 @@ def test_errors_of_repeated_fits_are_as_large_as_their_deviations_say(cloud):
 
 
 @pytest.mark.slow
-def test_the_surface_is_as_far_off_as_its_looseness_says(cloud, chamfer):
+def test_the_surface_is_as_far_off_as_its_looseness_tells(cloud, chamfer):
     shares = []
     for seed in range(12):
         made = cloud([0.3, 0.2, 0.5], [0.5, 0.8], seed=seed, noise=0.01)

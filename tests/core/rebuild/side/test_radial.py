@@ -112,8 +112,8 @@ def test_noise_is_averaged_and_the_deviation_tells_how_well(oracle):
     assert spline.sigma == pytest.approx(sigma, rel=0.2)
     pooled = float(np.sqrt(np.mean(along_normal**2)))
     assert pooled < 0.6 * sigma
-    said = float(np.sqrt(np.mean(spline.deviation(heights, TURNS) ** 2)))
-    assert 0.5 < said / pooled < 2.0
+    told = float(np.sqrt(np.mean(spline.deviation(heights, TURNS) ** 2)))
+    assert 0.5 < told / pooled < 2.0
 
 
 def contacts_of(points: Floats, normals: Floats) -> ContactPoints:

@@ -122,7 +122,7 @@ def test_pieces_meet_at_their_seams(capped, profile):
         np.testing.assert_allclose(below, above, atol=1e-15)
 
 
-def test_an_end_reaches_the_height_and_the_middle_that_it_says(capped):
+def test_an_end_reaches_the_height_and_the_middle_that_it_tells(capped):
     surface = capped(Superellipse(0.3, 8.0, 5.0), gap=0.01, shift=0.004)
     np.testing.assert_allclose(surface.at(1.0, 0.3), [0.004, 0.0, RIM + 0.01], atol=1e-15)
     np.testing.assert_allclose(surface.at(0.0, 0.3), [0.0, 0.0, -RIM], atol=1e-15)
@@ -271,7 +271,7 @@ def test_its_places_lie_evenly_whatever_the_parameters():
     assert steps.max() < 1.4 * steps.min()
 
 
-def test_it_says_how_far_it_leaves_what_was_sampled():
+def test_it_tells_how_far_it_leaves_what_was_sampled():
     def box(v: Floats, turns: Floats) -> Floats:
         eta, omega = np.meshgrid(np.pi * (v - 0.5), 2 * np.pi * turns, indexing="ij")
         shape = Superquadric(np.ones(3), np.array([0.1, 0.1]))
