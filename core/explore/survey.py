@@ -117,10 +117,8 @@ class Survey:
 
     def outermost(self, *, upper: bool) -> TracedContour | None:
         """The usable contour nearest to an end; None while there is none."""
-        contours = [one for one in self.traced if one.usable]
-        if not contours:
-            return None
-        return (max if upper else min)(contours, key=lambda one: one.height)
+        contours = (one for one in self.traced if one.usable)
+        return (max if upper else min)(contours, key=lambda one: one.height, default=None)
 
     def with_slice(self, traced: TracedContour) -> Survey:
         """With one slice more."""
@@ -158,8 +156,7 @@ def observed_slices(
 ) -> tuple[ObservedSlice, ...]:
     """Slices as a planner takes them, in the same order."""
     usable = [one for one in traced if one.usable]
-    axis = contour_axis(usable)
-    seen = iter(zip(axis.places, axis.leans, strict=True))
+    seen = iter(zip(*contour_axis(usable), strict=True))
     return tuple(
         _seen(one, *next(seen), deviation)
         if one.usable
@@ -168,23 +165,26 @@ def observed_slices(
     )
 
 
-def contour_axis(contours: Sequence[TracedContour]) -> ContourAxis:
-    """The straight line through middles, or, where it leaves a contour, the middles themselves."""
+def contour_axis(contours: Sequence[TracedContour]) -> tuple[Floats, Floats]:
+    """Places (m, 2) from which contours are seen, m, and how they move with the height, (m, 2).
+
+    On the straight line through middles, or, where it leaves a contour, the middles themselves.
+    """
     if not contours:
-        return ContourAxis(np.zeros((0, 2)), np.zeros((0, 2)))
+        return np.zeros((0, 2)), np.zeros((0, 2))
     heights = np.array([one.height for one in contours])
     middles = np.stack([area_centroid(one.points) for one in contours])
     if len(contours) == 1:
-        return ContourAxis(middles, np.zeros((1, 2)))
+        return middles, np.zeros((1, 2))
     offset = heights - heights.mean()
     lean = offset @ middles / max(float(offset @ offset), np.finfo(float).tiny)
     places = middles.mean(axis=0) + offset[:, None] * lean
     if all(_surrounds(one.points, place) for one, place in zip(contours, places, strict=True)):
-        return ContourAxis(places, np.broadcast_to(lean, places.shape))
+        return places, np.broadcast_to(lean, places.shape)
     order = np.argsort(heights, kind="stable")
     leans = np.empty_like(middles)
     leans[order] = np.gradient(middles[order], heights[order], axis=0)
-    return ContourAxis(middles, leans)
+    return middles, leans
 
 
 def _surrounds(points: Floats, place: Floats) -> bool:
@@ -276,13 +276,6 @@ class TracedContour(NamedTuple):
         """Its length, gaps included, m."""
         steps = np.diff(self.points, axis=0, append=self.points[:1])
         return float(np.linalg.norm(steps, axis=1).sum())
-
-
-class ContourAxis(NamedTuple):
-    """Where contours are seen from."""
-
-    places: Floats  # At each contour's height, (m, 2), m
-    leans: Floats  # How the axis moves with the height there, (m, 2)
 
 
 def widened(one: TracedContour, feature: float) -> TracedContour:

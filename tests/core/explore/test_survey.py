@@ -108,9 +108,9 @@ def test_an_axis_that_leaves_a_contour_is_bent_from_middle_to_middle():
     for height, x in zip((0.02, 0.05, 0.08), away, strict=True):
         one = cone(height)
         bent.append(one._replace(points=one.points + [x, 0.0, 0.0]))
-    axis = contour_axis(bent)
-    np.testing.assert_allclose(axis.places[:, 0], away, atol=1e-6)
-    np.testing.assert_allclose(axis.leans[:, 0], np.gradient(away, [0.02, 0.05, 0.08]), atol=1e-4)
+    places, leans = contour_axis(bent)
+    np.testing.assert_allclose(places[:, 0], away, atol=1e-6)
+    np.testing.assert_allclose(leans[:, 0], np.gradient(away, [0.02, 0.05, 0.08]), atol=1e-4)
 
 
 def test_a_band_reaches_half_a_feature_aside_and_no_farther():
