@@ -111,7 +111,7 @@ class Composition:
         schedule: int | None,
     ) -> None:
         self.works: dict[str, Work] = {}  # The nodes, by name
-        self.finished: dict[str, str] = {}  # Reason of each node that has said Finished
+        self.finished: dict[str, str] = {}  # Reason of each node that has published Finished
         self.doing = "starting"  # What was last begun, in words
         self._wirings = {wiring.name: wiring for wiring in wirings}
         self._types: dict[str, type] = {}

@@ -107,7 +107,7 @@ class SourceWork:
         if isinstance(published, Finished):
             return published
         assert published is not None
-        self._doing = f"saying {published.topic}"
+        self._doing = f"publishing {published.topic}"
         self.pace.gone(published.due, time.monotonic())
         packed = self._pack(published)
         if self._tally is not None:
