@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from palpate.core.geometry.distances import compare_surfaces as compare_surfaces
     from palpate.core.geometry.distances import prepare_surface as prepare_surface
     from palpate.core.geometry.distances import sample_surface as sample_surface
-    from palpate.core.geometry.meshes import Solidity as Solidity
     from palpate.core.geometry.meshes import are_outside as are_outside
     from palpate.core.geometry.meshes import close_rings as close_rings
     from palpate.core.geometry.meshes import facet_sag as facet_sag
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from palpate.core.geometry.nearest import NearestSearch as NearestSearch
     from palpate.core.geometry.nearest import nearest_points as nearest_points
     from palpate.core.geometry.nearest import nearest_search as nearest_search
+    from palpate.core.geometry.nearest import self_intersection as self_intersection
     from palpate.core.geometry.polygons import area_centroid as area_centroid
     from palpate.core.geometry.polygons import area_centroids as area_centroids
     from palpate.core.geometry.polygons import azimuth_match as azimuth_match
@@ -46,6 +46,5 @@ if TYPE_CHECKING:
     from palpate.core.geometry.polygons import signed_area as signed_area
     from palpate.core.geometry.polygons import turn_between as turn_between
     from palpate.core.geometry.polygons import winding_number as winding_number
-    from palpate.core.geometry.self_intersections import self_intersection as self_intersection
 else:
     __getattr__, __dir__ = lazy(__name__)

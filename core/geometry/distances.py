@@ -115,12 +115,10 @@ class SurfaceSamples(NamedTuple):
 def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> SurfaceSamples:
     """Points on triangles, uniform by area.
 
-    `corners` (m, 3, 3): corners of the triangles, m. `count`: number of points. `rng`: source of
-    the randomness. Raises ValueError if the triangles have no area. Stratified: the faces are laid
-    end to end by area, the line is cut into `count` equal pieces, and each piece gets one point.
-    Every point of the surface is as likely as any other, so means stay unbiased, but their scatter
-    is that of a much larger plain sample. Within a face: Osada et al., *Shape distributions*, 2002,
-    (1).
+    Stratified: the faces are laid end to end by area, the line is cut into `count` equal pieces,
+    and each gets one point: means stay unbiased, but scatter as those of a much larger plain
+    sample. Within a face: Osada et al., *Shape distributions*, 2002, (1). Raises ValueError if the
+    triangles have no area.
     """
     line = np.cumsum(areas_and_normals(corners)[0])
     if not line[-1] > 0.0:
@@ -159,10 +157,9 @@ class _Scaled(NamedTuple):
 def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
     """The rigid motion that brings points onto a surface.
 
-    `points` (n, 3): at least 6, spread over what they were taken from, m. `surface`: the surface,
-    see `palpate.core.geometry.prepare_surface`. Raises ValueError if there are too few points, they
-    are all in one place, or one is not finite. Of motions that fit alike, the one that turns the
-    points least.
+    `points` (n, 3): at least 6, spread over what they were taken from, m. Raises ValueError if
+    there are too few points, all in one place, or one is not finite. Of motions that fit alike, the
+    one that turns least.
     """
     given = finite_array("points", points, (None, 3))
     if len(given) < FEWEST:
@@ -246,6 +243,5 @@ def _best(scaled: _Scaled, rough: Solutions) -> list[int]:
 
 
 def _least_turned(rms: Floats, rotations: Floats, size: float) -> int:
-    """Of the motions that leave the same, the one that turns least."""
     same = np.flatnonzero(rms <= max(SAME * float(rms.min()), ON * size))
     return int(same[np.argmin([rotation_angle(np.eye(3), rotations[one]) for one in same])])

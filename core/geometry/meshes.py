@@ -34,11 +34,9 @@ class Solidity(NamedTuple):
 def solidity(vertices: ArrayLike, faces: ArrayLike) -> Solidity:
     """Examine a mesh.
 
-    `vertices` (n, 3): m. Vertices that no face names are ignored. `faces` (m, 3): rows of
-    `vertices`. Raises ValueError if a vertex is not finite, or a face names a vertex that is not
-    there. The genus is that of Euler's formula, V - E + F = 2 (components - genus). A vertex at
-    which two fans of faces touch counts once for each, so that two solids that touch in a point
-    remain two spheres.
+    `vertices` (n, 3), m; `faces` (m, 3): rows of those. Raises ValueError as `triangle_corners`.
+    The genus is that of Euler's formula, V - E + F = 2 (components - genus). A vertex at which two
+    fans of faces touch counts once for each: two solids that touch in a point remain two spheres.
     """
     corners = triangle_corners(vertices, faces)
     count = len(np.asarray(vertices))
@@ -167,11 +165,10 @@ def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Int
 def join_rings(sizes: Ints) -> Ints:
     """Faces of a closed surface from two poles and the rings between them.
 
-    `sizes` (m,): points of each ring, from the bottom to the top. They begin at the same turn and
-    run counter-clockwise seen from above; neighbours have as many, half or twice as many. Returns
-    (f, 3), counter-clockwise seen from outside. Vertex 0 is the lower pole, then come the rings in
-    order, then the upper pole. Raises ValueError if there is no ring, one has fewer than 3 points,
-    or neighbours have other sizes.
+    `sizes` (m,): points of each ring, upwards; rings begin at the same turn and run
+    counter-clockwise seen from above; neighbours have as many, half or twice as many, or ValueError
+    is raised. Returns (f, 3), counter-clockwise seen from outside; vertex 0 is the lower pole, then
+    come the rings, then the upper pole.
     """
     counts = [int(size) for size in sizes]
     if min(counts, default=0) < 3:
@@ -203,7 +200,6 @@ def _strip(low: int, below: int, high: int, above: int) -> Ints:
 
 
 def _halved(fine: int, coarse: int, count: int) -> list[Ints]:
-    """Three faces to each point of the coarse ring, which lies over the fine one."""
     first, middle = _ring(fine, 2 * count)
     a, b, c = first[::2], middle[::2], middle[1::2]
     d, e = _ring(coarse, count)
@@ -211,7 +207,6 @@ def _halved(fine: int, coarse: int, count: int) -> list[Ints]:
 
 
 def _ring(first: int, size: int) -> tuple[Ints, Ints]:
-    """Numbers of a ring's points, and of those that follow them."""
     here = np.arange(size, dtype=np.int32)
     return first + here, first + (here + 1) % size
 
@@ -219,11 +214,9 @@ def _ring(first: int, size: int) -> tuple[Ints, Ints]:
 def are_outside(vertices: Floats, faces: Ints, points: Floats, nearest: Nearest) -> Bools:
     """Whether points (n, 3) lie outside a closed mesh, or on it.
 
-    `vertices` (m, 3), m. `faces` (f, 3): counter-clockwise seen from outside. `points` (n, 3), m.
-    `nearest`: where the mesh is nearest to each. By the normal at the nearest point: of the face,
-    the sum of two along an edge, and at a vertex that of all its faces, each by its angle there. No
-    other weights are right for every mesh: Bærentzen and Aanæs, *Signed distance computation using
-    the angle weighted pseudonormal*, 2005.
+    By the normal at the nearest point: of the face, the sum of two along an edge, and at a vertex
+    that of all its faces, each by its angle there: Bærentzen and Aanæs, *Signed distance
+    computation using the angle weighted pseudonormal*, 2005.
     """
     corners = vertices[faces]
     normals = areas_and_normals(corners)[1]
@@ -242,7 +235,6 @@ def are_outside(vertices: Floats, faces: Ints, points: Floats, nearest: Nearest)
 
 
 def _barycentric(corners: Floats, normals: Floats, points: Floats) -> Floats:
-    """Shares (n, 3) of the corners in points of triangles (n, 3, 3)."""
     following = np.roll(corners, -1, axis=1) - points[:, None]
     beyond = np.roll(corners, -2, axis=1) - points[:, None]
     areas = np.einsum("ijk,ik->ij", np.cross(following, beyond), normals)
@@ -253,10 +245,9 @@ def _barycentric(corners: Floats, normals: Floats, points: Floats) -> Floats:
 def facet_sag(vertices: Floats, faces: Ints) -> float:
     """Mean distance between a mesh and the surface that its corners' normals tell, m.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`, turned alike. A linear triangle misses
-    a curved one by half the sum over its edges e of l_i l_j II(e, e), with the barycentric
-    coordinates l at the edge's ends; their product is 1/12 on average. How the normal turns along
-    an edge tells II(e, e).
+    A linear triangle misses a curved one by half the sum over its edges e of l_i l_j II(e, e), with
+    the barycentric coordinates l at the edge's ends; their product is 1/12 on average. How the
+    normal turns along an edge tells II(e, e).
     """
     corners = vertices[faces]
     normals = corner_normals(vertices, faces, SHARP)
@@ -269,13 +260,7 @@ def facet_sag(vertices: Floats, faces: Ints) -> float:
 
 
 def corner_normals(vertices: Floats, faces: Ints, sharp: float) -> Floats:
-    """Unit normals (m, 3, 3) at the corners of faces.
-
-    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`, turned alike. `sharp`: angle between
-    neighbouring faces, rad, from which the edge between them is one of the solid; pi or more for
-    none. The faces at a vertex that hang together by blunt edges share a normal: the sum of theirs,
-    each by its angle there.
-    """
+    """Unit normals (m, 3, 3) at corners of faces, parted by edges that turn by `sharp` and more."""
     corners = vertices[faces]
     normals = areas_and_normals(corners)[1]
     over = face_neighbours(faces)

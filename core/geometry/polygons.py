@@ -41,12 +41,10 @@ class Circle(NamedTuple):
 def inscribed_circle(polygon: Floats) -> Circle:
     """The largest circle inside a closed polygon (n, 2), m, which need not be convex.
 
-    Its middle is inside where that of the box, or of the area, is not: in a U or a C. Raises
-    ValueError if the polygon has fewer than 3 vertices or is not finite. Squares that may hold the
-    middle of a larger circle than the best one so far are quartered: the distance to the edges
-    changes by no more than the way. So the result is the largest one to a tolerance of 1e-3 of the
-    polygon's size, however many local ones there are. Then its middle climbs on by steps to ever
-    nearer places.
+    Raises ValueError if the polygon has fewer than 3 vertices or is not finite. Squares that may
+    hold the middle of a larger circle than the best so far are quartered: the distance to the edges
+    changes by no more than the way. So it is the largest to 1e-3 of the polygon's size, however
+    many local ones there are. Then its middle climbs on by steps to ever nearer places.
     """
     polygon = closed_polygon(polygon, least=3)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
@@ -73,7 +71,6 @@ def inscribed_circle(polygon: Floats) -> Circle:
 
 
 def _polish(polygon: Floats, circle: Circle, step: float) -> Circle:
-    """The circle, moved to where no place around it is deeper."""
     while step > POLISHED:
         near = circle.middle + step * AROUND
         depth = _depth(polygon, near)
@@ -218,7 +215,6 @@ def _near_pairs(starts: Floats, ends: Floats) -> Iterator[tuple[Numbers, Numbers
 
 
 def _boxes(edges: Boxes) -> list[Boxes]:
-    """Boxes around each edge, around each two of them, each four, and so on."""
     levels = [edges]
     while levels[-1].shape[1] > FIRST_BOXES:
         below = levels[-1]
@@ -231,7 +227,6 @@ def _boxes(edges: Boxes) -> list[Boxes]:
 
 
 def _meet(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
-    """Whether segments ab and cd, (k, 2) each, whose boxes overlap, have a point in common."""
     return (_side(a, b, c) * _side(a, b, d) <= 0.0) & (_side(c, d, a) * _side(c, d, b) <= 0.0)
 
 
@@ -256,11 +251,9 @@ class AzimuthMatch(NamedTuple):
 def azimuth_match(polygon: Floats, middle: Floats, azimuths: Floats) -> AzimuthMatch:
     """Match a contour to azimuths about a middle.
 
-    `polygon` (n, 2): closed, fine, counter-clockwise, m. `middle` (2,): from where azimuths are
-    taken, m. `azimuths` (k,), rad. Raises ValueError if the polygon has fewer than 3 vertices, or
-    anything is not finite. Along a concave contour the azimuth rises, falls back, and rises again;
-    a ray then meets it several times. Here the azimuth is replaced by the middle between the
-    largest one so far and the least one still to come, which never falls.
+    `polygon` (n, 2): fine, counter-clockwise, m. Raises ValueError if it has fewer than 3 vertices,
+    or anything is not finite. Along a concave contour the azimuth rises, falls back, and rises
+    again; here it is replaced by the middle between the largest so far and the least still to come.
     """
     polygon = closed_polygon(polygon, least=3)
     middle = finite_array("middle", middle, (2,))
@@ -299,10 +292,7 @@ def _rising(azimuth: Floats) -> Floats:
 
 
 def closed_polygon(polygon: ArrayLike, least: int = 1) -> Floats:
-    """Vertices (n, 2) of a closed polygon, m, once they have been looked at.
-
-    Raises ValueError if they are not finite (n, 2), or fewer than `least`.
-    """
+    """Vertices (n, 2); raises ValueError if they are not finite (n, 2), or fewer than `least`."""
     checked = finite_array("polygon", polygon, (None, 2))
     if len(checked) < least:
         ending = "vertex" if least == 1 else "vertices"

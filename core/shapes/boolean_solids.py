@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -223,7 +223,6 @@ def tree_enclosure(tree: Tree) -> Floats:
 
 
 def _factors(tree: Tree) -> Iterator[Tree]:
-    """What is intersected in the whole, however it is nested."""
     tree = with_inner_complement(tree)
     if isinstance(tree, Intersection):
         for part in tree.parts:
@@ -233,7 +232,6 @@ def _factors(tree: Tree) -> Iterator[Tree]:
 
 
 def _cut_box(box: Floats, parts: tuple[Tree, ...]) -> Floats:
-    """A box, cut by those of the parts that are half-spaces."""
     cuts = [part for part in parts if isinstance(part, HalfSpace)]
     if not cuts:
         return box
@@ -245,11 +243,7 @@ def _cut_box(box: Floats, parts: tuple[Tree, ...]) -> Floats:
 
 
 def combined_mesh(tree: Tree, box: Floats, level: int) -> Mesh:
-    """The mesh of a tree of solids by the manifold library: closed whatever meets there.
-
-    `box` (2, 3): corners of a box that holds the whole, m. `level`: that of the leaves'
-    tessellations. Raises ValueError if one of those is not closed.
-    """
+    """By the manifold library: closed whatever meets there. `box` (2, 3) holds the whole, m."""
     extent = float(np.linalg.norm(box[1] - box[0]))
     solid = _combined(tree, box.mean(axis=0), ROOM * extent, level)
     # A plane needs few facets, but not if it is bent afterwards.
@@ -292,11 +286,7 @@ def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
 
 
 def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
-    """The R-function of the leaves' functions, negative inside, and its slope, (n,) each.
-
-    Fung, 1999, (2.34) and (2.35). An R-function is positive inside, ours are negative: so the
-    conjunction joins what the union wants.
-    """
+    """The R-function of the leaves, negative inside: a conjunction joins a union; its slope."""
     if isinstance(tree, Complement):
         value, slope = tree_function(tree.part, points, directions)
         return -value, -slope
@@ -329,16 +319,15 @@ def conjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness:
 
 def disjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness: int = 0) -> Floats:
     """Union of two solids; parameters, result and errors as of `conjunction`."""
-    first, second, omega = _checked(f1, f2, omega, smoothness)
-    scaled = _scaled(first, second, omega)
-    total = scaled.first + scaled.second
-    factor = np.abs(total) + scaled.root
+    first, second, a, b, power, root = _scaled(f1, f2, omega, smoothness)
+    total = a + b
+    factor = np.abs(total) + root
     one_is_larger = np.abs(first) >= np.abs(second)
     smaller = np.where(one_is_larger, second, first)
-    larger = np.abs(np.where(one_is_larger, scaled.first, scaled.second))
+    larger = np.abs(np.where(one_is_larger, a, b))
     safe = np.where(factor > 0.0, factor, 1.0)
     with np.errstate(over="ignore"):
-        added = np.ldexp(factor / (1.0 + omega), scaled.power)
+        added = np.ldexp(factor / (1.0 + omega), power)
         # Unscaled, for a value far smaller than the other one must not be lost.
         value = np.where(total >= 0.0, added, 2.0 * (larger / safe) * smaller)
         if smoothness:
@@ -360,19 +349,18 @@ def conjunction_slopes(
     Where there is no derivative (both functions vanish; with omega 1, they are equal) each is 1 /
     (1 + omega), the middle of what is found nearby; with a smoothness, 0.
     """
-    first, second, omega = _checked(f1, f2, omega, smoothness)
-    scaled = _scaled(first, second, omega)
-    one = _slope(scaled.first, scaled.second, scaled.root, omega)
-    two = _slope(scaled.second, scaled.first, scaled.root, omega)
+    first, second, a, b, _, root = _scaled(f1, f2, omega, smoothness)
+    one = _slope(a, b, root, omega)
+    two = _slope(b, a, root, omega)
     if not smoothness:
         return one, two
-    size = np.hypot(scaled.first, scaled.second)
+    size = np.hypot(a, b)
     safe = np.where(size > 0.0, size, 1.0)
-    value = conjunction(scaled.first / safe, scaled.second / safe, omega)
+    value = conjunction(a / safe, b / safe, omega)
     with np.errstate(over="ignore"):
-        power = np.minimum(np.hypot(first, second) ** smoothness, LARGEST)
-        one = power * (one + smoothness * value * scaled.first / safe)
-        two = power * (two + smoothness * value * scaled.second / safe)
+        growth = np.minimum(np.hypot(first, second) ** smoothness, LARGEST)
+        one = growth * (one + smoothness * value * a / safe)
+        two = growth * (two + smoothness * value * b / safe)
     return np.clip(one, -LARGEST, LARGEST), np.clip(two, -LARGEST, LARGEST)
 
 
@@ -398,31 +386,19 @@ def _slope(mine: Floats, other: Floats, root: Floats, omega: float) -> Floats:
     return np.where(root > 0.0, found, 1.0 / (1.0 + omega))
 
 
-class _Scaled(NamedTuple):
-    """Two values over a power of two, so that the larger lies between 1/2 and 1."""
-
-    first: Floats
-    second: Floats
-    power: Ints  # Of two, by which they were divided
-    root: Floats  # S, scaled alike
-
-
-def _scaled(first: Floats, second: Floats, omega: float) -> _Scaled:
-    power = np.frexp(np.maximum(np.abs(first), np.abs(second)))[1]
-    a, b = np.ldexp(first, -power), np.ldexp(second, -power)
-    apart, together = math.sqrt(0.5 * (1.0 + omega)), math.sqrt(0.5 * (1.0 - omega))
-    return _Scaled(a, b, power, np.hypot(apart * (a - b), together * (a + b)))
-
-
-def _checked(
+def _scaled(
     f1: ArrayLike, f2: ArrayLike, omega: float, smoothness: int
-) -> tuple[Floats, Floats, float]:
+) -> tuple[Floats, Floats, Floats, Floats, Ints, Floats]:
+    """Both values; both over a power of two, so that the larger is 1/2 to 1; the power; S alike."""
     if not -1.0 < omega <= 1.0:
         raise ValueError(f"omega must be above -1 and at most 1, got {omega}")
     if smoothness < 0:
         raise ValueError(f"smoothness must be 0 or more, got {smoothness}")
     first, second = np.broadcast_arrays(_finite("f1", f1), _finite("f2", f2))
-    return first, second, float(omega)
+    power = np.frexp(np.maximum(np.abs(first), np.abs(second)))[1]
+    a, b = np.ldexp(first, -power), np.ldexp(second, -power)
+    apart, together = math.sqrt(0.5 * (1.0 + omega)), math.sqrt(0.5 * (1.0 - omega))
+    return first, second, a, b, power, np.hypot(apart * (a - b), together * (a + b))
 
 
 def _finite(name: str, value: ArrayLike) -> Floats:

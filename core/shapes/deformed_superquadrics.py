@@ -157,10 +157,7 @@ def largest_curvature(base: Superquadric, taper: Floats, direction: float) -> fl
 
 
 def _half_box(base: Superquadric, taper: Floats, direction: float) -> Floats:
-    """Half edges of a box about the tapered solid, turned to the direction of the bend.
-
-    How far a section reaches in a direction is the dual of the norm of which it is the ball.
-    """
+    """Half edges of a box about the tapered solid, turned to the bend: by the dual of its norm."""
     width, depth = (base.size[:2] * (1.0 + np.abs(taper))).tolist()
     cosine, sine = math.cos(direction), math.sin(direction)
     e2 = float(base.exponents[1])
@@ -218,11 +215,7 @@ class StraightenedRays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Straightening:
-    """Undoes a taper and a bend along rays.
-
-    Rays are given by their coordinates towards the bend's centre, square to its plane and up.
-    `size` (3,): semi-axes, m. `taper` (2,): widening of x and y at the top. `bend`: the bend.
-    """
+    """Undoes a taper and a bend along rays: towards the centre, square to the plane, up."""
 
     size: Floats
     taper: Floats
@@ -327,11 +320,7 @@ class DerivativeBound(NamedTuple):
 def outside_minorant(
     curve: RaysAt, norm: NormFunction, dip: float, gaps: tuple[RayGap, ...]
 ) -> MinorantFunction:
-    """Bounds from below of f, which bends down by `dip` at most.
-
-    `curve` and `norm`: give c, w and N. `dip`: N(c'') + |w''| at most, 1/m2. `gaps`: where f is
-    known to be positive and nothing else is.
-    """
+    """Bounds from below of f, from c and w, N, and N(c'') + |w''| at most; 1 in the gaps."""
 
     def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
         in_gap = np.zeros(len(places), bool)

@@ -138,7 +138,6 @@ class GeneralisedCylinder(ImplicitShape):
         return profile_mesh(self._section.outline, self._scale, self._shear, level)
 
     def _through(self, origins: Floats, direction: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Upright rays, and the part of each between the ends."""
         places, towards = self._upright @ origins.T, self._upright @ direction
         starts, ends = clip_to_box(places - self._middle[:, None], towards, self._half)
         return places, towards, starts, ends
@@ -250,13 +249,7 @@ def straight_pieces(knots: Floats, values: Floats) -> PiecewiseCubic:
 def profile_mesh(
     outline: Callable[[int], Floats], scale: PiecewiseCubic, shear: Floats, level: int
 ) -> Mesh:
-    """A swept section, closed by plane ends.
-
-    `outline`: gives that many points (n, 2) around the section, m. `scale`: scale of the section
-    along the axis; 0 at an end is an apex, else the end is a plane. `shear` (3, 3): from the
-    upright solid to the wanted one. `level`: each has four times the faces of the one before:
-    80,000 for level 6.
-    """
+    """A swept outline, closed by plane ends or, where the scale is 0, an apex; then sheared."""
     around = max(2 ** (level + 2), LEAST_AROUND)
     size, height = _profile(scale, int(SIDE_RINGS * around), int(CAP_RINGS * around))
     figure = outline(around)
@@ -396,7 +389,6 @@ def periodic_spline(knots: Floats, values: Floats) -> PiecewiseCubic:
 
 
 def _from_bends(knots: Floats, values: Floats, bends: Floats) -> PiecewiseCubic:
-    """Pieces from the values and the second derivatives at the knots."""
     width = np.diff(knots)
     slope = np.diff(values) / width - width * (2 * bends[:-1] + bends[1:]) / 6
     return PiecewiseCubic(
@@ -405,10 +397,7 @@ def _from_bends(knots: Floats, values: Floats, bends: Floats) -> PiecewiseCubic:
 
 
 def _spline_traits(rho: PiecewiseCubic) -> SectionBounds:
-    """By interval arithmetic over small parts of the outline.
-
-    With g = 1 / rho: g + g'' = (rho^2 + 2 rho'^2 - rho rho'') / rho^3.
-    """
+    """By intervals: with g = 1 / rho, g + g'' = (rho^2 + 2 rho'^2 - rho rho'') / rho^3."""
     share = np.linspace(0.0, 1.0, SPLITS + 1)
     width = np.diff(rho.knots)
     places = rho.knots[:-1, None] + share * width[:, None]

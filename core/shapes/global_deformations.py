@@ -88,8 +88,20 @@ class Bend:
         that the axis would close to a circle: bent, it would meet others.
         """
         inwards, height = points[:, :2] @ self.towards, points[:, 2]
-        self._check(inwards, height)
-        angle = self.curvature * height
+        k = self.curvature
+        nearest = float((k * inwards).max(initial=0.0))
+        if not nearest < 1.0:
+            raise ValueError(
+                f"a bend of {k:g} 1/m has its centre {1 / abs(k):.3g} m from the axis: all that is "
+                f"bent must be nearer, got {nearest / abs(k):.3g} m"
+            )
+        highest = float(np.abs(height).max(initial=0.0))
+        if not abs(k) * highest < math.pi:
+            raise ValueError(
+                f"a bend of {k:g} 1/m closes the circle {math.pi / abs(k):.3g} m above and below "
+                f"the middle: all that is bent must be nearer, got {highest:.3g} m"
+            )
+        angle = k * height
         moved = 0.5 * height * angle * _sinc(0.5 * angle) ** 2 + inwards * (np.cos(angle) - 1.0)
         height = height * _sinc(angle) - inwards * np.sin(angle)
         return np.column_stack([points[:, :2] + moved[:, None] * self.towards, height])
@@ -118,21 +130,6 @@ class Bend:
         centre = np.maximum(stretch, LEAST_CURVATURE)
         return Unbent(before, np.arctan2(rise, level) / k, stretch, level / centre, rise / centre)
 
-    def _check(self, inwards: Floats, height: Floats) -> None:
-        k = self.curvature
-        nearest = float((k * inwards).max(initial=0.0))
-        if not nearest < 1.0:
-            raise ValueError(
-                f"a bend of {k:g} 1/m has its centre {1 / abs(k):.3g} m from the axis: all that is "
-                f"bent must be nearer, got {nearest / abs(k):.3g} m"
-            )
-        highest = float(np.abs(height).max(initial=0.0))
-        if not abs(k) * highest < math.pi:
-            raise ValueError(
-                f"a bend of {k:g} 1/m closes the circle {math.pi / abs(k):.3g} m above and below "
-                f"the middle: all that is bent must be nearer, got {highest:.3g} m"
-            )
-
 
 def _sinc(angle: Floats) -> Floats:
     """sin(angle) / angle, 1 at 0."""
@@ -145,11 +142,10 @@ def clip_to_bent_box(
 ) -> tuple[Floats, Floats, tuple[RayGap, ...]]:
     """Where parallel rays enter and leave a box that was bent with its axis.
 
-    `origins` (3, n): where the rays start, by coordinate: towards the centre of curvature, square
-    to the bend's plane, up, m. `direction` (3,): their unit direction. `half` (3,): half the edges
-    of the box before it was bent, m. `curvature`: 1/m; smaller than 1 over the first half edge and
-    than pi over the last. Returns `starts`, `ends` (n,): where they enter, at least 0 and after the
-    end for a ray that misses, and leave for good, m; and gaps in between, no two of a ray meet.
+    `origins` (3, n), `direction` (3,) and `half` (3,), half the edges before it was bent, are by
+    coordinate: towards the centre of curvature, square to the bend's plane, up. Returns where they
+    enter, at least 0 and after the end for a ray that misses, and leave for good, (n,), m; and gaps
+    in between, of which no two of a ray meet.
     """
     if abs(curvature) < LEAST_CURVATURE:
         return *clip_to_box(origins, direction, half), ()
@@ -170,10 +166,7 @@ def clip_to_bent_box(
 def _part_in_circle(
     origins: Floats, direction: Floats, curvature: float, outwards: float
 ) -> RayGap:
-    """Where rays are in the cylinder about the bend's axis, `outwards` from its bent axis.
-
-    In the square of the distance divided by the curvature, so that a circle may be a line.
-    """
+    """Where rays are in the cylinder about the bend's axis, `outwards` from its bent axis."""
     k, sign = abs(curvature), math.copysign(1.0, curvature)
     across, _, up = direction
     x, _, z = origins
@@ -193,10 +186,7 @@ def _part_in_circle(
 def _part_between_ends(
     origins: Floats, direction: Floats, curvature: float, height: float, sign: float
 ) -> RayGap:
-    """Where rays are on the body's side of both its end planes; of neither if `sign` is -1.
-
-    The planes meet in the axis of the bend, and are level for no bend.
-    """
+    """Where rays are on the body's side of both its end planes; of neither if `sign` is -1."""
     angle = curvature * height
     lever, tilt = height * math.sin(angle) / angle, math.cos(angle)
     level, slope = (1.0 - curvature * origins[0]) * lever, -curvature * direction[0] * lever

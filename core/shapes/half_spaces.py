@@ -61,11 +61,10 @@ class HalfSpace:
 def polytope_box(normals: Floats, offsets: Floats) -> Floats:
     """Smallest upright box about the points p with normals p <= offsets.
 
-    `normals` (n, 3): outward normals of any length. `offsets` (n,): their bounds. Returns (2, 3),
-    smallest and largest coordinates, infinite where there is no bound. By the duality of linear
-    programming, the largest coordinate is the least bound that any three of the half-spaces, or
-    fewer, give together: a combination of their normals with weights that are not negative is the
-    axis, and that of their offsets is the bound.
+    Returns (2, 3), infinite where there is no bound. By the duality of linear programming, the
+    largest coordinate is the least bound that any three of the half-spaces, or fewer, give
+    together: a combination of their normals with weights that are not negative is the axis, and
+    that of their offsets is the bound.
     """
     length = np.linalg.norm(normals, axis=1)
     normals, offsets = normals / length[:, None], offsets / length
@@ -96,10 +95,8 @@ def deepest_point(
 ) -> tuple[Floats, float]:
     """Point at which a function is least, and its value there.
 
-    `level`: values (n,) at points (n, 3). `box` (2, 3): where to look, m. `planes` (n, 4): planes a
-    x + b y + c z + d = 0 in whose common points the function may be least. A grid, then ever
-    smaller boxes about the best point. Powers below 1 are least in corners of the planes'
-    arrangement, which are looked at as they are.
+    A grid, then ever smaller boxes about the best point. Powers below 1 are least in corners of the
+    planes' arrangement, which are looked at as they are.
     """
     points = np.concatenate([_grid(box, GRID), _plane_vertices(planes)])
     points = points[((points >= box[0]) & (points <= box[1])).all(axis=1)]
@@ -118,7 +115,6 @@ def _grid(box: Floats, count: int) -> Floats:
 
 
 def _plane_vertices(planes: Floats) -> Floats:
-    """Points in which three planes meet."""
     three = np.array(list(itertools.combinations(range(len(planes)), 3)))
     unit = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     matrices = unit[three]

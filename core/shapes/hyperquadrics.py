@@ -150,7 +150,6 @@ class Hyperquadric(ImplicitShape):
         return RayBundle(*forms(self._planes), self._exponents[:, None], kept)
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
-        """Where rays enter and leave all strips, at least 0."""
         rate = np.where(np.abs(beam.rate) < LEAST_DIRECTION, LEAST_DIRECTION, beam.rate)
         middle = -beam.h / rate
         half = (1.0 + ROOM) * self._half[:, None] / np.abs(rate)
@@ -336,11 +335,7 @@ class Dent:
 
 
 def checked_terms(planes: Floats, exponents: Floats) -> tuple[Floats, Floats]:
-    """Planes (n, 4) and exponents (n,) of some terms.
-
-    Raises ValueError if there is none, their numbers differ, an exponent is out of range, or a
-    plane faces nowhere.
-    """
+    """Planes (n, 4) and exponents (n,) of terms; raises ValueError if they cannot be those."""
     planes = finite_array("planes", planes, (None, 4))
     if not len(planes):
         raise ValueError("planes must be at least one, got none")
@@ -374,10 +369,7 @@ def range_of_powers(h: Floats, rate: Floats, exponents: Floats, lengths: Floats)
 
 
 def powers(h: Floats, exponents: Floats) -> Floats:
-    """Powers |h|^g, (k, n).
-
-    `h` (k, n): quantities. `exponents` (k, 1): positive.
-    """
+    """Powers |h|^g, (k, n), of quantities (k, n) with exponents (k, 1)."""
     return np.minimum(np.abs(h), LARGEST) ** exponents
 
 
@@ -391,11 +383,7 @@ def range_of_slopes(h: Floats, rate: Floats, exponents: Floats, lengths: Floats)
 
 
 def power_slopes(h: Floats, rate: Floats, exponents: Floats) -> Floats:
-    """Derivatives of the powers along rays, (k, n); 0 in a cusp.
-
-    `h` and `rate` (k, n): quantities, and their derivatives along the rays. `exponents` (k, 1):
-    positive.
-    """
+    """Derivatives of the powers along rays, (k, n), from those of the quantities; 0 in a cusp."""
     size = np.minimum(np.abs(h), LARGEST)
     return exponents * (size + TINY) ** (exponents - 1.0) * (np.sign(h) * rate)
 

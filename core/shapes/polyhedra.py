@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry import linked_groups, signed_volume
-from palpate.core.shapes.protocol import Mesh
+from palpate.core.shapes.protocol import ImplicitShape
 from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, TriangleShape
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ STRAIGHT = 1e-9  # Sine of a turn to the right that is rounding
 Longs = NDArray[np.integer]
 
 
-class Polyhedron:
+class Polyhedron(TriangleShape, ImplicitShape):
     """One closed surface of polygons.
 
     Faces may all be turned inwards: they are then turned around. Whether faces cross each other is
@@ -49,8 +49,12 @@ class Polyhedron:
         edges = winged_edges(faces, len(self._vertices))
         if edges.shells != 1:
             raise ValueError(f"faces must form one surface, got {edges.shells} that do not touch")
-        self._check_edges(edges)
-        normals = self._normals(edges)
+        first, last = self._vertices[edges.ends].transpose(1, 0, 2)
+        short = np.linalg.norm(last - first, axis=1) <= LEAST_EDGE * self._extent
+        if short.any():
+            one, two = edges.ends[short.argmax()]
+            raise ValueError(f"vertices[{one}] and vertices[{two}] are an edge without length")
+        normals = self._face_normals(edges)
         triangles = triangulate_polygons(self._vertices, edges.begins, edges.corners, normals)
         middle = self._vertices.mean(axis=0)
         volume = signed_volume((self._vertices - middle)[triangles])
@@ -62,19 +66,7 @@ class Polyhedron:
         self.edges = edges  # Who borders on whom, turned outwards
         self.volume = volume  # m3
         embree = HAS_EMBREE and len(triangles) > FEW_TRIANGLES
-        self._triangles = TriangleShape(self._vertices, triangles, embree)
-
-    def bounds(self) -> Floats:
-        """Smallest and largest coordinates, (2, 3), m."""
-        return self._triangles.bounds()
-
-    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
-        """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
-        return self._triangles.cast(origins, direction, reach)
-
-    def enclosure(self) -> Floats:
-        """The bounds: see `ImplicitShape.enclosure`."""
-        return self.bounds()
+        super().__init__(self._vertices, triangles, embree)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside: see `spans`."""
@@ -84,11 +76,10 @@ class Polyhedron:
         """Distance from the surface, negative inside, and its slope (n,), m and 1."""
         from palpate.core.geometry import nearest_points
 
-        mesh = self._triangles.mesh(0)
         near = nearest_points(self._search, points)
         inside = self._crossings.spans(points, ASKEW)[:, 0, 0] < 0.0
         sign = np.where(inside, -1.0, 1.0)
-        a, b, c = mesh.vertices[mesh.faces[near.faces]].transpose(1, 0, 2)
+        a, b, c = self._vertices[self._mesh.faces[near.faces]].transpose(1, 0, 2)
         normal = np.cross(b - a, c - a)
         away = sign[:, None] * (points - near.points)
         # On the surface there is no way to it, from which to tell the direction.
@@ -97,18 +88,7 @@ class Polyhedron:
         away /= np.linalg.norm(away, axis=1, keepdims=True)
         return sign * near.distances, np.einsum("ni,ni->n", away, directions)
 
-    def mesh(self, level: int) -> Mesh:
-        """The faces as triangles, whatever the level."""
-        return self._triangles.mesh(level)
-
-    def _check_edges(self, edges: WingedEdges) -> None:
-        first, last = self._vertices[edges.ends].transpose(1, 0, 2)
-        short = np.linalg.norm(last - first, axis=1) <= LEAST_EDGE * self._extent
-        if short.any():
-            one, two = edges.ends[short.argmax()]
-            raise ValueError(f"vertices[{one}] and vertices[{two}] are an edge without length")
-
-    def _normals(self, edges: WingedEdges) -> Floats:
+    def _face_normals(self, edges: WingedEdges) -> Floats:
         """Unit normals of the faces (Newell), which must be plane and have an area."""
         begins, corners = edges.begins[:-1], edges.corners
         count = np.diff(edges.begins)
@@ -133,14 +113,13 @@ class Polyhedron:
 
     @cached_property
     def _crossings(self) -> CrossedMesh:
-        return CrossedMesh(*self._triangles.mesh(0))
+        return CrossedMesh(*self._mesh)
 
     @cached_property
     def _search(self) -> NearestSearch:
         from palpate.core.geometry import nearest_search
 
-        vertices, faces = self._triangles.mesh(0)
-        return nearest_search(vertices[faces])
+        return nearest_search(self._vertices[self._mesh.faces])
 
     @property
     def _extent(self) -> float:
@@ -148,13 +127,7 @@ class Polyhedron:
 
 
 def winged_edges(faces: Sequence[Sequence[int]], vertices: int) -> WingedEdges:
-    """The edges of a closed surface.
-
-    `faces`: corners of each face in order, by number, at least 3. `vertices`: how many vertices
-    there are. Raises ValueError if a face has too few corners, or one of them twice, or names a
-    vertex that is not there; if an edge does not have a face on each side, or these are turned
-    opposite ways; if a vertex belongs to no face, or joins parts that only touch there.
-    """
+    """The edges of a closed surface, or ValueError: what is wrong at which face, edge or vertex."""
     counts = np.array([len(face) for face in faces])
     _refuse(counts < 3, "faces[{0}] must have at least 3 corners, got {1}", counts)
     begins = np.concatenate([[0], np.cumsum(counts)])
@@ -165,7 +138,10 @@ def winged_edges(faces: Sequence[Sequence[int]], vertices: int) -> WingedEdges:
     before = np.empty_like(after)
     before[after] = np.arange(len(after))
     twin = _twins(corners, corners[after], face, vertices)
-    _check_fans(twin[before], corners, vertices)
+    # Around each vertex there must be one ring of faces.
+    groups = linked_groups(len(twin), np.arange(len(twin)), twin[before])
+    rings = np.bincount(corners[np.unique(groups, return_index=True)[1]], minlength=vertices)
+    _refuse(rings > 1, "vertices[{0}] joins {1} parts of the surface that only touch there", rings)
     pairs = np.column_stack([np.arange(len(twin)), twin])[corners < corners[after]]
     steps = np.concatenate([after, twin])
     edge = np.empty(len(corners), np.int64)
@@ -226,16 +202,7 @@ def _twins(first: Longs, last: Longs, face: Longs, vertices: int) -> Longs:
     return twin
 
 
-def _check_fans(turned: Longs, corners: Longs, vertices: int) -> None:
-    """Around each vertex there must be one ring of faces."""
-    groups = linked_groups(len(turned), np.arange(len(turned)), turned)
-    fans = np.unique(groups, return_index=True)[1]
-    rings = np.bincount(corners[fans], minlength=vertices)
-    _refuse(rings > 1, "vertices[{0}] joins {1} parts of the surface that only touch there", rings)
-
-
 def _after(begins: Longs) -> Longs:
-    """The corner after each around its face."""
     after = np.arange(begins[-1]) + 1
     after[begins[1:] - 1] = begins[:-1]
     return after
@@ -248,13 +215,7 @@ def _refuse(bad: Bools, sentence: str, values: Longs) -> None:
 
 
 def triangulate_polygons(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> Ints:
-    """Triangles of plane polygons, turned as these are.
-
-    `vertices` (n, 3), m. `begins` and `corners`: where each polygon's corners begin, with the end
-    of the last, and all corners in order. `normals` (m, 3): the polygons' unit normals, about which
-    they run counter-clockwise. Returns (k, 3), corners of triangles, polygon after polygon; no
-    vertex is added. Raises ValueError if a polygon crosses itself.
-    """
+    """Triangles (k, 3) of plane polygons, turned as these are; ValueError if one crosses itself."""
     count = np.diff(begins)
     convex = _convex(vertices, begins, corners, normals)
     fan = np.where(convex, count - 2, 0)

@@ -46,7 +46,8 @@ class ImplicitShape(Shape, Protocol):
     """A solid that is known by a function, not only by its facets."""
 
     def enclosure(self) -> Floats:
-        """Corners of an upright box that holds the solid, (2, 3); not always the smallest."""
+        """Corners of an upright box that holds the solid, (2, 3): the bounds, or a larger one."""
+        return self.bounds()
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """A function that is negative inside, 0 on the surface and positive outside.

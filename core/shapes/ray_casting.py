@@ -70,9 +70,8 @@ def marched_spans(
     """Spans found by going from surface to surface.
 
     `entering` and `leaving`: bounds from below of a function that is negative inside, and of its
-    negative. `starts` and `ends` (n,): the part of each ray in which the solid lies, from 0 on;
-    outside it the ray is outside. `tolerance`: how exactly ranges are wanted, m. Returns (n, k, 2),
-    at most 64 spans on each ray.
+    negative; outside `starts` and `ends` (n,) a ray is outside. Returns (n, k, 2), at most 64
+    spans.
     """
     found: list[Floats] = []
     rows = np.flatnonzero(starts <= ends)
@@ -100,7 +99,6 @@ def marched_spans(
 
 
 def _of_rays(below: MinorantFunction, rows: np.ndarray) -> MinorantFunction:
-    """The same bounds for some of the rays."""
     return lambda places, lengths, which: below(places, lengths, rows[which])
 
 
@@ -115,12 +113,10 @@ def first_roots(
 ) -> Floats:
     """First place (n,) from `starts` on where each function is not positive.
 
-    `function`: gives values and slopes. `starts` and `ends` (n,): where to begin and to stop.
-    `tolerance`: how exactly a root is wanted, in the unit of the places. `dip` and `rise`: the
-    second derivatives lie between -`dip` and `rise`. `gaps`: where nothing needs to be looked for,
-    and the two bounds need not hold. No two of a function may meet. Returns (n,), `MISS` where
-    there is no root, or none was found in 2000 steps. The start itself, to the bit, where the
-    function is not positive there.
+    The second derivatives lie between -`dip` and `rise`, but for `gaps`, of which no two of a
+    function may meet, and in which there is no root. Returns (n,), `MISS` where there is no root to
+    the tolerance, or none was found in 2000 steps; the start itself, to the bit, where the function
+    is not positive there.
     """
     found = np.full(len(starts), MISS)
     places = starts
@@ -188,10 +184,9 @@ def guaranteed_first_roots(
 ) -> Floats:
     """First place (n,) from `starts` on where each function is not positive.
 
-    `below`: gives parabolas below the functions. `starts` and `ends` (n,): where to begin and to
-    stop, finite. `tolerance`: how exactly a root is wanted, in the unit of the places. Returns
-    (n,), `MISS` where there is no root, or none was found in 2000 steps. The start itself, to the
-    bit, where the function is not positive there.
+    `below` gives parabolas below the functions. Returns (n,), `MISS` where there is no root to the
+    tolerance, or none was found in 2000 steps; the start itself, to the bit, if the function is not
+    positive there.
     """
     found = np.full(len(starts), MISS)
     rows: Ints = np.flatnonzero(starts <= ends).astype(np.int32)

@@ -161,7 +161,9 @@ def area_samples(surface: SampledSurface, count: int, rng: np.random.Generator) 
         places = np.einsum("nc,nci->ni", shares, surface.corners[facets])
         over = _over(surface, places, surface.heights[facets])
         crowding = over * surface.flat[facets] / surface.areas[facets]
-        kept.append(_thrown(surface, places[drawn[:, 3] * limit < crowding]))
+        places = places[drawn[:, 3] * limit < crowding]
+        thrown = places / surface.shape.gauge(places)[:, None]
+        kept.append(surface.bend(_taper(surface)(thrown)))
     return np.concatenate(kept)[:count]
 
 
@@ -183,11 +185,6 @@ def _over(surface: SampledSurface, places: Floats, heights: Floats) -> Floats:
     stretch = 1.0 - surface.bend.curvature * (tapered @ surface.bend.towards)
     across = np.sqrt(x * x + y * y) * stretch
     return np.asarray(np.sqrt(across * across + z * z))
-
-
-def _thrown(surface: SampledSurface, places: Floats) -> Floats:
-    """Places of facets, thrown onto the surface, tapered and bent."""
-    return surface.bend(_taper(surface)(places / surface.shape.gauge(places)[:, None]))
 
 
 def _taper(surface: SampledSurface) -> Taper:

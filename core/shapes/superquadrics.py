@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.shapes.protocol import Mesh
+from palpate.core.shapes.protocol import ImplicitShape, Mesh
 from palpate.core.shapes.ray_casting import (
     RaySelection,
     clip_to_box,
@@ -36,7 +36,7 @@ RIDGE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Superquadric:
+class Superquadric(ImplicitShape):
     """Superquadric about the origin, upright.
 
     `size` (3,): semi-axes, m. `exponents` (2,): e1 along z and e2 across, from 0.02 (nearly a box)
@@ -65,10 +65,6 @@ class Superquadric:
     def bounds(self) -> Floats:
         """Smallest and largest coordinates, (2, 3), m."""
         return np.stack([-self.size, self.size])
-
-    def enclosure(self) -> Floats:
-        """The bounds: see `ImplicitShape.enclosure`."""
-        return self.bounds()
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """The gauge less 1, and its slope: see `ImplicitShape.inside_out`."""
@@ -223,12 +219,16 @@ def gauge_and_gradient(scaled: Floats, exponents: Floats) -> tuple[Floats, Float
     Across a crease, which exponents above 1 have in the coordinate planes, the gradient is the mean
     of its two sides; at the centre it is 0.
     """
+    _, whole, slopes = _nested_norms(scaled, exponents)
+    return whole.value, np.sign(scaled) * slopes
+
+
+def _nested_norms(scaled: Floats, exponents: Floats) -> tuple[PNorm, PNorm, Floats]:
     x, y, z = np.abs(scaled).T
-    e1, e2 = exponents
-    across = p_norm(x, y, np.asarray(e2))
-    whole = p_norm(across.value, z, np.asarray(e1))
+    across = p_norm(x, y, np.asarray(exponents[1]))
+    whole = p_norm(across.value, z, np.asarray(exponents[0]))
     slopes = (whole.by_x * across.by_x, whole.by_x * across.by_y, whole.by_y)
-    return whole.value, np.sign(scaled) * np.stack(slopes, axis=-1)
+    return across, whole, np.stack(slopes, axis=-1)
 
 
 class InsideOutside(NamedTuple):
@@ -256,16 +256,13 @@ def inside_outside(scaled: ArrayLike, exponents: ArrayLike) -> InsideOutside:
     none, all derivatives are 0.
     """
     points = finite_array("scaled", scaled, (None, 3))
-    e1, e2 = finite_array("exponents", exponents, (2,)).tolist()
-    if not (0.0 < e1 <= LARGEST_EXPONENT and 0.0 < e2 <= LARGEST_EXPONENT):
-        raise ValueError(f"exponents must be above 0 and up to 2, got {[e1, e2]}")
-    x, y, z = np.abs(points).T
-    across = p_norm(x, y, np.asarray(e2))
-    whole = p_norm(across.value, z, np.asarray(e1))
+    pair = finite_array("exponents", exponents, (2,))
+    if not ((pair > 0.0) & (pair <= LARGEST_EXPONENT)).all():
+        raise ValueError(f"exponents must be above 0 and up to 2, got {pair.tolist()}")
+    across, whole, slopes = _nested_norms(points, pair)
     outer, outer_z = _shares(whole)
     inner, inner_y = _shares(across)
     shares = np.stack([outer * inner, outer * inner_y, outer_z], axis=-1)
-    slopes = np.stack([whole.by_x * across.by_x, whole.by_x * across.by_y, whole.by_y], axis=-1)
     by_e2 = outer * across.by_exponent / across.value
     by_e1 = whole.by_exponent / whole.value
     apart = (np.abs(points).max(axis=1) > SMALLEST)[:, None]
@@ -278,7 +275,6 @@ def inside_outside(scaled: ArrayLike, exponents: ArrayLike) -> InsideOutside:
 
 
 def _shares(at: PNorm) -> tuple[Floats, Floats]:
-    """How much of the sum of powers comes from each argument."""
     return at.by_x * at.share_x, at.by_y * at.share_y
 
 
@@ -312,7 +308,6 @@ def trigonometric_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) 
 
 
 def _power(value: Floats, exponent: float) -> Floats:
-    """Power of the absolute value, with the sign."""
     return np.sign(value) * np.abs(value) ** exponent
 
 

@@ -50,7 +50,6 @@ def icosphere(level: int) -> tuple[Floats, Ints]:
 
 
 def _icosahedron() -> tuple[Floats, Ints]:
-    """Poles on the z axis and two rings of five."""
     latitude = math.atan(0.5)
     azimuth = np.arange(5) * (2 * math.pi / 5)
     ring = np.column_stack([np.cos(azimuth), np.sin(azimuth)]) * math.cos(latitude)
@@ -91,10 +90,8 @@ def _split(directions: Floats, faces: Ints) -> tuple[Floats, Ints]:
 def isosurface(inside_out: InsideOut, box: Floats, level: int) -> Mesh:
     """The surface on which a function is 0, negative inside.
 
-    `inside_out`: gives values and slopes: see `ImplicitShape.inside_out`. `box` (2, 3): corners of
-    a box that holds the solid, m. `level`: the box is cut into 2^level cells along its longest
-    side, and at least 16. Returns closed, turned outwards. Parts that are thinner than a cell may
-    be missing.
+    `box` (2, 3) holds the solid, m; it is cut into 2^level cells along its longest side, at least
+    16. The mesh is closed, turned outwards; parts that are thinner than a cell may be missing.
     """
     cells = max(2**level, LEAST_CELLS)
     extent = box[1] - box[0]
@@ -138,7 +135,6 @@ def _kuhn() -> Ints:
 
 
 def _inside(inside_out: InsideOut, axes: list[Floats]) -> Bools:
-    """Whether each node of the grid is inside, by layers, which fit into memory."""
     y, z = np.meshgrid(axes[1], axes[2], indexing="ij")
     layer = np.column_stack([np.zeros(y.size), y.ravel(), z.ravel()])
     still = np.zeros_like(layer)
@@ -180,13 +176,7 @@ def _triangles(mask: int) -> list[Ints]:
 def bracketed_roots(
     function: EdgeFunction, outside: Floats, inside: Floats, tolerance: float
 ) -> Floats:
-    """A root (n,) of each function between a place where it is positive and one where it is not.
-
-    `function`: gives values and slopes. `outside` and `inside` (n,): where the functions are
-    positive, and where they are not; either may be the larger. `tolerance`: how exactly a root is
-    wanted, in the unit of the places. Returns (n,), a place where the function is not positive, or
-    within the tolerance of one.
-    """
+    """A root (n,) of each function between a place where it is positive and one where it is not."""
     outside, inside = outside.copy(), inside.copy()
     places = 0.5 * (outside + inside)
     for step in range(MOST_STEPS):

@@ -1,15 +1,11 @@
 """A triangle mesh as a solid, and solids after a deformation of space, which are cast as triangles.
 
 First hits come from Embree or from a z-buffer of our own, for Embree has no wheel for every
-platform. Seen along the rays the problem is flat: each triangle is three half-planes and a plane of
-depths, all affine in the two coordinates across, evaluated for all rays at once. For crossings,
-whether a ray passes an edge on its left or its right is asked once for both faces at the edge, and
-a ray that meets it is taken to pass beside it (Edelsbrunner and Muecke, *Simulation of simplicity*,
-1990). So no ray slips through between two faces, or counts a corner twice.
-
-Exactly, if asked: from the facet to the deformed surface by Newton's method. The unknowns are the
-place p in the undeformed solid and the way s along the ray, deform(p) = start + s direction and
-f(p) = 0 with the solid's inside-outside function f. Eliminating p leaves one division a ray.
+platform. For crossings, whether a ray passes an edge on its left or its right is asked once for
+both faces at the edge, and a ray that meets it is taken to pass beside it (Edelsbrunner and Muecke,
+*Simulation of simplicity*, 1990): no ray slips through between two faces, or counts a corner twice.
+From the facet to the exact deformed surface, if asked, by Newton's method: with the place p in the
+undeformed solid and the way s along the ray, deform(p) = start + s direction and f(p) = 0.
 """
 
 from __future__ import annotations
@@ -133,16 +129,13 @@ class Embree:
         faces = np.asarray(found["primID"], np.int32)
         ranges = np.where(faces >= 0, found["tfar"], np.inf).astype(np.float64)
         weights = np.column_stack([found["u"], found["v"]]).astype(np.float64)
-        return Hits(self._refined(origins, direction, ranges, faces), faces, weights)
-
-    def _refined(self, origins: Floats, direction: Floats, ranges: Floats, faces: Ints) -> Floats:
         normals = self._normals[faces]
         with np.errstate(divide="ignore", invalid="ignore"):
-            exact = np.einsum("ni,ni->n", self._places[faces] - origins, normals) / (
-                normals @ direction
-            )
+            heights = np.einsum("ni,ni->n", self._places[faces] - origins, normals)
+            exact = heights / (normals @ direction)
             near = np.abs(exact - ranges) <= SINGLE * (ranges + self._extent)
-        return np.where(near & (faces >= 0), np.maximum(exact, 0.0), ranges)
+        refined = np.where(near & (faces >= 0), np.maximum(exact, 0.0), ranges)
+        return Hits(refined, faces, weights)
 
 
 class ZBuffer:
@@ -157,30 +150,22 @@ class ZBuffer:
         axes = _ray_axes(direction)
         seen = self._vertices @ axes  # columns: across, across, along
         rays = origins @ axes
-        near = self._faces_near(seen, rays)
+        corners, last = seen[self._faces], rays.max(axis=0)
+        low, high, first = corners.min(axis=1), corners.max(axis=1), rays.min(axis=0)
+        met = (low[:, :2] <= last[:2]) & (high[:, :2] >= first[:2])  # across
+        near: Ints = np.flatnonzero(met.all(axis=1) & (high[:, 2] >= first[2])).astype(np.int32)
         count = len(origins)
         if not len(near):
             return Hits(np.full(count, np.inf), np.full(count, -1, np.int32), np.zeros((count, 2)))
-        depth, second, third = _depths(seen[self._faces[near]], rays)
-        first = np.arange(count), depth.argmin(axis=1)
-        ranges = depth[first]
-        faces = np.where(np.isfinite(ranges), near[first[1]], -1).astype(np.int32)
-        return Hits(ranges, faces, np.column_stack([second[first], third[first]]))
-
-    def _faces_near(self, seen: Floats, rays: Floats) -> Ints:
-        corners = seen[self._faces]
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        first, last = rays.min(axis=0), rays.max(axis=0)
-        across = (low[:, :2] <= last[:2]) & (high[:, :2] >= first[:2])
-        ahead = high[:, 2] >= first[2]
-        return np.flatnonzero(across.all(axis=1) & ahead).astype(np.int32)
+        depth, second, third = _depths(corners[near], rays)
+        least = np.arange(count), depth.argmin(axis=1)
+        ranges = depth[least]
+        faces = np.where(np.isfinite(ranges), near[least[1]], -1).astype(np.int32)
+        return Hits(ranges, faces, np.column_stack([second[least], third[least]]))
 
 
 def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:
-    """Range from each ray's origin to each triangle, (rays, triangles); infinite if none.
-
-    Then the weights of the triangle's second and third corner there, likewise.
-    """
+    """Ranges (rays, triangles) from rays to triangles, perhaps infinite; weights of two corners."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
     edge_on = area == 0.0
@@ -364,11 +349,9 @@ def polish(
 ) -> tuple[Floats, Bools]:
     """Ways along parallel rays from near a deformed surface onto it.
 
-    `base`: what is deformed. `deformation`: how. `places` (n, 3): near the surface of the base, m.
-    `starts` (n, 3): where they are on the rays, about, m. `direction` (3,): the rays' unit
-    direction. Returns `ways` (n,): to the surface, m; negative backwards. `converged` (n,): where
-    the way can be believed: the steps vanished, and on all of them the place stayed near and the
-    surface faced the ray.
+    `places` (n, 3): near the surface of the base; `starts` (n, 3): where they are on the rays,
+    about, m. Returns ways (n,), m, and where they can be believed: the steps vanished, and on all
+    of them the place stayed near and the surface faced the ray.
     """
     low, high = base.enclosure()  # a lattice says nothing of what lies beyond
     size = float((high - low).min())

@@ -78,12 +78,7 @@ class Basis:
 
 
 def check_knots(knots: Floats, degree: int) -> Floats:
-    """A knot vector on which a basis of a degree can stand, as a read-only copy.
-
-    Raises ValueError if the degree is below 1, a knot is not finite, there are fewer than ``2
-    degree + 2``, they fall anywhere, one of them occurs more than ``degree + 1`` times, or the
-    domain is empty.
-    """
+    """A knot vector of a basis, as a read-only copy, or ValueError: what is wrong with it."""
     _check_degree(degree)
     checked = finite_array("knots", knots, (None,)).copy()
     if len(checked) < 2 * degree + 2:
@@ -107,14 +102,11 @@ def check_knots(knots: Floats, degree: int) -> Floats:
 
 
 def local_basis(knots: Floats, degree: int, x: Floats, derivatives: int) -> LocalBasis:
-    """Values and derivatives at places in the domain.
+    """Values and derivatives at places (m,) in the domain; at a knot, the limit from the right.
 
-    `knots` (count + degree + 1,): knot vector. `degree`: degree. `x` (m,): places within the
-    domain. At a knot the limit from the right is taken, at the last one that from the left.
-    `derivatives`: highest derivative; those above the degree are 0. De Boor, *A practical guide to
-    splines*, 1978, chapter X. The derivative of order d raises functions of ``degree - d`` by
-    differences, one degree at a time: Fung, 1999, (3.25) with its indices put right; (3.27) divides
-    by zero at the highest order.
+    De Boor, *A practical guide to splines*, 1978, chapter X. The derivative of order d raises
+    functions of ``degree - d`` by differences, one degree at a time: Fung, 1999, (3.25) with its
+    indices put right; (3.27) divides by zero at the highest order.
     """
     count = len(knots) - degree - 1
     last = int(np.searchsorted(knots, knots[count], side="left")) - 1
@@ -276,7 +268,6 @@ def _check_degree(degree: int) -> None:
 
 
 def _averages(values: Floats, width: int) -> Floats:
-    """Averages of so many neighbours each."""
     return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width).mean(axis=1))
 
 
@@ -285,9 +276,8 @@ def evaluate_scattered(
 ) -> Floats:
     """Derivatives of a tensor product at scattered places.
 
-    `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `at` (m, d):
-    parameters. `orders`: which derivatives; all zeros for the value. Returns (len(orders), m, c).
-    Raises ValueError if shapes do not fit, a coefficient or parameter is not finite, a parameter
+    `control` (count_1, ..., count_d, c); `at` (m, d); `orders`: all zeros for the value. Returns
+    (len(orders), m, c). Raises ValueError if shapes do not fit, a number is not finite, a parameter
     lies outside the domain by more than rounding, or an order is negative.
     """
     at = finite_array("at", at, (None, len(bases)))
@@ -338,11 +328,9 @@ def evaluate_grid(
 ) -> Floats:
     """A tensor product, or a derivative of it, on a grid.
 
-    `bases`: one for each axis. `control` (count_1, ..., count_d, c): coefficients. `axes`:
-    parameters along each axis. `orders`: order of the derivative along each axis; the value if left
-    out. Returns (len(axes[0]), ..., c). Raises ValueError if shapes do not fit, a coefficient or
-    parameter is not finite, a parameter lies outside the domain by more than rounding, or an order
-    is negative.
+    Along each axis by its basis, parameters and order; the value if `orders` are left out. Returns
+    (len(axes[0]), ..., c) from `control` (count_1, ..., count_d, c). Raises ValueError as
+    `evaluate_scattered`.
     """
     orders = (0,) * len(bases) if orders is None else orders
     values = _checked(bases, control, [orders])
@@ -376,10 +364,9 @@ def interpolate_grid(
 ) -> Interpolant:
     """The spline that takes given values on a grid.
 
-    `bases`: one for each axis. `sites`: parameters along each axis, as many as its basis has
-    functions. `values` (n_1, ..., n_d, c): values on the grid of sites. Raises ValueError if there
-    are not sites for each basis, if the values do not fit them or are not finite, or if the sites
-    of an axis determine no spline.
+    Raises ValueError if there are not sites for each basis, as many as it has functions, if the
+    values (n_1, ..., n_d, c) do not fit them or are not finite, or the sites of an axis determine
+    no spline.
     """
     if len(sites) != len(bases):
         raise ValueError(f"sites must be given for {len(bases)} axes, got {len(sites)}")
@@ -401,11 +388,10 @@ def interpolate_grid(
 
 
 def is_interpolable(basis: Basis, sites: Floats) -> bool:
-    """Whether exactly one spline takes given values at given sites.
+    """Whether exactly one spline takes given values at given sites (n,).
 
-    `basis`: basis. `sites` (n,): parameters in its domain. Raises ValueError if a site lies outside
-    the domain, or is not finite. Schoenberg and Whitney, 1953: there are as many sites as
-    functions, they increase, and each lies where its function does not vanish.
+    Schoenberg and Whitney, 1953: there are as many sites as functions, they increase, and each lies
+    where its function does not vanish.
     """
     sites = finite_array("sites", sites, (None,))
     if len(sites) != basis.count or not (np.diff(sites) > 0.0).all():

@@ -158,7 +158,6 @@ def _check(count: int | None, parameters: Parametrisation, smoothing: Smoothing)
 
 
 def _point(ring: ClosedPoints) -> ClosedCurve:
-    """The curve that stays in one place."""
     return ClosedCurve(
         control=np.repeat(ring.middle[None], LEAST_CONTROL, axis=0),
         knots=periodic_knots(LEAST_CONTROL),
@@ -179,8 +178,7 @@ def local_noise(points: Floats, parameters: Floats) -> float:
 
     Each point is compared with the cubic through its two neighbours on either side. Of a smooth
     curve, the deviations of neighbours agree; of noise they are opposed. The median knows nothing
-    of corners, for they are few. `points` (m, d): around the curve. `parameters` (m,): increasing,
-    in turns.
+    of corners, for they are few.
     """
     count = len(points)
     if count < LEAST_POINTS:
@@ -201,7 +199,6 @@ def local_noise(points: Floats, parameters: Floats) -> float:
 
 
 def _cubic_weights(away: Floats) -> Floats:
-    """Lagrange's weights (m, 4) at 0 of values at four other places (m, 4)."""
     between = away[:, None, :] - away[:, :, None]
     np.einsum("mkk->mk", between)[:] = 1.0
     others = np.where(np.eye(4, dtype=bool), 1.0, away[:, None, :])
@@ -255,11 +252,9 @@ class ClosedPoints(NamedTuple):
 def order_closed_points(points: Floats) -> ClosedPoints:
     """Drop what is not finite or comes twice, centre, scale, and put in order.
 
-    `points` (m, d): in 2 or 3 dimensions, m. The first may come again at the end. Returns from the
-    point that comes last in alphabetical order, counter-clockwise (seen along that axis from which
-    the curve is broadest). The same points, begun anywhere and listed in either direction, give the
-    same ring to the last bit. Raises ValueError if no row is finite, or they spread farther than a
-    number can say.
+    From the point that comes last in alphabetical order, counter-clockwise (seen along that axis
+    from which the curve is broadest): begun anywhere, either way, the same to the last bit. Raises
+    ValueError if no row is finite, or they spread farther than a number can say.
     """
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise ValueError(f"points must have shape (any, 2) or (any, 3), got {points.shape}")

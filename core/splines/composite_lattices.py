@@ -91,10 +91,7 @@ class CompositeLattice:
 
 
 def shared_faces(lattices: Sequence[Lattice]) -> tuple[SharedFace, ...]:
-    """Faces whose undeformed control points are the same, in whichever direction they run.
-
-    Raises ValueError if knots or weights differ on such a face: then it is not one surface.
-    """
+    """Faces with the same undeformed control points; ValueError if knots or weights differ."""
     if not lattices:
         return ()
     everything = np.concatenate([_before(one).control.reshape(-1, 3) for one in lattices])

@@ -52,7 +52,8 @@ def choose_closed_fit(
         return fit_closed_least_squares(points, turns, chosen, float(smoothing))
     if smoothing == "auto" and noise > CLEAN:
         fit = fit_closed_least_squares(points, turns, chosen, None)
-        if count is not None or _deviation(points, fit) <= BIASED * noise:
+        off = points - closed_curve_points(fit.control, fit.knots, fit.parameters)
+        if count is not None or np.sqrt((off**2).sum(axis=1).mean()) <= BIASED * noise:
             return fit
     if count is not None and gap_ratio(points) <= UNEVEN_GAP_RATIO:
         return fit_closed_least_squares(points, turns, count, LEAST_SMOOTHING)
@@ -63,12 +64,6 @@ def choose_closed_fit(
     even = np.arange(RESAMPLED * count) / (RESAMPLED * count)
     places = closed_curve_points(through.control, through.knots, even)
     return fit_closed_least_squares(places, even, count, LEAST_SMOOTHING)._replace(parameters=turns)
-
-
-def _deviation(points: Floats, fit: CurveFit) -> float:
-    """Root mean square distance of the points from their places on the curve."""
-    off = points - closed_curve_points(fit.control, fit.knots, fit.parameters)
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 class CurveFit(NamedTuple):
@@ -179,12 +174,7 @@ def _bending(count: int) -> Floats:
 
 
 def choose_smoothing(basis: Floats, bending: Floats, points: Floats) -> float:
-    """The smoothing with the least generalised cross-validation score.
-
-    `basis` (m, n): basis functions at the points' parameters. `bending` (n, n): quadratic form of
-    the penalty. `points` (m, d): what is fitted. Craven and Wahba, *Smoothing noisy data with
-    spline functions*, 1979.
-    """
+    """The smoothing of the least generalised cross-validation score (Craven and Wahba, 1979)."""
     count = len(points)
     weight = basis.T @ basis
     weight /= np.trace(weight) / len(weight)
@@ -207,13 +197,7 @@ def _dense(periodic: PeriodicBasis, parameters: Floats) -> Floats:
 
 
 def moved_parameters(parameters: Floats, points: Floats, places: Floats, slopes: Floats) -> Floats:
-    """Parameters nearer to those of the curve's nearest points: Fung, 1999, (4.40).
-
-    Each takes the step of (4.40), but never so far that it could meet a neighbour, so that the
-    points keep their order around the curve. `parameters` (m,): increasing, in turns. `points` (m,
-    d): what the curve should pass. `places` and `slopes` (m, d): the curve and its derivative at
-    the parameters.
-    """
+    """Parameters after the step of Fung, 1999, (4.40), which never takes one past a neighbour."""
     squares = np.einsum("md,md->m", slopes, slopes)
     wanted = np.einsum("md,md->m", points - places, slopes)
     step = np.divide(wanted, squares, out=np.zeros_like(wanted), where=squares > 0.0)
@@ -242,11 +226,9 @@ class Modes(NamedTuple):
 def demmler_reinsch(weight: Floats, bending: Floats, basis: Floats) -> Modes:
     """Modes of points and a penalty.
 
-    `weight` (n, n): ``basis.T @ basis``, over its mean diagonal. `bending` (n, n): quadratic form
-    of the penalty, in the same measure. `basis` (m, n): basis functions at the points, times the
-    roots of the points' weights. Demmler and Reinsch, *Oscillation matrices with spline smoothing*,
-    1975. The modes v solve ``G v = mu (G + B) v``, G the weight and B the bending: unlike ``B v = w
-    G v`` this is well conditioned however the points lie, and what no point sees drops out.
+    Demmler and Reinsch, 1975: the modes v solve ``G v = mu (G + B) v``, G the weight ``basis.T @
+    basis`` over its mean diagonal, B the bending in the same measure: unlike ``B v = w G v`` this
+    is well conditioned however the points lie; what none sees drops out.
     """
     count = len(weight)
     seen, control = eigh(weight, weight + bending + RIDGE * np.eye(count))
@@ -267,17 +249,14 @@ def curve_parameters(points: Floats, kind: Parametrisation) -> Floats:
     corner tells too short, and chords otherwise.
     """
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    if kind == "even" and _are_even(chords):
-        return np.arange(len(points)) / len(points)
+    if kind == "even":
+        tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
+        if chords.max() <= EVEN_GAP * tenth and most <= EVEN_MIDDLE * quarter:
+            return np.arange(len(points)) / len(points)
     if kind == "centripetal" or (kind == "auto" and _has_corners(points)):
         chords = np.sqrt(chords)
     ends = np.cumsum(chords)
     return np.asarray(np.concatenate([[0.0], ends[:-1]]) / ends[-1])
-
-
-def _are_even(chords: Floats) -> bool:
-    tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
-    return bool(chords.max() <= EVEN_GAP * tenth and most <= EVEN_MIDDLE * quarter)
 
 
 def _has_corners(points: Floats) -> bool:

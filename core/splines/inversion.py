@@ -61,11 +61,7 @@ def invert_points(
 
 
 def affine_image(volume: SplineVolume) -> Parallelepiped | None:
-    """The parallelepiped of which a volume is an undeformed lattice, or None.
-
-    Then the volume is the affine map of its parameters, whatever the bases: coefficients at the
-    Greville abscissae reproduce the identity.
-    """
+    """The parallelepiped of which a volume is an undeformed lattice, or None: then it is affine."""
     if _has_unequal_weights(volume):
         return None
     places = [basis.greville() for basis in volume.bases]
@@ -146,17 +142,12 @@ def _axis_by_axis(
 
 
 def invert_monotone(basis: Basis, coefficients: Floats, values: Floats) -> MonotoneRoots:
-    """Parameters at which a spline takes values.
+    """Parameters at which a spline with coefficients that rise takes values (n,), or its ends.
 
-    `basis`: its basis. `coefficients` (count,): rising: the spline rises with them, for its
-    derivative is a spline of their differences. `values` (n,): those beyond the spline's ends are
-    answered with its ends. Raises ValueError if the coefficients are not `count` finite numbers
-    that rise, or a value is NaN.
-
-    The spline rises, so that its values at the knots tell between which two a root lies. There it
-    is one polynomial, of which Newton's method finds the root, by halves where a step would leave
-    the bracket. A root that is found stays: the bracket's end is on it, and halving would drive it
-    away again.
+    It rises too, so that its values at the knots tell between which two a root lies. There it is
+    one polynomial, of which Newton's method finds the root, by halves where a step would leave the
+    bracket. A root that is found stays: the bracket's end is on it, and halving would drive it away
+    again. Raises ValueError if coefficients do not rise, or a value is NaN.
     """
     coefficients = finite_array("coefficients", coefficients, (basis.count,))
     values = np.asarray(values, np.float64)

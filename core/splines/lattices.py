@@ -169,7 +169,6 @@ class Lattice:
 
 
 def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
-    """Refuse points that lie beyond the lattice."""
     if beyond.any():
         worst = int(beyond.argmax())
         x, y, z = points[worst]
@@ -195,18 +194,13 @@ def deformed_normals(slopes: Floats, normals: Floats) -> Floats:
     length = np.linalg.norm(turned, axis=1)
     lost = ~(length > LEAST_STRETCH * np.linalg.norm(normals, axis=1))
     if lost.any():
-        turned[lost] = _squeezed(slopes[lost], normals[lost])
+        left, stretch, right = np.linalg.svd(slopes[lost])
+        least = np.maximum(LEAST_STRETCH * stretch[:, :1], np.finfo(float).tiny)
+        along = (right @ normals[lost][:, :, None])[:, :, 0] * (least / np.maximum(stretch, least))
+        squeezed = (left @ along[:, :, None])[:, :, 0]
+        turned[lost] = squeezed / np.abs(squeezed).max(axis=1, keepdims=True)
         length[lost] = np.linalg.norm(turned[lost], axis=1)
     return np.asarray(turned / length[:, None])
-
-
-def _squeezed(slopes: Floats, normals: Floats) -> Floats:
-    left, stretch, right = np.linalg.svd(slopes)
-    least = np.maximum(LEAST_STRETCH * stretch[:, :1], np.finfo(float).tiny)
-    along = (right @ normals[:, :, None])[:, :, 0] * (least / np.maximum(stretch, least))
-    squeezed: Floats = (left @ along[:, :, None])[:, :, 0]
-    squeezed /= np.abs(squeezed).max(axis=1, keepdims=True)
-    return squeezed
 
 
 def _handedness(vertices: Floats, faces: Ints) -> float:

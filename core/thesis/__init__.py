@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.core.thesis.layers import fit_closed_curve_thesis as fit_closed_curve_thesis
+    from palpate.core.thesis.layers import invert_thesis as invert_thesis
     from palpate.core.thesis.rebuilding import ThesisSolid as ThesisSolid
     from palpate.core.thesis.rebuilding import interpolated_parameters as interpolated_parameters
     from palpate.core.thesis.rebuilding import rebuild_thesis as rebuild_thesis
-    from palpate.core.thesis.spline_methods import (
-        fit_closed_curve_thesis as fit_closed_curve_thesis,
-    )
-    from palpate.core.thesis.spline_methods import invert_thesis as invert_thesis
     from palpate.core.thesis.tactile_surface import fit_spline as fit_spline
     from palpate.core.thesis.tactile_surface import spline_shape as spline_shape
 else:

@@ -1,10 +1,10 @@
-"""One layer of the deformed lattice, of shell and core.
+"""One layer of the deformed lattice, of shell and core; closed curves and point inversion for it.
 
-Fung, 1999, 4.4.3, corrected and as printed.
-
-As printed (buildgrid.m and isint.m), the search for the core's ellipse takes the edges of a polygon
-for infinite lines, looks at the first few of them, loses a sign on the way, and moves on to places
-that it has not tested; `ellipse_scale` has the answer.
+Fung, 1999, 4.4.3, corrected and as printed, where (buildgrid.m and isint.m) the search for the
+core's ellipse takes the edges of a polygon for infinite lines, looks at the first few, loses a sign
+on the way, and moves on to places that it has not tested. The curves of 4.4.2 have clamped knots
+and pseudo-vertices: equations that contradict each other, so that they never close. Inversion,
+4.2.2, is Newton's method on the derivative of the distance.
 """
 
 from __future__ import annotations
@@ -12,22 +12,44 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry import inscribed_circle, turn_between, winding_number
 from palpate.core.splines import (
     LEAST_SMOOTHING,
+    Basis,
+    ClosedCurve,
+    CurveFit,
+    Inversion,
+    SplineVolume,
+    affine_fit,
+    clamped_basis,
+    closed_curve_of,
     closed_curve_points,
     curve_parameters,
     fit_closed_least_squares,
+    is_folded,
+    least_residual,
+    local_noise,
+    order_closed_points,
 )
-from palpate.core.thesis.spline_methods import fit_closed_thesis
 
 MARGIN = 0.95  # The core's size over the largest that has room: that of the thesis's program
 NARROW = 0.25  # Scale of a core in the middle of the box below which a better middle is looked for
 FLAT = 1e-9  # Of its longer side: the shorter one of a box in which no core has room
 MOST_STEPS = 50
 TOLERANCE = 1e-6  # Of the scale, and its least value
+VERTICES = 16  # Around a layer of 5 by 5
+PSEUDO = 3  # Pseudo-vertices of a cubic
+ENOUGH = 0.02  # Distance of the pseudo-vertices that is let pass, as a share of the mean diameter
+MOST_PASSES = 300
+DAMPING = 0.5  # Of the parameters' steps; it stands in the thesis's program, not in (4.40)
+CUTOFF = 1e-10  # Of the pseudo-inverse
+TINY = 1e-300
+MOST_INVERSION_STEPS = 50
+COINCIDENCE = 1e-6  # Of the volume's size, where (4.14), (4.16) have metres
+ZERO_COSINE = 1e-6  # (4.15)
 
 
 class ThesisLayer(NamedTuple):
@@ -84,13 +106,11 @@ def _polygon(points: Floats, count: int) -> Floats:
 
 
 def rectangle_scale(polygon: Floats, middle: Floats, half_sides: Floats) -> float:
-    """The largest factor of a rectangle's half sides for which it lies inside a polygon.
+    """The largest factor of a rectangle's half sides for which it lies inside a polygon, or 0.
 
-    `polygon` (n, 2): closed, need not be convex. `middle` (2,): of the rectangle. `half_sides`
-    (2,): along x and y; positive. Returns 1; 0 where the middle is not inside. In the plane in
-    which the rectangle is the square from -1 to 1 this is the distance of the middle from the
-    polygon's edges, by the larger coordinate. Along an edge it is convex and made of straight
-    pieces: its least value is at an end, or where a coordinate is 0, or where both are of one size.
+    In the plane in which the rectangle is the square from -1 to 1 this is the distance of the
+    middle from the edges, by the larger coordinate: least at an end, where a coordinate is 0, or
+    where both are of one size.
     """
     starts = (polygon - middle) / half_sides
     if winding_number(starts, np.zeros((1, 2)))[0] == 0:
@@ -155,10 +175,8 @@ def _program_polygon(points: Floats, count: int) -> tuple[Floats, float]:
 def searched_scale(polygon: Floats, middle: Floats, semi_axes: Floats, edges: int) -> float:
     """Factor of an ellipse's semi-axes that the program finds.
 
-    `polygon` (n, 2): closed. `middle` and `semi_axes` (2,): of the ellipse. `edges`: how many of
-    the polygon's edges are tested. Table 4.2 asks at each step whether two ellipses meet an edge.
-    Meeting a line is monotone in the scale, so that one number for each edge answers every such
-    question.
+    Table 4.2 asks at each step whether two ellipses meet one of the first `edges`. Meeting a line
+    is monotone in the scale, so that one number for each edge answers every such question.
     """
     least_met = _least_met(polygon, middle, semi_axes, edges)
     fibonacci = [1.0, 1.0]
@@ -215,3 +233,111 @@ def _core(along_s: int, along_t: int, west: bool) -> Ints:
     """Numbers of the inner places, in the order in which the program fills them: indexg."""
     inner = np.arange(along_s * along_t).reshape(along_t, along_s)[1:-1, 1:-1]
     return np.rot90(inner.T if west else inner).ravel(order="F").astype(np.int32)
+
+
+def fit_closed_curve_thesis(points: ArrayLike, count: int = VERTICES) -> ClosedCurve:
+    """Closed cubic of `count` vertices, at least 4, near points (m, 2) or (m, 3), m.
+
+    The points are put in order, and their parameters set, as by `fit_closed_curve`. Raises
+    ValueError if they have another shape or fewer than 2 are different.
+    """
+    ring = order_closed_points(np.asarray(points, np.float64))
+    if len(ring.points) < 2:
+        raise ValueError(f"points must lie in at least 2 places, got {len(ring.points)}")
+    turns = curve_parameters(ring.points, "auto")
+    fit = fit_closed_thesis(ring.points, turns, count)
+    return closed_curve_of(ring, fit, local_noise(ring.points, turns))
+
+
+def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> CurveFit:
+    """Cubic by (4.27) to (4.40), of `count` vertices, at least 4; see the module.
+
+    `points` (m, d): around the curve; the first is used once more at the end. `parameters` (m,): of
+    the points, increasing from 0, in turns. `count`: vertices, without the pseudo-vertices.
+    """
+    basis = clamped_basis(count + PSEUDO)
+    closed = np.vstack([points, points[:1]])
+    parameters = np.append(parameters, 1.0)
+    enough = ENOUGH * float(np.ptp(points, axis=0).mean())
+    wanted = np.vstack([closed, np.zeros((PSEUDO + 2, points.shape[1]))])
+    for _ in range(MOST_PASSES):
+        seen = basis.matrix(parameters).toarray()
+        system = np.vstack([seen, _closing_rows(basis, count, parameters[[0, -1]])])
+        vertices = np.linalg.pinv(system, rcond=CUTOFF) @ wanted
+        open_by = float(np.linalg.norm(vertices[:PSEUDO] - vertices[count:]))
+        if open_by < enough:
+            break
+        around = np.vstack([vertices[:count], vertices[:PSEUDO]])
+        slopes = basis.matrix(parameters, 1) @ around
+        step = ((closed - seen @ around) * slopes).sum(axis=1)
+        step /= np.maximum((slopes * slopes).sum(axis=1), TINY)
+        parameters = np.maximum.accumulate(np.clip(parameters + DAMPING * step, 0.0, 1.0))
+    return CurveFit(
+        control=vertices[:count],
+        knots=basis.knots,
+        parameters=parameters[:-1],
+        condition=float(np.linalg.cond(system)),
+        effective=float(count),
+        smoothing=0.0,
+    )
+
+
+def _closing_rows(basis: Basis, count: int, ends: Floats) -> Floats:
+    """Rows (5, count + 3) of (4.37): equal vertices, equal derivatives where the curve closes."""
+    same = np.eye(PSEUDO, basis.count) - np.eye(PSEUDO, basis.count, count)
+    first, second = (basis.matrix(ends, order).toarray() for order in (1, 2))
+    return np.vstack([same, first[0] - first[1], second[0] - second[1]])
+
+
+def invert_thesis(volume: SplineVolume, points: Floats) -> Inversion:
+    """Parameters of points (n, 3) by (4.8) to (4.16), all points side by side.
+
+    The iteration begins at the affine guess. It stops at the first of coincidence, zero cosine and
+    insignificant change; the text asks for the first two together in one sentence and for any of
+    the three in the next. A singular matrix of (4.9) ends the iteration without an answer.
+    """
+    points = finite_array("points", points, (None, 3))
+    matrix = affine_fit(volume)
+    size = float(np.ptp(volume.control.reshape(-1, 3), axis=0).max())
+    close = max(COINCIDENCE * size, least_residual(volume))
+    parameters = np.clip(points @ matrix[:3] + matrix[3], 0.0, 1.0)
+    steps = np.zeros(len(points), np.int32)
+    going = np.arange(len(points))
+    for _ in range(MOST_INVERSION_STEPS):
+        reached, slopes, bends = volume.second(parameters[going])
+        offset = reached - points[going]
+        still = ~_stands(slopes, offset, close)
+        going, slopes, bends, offset = going[still], slopes[still], bends[still], offset[still]
+        if not len(going):
+            break
+        change, regular = _newton_step(slopes, bends, offset)
+        moved = np.clip(parameters[going] + change, 0.0, 1.0)
+        steps[going] += 1
+        moves = np.linalg.norm((slopes @ change[:, :, None])[:, :, 0], axis=1) > close
+        parameters[going[regular]] = moved[regular]
+        going = going[regular & moves]
+    reached, slopes = volume.first(parameters)
+    residual = np.linalg.norm(reached - points, axis=1)
+    folded = is_folded(volume, slopes)
+    return Inversion(parameters, residual, residual <= close, folded, steps)
+
+
+def _stands(slopes: Floats, offset: Floats, close: float) -> Bools:
+    """Point coincidence (4.14), or zero cosine (4.15) multiplied out: it is 0/0 at the answer."""
+    distance = np.linalg.norm(offset, axis=1)
+    product = np.abs(np.einsum("nij,ni->nj", slopes, offset))
+    lengths = np.linalg.norm(slopes, axis=1)
+    square = product <= ZERO_COSINE * lengths * distance[:, None]
+    return np.asarray((distance <= close) | square.all(axis=1))
+
+
+def _newton_step(slopes: Floats, bends: Floats, offset: Floats) -> tuple[Floats, Bools]:
+    """Solution (n, 3) of (4.12), and where its matrix (4.9) was regular."""
+    matrix = slopes.transpose(0, 2, 1) @ slopes + np.einsum("ni,nijk->njk", offset, bends)
+    right = -np.einsum("nij,ni->nj", slopes, offset)
+    size = np.abs(matrix).max(axis=(1, 2))
+    scaled = matrix / np.where(size > 0.0, size, 1.0)[:, None, None]
+    regular = np.abs(np.linalg.det(scaled)) > np.finfo(float).eps
+    scaled[~regular] = np.eye(3)
+    change = np.linalg.solve(scaled, right[:, :, None])[:, :, 0]
+    return change / np.where(size > 0.0, size, 1.0)[:, None], regular

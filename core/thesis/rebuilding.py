@@ -40,8 +40,13 @@ from palpate.core.splines import (
     invert_points,
     upright_parallelepiped,
 )
-from palpate.core.thesis.layers import ThesisLayer, make_layer, make_program_layer, rim_cells
-from palpate.core.thesis.spline_methods import invert_thesis
+from palpate.core.thesis.layers import (
+    ThesisLayer,
+    invert_thesis,
+    make_layer,
+    make_program_layer,
+    rim_cells,
+)
 
 # Of the model: the program's, whatever the object. Its surface keeps close to the lattice's faces,
 # where the shell is; a rounder one would be drawn inwards.
@@ -127,10 +132,9 @@ def rebuild_thesis(
 def stack_contours(contours: Sequence[ArrayLike] | Floats) -> ContourStack:
     """Sort contours by height and put them into the cube from -1 to 1.
 
-    `contours` (m, n, 3): at least 2 level contours, in any order, m; each with at least 4 points
-    around it, the first again at the end of all of them or of none. A contour's height is the mean
-    of its points'. Raises ValueError if there are too few contours or points, not as many points in
-    each, some are not finite, or the contours have no extent along x, y or z.
+    At least 2 level ones with as many points each, 4 or more, the first again at the end of all or
+    of none. A height is the mean of its points'. Raises ValueError if there are too few contours or
+    points, some are not finite, or the contours have no extent along x, y or z.
     """
     given = [np.asarray(contour, dtype=np.float64) for contour in contours]
     if len(given) < 2:
@@ -184,12 +188,11 @@ def ray_azimuths(count: int) -> Floats:
 
 
 def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:
-    """Where rays from the middle of a contour meet the closed curve through its points.
+    """Where rays from the middle of a contour meet the closed curve through its points (n, 2).
 
-    `points` (n, 2): around it, begun anywhere, in either direction. `azimuths` (k,): of the rays,
-    rad. The middle is that of the area: the mean of the points, as printed, lies where they are
-    dense. Where a ray meets the curve several times or not at all, the azimuth is made monotone, or
-    gives way to the length.
+    The middle is that of the area: the mean of the points, as printed, lies where they are dense.
+    Where a ray meets the curve several times or not at all, the azimuth is made monotone, or gives
+    way to the length.
     """
     curve = fit_closed_curve(points)
     count = FINE * len(points)
@@ -203,17 +206,13 @@ def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:
 
 
 def _undeformed(counts: tuple[int, ...]) -> SplineVolume:
-    """The lattice over the cube from -1 to 1, with control points at even steps: (2.19)."""
     s, t, u = (clamped_basis(count, min(CUBIC, count - 1)) for count in counts)
     cube = upright_parallelepiped(np.full(3, -1.0), np.full(3, 2.0))
     return SplineVolume(cube.even_control((s.count, t.count, u.count)), (s, t, u))
 
 
 def level_points(model: Superquadric, heights: Floats, azimuths: Floats) -> Floats:
-    """Points (a, b, 3) of a model, with semi-axes of 1, at heights (a,) and azimuths (b,), rad.
-
-    At heights of -1 and 1 a row is one point, the pole.
-    """
+    """Points (a, b, 3) of a model of semi-axes 1, at heights (a,) and azimuths (b,), rad."""
     around = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))])
     outline = around[:, :2] / model.gauge(around)[:, None]
     power = 2.0 / float(model.exponents[0])
@@ -349,10 +348,7 @@ class ModelTriples:
 
 
 def latitude_points(model: Superquadric, latitudes: Floats, azimuths: Floats) -> Floats:
-    """Points (a, b, 3) of a model at latitudes (a,) and azimuths (b,), rad: (2.4), (2.5).
-
-    A row is level only where the exponents are 1, or at latitude 0.
-    """
+    """Points (a, b, 3) of a model at latitudes (a,) and azimuths (b,), rad: (2.4), (2.5)."""
     eta = np.repeat(latitudes, len(azimuths))
     omega = np.tile(azimuths, len(latitudes))
     return regular_points(model, eta, omega).points.reshape(len(latitudes), len(azimuths), 3)
@@ -389,14 +385,11 @@ class TripleSpline:
 def interpolated_parameters(parameters: Floats) -> TripleSpline:
     """The spline surface through a grid of parameter triples: (4.17) to (4.21).
 
-    `parameters` (m, n, 3): s, t, u; m at least 2 from the bottom to the top, n at least 4 around,
-    the first again at the end. A row may be one point, as at a pole. Raises ValueError if the shape
-    is another, a number is not finite, or neighbouring rows or columns are the same throughout.
-
-    Cubic, of a lower degree where there are fewer than 4 rows. Sites by square roots of the chords
-    (4.18), averaged over all rows that have a length; knots by (4.19), with the sum from its first
-    site. The seam is passed, but not smoothly. Where the model is known its own points say more:
-    `ModelTriples`.
+    `parameters` (m, n, 3): upwards and around, the first again at the end; ValueError if there are
+    not 2 rows and 4 columns, or neighbours are the same throughout. Cubic, of a lower degree where
+    there are fewer than 4 rows. Sites by square roots of the chords (4.18), averaged over all rows
+    that have a length; knots by (4.19), with the sum from its first site. The seam is passed, not
+    smoothly.
     """
     parameters = finite_array("parameters", parameters, (None, None, 3))
     rows, columns = parameters.shape[:2]

@@ -28,11 +28,9 @@ class SplinePatch(NamedTuple):
 def fit_spline(pad: Pad, height: Floats, noise: float = 0.0) -> SplinePatch:
     """Bicubic B-spline surface (3.23) of a whole frame.
 
-    `pad`: the array. `height` (rows, cols): surface over the plane of the pad's face, m; every
-    taxel counts, touched or not. `noise`: standard deviation of one taxel, m: the sum of squared
-    misfits is let grow to what noise explains. With 0 the surface passes through every taxel.
-    FITPACK gives up where the wanted misfit is far below what the frame holds. The surface then
-    passes through every taxel, and says so.
+    Every taxel of `height` (rows, cols), m, counts, touched or not. `noise`: of one taxel, m: the
+    sum of squared misfits is let grow to what it explains. FITPACK gives up where the wanted misfit
+    is far below what the frame holds; the surface then passes through every taxel, and says so.
     """
     x, y = (axis / pad.pitch for axis in pad.grid())
     scaled = height / pad.pitch

@@ -5,9 +5,8 @@ from palpate.core.geometry.polygons import edge_distance, winding_number
 from palpate.core.splines.bases import PeriodicBasis, clamped_basis
 from palpate.core.splines.closed_curves import fit_closed_curve
 from palpate.core.splines.curve_fits import curve_parameters, moved_parameters
-from palpate.core.thesis.layers import rectangle_scale
+from palpate.core.thesis.layers import fit_closed_curve_thesis, rectangle_scale
 from palpate.core.thesis.rebuilding import rebuild_thesis
-from palpate.core.thesis.spline_methods import fit_closed_curve_thesis
 
 ORDER, COUNT = 4, 16
 

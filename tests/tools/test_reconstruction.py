@@ -7,7 +7,7 @@ import trimesh
 
 import palpate
 from palpate.core.archive import tree_to_bytes
-from palpate.core.geometry.self_intersections import SelfIntersection
+from palpate.core.geometry.nearest import SelfIntersection
 from palpate.core.poses import inverse_pose, transform_points
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.point_clouds import MeasuredContours

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from palpate.core.geometry.polygons import area_centroid
 from palpate.core.splines.closed_curves import fit_closed_curve
-from palpate.core.thesis.spline_methods import fit_closed_curve_thesis
+from palpate.core.thesis.layers import fit_closed_curve_thesis
 
 FINE = np.arange(4000) / 4000
 

@@ -8,12 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.core.splines.bases import (
-    Basis,
-    averaged_knots,
-    clamped_basis,
-    uniform_knots,
-)
+from palpate.core.splines.bases import Basis, averaged_knots, clamped_basis, uniform_knots
 from palpate.core.splines.inversion import (
     affine_fit,
     affine_image,
@@ -22,7 +17,7 @@ from palpate.core.splines.inversion import (
     regular_planes,
 )
 from palpate.core.splines.spline_volumes import Bases, Parallelepiped, SplineVolume
-from palpate.core.thesis.spline_methods import invert_thesis
+from palpate.core.thesis.layers import invert_thesis
 
 EPSILON = np.finfo(float).eps
 BASES: Bases = clamped_basis(5), clamped_basis(5), clamped_basis(27)

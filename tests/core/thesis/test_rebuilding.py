@@ -12,6 +12,7 @@ from palpate.core.splines.bases import clamped_basis, evaluate_grid
 from palpate.core.splines.inversion import invert_points
 from palpate.core.splines.lattices import fold_report
 from palpate.core.splines.spline_volumes import SplineVolume, upright_parallelepiped
+from palpate.core.thesis.layers import invert_thesis
 from palpate.core.thesis.rebuilding import (
     ModelTriples,
     interpolated_parameters,
@@ -23,7 +24,6 @@ from palpate.core.thesis.rebuilding import (
     stack_contours,
     triples_of,
 )
-from palpate.core.thesis.spline_methods import invert_thesis
 
 Vase = Callable[..., Floats]
 Figure = Callable[[str, int], Floats]

@@ -8,8 +8,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import solidity
-from palpate.core.geometry.nearest import nearest_points, nearest_search
-from palpate.core.geometry.self_intersections import self_intersection
+from palpate.core.geometry.nearest import nearest_points, nearest_search, self_intersection
 from palpate.core.rebuild.ends.closing import End
 from palpate.core.rebuild.ends.profiles import Conic, Flat, Profile, Superellipse
 from palpate.core.rebuild.surface.closed import Surface, close_surface
