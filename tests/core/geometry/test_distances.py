@@ -1,7 +1,10 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from palpate.core.geometry.distances import (
+    _best,
     align,
     compare_surfaces,
     prepare_surface,
@@ -252,3 +255,9 @@ def test_the_unit_does_not_matter(lopsided, unit):
 def test_points_that_cannot_be_laid_on_anything_are_refused(lopsided, points, words):
     with pytest.raises(ValueError, match=words):
         align(points, lopsided)
+
+
+def test_of_starts_that_came_to_one_turn_only_the_better_is_ended():
+    turns = rotations_from_vectors(np.array([[0, 0, 0], [0, 0, 0.01], [0, 0, 1.0]]))
+    rough = SimpleNamespace(parameters=np.zeros((3, 6)), cost=np.array([2.0, 1.0, 3.0]))
+    assert _best(SimpleNamespace(turns=turns), rough) == [1, 2]

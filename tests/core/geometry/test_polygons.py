@@ -364,3 +364,9 @@ def test_a_convex_polygon_is_seen_best_from_the_middle_of_its_largest_disc():
 def test_nothing_sees_both_arms_of_a_clamp_nor_a_single_place():
     assert kernel_point(MOUTH) is None
     assert kernel_point(np.ones((4, 2))) is None
+
+
+def test_the_circle_in_a_triangle_of_3_4_and_5_has_radius_1_to_eight_digits():
+    middle, radius = inscribed_circle(np.array([[0, 0], [4, 0], [0, 3.0]]))
+    assert radius == pytest.approx(1.0, rel=1e-8)
+    assert np.allclose(middle, [1.0, 1.0], rtol=0, atol=1e-8)

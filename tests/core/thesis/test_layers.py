@@ -12,6 +12,7 @@ from palpate.core.geometry.polygons import edge_distance, signed_area, turn_betw
 from palpate.core.splines.bases import clamped_basis
 from palpate.core.splines.curve_fits import closed_curve_points
 from palpate.core.splines.inversion import invert_points
+from palpate.core.splines.lattices import LatticeLayer, layered_lattice
 from palpate.core.splines.spline_volumes import Parallelepiped, SplineVolume
 from palpate.core.thesis.layers import (
     fit_closed_curve_thesis,
@@ -352,3 +353,14 @@ def test_the_thesis_gives_up_where_its_matrix_is_singular():
     assert not found.converged.any()
     assert np.isfinite(found.parameters).all()
     assert np.isfinite(found.residual).all()
+
+
+def test_where_a_lattice_stands_does_not_loosen_the_inversion():
+    box = np.array([[1e3, -0.05, -0.05], [1e3 + 0.1, 0.05, 0.05]])
+    turns = [LatticeLayer(turn=turn) for turn in (0.0, 0.2, 0.5, 0.6)]
+    lattice = layered_lattice(box - [1e3 + 0.05, 0, 0], turns)
+    far = SplineVolume(lattice.control + [1e3, 0.0, 0.0], lattice.volume.bases)
+    places = np.random.default_rng(0).uniform(0.2, 0.8, (20, 3))
+    found = invert_thesis(far, far.at(places))
+    assert found.converged.all()
+    assert found.residual.max() < 2e-7
