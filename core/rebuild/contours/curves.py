@@ -18,7 +18,6 @@ from palpate.core import splines
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.geometry import area_centroid, self_intersects, turn_between
 from palpate.core.rebuild.contours.contacts import into_frame
-from palpate.core.splines import ClosedCurve
 
 REACH = 4  # Points on either side; half of them may be wrong
 CLEARLY = 6.0  # Deviations from which on a point is away from the median of those beside it,
@@ -51,7 +50,7 @@ class ContourCurve:
 
     which: int  # Of the given contours
     height: float  # m
-    curve: ClosedCurve  # Through its points
+    curve: splines.ClosedCurve  # Through its points
     points: Floats  # (n, 2), those that the curve was made from, in its order, m
     as_given: Floats  # (n, 2), the same as they were given; outliers are mended in `points`, m
     outlier: Bools  # (n,): single points that are wrong: they are not used
@@ -265,7 +264,7 @@ def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:
     if fit.smoothing > 0.0:
         off = ring.points - splines.closed_curve_points(fit.control, fit.knots, fit.parameters)
         residual = float(np.sqrt((off**2).sum(axis=1).mean()))
-    curve = ClosedCurve(
+    curve = splines.ClosedCurve(
         control=ring.middle + ring.size * fit.control,
         knots=fit.knots,
         parameters=fit.parameters,
@@ -339,7 +338,7 @@ def drop_reasons(dropped: Sequence[DroppedContour]) -> str:
 class SliceCurve(NamedTuple):
     """A curve, and what it looks like."""
 
-    curve: ClosedCurve  # Through the points
+    curve: splines.ClosedCurve  # Through the points
     fine: Floats  # (FINE, 2), at even steps of its turn
     star: bool  # Each ray from the middle of its area meets it once
 
@@ -376,7 +375,7 @@ def chord_places(fine: Floats, turns: Floats) -> Floats:
     return np.asarray(begin + share * (end - begin))
 
 
-def curve_places(curves: Sequence[ClosedCurve], turns: Floats) -> Floats:
+def curve_places(curves: Sequence[splines.ClosedCurve], turns: Floats) -> Floats:
     """Points (M, k, 2) of M curves at turns (M, k); those of even steps, as most have, together."""
     even = [curve.smoothing == 0.0 and same_steps(curve.parameters) for curve in curves]
     found = np.empty((*turns.shape, 2))
@@ -389,7 +388,7 @@ def curve_places(curves: Sequence[ClosedCurve], turns: Floats) -> Floats:
     return found
 
 
-def _even_places(curves: Sequence[ClosedCurve], turns: Floats) -> Floats:
+def _even_places(curves: Sequence[splines.ClosedCurve], turns: Floats) -> Floats:
     counts = np.array([len(curve.control) for curve in curves])
     begin = (np.cumsum(counts) - counts)[:, None]
     control = np.concatenate([curve.control for curve in curves])

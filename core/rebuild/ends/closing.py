@@ -229,10 +229,10 @@ def choose_profile(
     dense: bool = False,
     beyond: EdgeSamples | None = None,
 ) -> tuple[ProfileKind, Profile, dict[ProfileKind, float]]:
-    """Family, profile and misses of an end whose outward coordinate, beyond the contours, is known.
+    """Family, profile and misses of an end at an outward coordinate, as of `free_pole`.
 
-    Misses are of the last contour's radius, by family, m; none of few contours. Parameters as of
-    `free_pole`; what was touched `beyond` dense contours has to be met as well.
+    Misses are of the last contour's radius, by family, m; none of few contours. What was touched
+    `beyond` dense contours has to be met as well.
     """
     families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
     profiles = {name: family(depths, radii, end) for name, family in families.items()}

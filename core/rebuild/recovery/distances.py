@@ -101,7 +101,8 @@ def _columns(
     bent = moved = straight = normal
     if unbent is not None:
         bent = turned(unbent, normal)
-        moved = unbend_rate(unbent, bent)
+        along = (unbent.cosine * bent[2] + unbent.sine * bent[0]) / unbent.stretch
+        moved = unbent.cosine * bent[0] - unbent.sine * bent[2], bent[1], along
         straight = turned_back(unbent, moved)
     first, unit = _gauge_slope(seen), untaper_rate(untapered, straight)
     second, by_e1, by_e2 = _gauge_curve(seen, parameters, unit)
@@ -215,13 +216,6 @@ def untaper_rate(at: Untapered, straight: Triple) -> Triple:
     x = straight[0] * at.scale[0] - at.place[0] * at.narrowing[0] * high
     y = straight[1] * at.scale[1] - at.place[1] * at.narrowing[1] * high
     return x, y, high
-
-
-def unbend_rate(at: Unbent, bent: Triple) -> Triple:
-    """How straight places change, from how bent ones do; both in the bend's axes."""
-    inwards, across, up = bent
-    along = (at.cosine * up + at.sine * inwards) / at.stretch
-    return at.cosine * inwards - at.sine * up, across, along
 
 
 def distances_alone(parameters: Floats, points: Floats, frames: Floats, warps: Warps) -> Floats:

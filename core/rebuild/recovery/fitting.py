@@ -146,19 +146,15 @@ def _refitted(
     for turn in range(REFITS):
         starts = fits.starts
         distances = np.abs(distances_alone(starts.parameters, points, starts.axes, warps)[0])
-        spread = noise or _spread(distances[inliers], warps.total)
+        kept = distances[inliers]
+        left = np.sqrt(len(kept) / max(len(kept) - warps.total, 1))
+        spread = noise or MAD_TO_SIGMA * float(np.median(kept)) * float(left)
         near = distances <= FAR * max(spread, LEAST_NOISE)
         if near.sum() <= warps.total or (turn > 0 and np.array_equal(near, inliers)):
             break
         inliers = near
         fits = _solved(points[inliers], starts, warps, linear_loss, NEXT_STEPS)[0]
     return inliers, fits
-
-
-def _spread(distances: Floats, fitted: int) -> float:
-    """Standard deviation of the points that a fit of some parameters left these distances."""
-    left = max(len(distances) - fitted, 1)
-    return MAD_TO_SIGMA * float(np.median(distances)) * float(np.sqrt(len(distances) / left))
 
 
 def search(points: Floats, warps: Warps, choice: Exponents | None) -> SearchResult:

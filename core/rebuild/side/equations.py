@@ -130,11 +130,6 @@ class SideSystem:
         return np.asarray(np.linalg.norm(half, axis=0))
 
     @property
-    def log_determinant(self) -> float:
-        """Natural logarithm of the system's determinant."""
-        return float(2.0 * np.log(self.factor[0]).sum())
-
-    @property
     def condition(self) -> float:
         """Condition number to 2 digits, by inverse iteration; more would depend on the machine."""
         vector = np.cos(np.arange(self.factor.shape[1], dtype=float) ** 2)

@@ -278,7 +278,8 @@ class RadialSpline:
         square = rows.target @ self.misfits()
         count, size = len(rows.target) - UNBENT, len(flat) - UNBENT
         bends = size * np.log(self.stiffness)
-        return float(count * np.log(square) + self.system.log_determinant - bends)
+        determinant = float(2.0 * np.log(self.system.factor[0]).sum())  # its logarithm
+        return float(count * np.log(square) + determinant - bends)
 
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
         """Standard deviation of the surface across its rings on a grid, (heights, turns), m.

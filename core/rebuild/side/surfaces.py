@@ -67,11 +67,7 @@ class ContourSurface:
         return np.clip(self.axial_parameter.of(heights), low, high)
 
     def places(self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Points (n, 3), m, at parameters along the axis and turns (n,), or derivatives by them.
-
-        Raises ValueError if a number is not finite, a parameter lies outside the domain, or a
-        derivative is negative.
-        """
+        """Points (n, 3), m, at parameters and turns (n,), or derivatives; errors as of `at`."""
         at = np.stack([parameters, np.mod(finite_array("turns", turns, (None,)), 1.0)], axis=-1)
         (plane,) = evaluate_scattered(self._bases, self._wound, at, [by])
         rise = self.axial_parameter.height(parameters, by[0]) if by[1] == 0 else np.zeros(len(at))

@@ -304,10 +304,7 @@ class Patch(Protocol):
     """A piece of a surface, from one ring to another."""
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
-        """Points (n, 3) at v and turns (n,), or derivatives of them by these, together up to 2.
-
-        v runs from 0 at its lower ring to 1 at its upper; turns counter-clockwise seen from above,
-        a whole one is 1.
+        """Points (n, 3) at v, upwards from 0 to 1, and turns (n,) counter-clockwise; derivatives.
         """
 
 

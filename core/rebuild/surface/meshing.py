@@ -71,7 +71,11 @@ def mesh_surface(surface: Surface, tolerance: float | None = None) -> SurfaceMes
             break
         rows, columns = _split(rows, short_rows), _split(columns, short_columns)
         _check_count(len(rows) * len(columns), wanted)
-    columns = _divisible(columns)
+    # The widest steps are split until rings can be halved often enough.
+    missing = -(len(columns) - 1) % (1 << HALVINGS)
+    widest = np.zeros(len(columns) - 1, bool)
+    widest[np.argsort(-np.diff(columns), kind="stable")[:missing]] = True
+    columns = _split(columns, widest)
     grid = surface.at(rows[1:-1, None], columns[None, :-1])
     levels = _levels(grid, (1.0 - GRID_SHARE) * wanted)
     sizes = (len(columns) - 1) >> levels
@@ -177,14 +181,6 @@ def _split(places: Floats, which: Bools) -> Floats:
     """Places with the middles of some steps put in."""
     middles = 0.5 * (places[1:] + places[:-1])[which]
     return np.sort(np.concatenate([places, middles]))
-
-
-def _divisible(columns: Floats) -> Floats:
-    """Columns with the widest steps split, until rings can be halved often enough."""
-    missing = -(len(columns) - 1) % (1 << HALVINGS)
-    which = np.zeros(len(columns) - 1, bool)
-    which[np.argsort(-np.diff(columns), kind="stable")[:missing]] = True
-    return _split(columns, which)
 
 
 def _levels(grid: Floats, tolerance: float) -> Ints:
