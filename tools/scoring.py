@@ -242,11 +242,12 @@ def _against_points(surface: PreparedSurface, points: Floats, aligned: bool) -> 
 
 def _alignment_figures(found: Alignment | None, pose: Floats | None) -> ScoreRecord:
     """What the alignment says; `pose` is the model's in the reference's frame."""
-    names = ("rms", "converged", "ambiguous")
     return {
         "aligned": found is not None,
         "pose": None if pose is None else [float(value) for value in pose],
-        **{f"alignment_{name}": getattr(found, name, None) for name in names},
+        "alignment_rms_m": None if found is None else found.rms,
+        "alignment_converged": None if found is None else found.converged,
+        "alignment_ambiguous": None if found is None else found.ambiguous,
     }
 
 

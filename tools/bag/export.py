@@ -58,8 +58,8 @@ def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
     table each name has its column. Truth is 1 or 0, and nothing is an empty cell.
     """
     surveys: dict[str, FieldSurvey] = {}
-    for said in source.published():
-        surveys.setdefault(said.topic, FieldSurvey(type(said.message))).add(said.message)
+    for decoded in source.published():
+        surveys.setdefault(decoded.topic, FieldSurvey(type(decoded.message))).add(decoded.message)
     surveys = dict(sorted(surveys.items()))
     names = {topic: f"{stem}.csv" for topic, stem in file_stems(surveys).items()}
     folder.mkdir()
@@ -70,10 +70,14 @@ def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
             file = files.enter_context(path.open("w", encoding="utf-8", newline=""))
             tables[topic] = csv.writer(file, lineterminator="\n")
             tables[topic].writerow(["seq", "sent_s", *_head(survey)])
-        for said in source.published():
-            whole, rest = divmod(said.sent_ns - source.first_ns, 1_000_000_000)
-            row = [said.seq, f"{whole}.{rest:09}", *_cells(surveys[said.topic], said.message)]
-            tables[said.topic].writerow(row)
+        for decoded in source.published():
+            whole, rest = divmod(decoded.sent_ns - source.first_ns, 1_000_000_000)
+            row = [
+                decoded.seq,
+                f"{whole}.{rest:09}",
+                *_cells(surveys[decoded.topic], decoded.message),
+            ]
+            tables[decoded.topic].writerow(row)
     units = {names[topic]: {"sent_s": "s", **units_of(one.cls)} for topic, one in surveys.items()}
     (folder / UNITS_FILE).write_text(json.dumps(units, indent=2) + "\n", encoding="utf-8")
     return (*names.values(), UNITS_FILE)
@@ -137,16 +141,16 @@ def write_npz(source: DecodedRecording, path: Path) -> int:
 
 
 def _topic_arrays(source: DecodedRecording, topic: str) -> dict[str, Values]:
-    said = list(source.published([topic]))
-    survey = FieldSurvey(type(said[0].message))
-    for one in said:
+    decoded = list(source.published([topic]))
+    survey = FieldSurvey(type(decoded[0].message))
+    for one in decoded:
         survey.add(one.message)
     found: dict[str, Values] = {
-        "seq": np.array([one.seq for one in said], np.int64),
-        "sent_s": 1e-9 * np.array([one.sent_ns - source.first_ns for one in said], np.float64),
+        "seq": np.array([one.seq for one in decoded], np.int64),
+        "sent_s": 1e-9 * np.array([one.sent_ns - source.first_ns for one in decoded], np.float64),
     }
     for field in survey.fields():
-        values = [getattr(one.message, field) for one in said]
+        values = [getattr(one.message, field) for one in decoded]
         found |= {field + end: array for end, array in _arrays(survey, field, values).items()}
     return found
 

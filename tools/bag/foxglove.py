@@ -59,18 +59,18 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
         writer = Writer(file, compression=CompressionType.LZ4)
         writer.start(library=f"palpate {__version__}")
         channels, views, count = _Channels(writer), FoxgloveConverter(), 0
-        for said in source.published(also=frozenset({SensorInfo.__name__})):
-            shown = views.of(said)
-            if said.topic not in source.topics:
+        for decoded in source.published(also=frozenset({SensorInfo.__name__})):
+            shown = views.of(decoded)
+            if decoded.topic not in source.topics:
                 continue
-            cls = type(said.message)
+            cls = type(decoded.message)
             if cls not in _INSTEAD:
-                whole = FoxgloveMessage(said.topic, cls.__name__, plain_json(said.message))
+                whole = FoxgloveMessage(decoded.topic, cls.__name__, plain_json(decoded.message))
                 shown = [whole, *shown]
             for view in shown:
                 data = json.dumps(view.content, allow_nan=False, ensure_ascii=False).encode()
-                time = said.sent_ns
-                writer.add_message(channels.of(view, cls), time, data, time, said.seq)
+                time = decoded.sent_ns
+                writer.add_message(channels.of(view, cls), time, data, time, decoded.seq)
             count += len(shown)
         writer.finish()  # type: ignore[no-untyped-call]
     return count
@@ -139,26 +139,26 @@ class FoxgloveConverter:
     def __init__(self) -> None:
         self._sensor: SensorInfo | None = None
 
-    def of(self, said: DecodedMessage) -> list[FoxgloveMessage]:
+    def of(self, decoded: DecodedMessage) -> list[FoxgloveMessage]:
         """What Foxglove shall draw of a message; nothing of most."""
-        match said.message:
+        match decoded.message:
             case SensorInfo() as info:
                 self._sensor = info
             case ShapeModel() | Truth() | LogRecord():
-                return [_INSTEAD[type(said.message)](said)]
+                return [_INSTEAD[type(decoded.message)](decoded)]
             case Contour():
-                return [_contour(said)]
+                return [_contour(decoded)]
             case SurfacePatch() as patch if self._sensor is not None:
                 grid = (self._sensor.rows, self._sensor.cols)
                 fits = patch.mask.shape == patch.height.shape == grid
-                return [_patch(said, self._sensor)] if fits else []
+                return [_patch(decoded, self._sensor)] if fits else []
             case TactileFrame():
-                return _finger(said)
+                return _finger(decoded)
         return []
 
 
-def _contour(said: DecodedMessage) -> FoxgloveMessage:
-    contour: Contour = said.message
+def _contour(decoded: DecodedMessage) -> FoxgloveMessage:
+    contour: Contour = decoded.message
     line = {
         "type": LINE_LOOP if contour.status == "closed" else LINE_STRIP,
         "pose": IDENTITY,
@@ -170,18 +170,18 @@ def _contour(said: DecodedMessage) -> FoxgloveMessage:
         "indices": [],
     }
     told = {"status": contour.status, "height_m": contour.height, "touches": contour.touches}
-    entity = _entity(said, f"contour {contour.id}", {"lines": [line]}, told)
-    return FoxgloveMessage(f"{said.topic}/lines", SCENE, {"deletions": [], "entities": [entity]})
+    entity = _entity(decoded, f"contour {contour.id}", {"lines": [line]}, told)
+    return FoxgloveMessage(f"{decoded.topic}/lines", SCENE, {"deletions": [], "entities": [entity]})
 
 
-def _patch(said: DecodedMessage, sensor: SensorInfo) -> FoxgloveMessage:
+def _patch(decoded: DecodedMessage, sensor: SensorInfo) -> FoxgloveMessage:
     """Touched taxels in the frame of the pad, whose pose the cloud carries."""
-    patch: SurfacePatch = said.message
+    patch: SurfacePatch = decoded.message
     x, y = pad_of_info(sensor).grid()
     cells = [x[patch.mask], y[patch.mask], patch.height[patch.mask]]
     data = np.column_stack(cells).astype("<f4").tobytes()
     content = {
-        "timestamp": foxglove_time(said.sent_ns),
+        "timestamp": foxglove_time(decoded.sent_ns),
         "frame_id": WORLD_FRAME,
         "pose": foxglove_pose(patch.pose),
         "point_stride": 12,
@@ -191,12 +191,12 @@ def _patch(said: DecodedMessage, sensor: SensorInfo) -> FoxgloveMessage:
         ],
         "data": base64.b64encode(data).decode(),
     }
-    return FoxgloveMessage(f"{said.topic}/points", "foxglove.PointCloud", content)
+    return FoxgloveMessage(f"{decoded.topic}/points", "foxglove.PointCloud", content)
 
 
-def _finger(said: DecodedMessage) -> list[FoxgloveMessage]:
-    frame: TactileFrame = said.message
-    time, pose = foxglove_time(said.sent_ns), foxglove_pose(frame.pose)
+def _finger(decoded: DecodedMessage) -> list[FoxgloveMessage]:
+    frame: TactileFrame = decoded.message
+    time, pose = foxglove_time(decoded.sent_ns), foxglove_pose(frame.pose)
     transform = {
         "timestamp": time,
         "parent_frame_id": WORLD_FRAME,
@@ -206,7 +206,7 @@ def _finger(said: DecodedMessage) -> list[FoxgloveMessage]:
     }
     placed = {"timestamp": time, "frame_id": WORLD_FRAME, "pose": pose}
     return [
-        FoxgloveMessage(f"{said.topic}/pose", "foxglove.PoseInFrame", placed),
+        FoxgloveMessage(f"{decoded.topic}/pose", "foxglove.PoseInFrame", placed),
         FoxgloveMessage(FRAMES_TOPIC, "foxglove.FrameTransforms", {"transforms": [transform]}),
     ]
 
@@ -224,32 +224,32 @@ def foxglove_time(ns: int) -> dict[str, int]:
     return {"sec": sec, "nsec": nsec}
 
 
-def _model(said: DecodedMessage) -> FoxgloveMessage:
-    model: ShapeModel = said.message
+def _model(decoded: DecodedMessage) -> FoxgloveMessage:
+    model: ShapeModel = decoded.message
     told = {
         "number": model.number,
         "touches": model.touches,
         "deviation_m": model.deviation,
         "final": str(model.final).lower(),
     }
-    return _mesh(said, model.vertices, model.faces, MODEL_COLOUR, told)
+    return _mesh(decoded, model.vertices, model.faces, MODEL_COLOUR, told)
 
 
-def _truth(said: DecodedMessage) -> FoxgloveMessage:
-    truth: Truth = said.message
-    return _mesh(said, truth.vertices, truth.faces, TRUTH_COLOUR, {"height_m": truth.height})
+def _truth(decoded: DecodedMessage) -> FoxgloveMessage:
+    truth: Truth = decoded.message
+    return _mesh(decoded, truth.vertices, truth.faces, TRUTH_COLOUR, {"height_m": truth.height})
 
 
 def _mesh(
-    said: DecodedMessage,
+    decoded: DecodedMessage,
     vertices: Floats,
     faces: np.ndarray[Any, Any],
     colour: Mapping[str, float],
     told: Mapping[str, object],
 ) -> FoxgloveMessage:
     if len(faces) == 0:  # nothing could be rebuilt: what was there before must go
-        gone = {"timestamp": foxglove_time(said.sent_ns), "type": ALL, "id": ""}
-        return FoxgloveMessage(said.topic, SCENE, {"deletions": [gone], "entities": []})
+        gone = {"timestamp": foxglove_time(decoded.sent_ns), "type": ALL, "id": ""}
+        return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [gone], "entities": []})
     triangles = {
         "pose": IDENTITY,
         "points": _points(vertices),
@@ -257,8 +257,8 @@ def _mesh(
         "colors": [],
         "indices": faces.ravel().tolist(),
     }
-    entity = _entity(said, said.topic, {"triangles": [triangles]}, told)
-    return FoxgloveMessage(said.topic, SCENE, {"deletions": [], "entities": [entity]})
+    entity = _entity(decoded, decoded.topic, {"triangles": [triangles]}, told)
+    return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [], "entities": [entity]})
 
 
 def _points(points: Floats) -> list[dict[str, float]]:
@@ -266,10 +266,10 @@ def _points(points: Floats) -> list[dict[str, float]]:
 
 
 def _entity(
-    said: DecodedMessage, name: str, primitives: Mapping[str, object], told: Mapping[str, object]
+    decoded: DecodedMessage, name: str, primitives: Mapping[str, object], told: Mapping[str, object]
 ) -> dict[str, Any]:
     return {
-        "timestamp": foxglove_time(said.sent_ns),
+        "timestamp": foxglove_time(decoded.sent_ns),
         "frame_id": WORLD_FRAME,
         "id": name,
         "lifetime": {"sec": 0, "nsec": 0},
@@ -279,17 +279,17 @@ def _entity(
     }
 
 
-def _log(said: DecodedMessage) -> FoxgloveMessage:
-    record: LogRecord = said.message
+def _log(decoded: DecodedMessage) -> FoxgloveMessage:
+    record: LogRecord = decoded.message
     content = {
-        "timestamp": foxglove_time(said.sent_ns),
+        "timestamp": foxglove_time(decoded.sent_ns),
         "level": LEVELS[record.level],
         "message": record.text,
         "name": record.node,
         "file": "",
         "line": 0,
     }
-    return FoxgloveMessage(said.topic, "foxglove.Log", content)
+    return FoxgloveMessage(decoded.topic, "foxglove.Log", content)
 
 
 _INSTEAD: Mapping[type, Callable[[DecodedMessage], FoxgloveMessage]] = {

@@ -139,10 +139,10 @@ def _epochs(events: Iterable[Event]) -> Iterator[Violation]:
 
 def _at_one_time(events: Iterable[Event]) -> Iterator[Violation]:
     """No publisher sends two different messages at one and the same time."""
-    said: dict[tuple[str, int], tuple[str, int]] = {}
+    found: dict[tuple[str, int], tuple[str, int]] = {}
     for event in events:
         name = event.topic, event.seq
-        before = said.setdefault((event.publisher, event.sent_ns), name)
+        before = found.setdefault((event.publisher, event.sent_ns), name)
         if before != name:
             text = f"{event.topic} {event.seq} was sent at the time of {before[0]} {before[1]}"
             yield Violation("order", text)
@@ -154,8 +154,11 @@ def digests(history: History) -> dict[str, tuple[int, str]]:
     for event in history.events:
         topics.setdefault(event.topic, {}).setdefault(event.seq, event.body)
     return {
-        topic: (len(said), hashlib.sha256(b"".join(said[seq] for seq in sorted(said))).hexdigest())
-        for topic, said in topics.items()
+        topic: (
+            len(found),
+            hashlib.sha256(b"".join(found[seq] for seq in sorted(found))).hexdigest(),
+        )
+        for topic, found in topics.items()
     }
 
 
@@ -172,7 +175,7 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
 
     Without an end (`whole` false) a cause may just have had no time to be recorded.
     """
-    first = _first_said(history)
+    first = _first_sent(history)
     for event in history.events:
         space, topic = _split(event.topic)
         answer = ANSWERS.get(topic)
@@ -194,7 +197,7 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
             yield Violation("cause", text)
 
 
-def _first_said(history: History) -> dict[Key, int]:
+def _first_sent(history: History) -> dict[Key, int]:
     """Time at which each message that may be answered was first sent, ns."""
     wanted: dict[str, set[tuple[str, ...]]] = {}
     for answer in ANSWERS.values():

@@ -66,7 +66,7 @@ def read(params: Params) -> Iterator[Timed | Finished | None]:
         # With hardware: due 0.0, for it is time to say what has come; and the time that it gives.
         yield Timed(time, "/touch/raw", tactile_frame(params, touch, time, pose, image))
         touch += 1
-    yield Finished(f"felt {touch} frames")
+    yield Finished(f"published {touch} frames")
 
 
 # repeats: whether it says the same when it is started again. With hardware: False.
