@@ -304,8 +304,7 @@ class Patch(Protocol):
     """A piece of a surface, from one ring to another."""
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
-        """Points (n, 3) at v, upwards from 0 to 1, and turns (n,) counter-clockwise; derivatives.
-        """
+        """Points (n, 3) at v, upwards from 0 to 1, and turns (n,), or derivatives by them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
