@@ -66,7 +66,6 @@ def _opposite_edges(rows: Indices, count: int) -> tuple[Indices, Indices] | None
 
 
 def _components(rows: Indices, count: int) -> int:
-    """Groups of faces that share edges, however they pass them."""
     start, end = rows.ravel(), np.roll(rows, -1, axis=1).ravel()
     key = np.minimum(start, end) * count + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
@@ -184,7 +183,6 @@ def join_rings(sizes: Ints) -> Ints:
 
 
 def _strip(low: int, below: int, high: int, above: int) -> Ints:
-    """Faces between the ring that begins at `low` and the one over it."""
     if below == above:
         (a, b), (d, c) = _ring(low, below), _ring(high, above)
         halves = [np.column_stack([a, b, c]), np.column_stack([a, c, d])]

@@ -93,7 +93,6 @@ def cut_long_triangles(corners: Floats) -> tuple[Floats, Indices]:
 
 
 def _halves(corners: Floats) -> Floats:
-    """Both halves of triangles (m, 3, 3), cut from the longest edge to the corner opposite."""
     order = (_longest(corners)[1][:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners, order[:, :, None], axis=1), 1, 0)
     middle = 0.5 * (a + b)

@@ -83,7 +83,6 @@ def _polish(polygon: Floats, circle: Circle, step: float) -> Circle:
 
 
 def _depth(polygon: Floats, points: Floats) -> Floats:
-    """Distance (k,) to the edges, negative outside."""
     parts = np.split(points, range(CELLS_AT_ONCE, len(points), CELLS_AT_ONCE))
     signs = [np.where(winding_number(polygon, part) != 0, 1.0, -1.0) for part in parts]
     distances = [edge_distance(polygon, part) for part in parts]

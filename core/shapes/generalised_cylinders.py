@@ -143,7 +143,6 @@ class GeneralisedCylinder(ImplicitShape):
         return places, towards, starts, ends
 
     def _below(self, places: Floats, towards: Floats) -> MinorantFunction:
-        """Bounds from below of G - r along rays."""
         hollow = self._section.traits.hollow
         # How fast rays go around the axis: distance times speed across the radius.
         across = places[0] * towards[1] - places[1] * towards[0]
@@ -163,7 +162,6 @@ class GeneralisedCylinder(ImplicitShape):
         return floor
 
     def _above(self, places: Floats, towards: Floats) -> MinorantFunction:
-        """Bounds from below of r - G along rays."""
         traits, speed = self._section.traits, float(np.hypot(*towards[:2]))
 
         def floor(travelled: Floats, lengths: Floats, which: Ints) -> Minorant:
@@ -283,7 +281,6 @@ def _profile(scale: PiecewiseCubic, rings: int, on_cap: int) -> tuple[Floats, Fl
 
 
 def _faces(rings: int, around: int) -> Ints:
-    """Triangles of rings, then two poles; counter-clockwise seen from outside."""
     here = np.arange(around)
     after = (here + 1) % around
     low, high = rings * around, rings * around + 1

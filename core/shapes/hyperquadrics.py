@@ -215,7 +215,6 @@ def line_above(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> L
 
 
 def _chord(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> Floats:
-    """Mean slope of the powers over lengths."""
     rise = powers(h + rate * lengths, exponents) - powers(h, exponents)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         return np.where(lengths > 0.0, rise / lengths, power_slopes(h, rate, exponents))

@@ -151,7 +151,6 @@ def first_roots(
 
 
 def _across(gap: RayGap, before: Floats, after: Floats) -> Floats:
-    """Places after a step, at the gap's end where the step begins or ends in it or passes it."""
     begin, end = gap
     return np.where((before < end) & (after > begin), end, after)
 

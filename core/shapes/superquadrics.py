@@ -324,7 +324,6 @@ def regular_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> Sur
 
 
 def _cosines(eta: ArrayLike, omega: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
-    """Cosine and sine of both angles; those of a pole and of the seam exactly 0."""
     first = finite_array("eta", eta, (None,))
     second = finite_array("omega", omega, (len(first),))
     return _exact(np.cos(first)), np.sin(first), _exact(np.cos(second)), _exact(np.sin(second))

@@ -103,7 +103,6 @@ class ClosedCurve:
         return float(np.linalg.norm(last - first))
 
     def _nodes(self) -> tuple[Floats, Floats]:
-        """Places and weights of Gauss's rule in each knot interval; exact to degree 9."""
         breaks = self.knots[CUBIC:-CUBIC]
         half = 0.5 * np.diff(breaks)
         turns = (breaks[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES

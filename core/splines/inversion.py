@@ -198,7 +198,6 @@ def _taylor(basis: Basis, coefficients: Floats, breaks: Floats) -> Floats:
 
 
 def _horner(pieces: Floats, place: Floats) -> tuple[Floats, Floats]:
-    """Values and slopes of polynomials, a column each, lowest power first."""
     value, slope = pieces[-1].copy(), np.zeros_like(place)
     for power in pieces[-2::-1]:
         slope = slope * place + value
@@ -300,7 +299,6 @@ def _of_size(volume: SplineVolume, share: float, roundings: int) -> float:
 
 
 def _near_samples(volume: SplineVolume, points: Floats) -> Floats:
-    """Parameters (n, STARTS, 3) of the samples nearest to points, the nearest first."""
     from scipy.spatial import cKDTree
 
     axis = np.linspace(0.0, 1.0, START_SAMPLES)

@@ -251,7 +251,6 @@ def subdivide(pieces: BernsteinPieces) -> BernsteinPieces:
 
 @cache
 def _halves(degree: int) -> tuple[Floats, Floats]:
-    """Coefficients of the left and of the right half, from those of the whole."""
     rows = [[comb(i, j) / 2.0**i for j in range(degree + 1)] for i in range(degree + 1)]
     left = np.array(rows, dtype=np.float64)
     return left, left[::-1, ::-1]

@@ -224,7 +224,6 @@ def level_points(model: Superquadric, heights: Floats, azimuths: Floats) -> Floa
 
 
 def _cores(layers: list[ThesisLayer]) -> tuple[Floats, Bools, Ints, Floats]:
-    """Scales of the cores, which are moved, points outside the shell; gaps."""
     outside = []
     for layer in layers:
         cells = rim_cells((layer.control.shape[0], layer.control.shape[1]))
