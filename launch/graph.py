@@ -71,7 +71,7 @@ class Graph:
                 on_exit=one.entry.on_exit,
                 handler_timeout=one.node.handler_timeout,
                 persistent=is_persistent(one.node),
-                listeners={
+                subscribers={
                     topic: tuple(
                         name for name, its in inputs.items() if any(x.topic == topic for x in its)
                     )
@@ -90,8 +90,8 @@ class Graph:
         types = self.topics()
         rows = [("topic", "type", "from", "to")]
         for wiring in self.wirings():
-            for topic, listeners in wiring.listeners.items():
-                rows.append((topic, types[topic].__name__, wiring.name, ", ".join(listeners)))
+            for topic, subscribers in wiring.subscribers.items():
+                rows.append((topic, types[topic].__name__, wiring.name, ", ".join(subscribers)))
         return "\n".join((*text_table(rows), f"ends with the Finished of {self.ends}"))
 
     def _check_ends(self, placed: Iterable[ResolvedNode]) -> None:

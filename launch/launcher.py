@@ -85,7 +85,7 @@ def launch(
             ForkServer([wiring.module for wiring in wirings]) as server,
         ):
             hosts = ProcessHosts(server, remote.nodes)
-            complete = _with_listeners(wirings, watch)
+            complete = _with_subscribers(wirings, watch)
             if before is not None:
                 before.lay(complete, place)
             announce(folder, _card(wirings, place, name, ends, run_dir))
@@ -154,13 +154,13 @@ def _sources(wirings: Sequence[Wiring], watch: Sequence[str]) -> dict[str, list[
     return sources
 
 
-def _with_listeners(wirings: Sequence[Wiring], watch: Sequence[str]) -> list[Wiring]:
+def _with_subscribers(wirings: Sequence[Wiring], watch: Sequence[str]) -> list[Wiring]:
     """The wirings, each with all subscribers of its topics."""
-    listeners: dict[str, list[str]] = {topic: [LAUNCHER] for topic in watch}
+    subscribers: dict[str, list[str]] = {topic: [LAUNCHER] for topic in watch}
     for wiring in wirings:
         for one in wiring.inputs:
-            listeners.setdefault(one.topic, []).append(wiring.name)
+            subscribers.setdefault(one.topic, []).append(wiring.name)
     return [
-        replace(one, listeners={t: tuple(listeners.get(t, ())) for t in one.outputs.values()})
+        replace(one, subscribers={t: tuple(subscribers.get(t, ())) for t in one.outputs.values()})
         for one in wirings
     ]

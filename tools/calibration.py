@@ -160,8 +160,8 @@ class _Finger:
         known = _ideal_compression(shape, pad, touch.believed)
         if self._face.kind != "springs":
             # It is touched by less of the shape than that would cut through it.
-            listener = replace(self.pad, face=self._face)
-            loaded = contact_mask(listener, read, CONTACT, self._pipeline.noise)
+            subscriber = replace(self.pad, face=self._face)
+            loaded = contact_mask(subscriber, read, CONTACT, self._pipeline.noise)
             known = np.where(loaded, known, 0.0)
         return KnownPress(touch.believed, read, known)
 

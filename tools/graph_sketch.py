@@ -79,7 +79,7 @@ def sketch_of(graph: Graph) -> Sketch:
             for local, topic in wiring.outputs.items():
                 alike.setdefault(local, []).append((wiring, topic))
         for local, topics in alike.items():
-            edges = [(wiring.name, topic, wiring.listeners[topic]) for wiring, topic in topics]
+            edges = [(wiring.name, topic, wiring.subscribers[topic]) for wiring, topic in topics]
             single = len(edges) == 1
             wire = Wire(
                 source=source,

@@ -21,7 +21,7 @@ from typing import Any
 import zmq
 
 from palpate.bench.bus.cost import finished, ring_seconds, spawned
-from palpate.bench.bus.stalling_node import SOURCE, TOPIC, StallingParams, listener
+from palpate.bench.bus.stalling_node import SOURCE, TOPIC, StallingParams, subscriber
 from palpate.bench.bus.toy_node import ToyParams, frame, token_ring, toy
 from palpate.bench.table import Row, SilentWatcher, at_least, in_turns
 from palpate.launch import EXPLORE, SilentDisplay, find_scene, launch, perform, plan_run
@@ -34,7 +34,7 @@ from palpate.nodes.runtime import Input, Wiring, with_description
 from palpate.tools.chaos import FloodParams
 
 MESSAGES, QUICK = 1_000_000, 20_000
-STALLS, LONGEST = 3, 2.0  # A listener stands still so often, for so many s at most
+STALLS, LONGEST = 3, 2.0  # A subscriber stands still so often, for so many s at most
 RING_LAPS, RECORDER_TURNS = 3000, 5
 _PATIENCE = 60.0
 _DEADLINE_MS = 10_000
@@ -59,25 +59,25 @@ def reliability_rows(quick: bool) -> Iterator[Row]:
 
 
 def _disturbed(number: int, rng: random.Random) -> tuple[int, int]:
-    """Messages that were lost or came out of turn among three listeners, and restarts."""
+    """Messages that were lost or came out of turn among three subscribers, and restarts."""
     source = Wiring(
         name=SOURCE,
         module="palpate.tools.chaos.fault_injection",
         params=FloodParams(messages=number),
         inputs=(),
         outputs={TOPIC: TOPIC},
-        listeners={},
+        subscribers={},
     )
     first = number // 20
-    listeners = [
-        listener("stalls", StallingParams(expects=number, stalls=_stalls(rng, number))),
-        listener("late", StallingParams(expects=number, late=rng.uniform(0.0, 1.0))),
-        listener("dies", StallingParams(expects=number, stalls=((2 * first, 1.0),))),
+    subscribers = [
+        subscriber("stalls", StallingParams(expects=number, stalls=_stalls(rng, number))),
+        subscriber("late", StallingParams(expects=number, late=rng.uniform(0.0, 1.0))),
+        subscriber("dies", StallingParams(expects=number, stalls=((2 * first, 1.0),))),
     ]
-    graph = [source, *listeners]
+    graph = [source, *subscribers]
     watcher = _Killer("dies", first)
     ending = finished(launch(graph, ends="dies", watch=(), watcher=watcher), "the graph")
-    counts = [ending.statuses[one.name].messages for one in listeners]
+    counts = [ending.statuses[one.name].messages for one in subscribers]
     wrong = sum(number - one for one in counts) + ending.gaps
     if ending.reason != f"{number} received, 0 missing, 0 out of turn":
         wrong += 1
@@ -89,7 +89,7 @@ def _stalls(rng: random.Random, number: int) -> tuple[tuple[int, float], ...]:
 
 
 def lost_over_plain(number: int, stalls: tuple[tuple[int, float], ...]) -> int:
-    """Messages that are lost between a plain PUB socket and a listener that stalls."""
+    """Messages that are lost between a plain PUB socket and a subscriber that stalls."""
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder, zmq.Context() as context:
         endpoint = f"ipc://{Path(folder) / 'plain'}"
         with context.socket(zmq.PUB) as socket:
@@ -124,7 +124,7 @@ def _publish(socket: zmq.Socket[bytes], line: Connection, number: int) -> int:
         while not line.poll(0.01):
             socket.send(word)
             if time.monotonic() > until:
-                raise RuntimeError(f"the listener of the plain socket did not come {what}")
+                raise RuntimeError(f"the subscriber of the plain socket did not come {what}")
         return line.recv()
 
     repeat(b"?", deadline, "up")  # until a first message has arrived, nothing counts
@@ -147,7 +147,7 @@ def _ring(laps: int, recorded: bool) -> float:
             params=recorder.Params(path=str(Path(folder) / "topics.mcap")),
             inputs=tuple(Input(name, f"/{name}", f"/{name}", "TactileFrame") for name in names),
             outputs={},
-            listeners={},
+            subscribers={},
         )
         return ring_seconds(list(with_description([*graph, kept], {})))
 
@@ -244,7 +244,7 @@ def _late_joiner(rng: random.Random) -> int:
             name="source",
             run=1,
             epoch=0,
-            listeners={"/world": ("late",)},
+            subscribers={"/world": ("late",)},
             depth=2,
             drain=lambda: None,
             past=MessageLog(Path(folder) / "past", ["/world"]),
@@ -277,7 +277,7 @@ def _late_joiner(rng: random.Random) -> int:
 # Tests of loss; each makes its own choices with a generator, and returns what was lost.
 LOSS_TRIALS: Mapping[str, Callable[[random.Random], int]] = {
     "random starts within 0.2 s": _random_starts,
-    "slow listener, queue of 2": _slow_subscriber,
+    "slow subscriber, queue of 2": _slow_subscriber,
     "end with a full queue of 1": _last_message,
     "late joiner": _late_joiner,
 }

@@ -16,7 +16,7 @@ SOURCE, TOPIC = "source", "/flood"
 
 
 class StallingParams(msgspec.Struct, frozen=True, kw_only=True):
-    """What a listener does."""
+    """What a subscriber does."""
 
     expects: int  # Messages that will be published, numbered by their times in ms
     # Messages at which it stands still, and for how long, s.
@@ -66,14 +66,14 @@ NODE = Node(
 )
 
 
-def listener(name: str, params: StallingParams) -> Wiring:
-    """Wiring of a listener to the flood."""
+def subscriber(name: str, params: StallingParams) -> Wiring:
+    """Wiring of a subscriber to the flood."""
     return Wiring(
         name=name,
         module=MODULE,
         params=params,
         inputs=(Input(SOURCE, TOPIC, "/in", "Clock"),),
         outputs={},
-        listeners={},
+        subscribers={},
         handler_timeout=NODE.handler_timeout,
     )

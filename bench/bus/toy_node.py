@@ -70,7 +70,7 @@ def toy(
         params=params,
         inputs=inputs,
         outputs=outputs,
-        listeners={f"/{name}": subscribers},
+        subscribers={f"/{name}": subscribers},
         types=dict.fromkeys(outputs.values(), "TactileFrame"),
     )
 

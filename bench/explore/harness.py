@@ -221,11 +221,11 @@ class InProcessLoop:
 
     def __init__(self, nodes: Sequence[LoopNode]) -> None:
         self._nodes = tuple(nodes)
-        listeners = defaultdict[tuple[int, str], list[int]](list)
+        subscribers = defaultdict[tuple[int, str], list[int]](list)
         for i, one in enumerate(nodes):
             for edge in product((ALL_FINGERS, one.finger), one.node.inputs):
-                listeners[edge].append(i)
-        self._queue = MessageQueue(listeners)
+                subscribers[edge].append(i)
+        self._queue = MessageQueue(subscribers)
         started = [one.node.start(one.params) for one in nodes]
         self._states: list[Any] = [state for state, _ in started]
         self._last: dict[str, Any] = {}

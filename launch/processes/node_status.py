@@ -92,9 +92,9 @@ def _log_record(node: str, level: str, text: str) -> LogRecord:
 
 
 class Edge(NamedTuple):
-    """One listener of one topic."""
+    """One subscriber of one topic."""
 
-    listener: str
+    subscriber: str
     publisher: str
     topic: str
 
@@ -131,7 +131,7 @@ class TerminationDetector:
         """Count somebody no more, who has died and is done without."""
         self._names = tuple(one for one in self._names if one != name)
         self._edges = tuple(
-            edge for edge in self._edges if name not in (edge.listener, edge.publisher)
+            edge for edge in self._edges if name not in (edge.subscriber, edge.publisher)
         )
         self.forget()
 
@@ -182,12 +182,12 @@ class TerminationDetector:
             if count.waits
         ]
         missing = [
-            f"{edge.listener} has consumed {consumed} of {sent} on {edge.topic} "
+            f"{edge.subscriber} has consumed {consumed} of {sent} on {edge.topic} "
             f"from {edge.publisher}"
             for edge, sent, consumed in self.unconsumed()
         ]
         silent = [
-            f"{edge.listener} has received nothing on {edge.topic} ({edge.publisher})"
+            f"{edge.subscriber} has received nothing on {edge.topic} ({edge.publisher})"
             for edge, sent, _ in self._traffic()
             if sent == 0
         ]
@@ -197,9 +197,9 @@ class TerminationDetector:
         counts = self._last or {}
         entries = []
         for edge in self._edges:
-            if edge.publisher in counts and edge.listener in counts:
+            if edge.publisher in counts and edge.subscriber in counts:
                 sent = counts[edge.publisher].sent.get(edge.topic, 0)
-                consumed = counts[edge.listener].consumed.get((edge.publisher, edge.topic), 0)
+                consumed = counts[edge.subscriber].consumed.get((edge.publisher, edge.topic), 0)
                 entries.append((edge, sent, consumed))
         return entries
 

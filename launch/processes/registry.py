@@ -59,7 +59,7 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
         """Topic to the node that publishes it."""
         return {topic: one.name for one in self.nodes for topic in one.outputs.values()}
 
-    def listeners(self, topic: str) -> tuple[str, ...]:
+    def subscribers(self, topic: str) -> tuple[str, ...]:
         """The nodes that subscribe to a topic."""
         return tuple(one.name for one in self.nodes for x in one.inputs if x.topic == topic)
 
@@ -261,7 +261,7 @@ class EarlierRun:
     times: Mapping[str, Sequence[tuple[str, int]]]
 
     def lay(self, wirings: Sequence[Wiring], place: Addresses) -> None:
-        """Write the journals and message logs that the nodes, with their listeners, will find."""
+        """Write the journals and message logs that the nodes, with their subscribers, will find."""
         sent_ns = [one.sent_ns for messages in self.published.values() for one in messages]
         sent_ns += [when for times in self.times.values() for _, when in times]
         later_ns = time.monotonic_ns() - max(sent_ns, default=0)
@@ -277,7 +277,7 @@ class EarlierRun:
         with closing(Journal(Path(place.journals[wiring.name]), edges)) as journal:
             for one in self.consumed.get(wiring.name, ()):
                 journal.note(*one)
-        topics = [topic for topic in wiring.outputs.values() if wiring.listeners.get(topic)]
+        topics = [topic for topic in wiring.outputs.values() if wiring.subscribers.get(topic)]
         with closing(SendTimes(Path(place.times[wiring.name]), wiring.name, topics)) as times:
             for topic, sent_ns in self.times.get(wiring.name, ()):
                 times.note(topic, sent_ns + later_ns)

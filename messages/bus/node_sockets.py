@@ -124,7 +124,7 @@ class NodeSockets:
         persistent: bool = False,  # Whether what it publishes is kept beyond the node's death
     ) -> None:
         run, epoch, depth = place.run, place.epoch, place.depth
-        wanted = [topic for topic, listeners in publications.items() if listeners]
+        wanted = [topic for topic, subscribers in publications.items() if subscribers]
         past = MessageLog(
             Path(place.pasts[name]),
             wanted,
@@ -157,7 +157,7 @@ class NodeSockets:
                 name=name,
                 run=run,
                 epoch=epoch,
-                listeners=publications,
+                subscribers=publications,
                 depth=depth,
                 drain=self._drain,
                 past=past,

@@ -48,7 +48,7 @@ class Publisher:
         run: int,
         epoch: int,
         # Every topic, with the names of its known subscribers
-        listeners: Mapping[str, tuple[str, ...]],
+        subscribers: Mapping[str, tuple[str, ...]],
         depth: int,  # Most messages in the queue to one subscriber
         # Takes in what has arrived, waiting for a moment; called while a queue is full
         drain: Callable[[], None],
@@ -63,7 +63,7 @@ class Publisher:
         self.blocked = 0  # How often a queue was full
         # Time of the latest message sent or received, ns: the next one is sent later
         self.latest_ns = past.latest_ns
-        self._listeners = dict(listeners)
+        self._subscribers = dict(subscribers)
         self._past, self._times = past, times
         self._drain, self._patience, self._ahead_ns = drain, patience, ahead_ns
         self._lacks: dict[tuple[bytes, str], int] | None = {} if again else None
@@ -170,7 +170,7 @@ class Publisher:
             return
         # A subscriber that reconnects says its old cursors again; those of an earlier start
         # of this node carry that start's epoch.
-        if request.epoch != self.epoch or request.topic not in self._listeners:
+        if request.epoch != self.epoch or request.topic not in self._subscribers:
             return
         for frame in self._past.since(request.topic, request.wanted):
             self._put(resent_frame(request.call, frame), request.topic)
@@ -199,7 +199,7 @@ class Publisher:
             except zmq.Again:
                 continue
             return
-        blockers = " or ".join(self._listeners.get(topic, ())) or "a subscriber"
+        blockers = " or ".join(self._subscribers.get(topic, ())) or "a subscriber"
         raise BlockedError(
             f"{self.name} could not send {topic} for {self._patience:g} s: "
             f"{blockers} does not take its messages"

@@ -28,33 +28,33 @@ from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
 TopicT = TypeVar("TopicT")
-ListenerT = TypeVar("ListenerT")
+SubscriberT = TypeVar("SubscriberT")
 
 
-class MessageQueue(Generic[TopicT, ListenerT]):
-    """What is under way in one process: each edge, a topic to a listener, first in, first out.
+class MessageQueue(Generic[TopicT, SubscriberT]):
+    """What is under way in one process: each edge, a topic to a subscriber, first in, first out.
 
     Which edge comes next is the order of sending, or drawn.
     """
 
     def __init__(
         self,
-        listeners: Mapping[TopicT, Sequence[ListenerT]],
+        subscribers: Mapping[TopicT, Sequence[SubscriberT]],
         draw: random.Random | None = None,
     ) -> None:
-        self._listeners, self._draw = listeners, draw
-        self._edges: dict[tuple[TopicT, ListenerT], deque[Any]] = {}
-        self._order: deque[tuple[TopicT, ListenerT]] = deque()
+        self._subscribers, self._draw = subscribers, draw
+        self._edges: dict[tuple[TopicT, SubscriberT], deque[Any]] = {}
+        self._order: deque[tuple[TopicT, SubscriberT]] = deque()
 
     def put(self, topic: TopicT, message: Any) -> None:
         """Send a message to all who listen."""
-        for listener in self._listeners.get(topic, ()):
-            self._edges.setdefault((topic, listener), deque()).append(message)
+        for subscriber in self._subscribers.get(topic, ()):
+            self._edges.setdefault((topic, subscriber), deque()).append(message)
             if self._draw is None:
-                self._order.append((topic, listener))
+                self._order.append((topic, subscriber))
 
-    def take(self) -> tuple[TopicT, ListenerT, Any] | None:
-        """Topic, listener and message of what is handed over next; None when all is quiet."""
+    def take(self) -> tuple[TopicT, SubscriberT, Any] | None:
+        """Topic, subscriber and message of what is handed over next; None when all is quiet."""
         if not self._edges:
             return None
         edge = self._order.popleft() if self._draw is None else self._draw.choice([*self._edges])
@@ -115,12 +115,12 @@ class Composition:
         self.doing = "starting"  # What was last begun, in words
         self._wirings = {wiring.name: wiring for wiring in wirings}
         self._types: dict[str, type] = {}
-        listeners: dict[str, list[str]] = {}
+        subscribers: dict[str, list[str]] = {}
         for wiring in wirings:
             for one in wiring.inputs:
-                listeners.setdefault(one.topic, []).append(wiring.name)
+                subscribers.setdefault(one.topic, []).append(wiring.name)
         draw = None if schedule is None else random.Random(schedule)
-        self._queue = MessageQueue(listeners, draw)
+        self._queue = MessageQueue(subscribers, draw)
         self._watch, self._watcher = set(watch), watcher
         self._sent: dict[str, dict[str, int]] = {name: {} for name in self._wirings}
         self._next_tick = time.monotonic() + TICK_PERIOD

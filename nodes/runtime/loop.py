@@ -103,7 +103,9 @@ def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
         wiring.name,
         place,
         subscriptions=subscriptions,
-        publications={topic: wiring.listeners.get(topic, ()) for topic in wiring.outputs.values()},
+        publications={
+            topic: wiring.subscribers.get(topic, ()) for topic in wiring.outputs.values()
+        },
         persistent=wiring.persistent,
     )
     loop = NodeLoop(wiring.name, station, going=place.going)

@@ -167,7 +167,7 @@ class Wiring:
     params: Any  # Parameters: an instance of the node's own type
     inputs: tuple[Input, ...]  # What it subscribes to
     outputs: Mapping[str, str]  # The topic as the node calls it, to the topic on the wire
-    listeners: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of its subscribers
+    subscribers: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of its subscribers
     # Topic on the wire to the name of its message type.
     types: Mapping[str, str] = field(default_factory=dict)
     host: str = ""  # Address of the machine on which it runs; empty for the launcher's
@@ -185,7 +185,7 @@ def lone_wiring(
     """The wiring of a node by itself, whose topics on the wire are called as it calls them."""
     outputs = {topic: topic for topic in topics}
     return Wiring(
-        name=name, module="", params=params, inputs=tuple(inputs), outputs=outputs, listeners={}
+        name=name, module="", params=params, inputs=tuple(inputs), outputs=outputs, subscribers={}
     )
 
 
@@ -230,7 +230,7 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
             text = f"the recorded parameters of {self.name} do not fit: {error}"
             raise ValueError(text) from None
         rest = {name: getattr(self, name) for name in RECORDED if name != "params"}
-        return Wiring(params=value, listeners={}, **rest)
+        return Wiring(params=value, subscribers={}, **rest)
 
 
 RECORDED = RecordedNode.__struct_fields__

@@ -57,7 +57,7 @@ class PadSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class CalibrationSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a calibration found; without one, the listener trusts the data sheet."""
+    """What a calibration found; without one, the subscriber trusts the data sheet."""
 
     # Factor that corrects each taxel, rows of columns; 0 for a taxel not to be trusted.
     gain: tuple[tuple[Gain, ...], ...]

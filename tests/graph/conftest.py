@@ -48,7 +48,7 @@ class Toys:
             params={"how": how},
             inputs=(Input(upstream, f"/{upstream}", "/in", "TactileFrame"),),
             outputs={"/out": "/broken"},
-            listeners={},
+            subscribers={},
             on_exit="stop",
         )
 
@@ -59,7 +59,7 @@ class Toys:
             params={"path": str(path), **params},
             inputs=(Input(upstream, f"/{upstream}", f"/{upstream}", "TactileFrame"),),
             outputs={},
-            listeners={},
+            subscribers={},
         )
 
     def needy(self, need, upstream):
@@ -72,7 +72,7 @@ class Toys:
                 Input(upstream, f"/{upstream}", "/in", "TactileFrame"),
             ),
             outputs={},
-            listeners={},
+            subscribers={},
         )
 
 

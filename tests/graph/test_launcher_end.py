@@ -91,7 +91,7 @@ def test_the_trace_of_a_failure_goes_to_the_log(watcher, toys, tmp_path):
 
 def test_a_module_or_parameters_that_do_not_fit_end_the_graph(watcher, tmp_path, toys):
     lost = Wiring(
-        name="lost", module="palpate_nothing", params={}, inputs=(), outputs={}, listeners={}
+        name="lost", module="palpate_nothing", params={}, inputs=(), outputs={}, subscribers={}
     )
     ending = run([source(), lost], watcher, tmp_path)
     assert ending.status == "died"
@@ -105,7 +105,7 @@ def test_a_module_or_parameters_that_do_not_fit_end_the_graph(watcher, tmp_path,
         params={"burst": "many"},
         inputs=(),
         outputs=wrong.outputs,
-        listeners={},
+        subscribers={},
     )
     ending = run([source(), wrong], watcher, tmp_path)
     assert ending.status == "died"

@@ -11,7 +11,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from palpate.bench.bus.stalling_node import StallingParams, listener
+from palpate.bench.bus.stalling_node import StallingParams, subscriber
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.messages.recording.reader import open_recording, parts_of
@@ -57,7 +57,7 @@ def line(folder):
             Input(name, f"/{name}", f"/{name}", "TactileFrame") for name in ("source", "relay")
         ),
         outputs={},
-        listeners={},
+        subscribers={},
     )
     return list(with_description([*wirings, kept], {}))
 
@@ -121,15 +121,15 @@ def test_a_node_that_is_stopped_is_found_and_started_again(watcher, tmp_path):
     assert recorded(tmp_path) == ALL
 
 
-def test_a_sender_that_waits_for_a_busy_listener_does_not_hang(watcher, tmp_path):
-    busy = listener("busy", StallingParams(expects=12_000, stalls=((2000, 1.8),)))
+def test_a_sender_that_waits_for_a_busy_subscriber_does_not_hang(watcher, tmp_path):
+    busy = subscriber("busy", StallingParams(expects=12_000, stalls=((2000, 1.8),)))
     flooding = Wiring(
         name="source",
         module="palpate.tools.chaos.fault_injection",
         params={"messages": 12_000},
         inputs=(),
         outputs={"/flood": "/flood"},
-        listeners={},
+        subscribers={},
     )
     graph = [flooding, busy]
     ending = launch(graph, ends="busy", watch=[], watcher=watcher, work_dir=tmp_path, depth=1)
@@ -174,7 +174,7 @@ def test_a_node_that_acts_does_nothing_twice_but_what_was_under_way(watcher, toy
         params={"path": str(tmp_path / "dents"), "expects": FRAMES},
         inputs=(Input("relay", "/relay", "/in", "TactileFrame"),),
         outputs={"/out": "/actor"},
-        listeners={},
+        subscribers={},
         persistent=True,
     )
     wirings = [

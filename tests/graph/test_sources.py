@@ -46,7 +46,7 @@ def playing(path, **params):
         inputs=(),
         outputs={"/player": "/player"},
         types={"/player": "TactileFrame"},
-        listeners={},
+        subscribers={},
     )
 
 
@@ -58,7 +58,7 @@ def typing():
         inputs=(),
         outputs={"/console": "/console"},
         types={"/console": "TactileFrame"},
-        listeners={},
+        subscribers={},
         persistent=True,
     )
 

@@ -46,7 +46,7 @@ def changed(entry, **fields):
 def test_a_wiring_and_its_table_name_topic_type_and_both_ends(pair):
     a, b = graph_of(*pair).wirings()
     assert a.outputs == {"/x": "/x"}
-    assert a.listeners == {"/x": ("b",)}
+    assert a.subscribers == {"/x": ("b",)}
     assert a.params == Dials(turns=3)
     assert [(i.publisher, i.topic, i.local, i.type) for i in b.inputs] == [
         ("a", "/x", "/x", "LogRecord")
@@ -114,7 +114,7 @@ def test_what_a_node_shares_is_received_and_told_by_the_first_finger_alone(make_
         {"/told": ("a_1", "/told")},
         {"/told": ("a_1", "/told")},
     ]
-    assert a1.listeners["/told"] == ("b_1", "b_2")
+    assert a1.subscribers["/told"] == ("b_1", "b_2")
     assert [i.topic for i in c.inputs] == ["/finger_1/y", "/finger_2/y"]
 
 
@@ -131,7 +131,7 @@ def test_a_sink_takes_every_topic_and_cannot_end_a_graph(pair, make_node):
     make_node("t.s", value=sink)
     wirings = graph_of(*pair, Entry(name="s", kind="t.s")).wirings()
     assert [i.topic for i in wirings[2].inputs] == ["/x"]
-    assert wirings[0].listeners == {"/x": ("b", "s")}
+    assert wirings[0].subscribers == {"/x": ("b", "s")}
     make_node("t.s", value=Sink(params=Dials, open=lambda params, types: None))  # type: ignore[arg-type,return-value]
     with pytest.raises(InputError, match="ends names 's'"):
         graph_of(*pair, Entry(name="s", kind="t.s"), ends="s").check()

@@ -32,7 +32,7 @@ SIMULATOR = Wiring(
     params=Settings(mesh=b"\0\xff", size=(0.1, 1e-300)),
     inputs=(Input("tracer", "/f1/goal", "/goal", "TouchGoal"),),
     outputs={"/world": "/f1/world"},
-    listeners={"/f1/world": ("recorder",)},
+    subscribers={"/f1/world": ("recorder",)},
 )
 
 
@@ -43,7 +43,7 @@ def recorder(path: Path) -> Wiring:
         params=Params(path=str(path)),
         inputs=(Input("simulator", "/f1/world", "/f1/world", "World"),),
         outputs={},
-        listeners={},
+        subscribers={},
     )
 
 

@@ -239,7 +239,7 @@ def test_the_arm_tells_where_it_believes_to_be(ball: ObjectSpec, sideways: Pose)
     assert not np.allclose(ideal.array, off.array, atol=1e-8)
 
 
-def test_listeners_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec):
+def test_subscribers_are_told_of_noise_and_of_a_face_that_yields(ball: ObjectSpec):
     listed = {"gaussian_noise": {"sigma": 3e-6}, "tenting": {"decay": 2e-3}}
     _, published = start(Params(object=ball, effects=listed))
     info = dict(published)["/touch/info"]  # type: ignore[arg-type]

@@ -48,8 +48,8 @@ def topic_list_command(
     for topic in topics:
         line = f"{topic.name} [{topic.type}]" if show_types or verbose else topic.name
         if verbose:
-            listeners = ", ".join(topic.listeners) or "nobody"
-            line += f" from {', '.join(topic.publishers)} to {listeners}"
+            subscribers = ", ".join(topic.subscribers) or "nobody"
+            line += f" from {', '.join(topic.publishers)} to {subscribers}"
         click.echo(line)
 
 
@@ -64,7 +64,9 @@ def topic_info_command(topic: str, run: str | None, verbose: bool) -> None:
         lines = introspection.field_lines(introspection.type_of(found)) if verbose else []
     click.echo(f"Type: {found.type or 'not known'}")
     click.echo(f"Publisher count: {len(found.publishers)}  {', '.join(found.publishers)}")
-    click.echo(f"Subscription count: {len(found.listeners)}  {', '.join(found.listeners)}".rstrip())
+    click.echo(
+        f"Subscription count: {len(found.subscribers)}  {', '.join(found.subscribers)}".rstrip()
+    )
     if lines:
         click.echo("Fields:")
     for line in lines:

@@ -82,7 +82,7 @@ def _traffic_lines(card: RunCard, node: RecordedNode) -> Iterator[str]:
     yield from (f"    {one.topic}  {one.type}  from {one.publisher}" for one in node.inputs)
     yield "  publishes"
     for wire in node.outputs.values():
-        to = ", ".join(topics[wire].listeners) or "nobody"
+        to = ", ".join(topics[wire].subscribers) or "nobody"
         yield f"    {wire}  {topics[wire].type}  to {to}"
 
 

@@ -150,14 +150,14 @@ class Topic(NamedTuple):
     type: str  # Name of its message type; empty if the graph does not say
     # The nodes that publish it: one, but all of them where nodes speak of themselves.
     publishers: tuple[str, ...]
-    listeners: tuple[str, ...]  # The nodes that receive it
+    subscribers: tuple[str, ...]  # The nodes that receive it
 
 
 def topics_of(card: RunCard) -> dict[str, Topic]:
     """The topics of a running graph by name, sorted."""
     types, publishers = card.topics, card.publishers
     found = {
-        name: Topic(name, types.get(name, ""), (publisher,), card.listeners(name))
+        name: Topic(name, types.get(name, ""), (publisher,), card.subscribers(name))
         for name, publisher in publishers.items()
     }
     everybody = tuple(one.name for one in card.nodes)

@@ -42,7 +42,7 @@ class Shortage(NamedTuple):
 
     topic: str
     publisher: str
-    listeners: tuple[str, ...]
+    subscribers: tuple[str, ...]
     fewer: int
     more: int
 
@@ -64,20 +64,20 @@ class MessageExchange:
 
     def __init__(self, players: Sequence[ReplayedNode]) -> None:
         self._players = players
-        self._listeners: dict[str, list[ReplayedNode]] = {}
+        self._subscribers: dict[str, list[ReplayedNode]] = {}
         for player in players:
             for topic in player.subscriptions:
-                self._listeners.setdefault(topic, []).append(player)
+                self._subscribers.setdefault(topic, []).append(player)
         self._links = {
             topic: _Link(player.name)
             for player in players
             for topic in player.publications
-            if topic in self._listeners
+            if topic in self._subscribers
         }
         self._publishers = {
             topic: publisher for player in players for topic, publisher in player.publishers.items()
         }
-        self._queue = MessageQueue(self._listeners)
+        self._queue = MessageQueue(self._subscribers)
         self._numbers = count()
         self._ended = False
 
@@ -122,7 +122,7 @@ class MessageExchange:
             Shortage(
                 topic,
                 link.publisher,
-                tuple(player.name for player in self._listeners[topic]),
+                tuple(player.name for player in self._subscribers[topic]),
                 link.owed,
                 link.more,
             )
@@ -150,7 +150,7 @@ class MessageExchange:
         self._send(parcel.topic, header, parcel.body)
 
     def _send(self, topic: str, header: Header, body: bytes) -> None:
-        if topic in self._listeners:
+        if topic in self._subscribers:
             self._queue.put(topic, Received(self._publishers[topic], topic, header, body))
 
     def _deliver(self) -> None:

@@ -169,8 +169,8 @@ def verdict(player: ReplayedNode) -> str:
 
 def shortage_text(shortage: Shortage) -> str:
     """One line on a topic of which another number was received than had been recorded."""
-    topic, publisher, listeners, fewer, more = shortage
-    who = f"{', '.join(listeners)}: received"
+    topic, publisher, subscribers, fewer, more = shortage
+    who = f"{', '.join(subscribers)}: received"
     if fewer:
         missed = counted(fewer, "fewer message")
         return f"{who} {missed} on {topic} than recorded: {publisher} publishes no more"
@@ -250,7 +250,7 @@ def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[Wir
 
 def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage]) -> EarlierRun:
     """What each node had received, and what it had published when, in the order of sending."""
-    listeners: dict[str, list[tuple[str, str]]] = {}
+    subscribers: dict[str, list[tuple[str, str]]] = {}
     publishers = {topic: one for one in wirings for topic in one.outputs.values()}
     received: dict[str, list[ConsumedAt]] = {one.name: [] for one in wirings}
     sent: dict[str, list[SentMessage]] = {one.name: [] for one in wirings if one.persistent}
@@ -259,9 +259,9 @@ def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage
     }
     for wiring in wirings:
         for edge in () if wiring.module == RECORDER else wiring.inputs:
-            listeners.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
+            subscribers.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
     for one in messages:
-        for name, publisher in listeners.get(one.topic, ()):
+        for name, publisher in subscribers.get(one.topic, ()):
             received[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
         wiring = publishers[one.topic]
         if wiring.persistent:

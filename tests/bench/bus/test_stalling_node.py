@@ -5,7 +5,7 @@ from palpate.messages.types.catalogue import Clock
 from palpate.nodes.runtime.node import Finished
 
 
-def test_a_listener_counts_what_is_left_out_and_what_is_out_of_turn():
+def test_a_subscriber_counts_what_is_left_out_and_what_is_out_of_turn():
     _, take = NODE.inputs["/in"]
     params, count = StallingParams(expects=6), FloodCount()
     for number in (0, 1, 4, 3, 4, 5):

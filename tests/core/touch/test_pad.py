@@ -134,7 +134,7 @@ SURFACES: dict[str, Callable[[Floats, Floats], Floats]] = {
 
 
 def pressed(effect, finger, make_touch, surface):
-    """The pad as a listener knows it, what it reads, and where it is really touched."""
+    """The pad as a subscriber knows it, what it reads, and where it is really touched."""
     field = SURFACES[surface](*finger.pad.grid())
     springs = np.maximum(field, 0.0)
     touch = make_touch(field=field, compression=springs, pressure=2e8 * springs)

@@ -90,10 +90,10 @@ def test_a_corrected_sensor_reads_ten_times_better():
     found = estimate(sensor, rng)
     true = np.full(TAXELS, 0.6e-3)
     raw = sensor._replace(noise=0.0).read(true, rng)
-    listener = Calibration(
+    subscriber = Calibration(
         "time", 3e-3, found.sound_speed, 200.0, gain=found.gain, offset=found.offset
     )
-    corrected = listener.decode(SHEET.encode(raw))
+    corrected = subscriber.decode(SHEET.encode(raw))
     assert np.std(corrected - true) < 0.1 * np.std(raw - true)
 
 

@@ -24,7 +24,7 @@ sink = Wiring(
     params={"path": str(folder / "lines.txt")},
     inputs=(Input("relay", "/relay", "/relay", "TactileFrame"),),
     outputs={},
-    listeners={},
+    subscribers={},
 )
 
 

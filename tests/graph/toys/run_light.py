@@ -20,7 +20,7 @@ broken = Wiring(
     params={"how": "tell"},
     inputs=(Input("source", "/source", "/in", "TactileFrame"),),
     outputs={"/out": "/broken"},
-    listeners={},
+    subscribers={},
     nice=3,
     on_exit="stop",
 )

@@ -118,7 +118,7 @@ from palpate.launch.processes.fork_server import start_fork_server
 from palpate.nodes.runtime.node import Wiring
 start_fork_server(["palpate.nodes.nothing", "palpate.nodes.filter"])
 source = toy("source", ToyParams(burst=5))
-nobody = dict(params={}, inputs=(), outputs={}, listeners={})
+nobody = dict(params={}, inputs=(), outputs={}, subscribers={})
 lost = Wiring(name="lost", module="palpate.nodes.nothing", **nobody)
 for graph in ([source, lost], [source, toy("counter", ToyParams(expects=5), upstream="source")]):
     ending = launch(graph, ends=graph[-1].name, watch=(), watcher=SilentWatcher())

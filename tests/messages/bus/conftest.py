@@ -26,7 +26,7 @@ class Bench:
             "run": 1,
             "epoch": 0,
             "times": SendTimes(self._folder / f"times_{number}", name, ["/talk", "/more"]),
-            "listeners": {"/talk": ("hearer",), "/more": ()},
+            "subscribers": {"/talk": ("hearer",), "/more": ()},
             "depth": 1000,
             "drain": lambda: None,
             "past": MessageLog(Path("/nowhere"), ["/talk", "/more"]),

@@ -24,7 +24,7 @@ def test_what_was_published_before_anybody_listened_is_received(bench: Any):
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
-def test_what_is_published_while_a_listener_joins_is_received_once(bench: Any):
+def test_what_is_published_while_a_subscriber_joins_is_received_once(bench: Any):
     publisher = bench.publisher()
     bench.publish(publisher, b"0")
     subscriber = bench.subscriber()
@@ -202,7 +202,7 @@ def test_a_malformed_frame_is_refused(bench: Any):
         subscriber.receive()
 
 
-def test_a_publisher_that_publishes_it_all_again_tells_each_listener_what_it_lacks(
+def test_a_publisher_that_publishes_it_all_again_tells_each_subscriber_what_it_lacks(
     bench: Any, tmp_path: Path
 ):
     endpoint, early, received = after_death(bench, tmp_path)

@@ -65,7 +65,7 @@ def test_copying_ends_with_the_last_who_wants_it(bench: Any):
     tap.close()
 
 
-def test_a_listener_that_does_not_listen_holds_nobody_up(bench: Any):
+def test_a_subscriber_that_does_not_listen_holds_nobody_up(bench: Any):
     tap, reader = pair(bench.context, LOG_TOPIC)
     for _ in range(10 * TAP_DEPTH):
         tap.publish(LINE)

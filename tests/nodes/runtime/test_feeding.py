@@ -30,7 +30,7 @@ def wiring(name: str, params: Any = None) -> Wiring:
             Input("simulator", "/f/raw", "/touch/raw", "TactileFrame"),
         ),
         outputs={"/touch/image": "/f/image"},
-        listeners={},
+        subscribers={},
     )
 
 

@@ -37,7 +37,7 @@ def source(**more: Any) -> Source:
 
 
 WIRING = Wiring(
-    name="source", module="", params=b"", inputs=(), outputs={"/out": "/a/out"}, listeners={}
+    name="source", module="", params=b"", inputs=(), outputs={"/out": "/a/out"}, subscribers={}
 )
 
 

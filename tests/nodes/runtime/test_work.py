@@ -52,7 +52,7 @@ WIRING = Wiring(
         Input("needed", "/a/need", "/need", "LogRecord"),
     ),
     outputs={"/out": "/a/out", "/flat": "/a/flat"},
-    listeners={},
+    subscribers={},
 )
 ALONE = WIRING.inputs[:1]
 
@@ -100,7 +100,7 @@ def test_nothing_is_handled_before_what_is_needed_has_come():
 
 def test_a_need_that_is_not_wired_is_not_waited_for():
     wiring = Wiring(
-        name="node", module="", params=b"", inputs=ALONE, outputs=WIRING.outputs, listeners={}
+        name="node", module="", params=b"", inputs=ALONE, outputs=WIRING.outputs, subscribers={}
     )
     work = NodeWork(NODE, Params(), wiring)
     work.begin()
@@ -138,7 +138,9 @@ def test_a_message_of_another_schema_is_refused():
 
 def test_a_wiring_that_names_no_input_of_the_node_is_refused():
     strange = Input("other", "/a/in", "/strange", "LogRecord")
-    wiring = Wiring(name="node", module="", params=b"", inputs=(strange,), outputs={}, listeners={})
+    wiring = Wiring(
+        name="node", module="", params=b"", inputs=(strange,), outputs={}, subscribers={}
+    )
     with pytest.raises(ContractError, match="node is wired to /strange, which it does not"):
         NodeWork(NODE, Params(), wiring)
 

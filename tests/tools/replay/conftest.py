@@ -52,7 +52,7 @@ def chain(monkeypatch):
             params=Params(),
             inputs=(Input(publisher, heard, "/in", "LogRecord"),),
             outputs={"/out": said},
-            listeners={},
+            subscribers={},
         )
         for name, publisher, heard, said in places
     ]

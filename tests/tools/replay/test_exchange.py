@@ -53,7 +53,7 @@ def test_what_is_not_replayed_comes_from_the_recording(record_chain):
     assert lines[0] == "second: differs, /c 0 robot_time: recorded 4.0, now 6.0"
 
 
-def test_if_a_node_says_fewer_its_listener_hears_no_more(record_chain):
+def test_if_a_node_says_fewer_its_subscriber_hears_no_more(record_chain):
     code, lines = lines_of(record_chain(SAID), "first.copies=0")
     assert code == 0
     assert lines == [
@@ -66,7 +66,7 @@ def test_if_a_node_says_fewer_its_listener_hears_no_more(record_chain):
     ]
 
 
-def test_if_a_node_says_more_its_listener_hears_the_rest_in_the_end(record_chain):
+def test_if_a_node_says_more_its_subscriber_hears_the_rest_in_the_end(record_chain):
     code, lines = lines_of(record_chain(SAID), "first.copies=2")
     # Said now: 2 2 4 4 6 6, of which the first three stand in the places of 2 4 6.
     assert code == 0

@@ -104,7 +104,7 @@ def wiring(adder):
         params=Params(),
         inputs=INPUTS,
         outputs={"/sum": "/sum"},
-        listeners={},
+        subscribers={},
     )
 
 
@@ -420,7 +420,7 @@ def tracers(*fingers):
             params=tracer.Params(finger=finger),
             inputs=(),
             outputs={"/finger/goal": f"/finger_{finger}/finger/goal"},
-            listeners={},
+            subscribers={},
         )
         for finger in fingers
     ]

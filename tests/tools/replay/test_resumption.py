@@ -38,7 +38,7 @@ def actor(monkeypatch):
             Input("b", "/g", "/goal", "LogRecord"),
         ),
         outputs={"/done": "/done"},
-        listeners={},
+        subscribers={},
         persistent=True,
     )
 
