@@ -191,7 +191,7 @@ def test_without_a_new_enough_python_the_start_script_says_so(clone):
     assert done.stderr.count("\n") == 1
 
 
-def test_a_python_that_does_not_run_is_passed_over_and_a_missing_venv_is_said(clone):
+def test_a_python_that_does_not_run_is_passed_over_and_a_missing_venv_is_reported(clone):
     programs = path_without_python(clone)
     # A version manager's answer to a name for which it has no version.
     stand_in(programs, "python3", "echo 'no version is set' >&2; exit 127")

@@ -44,8 +44,8 @@ def check_scene(scene: str) -> str:
     described, _ = check_run(EXPLORE, {"scene": SourceMapped(str(path), "")}, {}, RUNS)
     assert described.scene is not None
     size = " x ".join(f"{1000.0 * side:.1f}" for side in described.scene.size)
-    said = f"{path}: can be explored; the object measures {size} mm"
-    return f"{said}\n{simulation_text(described.scene.spec)}"
+    text = f"{path}: can be explored; the object measures {size} mm"
+    return f"{text}\n{simulation_text(described.scene.spec)}"
 
 
 def simulation_text(scene: SceneSpec) -> str:

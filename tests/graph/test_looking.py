@@ -261,7 +261,7 @@ def test_one_of_several_graphs_is_chosen_by_its_number_and_its_end_ends_the_tool
         out = capsys.readouterr().out
         assert out.count("3 nodes, ") == 2
         assert f"launcher {first.pid}, since" in out
-        assert_heard_on(found[second.pid])
+        assert_received_on(found[second.pid])
         with tool("topic", "hz", "/relay", "/node/status", "--run", found[first.pid].run) as hz:
             assert first_line(hz).strip()
             first.send_signal(signal.SIGINT)
@@ -276,7 +276,7 @@ def test_one_of_several_graphs_is_chosen_by_its_number_and_its_end_ends_the_tool
         assert any(line.startswith("FAIL ") for line in told.splitlines())
 
 
-def assert_heard_on(card):
+def assert_received_on(card):
     """A node that is started again is received on, and publishes nothing twice."""
     numbers: list[int] = []
     epochs: set[int] = set()

@@ -235,12 +235,12 @@ def explored(info: SensorInfo) -> Callable[..., Said]:
         shape: Cylinder | None = None,
         order: random.Random | None = None,
     ) -> Said:
-        return everything_said(params, info, world, shape or Cylinder(), order)
+        return everything_published(params, info, world, shape or Cylinder(), order)
 
     return published
 
 
-def everything_said(
+def everything_published(
     params: Params,
     info: SensorInfo,
     world: World,

@@ -53,7 +53,7 @@ def bag(tmp_path: Path) -> Path:
 
 
 def published(bag: Path, **params: Any) -> list[tuple[float, str, Any]]:
-    """Time, topic and number of what is said before it has finished."""
+    """Time, topic and number of what is published before it has finished."""
     words = [one for one in play(Params(path=str(bag), **params)) if isinstance(one, Timed)]
     return [(round(one.due, 9), one.topic, _number(one)) for one in words]
 

@@ -102,7 +102,7 @@ def plan_done(number: int, contours: Sequence[int], probes: Sequence[int]) -> Pl
 
 @cache
 def tilted() -> tuple[tuple[str, Any], ...]:
-    """What is heard of a ball in a tilted frame, with a goal after each contour but the first."""
+    """Messages of a ball in a tilted frame, with a goal after each contour but the first."""
     felt = felt_by(along(TILTED, -RADIUS, RADIUS))
     at = [i for i, (topic, _) in enumerate(felt) if topic == "/contour/traced"]
     felt.insert(at[2] + 1, ("/model/goal", model_goal(2, [1, 0, 2], [])))

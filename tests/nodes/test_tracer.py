@@ -65,12 +65,12 @@ class Finger:
     def __init__(self, spec: ObjectSpec, info: SensorInfo) -> None:
         self.params = simulator.Params(object=spec)
         self.state, _ = simulator.start(self.params)
-        self.heard, _ = filter.calibrate(filter.Params(), None, info)
+        self.received, _ = filter.calibrate(filter.Params(), None, info)
         self.felt, _ = curvature.know_sensor(curvature.Params(), None, info)
 
     def touch(self, goal: TouchGoal) -> Any:
         self.state, [(_, frame)] = simulator.touch(self.params, self.state, goal)  # type: ignore
-        _, [(_, image)] = filter.take_frame(filter.Params(), self.heard, frame)  # type: ignore
+        _, [(_, image)] = filter.take_frame(filter.Params(), self.received, frame)  # type: ignore
         _, [(_, patch)] = curvature.on_image(curvature.Params(), self.felt, image)  # type: ignore
         return patch
 

@@ -159,11 +159,11 @@ def test_a_folder_that_is_not_there_is_told(tmp_path):
 @pytest.mark.parametrize("kind", ["node", "driver"])
 def test_the_verb_says_what_was_written_and_what_to_do_next(kind, here, capsys):
     assert cli.run(["init", kind, "verbal"]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("verbal.py, test_verbal.py, verbal.yaml: written")
+    published = capsys.readouterr().out
+    assert published.startswith("verbal.py, test_verbal.py, verbal.yaml: written")
     for command in ("python -m pytest test_verbal.py", "palpate launch verbal.yaml"):
-        assert command in said
-    assert f"palpate topic echo {'/verbal' if kind == 'node' else '/touch/patch'}\n" in said
+        assert command in published
+    assert f"palpate topic echo {'/verbal' if kind == 'node' else '/touch/patch'}\n" in published
     assert cli.run(["init", kind, "verbal"]) == 2
 
 
@@ -207,9 +207,9 @@ def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_o
 def test_the_verb_says_what_was_written_and_how_it_is_used(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.run(["init", "planner", "my_planner"]) == 0
-    said = capsys.readouterr().out
-    assert "python -m pytest test_my_planner.py" in said
-    assert said.endswith("explore:\n  planner: my_planner:MyPlanner\n")
+    published = capsys.readouterr().out
+    assert "python -m pytest test_my_planner.py" in published
+    assert published.endswith("explore:\n  planner: my_planner:MyPlanner\n")
     assert cli.run(["init", "planner", "my_planner"]) == 2
     told = "palpate: my_planner.py: exists already; it is not overwritten\n"
     assert capsys.readouterr().err == told

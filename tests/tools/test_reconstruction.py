@@ -56,8 +56,8 @@ def test_every_file_that_is_asked_for_is_written_in_its_unit(table, home, capsys
     names = ["a.ply", "a.stl", "a.glb", "a.obj", "a.npz"]
     asked = [part for name in names for part in ("-o", name)]
     assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, *asked) == 0
-    said = capsys.readouterr().out
-    assert all(f"wrote      {name}" in said for name in names)
+    published = capsys.readouterr().out
+    assert all(f"wrote      {name}" in published for name in names)
     assert sorted(path.name for path in home.iterdir()) == sorted([*names, "points.csv"])
     shapes = [read_mesh_or_points(home / name, None) for name in names]
     for shape in shapes:
@@ -73,12 +73,12 @@ def test_what_was_read_left_out_and_doubted_is_told(table, capsys):
     lines += ["1,1,90,77", "2,2,90,77"]
     table.write_text("\n".join(lines))
     assert run(table, "--unit", "mm") == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "11 contours, 301 points, unit mm" in said
-    assert "left out 1 point not finite, line 6" in said
-    assert "dropped contour 77 (lines 302 to 303): too few points" in said
-    assert "watertight yes, holes through it 0" in said
-    assert "root mean square" in said
+    published = " ".join(capsys.readouterr().out.split())
+    assert "11 contours, 301 points, unit mm" in published
+    assert "left out 1 point not finite, line 6" in published
+    assert "dropped contour 77 (lines 302 to 303): too few points" in published
+    assert "watertight yes, holes through it 0" in published
+    assert "root mean square" in published
 
 
 def test_ends_that_nobody_touched_are_doubted_and_touched_ones_not(home, capsys):
@@ -88,10 +88,10 @@ def test_ends_that_nobody_touched_are_doubted_and_touched_ones_not(home, capsys)
         parts[f"contour_{i}"] = np.column_stack([square, np.full(30, z)])
     np.savez(home / "tin.npz", **parts)
     assert run("tin.npz") == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "unit m (assumed; if not, give --unit)" in said
-    assert "--bottom or --tops says where" in said
-    assert "--top or --tops says where" in said
+    published = " ".join(capsys.readouterr().out.split())
+    assert "unit m (assumed; if not, give --unit)" in published
+    assert "--bottom or --tops says where" in published
+    assert "--top or --tops says where" in published
     (home / "tops.csv").write_text("0 0 0\n0 0 1\n")
     assert run("tin.npz", "--tops", "tops.csv") == 0
     assert "says where" not in capsys.readouterr().out
@@ -119,9 +119,9 @@ def test_a_cloud_is_rebuilt_and_its_order_told(table, home, capsys):
     cloud = trimesh.PointCloud(np.random.default_rng(0).permutation(points))
     cloud.export(home / "cloud.ply")
     assert run("cloud.ply", "--unit", "mm") == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "300 points lie at 10 heights" in said
-    assert "by azimuth about each slice's middle" in said
+    published = " ".join(capsys.readouterr().out.split())
+    assert "300 points lie at 10 heights" in published
+    assert "by azimuth about each slice's middle" in published
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".vtk"])
@@ -153,7 +153,7 @@ def test_the_control_lattice_is_written(table, home, suffix):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "published"),
     [
         (["-o", "a.step"], "-o a.step: must end in one of .ply, .stl, .glb, .obj, .npz"),
         (["-o", "nowhere/a.ply"], "there is no folder nowhere"),
@@ -172,10 +172,12 @@ def test_the_control_lattice_is_written(table, home, suffix):
         (["--top", "inf"], "--top inf: must be a finite number"),
     ],
 )
-def test_bad_input_is_one_sentence_and_nothing_is_written(table, home, capsys, arguments, said):
+def test_bad_input_is_one_sentence_and_nothing_is_written(
+    table, home, capsys, arguments, published
+):
     before = sorted(home.iterdir())
     assert run(table, *arguments) == cli.BAD_INPUT
-    assert said in sentence(capsys)
+    assert published in sentence(capsys)
     assert sorted(home.iterdir()) == before
 
 
@@ -209,16 +211,19 @@ def test_a_recording_that_is_none_is_refused(home, capsys):
 
 def test_an_end_far_beyond_the_contours_is_a_guess(table, capsys):
     assert run(table, "--unit", "mm", "--top", 100, "--bottom", -50) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "the top lies 55 mm above the highest contour, where contours are at most 10 mm" in said
-    assert "the bottom lies" not in said
+    published = " ".join(capsys.readouterr().out.split())
+    assert (
+        "the top lies 55 mm above the highest contour, where contours are at most 10 mm"
+        in published
+    )
+    assert "the bottom lies" not in published
 
 
 def test_a_touched_end_that_the_method_does_not_reach_is_told(table, capsys):
     assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, "--method", "thesis") == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "the top was touched at z = 50 mm, and the solid ends at 4" in said
-    assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in said
+    published = " ".join(capsys.readouterr().out.split())
+    assert "the top was touched at z = 50 mm, and the solid ends at 4" in published
+    assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in published
 
 
 def test_doubts_of_the_superquadric_are_told(table, capsys):
@@ -237,26 +242,26 @@ def test_contours_that_are_odd_but_used_are_named(home, capsys):
         lines += [f"{x:.6f},{y:.6f},{z:.6f},{number + 17}" for x, y in ring]
     (home / "odd.csv").write_text("\n".join(lines))
     assert run("odd.csv") == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "warning contour 19 (lines 62 to 91)" in said
+    published = " ".join(capsys.readouterr().out.split())
+    assert "warning contour 19 (lines 62 to 91)" in published
 
 
 def test_crossings_of_the_surface_are_told(table, capsys, monkeypatch):
     two = SelfIntersection(np.zeros((2, 2), np.int32), np.zeros((2, 3)))
     monkeypatch.setattr("palpate.tools.reconstruction.self_intersection", lambda *_: two)
     assert run(table, "--unit", "mm") == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "holes through it 0, crossings with itself 2" in said
-    assert "the surface passes through itself: 2 pairs of triangles cross" in said
+    published = " ".join(capsys.readouterr().out.split())
+    assert "holes through it 0, crossings with itself 2" in published
+    assert "the surface passes through itself: 2 pairs of triangles cross" in published
 
 
 def test_contours_that_cannot_be_used_are_called_as_in_the_file(home, capsys):
     rows = [f"{i},0,{k},{k + 17}" for k in range(9) for i in range(2)]
     (home / "few.csv").write_text("\n".join(["x,y,z,contour", *rows]))
     assert run("few.csv") == cli.BAD_INPUT
-    said = sentence(capsys)
-    assert "contour 17 (lines 2 to 3): too few points; contour 18" in said
-    assert said.endswith("; and 3 more\n")
+    published = sentence(capsys)
+    assert "contour 17 (lines 2 to 3): too few points; contour 18" in published
+    assert published.endswith("; and 3 more\n")
 
 
 def test_a_solid_is_saved_and_loaded_whole(table, home, capsys):

@@ -13,23 +13,26 @@ BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n
 
 
 def test_a_scene_without_effects_says_so(write):
-    said = simulation_text(load_scene(write("s.yaml", BALL)).spec)
-    assert said.splitlines()[-1] == "simulated  exact contact, and no effects"
-    assert "16 x 16 taxels, pitch 1 mm; pad domed 15 mm, 3 mm thick; sends times of flight" in said
+    published = simulation_text(load_scene(write("s.yaml", BALL)).spec)
+    assert published.splitlines()[-1] == "simulated  exact contact, and no effects"
+    assert (
+        "16 x 16 taxels, pitch 1 mm; pad domed 15 mm, 3 mm thick; sends times of flight"
+        in published
+    )
 
 
 def test_effects_are_told_in_the_order_in_which_they_act_with_units(write):
     text = BALL + "effects:\n  - drift\n  - gaussian_noise: {sigma: 2.0e-6}\n  - pose_error\n"
-    said = simulation_text(load_scene(write("s.yaml", text)).spec).splitlines()
-    names = [line.split()[1] for line in said[2:]]
+    published = simulation_text(load_scene(write("s.yaml", text)).spec).splitlines()
+    names = [line.split()[1] for line in published[2:]]
     assert names == ["pose_error", "drift", "gaussian_noise"]
-    assert said[-1].split(maxsplit=2) == ["signal", "gaussian_noise", "sigma 2e-06 m"]
+    assert published[-1].split(maxsplit=2) == ["signal", "gaussian_noise", "sigma 2e-06 m"]
 
 
 def test_every_effect_can_be_told(write):
     listed = "".join(f"  - {name}\n" for name in reversed(EFFECT_NAMES))
-    said = simulation_text(load_scene(write("s.yaml", BALL + "effects:\n" + listed)).spec)
-    assert [line.split()[1] for line in said.splitlines()[2:]] == list(EFFECT_NAMES)
+    published = simulation_text(load_scene(write("s.yaml", BALL + "effects:\n" + listed)).spec)
+    assert [line.split()[1] for line in published.splitlines()[2:]] == list(EFFECT_NAMES)
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "effects.md").read_text(encoding="utf-8")
@@ -61,7 +64,7 @@ def test_the_page_has_each_parameter_with_default_range_and_unit(name):
 
 
 def test_the_list_names_every_effect_and_parameter():
-    said = effects_text()
+    published = effects_text()
     for name in EFFECT_NAMES:
-        assert f"{name}: {effect_title(name)}" in said
-        assert all(f"\n  {field.name} " in said for field in fields(effect_type(name)))
+        assert f"{name}: {effect_title(name)}" in published
+        assert all(f"\n  {field.name} " in published for field in fields(effect_type(name)))

@@ -89,7 +89,7 @@ def test_aligned_files_may_lie_anywhere(saved):
 
 
 @pytest.mark.parametrize("aligned", [False, True])
-def test_against_points_the_distances_are_one_sided_and_said_to_be(saved, tmp_path, aligned):
+def test_against_points_the_distances_are_one_sided_and_reported_to_be(saved, tmp_path, aligned):
     points = points_of(saved("b.ply", 1.02, 0.3 if aligned else 0.0))[::3]
     np.savetxt(tmp_path / "p.csv", 1000 * points, delimiter=",", header="x,y,z", comments="")
     found = score(saved("a.ply", 1.02), tmp_path / "p.csv", reference_unit="mm", aligned=aligned)

@@ -40,7 +40,7 @@ class TopicComparison:
         if self._silent:
             self.fall_silent()
 
-    def said(self, body: bytes) -> None:
+    def add_published(self, body: bytes) -> None:
         """Take the next message that is published now."""
         self._now.append(body)
         self._compare()

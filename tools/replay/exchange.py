@@ -52,11 +52,11 @@ class _Link:
     """A topic that a replayed node publishes and replayed nodes receive."""
 
     publisher: str
-    # Said now, before their place has come; numbered in the order in which they were said.
+    # Published before their place has come; numbered in the order of publishing.
     waiting: deque[tuple[int, Outgoing]] = field(default_factory=deque)
-    owed: int = 0  # Places that have come before their messages were said
-    heard: int = 0
-    more: int = 0  # Messages heard after all that was recorded
+    owed: int = 0  # Places that have come before their messages were published
+    received: int = 0
+    more: int = 0  # Messages received after all that was recorded
 
 
 class MessageExchange:
@@ -96,7 +96,7 @@ class MessageExchange:
         """
         for player in self._players:
             player.check(kept)
-            player.had_said(kept)
+            player.record_published(kept)
         link = self._links.get(kept.topic)
         if link is None:
             header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
@@ -130,8 +130,8 @@ class MessageExchange:
             if link.owed or link.more
         )
 
-    def _take(self, said: Iterable[Outgoing]) -> None:
-        for parcel in said:
+    def _take(self, published: Iterable[Outgoing]) -> None:
+        for parcel in published:
             link = self._links.get(parcel.topic)
             if link is None:
                 continue
@@ -145,8 +145,8 @@ class MessageExchange:
                 link.waiting.append((next(self._numbers), parcel))
 
     def _pass_on(self, link: _Link, parcel: Outgoing) -> None:
-        header = Header(0, 0, link.heard, 0, parcel.robot_time, parcel.schema)
-        link.heard += 1
+        header = Header(0, 0, link.received, 0, parcel.robot_time, parcel.schema)
+        link.received += 1
         self._send(parcel.topic, header, parcel.body)
 
     def _send(self, topic: str, header: Header, body: bytes) -> None:
@@ -213,7 +213,7 @@ class ReplayedNode:
                 f"(schema {kept.schema:08x}, now {schema_hash(cls):08x})"
             )
 
-    def had_said(self, kept: RecordedMessage) -> None:
+    def record_published(self, kept: RecordedMessage) -> None:
         """Compare with what it had published, if the recorded message was its own."""
         if kept.topic in self.publications:
             comparison = self.publications[kept.topic]
@@ -228,16 +228,16 @@ class ReplayedNode:
 
     def _run(self, act: Callable[[], list[Outgoing | Finished]]) -> list[Outgoing]:
         try:
-            said = act()
+            published = act()
         except Exception as error:  # The edge of the node: whatever it was must be told in words.
             text = " ".join(str(error).split())
             self.failure = f"{type(error).__name__} {self._work.doing}: {text}"
             for comparison in self.publications.values():
                 comparison.fall_silent()
             return []
-        parcels = [one for one in said if isinstance(one, Outgoing)]
+        parcels = [one for one in published if isinstance(one, Outgoing)]
         for topic, body, *_ in parcels:
-            self.publications[topic].said(body)
+            self.publications[topic].add_published(body)
             self.first = self.first or self.publications[topic].first
         return parcels
 
@@ -287,8 +287,8 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
 
 def _is_exact(place: RecordedNode, node: Node, recording: Recording) -> bool:
     """Whether the recorded order is sure to be the order in which the node received."""
-    heard = [one for one in place.inputs if recording.counts.get(one.topic)]
-    return len({one.publisher for one in heard if one.local not in node.needs}) <= 1
+    received = [one for one in place.inputs if recording.counts.get(one.topic)]
+    return len({one.publisher for one in received if one.local not in node.needs}) <= 1
 
 
 def in_order_of_sending(recording: Recording) -> Iterator[RecordedMessage]:

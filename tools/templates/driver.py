@@ -69,5 +69,5 @@ def read(params: Params) -> Iterator[Timed | Finished | None]:
     yield Finished(f"published {touch} frames")
 
 
-# repeats: whether it says the same when it is started again. With hardware: False.
+# repeats: whether it publishes the same when it is started again. With hardware: False.
 SOURCE = Source(params=Params, outputs=lambda params: DRIVER_OUTPUTS, open=read, repeats=True)

@@ -9,16 +9,16 @@ from palpate.tools.templates.driver import SOURCE
 
 def test_the_sensor_is_told_first_and_then_the_frames_in_their_order() -> None:
     """The filter and whoever comes after it wait for the sensor."""
-    said = drive(SOURCE, params={"frames": 5})
-    assert len(messages_on(said[:1], "/touch/info")) == 1
-    assert [frame.touch for frame in messages_on(said, "/touch/raw")] == [0, 1, 2, 3, 4]
+    published = drive(SOURCE, params={"frames": 5})
+    assert len(messages_on(published[:1], "/touch/info")) == 1
+    assert [frame.touch for frame in messages_on(published, "/touch/raw")] == [0, 1, 2, 3, 4]
 
 
 def test_what_it_says_is_understood() -> None:
     """By the nodes that receive it: each patch is of a ball of 20 mm, its curvature within 2 %."""
-    said = drive(SOURCE, params={"frames": 5})
-    info = said[:1]
-    images = drive(filter.NODE, said)
+    published = drive(SOURCE, params={"frames": 5})
+    info = published[:1]
+    images = drive(filter.NODE, published)
     patches = messages_on(drive(curvature.NODE, [*info, *images]), "/touch/patch")
     assert len(patches) == 5
     for patch in patches:

@@ -6,7 +6,7 @@ It joins the graph by its launch file; start palpate in the folder of this file:
 
 Topics and their messages: `palpate.messages.types`, and docs/messages.md. A handler gets the
 parameters, what the node remembers and a message, and returns what it remembers then and what it
-says; it changes none of them, reads no clock and opens no file: so a run can be repeated.
+publishes; it changes none of them, reads no clock and opens no file: so a run can be repeated.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ def patch(touch: int, curvature: float, kind: str = "smooth") -> tuple[str, Surf
 
 def test_each_place_that_bends_more_than_all_before_is_told() -> None:
     """Those in between are passed over."""
-    said = drive(NODE, [patch(0, 20.0), patch(1, 15.0), patch(2, 40.0), patch(3, 40.0)])
-    assert [(one.touch, one.curvature) for one in messages_on(said, "/template")] == [
+    published = drive(NODE, [patch(0, 20.0), patch(1, 15.0), patch(2, 40.0), patch(3, 40.0)])
+    assert [(one.touch, one.curvature) for one in messages_on(published, "/template")] == [
         (0, 20.0),
         (2, 40.0),
     ]
@@ -28,5 +28,5 @@ def test_what_is_not_smooth_has_no_curvature_to_tell() -> None:
 
 def test_the_launch_file_may_say_what_is_little() -> None:
     """A parameter is given as in the launch file."""
-    said = drive(NODE, [patch(0, 20.0), patch(1, 40.0)], {"least": 30.0})
-    assert_same(said, [("/template", example(Template, touch=1, curvature=40.0))])
+    published = drive(NODE, [patch(0, 20.0), patch(1, 40.0)], {"least": 30.0})
+    assert_same(published, [("/template", example(Template, touch=1, curvature=40.0))])

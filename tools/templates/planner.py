@@ -74,8 +74,8 @@ class Template:
             return Wait("other fingers are at work on what is left")
         if untouched > observation.feature:
             return Stop("what is left cannot be reached", False, largest_untouched=untouched)
-        said = "all was touched" + (", but it bows where there is no room" if bowed else "")
-        return Stop(said, tolerance_met=not bowed, largest_untouched=untouched)
+        reason = "all was touched" + (", but it bows where there is no room" if bowed else "")
+        return Stop(reason, tolerance_met=not bowed, largest_untouched=untouched)
 
 
 def _middle(observation: Observation, spans: Sequence[Span]) -> float | None:

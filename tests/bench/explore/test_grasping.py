@@ -28,7 +28,7 @@ def test_a_tilted_cylinder_is_judged_right():
     assert outcome.centre < 5e-4
 
 
-def test_a_ball_is_right_if_it_is_said_to_be_ambiguous():
+def test_a_ball_is_right_if_it_is_reported_to_be_ambiguous():
     outcome = judge_frame(grasp("ball", np.eye(3), 0.5, 0.0, 0), 60)
     assert outcome.right and outcome.ambiguous
 

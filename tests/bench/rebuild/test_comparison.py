@@ -182,7 +182,7 @@ def test_points_and_normals_go_in_and_a_mesh_comes_out():
     assert Meshes.depths == [8]
 
 
-def test_without_the_package_it_is_said_to_be_missing(monkeypatch):
+def test_without_the_package_it_is_reported_to_be_missing(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert not poisson_installed()
 

@@ -58,7 +58,7 @@ def test_the_deformation_is_continuous_across_a_shared_face():
     assert np.abs(body.deform(below).points - body.deform(above).points).max() < 1e-8
 
 
-def test_points_in_no_lattice_stay_and_are_said():
+def test_points_in_no_lattice_stay_and_are_reported():
     points = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 3.1], [-7.0, 0.0, 0.0], [0.5, 0.5, 2.9]])
     body = CompositeLattice((bent(LOWER), bent(UPPER)))
     moved = body.deform(points)

@@ -420,7 +420,7 @@ def test_only_control_points_that_reach_a_point_move():
     assert not moved[4:].any()
 
 
-def test_a_point_pulled_two_ways_goes_between_them_and_that_is_said():
+def test_a_point_pulled_two_ways_goes_between_them_and_that_is_reported():
     points = np.repeat(pulled_places(1), 2, axis=0)
     pulled = pull_points(plain(), points, points + [[0, 0, 0.2], [0, 0, -0.1]])
     assert pulled.rank == 1

@@ -305,7 +305,7 @@ def test_a_contour_is_matched_the_same_way_however_it_is_begun_and_directed(figu
         assert np.allclose(match_contour(other, azimuths).points, expected, rtol=0, atol=1e-12)
 
 
-def test_points_in_one_place_are_that_place_and_said_to_be():
+def test_points_in_one_place_are_that_place_and_reported_to_be():
     match = match_contour(np.tile([0.3, -0.2], (12, 1)), ray_azimuths(12))
     assert match.degenerate
     assert np.allclose(match.points, [0.3, -0.2], rtol=0, atol=1e-15)

@@ -16,7 +16,7 @@ from palpate.launch.processes.fork_server import (
 RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 
 
-def said_by(script):
+def output_of(script):
     """Lines that a new interpreter prints."""
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
@@ -69,7 +69,7 @@ if sys.platform == "linux":
 
 def test_what_is_preloaded_for_exploring_has_no_socket_no_thread_and_no_effect(monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
-    missing, sockets, effects, heavy, garbage, *threads = said_by(PRELOADED)
+    missing, sockets, effects, heavy, garbage, *threads = output_of(PRELOADED)
     assert missing == "[]"
     assert sockets == "0 None"
     assert effects == "['palpate.core.touch.effects.catalogue']"
@@ -87,7 +87,7 @@ print("palpate.nodes.filter" in sys.modules)
 
 
 def test_what_cannot_be_imported_keeps_nothing_else_from_being_preloaded():
-    assert said_by(BROKEN) == ["True"]
+    assert output_of(BROKEN) == ["True"]
 
 
 DRAWN = """
@@ -107,7 +107,7 @@ print(drawn[0] != drawn[1])
 
 
 def test_two_nodes_that_draw_from_the_global_generator_draw_different_numbers():
-    assert said_by(DRAWN) == ["True"]
+    assert output_of(DRAWN) == ["True"]
 
 
 LAUNCHED = """
@@ -128,7 +128,7 @@ for graph in ([source, lost], [source, toy("counter", ToyParams(expects=5), upst
 
 @pytest.mark.graph
 def test_a_module_that_is_missing_is_told_and_the_next_graph_of_other_nodes_runs():
-    first, second = said_by(LAUNCHED)
+    first, second = output_of(LAUNCHED)
     assert first.startswith(
         "died lost failed while loading: ValueError: no module 'palpate.nodes.nothing'"
     )

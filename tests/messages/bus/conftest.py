@@ -55,7 +55,7 @@ class Bench:
     def turn(
         self, publisher: Publisher, subscriber: Subscriber, until: Callable[[], bool]
     ) -> list[Received]:
-        """Turn both ends until something is so, and all that is there has been heard."""
+        """Turn both ends until something is so, and all that is there has been received."""
         received: list[Received] = []
         deadline = time.monotonic() + 10
         while not until():

@@ -177,7 +177,7 @@ def test_times_outlive_their_node(tmp_path: Path):
 def test_what_is_published_again_keeps_its_time_and_the_new_is_later(bench: Any, tmp_path: Path):
     headers = []
     for epoch in range(2):
-        times = SendTimes(tmp_path / "said", "talker", TOPICS)
+        times = SendTimes(tmp_path / "published", "talker", TOPICS)
         talker = bench.publisher(f"talker_{epoch}", epoch=epoch, times=times, again=epoch > 0)
         frames = [
             talker.send(topic, b"", robot_time=0.0, schema=5)

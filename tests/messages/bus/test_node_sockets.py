@@ -54,7 +54,7 @@ def stations(tmp_path: Path) -> Iterator[tuple[NodeSockets, NodeSockets]]:
         station.close()
 
 
-def test_two_stations_that_hear_each_other_get_in_step(stations: tuple[NodeSockets, NodeSockets]):
+def test_two_nodes_that_receive_each_other_get_in_step(stations: tuple[NodeSockets, NodeSockets]):
     a, b = stations
     turn(stations, lambda: a.subscriber.in_step and b.subscriber.in_step)
     a.send("/a", b"body", robot_time=0.0, schema=1)

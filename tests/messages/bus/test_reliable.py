@@ -121,7 +121,7 @@ def test_a_frame_before_its_past_is_early_and_comes_again_in_order(bench: Any):
 
 
 def after_death(bench: Any, folder: Path) -> tuple[str, Any, list[Any]]:
-    """Address of a publisher that has died, and who has heard two messages of it."""
+    """Address of a publisher that has died, and who has received two messages of it."""
     endpoint = f"ipc://{folder / 'talker'}"
     first = bench.publisher(endpoint=endpoint)
     subscriber = bench.subscriber(endpoints={"talker": endpoint})

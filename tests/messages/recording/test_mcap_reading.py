@@ -46,10 +46,10 @@ def peak():
 for name in sys.argv[1:]:
     before, begun = peak(), time.process_time()
     try:
-        said = str(open_recording(Path(name)).counts)
+        text = str(open_recording(Path(name)).counts)
     except ValueError as error:
-        said = str(error)
-    print(json.dumps([said, time.process_time() - begun, peak() - before]), flush=True)
+        text = str(error)
+    print(json.dumps([text, time.process_time() - begun, peak() - before]), flush=True)
 """
 
 
@@ -101,7 +101,7 @@ def table(entries: int) -> bytes:
 
 
 def bombs() -> dict[str, tuple[bytes, str]]:
-    """Files that would burst, each with words of what is said of it."""
+    """Files that would burst, each with words of what is reported of it."""
     zeros = repeated(b"\0" * 1024, 200 * 1024)
     many = (SMALL_CHUNK_BYTES - len(CHANNEL)) // len(SMALLEST)
     names = [channel(i, f"/{i:05}" + "x" * 250) for i in range(1, 5000)]

@@ -57,7 +57,7 @@ def test_metadata_tell_what_wrote_it_and_how_much(
 
 
 def test_log_times_never_go_back(writer: RecordingWriter, tmp_path: Path):
-    # Two publishers: what the second sent earlier was heard later.
+    # Two publishers: what the second sent earlier was received later.
     for seq, sent in enumerate([50, 40, 60]):
         writer.write("/world", Header(1, 0, seq, sent, 0.0, WORLD), b"\x80")
     writer.close()

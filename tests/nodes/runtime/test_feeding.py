@@ -50,14 +50,14 @@ def frame(touch: int, info: SensorInfo) -> TactileFrame:
 
 @pytest.fixture
 def record(tmp_path: Path, info: SensorInfo) -> Record:
-    """Writes a recording of two filters, of which one heard three frames."""
+    """Writes a recording of two filters, of which one received three frames."""
 
     def make(*graph: Wiring, name: str = "topics.mcap") -> Path:
         received: list[tuple[str, Any]] = [("/touch/info", info)]
         received += [("/touch/raw", frame(touch, info)) for touch in range(3)]
         published = drive(filter.NODE, received, {"contact": 100e-6})
         images = [("/f/image", image) for image in messages_on(published, "/touch/image")]
-        # The recorder heard the sensor last, though it was sent first.
+        # The recorder received the sensor last, though it was sent first.
         sent = [received[0], *((t.replace("touch", "f"), m) for t, m in received[1:]), *images]
         about = {"graph": describe_wirings(graph).decode() if graph else ""}
         writer = RecordingWriter(tmp_path / name, TYPES, {}, about)

@@ -326,7 +326,7 @@ def test_a_run_directory_stands_for_its_recording(record, tmp_path):
     assert recover_recording(tmp_path).path == tmp_path / "topics.recovered.mcap"
 
 
-def test_a_recording_that_was_never_closed_is_said_to_be(record, tmp_path):
+def test_a_recording_that_was_never_closed_is_reported_to_be(record, tmp_path):
     saved = recover_recording(record(RECOVER_MESSAGES, close=False), tmp_path / "new.mcap")
     assert recovered_text(saved).endswith(
         "all that there is in topics.mcap, which was never closed"
@@ -374,11 +374,11 @@ def test_the_exit_code_says_whether_anything_was_recovered(record, tmp_path, cap
     path, out = record(RECOVER_MESSAGES), tmp_path / "new.mcap"
     path.write_bytes(path.read_bytes()[:6000])
     assert cli.run(["bag", "recover", str(path), "-o", str(out)]) == 0
-    said = capsys.readouterr().out
+    published = capsys.readouterr().out
     assert re.fullmatch(
         rf"{out}: \d+ messages on 2 topics; that is up to byte \d+ of topics.mcap, "
         r"which is cut off at byte 6000\n",
-        said,
+        published,
     )
     path.write_bytes(b"")
     assert cli.run(["bag", "recover", str(path)]) == 2

@@ -29,7 +29,7 @@ class Strange:
 
 
 @EVERY
-def test_each_format_is_written_whole_and_said(explored, tmp_path, kind, capsys):
+def test_each_format_is_written_whole_and_reported(explored, tmp_path, kind, capsys):
     out = tmp_path / "out"
     assert cli.run(["bag", "export", str(explored), "--format", kind, "-o", str(out)]) == 0
     assert re.fullmatch(
@@ -84,7 +84,7 @@ def test_a_damaged_recording_is_to_be_recovered_first(explored, tmp_path):
         export_bag(explored, "csv", tmp_path / "out")
 
 
-def test_a_recording_that_was_never_closed_is_exported_and_said_to_be(record, tmp_path):
+def test_a_recording_that_was_never_closed_is_exported_and_reported_to_be(record, tmp_path):
     path = record([("/world", WORLD)] * 3, close=False)
     assert "never closed" in export_bag(path, "npz", tmp_path / "out.npz")
 

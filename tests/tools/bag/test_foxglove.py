@@ -110,15 +110,15 @@ def test_what_does_not_follow_its_schema_is_found(value, schema):
 def test_every_message_follows_its_schema(found):
     wrong = [
         f"{topic} {fault}"
-        for topic, said in found.items()
-        for _, schema, message, _ in said
+        for topic, published in found.items()
+        for _, schema, message, _ in published
         for fault in faults(message, schema)
     ]
     assert wrong == []
 
 
 def test_each_topic_has_the_schema_that_foxglove_knows(found):
-    assert {topic: said[0][0] for topic, said in found.items()} == {
+    assert {topic: published[0][0] for topic, published in found.items()} == {
         "/truth": "foxglove.SceneUpdate",
         "/touch/info": "SensorInfo",
         "/touch/raw": "TactileFrame",

@@ -66,11 +66,11 @@ def write(path, lines, *, closed=True):
 
 
 def events(lines):
-    said = [
+    published = [
         Event(PUBLISHERS[one.topic], one.topic, one.epoch, one.seq, one.sent_ns, packed(one))
         for one in lines
     ]
-    return History(tuple(said), closed=True)
+    return History(tuple(published), closed=True)
 
 
 def packed(line):

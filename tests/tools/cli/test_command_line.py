@@ -45,7 +45,7 @@ def test_help_lists_the_verbs_without_importing_one():
     assert not {"numpy", "msgspec", "rich", "palpate.tools.cli.launching"} & set(modules.split())
 
 
-def test_the_version_is_said(capsys):
+def test_the_version_is_reported(capsys):
     assert cli.run(["--version"]) == 0
     assert re.fullmatch(r"palpate, version \d+\.\d+\.\d+\n", capsys.readouterr().out)
 
@@ -158,9 +158,9 @@ def test_a_bad_scene_ends_with_2_and_one_sentence_and_leaves_nothing(
     write("bad.yaml", text)
     before = sorted(home.iterdir())
     assert cli.run([*verb, "bad.yaml"]) == 2
-    said = sentence(capsys)
-    assert said.startswith("palpate: bad.yaml")
-    assert words in said
+    text = sentence(capsys)
+    assert text.startswith("palpate: bad.yaml")
+    assert words in text
     assert sorted(home.iterdir()) == before
 
 
@@ -184,7 +184,7 @@ def test_the_kinds_of_node_are_listed_and_described(capsys):
     assert "  takes planner  default 'predicted'" in text
 
 
-def test_a_required_parameter_is_said_to_be_required():
+def test_a_required_parameter_is_reported_to_be_required():
     assert "  takes object  required" in describe_kind("simulator")
     with pytest.raises(InputError, match="there is no kind"):
         describe_kind("none")
@@ -201,8 +201,8 @@ def test_a_bug_shows_a_sentence_and_keeps_its_traceback(monkeypatch, capsys, tmp
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     command_that(monkeypatch, ZeroDivisionError("by\nnothing"))
     assert cli.run(["run"]) == 3
-    said = sentence(capsys)
-    found = re.fullmatch(r"palpate: a bug: ZeroDivisionError: by nothing; .* in (\S+)\n", said)
+    text = sentence(capsys)
+    found = re.fullmatch(r"palpate: a bug: ZeroDivisionError: by nothing; .* in (\S+)\n", text)
     assert found is not None
     assert "Traceback" in Path(found[1]).read_text()
 

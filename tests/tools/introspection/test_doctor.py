@@ -39,21 +39,21 @@ def test_a_missing_package_fails(monkeypatch):
     ("version", "without", "wanted"),
     [((4, 2, 9), "", "FAIL"), ((4, 3, 5), "ipc", "FAIL"), ((4, 3, 5), "curve", "WARN")],
 )
-def test_a_zeromq_that_lacks_something_is_said(monkeypatch, version, without, wanted):
+def test_a_zeromq_that_lacks_something_is_reported(monkeypatch, version, without, wanted):
     monkeypatch.setattr(machine.zmq, "zmq_version_info", lambda: version)
     monkeypatch.setattr(machine.zmq, "has", lambda name: name != without)
     assert [level(one) for one in machine.zmq_findings()] == [wanted]
 
 
 @pytest.mark.parametrize("module", ["palpate_none", "palpate_none.part", "msgpack.none"])
-def test_a_compiled_part_that_is_missing_is_said(module):
+def test_a_compiled_part_that_is_missing_is_reported(module):
     found = machine.compiled_finding("lz4", module, "recordings cannot be compressed")
     assert level(found) == "WARN"
     assert "recordings cannot be compressed; install lz4" in found.text
 
 
 @pytest.mark.parametrize(("free", "wanted"), [(1 << 20, "FAIL"), (1 << 25, "WARN"), (1e12, "ok")])
-def test_a_full_disk_is_said(monkeypatch, tmp_path, free, wanted):
+def test_a_full_disk_is_reported(monkeypatch, tmp_path, free, wanted):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(0, 0, free))
     assert level(machine.space_finding(tmp_path)) == wanted
 
@@ -70,7 +70,7 @@ def test_a_path_that_is_too_long_for_a_socket_fails():
     assert "at most 107 will do; set XDG_RUNTIME_DIR" in found.text
 
 
-def test_a_single_core_few_files_and_no_proc_are_said(monkeypatch, tmp_path):
+def test_a_single_core_few_files_and_no_proc_are_reported(monkeypatch, tmp_path):
     few: Any = lambda _: (64, 64)  # noqa: E731
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
     monkeypatch.setattr(resource, "getrlimit", few)
@@ -121,7 +121,7 @@ def test_a_graph_that_is_well_takes_one_line(card):
         ({}, 4, "FAIL", "talker misses 4 messages"),
     ],
 )
-def test_each_fault_is_said(card, more, gaps, level, words):
+def test_each_fault_is_reported(card, more, gaps, level, words):
     (found,) = graph_findings(card, answer(**more), beats(gaps))
     assert found.level == level
     assert words in found.text

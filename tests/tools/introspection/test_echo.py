@@ -20,7 +20,7 @@ from palpate.tools.introspection.topics import TapMessage, Topic
 TOPIC = Topic("/t", "TactileFrame", ("talker",), ())
 
 
-def heard(touch, **more):
+def received(touch, **more):
     schema = more.get("schema", schema_hash(TactileFrame))
     return TapMessage(
         "/t", "talker", Header(1, 0, touch, 0, 0.0, schema), encode(frame(touch)), 0, 0
@@ -32,7 +32,7 @@ def paths(*texts):
 
 
 def test_a_message_is_shown_in_yaml_with_a_line_after_it():
-    text = message_text(TOPIC, heard(3), EchoFormat())
+    text = message_text(TOPIC, received(3), EchoFormat())
     assert text is not None
     assert text.splitlines()[:2] == ["goal: 0", "touch: 3"]
     assert 'array: "16 x 16 float64: 2.0e-06, 2.0e-06, 2.0e-06, ..."' in text
@@ -55,20 +55,20 @@ def test_a_message_is_shown_in_yaml_with_a_line_after_it():
     ],
 )
 def test_what_is_asked_for_is_shown(form, text):
-    assert message_text(TOPIC, heard(3), form) == text
+    assert message_text(TOPIC, received(3), form) == text
 
 
 def test_a_row_has_the_same_columns_for_every_message():
     form = EchoFormat(csv=True, style=TextStyle(full=True))
-    rows = [message_text(TOPIC, heard(touch), form) for touch in (3, 4)]
+    rows = [message_text(TOPIC, received(touch), form) for touch in (3, 4)]
     counts = {row.count(",") for row in rows if row is not None}
     assert counts == {3 + 3 + 7 + 1 + 256 + 5 + 1 - 1}
 
 
 def test_a_message_of_another_version_is_refused():
     with pytest.raises(ValueError, match="the graph was started by another version"):
-        message_text(TOPIC, heard(3, schema=1), EchoFormat())
-    assert message_text(TOPIC, heard(3, schema=1), EchoFormat(raw=True)) is not None
+        message_text(TOPIC, received(3, schema=1), EchoFormat())
+    assert message_text(TOPIC, received(3, schema=1), EchoFormat(raw=True)) is not None
 
 
 def test_losses_are_told_once_a_second_and_never_twice():

@@ -23,13 +23,15 @@ def rates_of(copies, window=10_000):
     return rates
 
 
-@pytest.mark.parametrize("heard", [1.0, 0.5, 0.05])
-def test_lost_copies_do_not_falsify_a_rate_of_1_khz(copy, heard):
+@pytest.mark.parametrize("received", [1.0, 0.5, 0.05])
+def test_lost_copies_do_not_falsify_a_rate_of_1_khz(copy, received):
     rng = random.Random(1)
     # Sent every millisecond, a little early or late; copies come late, in bursts, or not at all.
     sent = [1e-3 * seq + 2e-4 * rng.random() for seq in range(5000)]
     late = [0.3 * rng.random() for _ in sent]
-    copies = (copy(seq, sent[seq], late=late[seq]) for seq in range(5000) if rng.random() < heard)
+    copies = (
+        copy(seq, sent[seq], late=late[seq]) for seq in range(5000) if rng.random() < received
+    )
     rate = rates_of(copies).rate()
     # Both ends may be off by 0.2 ms each, in about 5 s.
     assert rate == pytest.approx(1000.0, rel=1e-4)
@@ -79,7 +81,7 @@ def test_counting_from_0_once_more_begins_the_window_anew(copy):
     assert (rates.rate(), rates.sent) == (2.0, 2)
 
 
-def test_bandwidth_counts_whole_frames_and_those_not_heard(copy):
+def test_bandwidth_counts_whole_frames_and_those_not_received(copy):
     body = bytes(1000 - HEADER_SIZE - 3)
     rates = rates_of(copy(seq, 0.001 * seq, body=body) for seq in (0, 1, 3))
     assert rates.bandwidth() == pytest.approx(1e6)

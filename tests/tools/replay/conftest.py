@@ -50,11 +50,11 @@ def chain(monkeypatch):
             name=name,
             module="links",
             params=Params(),
-            inputs=(Input(publisher, heard, "/in", "LogRecord"),),
-            outputs={"/out": said},
+            inputs=(Input(publisher, received, "/in", "LogRecord"),),
+            outputs={"/out": published},
             subscribers={},
         )
-        for name, publisher, heard, said in places
+        for name, publisher, received, published in places
     ]
 
 
@@ -62,12 +62,12 @@ def chain(monkeypatch):
 def record_chain(tmp_path, chain):
     """Writes topics and values into a recording of the two nodes, in the order of sending."""
 
-    def write(said):
+    def write(published):
         path = tmp_path / "topics.mcap"
         about = {"graph": describe_wirings(chain).decode()}
         writer = RecordingWriter(path, dict.fromkeys(("/a", "/b", "/c"), "LogRecord"), {}, about)
         counts: dict[str, int] = {}
-        for place, (topic, value) in enumerate(said):
+        for place, (topic, value) in enumerate(published):
             seq = counts.get(topic, 0)
             counts[topic] = seq + 1
             header = Header(1, 0, seq, place, 0.0, schema_hash(LogRecord))

@@ -21,7 +21,7 @@ def compared(then, now, *, closed=True):
     for value in then:
         comparison.recorded(log(value))
     for value in now:
-        comparison.said(log(value))
+        comparison.add_published(log(value))
     comparison.end(closed=closed)
     return comparison
 
@@ -57,9 +57,9 @@ def test_after_it_fell_silent_what_was_recorded_is_counted():
     assert (comparison.compared, comparison.fewer) == (0, 2)
 
 
-def test_what_was_said_before_the_silence_is_still_compared():
+def test_what_was_published_before_the_silence_is_still_compared():
     comparison = TopicComparison("/log", LogRecord)
-    comparison.said(log(1.0))
+    comparison.add_published(log(1.0))
     comparison.fall_silent()
     comparison.recorded(log(1.0))
     comparison.recorded(log(2.0))

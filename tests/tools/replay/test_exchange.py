@@ -13,10 +13,18 @@ from palpate.messages.types.catalogue import LogRecord
 from palpate.tools.replay.exchange import in_order_of_sending
 from palpate.tools.replay.rerun import replay
 
-SAID = [("/a", 1.0), ("/b", 2.0), ("/c", 4.0), ("/a", 2.0), ("/b", 4.0), ("/c", 8.0), ("/a", 3.0)]
+PUBLISHED = [
+    ("/a", 1.0),
+    ("/b", 2.0),
+    ("/c", 4.0),
+    ("/a", 2.0),
+    ("/b", 4.0),
+    ("/c", 8.0),
+    ("/a", 3.0),
+]
 
 
-SAID += [("/b", 6.0), ("/c", 12.0)]
+PUBLISHED += [("/b", 6.0), ("/c", 12.0)]
 
 
 BOTH = ["first", "second"]
@@ -30,12 +38,12 @@ def lines_of(bag, *settings, nodes=BOTH):
 
 
 def test_with_the_same_parameters_nothing_changes(record_chain):
-    said = ["first: identical, 3 on /b", "second: identical, 3 on /c"]
-    assert lines_of(record_chain(SAID)) == (0, said)
+    published = ["first: identical, 3 on /b", "second: identical, 3 on /c"]
+    assert lines_of(record_chain(PUBLISHED)) == (0, published)
 
 
-def test_who_hears_a_replayed_node_hears_what_it_says_now(record_chain):
-    code, lines = lines_of(record_chain(SAID), "first.gain=3")
+def test_subscribers_of_a_replayed_node_receive_what_it_publishes_now(record_chain):
+    code, lines = lines_of(record_chain(PUBLISHED), "first.gain=3")
     assert code == 0
     assert lines[:2] == [
         "first: differs, /b 0 robot_time: recorded 2.0, now 3.0",
@@ -48,13 +56,13 @@ def test_who_hears_a_replayed_node_hears_what_it_says_now(record_chain):
 
 
 def test_what_is_not_replayed_comes_from_the_recording(record_chain):
-    bag = record_chain([(topic, value + (topic == "/b")) for topic, value in SAID])
+    bag = record_chain([(topic, value + (topic == "/b")) for topic, value in PUBLISHED])
     _, lines = lines_of(bag, nodes=["second"])
     assert lines[0] == "second: differs, /c 0 robot_time: recorded 4.0, now 6.0"
 
 
-def test_if_a_node_says_fewer_its_subscriber_hears_no_more(record_chain):
-    code, lines = lines_of(record_chain(SAID), "first.copies=0")
+def test_if_a_node_publishes_fewer_its_subscriber_receives_no_more(record_chain):
+    code, lines = lines_of(record_chain(PUBLISHED), "first.copies=0")
     assert code == 0
     assert lines == [
         "first: differs, /b 0: recorded, but not published again",
@@ -66,8 +74,8 @@ def test_if_a_node_says_fewer_its_subscriber_hears_no_more(record_chain):
     ]
 
 
-def test_if_a_node_says_more_its_subscriber_hears_the_rest_in_the_end(record_chain):
-    code, lines = lines_of(record_chain(SAID), "first.copies=2")
+def test_if_a_node_publishes_more_its_subscriber_receives_the_rest_in_the_end(record_chain):
+    code, lines = lines_of(record_chain(PUBLISHED), "first.copies=2")
     # Said now: 2 2 4 4 6 6, of which the first three stand in the places of 2 4 6.
     assert code == 0
     assert lines == [
@@ -82,9 +90,9 @@ def test_if_a_node_says_more_its_subscriber_hears_the_rest_in_the_end(record_cha
     ]
 
 
-def test_what_is_said_later_than_it_was_is_heard_then(record_chain):
-    said = ["first: identical, 3 on /b", "second: identical, 3 on /c"]
-    assert lines_of(record_chain(SAID), "first.late=2") == (0, said)
+def test_what_is_published_later_than_it_was_is_received_then(record_chain):
+    published = ["first: identical, 3 on /b", "second: identical, 3 on /c"]
+    assert lines_of(record_chain(PUBLISHED), "first.late=2") == (0, published)
 
 
 def test_a_message_that_was_recorded_before_its_cause_is_waited_for(record_chain):
@@ -92,8 +100,8 @@ def test_a_message_that_was_recorded_before_its_cause_is_waited_for(record_chain
     assert lines_of(bag) == (0, ["first: identical, 1 on /b", "second: identical, 1 on /c"])
 
 
-def test_after_a_node_has_failed_nothing_more_of_it_is_heard(record_chain):
-    code, lines = lines_of(record_chain(SAID), "first.fails_at=2")
+def test_after_a_node_has_failed_nothing_more_of_it_is_received(record_chain):
+    code, lines = lines_of(record_chain(PUBLISHED), "first.fails_at=2")
     assert code == 1
     assert lines == [
         "first: fails, ArithmeticError handling /a 1 from source: no more",
@@ -128,7 +136,7 @@ def test_a_recording_without_messages_has_no_order(tmp_path):
 
 
 def test_a_recording_is_not_held(tmp_path):
-    # Each was heard after the one that was sent after it, as of two publishers.
+    # Each was received after the one that was sent after it, as of two publishers.
     times = [place ^ 1 for place in range(MANY)]
     recording = recorded(tmp_path / "a.mcap", times, BODY)
     plain, ordered = peak_of(recording.messages()), peak_of(in_order_of_sending(recording))

@@ -34,7 +34,7 @@ from palpate.tools.replay.comparison import ChangeNote, FieldChange, TopicCompar
 from palpate.tools.replay.exchange import ReplayNode
 from palpate.tools.replay.rerun import change_table, replay, with_settings
 
-Message = tuple[str, int, object]  # Topic, sequence and message, as the recorder heard it
+Message = tuple[str, int, object]  # Topic, sequence and message, as the recorder received it
 Lines = list[str]
 
 
@@ -78,7 +78,7 @@ TYPES = {"/world": "World", "/number": "LogRecord", "/sum": "LogRecord"}
 THREE = read_settings(["adder.factor=3"])
 GOOD: list[Message] = [
     ("/sum", 0, log(2.0, "start")),
-    ("/number", 0, log(1.0)),  # heard before the world, on which the adder waits
+    ("/number", 0, log(1.0)),  # received before the world, on which the adder waits
     ("/world", 0, world(10)),
     ("/sum", 1, log(22.0)),
     ("/number", 1, log(-1.0)),
@@ -324,25 +324,25 @@ def test_nodes_that_receive_from_each_other_publish_the_same_again(explored):
 def test_all_nodes_together_say_what_a_run_with_that_parameter_says(
     explored, tmp_path, monkeypatch
 ):
-    said: dict[str, list[bytes]] = {}
-    take = TopicComparison.said
+    published: dict[str, list[bytes]] = {}
+    take = TopicComparison.add_published
 
     def keep(comparison, body):
-        said.setdefault(comparison.topic, []).append(body)
+        published.setdefault(comparison.topic, []).append(body)
         take(comparison, body)
 
-    monkeypatch.setattr(TopicComparison, "said", keep)
+    monkeypatch.setattr(TopicComparison, "add_published", keep)
     settings = read_settings(["filter.contact=300e-6"])
     assert replay(explored, KINDS, lambda line: None, settings=settings) == 0
     run: dict[str, list[bytes]] = {}
     other = explore(tmp_path / "topics.mcap", contact=300e-6)
     for kept in open_recording(other).messages():
         run.setdefault(kept.topic, []).append(kept.body)
-    assert said == run
+    assert published == run
     assert compare_recordings(explored, other).topics["/contour/traced"].differ == 1
 
 
-def test_curvature_hears_what_the_filter_says_with_its_new_parameter(explored):
+def test_curvature_receives_what_the_filter_publishes_with_its_new_parameter(explored):
     settings = read_settings(["filter.order=median-first"])
     code, lines = play(explored, ["filter", "curvature"], settings=settings)
     assert code == 0
@@ -483,8 +483,8 @@ def test_what_run_refuses_is_refused_in_the_same_words(setting, tmp_path):
 def player(fields, *, fewer=0, more=0):
     """A node that says ``/x``, of which 20 messages were compared."""
     changes = SimpleNamespace(fields=fields)
-    said = SimpleNamespace(topic="/x", compared=20, fewer=fewer, more=more, changes=changes)
-    return SimpleNamespace(publications={"/x": said})
+    published = SimpleNamespace(topic="/x", compared=20, fewer=fewer, more=more, changes=changes)
+    return SimpleNamespace(publications={"/x": published})
 
 
 def test_a_field_without_a_size_has_its_note_at_the_end():

@@ -50,20 +50,20 @@ def goals(*times):
     return [(Consumed("b", "/g", seq), sent_ns) for seq, sent_ns in enumerate(times)]
 
 
-def said(*times):
+def published(*times):
     return [SentMessage("/done", sent_ns, 0, b"") for sent_ns in times]
 
 
 def test_what_was_not_answered_is_still_to_be_done(actor):
-    heard = [WORLD, *goals(10, 11, 12, 13)]
-    done = answered_messages(actor, heard, said(5, 20, 30))
+    received = [WORLD, *goals(10, 11, 12, 13)]
+    done = answered_messages(actor, received, published(5, 20, 30))
     assert done == [Consumed("b", "/g", 0), Consumed("b", "/g", 1)]
 
 
 def test_more_answers_than_questions_answer_them_all(actor):
-    assert len(answered_messages(actor, goals(10, 11), said(20, 21, 22, 23))) == 2
+    assert len(answered_messages(actor, goals(10, 11), published(20, 21, 22, 23))) == 2
 
 
 def test_what_it_needs_is_handed_over_again(actor):
-    assert answered_messages(actor, [WORLD], said(5)) == []
+    assert answered_messages(actor, [WORLD], published(5)) == []
     assert answered_messages(actor, [], []) == []
