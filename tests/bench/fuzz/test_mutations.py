@@ -33,7 +33,7 @@ def test_every_kind_of_damage_hurts_bytes_and_bears_none(kind):
     assert isinstance(kind(random.Random(1), b"", b""), bytes)
 
 
-@pytest.mark.parametrize("kind", set(mutations.TEXT_MUTATIONS))
+@pytest.mark.parametrize("kind", dict.fromkeys(mutations.TEXT_MUTATIONS))
 def test_every_kind_of_damage_hurts_text_and_bears_none(kind):
     lines = b"".join(b"vertex %d 2.5 x\n" % i for i in range(20))
     results = {kind(random.Random(i), lines, mutations.HOSTILE_WORDS) for i in range(20)}
