@@ -13,6 +13,14 @@ from zlib import crc32
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 
+# Hundreds of interpreters are started, most of them for the same modules: whoever wants no
+# bytecode beside the sources has it in a folder that is no part of the tree.
+if sys.dont_write_bytecode:
+    sys.dont_write_bytecode = False
+    sys.pycache_prefix = str(Path(__file__).parent.parent / ".pytest_cache" / "bytecode")
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
@@ -28,6 +36,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("palpate")
     group.addoption("--slow", action="store_true", help="Run the statistics, marked slow, as well.")
     group.addoption("--slow-sample", action="store_true", help="Run a fixed tenth of them as well.")
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than cores: tests of processes wait more than they compute."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

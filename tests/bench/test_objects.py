@@ -30,7 +30,13 @@ from palpate.launch.scene import load_scene
 from palpate.nodes.specs.objects import build_shape
 
 
-@pytest.mark.parametrize("name", REBUILT_SHAPES)
+QUICK = ("sphere", "groove", "rounded box")
+SHAPES = [
+    pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in REBUILT_SHAPES
+]
+
+
+@pytest.mark.parametrize("name", SHAPES)
 def test_the_mesh_of_an_object_is_closed_and_its_contours_lie_on_it(name):
     shape, truth = REBUILT_SHAPES[name], truth_of(name)
     mesh = shape.true_mesh()

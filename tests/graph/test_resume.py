@@ -102,6 +102,6 @@ def test_three_fingers_whose_nodes_are_killed_come_to_the_same_end(seed, three, 
     names = [["tracer_2", "simulator_1", "planner"], ["curvature_3", "filter_2", "recorder"]]
     harm = Harm(names[seed - 1], signal.SIGKILL, seed)
     harm.start()
-    killed = explore_heights(tmp_path / "killed", 3, composed=False)
+    killed = explore_heights(tmp_path / "killed", 3, composed=False, killed=True)
     assert harm.when
     assert identical(three, killed)
