@@ -29,7 +29,6 @@ from palpate.core.geometry.nearest import nearest_points
 from palpate.launch.scene import load_scene
 from palpate.nodes.specs.objects import build_shape
 
-
 QUICK = ("sphere", "groove", "rounded box")
 SHAPES = [
     pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in REBUILT_SHAPES
