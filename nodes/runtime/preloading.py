@@ -6,21 +6,20 @@ imported is left to the node that wants it, which says in words what is wrong.
 
 from __future__ import annotations
 
-import ast
 import ctypes
 import gc
-import inspect
 import os
 import signal
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from importlib import import_module
-from types import ModuleType
+from types import CodeType, FunctionType, ModuleType
 
 # Variable of the environment with the names of the modules, between blanks.
 PRELOAD_VARIABLE = "PALPATE_PRELOAD"
 _PR_SET_PDEATHSIG = 1
+_WHOLE: set[str] = set()  # Modules that are imported with all that they take
 
 
 def preload(names: Iterable[str]) -> None:
@@ -44,13 +43,32 @@ def import_whole(name: str) -> None:
 
     Raises what the imports raise.
     """
+    if name in _WHOLE:
+        return
     module = import_module(name)
-    rooms = {key: one for key, one in vars(module).items() if isinstance(one, ModuleType)}
-    with suppress(OSError, TypeError):  # no source, no look ahead: the first message takes longer
-        for taken in ast.walk(ast.parse(inspect.getsource(module))):
-            match taken:
-                case ast.Attribute(ast.Name(key), attribute) if key in rooms:
-                    getattr(rooms[key], attribute, None)
+    rooms = {
+        key: one
+        for key, one in vars(module).items()
+        if isinstance(one, ModuleType) and one.__name__.startswith("palpate.")
+    }
+    exported = {key: frozenset(dir(room)) for key, room in rooms.items()}
+    for code in _codes_of(vars(module).values()):
+        for key in rooms.keys() & code.co_names:
+            for taken in exported[key].intersection(code.co_names):
+                getattr(rooms[key], taken)
+    _WHOLE.add(name)
+
+
+def _codes_of(values: Iterable[object]) -> Iterator[CodeType]:
+    """The code of functions, of those within them, and of classes' methods."""
+    for one in values:
+        if isinstance(one, FunctionType):
+            one = one.__code__
+        if isinstance(one, CodeType):
+            yield one
+            yield from _codes_of(one.co_consts)
+        elif isinstance(one, type):
+            yield from _codes_of(vars(one).values())
 
 
 def signal_at_parent_death(number: int) -> None:
