@@ -373,7 +373,7 @@ class NodeLoop:
         )
 
     def _take_the_rest(self, work: SinkWork) -> None:
-        """When others have died, what they said last is worth the most."""
+        """When others have died, what they published last is worth the most."""
         deadline = time.monotonic() + DRAIN_TIME
         while time.monotonic() < deadline and (arrival := self._station.receive()) is not None:
             work.take(arrival)

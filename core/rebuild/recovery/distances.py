@@ -359,7 +359,7 @@ def _body(parameters: Floats, points: Floats, frames: Floats) -> tuple[Floats, F
 
 
 class Unbent(NamedTuple):
-    """Places in the planes of the bends, straightened; (b, n) unless said otherwise."""
+    """Places in the planes of the bends, straightened; (b, n) unless told otherwise."""
 
     curvature: Floats  # (b, 1)
     towards: tuple[Floats, Floats]  # Direction of the bend, (b, 1) each
