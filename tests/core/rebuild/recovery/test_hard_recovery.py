@@ -22,17 +22,20 @@ def worst(cloud: Made, chamfer: Made, *shape: Any, trials: int = 3) -> float:
     return float(max(chamfer(recover(made.points), made) for made in clouds))
 
 
-def test_a_cube_with_exponents_of_005_is_found_from_anywhere(cloud, chamfer):
-    clouds = [cloud([1.0, 1.0, 1.0], [0.05, 0.05], seed=seed) for seed in range(6)]
-    assert all(chamfer(recover(made.points), made) < GOOD for made in clouds)
+@pytest.mark.parametrize("trials", [6, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_cube_with_exponents_of_005_is_found_from_anywhere(cloud, chamfer, trials):
+    clouds = [cloud([1.0, 1.0, 1.0], [0.05, 0.05], seed=seed) for seed in range(trials)]
+    assert np.mean([chamfer(recover(made.points), made) < GOOD for made in clouds]) >= 0.95
 
 
-def test_a_disc_twenty_times_as_wide_as_thick_is_no_wider(cloud, chamfer):
-    assert worst(cloud, chamfer, [1.0, 1.0, 0.05], [1.0, 1.0]) < GOOD
+@pytest.mark.parametrize("trials", [3, pytest.param(8, marks=pytest.mark.slow)])
+def test_a_disc_twenty_times_as_wide_as_thick_is_no_wider(cloud, chamfer, trials):
+    assert worst(cloud, chamfer, [1.0, 1.0, 0.05], [1.0, 1.0], trials=trials) < GOOD
 
 
-def test_a_needle_twenty_times_as_long_as_thick_keeps_its_axis(cloud, chamfer):
-    assert worst(cloud, chamfer, [0.05, 0.05, 1.0], [1.0, 1.0]) < GOOD
+@pytest.mark.parametrize("trials", [3, pytest.param(8, marks=pytest.mark.slow)])
+def test_a_needle_twenty_times_as_long_as_thick_keeps_its_axis(cloud, chamfer, trials):
+    assert worst(cloud, chamfer, [0.05, 0.05, 1.0], [1.0, 1.0], trials=trials) < GOOD
 
 
 def test_a_ball_is_recovered_and_the_missing_rank_reported(cloud, chamfer):
