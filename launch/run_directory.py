@@ -156,29 +156,38 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "gaps": ending.gaps,
         "duplicates": ending.duplicates,
         "restarts": dict(ending.restarts),
-        "nodes": {
-            name: {
-                "messages": status.messages,
-                "sent": status.sent,
-                "p50_us": status.p50,
-                "p99_us": status.p99,
-                "cpu_s": status.cpu,
-            }
-            for name, status in sorted(ending.statuses.items())
-        },
+        "nodes": _node_figures(ending),
         "numerics": {} if model is None else dict(sorted(model.health.items())),
-        "curve": [
-            {
-                "contours": one.contours,
-                "touches": one.touches,
-                "robot_time_s": one.robot_time,
-                "wall_s": seconds,
-                "chamfer_m": one.chamfer,
-                "rms_m": one.rms,
-            }
-            for seconds, one in progress.scores
-        ],
+        "curve": _curve(progress),
     }
+
+
+def _node_figures(ending: Ending) -> dict[str, dict[str, float]]:
+    return {
+        name: {
+            "messages": status.messages,
+            "sent": status.sent,
+            "p50_us": status.p50,
+            "p99_us": status.p99,
+            "cpu_s": status.cpu,
+        }
+        for name, status in sorted(ending.statuses.items())
+    }
+
+
+def _curve(progress: Progress) -> list[dict[str, float]]:
+    """Cost and error of each model on the way."""
+    return [
+        {
+            "contours": one.contours,
+            "touches": one.touches,
+            "robot_time_s": one.robot_time,
+            "wall_s": seconds,
+            "chamfer_m": one.chamfer,
+            "rms_m": one.rms,
+        }
+        for seconds, one in progress.scores
+    ]
 
 
 def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:

@@ -152,39 +152,17 @@ def _part_figures(made: MoveDurations, which: Bools) -> Costs:
     return {**parts, "total_s": float(made.total()[which].sum())}
 
 
+# Of a finger: its simulator, and of its moves the figures, goals and ends.
+_Moved = tuple[str, list[Floats], list[int | None], list[float]]
+
+
 def read_moves(run: Path) -> RunMoves:
     """The moves of a run; raises InputError if it cannot be read, or does not tell them."""
     path = find_bag(run)
-    phases: dict[int | None, Phase] = {None: "grasp"}  # By goal; none where the hand closed
-    # By finger its simulator, and of its moves the figures, goals and ends.
-    found: dict[int, tuple[str, list[Floats], list[int | None], list[float]]] = {}
-    seen = set[tuple[int, int, int]]()
     try:
         recording = open_recording(path)
         robots = _robots(recording)
-        for kept in recording.messages():
-            message: object = decode(KINDS[kept.type], kept.body) if kept.type in KINDS else None
-            match message:
-                case ContourGoal(id=goal):
-                    phases[goal] = "contours"
-                    continue
-                case ProbeGoal(id=goal):
-                    phases[goal] = "probes"
-                    continue
-                case GraspContacts() as moved:
-                    number, named = HAND_FINGER, None
-                case TactileFrame() as moved:
-                    number, named = moved.finger, moved.goal
-                    key = (moved.finger, moved.goal, moved.touch)
-                    if key in seen:  # a link may deliver a frame twice
-                        continue
-                    seen.add(key)
-                case _:
-                    continue
-            _, rows, goals, ends = found.setdefault(number, (kept.publisher, [], [], []))
-            rows.append(moved.move)
-            goals.append(named)
-            ends.append(moved.robot_time)
+        phases, found = _collected(recording)
     except CodecError as error:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:
@@ -203,6 +181,37 @@ def read_moves(run: Path) -> RunMoves:
     if not any((one.moves.approach > 0.0).any() for one in fingers):
         raise InputError(f"{path}: holds no moves of an arm, so no robot's time follows from it")
     return RunMoves(path, fingers, recording.closed)
+
+
+def _collected(recording: Recording) -> tuple[dict[int | None, Phase], dict[int, _Moved]]:
+    """The phase of each goal, none where the hand closed; and by finger what moved it."""
+    phases: dict[int | None, Phase] = {None: "grasp"}
+    found: dict[int, _Moved] = {}
+    seen = set[tuple[int, int, int]]()
+    for kept in recording.messages():
+        message: object = decode(KINDS[kept.type], kept.body) if kept.type in KINDS else None
+        match message:
+            case ContourGoal(id=goal):
+                phases[goal] = "contours"
+                continue
+            case ProbeGoal(id=goal):
+                phases[goal] = "probes"
+                continue
+            case GraspContacts() as moved:
+                number, named = HAND_FINGER, None
+            case TactileFrame() as moved:
+                number, named = moved.finger, moved.goal
+                key = (moved.finger, moved.goal, moved.touch)
+                if key in seen:  # a link may deliver a frame twice
+                    continue
+                seen.add(key)
+            case _:
+                continue
+        _, rows, goals, ends = found.setdefault(number, (kept.publisher, [], [], []))
+        rows.append(moved.move)
+        goals.append(named)
+        ends.append(moved.robot_time)
+    return phases, found
 
 
 def _robots(recording: Recording) -> dict[str, str]:

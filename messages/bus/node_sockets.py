@@ -123,14 +123,13 @@ class NodeSockets:
         publications: Mapping[str, tuple[str, ...]],
         persistent: bool = False,  # Whether what it publishes is kept beyond the node's death
     ) -> None:
-        run, epoch, depth = place.run, place.epoch, place.depth
         wanted = [topic for topic, subscribers in publications.items() if subscribers]
         past = MessageLog(
             Path(place.pasts[name]),
             wanted,
             silent=[topic for topic in publications if topic not in wanted],
             persistent=persistent,
-            epoch=epoch,
+            epoch=place.epoch,
         )
         self._wires = SocketContext(place.key)
         # What has no subscriber is not published again, and what is kept carries its times itself.
@@ -140,32 +139,8 @@ class NodeSockets:
         # Called now and then while a subscriber's queue is full: who waits for it does not hang
         self.while_blocked: Callable[[], None] = lambda: None
         try:
-            context = self._wires.context
-            self.line = ControlClient(context, place.control, name=name)
-            self.subscriber = Subscriber(
-                context,
-                name=name,
-                run=run,
-                epoch=epoch,
-                sources=subscriptions,
-                endpoints=place.endpoints,
-                depth=depth,
-            )
-            self.publisher = Publisher(
-                context,
-                place.endpoints[name],
-                name=name,
-                run=run,
-                epoch=epoch,
-                subscribers=publications,
-                depth=depth,
-                drain=self._drain,
-                past=past,
-                times=times,
-                again=place.going and not persistent,
-                ahead_ns=place.ahead_ns,
-            )
-            self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
+            again = place.going and not persistent
+            self._open(name, place, subscriptions, publications, past, times, again=again)
         except zmq.ZMQError:
             self._wires.destroy()
             times.close()
@@ -175,6 +150,44 @@ class NodeSockets:
         self._blocked.register(self.publisher.socket.getsockopt(zmq.FD), zmq.POLLIN)
         for socket in (self.subscriber.socket, self.publisher.socket, self.line.socket):
             self._poller.register(socket, zmq.POLLIN)
+
+    def _open(
+        self,
+        name: str,
+        place: Addresses,
+        subscriptions: Mapping[str, Sequence[str]],
+        publications: Mapping[str, tuple[str, ...]],
+        past: MessageLog,
+        times: SendTimes,
+        *,
+        again: bool,
+    ) -> None:
+        context, run, epoch, depth = self._wires.context, place.run, place.epoch, place.depth
+        self.line = ControlClient(context, place.control, name=name)
+        self.subscriber = Subscriber(
+            context,
+            name=name,
+            run=run,
+            epoch=epoch,
+            sources=subscriptions,
+            endpoints=place.endpoints,
+            depth=depth,
+        )
+        self.publisher = Publisher(
+            context,
+            place.endpoints[name],
+            name=name,
+            run=run,
+            epoch=epoch,
+            subscribers=publications,
+            depth=depth,
+            drain=self._drain,
+            past=past,
+            times=times,
+            again=again,
+            ahead_ns=place.ahead_ns,
+        )
+        self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
 
     @property
     def waiting(self) -> bool:

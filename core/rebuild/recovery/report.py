@@ -97,16 +97,7 @@ def reported(
 ) -> Recovery:
     """What is known of a fit; `noise` in its unit, `chosen`: whether the exponents were."""
     (points, middle, unit), inliers = scaled, found.inliers
-    place = found.axes @ found.parameters[8:11]
-    none, size = np.zeros(2), np.exp(found.parameters[:3])
-    taper = found.parameters[warps.taper_columns] if warps.taper else none
-    bend = found.parameters[warps.bend_columns] if warps.bend else none
-    turned = found.axes @ rotations_from_vectors(found.parameters[None, 5:8])[0]
-    solid = canonical(CanonicalSolid(size, found.parameters[3:5], turned, taper, bend))
-    # In the solid's own axes.
-    parts = [np.log(solid.size), solid.exponents, np.zeros(3), solid.axes.T @ place]
-    parts += [solid.taper] * warps.taper + [solid.bend] * warps.bend
-    parameters = np.concatenate(parts)
+    solid, place, parameters = _own_form(warps, found)
     (residuals,), (jacobian,) = normal_distances(parameters[None], points, solid.axes[None], warps)
     rms = float(np.sqrt(np.mean(residuals[inliers] ** 2)))
     free = np.ones(warps.total, bool)
@@ -118,23 +109,11 @@ def reported(
     covariance, rank, condition = certainty(jacobian[inliers], noise or scatter, free)
     share, loose = 1.0, 1.0  # of what is folded, nothing is known
     if not found.folded:
-        base = Superquadric(solid.size, solid.exponents)
-        surface = sampled_surface(base, solid.taper, bend_of(solid.bend), COVER_LEVEL)
-        # The same places each time: nothing here is left to chance.
-        sampled = area_samples(surface, SAMPLES, np.random.default_rng(0))
-        places = sampled @ solid.axes.T + place
-        share = uncovered(places, surface.area, points[inliers], rms)
+        places, area = _places_on(solid, place)
+        share = uncovered(places, area, points[inliers], rms)
         slopes = normal_distances(parameters[None], places, solid.axes[None], warps)[1][0]
         loose = looseness(slopes, covariance, solid.exponents)
     cautious = loose * (caution(left) if noise is None else 1.0)
-    reasons: list[tuple[bool, RecoveryWarning]] = [
-        (not found.converged, "not converged"),
-        (found.bounded, "at a bound"),
-        (found.folded, "folded"),
-        (float(solid.size.min()) < FLAT * rms, "flat"),
-        (share > MOST_UNCOVERED, "one-sided"),
-        (cautious > LOOSE, "loose"),
-    ]
     units = np.diag(units_of(warps, unit))
     units[8:11, 8:11] = unit * solid.axes
     names = {pair: name for name, pair in CHOICES.items()}
@@ -154,11 +133,48 @@ def reported(
         uncovered=share,
         looseness=unit * loose,
         converged=found.converged,
-        warnings=tuple(warning for applies, warning in reasons if applies),
+        warnings=_warnings(
+            found, flat=float(solid.size.min()) < FLAT * rms, share=share, loose=cautious
+        ),
         choice=names[solid.exponents[0], solid.exponents[1]] if chosen else None,
         starts=found.starts,
         steps=found.steps,
     )
+
+
+def _own_form(warps: Warps, found: SearchResult) -> tuple[CanonicalSolid, Floats, Floats]:
+    """The solid as it is reported, its place (3,), and the parameters (p,) in its own axes."""
+    place = found.axes @ found.parameters[8:11]
+    none, size = np.zeros(2), np.exp(found.parameters[:3])
+    taper = found.parameters[warps.taper_columns] if warps.taper else none
+    bend = found.parameters[warps.bend_columns] if warps.bend else none
+    turned = found.axes @ rotations_from_vectors(found.parameters[None, 5:8])[0]
+    solid = canonical(CanonicalSolid(size, found.parameters[3:5], turned, taper, bend))
+    parts = [np.log(solid.size), solid.exponents, np.zeros(3), solid.axes.T @ place]
+    parts += [solid.taper] * warps.taper + [solid.bend] * warps.bend
+    return solid, place, np.concatenate(parts)
+
+
+def _places_on(solid: CanonicalSolid, place: Floats) -> tuple[Floats, float]:
+    """Places (n, 3) spread evenly over a solid, the same each time; and its area."""
+    base = Superquadric(solid.size, solid.exponents)
+    surface = sampled_surface(base, solid.taper, bend_of(solid.bend), COVER_LEVEL)
+    sampled = area_samples(surface, SAMPLES, np.random.default_rng(0))
+    return sampled @ solid.axes.T + place, surface.area
+
+
+def _warnings(
+    found: SearchResult, *, flat: bool, share: float, loose: float
+) -> tuple[RecoveryWarning, ...]:
+    reasons: list[tuple[bool, RecoveryWarning]] = [
+        (not found.converged, "not converged"),
+        (found.bounded, "at a bound"),
+        (found.folded, "folded"),
+        (flat, "flat"),
+        (share > MOST_UNCOVERED, "one-sided"),
+        (loose > LOOSE, "loose"),
+    ]
+    return tuple(warning for applies, warning in reasons if applies)
 
 
 def certainty(jacobian: Floats, noise: float, free: Bools) -> tuple[Floats, int, float]:
