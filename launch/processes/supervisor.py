@@ -209,7 +209,7 @@ class Supervisor:
         return Verdict("stalled", f"{self._ends} {what} nothing has moved for {STALL:g} s: {why}")
 
     def _interrupted(self) -> Verdict:
-        return Verdict("interrupted", f"interrupted by {self._interrupts.came}")
+        return Verdict("interrupted", f"{self._interrupts.came} was received")
 
     def _receive_reports(self) -> None:
         try:

@@ -50,7 +50,7 @@ def left_in(folder):
 def assert_ended_well(process, folder, signal_name, gone):
     began = time.monotonic()
     out, err = process.communicate(timeout=GONE_WITHIN)
-    assert out == f"interrupted - interrupted by {signal_name}\n"
+    assert out == f"interrupted - {signal_name} was received\n"
     assert err == ""
     assert process.returncode == 0
     assert gone(process.pid, GONE_WITHIN - (time.monotonic() - began))
