@@ -14,11 +14,13 @@ from msgspec import Meta, Struct
 
 from palpate.core import Floats, explore
 from palpate.core.explore.planners import (
+    Estimate,
     Height,
     Observation,
     Planner,
     Stop,
     check_choice,
+    estimate_error,
     make_planner,
     untraceable_height,
 )
@@ -31,6 +33,7 @@ from palpate.messages.types import (
     GraspGoal,
     ModelGoal,
     PlanDone,
+    PlanEstimate,
     Probe,
     ProbeGoal,
     SensorInfo,
@@ -57,7 +60,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     planner: str = "predicted"
     settings: dict[str, Any] = {}  # Its numbers
     tolerance: Length = 0.2e-3  # Root mean square error that is asked for, m
-    feature: Length = 3.0e-3  # Largest height that may stay untouched, m
+    # Largest height that may stay untouched, m; null: `explore.FEATURE_SHARE` times the tolerance.
+    feature: Length | None = None
     # Touches that may be made; null for as many as it takes.
     most_touches: Annotated[int, Meta(ge=1)] | None = None
     # Robot time that may pass, s; null for as long as it takes.
@@ -92,7 +96,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """What is asked of the exploration."""
         return explore.Demand(
             tolerance=self.tolerance,
-            feature=self.feature,
+            feature=self.feature or explore.FEATURE_SHARE * self.tolerance,
             most_touches=math.inf if self.most_touches is None else self.most_touches,
             most_seconds=math.inf if self.most_seconds is None else self.most_seconds,
         )
@@ -163,7 +167,23 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         traced=tuple(one._replace(dropped=number in dropped) for number, one in pairs),
         uncertainty=_uncertainty(model) if len(model.faces) else None,
     )
-    return decide(params.demand, params.rule, replace(state, survey=survey, asked=False))
+    state = replace(state, survey=survey, asked=False)
+    estimate = estimate_error(_observation(params.demand, state))
+    state, outputs = decide(params.demand, params.rule, state)
+    return state, [_published(model, estimate), *outputs]
+
+
+def _published(model: ShapeModel | PlanDone, estimate: Estimate) -> tuple[str, object]:
+    halving = estimate.halving
+    told = derive(
+        PlanEstimate,
+        model,
+        estimate,
+        contours=len(model.contours),
+        halving_touches=halving and halving.touches,
+        halving_seconds=halving and halving.seconds,
+    )
+    return "/plan/estimate", told
 
 
 def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
@@ -255,7 +275,7 @@ def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     stop = check_choice(rule, observation)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
-    return done(state, stop.reason + _shape(state), observation, stop)
+    return done(state, stop.reason + _shape(state), observation)
 
 
 def _observation(demand: Demand, state: State) -> Observation:
@@ -267,19 +287,19 @@ def _observation(demand: Demand, state: State) -> Observation:
 
 
 def done(
-    state: State, reason: str, observation: Observation | None = None, stop: Stop | None = None
+    state: State, reason: str, observation: Observation | None = None
 ) -> tuple[State, Outputs]:
-    """Say that it is over."""
+    """Say that it is over, and how good the solid is."""
     state = replace(state, models=state.models + 1)
     goal = planning.model_goal(state)
-    plan_done = derive(
-        PlanDone,
-        goal,
-        stop or Stop(reason, None),
-        reason=reason,
-        uncovered=0.0 if observation is None else untraceable_height(observation),
-    )
-    return state, [("/plan/done", plan_done)]
+    if observation is None:
+        nothing = {"tolerance_met": False, "rms_bound_95": None, "largest_untouched": None}
+        return state, [
+            ("/plan/done", derive(PlanDone, goal, reason=reason, uncovered=0.0, **nothing))
+        ]
+    estimate, uncovered = estimate_error(observation), untraceable_height(observation)
+    plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered)
+    return state, [_published(plan_done, estimate), ("/plan/done", plan_done)]
 
 
 def _shape(state: State) -> str:
@@ -312,6 +332,7 @@ NODE = Node(
         "/contour/goal": ContourGoal,
         "/probe/goal": ProbeGoal,
         "/model/goal": ModelGoal,
+        "/plan/estimate": PlanEstimate,
         "/plan/done": PlanDone,
     },
     needs=("/world", "/touch/info"),

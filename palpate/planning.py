@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners import TUNED as TUNED
     from palpate.core.explore.planners import Budget as Budget
     from palpate.core.explore.planners import Choice as Choice
+    from palpate.core.explore.planners import Estimate as Estimate
     from palpate.core.explore.planners import Height as Height
     from palpate.core.explore.planners import Observation as Observation
     from palpate.core.explore.planners import ObservedSlice as ObservedSlice
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners import Span as Span
     from palpate.core.explore.planners import Stop as Stop
     from palpate.core.explore.planners import Wait as Wait
+    from palpate.core.explore.planners import estimate_error as estimate_error
     from palpate.core.explore.planners import exhausted_budget as exhausted_budget
     from palpate.core.explore.planners import first_and_last as first_and_last
     from palpate.core.explore.planners import free_height as free_height

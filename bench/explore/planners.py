@@ -214,10 +214,11 @@ def plan_claim(trial: rules.PlannerTrial, tolerance: float) -> PlanClaim:
     """Let the default planner work until it stops, and compare what it claims with the truth."""
     slices, _ = rules.run_planner(rules.Predicted(), trial, tolerance, most=40)
     bounds = [
-        rules.predict_error(one, rules.profile_of(one), rules.untouched_spans(one)).rms_bound_95
-        if len(one.slices) > 2
-        else 1.0
-        for one in (rules.observation_of(slices[: i + 1], tolerance) for i in range(len(slices)))
+        1.0 if one.rms_bound_95 is None else one.rms_bound_95 / rules.EXTENT
+        for one in (
+            rules.estimate_error(rules.observation_of(slices[: i + 1], tolerance))
+            for i in range(len(slices))
+        )
     ]
     errors = errors_of(trial, slices)
     first_true, first_bound = _first(errors, tolerance), _first(bounds, tolerance)

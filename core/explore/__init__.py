@@ -14,6 +14,7 @@ from palpate.rooms import lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.survey import APART as APART
+    from palpate.core.explore.survey import FEATURE_SHARE as FEATURE_SHARE
     from palpate.core.explore.survey import Demand as Demand
     from palpate.core.explore.survey import ModelUncertainty as ModelUncertainty
     from palpate.core.explore.survey import Survey as Survey

@@ -60,10 +60,6 @@ SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16
 # Of the height of an edge that nobody touched: what its rounding may be wrong by, root mean square
 # over the edge and as much of the end. With noise, a superellipse taken for an arc errs by that.
 HIDES = 0.15
-# What a stretch of the side that nobody touched, between two that were, may be wrong by: so much
-# times its height to the fourth power over the third power of half the width, as between two ends
-# with slopes. Measured on shipped scenes with 5 contours.
-BULGES = 0.05
 RING, WAYS = 128, 65  # Points of a rim, and places from there to the end
 
 
@@ -308,7 +304,11 @@ def sheared_volume(volume: SplineVolume, shear: Shear) -> SplineVolume:
 
 
 def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> float:
-    """Standard deviation of the surface along its normal, root mean square over its area, m."""
+    """Standard deviation of the surface along its normal, root mean square over its area, m.
+
+    Of noise, and of what untouched edges of the ends may hide; what untouched stretches of the side
+    may hide is predicted from slopes and curvatures beside them (`palpate.planning`).
+    """
     contacts = None if contacts is None else levelled(closed.shear, contacts)
     pieces = closed.surface.pieces
     side = next(i for i, piece in enumerate(pieces) if isinstance(piece, SidePatch))
@@ -317,10 +317,6 @@ def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> flo
     inside = (cells.heights > low) & (cells.heights < high)
     area = float(cells.areas[inside].sum())
     total = float((cells.areas * np.square(_side_deviation(closed, cells)))[inside].sum())
-    if closed.radial is not None:  # what the side may hide where it was not touched, m^4
-        gaps, half = closed.radial.gaps, closed.loft.size
-        bulges = BULGES * gaps * (gaps / half) ** 3
-        total += float((2.0 * np.pi * half / SECTORS * gaps) @ bulges**2)
     ends = (
         (closed.bottom, -1.0, pieces[:side], cells.heights <= low),
         (closed.top, 1.0, pieces[side + 1 :], cells.heights >= high),

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from palpate.messages.types.catalogue import NodeStatus as NodeStatus
     from palpate.messages.types.model import ModelGoal as ModelGoal
     from palpate.messages.types.model import PlanDone as PlanDone
+    from palpate.messages.types.model import PlanEstimate as PlanEstimate
     from palpate.messages.types.model import Score as Score
     from palpate.messages.types.model import ShapeModel as ShapeModel
     from palpate.messages.types.model import Superquadric as Superquadric

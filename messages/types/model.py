@@ -24,6 +24,7 @@ from palpate.messages.fields import (
     Ratio,
     Seconds,
     Triangles,
+    Unit,
     Vector,
 )
 
@@ -45,6 +46,27 @@ class ModelGoal:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PlanEstimate:
+    """How good a model is, as far as can be told, and what the next halving of its error takes.
+
+    Planner to whoever shows it, on ``/plan/estimate``, for each model and for the final one.
+    """
+
+    number: Count  # Number of the model
+    contours: Count  # Contours used
+    touches: Count  # Touches spent, failed contours included
+    robot_time: Seconds  # Robot time spent
+    # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
+    # tell
+    rms_bound_95: Metres | None
+    # Height of the largest stretch of the side that nothing has touched
+    largest_untouched: Metres
+    # Touches after which the error is expected to be half as large; null if no slice brings that
+    halving_touches: Annotated[float, Unit("#")] | None
+    halving_seconds: Seconds | None  # Robot time that they are expected to take
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanDone:
     """The exploration is over. Planner to reconstructor on ``/plan/done``."""
 
@@ -54,7 +76,7 @@ class PlanDone:
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent
     reason: str  # Why it is over
-    # Whether the tolerance was met, as far as can be told; null where nobody looked
+    # Whether the tolerance was met, as far as can be told
     tolerance_met: bool | None
     # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
     # tell

@@ -193,7 +193,7 @@ def test_the_test_of_the_template_fails_for_a_planner_that_has_a_length_of_its_o
     class Metres(Template):
         def next(self, observation):
             heights = [observation.low + 0.01 * (i + 1) for i in range(len(observation.slices) + 1)]
-            return Height(heights[-1], "on") if heights[-1] < 0.08 else Stop("end", None)
+            return Height(heights[-1], "on") if heights[-1] < 0.08 else Stop("end")
 
     monkeypatch.setattr(planner_check, "Template", Metres)
     with pytest.raises(AssertionError):

@@ -52,10 +52,9 @@ class Template:
         # Between the first and the last height: the ends themselves are touched in another way.
         low, high = first_and_last(observation)
         spans = untouched_spans(observation)
-        untouched = max((span.length for span in spans), default=0.0)
         over = exhausted_budget(observation)
         if over is not None:
-            return Stop(over, tolerance_met=False, largest_untouched=untouched)
+            return Stop(over)
         # Never where a slice was tried, whatever came of it, and never near another finger.
         for wanted in (0.5 * (low + high), high, low):
             height = free_height(observation, wanted, Span(wanted, wanted))
@@ -72,10 +71,9 @@ class Template:
             return Height(height, "the side bows there")
         if observation.busy_heights:
             return Wait("other fingers are at work on what is left")
-        if untouched > observation.feature:
-            return Stop("what is left cannot be reached", False, largest_untouched=untouched)
-        reason = "all was touched" + (", but it bows where there is no room" if bowed else "")
-        return Stop(reason, tolerance_met=not bowed, largest_untouched=untouched)
+        if any(span.length > observation.feature for span in spans):
+            return Stop("what is left cannot be reached")
+        return Stop("all was touched" + (", but it bows where there is no room" if bowed else ""))
 
 
 def _middle(observation: Observation, spans: Sequence[Span]) -> float | None:

@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.coverage import profile_of as profile_of
     from palpate.core.explore.planners.coverage import untouched_spans as untouched_spans
     from palpate.core.explore.planners.coverage import untraceable_height as untraceable_height
+    from palpate.core.explore.planners.estimate import Estimate as Estimate
+    from palpate.core.explore.planners.estimate import estimate_error as estimate_error
     from palpate.core.explore.planners.fuzzy import Fuzzy as Fuzzy
     from palpate.core.explore.planners.predicted import COVERING as COVERING
     from palpate.core.explore.planners.predicted import UNTOUCHED as UNTOUCHED
     from palpate.core.explore.planners.predicted import Predicted as Predicted
-    from palpate.core.explore.planners.predicted import predict_error as predict_error
     from palpate.core.explore.planners.protocol import END_SHARE as END_SHARE
     from palpate.core.explore.planners.protocol import LEAST_FEATURE as LEAST_FEATURE
     from palpate.core.explore.planners.protocol import PLANNER_NAMES as PLANNER_NAMES

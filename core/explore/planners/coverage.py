@@ -23,7 +23,8 @@ from palpate.core.explore.planners.protocol import (
     first_and_last,
 )
 
-ROWS = 8  # Heights per feature at which it is asked whether anything was touched
+# Heights, per least distance of two slices, at which it is asked whether anything was touched.
+ROWS = 8
 FINE = 65  # Heights of a span at which a band is looked up
 ROUNDING = 1e-9  # Of a slice: more than this, and it takes another one
 OPEN = 0.1  # A height counts as untouched where more than this share of its azimuths is
@@ -54,7 +55,7 @@ class Span(NamedTuple):
 def untouched_spans(observation: Observation) -> list[Span]:
     """Stretches between the first and the last height that no slice has touched, from below."""
     bottom, top = first_and_last(observation)
-    count = max(int(np.ceil(ROWS * (top - bottom) / observation.feature)), 1)
+    count = max(int(np.ceil(ROWS * (top - bottom) / observation.spacing)), 1)
     edges = np.linspace(bottom, top, count + 1)
     rows = 0.5 * (edges[:-1] + edges[1:])[:, None]
     usable = [one for one in observation.slices if one.usable]
@@ -125,18 +126,18 @@ def longest_first(spans: Sequence[Span], unit: float) -> list[Span]:
 
 
 def free_height(observation: Observation, wanted: float, within: Span) -> float | None:
-    """The height nearest to the wanted one that is a feature away from all that were tried.
+    """The height nearest to the wanted one that is far enough from all that were tried.
 
     Heights at which other fingers are at work count as tried. In m; None if there is no room.
     """
-    room = observation.feature * (1.0 - 1e-9)
+    room = observation.spacing * (1.0 - 1e-9)
     tried = [(one.height, room) for one in observation.slices]
     spacing = max(observation.finger_spacing, room)
     tried += [(height, spacing) for height in observation.busy_heights]
-    reach = int(np.ceil(within.length / (0.25 * observation.feature)))
+    reach = int(np.ceil(within.length / (0.25 * observation.spacing)))
     steps = sorted(range(-reach, reach + 1), key=lambda step: (abs(step), -step))
     for step in steps:
-        height = wanted + 0.25 * observation.feature * step
+        height = wanted + 0.25 * observation.spacing * step
         inside = within.low <= height <= within.high
         if inside and all(abs(height - other) >= gap for other, gap in tried):
             return height

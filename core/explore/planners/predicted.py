@@ -3,35 +3,33 @@
 A coarse cover first, of an odd number, so that the middle is among it. Then, while the error that
 the slices predict is too large, the height that brings it down with the fewest slices; when it is
 small enough, the middle of what no pad has touched. A predicted error says nothing about what lies
-between two pads, which is why both are asked for. Two indicators are enough. A curve that knows the
-curvatures, too, differs from the cubic by about as much as the cubic differs from the truth; and
-where slopes and curvatures of both ends do not add up to the rise of the positions, something lies
-between. Their weights were fitted to logarithms of true errors, interval by interval, and the
-factor of the bound to whole runs.
+between two pads, which is why both are asked for.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 
-from palpate.core.arrays import Floats, Ints
 from palpate.core.explore.planners.coverage import (
-    ErrorIndicators,
-    Profile,
     Span,
-    error_indicators,
     even_heights,
     free_height,
     longest_first,
     longest_untouched,
-    profile_of,
     untouched_spans,
+)
+from palpate.core.explore.planners.estimate import (
+    NEAR,
+    ORDER,
+    ErrorPrediction,
+    Estimate,
+    estimate_error,
+    parts_needed,
 )
 from palpate.core.explore.planners.protocol import (
     END_DEVIATIONS,
@@ -51,18 +49,6 @@ ROOM = 2.0  # Slices that only average noise lie at least so many features apart
 COVER_REACH = 0.12  # Of the height: a slice so near to a wanted one of the cover stands for it
 PULLED = 0.35  # A cut moves by up to this share of a part, towards the end that bends more
 AMPLE = 1.3  # Cuts are planned for an error by so much below the tolerance
-NEAR = 1e-6  # Values that differ by less of themselves are alike; then the shorter way counts
-MOST_CUTS = 64  # Slices that are planned ahead
-HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
-SAFETY = 1.1  # Bound of 95 % over the predicted error of the whole
-NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
-UNTOUCHED_ORDER = 3.0  # An interval errs by its untouched share to this power less
-# Bound of 95 % over the deviation that a solid of all taxels states itself, and what edges leave
-# that no deviation states, over the extent: from 200 explorations of drawn objects, half of
-# them with noise.
-DEVIATION, LEFT = 0.72, 2.0e-4
-# Where noise alone is beyond the tolerance, slices stop when they add less than this of it.
-SETTLED = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +59,7 @@ class Predicted:
     # Error that an untouched stretch may hide, over the height, by the square of its share.
     hidden_error: Annotated[float, Range(0.0, 1.0, "1")] = 0.04
     # An interval cut into m parts is expected to err by m to this power less.
-    order: Annotated[float, Range(1.0, 6.0, "1")] = 3.0
+    order: Annotated[float, Range(1.0, 6.0, "1")] = ORDER
     # Cost of moving by the whole height, over that of a slice.
     travel: Annotated[float, Range(0.0, 1.0, "1")] = 0.02
 
@@ -84,37 +70,41 @@ class Predicted:
 
     def next(self, observation: Observation) -> Choice:
         """The next slice, or that the demand is met, or that nothing more can be done."""
-        profile, spans = profile_of(observation), untouched_spans(observation)
-        prediction = None
-        if len(profile.heights) > 1:
-            prediction = predict_error(observation, profile, spans)
-        bound = None if prediction is None else prediction.rms_bound_95 * observation.extent
-        untouched = max((span.length for span in spans), default=0.0)
         over = exhausted_budget(observation)
         if over is not None:
-            return Stop(over, False, bound, untouched)
+            return Stop(over)
         height = self._covering(observation)
         if height is not None:
             return Height(height, COVERING)
+        estimate = estimate_error(observation)
+        prediction = estimate.prediction
+        if prediction is not None:
+            found = self._refining(observation, prediction)
+            if found is not None:
+                return found
+        if observation.busy_heights:
+            return Wait("other fingers are at work where there is something left to do")
+        return Stop(_reason(observation, estimate))
+
+    def _refining(self, observation: Observation, prediction: ErrorPrediction) -> Height | None:
+        """The next slice for the error's sake, for what is untouched, or to average noise."""
+        spans = untouched_spans(observation)
         tolerance = observation.tolerance / observation.extent
-        if prediction and prediction.wants_refinement(tolerance):
-            height = best_refinement(observation, profile.heights, prediction, spans, self)
+        if prediction.wants_refinement(tolerance):
+            height = best_refinement(observation, prediction, spans, self)
             if height is not None:
                 height = _along_with(observation, spans, height)
                 return Height(height, "the predicted error is largest there")
-        height = _untouched_height(observation, spans) if prediction else None
+        height = _untouched_height(observation, spans)
         if height is not None:
             return Height(height, UNTOUCHED)
         usable = sum(one.usable for one in observation.slices)
-        room = max(int(observation.extent / (ROOM * observation.feature)), usable)
-        every = observation.all_taxels
-        if prediction and every and prediction.wants_averaging(tolerance, usable, room):
+        room = max(int(observation.extent / (ROOM * observation.spacing)), usable)
+        if observation.all_taxels and prediction.wants_averaging(tolerance, usable, room):
             height = _widest_free(observation)
             if height is not None:
                 return Height(height, "noise is averaged there")
-        if observation.busy_heights:
-            return Wait("other fingers are at work where there is something left to do")
-        return _end(observation, prediction, untouched)
+        return None
 
     def _covering(self, observation: Observation) -> float | None:
         """The first height of the cover, from the middle, for which no slice stands yet."""
@@ -137,13 +127,12 @@ class Predicted:
 
 def best_refinement(
     observation: Observation,
-    shares: Floats,
     prediction: ErrorPrediction,
     spans: Sequence[Span],
     rule: Predicted,
 ) -> float | None:
     """The height at which one slice more is worth most, m; None where there is no room."""
-    heights = (observation.low + observation.extent * shares).tolist()
+    heights = (observation.low + observation.extent * prediction.heights).tolist()
     pairs = list(pairwise(heights))
     hidden = np.array([longest_untouched(spans, *pair) for pair in pairs]) / observation.extent
     # Squared errors of the intervals by their shares of the area, with what may be hidden.
@@ -168,18 +157,6 @@ def best_refinement(
     most = max(value for value, _, _ in offers)
     alike = [offer for offer in offers if offer[0] >= most * (1.0 - NEAR)]
     return min(alike, key=lambda offer: (round(offer[1] / NEAR), -offer[2]))[2]
-
-
-def parts_needed(variances: Floats, target: float, order: float) -> Ints:
-    """Into how many parts each interval must be cut, with the fewest cuts in all."""
-    parts = np.ones(len(variances), dtype=np.int32)
-    for _ in range(MOST_CUTS):
-        now = variances * parts ** (-2.0 * order)
-        if now.sum() <= target**2:
-            break
-        gain = now - variances * (parts + 1.0) ** (-2.0 * order)
-        parts[int(np.argmax(gain >= gain.max() * (1.0 - NEAR)))] += 1
-    return parts
 
 
 def _place(parts: int, bend_side: float) -> float:
@@ -241,79 +218,19 @@ def _widest_free(observation: Observation) -> float | None:
     return next((height for height in found if height is not None), None)
 
 
-def _end(observation: Observation, prediction: ErrorPrediction | None, untouched: float) -> Stop:
-    if prediction is None:
-        return Stop("fewer than two slices could be traced", False, None, untouched)
-    bound = prediction.rms_bound_95 * observation.extent
-    noise = prediction.noise * observation.extent
+def _reason(observation: Observation, estimate: Estimate) -> str:
+    """Why it is over, where no slice is left that would help."""
+    if estimate.prediction is None or estimate.rms_bound_95 is None:
+        return "fewer than two slices could be traced"
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
-    small, covered = bound <= observation.tolerance, max(untouched, loose) <= observation.feature
-    if small and covered:
-        reason = "the error is within tolerance, and nothing larger than a feature is untouched"
-    elif small and loose > observation.feature:
-        reason = "the error of the side is within tolerance, but where the object ends is uncertain"
-    elif small:
-        reason = "the error is within tolerance, but what is left untouched cannot be reached"
-    elif noise > observation.tolerance:
-        reason = (
-            "the noise of the slices is beyond the tolerance, and no further slice takes it away"
-        )
-    else:
-        reason = "the slices lie as close as they may, and the error is not within tolerance"
-    return Stop(reason, small and covered, bound, max(untouched, loose))
-
-
-class ErrorPrediction(NamedTuple):
-    """What at least two slices say about the side between them; shares of the object's height."""
-
-    indicators: ErrorIndicators  # Of each interval
-    errors: Floats  # Root mean square error of each interval, noise apart; (m - 1,)
-    shares: Floats  # Of the side's area; (m - 1,)
-    curve: float  # Bound of the error of the whole that comes of too few slices, in 95 of 100 runs
-    noise: float  # That which comes of the slices' own deviations, or that the solid states itself
-
-    @property
-    def rms_bound_95(self) -> float:
-        """Of the error of the whole, in 95 of 100 runs."""
-        return math.hypot(self.curve, self.noise)
-
-    def wants_refinement(self, tolerance: float) -> bool:
-        """Whether further slices would bring down what too few slices leave, and have to."""
-        if self.noise < tolerance:
-            return self.rms_bound_95 > tolerance
-        return self.curve > SETTLED * self.noise
-
-    def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
-        """Whether noise is too large, but so many slices would average it away, and there is room.
-
-        Of a solid rebuilt from all that was touched, noise falls with the root of their number.
-        """
-        return self.noise > tolerance and self.noise * math.sqrt(slices / room) <= tolerance
-
-
-def predict_error(
-    observation: Observation, profile: Profile, spans: Sequence[Span]
-) -> ErrorPrediction:
-    """The errors that at least two slices predict, and untouched spans between them."""
-    indicators = error_indicators(profile)
-    errors = np.hypot(HIGHER * indicators.quintic_gap, CLASH * indicators.rise_mismatch)
-    if observation.all_taxels:
-        heights = (observation.low + observation.extent * profile.heights).tolist()
-        untouched = np.array([longest_untouched(spans, *pair) for pair in pairwise(heights)])
-        errors *= (untouched / (observation.extent * indicators.width)) ** UNTOUCHED_ORDER
-    wide = profile.radii.mean(axis=1)
-    long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
-    areas = indicators.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
-    shares = areas / areas.sum()
-    curve = SAFETY * math.sqrt(float((shares * errors**2).sum()))
-    return ErrorPrediction(
-        indicators, errors, shares, curve, _noise(observation, indicators, shares)
-    )
-
-
-def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats) -> float:
-    """Bound of what is left of the noise, over the extent."""
-    resolution = observation.resolution / observation.extent
-    if observation.all_taxels and observation.deviation is not None:
-        return math.hypot(DEVIATION * observation.deviation / observation.extent, resolution, LEFT)
-    return math.hypot(NOISE * math.sqrt(float((shares * indicators.noise**2).sum())), resolution)
+    if estimate.tolerance_met:
+        return "the error is within tolerance, and nothing larger than a feature is untouched"
+    if estimate.rms_bound_95 <= observation.tolerance:
+        if loose > observation.feature:
+            return (
+                "the error of the side is within tolerance, but where the object ends is uncertain"
+            )
+        return "the error is within tolerance, but what is left untouched cannot be reached"
+    if estimate.prediction.noise * observation.extent > observation.tolerance:
+        return "the noise of the slices is beyond the tolerance, and no further slice takes it away"
+    return "the slices lie as close as they may, and the error is not within tolerance"

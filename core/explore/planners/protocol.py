@@ -21,6 +21,7 @@ from palpate.core.plugins import class_by_name
 LEAST_AZIMUTHS = 4
 # Of the object's height: finer than any pad touches, and than what was touched could be counted.
 LEAST_FEATURE = 1e-4
+LEAST_SPACING = 0.03  # Of the height: slices that are nearer tell hardly more than one
 END_SHARE = 0.03  # The first and the last slice lie this share of the height inside the ends
 END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
 SAME = 1e-9  # Of the height: heights that differ by less are one
@@ -123,7 +124,7 @@ class Observation:
     high_deviation: float = 0.0  # Standard deviation of the upper end, m
     tolerance: float  # Root mean square error that is asked for, m
     resolution: float  # Smallest difference that the sensor tells, m
-    feature: float  # Largest height that may stay untouched, and least distance of two slices, m
+    feature: float  # Largest height that may stay untouched, m
     budget: Budget = field(default_factory=Budget)  # What may be spent
     slices: tuple[ObservedSlice, ...] = ()  # In the order in which they were asked for
     busy_heights: tuple[float, ...] = ()  # Heights at which other fingers are at work, m
@@ -162,6 +163,11 @@ class Observation:
         """Height of the object, m."""
         return self.high - self.low
 
+    @property
+    def spacing(self) -> float:
+        """Least distance of two slices, m."""
+        return min(self.feature, LEAST_SPACING * self.extent)
+
 
 class Height(NamedTuple):
     """Trace this slice next."""
@@ -180,13 +186,6 @@ class Stop(NamedTuple):
     """Trace no more."""
 
     reason: str  # Why, in words
-    # Whether the demand is met, as far as the planner can tell; None where it does not look.
-    tolerance_met: bool | None
-    # The root mean square error of the side is below this in 95 of 100 runs, m; None where the
-    # planner does not say.
-    rms_bound_95: float | None = None
-    # Largest height that nothing has touched, m; None where the planner does not say.
-    largest_untouched: float | None = None
 
 
 class Planner(Protocol):
@@ -240,8 +239,7 @@ def check_choice(planner: Planner, observation: Observation) -> Choice:
     """What a planner answers.
 
     Raises ValueError if it is no answer; or a height that does not lie between the ends, was asked
-    for before, or is too near to another finger; or it waits though no finger is at work; or a
-    bound or an untouched height is no length.
+    for before, or is too near to another finger; or it waits though no finger is at work.
     """
     choice = planner.next(observation)
     wrong = _wrong(observation, choice)
@@ -259,10 +257,6 @@ def _wrong(observation: Observation, choice: object) -> str:
         case Wait():
             return "" if observation.busy_heights else "it waits, but no finger is at work"
         case Stop():
-            for name in ("rms_bound_95", "largest_untouched"):
-                value = getattr(choice, name)
-                if value is not None and not 0.0 <= value < math.inf:
-                    return f"{name} must be 0 or more and finite, got {value} m"
             return ""
     return f"it must answer with a Height, a Wait or a Stop, got {choice!r:.60}"
 

@@ -139,14 +139,14 @@ def step_search(
     """
     over = exhausted_budget(observation)
     if over is not None:
-        return Stop(over, None)
+        return Stop(over)
     if not observation.slices:
         if observation.busy_heights:
             return Wait("the first slice is under way")
         return Height(0.5 * (observation.low + observation.high), "half height")
     start = observation.slices[0]
     if not start.usable:
-        return Stop(f"the slice at half height, {start.height:g} m, could not be traced", False)
+        return Stop(f"the slice at half height, {start.height:g} m, could not be traced")
     up = 1.0 if mean_normal_rise(start) >= 0.0 else -1.0
     for direction in (up, -up):
         if any((height - start.height) * direction > 0.0 for height in observation.busy_heights):
@@ -158,7 +158,7 @@ def step_search(
             return Wait("another finger is too near")
     if observation.busy_heights:
         return Wait("a step follows from the slice before it, which is under way")
-    return Stop("the search has ended in both directions", None)
+    return Stop("the search has ended in both directions")
 
 
 def mean_normal_rise(one: ObservedSlice) -> float:

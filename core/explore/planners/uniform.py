@@ -41,7 +41,7 @@ class Uniform:
         """The first height in the order that has neither its slice nor all its tries."""
         over = exhausted_budget(observation)
         if over is not None:
-            return Stop(over, None)
+            return Stop(over)
         low, high = first_and_last(observation)
         middle = 0.5 * (low + high)
         heights = np.linspace(low, high, self.count) if self.count > 1 else np.array([middle])
@@ -62,7 +62,7 @@ class Uniform:
             waits = True
         if waits:
             return Wait("other fingers are too near to the heights that are left")
-        return Stop(f"all {self.count} heights have been visited", None)
+        return Stop(f"all {self.count} heights have been visited")
 
 
 def sweep(count: int) -> list[int]:

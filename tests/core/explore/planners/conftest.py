@@ -1,8 +1,11 @@
 """What is known of objects with a simple formula, without a touch."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from palpate.core.explore.planners.estimate import estimate_error
 from palpate.core.explore.planners.protocol import (
     Height,
     Observation,
@@ -54,13 +57,15 @@ def known_of(slices=(), unit=1.0, **changes):
 
 
 def walk_over(planner, side, unit=1.0, top=1.0, **changes):
-    """Heights asked for, as shares, and the end; None if there was none within 60 slices."""
+    """Heights asked for, as shares, and the end with what is known then; None after 60 slices."""
     slices = []
     while len(slices) < 60:
         choice = planner.next(known_of(slices, unit, **changes))
         if not isinstance(choice, Height):
             assert isinstance(choice, Stop)
-            return [one.height / (HEIGHT * unit) for one in slices], choice
+            known = estimate_error(known_of(slices, unit, **changes))
+            end = SimpleNamespace(reason=choice.reason, **known._asdict())
+            return [one.height / (HEIGHT * unit) for one in slices], end
         share = choice.height / (HEIGHT * unit)
         if share < top:
             slices.append(round_slice(side, share, unit))

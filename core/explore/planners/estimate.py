@@ -1,0 +1,177 @@
+"""How large the error is by now, and what the next halving of it will cost: whoever plans.
+
+Two indicators tell how far a curve between two slices is wrong. A curve that knows the curvatures,
+too, differs from the cubic by about as much as the cubic differs from the truth; and where slopes
+and curvatures of both ends do not add up to the rise of the positions, something lies between.
+Their weights were fitted to logarithms of true errors, interval by interval, and the factor of the
+bound to whole runs. A predicted error says nothing about what lies between two pads: that is told
+beside it, as a height that nothing has touched.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats, Ints
+from palpate.core.explore.planners.coverage import (
+    ErrorIndicators,
+    Profile,
+    Span,
+    error_indicators,
+    longest_untouched,
+    profile_of,
+    untouched_spans,
+)
+from palpate.core.explore.planners.protocol import END_DEVIATIONS, Observation
+
+HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
+SAFETY = 1.1  # Bound of 95 % over the predicted error of the whole
+NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
+UNTOUCHED_ORDER = 3.0  # An interval errs by its untouched share to this power less
+ORDER = 3.0  # An interval cut into m parts errs by m to this power less
+# Bound of 95 % over the deviation that a solid of all taxels states itself, and what edges leave
+# that no deviation states, over the extent: from 200 explorations of drawn objects, half of
+# them with noise.
+DEVIATION, LEFT = 0.72, 2.0e-4
+# Where noise alone is beyond the tolerance, slices stop when they add less than this of it.
+SETTLED = 0.5
+NEAR = 1e-6  # Values that differ by less of themselves are alike
+MOST_CUTS = 64  # Slices that are planned ahead
+
+
+class Cost(NamedTuple):
+    """What something takes."""
+
+    touches: float
+    seconds: float  # Robot time, s
+
+
+class Estimate(NamedTuple):
+    """What can be said of the solid that is rebuilt from the slices so far."""
+
+    # Its root mean square error is below this in 95 of 100 runs, m; None with fewer than 2 slices.
+    rms_bound_95: float | None
+    # Largest height that nothing has touched, or in which an end may lie, m.
+    largest_untouched: float
+    # What bringing the error to its half is expected to take; None where no slice does.
+    halving: Cost | None
+    tolerance_met: bool  # Whether both are as small as is asked for
+    prediction: ErrorPrediction | None  # Of what the bound is made; None likewise
+
+
+def estimate_error(observation: Observation) -> Estimate:
+    """The bound, what is untouched, and what the next halving takes."""
+    profile, spans = profile_of(observation), untouched_spans(observation)
+    loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
+    untouched = max([span.length for span in spans] + [loose])
+    if len(profile.heights) < 2:
+        return Estimate(None, untouched, None, False, None)
+    prediction = predict_error(observation, profile, spans)
+    bound = prediction.rms_bound_95 * observation.extent
+    met = bound <= observation.tolerance and untouched <= observation.feature
+    halving = halving_cost(observation, prediction)
+    return Estimate(bound, untouched, halving, met, prediction)
+
+
+def halving_cost(observation: Observation, prediction: ErrorPrediction) -> Cost | None:
+    """Of as many slices as those so far, on average, as are predicted to halve the error."""
+    usable = [one for one in observation.slices if one.usable]
+    count = prediction.slices_to(0.5 * prediction.rms_bound_95, len(usable))
+    if count is None:
+        return None
+    touches = float(np.mean([one.touches for one in usable]))
+    return Cost(count * touches, count * float(np.mean([one.seconds for one in usable])))
+
+
+class ErrorPrediction(NamedTuple):
+    """What at least two slices say about the side between them; shares of the object's height."""
+
+    heights: Floats  # Of the slices, (m,)
+    indicators: ErrorIndicators  # Of each interval between two
+    errors: Floats  # Root mean square error of each interval, noise apart; (m - 1,)
+    shares: Floats  # Of the side's area; (m - 1,)
+    curve: float  # Bound of the error of the whole that comes of too few slices, in 95 of 100 runs
+    noise: float  # That which comes of the slices' own deviations, or that the solid states itself
+    lasting: float  # Of the noise, what no further slice takes away
+
+    @property
+    def rms_bound_95(self) -> float:
+        """Of the error of the whole, in 95 of 100 runs."""
+        return math.hypot(self.curve, self.noise)
+
+    def wants_refinement(self, tolerance: float) -> bool:
+        """Whether further slices would bring down what too few slices leave, and have to."""
+        if self.noise < tolerance:
+            return self.rms_bound_95 > tolerance
+        return self.curve > SETTLED * self.noise
+
+    def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
+        """Whether noise is too large, but so many slices would average it away, and there is room.
+
+        Of a solid rebuilt from all that was touched, noise falls with the root of their number.
+        """
+        return self.noise > tolerance and self.noise * math.sqrt(slices / room) <= tolerance
+
+    def slices_to(self, target: float, slices: int) -> int | None:
+        """Slices beyond those so far that bring the bound to a target; None if none do."""
+        variances = SAFETY**2 * self.shares * self.errors**2
+        for more, (_, curve) in enumerate(cut_further(variances, ORDER)):
+            fading = (self.noise**2 - self.lasting**2) * slices / (slices + more)
+            if curve + fading + self.lasting**2 <= target**2:
+                return more
+        return None
+
+
+def predict_error(
+    observation: Observation, profile: Profile, spans: Sequence[Span]
+) -> ErrorPrediction:
+    """The errors that at least two slices predict, and untouched spans between them."""
+    indicators = error_indicators(profile)
+    errors = np.hypot(HIGHER * indicators.quintic_gap, CLASH * indicators.rise_mismatch)
+    if observation.all_taxels:
+        heights = (observation.low + observation.extent * profile.heights).tolist()
+        untouched = np.array([longest_untouched(spans, *pair) for pair in pairwise(heights)])
+        errors *= (untouched / (observation.extent * indicators.width)) ** UNTOUCHED_ORDER
+    wide = profile.radii.mean(axis=1)
+    long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
+    areas = indicators.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
+    shares = areas / areas.sum()
+    curve = SAFETY * math.sqrt(float((shares * errors**2).sum()))
+    noise = _noise(observation, indicators, shares)
+    return ErrorPrediction(profile.heights, indicators, errors, shares, curve, *noise)
+
+
+def _noise(
+    observation: Observation, indicators: ErrorIndicators, shares: Floats
+) -> tuple[float, float]:
+    """Bound of what is left of the noise, over the extent; and of what lasts of it."""
+    resolution = observation.resolution / observation.extent
+    if observation.all_taxels and observation.deviation is not None:
+        lasting = math.hypot(resolution, LEFT)
+        return math.hypot(DEVIATION * observation.deviation / observation.extent, lasting), lasting
+    noise = NOISE * math.sqrt(float((shares * indicators.noise**2).sum()))
+    return math.hypot(noise, resolution), math.hypot(noise, resolution)
+
+
+def parts_needed(variances: Floats, target: float, order: float) -> Ints:
+    """Into how many parts each interval must be cut, with the fewest cuts in all."""
+    cuts = list(cut_further(variances, order))
+    return next((parts for parts, left in cuts if left <= target**2), cuts[-1][0])
+
+
+def cut_further(variances: Floats, order: float) -> Iterator[tuple[Ints, float]]:
+    """Parts of each interval and the variance then left, with no cut, one, two, ...
+
+    Each cut goes where it takes most.
+    """
+    parts = np.ones(len(variances), dtype=np.int32)
+    for _ in range(MOST_CUTS + 1):
+        now = variances * parts ** (-2.0 * order)
+        yield parts.copy(), float(now.sum())
+        gain = now - variances * (parts + 1.0) ** (-2.0 * order)
+        parts[int(np.argmax(gain >= gain.max() * (1.0 - NEAR)))] += 1
