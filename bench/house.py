@@ -23,7 +23,7 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 import palpate
-from palpate.bench.table import Row
+from palpate.bench.table import Figure, Row, figure_of
 
 FOLDERS = ("core", "messages", "nodes", "launch", "tools", "bench", "palpate", "tests")
 LONG, SHORT = 600, 60  # Lines from which a file is too long, and below which it is a scrap
@@ -48,6 +48,11 @@ class FolderSize(NamedTuple):
     def holds(self) -> bool:
         """Nothing is demanded of it."""
         return True
+
+    @property
+    def figures(self) -> Sequence[Figure]:
+        """Files and lines."""
+        return tuple(figure_of(int(self[i]), name=self._fields[i]) for i in range(1, len(self)))
 
     def __str__(self) -> str:
         return f"{self.name:<10}" + "".join(f"{number:>10}" for number in self[1:])

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.bench.table import Row, at_least, at_most, best_seconds
+from palpate.bench.table import Row, at_least, at_most, best_seconds, figure_of
 from palpate.core import Floats, shapes, splines
 from palpate.core.geometry import nearest_points, nearest_search, sample_surface
 from palpate.core.rebuild.recovery import Warps, distances_alone, normal_distances, recover
@@ -223,7 +223,7 @@ def model_rows(quick: bool) -> Iterable[Row]:
     yield Row("cast at a superquadric, 256 rays", f"{1e6 * unit:.0f} us")
     for name, shape in _models().items():
         ratio = _cast_seconds(shape, directions) / unit
-        yield Row(f"cast at {name}", f"{ratio:.1f} x", f"<= {MOST_RATIO:g}", ratio <= MOST_RATIO)
+        yield at_most(f"cast at {name}", ratio, MOST_RATIO, ".1f", " x", kind="time")
         error, passed = _error(shape, directions)
         yield at_most(f"error of a cast at {name}", error, MOST_ERROR, ".1e", " m")
         yield Row(f"rays that pass a part of {name}", str(passed), "0", passed == 0)
@@ -360,7 +360,8 @@ def _loop(volume: splines.SplineVolume, points: Floats) -> float:
 
 
 def _ratio(name: str, ratio: float, least: float) -> Row:
-    return Row(name, f"{ratio:,.0f} x", f">= {least:,.0f} x", ratio >= least)
+    number = figure_of(ratio, "x", kind="time")
+    return Row(name, f"{ratio:,.0f} x", f">= {least:,.0f} x", ratio >= least, number)
 
 
 def _bases(counts: tuple[int, int, int]) -> splines.Bases:

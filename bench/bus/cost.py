@@ -25,7 +25,15 @@ from typing import Any
 import zmq
 
 from palpate.bench.bus.toy_node import frame, settle, token_ring
-from palpate.bench.table import Row, SilentWatcher, at_least, at_most, best_seconds, in_turns
+from palpate.bench.table import (
+    Row,
+    SilentWatcher,
+    at_least,
+    at_most,
+    best_seconds,
+    figure,
+    in_turns,
+)
 from palpate.launch import free_endpoints, launch
 from palpate.launch.processes import RunCard, running_graphs, without_main_module
 from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
@@ -128,7 +136,7 @@ def lock_rows(quick: bool, turns: int = 15) -> Iterator[Row]:
             plain, locked = (min(found) for found in in_turns(calls, turns).values())
             yield Row(f"one hop over tcp, bare sockets, {where}", f"{plain:.1f} us")
             yield Row(f"the same, locked, {where}", f"{locked:.1f} us")
-            yield at_most(f"locked over plain, {where}", locked / plain, MOST_LOCKED)
+            yield at_most(f"locked over plain, {where}", locked / plain, MOST_LOCKED, kind="time")
 
 
 def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "") -> float:
@@ -216,9 +224,9 @@ def introspection_rows(quick: bool, turns: int = TURNS) -> Iterator[Row]:
         alone.append(_rate(card))
     yield Row("a ring of two nodes turns, nobody looking", f"{median(alone):.0f} /s")
     title = "topic echo of all its messages: share of that rate"
-    yield Row(title, f"{_share(beside, alone):.2f}")
+    yield figure(title, _share(beside, alone), kind="time")
     title = "a stopped topic echo: share of that rate"
-    yield at_least(title, _share(stopped, alone), LEAST_RATE_KEPT)
+    yield at_least(title, _share(stopped, alone), LEAST_RATE_KEPT, kind="time")
 
 
 @contextmanager

@@ -55,7 +55,7 @@ def reliability_rows(quick: bool) -> Iterator[Row]:
     yield Row("rate with a recorder, ring of tokens without work", f"{ring:.2f}")
     plain, recorded = _with_and_without(_touches, 1 if quick else RECORDER_TURNS)
     ratio = max(recorded) / max(plain)
-    yield at_least("rate with a recorder, touches of a sphere", ratio, 0.85)
+    yield at_least("rate with a recorder, touches of a sphere", ratio, 0.85, kind="time")
 
 
 def _disturbed(number: int, rng: random.Random) -> tuple[int, int]:

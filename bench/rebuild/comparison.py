@@ -107,17 +107,17 @@ def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
             continue
         for name, errors in found[way].items():
             ratio = errors.chamfer / found[first][name].chamfer
-            title = f"{head}: {name}, {errors.chamfer:.3f} mm{how}"
-            yield Row(title, f"{ratio:.2f} x", "for comparison")
+            shown = f"{errors.chamfer:.3f} mm, {ratio:.2f} x"
+            yield Row(f"{head}: {name}{how}", shown, "for comparison")
         ratio = means[way].chamfer / means[first].chamfer
         title = f"{head}: mean over the {first}'s{how}"
         yield _compared(title, f"{ratio:.3f} x", ratio, most, f"{most:g} x")
     for way, errors in means.items():
         told = (
-            f"mean {errors.chamfer:.3f} mm, max {errors.hausdorff:.2f} mm, "
-            f"normals {errors.normal_deg:.2f} deg, volume {errors.volume:.2%}"
+            f"{errors.chamfer:.3f} mm, {errors.hausdorff:.2f} mm, {errors.normal_deg:.2f} deg, "
+            f"{errors.volume:.2%}"
         )
-        yield Row(f"{head}: {way}: {told}", "")
+        yield Row(f"{head}: {way}: mean, max, normals, volume", told)
     angle, most = means[OURS].normal_deg, case.normals
     yield _compared(f"{head}: normals, degrees", f"{angle:.2f}", angle, most, f"{most:g}")
 
@@ -251,7 +251,8 @@ def _times(head: str) -> Iterable[Row]:
     ratio = best_seconds(partial(reconstruct, large, method="skin"), 2, clock)
     ratio /= best_seconds(skin, ROUNDS, clock)
     most = LARGE[0] * LARGE[1] / (DISORDERED[0] * DISORDERED[1])
-    yield at_most(f"{LARGE[0]} by {LARGE[1]} over {head}: time", ratio, most, ".1f", " x")
+    name = f"{LARGE[0]} by {LARGE[1]} over {head}: time"
+    yield at_most(name, ratio, most, ".1f", " x", kind="time")
     huge = reconstruct(contours_of(HUGE, 0.0), method="skin").closed
     assert huge is not None
     fit = partial(fit_lattice, huge.loft.surface, size=(CONTROL, CONTROL))

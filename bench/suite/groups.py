@@ -11,15 +11,21 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import textwrap
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
-from palpate.bench.table import named, run_groups
+from palpate.bench.results import ResultsFile, begin_results, comparison_lines, read_results
+from palpate.bench.table import Figure, Group, figure_of, named, run_groups
+from palpate.launch.files import check_new
 
+RECORDED = "thesis/recorded"  # The group that takes recordings
+RESULTS = click.Path(dir_okay=False, path_type=Path)
 SCENES = (
     *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
     *("oblique", "notched", "gem", "from_mesh", "worn_sensor"),
@@ -32,118 +38,221 @@ MOST_WALL = 15.0  # From start to exit, s
 LEAST_RATE = 300.0  # Touches per second
 SCENE_LINE = "{:<12}{:>9}{:>9}{:>9}{:>8}{:>6}{:>8}{:>5}  {}"
 
-EXPLORE, BUS, REBUILD = "palpate.bench.explore", "palpate.bench.bus", "palpate.bench.rebuild"
-SHAPES, TOUCH = "palpate.bench.shapes", "palpate.bench.touch"
-# Groups of each bench: ``module:function`` by name, each imported at its turn; the quickest first.
-BENCHES: Mapping[str, Mapping[str, str]] = {
-    "scenes": {"scenes": f"{__name__}:scene_rows"},
-    "explore": {
-        "tracing": f"{EXPLORE}.tracing:tracing_rows",
-        "grasp": f"{EXPLORE}.grasping:grasp_rows",
-        "planners": f"{EXPLORE}.planners:planner_rows",
-        "whole": f"{EXPLORE}.explorations:exploration_rows",
-        "tilted": f"{EXPLORE}.explorations:tilted_rows",
-        "directions": f"{EXPLORE}.explorations:direction_rows",
-        "fingers": f"{EXPLORE}.explorations:finger_rows",
-        "planners_whole": f"{EXPLORE}.planners:whole_planner_rows",
-        "calibration": f"{EXPLORE}.explorations:calibration_rows",
-        "peer": "palpate.bench.explore.gp_explorer:gp_rows",
-    },
-    "bus": {
-        "losses": f"{BUS}.losses:loss_rows",
-        "hops": f"{BUS}.cost:hop_rows",
-        "reliability": f"{BUS}.losses:reliability_rows",
-        "start": f"{BUS}.start:start_rows",
-        "locked": f"{BUS}.cost:lock_rows",
-        "introspection": f"{BUS}.cost:introspection_rows",
-        "fuzz": "palpate.bench.fuzz.trials:fuzz_rows",
-    },
-    "touch": {
-        "frames": f"{TOUCH}.frames:touch_rows",
-        "costs": f"{TOUCH}.frames:cost_rows",
-    },
-    "effects": {"effects": f"{TOUCH}.frames:effect_rows"},
-    "curvature": {"curvature": f"{TOUCH}.curvature:curvature_rows"},
-    "shapes": {
-        "recovery": f"{SHAPES}:recovery_rows",
-        "splines": f"{SHAPES}:spline_rows",
-        "curves": f"{SHAPES}:curve_rows",
-        "models": f"{SHAPES}:model_rows",
-    },
-    "rebuild": {
-        "peers": f"{REBUILD}.comparison:peer_rows",
-        "contours": f"{REBUILD}.contours:contour_rows",
-        "taxels": f"{REBUILD}.contours:taxel_rows",
-        "disorder": f"{REBUILD}.comparison:disorder_rows",
-        "band": f"{REBUILD}.contours:band_rows",
-        "thesis": f"{REBUILD}.comparison:thesis_rows",
-    },
-    "house": {"house": "palpate.bench.house:house_rows"},
-}
-# What draws the pictures of a bench into a folder.
-FIGURES: Mapping[str, tuple[str, ...]] = {
-    "curvature": ("palpate.bench.suite.figures:write_curvature_figures",),
-    "shapes": ("palpate.bench.suite.figures:write_shape_figures",),
-    "rebuild": (
-        "palpate.bench.suite.figures:write_peer_figures",
-        "palpate.bench.suite.figures:write_thesis_figures",
+
+class Bench(NamedTuple):
+    """What ``palpate bench`` measures by one name."""
+
+    told: str  # What it measures, for the help
+    # ``module:function`` by name, within palpate.bench, each imported at its turn; quickest first.
+    groups: Mapping[str, str]
+    figures: tuple[str, ...] = ()  # What draws its pictures into a folder
+
+
+BENCHES: Mapping[str, Bench] = {
+    "scenes": Bench(
+        "the shipped scenes from start to end: accuracy and time",
+        {"scenes": "suite.groups:scene_rows"},
+    ),
+    "explore": Bench(
+        "tracing, grasps and planners; whole explorations of sixteen objects, and whether what a "
+        "run says of its error is so; takes hours without --quick or --only",
+        {
+            "tracing": "explore.tracing:tracing_rows",
+            "grasp": "explore.grasping:grasp_rows",
+            "planners": "explore.planners:planner_rows",
+            "whole": "explore.explorations:exploration_rows",
+            "tilted": "explore.explorations:tilted_rows",
+            "directions": "explore.explorations:direction_rows",
+            "fingers": "explore.explorations:finger_rows",
+            "planners_whole": "explore.planners:whole_planner_rows",
+            "calibration": "explore.explorations:calibration_rows",
+            "peer": "explore.gp_explorer:gp_rows",
+        },
+    ),
+    "bus": Bench(
+        "the message bus alone: losses, latency, a million messages among stalls and deaths, "
+        "start, lock between machines, tools; and damaged messages and files, of which none may "
+        "do more than be refused",
+        {
+            "losses": "bus.losses:loss_rows",
+            "hops": "bus.cost:hop_rows",
+            "reliability": "bus.losses:reliability_rows",
+            "start": "bus.start:start_rows",
+            "locked": "bus.cost:lock_rows",
+            "introspection": "bus.cost:introspection_rows",
+            "fuzz": "fuzz.trials:fuzz_rows",
+        },
+    ),
+    "touch": Bench(
+        "one touch: frames a second, the error of cast and curvature, and what single calls cost",
+        {"frames": "touch.frames:touch_rows", "costs": "touch.frames:cost_rows"},
+    ),
+    "effects": Bench(
+        "each effect: its cost, and the error of a contour that it causes",
+        {"effects": "touch.frames:effect_rows"},
+    ),
+    "curvature": Bench(
+        "filters and estimators against noise and impulses",
+        {"curvature": "touch.curvature:curvature_rows"},
+        ("suite.figures:write_curvature_figures",),
+    ),
+    "shapes": Bench(
+        "superquadrics, splines and other models: exactness, recoveries, costs",
+        {
+            "recovery": "shapes:recovery_rows",
+            "splines": "shapes:spline_rows",
+            "curves": "shapes:curve_rows",
+            "models": "shapes:model_rows",
+        },
+        ("suite.figures:write_shape_figures",),
+    ),
+    "rebuild": Bench(
+        "solids from contours: errors over those of lofts, radial functions and the thesis on "
+        "eight objects, disorder, outliers, confidence and costs",
+        {
+            "peers": "rebuild.comparison:peer_rows",
+            "contours": "rebuild.contours:contour_rows",
+            "taxels": "rebuild.contours:taxel_rows",
+            "disorder": "rebuild.comparison:disorder_rows",
+            "band": "rebuild.contours:band_rows",
+        },
+        ("suite.figures:write_peer_figures",),
+    ),
+    "thesis": Bench(
+        "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
+        "rebuilt its way and ours, its free-form deformation, and its step templates by kind of "
+        "object",
+        {"examples": "rebuild.comparison:thesis_rows"},
+        ("suite.figures:write_thesis_figures",),
+    ),
+    "house": Bench(
+        "palpate itself: lines and files, and how many files one frame, one rebuild and one plan "
+        "run through; the sizes alone with --quick",
+        {"house": "house:house_rows"},
     ),
 }
+ALL = "all"
+# Packages that are measured beside palpate where they are installed.
+PEERS: Mapping[str, str] = {"pymeshlab": "Poisson surfaces"}
 
 
-BENCH_HELP = """Measure one of nine things, here and now.
+def _help() -> str:
+    lines = [
+        line
+        for name, told in (*((n, one.told) for n, one in BENCHES.items()), (ALL, "all of these"))
+        for line in textwrap.wrap(
+            f"{name:<10} {told}", 90, subsequent_indent=11 * " ", break_on_hyphens=False
+        )
+    ]
+    return "\n".join(("Measure one thing, or all, here and now.\n", "\b", *lines)) + BENCH_HELP
 
-\b
-scenes     the shipped scenes from start to end: accuracy and time
-explore    tracing, grasps and planners; whole explorations of sixteen objects, and whether
-           what a run says of its error is so; takes hours without --quick or --only
-bus        the message bus alone: losses, latency, a million messages among stalls and deaths,
-           start, lock between machines, tools; and damaged messages and files, of which none may
-           do more than be refused
-touch      one touch: frames a second, the error of cast and curvature, and what single calls cost
-effects    each effect: its cost, and the error of a contour that it causes
-curvature  filters and estimators against noise and impulses
-shapes     superquadrics, splines and other models: exactness, recoveries, costs
-rebuild    solids from contours: errors over those of lofts, radial functions and the
-           thesis on eight objects, disorder, outliers, confidence and costs
-house      palpate itself: lines and files, and how many files one frame, one rebuild and one
-           plan run through; the sizes alone with --quick
+
+BENCH_HELP = """
+
+The exit code is 0 if everything was measured that was to be. A demand that is not met is printed
+with MISSED; with --strict it makes the exit code 1, as a group that fails always does.
+
+--compare says which figures moved: if they were repeated, by more than the repeats differ; else
+counts by anything, times by 10 %, and the rest by 2 %.
 """
 
 
-@click.command("bench", help=BENCH_HELP)
-@click.argument("what", type=click.Choice(list(BENCHES)), default="scenes")
+@click.command("bench", help=_help())
+@click.argument("what", type=click.Choice([*BENCHES, ALL]), default="scenes")
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option(
     "--figures",
     type=click.Path(file_okay=False),
-    help="With curvature, shapes or rebuild: write their figures here.",
+    help="With curvature, shapes, rebuild or thesis: write their figures here.",
 )
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--out", metavar="FILE", type=RESULTS, help="Write the results here, as JSON.")
+@click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
+@click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
 def bench_command(
-    what: str, quick: bool, figures: str | None, only: str | None, as_json: bool
+    what: str,
+    runs: tuple[Path, ...],
+    quick: bool,
+    figures: str | None,
+    only: str | None,
+    as_json: bool,
+    out: Path | None,
+    compare: Path | None,
+    strict: bool,
 ) -> int:
-    """Measure one thing; `BENCH_HELP` says which there are."""
-    groups = BENCHES[what]
-    if only is not None and only not in groups:
-        raise click.UsageError(f"there is no group {only!r}; there are {', '.join(groups)}")
+    """Measure one thing or all; `_help` says which there are."""
+    chosen = _chosen(what, only, runs)
+    old = None if compare is None else read_results(compare, quick=quick)
+    if out is not None:
+        check_new(out)
     if figures is not None:
-        if what not in FIGURES:
-            raise click.UsageError(f"--figures belongs to {', '.join(FIGURES)}")
-        for place in FIGURES[what]:
-            named(place)(figures)
-    chosen = groups if only is None else {only: groups[only]}
-    return run_groups(chosen, quick=quick, as_json=as_json, echo=click.echo)
+        drawn = BENCHES[what].figures if what != ALL else ()
+        if not drawn:
+            able = ", ".join(name for name, one in BENCHES.items() if one.figures)
+            raise click.UsageError(f"--figures belongs to {able}")
+        for place in drawn:
+            named(f"palpate.bench.{place}")(figures)
+    kept = ResultsFile(begin_results(quick=quick, peers=PEERS), out)
+    for peer in kept.results.absent if what == ALL and not as_json else ():
+        click.echo(f"absent: {peer}")
+    code = run_groups(
+        chosen, quick=quick, as_json=as_json, strict=strict, echo=click.echo, keep=kept.add
+    )
+    if old is not None and compare is not None:
+        for line in comparison_lines(old, kept.results, compare):
+            click.echo(line, err=as_json)
+    return code
+
+
+def _chosen(what: str, only: str | None, runs: tuple[Path, ...]) -> Mapping[str, str | Group]:
+    """Groups as ``bench/group``, each with where it is or what measures it."""
+    benches = BENCHES if what == ALL else {what: BENCHES[what]}
+    places: dict[str, str | Group] = {
+        f"{bench}/{group}": f"palpate.bench.{place}"
+        for bench, one in benches.items()
+        for group, place in one.groups.items()
+    }
+    if only is not None:
+        wanted = only if what == ALL else f"{what}/{only}"
+        if wanted not in places:
+            known = places if what == ALL else benches[what].groups
+            raise click.UsageError(f"there is no group {only!r}; there are {', '.join(known)}")
+        places = {wanted: places[wanted]}
+    if runs:
+        if RECORDED not in places:
+            raise click.UsageError(f"RUN... belongs to thesis, got {', '.join(map(str, runs))}")
+        place = places[RECORDED]
+        assert isinstance(place, str)
+        places = {RECORDED: partial(named(place), runs=runs)}
+    return places
 
 
 class SceneFigures(NamedTuple):
     """One scene, run once or several times."""
 
-    scene: str  # Its name
+    name: str  # Of the scene
     summary: Mapping[str, Any]  # Figures of the run with the median rate
-    wall: float  # Median time from start to exit, s
+    walls: Sequence[float]  # Times from start to exit, s
+    rates: Sequence[float]  # Touches per second
     hashes: frozenset[str]  # SHA-256 of the meshes of all runs
+
+    @property
+    def wall(self) -> float:
+        """Median time from start to exit, s."""
+        return statistics.median(self.walls)
+
+    @property
+    def figures(self) -> Sequence[Figure]:
+        """What is demanded of a scene, as numbers."""
+        summary = self.summary
+        return (
+            figure_of(1e3 * summary["chamfer_m"], "mm", name="chamfer"),
+            *(figure_of(int(summary[key]), name=key) for key in ("contours", "touches")),
+            figure_of(summary["touches_per_s"], "/s", repeats=self.rates, name="touches a second"),
+            figure_of(self.wall, "s", repeats=self.walls, name="wall"),
+        )
 
     @property
     def missed(self) -> list[str]:
@@ -169,7 +278,7 @@ class SceneFigures(NamedTuple):
     def __str__(self) -> str:
         summary = self.summary
         return SCENE_LINE.format(
-            self.scene,
+            self.name,
             f"{self._percent('chamfer_m'):.3f} %",
             f"{self._percent('sampling_floor_m'):.3f} %",
             summary["contours"],
@@ -199,9 +308,9 @@ def explore_shipped(scene: str, repeats: int) -> SceneFigures:
     Raises RuntimeError if a run fails; with what it printed.
     """
     runs = sorted((_run(scene) for _ in range(repeats)), key=lambda run: run[0]["touches_per_s"])
-    wall = statistics.median(wall for _, wall in runs)
-    hashes = frozenset(summary["mesh_sha256"] for summary, _ in runs)
-    return SceneFigures(scene, runs[len(runs) // 2][0], wall, hashes)
+    summaries, walls = [run[0] for run in runs], [run[1] for run in runs]
+    rates, hashes = ([one[key] for one in summaries] for key in ("touches_per_s", "mesh_sha256"))
+    return SceneFigures(scene, summaries[len(runs) // 2], walls, rates, frozenset(hashes))
 
 
 def _run(scene: str) -> tuple[dict[str, Any], float]:

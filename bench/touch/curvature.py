@@ -150,7 +150,7 @@ def curvature_rows(quick: bool) -> Iterator[Row | str]:
     scores = {name: score_fusion(name, FUSED_NOISE, walked) for name in WALKS}
     yield from _tables(rows, partial, calls, borderline, scores)
     demands = (*estimator_demands(rows, partial), *verdict_demands(calls), *fusion_demands(scores))
-    yield from (row for row in demands if not row.holds)
+    yield from demands
 
 
 def confusion(

@@ -8,14 +8,22 @@ from __future__ import annotations
 import statistics
 import time
 import timeit
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
-from palpate.bench.table import Row, at_least, at_most, best_seconds, in_turns
+from palpate.bench.table import (
+    Figure,
+    Row,
+    at_least,
+    at_most,
+    best_seconds,
+    figure_of,
+    in_turns,
+)
 from palpate.bench.touch.curvature import (
     QUICK_TRIALS,
     TRIALS,
@@ -87,7 +95,9 @@ def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
     yield at_least("ideal superquadric, 256 rays", 1.0 / ideal, 2000, ".0f", " /s")
     faceted = f"mesh of {len(faces) // 1000}k faces, 256 rays"
     yield at_least(faceted, 1.0 / meshed, 3000, ".0f", " /s")
-    yield at_most(f"frame of {WORN}, to the ideal one", cost["frame", "worn"] / ideal, 1.25)
+    yield at_most(
+        f"frame of {WORN}, to the ideal one", cost["frame", "worn"] / ideal, 1.25, kind="time"
+    )
     for title, name, most in (
         ("simulator, filter and curvature: ideal", "ideal", 600),
         (f"the same: {WORN} without impulses", "quiet", 600),
@@ -260,6 +270,16 @@ class EffectFigures(NamedTuple):
     added: float  # What they add to a frame, s
     ratio: float  # Of the frame with effects to that without
     traced: tuple[TracedContour, ...]  # Of each body
+
+    @property
+    def figures(self) -> Sequence[Figure]:
+        """The cost, and the error of each contour."""
+        return (
+            figure_of(1e6 * self.added, "us", name="added"),
+            figure_of(self.ratio, "x", kind="time", name="ratio"),
+            *(figure_of(1e6 * one.rms, "um", name="rms") for one in self.traced),
+            *(figure_of(one.touches, name="touches") for one in self.traced),
+        )
 
     @property
     def holds(self) -> bool:

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from palpate.bench.suite import groups as verb
 from palpate.bench.suite.groups import SceneFigures
+from palpate.bench.table import Row
 from palpate.tools.cli import command_line as cli
 
 GOOD: dict[str, Any] = {
@@ -25,7 +27,7 @@ GOOD: dict[str, Any] = {
 def outcome(
     wall: float = 8.0, hashes: frozenset[str] = frozenset({"a"}), **changes: Any
 ) -> SceneFigures:
-    return SceneFigures("vase", {**GOOD, **changes}, wall, hashes)
+    return SceneFigures("vase", {**GOOD, **changes}, [wall], [400.0], hashes)
 
 
 def test_a_run_that_meets_every_demand_has_no_faults():
@@ -33,6 +35,14 @@ def test_a_run_that_meets_every_demand_has_no_faults():
     line = "vase          0.100 %  0.010 %        9     200   400   8.0 s    0"
     assert str(outcome()) == line
     assert str(outcome(wall=20.0)).endswith("  20.0 s    0  MISSED wall")
+    figures = {one.name: (one.value, one.unit) for one in outcome().figures}
+    assert figures == {
+        "chamfer": (pytest.approx(0.1), "mm"),
+        "contours": (9, ""),
+        "touches": (200, ""),
+        "touches a second": (400.0, "/s"),
+        "wall": (8.0, "s"),
+    }
 
 
 @pytest.mark.parametrize(
@@ -58,7 +68,12 @@ def test_each_missed_demand_is_named(changes, fault):
     [
         (["explore", "--only", "whale"], "there is no group 'whale'; there are tracing"),
         (["bus", "--only", "whole"], "there is no group 'whole'; there are losses, hops,"),
-        (["explore", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild"),
+        (["explore", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild, thesis"),
+        (["all", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild, thesis"),
+        (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, explore"),
+        (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
+        (["house", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
+        (["house", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
     ],
 )
 def test_options_of_another_bench_are_refused_in_one_sentence(capsys, arguments, words):
@@ -70,16 +85,57 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
     asked: list[Any] = []
 
     def run(groups: Any, **how: Any) -> int:
-        asked.append((groups, how["quick"], how["as_json"]))
+        asked.append((groups, how["quick"], how["as_json"], how["strict"]))
         return 1
 
     monkeypatch.setattr(verb, "run_groups", run)
     for what in ("explore", "shapes"):
-        only = next(iter(verb.BENCHES[what]))
-        assert cli.run(["bench", what, "--quick", "--only", only, "--json"]) == 1
-        assert asked.pop() == ({only: verb.BENCHES[what][only]}, True, True)
-    assert cli.run(["bench"]) == 1
-    assert asked.pop() == (verb.BENCHES["scenes"], False, False)
+        only, place = next(iter(verb.BENCHES[what].groups.items()))
+        wanted = {f"{what}/{only}": f"palpate.bench.{place}"}
+        for bench, group in ((what, only), ("all", f"{what}/{only}")):
+            assert cli.run(["bench", bench, "--quick", "--only", group, "--json"]) == 1
+            assert asked.pop() == (wanted, True, True, False)
+    assert cli.run(["bench", "--strict"]) == 1
+    wanted = {"scenes/scenes": "palpate.bench.suite.groups:scene_rows"}
+    assert asked.pop() == (wanted, False, False, True)
+
+
+def test_all_is_every_group_of_every_bench(monkeypatch, capsys):
+    asked: list[Any] = []
+    monkeypatch.setattr(verb, "run_groups", lambda groups, **_: asked.extend(groups) or 0)
+    monkeypatch.setattr(verb, "PEERS", {"a_peer": "an errand", "numpy": "all"})
+    assert cli.run(["bench", "all"]) == 0
+    assert len(asked) == sum(len(one.groups) for one in verb.BENCHES.values())
+    assert capsys.readouterr().out == "absent: a_peer (an errand)\n"
+
+
+def test_results_are_written_and_compared_with(monkeypatch, tmp_path, capsys):
+    touches = [100]
+
+    def rows(quick: bool) -> Iterator[Row]:
+        yield Row("touches", str(touches[0]))
+
+    bench = verb.Bench("two figures", {"one": ""})
+    monkeypatch.setattr(verb, "BENCHES", {"house": bench})
+    monkeypatch.setattr(verb, "_chosen", lambda *_: {"house/one": rows})
+    out = tmp_path / "new.json"
+    assert cli.run(["bench", "house", "--out", str(out)]) == 0
+    assert cli.run(["bench", "house", "--out", str(out)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    touches[0] = 99
+    assert cli.run(["bench", "house", "--compare", str(out)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[-2:] == [
+        "moved   house/one: touches: 100 -> 99 (-1.0%)",
+        "figures: 1 moved beyond noise, 0 did not, 0 are new, 0 are gone",
+    ]
+
+
+def test_the_help_names_every_bench(capsys):
+    assert cli.run(["bench", "--help"]) == 0
+    told = capsys.readouterr().out
+    for name, one in verb.BENCHES.items():
+        assert f"  {name:<10} {one.told[:30]}" in told
 
 
 def test_the_figures_of_a_bench_are_drawn_first(monkeypatch):
@@ -87,4 +143,4 @@ def test_the_figures_of_a_bench_are_drawn_first(monkeypatch):
     monkeypatch.setattr(verb, "named", lambda place: lambda folder: drawn.append((place, folder)))
     monkeypatch.setattr(verb, "run_groups", lambda *_, **__: 0)
     assert cli.run(["bench", "rebuild", "--figures", "x"]) == 0
-    assert drawn == [(place, "x") for place in verb.FIGURES["rebuild"]]
+    assert drawn == [(f"palpate.bench.{place}", "x") for place in verb.BENCHES["rebuild"].figures]

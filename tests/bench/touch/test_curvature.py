@@ -33,7 +33,7 @@ IN_THE_DOCS = (ROOT / "docs" / "touch.md").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def printed():
-    return [str(line) for line in curvature_rows(quick=True)]
+    return [line for line in curvature_rows(quick=True) if isinstance(line, str)]
 
 
 def first_words(lines: list[str]) -> list[str]:
@@ -47,7 +47,7 @@ def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed):
     assert names == list(ESTIMATORS)
     assert [name for name in first_words(printed) if name in ESTIMATORS] == names
     documented = [line.split()[0] for line in table if line.strip()]
-    shown = [line.split()[0] for line in printed if line.strip() and not line.endswith("MISSED")]
+    shown = [line.split()[0] for line in printed if line.strip()]
     assert shown == documented
 
 

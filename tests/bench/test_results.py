@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.bench.results import (
+    FORM,
+    VERSION,
+    Machine,
+    Results,
+    ResultsFile,
+    begin_results,
+    compare_results,
+    comparison_lines,
+    has_moved,
+    read_results,
+    this_machine,
+)
+from palpate.bench.table import Figure, Row, figure_of, measured
+from palpate.launch.files import InputError
+
+MACHINE: dict[str, Any] = {
+    "cpu": "Abacus 3",
+    "cores": 2,
+    "python": "3.11.7",
+    "packages": {"numpy": "2.4.6"},
+    "blas": "openblas 0.3",
+    "load": 0.5,
+}
+HEAD: dict[str, Any] = {
+    "form": FORM,
+    "version": VERSION,
+    "palpate": "0.1.0",
+    "date": "2026-11-22T10:00:00+00:00",
+    "quick": True,
+    "machine": MACHINE,
+    "absent": [],
+}
+
+
+def line(name: str, figures: list[Any], target: str = "", group: str = "a/b") -> dict[str, Any]:
+    text = {"group": group, "name": name, "value": "as printed", "target": target, "holds": True}
+    return {**text, "figures": figures}
+
+
+def number(value: float | None, unit: str = "", kind: str = "error", **more: Any) -> dict[str, Any]:
+    return {"value": value, "unit": unit, "kind": kind, **more}
+
+
+def results(folder: Path, name: str, *lines: dict[str, Any], **head: Any) -> Results:
+    path = folder / name
+    path.write_text(json.dumps({**HEAD, **head, "lines": lines}), encoding="utf-8")
+    return read_results(path, quick=True)
+
+
+@pytest.fixture
+def both(tmp_path):
+    old = results(
+        tmp_path,
+        "old.json",
+        line("error", [number(1.0, "mm")]),
+        line("calm error", [number(1.0, "mm")]),
+        line("touches", [number(200, kind="count"), number(9, kind="count", name="contours")]),
+        line("rate", [number(300.0, "/s", "time")], ">= 250 /s"),
+        line("share", [number(0.5)], ">= 0.4"),
+        line("gone", [number(1.0)]),
+        line("twice", [number(1.0)]),
+        line("twice", [number(2.0)]),
+        line("elsewhere", [number(1.0)], group="not/measured"),
+    )
+    new = results(
+        tmp_path,
+        "new.json",
+        line("error", [number(1.05, "mm")]),
+        line("calm error", [number(1.015, "mm")]),
+        line("touches", [number(200, kind="count"), number(10, kind="count", name="contours")]),
+        line("rate", [number(350.0, "/s", "time")], ">= 250 /s"),
+        line("share", [number(0.3)], ">= 0.4") | {"holds": False},
+        line("fresh", [number(1.0)]),
+        line("twice", [number(1.0)]),
+        line("twice", [number(2.0)]),
+    )
+    return old, new
+
+
+def test_what_moved_beyond_noise_is_named_and_the_rest_counted(both):
+    old, new = both
+    assert list(comparison_lines(old, new, Path("old.json"))) == [
+        "compared with old.json: palpate 0.1.0, 2026-11-22T10:00:00+00:00, Abacus 3",
+        "worse   a/b: error: 1 mm -> 1.05 mm (+5.0%)",
+        "worse   a/b: share: 0.5 -> 0.3 (-40.0%)  MISSED",
+        "better  a/b: rate: 300 /s -> 350 /s (+16.7%)",
+        "moved   a/b: touches, contours: 9 -> 10 (+11.1%)",
+        "figures: 4 moved beyond noise, 4 did not, 1 are new, 1 are gone",
+    ]
+
+
+def test_times_of_another_machine_are_not_compared(both, tmp_path):
+    old, new = both
+    other = results(
+        tmp_path,
+        "other.json",
+        line("rate", [number(30.0, "/s", "time")]),
+        line("error", [number(1.05, "mm")]),
+        machine={**MACHINE, "cpu": "Abacus 4"},
+    )
+    found = compare_results(old, other)
+    assert [one.line.name for one in found.moves] == ["error"]
+    assert found.skipped == 1
+    *_, last = comparison_lines(old, other, Path("old.json"))
+    assert last.endswith("1 are times of another machine, not compared")
+    assert not any(one.skipped for one in (compare_results(old, new),))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "moved"),
+    [
+        (figure_of(100), figure_of(101), True),
+        (figure_of(100), figure_of(100), False),
+        (figure_of(1.0, "ms"), figure_of(1.09, "ms"), False),
+        (figure_of(1.0, "ms"), figure_of(1.2, "ms"), True),
+        (figure_of(1.0, "mm"), figure_of(0.97, "mm"), True),
+        (figure_of(1.0, "mm"), figure_of(None or float("nan"), "mm"), True),
+        (figure_of(float("nan")), figure_of(float("nan")), False),
+        (figure_of(1.0, "mm"), figure_of(1.0, "um"), True),
+        # Repeats say more than the rule, either way.
+        (figure_of(1.0, "s", repeats=[0.5, 2.5]), figure_of(1.9, "s", repeats=[1.9, 2.0]), False),
+        (
+            figure_of(1.0, "s", repeats=[1.0, 1.01]),
+            figure_of(1.05, "s", repeats=[1.05, 1.06]),
+            True,
+        ),
+        (figure_of(1.0, "s", repeats=[0.9, 1.1]), figure_of(1.15, "s"), False),
+    ],
+)
+def test_a_figure_moves_beyond_its_repeats_or_else_a_rule(old, new, moved):
+    assert has_moved(old, new) is moved
+
+
+def test_what_was_only_printed_is_not_known_better_than_its_last_digit():
+    rough = Figure(value=0.01, kind="error", spread=0.005)
+    assert not has_moved(rough, Figure(value=0.02, kind="error", spread=0.005))
+    assert has_moved(rough, Figure(value=0.03, kind="error", spread=0.005))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("not JSON", "holds no results of palpate bench --out: JSON is malformed"),
+        ("[]", "holds no results of palpate bench --out"),
+        (json.dumps({"form": "other"}), "holds no results of palpate bench --out"),
+        (json.dumps({**HEAD, "version": 9}), "holds results of version 9; this palpate compares"),
+        (json.dumps({"form": FORM, "version": VERSION}), "holds no results of palpate bench"),
+        (json.dumps({**HEAD, "quick": False}), "was measured without --quick; measure as it was"),
+    ],
+)
+def test_a_file_that_cannot_be_compared_with_is_refused_in_one_sentence(tmp_path, text, words):
+    path = tmp_path / "old.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_results(path, quick=True)
+    assert str(caught.value).startswith(f"{path}: {words}")
+    assert "\n" not in str(caught.value)
+
+
+def test_results_are_in_the_file_after_each_group(tmp_path):
+    path = tmp_path / "new.json"
+    file = ResultsFile(begin_results(quick=True, peers={"no_such_peer": "an errand"}), path)
+    file.add("a/b", [measured("a/b", Row("touches", "200"))], "")
+    file.add("a/c", [], "RuntimeError: died")
+    found = read_results(path, quick=True)
+    assert found == file.results
+    assert found.absent == ("no_such_peer (an errand)",)
+    assert found.failed == {"a/c": "RuntimeError: died"}
+    assert [one.figures[0].value for one in found.lines] == [200]
+    assert compare_results(found, found).unmoved == 1
+
+
+def test_the_machine_is_described():
+    found = this_machine()
+    assert isinstance(found, Machine)
+    assert found.cpu
+    assert found.cores >= 1
+    assert set(found.packages) == {"numpy", "scipy"}
