@@ -5,3 +5,16 @@ two nodes (`toy_node`, `stalling_node`) are modules by themselves, since a proce
 by its module's name, and `start` imports nothing heavy, since it measures that. It rests on the
 launcher and on messages.bus, and is one of the few rooms that open sockets.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.bench.bus.cost import finished as finished
+    from palpate.bench.bus.cost import ring_times as ring_times
+    from palpate.bench.bus.toy_node import token_ring as token_ring
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -84,14 +84,19 @@ def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
 
 
 def ring_seconds(graph: Sequence[Wiring]) -> float:
-    """Time between the first and the last mark of a ring that is launched, s.
+    """Time between the first and the last mark of a ring that is launched, s; as `ring_times`."""
+    return ring_times(graph)[1]
+
+
+def ring_times(graph: Sequence[Wiring]) -> tuple[float, float]:
+    """Time until a ring that is launched is up, and between its first and its last mark, s.
 
     Raises RuntimeError if it does not finish.
     """
     watcher = _Times()
     finished(launch(graph, ends="source", watch=["/source/mark"], watcher=watcher), "the ring")
     first, last = watcher.times
-    return last - first
+    return watcher.start, last - first
 
 
 def finished(ending: Ending, what: str) -> Ending:
@@ -102,10 +107,14 @@ def finished(ending: Ending, what: str) -> Ending:
 
 
 class _Times(SilentWatcher):
-    """Keeps the times at which it received something, s on the performance counter."""
+    """Keeps the times at which it received something, and what the start took, s."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
+        self.start = 0.0
+
+    def ready(self, seconds: float) -> None:
+        self.start = seconds
 
     def received(self, topic: str, message: object) -> None:
         self.times.append(time.perf_counter())

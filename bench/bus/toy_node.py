@@ -75,12 +75,15 @@ def toy(
     )
 
 
-def token_ring(laps: int, core: int = -1) -> list[Wiring]:
-    """Two toys that pass a frame there and back, so often."""
-    source = ToyParams(burst=1, laps=laps, expects=laps, core=core)
+def token_ring(laps: int, core: int = -1, nodes: int = 2) -> list[Wiring]:
+    """Toys that pass a frame around, so often: there and back, if they are two."""
+    names = ["source", *(f"relay{i}" if i else "relay" for i in range(nodes - 1))]
+    params = [ToyParams(burst=1, laps=laps, expects=laps, core=core)]
+    params += [ToyParams(relay=True, core=core)] * (nodes - 1)
+    upstream = [names[-1], *names[:-1]]
     return [
-        toy("source", source, upstream="relay"),
-        toy("relay", ToyParams(relay=True, core=core), upstream="source"),
+        toy(name, one, upstream=before)
+        for name, one, before in zip(names, params, upstream, strict=True)
     ]
 
 

@@ -163,6 +163,7 @@ class Demand(NamedTuple):
     settings: Mapping[str, Any] = {}  # The rule's numbers
     # Along which it is sliced; None for the object's own axis.
     axis: tuple[float, float, float] | None = None
+    feature: float | None = FEATURE  # What may stay untouched, m; None if the tolerance says
 
 
 def within_percent(percent: float) -> Demand:
@@ -192,7 +193,7 @@ def write_scene(
         place = solid.get("pose", {}).get("position", [0.0, 0.0, 0.0])
         found = compose_poses(moved, pose_of(np.array(place), np.eye(3)))
         solid["pose"] = {"position": found[:3].tolist(), "rotation": found[3:].tolist()}
-    asked = {**demand._asdict(), "feature": FEATURE}
+    asked = demand._asdict()
     scene = {"object": solid, "effects": list(noise), "explore": asked, "seed": seed}
     path = folder / "scene.yaml"
     path.write_text(json.dumps(scene), encoding="utf-8")  # JSON is YAML too

@@ -19,6 +19,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from palpate.bench.objects import HALF, REBUILT_SHAPES
 from palpate.bench.rebuild import CONTOUR_NOISE, EXAMPLES, Example, loft, noisy_contours, truth_of
+from palpate.bench.scaling import GROWTHS, Growth
 from palpate.bench.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
 from palpate.bench.touch import HEADS, TRIALS, EstimatorErrors, estimator_rows, noise_variance
 from palpate.core import Floats, touch
@@ -50,7 +51,7 @@ WORST = 1.5  # Distance from the truth at which the colours end, mm
 COLOURS = "viridis"
 VIEW = (18.0, -60.0)  # Elevation and azimuth from which is looked, degrees
 PEER_LIGHT = np.array([0.4, -0.8, 0.45])
-NAME = "rebuilt_shapes.png"
+NAME, GROWN = "rebuilt_shapes.png", "scaling.png"
 
 
 def write_curvature_figures(folder: str | Path) -> None:
@@ -295,6 +296,31 @@ def section_lines(mesh: Mesh) -> Floats:
     places = first + share[:, :, None] * (second - first)
     # Of a triangle that the plane parts two edges cross it.
     return np.asarray(places[crossing].reshape(-1, 2, 3)[:, :, ::2])
+
+
+def write_growth_figures(folder: str | Path) -> None:
+    """Write ``scaling.png``."""
+    _save(draw_growths([one for grow in GROWTHS for one in grow(quick=False)]), folder, GROWN, DPI)
+
+
+def draw_growths(found: Sequence[Growth]) -> Figure:
+    """A column for each, errors above and costs below, on logarithmic scales."""
+    figure = Figure(figsize=(3.2 * len(found), 6.0), layout="constrained")
+    for column, one in enumerate(found):
+        for row, curves in enumerate((one.errors, one.costs)):
+            if not curves:
+                continue
+            axes = figure.add_subplot(2, len(found), row * len(found) + column + 1)
+            for curve in curves:
+                power = "" if curve.law is None else f", power {curve.law.exponent:+.2f}"
+                axes.loglog(one.sizes, curve.values, "o-", label=f"{curve.what}{power}")
+            if one.floor and not row:
+                axes.axhline(one.floor, color="0.6", linestyle=":", label="sampling floor")
+            axes.set_xticks(one.sizes, map(str, one.sizes))
+            axes.minorticks_off()
+            axes.legend(fontsize=7)
+            axes.set_title("" if row and one.errors else one.name, fontsize=9)
+    return figure
 
 
 def write_peer_figures(folder: str | Path) -> None:

@@ -125,6 +125,12 @@ BENCHES: Mapping[str, Bench] = {
         {"examples": "rebuild.comparison:thesis_rows"},
         ("suite.figures:write_thesis_figures",),
     ),
+    "scaling": Bench(
+        "error and cost as contours, points, control points, taxels, fingers and nodes grow, with "
+        "the powers of it; the memory of a graph over 10,000 touches",
+        {"growth": "scaling.growth:growth_rows", "memory": "scaling.memory:memory_rows"},
+        ("suite.figures:write_growth_figures",),
+    ),
     "house": Bench(
         "palpate itself: lines and files, and how many files one frame, one rebuild and one plan "
         "run through; the sizes alone with --quick",
@@ -164,7 +170,7 @@ counts by anything, times by 10 %, and the rest by 2 %.
 @click.option(
     "--figures",
     type=click.Path(file_okay=False),
-    help="With curvature, shapes, rebuild or thesis: write their figures here.",
+    help="With curvature, shapes, rebuild, thesis or scaling: write their figures here.",
 )
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")

@@ -84,7 +84,7 @@ def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
     params = {"ideal": simulator.Params(object=exact), "mesh": simulator.Params(object=mesh)}
     for name, effects in {"worn": worn, "quiet": quiet, "salty": salty}.items():
         params[name] = simulator.Params(object=exact, effects=effects)
-    goals = list(_goals(frames))
+    goals = list(touch_goals(frames))
     calls: dict[tuple[str, str], Callable[[], float]] = {}
     for name, one in params.items():
         nodes = touching_nodes(one)
@@ -167,13 +167,14 @@ def _rays(count: int) -> Iterable[tuple[Floats, Floats]]:
     """Origins of the rays of a pad at many places, and their direction."""
     axis = (np.arange(16) - 7.5) * 1e-3
     x, y = (side.ravel() for side in np.meshgrid(axis, axis))
-    for goal in _goals(count):
+    for goal in touch_goals(count):
         _, axes = split_pose(goal.pose)
         face = np.column_stack([x, y, np.zeros_like(x)])
         yield face @ axes.T + goal.pose[:3], axes[:, 2]
 
 
-def _goals(count: int) -> Iterable[TouchGoal]:
+def touch_goals(count: int) -> Iterable[TouchGoal]:
+    """Touches of an object about the origin from many sides."""
     for number in range(count):
         axes = pad_rotation(0.1 * number, 0.4 * np.sin(number))
         yield TouchGoal(
@@ -341,7 +342,7 @@ def _pipeline(effects: specs.EffectSpecs) -> touch.Pipeline:
 
 def _time(pipeline: touch.Pipeline, frames: int) -> float:
     """Seconds of one frame, of so many at different places of a ball."""
-    shape, starts = _solid(), [goal.pose for goal in _goals(frames)]
+    shape, starts = _solid(), [goal.pose for goal in touch_goals(frames)]
     states, clock = pipeline.begin(), 0.0
     began = time.perf_counter()
     for number, start in enumerate(starts):

@@ -21,7 +21,7 @@ from palpate.messages.codec import pack_frame, split_frame
 
 # A frame in memory, its place in the file, or what makes it.
 StoredFrame = bytes | tuple[int, int] | Callable[[], bytes]
-MEMORY_BYTES = 64 << 20  # Most bytes of frames that a node keeps in memory
+MEMORY_BYTES = 1 << 20  # Most bytes of frames that a node keeps in memory
 _LENGTH = struct.Struct("<I")
 _ENTRY = struct.Struct("<IQ")
 _PROGRESS = struct.Struct("<QB")

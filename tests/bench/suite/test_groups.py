@@ -68,8 +68,14 @@ def test_each_missed_demand_is_named(changes, fault):
     [
         (["explore", "--only", "whale"], "there is no group 'whale'; there are tracing"),
         (["bus", "--only", "whole"], "there is no group 'whole'; there are losses, hops,"),
-        (["explore", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild, thesis"),
-        (["all", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild, thesis"),
+        (
+            ["explore", "--figures", "x"],
+            "--figures belongs to curvature, shapes, rebuild, thesis, scaling",
+        ),
+        (
+            ["all", "--figures", "x"],
+            "--figures belongs to curvature, shapes, rebuild, thesis, scaling",
+        ),
         (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, explore"),
         (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
         (["house", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),

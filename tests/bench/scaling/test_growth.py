@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.bench.objects import REBUILT_SHAPES
+from palpate.bench.rebuild import truth_of
+from palpate.bench.scaling import growth
+from palpate.bench.scaling.growth import (
+    fit_power_law,
+    grown,
+    taxel_growth,
+    touched_contours,
+)
+from palpate.bench.suite import figures
+from palpate.bench.table import run_groups
+from palpate.core.geometry.nearest import nearest_points
+
+SIZES = np.array([4.0, 6.0, 9.0, 14.0, 22.0, 36.0, 60.0])
+
+
+@pytest.mark.parametrize("exponent", [-2.0, 0.0, 1.5])
+def test_the_power_of_a_power_is_found_exactly(exponent):
+    law = fit_power_law(SIZES, 0.3 * SIZES**exponent)
+    assert law == pytest.approx((exponent,) * 3, abs=1e-9)
+
+
+def test_repeats_may_have_factors_of_their_own_and_units_do_not_matter():
+    values = SIZES[:, None] ** -1.0 * np.array([1.0, 7.0, 0.02])
+    values[3] *= 1.3
+    assert fit_power_law(SIZES, values) == pytest.approx(fit_power_law(SIZES, 1e6 * values))
+    assert fit_power_law(SIZES, values) == pytest.approx(fit_power_law(10 * SIZES, values[:, :1]))
+
+
+def test_the_interval_holds_the_power_in_95_of_100_draws():
+    rng = np.random.default_rng(0)
+    values = SIZES[:, None, None] ** -1.0 * np.exp(0.3 * rng.normal(size=(7, 3, 2000)))
+    laws = [fit_power_law(SIZES, values[..., draw]) for draw in range(2000)]
+    held = np.mean([one.low <= -1.0 <= one.high for one in laws])
+    assert 0.93 < held < 0.97
+
+
+@pytest.mark.parametrize(
+    ("sizes", "values", "words"),
+    [
+        ([1, 2], [1.0, 2.0], "3 or more"),
+        ([2, 2, 2], [1.0, 2.0, 3.0], "3 or more"),
+        ([1, 2, 3], [1.0, 2.0], "as many values, got 3, 2"),
+        ([1, 2, 3], [1.0, 0.0, 3.0], "positive"),
+        ([0, 2, 3], [1.0, 1.0, 3.0], "positive"),
+    ],
+)
+def test_what_has_no_power_is_refused(sizes, values, words):
+    with pytest.raises(ValueError, match=words):
+        fit_power_law(sizes, values)
+
+
+def test_errors_at_the_floor_do_not_count_and_costs_always_do():
+    sizes = (4, 8, 16, 32)
+    found = grown("it", sizes, {"error": [8.0, 4.0, 2.0, 1.9]}, {"cost": [1, 2, 4, 8]}, 0.95)
+    assert found.errors[0].law == pytest.approx((-1.0, -1.0, -1.0))
+    assert found.costs[0].law == pytest.approx((1.0, 1.0, 1.0))
+    assert grown("it", sizes, {"error": [8.0, 4.0, 1.0, 1.0]}, {}, 0.9).errors[0].law is None
+    head, error, cost = str(found).splitlines()
+    assert head.split()[:3] == ["it,", "floor", "0.950"]
+    assert "-1.00 (-1.00 to -1.00)" in error
+    assert cost.split()[1:5] == ["1", "2", "4", "8"]
+
+
+def test_contacts_lie_on_the_object_with_its_normals():
+    vase = REBUILT_SHAPES["vase"]
+    contours, contacts = touched_contours(vase, 5, 48, None)
+    assert [ring.shape for ring in contours] == [(48, 3)] * 5
+    assert len(np.unique(contacts.touch)) == 5 * growth.PADS
+    normals = contacts.normals / np.linalg.norm(contacts.normals, axis=1, keepdims=True)
+    search = truth_of("vase").surface.search
+    assert nearest_points(search, contacts.points).distances.max() < 0.02
+    away = nearest_points(search, contacts.points + 0.3 * normals).distances
+    assert away == pytest.approx(0.3, abs=0.03)
+    noisy = touched_contours(vase, 5, 48, 0)[1]
+    off = (noisy.points - contacts.points)[noisy.touch == 3]
+    assert off.std(axis=0).max() < 3 * growth.TAXEL_NOISE < np.abs(off.mean(axis=0)).max()
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growth, "QUICK_SIZES", {"taxels": (8, 12, 16)})
+    monkeypatch.setattr(growth, "SIZES", {"taxels": (8, 12, 16)})
+    monkeypatch.setattr(growth, "FRAMES", 4)
+    for module in (growth, figures):
+        monkeypatch.setattr(module, "GROWTHS", (taxel_growth.__wrapped__,))
+
+
+def test_growths_are_printed_and_drawn(small, tmp_path, capsys):
+    place = "palpate.bench.scaling.growth:growth_rows"
+    assert run_groups({"growth": place}, quick=True) == 0
+    assert "taxels a side" in capsys.readouterr().out
+    assert run_groups({"growth": place}, quick=True, as_json=True) == 0
+    assert '"name":"curvatures, rms % at 12"' in capsys.readouterr().out
+    figures.write_growth_figures(tmp_path / "new")
+    assert (tmp_path / "new" / "scaling.png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_more_contours_err_less_and_noise_limits_them(monkeypatch):
+    monkeypatch.setattr(growth, "QUICK_SIZES", {"contours": (5, 9, 14)})
+    monkeypatch.setattr(growth, "TURNS", 1)
+    alone = growth._rebuilt(
+        "it", "contours", True, lambda *given: growth._evidence("contours", False, *given)
+    )
+    exact, noisy = (one.values for one in alone.errors)
+    assert exact[0] > exact[-1]
+    assert noisy[-1] > exact[-1]
+    assert alone.floor > 0.0
