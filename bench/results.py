@@ -27,7 +27,7 @@ from palpate.launch.files import InputError, read_bounded, write_atomically
 FORM, VERSION = "palpate bench", 1
 MOST_BYTES = 64 * 2**20
 NOISE: Mapping[Kind, float] = {"time": 0.10, "count": 0.0, "error": 0.02}  # Shares of the value
-SMALLER_IS_BETTER = ("s", "ms", "us", "ns", "m", "mm", "um", "deg")
+SMALLER_IS_BETTER = ("s", "ms", "us", "ns", "m", "mm", "um", "deg", "% of height")
 SKIPPED = "are times of another machine, not compared"
 Verdict = Literal["better", "worse", "moved"]
 

@@ -6,10 +6,13 @@ Beside its text a line has its figures as numbers, by which a later run is compa
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
 import msgspec
@@ -19,6 +22,7 @@ from palpate.launch.files import InputError
 Key = TypeVar("Key")
 Found = TypeVar("Found")
 Kind = Literal["time", "count", "error"]
+MOST_SECONDS = 300.0  # A run that takes longer has hung, s
 WIDTH = 60  # Of a name, in letters
 TIME_UNITS = ("s", "ms", "us", "ns", "/s")
 # A number as it is printed, and its unit; commas part thousands.
@@ -162,6 +166,20 @@ def _number(value: float, form: str, unit: str, more: Mapping[str, Any]) -> Figu
 
 def _bound(value: float, form: str) -> str:
     return f"{100.0 * value:g}%" if form.endswith("%") else f"{value:g}"
+
+
+def run_scene(scene: str, out: Path) -> float:
+    """Run a scene as a user does, in a process of its own; seconds from start to exit.
+
+    Raises RuntimeError, with what it printed, if it does not come to its end.
+    """
+    command = [sys.executable, "-m", "palpate", "run", scene, "--out", str(out), "--quiet"]
+    began = time.perf_counter()
+    done = subprocess.run(command, capture_output=True, text=True, timeout=MOST_SECONDS)
+    wall = time.perf_counter() - began
+    if done.returncode not in (0, 1):  # 1 is a demand that was missed
+        raise RuntimeError(f"{scene} ended with {done.returncode}: {done.stderr.strip()}")
+    return wall
 
 
 class SilentWatcher:

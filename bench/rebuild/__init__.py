@@ -13,10 +13,10 @@ from palpate.rooms import lazy
 
 if TYPE_CHECKING:
     from palpate.bench.rebuild.comparison import CONTOUR_NOISE as CONTOUR_NOISE
-    from palpate.bench.rebuild.comparison import EXAMPLES as EXAMPLES
-    from palpate.bench.rebuild.comparison import Example as Example
     from palpate.bench.rebuild.comparison import noisy_contours as noisy_contours
     from palpate.bench.rebuild.peers import loft as loft
     from palpate.bench.rebuild.peers import truth_of as truth_of
+    from palpate.bench.rebuild.thesis import EXAMPLES as EXAMPLES
+    from palpate.bench.rebuild.thesis import Example as Example
 else:
     __getattr__, __dir__ = lazy(__name__)

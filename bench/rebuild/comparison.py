@@ -1,25 +1,19 @@
-"""Solids of eight objects beside those of other ways, disorder, and the thesis's two examples.
+"""Solids of eight objects beside those of other ways, and what disorder costs.
 
 Objects are 100 mm high; contours begin and end 0.5 % of the height inside. Ratios are of means
 over the objects, unless a line names one.
-
-The examples stand in for the two objects that the thesis only draws: one turned and lobed, with
-27 contours of 81 points at even heights, one smoother, with 24 contours of 41 points. The first
-point of each contour comes again at its end, and each begins at azimuth -pi, as the thesis's
-program needs.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, WAVY, RoundObject, closed_mesh
+from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
 from palpate.bench.rebuild.peers import (
     LOFT,
     PACKAGE,
@@ -29,19 +23,14 @@ from palpate.bench.rebuild.peers import (
     THESIS,
     MeshErrors,
     Peer,
-    TrueSurface,
-    loft_rings,
     poisson_installed,
     truth_of,
-    truth_of_mesh,
 )
-from palpate.bench.table import Row, at_least, at_most, best_seconds
+from palpate.bench.table import Row, at_most, best_seconds
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
-from palpate.core.splines import SplineVolume, invert_points
-from palpate.core.thesis import ThesisSolid, interpolated_parameters, rebuild_thesis
 from palpate.tools import single_threaded
 
 INSIDE = 0.005  # Of the height: how far inside the first and the last contour lie
@@ -58,16 +47,6 @@ COUNTS = 0.25  # By which the number of points differs from contour to contour
 OUTLIER_SHARE, OUTLIER_DISTANCE = 0.02, 3.0  # Share of the points that are off, and by how much, mm
 ROUNDS = 5
 FIT_MS, UPDATE_MS, BAND_MS, LATTICE_S = 30.0, 10.0, 10.0, 1.0
-EXAMPLE_NOISE = 0.005  # Of the object's height, along x and y
-SIDE = 50  # Rows and columns at which the thesis's program evaluates its surface
-LOOPED, QUICK_LOOPED = 200, 40  # Points that are done one at a time
-LEAST_RATIO = 50.0
-# Height of both examples; all figures are over it, so that its unit does not matter.
-EXAMPLE_HEIGHT = 2.0
-MESH_ROWS, MESH_COLUMNS = 161, 240  # Of the meshes that are compared
-TRUE_ROWS, TRUE_COLUMNS = 401, 720
-# Of the truth, and of the other mesh of it that shows what measuring alone adds.
-FLOOR_ROWS, FLOOR_COLUMNS = 301, 541
 Disorder = Callable[[RoundObject, Floats, np.random.Generator], Sequence[Floats]]
 
 
@@ -99,7 +78,7 @@ def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
     """The figures of one case."""
     first, head = case.peers[0].name, f"{case.size[0]} by {case.size[1]}, {case.noise:g} mm"
     means = {
-        way: MeshErrors(*np.mean([[*one[:3], abs(one.volume)] for one in of.values()], axis=0))
+        way: MeshErrors(*np.mean([[*one[:4], abs(one.volume)] for one in of.values()], axis=0))
         for way, of in found.items()
     }
     for way, most, how in ((OURS, case.most, ""), (TOUCHED, case.touched, ", ends touched")):
@@ -260,132 +239,6 @@ def _times(head: str) -> Iterable[Row]:
     yield at_most(name, best_seconds(fit, 2, clock), LATTICE_S, ".2f", " s")
 
 
-class ThesisVariant(NamedTuple):
-    """A way from contours to a mesh."""
-
-    name: str  # What it is called in the table
-    build: Callable[[Floats], Mesh]  # Contours (m, n, 3) to a mesh
-    most: float  # Chamfer distance that is demanded, over the height; infinite for comparison only
-
-
-def thesis_rows(quick: bool) -> Iterable[Row]:
-    """Errors of both examples, and the time of a loop over points against ours."""
-    for example in EXAMPLES:
-        truth, contours = example_truth(example), example.contours()
-        floor = truth.errors_of(example.mesh(FLOOR_ROWS, FLOOR_COLUMNS))
-        yield _row(f"{example.name}: floor", floor, np.inf)
-        for way in VARIANTS:
-            errors = truth.errors_of(way.build(contours))
-            yield _row(f"{example.name}: {way.name}", errors, way.most)
-    truth, contours = example_truth(FIRST), with_noise(FIRST.contours())
-    for way in NOISY_VARIANTS:
-        errors = truth.errors_of(way.build(contours))
-        yield _row(f"{FIRST.name}, noise: {way.name}", errors, way.most)
-    ratio = loop_ratio(QUICK_LOOPED if quick else LOOPED)
-    yield at_least("contours to mesh, against a loop", ratio, LEAST_RATIO, ".0f", " x")
-
-
-def example_truth(example: Example) -> TrueSurface:
-    """The example's own surface, finely meshed; errors are over its height."""
-    return truth_of_mesh(example.mesh(TRUE_ROWS, TRUE_COLUMNS), EXAMPLE_HEIGHT)
-
-
-def _row(name: str, errors: MeshErrors, most: float) -> Row:
-    found = f"{name}; normals {errors.normal_deg:.1f} deg, volume {errors.volume:+.1%}"
-    return _compared(found, f"{errors.chamfer:.3%}", errors.chamfer, most, f"{most:.2%}")
-
-
-def with_noise(contours: Floats) -> Floats:
-    """Contours (m, n, 3) with noise across the axis, still closed."""
-    noisy = contours.copy()
-    rng = np.random.default_rng(0)
-    noisy[:, :-1, :2] += EXAMPLE_HEIGHT * EXAMPLE_NOISE * rng.normal(size=noisy[:, :-1, :2].shape)
-    noisy[:, -1] = noisy[:, 0]
-    return noisy
-
-
-def loop_ratio(looped: int) -> float:
-    """Seconds of a loop over points, over ours, for the same surface of the first example.
-
-    The loop inverts each of the model's 27 x 81 points and evaluates each of 50 x 50 points by
-    itself, as the thesis's program does; some of them are timed. Contours are fitted in the
-    same way in both, and their time is left out of the loop's.
-    """
-    contours = FIRST.contours()
-
-    def ours() -> ThesisSolid:
-        solid = rebuild_thesis(contours)
-        solid.mesh(SIDE, SIDE)
-        return solid
-
-    solid = ours()
-    undeformed = solid.lattice.undeformed
-    assert isinstance(undeformed, SplineVolume)
-    points = undeformed.at(solid.parameters.reshape(-1, 3))
-    some = points[np.linspace(0, len(points) - 1, looped).astype(int)]
-    places = np.random.default_rng(0).random((looped, 2))
-    inverted = best_seconds(lambda: [invert_points(undeformed, point[None]) for point in some], 1)
-    evaluated = best_seconds(lambda: [solid.surface(eta, nu) for eta, nu in places[..., None]], 1)
-    loop = (inverted * len(points) + evaluated * SIDE**2) / looped
-    return loop / best_seconds(ours, ROUNDS)
-
-
-class Example(NamedTuple):
-    """An object, and the contours that were traced of it."""
-
-    name: str  # What it is called in tables and files
-    shape: RoundObject
-    heights: Floats  # Of its contours, (m,)
-    around: int  # Points of a contour, the first twice
-
-    def contours(self) -> Floats:
-        """What a perfect finger traces, (m, around, 3)."""
-        return self.shape.rings(self.heights, np.linspace(-np.pi, np.pi, self.around))
-
-    def mesh(self, rows: int, columns: int) -> Mesh:
-        """The object itself, with plane ends."""
-        azimuths = 2.0 * np.pi * np.arange(columns) / columns
-        return closed_mesh(self.shape.rings(np.linspace(-1.0, 1.0, rows), azimuths))
-
-
-def _solid(contours: Floats, **how: Any) -> Mesh:
-    return rebuild_thesis(contours, **how).mesh(MESH_ROWS, MESH_COLUMNS)
-
-
-def _with_spline(contours: Floats) -> Mesh:
-    solid = rebuild_thesis(contours)
-    solid = dataclasses.replace(solid, triples=interpolated_parameters(solid.parameters))
-    return solid.mesh(MESH_ROWS, MESH_COLUMNS)
-
-
-def spline_loft(contours: Floats) -> Mesh:
-    """The plain way: a loft of contours that end with their first point again; plane ends."""
-    return closed_mesh(loft_rings(contours, contours[:, 0, 2], MESH_ROWS, MESH_COLUMNS))
-
-
-def _smooth(height: Floats, azimuth: Floats) -> Floats:
-    outline = (1.02 - height**2) ** 0.35 * (0.8 + 0.1 * height)
-    return np.asarray(outline * (1.0 + 0.15 * np.cos(2.0 * azimuth)))
-
-
-VARIANTS = (
-    ThesisVariant("spline loft", spline_loft, np.inf),
-    ThesisVariant("program", partial(_solid, faithful=True), 0.005),
-    ThesisVariant("corrected", _solid, 0.0045),
-    ThesisVariant("with 4.3", _with_spline, 0.0045),
-    ThesisVariant("7 x 7 layers", partial(_solid, layer=(7, 7)), 0.004),
-    ThesisVariant("ellipsoid", partial(_solid, exponents=(1.0, 1.0)), np.inf),
-)
-NOISY_VARIANTS = (
-    ThesisVariant("spline loft", spline_loft, np.inf),
-    ThesisVariant("program", partial(_solid, faithful=True), np.inf),
-    ThesisVariant("corrected", _solid, 0.005),
-)
-FIRST = Example("example 1", WAVY, np.linspace(-1.0, 1.0, 27), 81)
-SECOND = Example(
-    "example 2", RoundObject(_smooth), np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 24)), 41
-)
-EXAMPLES = (FIRST, SECOND)
 CASES = (
     PeerCase((27, 81), 0.0, (LOFT, THESIS), 0.85, 0.45, 2.0),
     PeerCase((27, 81), CONTOUR_NOISE, (SMOOTHED, LOFT), 0.78, 0.65, 3.0),

@@ -39,6 +39,7 @@ class MeshErrors(NamedTuple):
     """How far a mesh is from the truth; lengths in the truth's unit."""
 
     chamfer: float
+    rms: float  # Root mean square, both ways
     hausdorff: float
     normal_deg: float  # Mean angle between normals, degrees
     volume: float  # Over the true one, less 1
@@ -57,8 +58,8 @@ class TrueSurface(NamedTuple):
         """How far a closed mesh is from it."""
         found = compare_surfaces(prepare_surface(*mesh), self.surface)
         volume = solidity(*mesh).volume / self.volume - 1.0
-        lengths = found.chamfer / self.unit, found.hausdorff / self.unit
-        return MeshErrors(*lengths, found.normal_deg, volume)
+        chamfer, rms, most = (v / self.unit for v in (found.chamfer, found.rms, found.hausdorff))
+        return MeshErrors(chamfer, rms, most, found.normal_deg, volume)
 
 
 def truth_of_mesh(mesh: Mesh, unit: float = 1.0) -> TrueSurface:

@@ -27,7 +27,7 @@ from palpate.core.rebuild.ends import End, Shear, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import POSE_LEFT, SECTORS, SidePatch, Uncertainty
+from palpate.core.rebuild.side import POSE_LEFT, SidePatch, Uncertainty
 from palpate.core.rebuild.surface import (
     DEFAULT_TOLERANCE,
     EndPatch,

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from palpate.core.thesis.layers import invert_thesis as invert_thesis
     from palpate.core.thesis.rebuilding import ThesisSolid as ThesisSolid
     from palpate.core.thesis.rebuilding import interpolated_parameters as interpolated_parameters
+    from palpate.core.thesis.rebuilding import match_contour as match_contour
+    from palpate.core.thesis.rebuilding import ray_azimuths as ray_azimuths
     from palpate.core.thesis.rebuilding import rebuild_thesis as rebuild_thesis
     from palpate.core.thesis.tactile_surface import fit_spline as fit_spline
     from palpate.core.thesis.tactile_surface import spline_shape as spline_shape

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     )
     from palpate.core.explore.planners.thesis import TEMPLATES as TEMPLATES
     from palpate.core.explore.planners.thesis import Thesis as Thesis
+    from palpate.core.explore.planners.trial import AROUND as AROUND
     from palpate.core.explore.planners.trial import EXTENT as EXTENT
     from palpate.core.explore.planners.trial import HELD_OUT as HELD_OUT
     from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED as MOST_CONTOURS_PLANNED
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.trial import Radius as Radius
     from palpate.core.explore.planners.trial import drawn_objects as drawn_objects
     from palpate.core.explore.planners.trial import lost_slice as lost_slice
+    from palpate.core.explore.planners.trial import measure_side as measure_side
     from palpate.core.explore.planners.trial import observation_of as observation_of
     from palpate.core.explore.planners.trial import run_planner as run_planner
     from palpate.core.explore.planners.uniform import Uniform as Uniform

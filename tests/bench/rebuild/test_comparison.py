@@ -9,29 +9,16 @@ import pytest
 
 from palpate.bench import objects
 from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild import comparison
 from palpate.bench.rebuild.comparison import (
     CASES,
-    EXAMPLE_HEIGHT,
-    EXAMPLE_NOISE,
-    EXAMPLES,
-    FIRST,
-    NOISY_VARIANTS,
     OURS,
-    SECOND,
     TOUCHED,
-    VARIANTS,
     PeerCase,
     case_rows,
     errors_of,
-    example_truth,
-    loop_ratio,
     noisy_contours,
     ratio_of,
     shuffled,
-    spline_loft,
-    thesis_rows,
-    with_noise,
     with_outliers,
 )
 from palpate.bench.rebuild.peers import (
@@ -106,7 +93,7 @@ def test_palpate_is_compared_on_the_same_contours_with_and_without_touched_ends(
 
 def test_a_way_that_is_no_better_misses_its_demand():
     case = PeerCase((12, 32), 0.0, (Peer("loft", loft),), 0.85, 0.0, 3.0)
-    errors = {"vase": MeshErrors(0.1, 1.0, 4.0, -0.01)}
+    errors = {"vase": MeshErrors(0.1, 0.2, 1.0, 4.0, -0.01)}
     rows = list(case_rows(case, {OURS: errors, "loft": errors}))
     missed = [row.name for row in rows if not row.holds]
     assert len(missed) == 2
@@ -185,81 +172,3 @@ def test_points_and_normals_go_in_and_a_mesh_comes_out():
 def test_without_the_package_it_is_reported_to_be_missing(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert not poisson_installed()
-
-
-@pytest.fixture
-def coarse(monkeypatch):
-    """Truths and lofts coarse enough to be compared in no time."""
-    sizes = {"TRUE": (121, 180), "FLOOR": (91, 131), "MESH": (61, 80)}
-    for name, (rows, columns) in sizes.items():
-        monkeypatch.setattr(comparison, f"{name}_ROWS", rows)
-        monkeypatch.setattr(comparison, f"{name}_COLUMNS", columns)
-
-
-def test_the_examples_have_as_many_contours_and_points_as_the_thesiss():
-    assert [example.contours().shape for example in EXAMPLES] == [(27, 81, 3), (24, 41, 3)]
-    for example in EXAMPLES:
-        contours = example.contours()
-        assert np.allclose(contours[:, 0], contours[:, -1], rtol=0, atol=1e-12)
-        assert np.ptp(contours[:, 0, 2]) == EXAMPLE_HEIGHT
-        assert solidity(*example.mesh(40, 60)).watertight
-    assert np.ptp(np.diff(FIRST.heights)) < 1e-12
-    assert np.ptp(np.diff(SECOND.heights)) > 0.1
-
-
-@pytest.mark.usefixtures("coarse")
-def test_what_the_page_says_of_the_ways_holds():
-    truth, contours = example_truth(SECOND), SECOND.contours()
-    errors = {
-        way.name: truth.errors_of(way.build(contours)) for way in VARIANTS if "4.3" not in way.name
-    }
-    assert errors["spline loft"].chamfer < 0.1 * errors["corrected"].chamfer
-    assert errors["7 x 7 layers"].chamfer < 0.7 * errors["corrected"].chamfer
-    assert errors["corrected"].chamfer < 0.8 * errors["program"].chamfer
-    assert errors["corrected"].chamfer <= 0.0045
-    assert errors["program"].chamfer <= 0.005
-    assert errors["ellipsoid"].volume < -0.1
-    assert errors["program"].hausdorff > errors["program"].chamfer
-
-
-@pytest.mark.usefixtures("coarse")
-def test_a_row_for_each_way_says_what_it_missed(monkeypatch):
-    ways = (VARIANTS[0], VARIANTS[2]._replace(most=1e-6))
-    monkeypatch.setattr(comparison, "VARIANTS", ways)
-    monkeypatch.setattr(comparison, "NOISY_VARIANTS", (NOISY_VARIANTS[0],))
-    monkeypatch.setattr(comparison, "loop_ratio", lambda looped: float(looped))
-    rows = list(thesis_rows(True))
-    assert [row.name.split(";")[0] for row in rows] == [
-        "example 1: floor",
-        "example 1: spline loft",
-        "example 1: corrected",
-        "example 2: floor",
-        "example 2: spline loft",
-        "example 2: corrected",
-        "example 1, noise: spline loft",
-        "contours to mesh, against a loop",
-    ]
-    held = [row.holds for row in rows]
-    assert held == [True, True, False, True, True, False, True, False]  # 40 loops a ratio of 40
-
-
-def test_noise_keeps_contours_closed_and_level():
-    contours = FIRST.contours()
-    noisy = with_noise(contours)
-    assert np.array_equal(noisy[:, 0], noisy[:, -1])
-    assert np.array_equal(noisy[..., 2], contours[..., 2])
-    spread = (noisy - contours)[:, :-1, :2].std()
-    assert spread == pytest.approx(EXAMPLE_NOISE * EXAMPLE_HEIGHT, rel=0.05)
-
-
-def test_a_loft_passes_the_contours():
-    contours = FIRST.contours()
-    mesh = spline_loft(contours)
-    assert solidity(*mesh).watertight
-    ends = mesh.vertices[1:241], mesh.vertices[-241:-1]
-    assert np.allclose(ends[0][::3], contours[0, :-1], rtol=0, atol=1e-12)
-    assert np.allclose(ends[1][::3], contours[-1, :-1], rtol=0, atol=1e-12)
-
-
-def test_the_loop_over_points_is_timed():
-    assert loop_ratio(2) > 0.0

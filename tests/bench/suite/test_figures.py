@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild.comparison import EXAMPLES
+from palpate.bench.rebuild import EXAMPLES
 from palpate.bench.suite import figures
 from palpate.bench.suite.figures import section_lines, write_thesis_figures
 from palpate.core.geometry.meshes import close_rings
