@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.bench.explore.harness import NOISES as NOISES
     from palpate.bench.explore.harness import NOISY as NOISY
     from palpate.bench.explore.harness import Demand as Demand
     from palpate.bench.explore.harness import Explored as Explored
     from palpate.bench.explore.harness import InProcessLoop as InProcessLoop
     from palpate.bench.explore.harness import LoopNode as LoopNode
     from palpate.bench.explore.harness import MessageCollector as MessageCollector
+    from palpate.bench.explore.harness import Noise as Noise
     from palpate.bench.explore.harness import explore_object as explore_object
     from palpate.bench.explore.harness import touching_nodes as touching_nodes
+    from palpate.bench.explore.harness import within_percent as within_percent
 else:
     __getattr__, __dir__ = lazy(__name__)

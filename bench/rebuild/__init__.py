@@ -2,7 +2,7 @@
 
 Against the truth and against what an engineer would do without palpate. Another method is added
 as a `Peer`; demands are ratios to the first peer of a case. It rests on core.rebuild and
-bench.objects; only the measurement of taxels explores, in one process.
+bench.objects.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -39,8 +40,8 @@ TOLERANCE = 0.02  # Of the meshes that are compared, mm
 SEEDS, QUICK_SEEDS = 2, 1
 OURS, TOUCHED = "palpate", "palpate, ends touched"
 PeerErrors = Mapping[str, Mapping[str, MeshErrors]]  # Way to object to errors, means over seeds
-# Contours, and points of each; the larger has eight times as many points.
-DISORDERED, LARGE = (27, 81), (108, 162)
+# Contours, and points of each; the larger has eight times as many points as the first.
+DISORDERED, LARGE = ((27, 81), (24, 41), (9, 24)), (108, 162)
 # Contours and points, and control points each way, of the largest lattice.
 HUGE, CONTROL = (200, 400), 40
 COUNTS = 0.25  # By which the number of points differs from contour to contour
@@ -150,15 +151,13 @@ def noisy_contours(
 
 def disorder_rows(quick: bool) -> Iterable[Row]:
     """What disorder and outliers cost, and times."""
-    head = f"{DISORDERED[0]} by {DISORDERED[1]}"
+    off = f"{OUTLIER_SHARE:.0%} of points off by {OUTLIER_DISTANCE:g} mm"
+    cases = (("random starts, directions and counts", shuffled, 1.03), (off, with_outliers, 1.1))
     with single_threaded():
-        for name, disorder, most in (
-            ("random starts, directions and counts", shuffled, 1.03),
-            (f"{OUTLIER_SHARE:.0%} of points off by {OUTLIER_DISTANCE:g} mm", with_outliers, 1.1),
-        ):
-            title = f"{head}, {CONTOUR_NOISE} mm: {name}, error over that without"
-            yield at_most(title, ratio_of(disorder), most, ".3f", " x")
-        yield from _times(head)
+        for size, (name, disorder, most) in product(DISORDERED, cases):
+            title = f"{size[0]} by {size[1]}, {CONTOUR_NOISE} mm: {name}, error over that without"
+            yield at_most(title, ratio_of(disorder, size), most, ".3f", " x")
+        yield from _times()
 
 
 def shuffled(shape: RoundObject, contours: Floats, rng: np.random.Generator) -> list[Floats]:
@@ -184,7 +183,11 @@ def with_outliers(shape: RoundObject, contours: Floats, rng: np.random.Generator
     return list(changed)
 
 
-def ratio_of(disorder: Disorder, shapes: Mapping[str, RoundObject] = REBUILT_SHAPES) -> float:
+def ratio_of(
+    disorder: Disorder,
+    size: tuple[int, int] = DISORDERED[0],
+    shapes: Mapping[str, RoundObject] = REBUILT_SHAPES,
+) -> float:
     """Mean error over objects from disordered contours, over that from plain ones.
 
     The ends are touched, lest what nobody can know of them hides the rest.
@@ -192,7 +195,7 @@ def ratio_of(disorder: Disorder, shapes: Mapping[str, RoundObject] = REBUILT_SHA
     plain, other = 0.0, 0.0
     for name, shape in shapes.items():
         tops = _ends(shape)
-        contours = noisy_contours(shape, DISORDERED, CONTOUR_NOISE, np.random.default_rng(0))
+        contours = noisy_contours(shape, size, CONTOUR_NOISE, np.random.default_rng(0))
         changed = disorder(shape, contours, np.random.default_rng(1))
         plain += truth_of(name).errors_of(rebuilt(list(contours), tops)).chamfer
         other += truth_of(name).errors_of(rebuilt(changed, tops)).chamfer
@@ -205,14 +208,16 @@ def rebuilt(contours: Sequence[Floats], tops: Floats | None = None) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces)
 
 
-def _times(head: str) -> Iterable[Row]:
+def _times() -> Iterable[Row]:
     """Times of the processor, which others' work does not count to."""
     shape = REBUILT_SHAPES["lobed zig-zag"]
 
     def contours_of(size: tuple[int, int], noise: float) -> list[Floats]:
         return list(noisy_contours(shape, size, noise, np.random.default_rng(0)))
 
-    contours, large = contours_of(DISORDERED, CONTOUR_NOISE), contours_of(LARGE, CONTOUR_NOISE)
+    few = DISORDERED[0]
+    head = f"{few[0]} by {few[1]}"
+    contours, large = contours_of(few, CONTOUR_NOISE), contours_of(LARGE, CONTOUR_NOISE)
     solid = reconstruct([*contours[:13], *contours[14:]])
     closed = solid.closed
     assert closed is not None
@@ -229,7 +234,7 @@ def _times(head: str) -> Iterable[Row]:
         yield at_most(f"{head}: {name}, ms", 1e3 * best_seconds(call, ROUNDS, clock), most, ".1f")
     ratio = best_seconds(partial(reconstruct, large, method="skin"), 2, clock)
     ratio /= best_seconds(skin, ROUNDS, clock)
-    most = LARGE[0] * LARGE[1] / (DISORDERED[0] * DISORDERED[1])
+    most = LARGE[0] * LARGE[1] / (few[0] * few[1])
     name = f"{LARGE[0]} by {LARGE[1]} over {head}: time"
     yield at_most(name, ratio, most, ".1f", " x", kind="time")
     huge = reconstruct(contours_of(HUGE, 0.0), method="skin").closed

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,13 +21,14 @@ from palpate.bench.bus import ring_times, token_ring
 from palpate.bench.explore import NOISY, Demand, InProcessLoop, explore_object, touching_nodes
 from palpate.bench.objects import EXPLORED_OBJECTS, REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
 from palpate.bench.rebuild import truth_of
-from palpate.bench.table import Figure, best_seconds, figure_of, in_turns
+from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
 from palpate.bench.touch import touch_goals
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
+from palpate.messages.types import SurfacePatch
 from palpate.nodes import simulator, specs
 from palpate.tools import single_threaded
 
@@ -37,14 +39,6 @@ SIZES: Mapping[str, tuple[int, ...]] = {
     "taxels": (8, 12, 16, 24, 32, 48, 64),
     "fingers": (1, 2, 3, 4, 5),
     "nodes": (2, 4, 8, 16, 28, 40),
-}
-QUICK_SIZES: Mapping[str, tuple[int, ...]] = {
-    "contours": (4, 12, 28, 60),
-    "points": (20, 100, 400, 2000),
-    "lattice": (5, 10, 20, 40),
-    "taxels": (8, 16, 32, 64),
-    "fingers": (1, 2, 4),
-    "nodes": (2, 8, 40),
 }
 SHAPES, QUICK_SHAPES = ("vase", "lobed zig-zag", "rounded box", "groove"), ("vase",)
 SEEDS, TURNS, LAPS = 2, 3, 200
@@ -57,7 +51,6 @@ TOLERANCE = 0.01  # Of the meshes that are compared, mm
 BALL, WIDTH, FRAMES = 0.03, 15e-3, 60  # Radius and width of the array, m; touches of a turn
 # Errors below so many sampling floors are left out of the power.
 CLEAR = 2.0
-CONFIDENCE = 0.95
 FINGERED = "vase"
 LABEL, CELL = 34, 9  # Widths in letters
 
@@ -78,10 +71,8 @@ def fit_power_law(sizes: ArrayLike, values: ArrayLike) -> PowerLaw:
 
     Repeats are averaged first, each may have a factor of its own: so the interval, Student's with
     n - 2 degrees of freedom, holds both their scatter and what is no power. Raises ValueError if
-    there are fewer than 3 sizes, two are alike in all, or something is not positive.
+    there are fewer than 3 sizes, all are alike, or something is not positive.
     """
-    from scipy.stats import t
-
     x, y = np.asarray(sizes, float), np.asarray(values, float)
     if len(x) < 3 or len(y) != len(x) or not np.ptp(x) > 0.0:
         raise ValueError(f"sizes must be 3 or more, with as many values, got {len(x)}, {len(y)}")
@@ -92,9 +83,15 @@ def fit_power_law(sizes: ArrayLike, values: ArrayLike) -> PowerLaw:
     spread = float(away @ away)
     exponent = float(away @ logs) / spread
     left = logs - logs.mean() - exponent * away
-    reach = float(t.ppf(0.5 + 0.5 * CONFIDENCE, len(x) - 2))
-    reach *= math.sqrt(float(left @ left) / (len(x) - 2) / spread)
+    reach = students_reach(len(x) - 2) * math.sqrt(float(left @ left) / (len(x) - 2) / spread)
     return PowerLaw(exponent, exponent - reach, exponent + reach)
+
+
+def students_reach(freedom: int) -> float:
+    """Deviations within which Student's variable is in 95 of 100 cases."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, freedom))
 
 
 class Curve(NamedTuple):
@@ -104,18 +101,9 @@ class Curve(NamedTuple):
     values: tuple[float, ...]  # Geometric means over repeats
     law: PowerLaw | None  # None where too few values stand clear of the floor
 
-    def figures(self, sizes: Sequence[int], *, timed: bool) -> Iterator[Figure]:
-        """Each as a number, and the power; `timed` if they are costs, not errors."""
-        for size, value in zip(sizes, self.values, strict=True):
-            name = f"{self.what} at {size}"
-            yield figure_of(value, kind="time" if timed else "error", name=name)
-        if self.law is not None:
-            ends = self.law.low, self.law.high
-            yield figure_of(self.law.exponent, repeats=ends, name=f"{self.what}, power")
-
     def __str__(self) -> str:
         cells = "".join(f"{value:>{CELL}.3g}" for value in self.values)
-        return f"  {self.what:<{LABEL - 2}}{cells}  {'' if self.law is None else self.law}".rstrip()
+        return f"  {self.what:<{LABEL - 2}}{cells}  {self.law or ''}".rstrip()
 
 
 class Growth(NamedTuple):
@@ -131,11 +119,8 @@ class Growth(NamedTuple):
     @property
     def figures(self) -> Sequence[Figure]:
         """All of them, and the powers."""
-        return [
-            one
-            for curve in (*self.errors, *self.costs)
-            for one in curve.figures(self.sizes, timed=curve in self.costs)
-        ]
+        errors = (_numbers(one, self.sizes, "error") for one in self.errors)
+        return [*chain(*errors, *(_numbers(one, self.sizes, "time") for one in self.costs))]
 
     def __str__(self) -> str:
         heads = "".join(f"{size:>{CELL}}" for size in self.sizes)
@@ -144,12 +129,18 @@ class Growth(NamedTuple):
         return "\n".join(map(str, lines))
 
 
+def _numbers(curve: Curve, sizes: Sequence[int], kind: Kind) -> Iterator[Figure]:
+    for size, value in zip(sizes, curve.values, strict=True):
+        yield figure_of(value, kind=kind, name=f"{curve.what} at {size}")
+    if curve.law is not None:
+        yield figure_of(curve.law[0], repeats=curve.law[1:], name=f"{curve.what}, power")
+
+
+Figures = Mapping[str, ArrayLike]
+
+
 def grown(
-    name: str,
-    sizes: Sequence[int],
-    errors: Mapping[str, ArrayLike],
-    costs: Mapping[str, ArrayLike],
-    floor: float = 0.0,
+    name: str, sizes: Sequence[int], errors: Figures, costs: Figures, floor: float = 0.0
 ) -> Growth:
     """Figures (n,) or (n, k) of k repeats at sizes (n,), with their powers.
 
@@ -163,10 +154,8 @@ def grown(
         law = fit_power_law(np.array(sizes)[clear], values[clear]) if enough else None
         return Curve(what, tuple(map(float, values)), law)
 
-    off, used = (
-        tuple(curve(what, found, least) for what, found in figures.items())
-        for figures, least in ((errors, CLEAR * floor), (costs, 0.0))
-    )
+    off = tuple(curve(what, found, CLEAR * floor) for what, found in errors.items())
+    used = tuple(curve(what, found, 0.0) for what, found in costs.items())
     return Growth(name, tuple(sizes), floor, off, used)
 
 
@@ -218,21 +207,17 @@ def _rebuilt(
     timed: Callable[[int, Mapping[str, Any]], Callable[[], object]] = _whole,
 ) -> Growth:
     """Errors over shapes and seeds, without noise for the seed None; times of the first shape."""
-    sizes, shapes = _sizes(what, quick), QUICK_SHAPES if quick else SHAPES
-    seeds = {"exact": (None,), "noise": range(1 if quick else SEEDS)}
+    sizes = _sizes(what, quick)
+    shapes = {one: REBUILT_SHAPES[one] for one in (QUICK_SHAPES if quick else SHAPES)}
     errors = {
         f"Chamfer, {noise}, % of height": [
-            [
-                _percent(one, evidence(REBUILT_SHAPES[one], size, seed))
-                for one in shapes
-                for seed in some
-            ]
+            [_percent(n, evidence(one, size, seed)) for n, one in shapes.items() for seed in some]
             for size in sizes
         ]
-        for noise, some in seeds.items()
+        for noise, some in (("exact", (None,)), ("noise", range(1 if quick else SEEDS)))
     }
-    shape = REBUILT_SHAPES[shapes[0]]
-    calls = {size: timed(size, evidence(shape, size, 0)) for size in sizes}
+    first = next(iter(shapes.values()))
+    calls = {size: timed(size, evidence(first, size, 0)) for size in sizes}
     floor = 100.0 * float(np.mean([truth_of(one).floor for one in shapes])) / SHAPE_HEIGHT
     return grown(name, sizes, errors, {"processor, ms": _turned(calls, 1e3)}, floor)
 
@@ -249,7 +234,9 @@ def _turned(calls: Mapping[int, Callable[[], object]], scale: float) -> Floats:
 
 
 def _sizes(what: str, quick: bool) -> tuple[int, ...]:
-    return (QUICK_SIZES if quick else SIZES)[what]
+    """Every other one if quick, and the largest."""
+    sizes = SIZES[what]
+    return tuple(dict.fromkeys((*sizes[::2], sizes[-1]))) if quick else sizes
 
 
 def _evidence(
@@ -289,24 +276,22 @@ def touched_contours(
 @cache
 def taxel_growth(quick: bool) -> tuple[Growth, ...]:
     """Taxels along each side of one array on a ball."""
-    ball = specs.SuperquadricSpec(size=(BALL,) * 3, exponents=(1.0, 1.0))
+    round_ = specs.SuperquadricSpec(size=(BALL,) * 3, exponents=(1.0, 1.0))
+    ball = specs.ObjectSpec(superquadric=round_)
     noise = {"gaussian_noise": {"sigma": 1e-3 * TAXEL_NOISE}}
     sizes, goals, errors = _sizes("taxels", quick), list(touch_goals(FRAMES)), []
     calls: dict[int, Callable[[], object]] = {}
     for size in sizes:
         sensor = specs.SensorSpec(rows=size, cols=size, pitch=WIDTH / (size - 1))
-        params = simulator.Params(
-            object=specs.ObjectSpec(superquadric=ball), sensor=sensor, effects=noise
+        loop = InProcessLoop(
+            touching_nodes(simulator.Params(object=ball, sensor=sensor, effects=noise))
         )
-        loop = InProcessLoop(touching_nodes(params))
-        found = [loop.publish("/finger/goal", goal)["/touch/patch"] for goal in goals]
-        off = np.array([[one.k1, one.k2] for one in found]) * BALL - 1.0
+
+        def touched(loop: InProcessLoop = loop) -> list[SurfacePatch]:
+            return [loop.publish("/finger/goal", goal)["/touch/patch"] for goal in goals]
+
+        off = np.array([[one.k1, one.k2] for one in touched()]) * BALL - 1.0
         errors.append(100.0 * math.sqrt(float(np.mean(off**2))))
-
-        def touched(loop: InProcessLoop = loop) -> None:
-            for goal in goals:
-                loop.publish("/finger/goal", goal)
-
         calls[size] = touched
     times = {"processor, us a touch": _turned(calls, 1e6 / FRAMES)}
     return (grown("taxels a side, a ball of 30 mm", sizes, {"curvatures, rms %": errors}, times),)
@@ -315,22 +300,19 @@ def taxel_growth(quick: bool) -> tuple[Growth, ...]:
 @cache
 def finger_growth(quick: bool) -> tuple[Growth, ...]:
     """Fingers of whole explorations."""
-    sizes = _sizes("fingers", quick)
-    names = ("error, rms % of the height", "touches", "robot time, s", "processor, s")
-    figures: dict[str, list[list[float]]] = {name: [] for name in names}
+    sizes, runs, target = _sizes("fingers", quick), [], EXPLORED_OBJECTS[FINGERED]
     for size in sizes:
-        runs = []
         for seed in range(1 if quick else SEEDS):
             began = time.process_time()
-            target = EXPLORED_OBJECTS[FINGERED]
             one = explore_object(target, NOISY, Demand(), seed=seed, fingers=size)
             used = time.process_time() - began
             runs.append((one.percent, one.touches, one.score.robot_time, used))
-            floor = 100.0 * one.score.sampling_floor / one.score.size
-        for name, values in zip(names, zip(*runs, strict=True), strict=True):
-            figures[name].append(list(values))
-    errors = {names[0]: figures.pop(names[0])}
-    return (grown(f"fingers, {FINGERED}", sizes, errors, figures, floor),)
+    found = np.reshape(runs, (len(sizes), -1, 4))
+    floor = 100.0 * one.score.sampling_floor / one.score.size
+    names = ("touches", "robot time, s", "processor, s")
+    costs = {name: found[..., 1 + i] for i, name in enumerate(names)}
+    errors = {"error, rms % of the height": found[..., 0]}
+    return (grown(f"fingers, {FINGERED}", sizes, errors, costs, floor),)
 
 
 @cache

@@ -107,8 +107,6 @@ BENCHES: Mapping[str, Bench] = {
         "eight objects, disorder, outliers, confidence and costs",
         {
             "peers": "rebuild.comparison:peer_rows",
-            "contours": "rebuild.contours:contour_rows",
-            "taxels": "rebuild.contours:taxel_rows",
             "disorder": "rebuild.comparison:disorder_rows",
             "band": "rebuild.contours:band_rows",
         },
@@ -131,6 +129,10 @@ BENCHES: Mapping[str, Bench] = {
         "the powers of it; the memory of a graph over 10,000 touches",
         {"growth": "scaling.growth:growth_rows", "memory": "scaling.memory:memory_rows"},
         ("suite.figures:write_growth_figures",),
+    ),
+    "ablation": Bench(
+        "what each part is worth: explorations without it, in general and in the case it is for",
+        {"parts": "scaling.ablation:part_rows", "taxels": "scaling.ablation:taxel_rows"},
     ),
     "house": Bench(
         "palpate itself: lines and files, and how many files one frame, one rebuild and one plan "

@@ -6,10 +6,8 @@ import pytest
 from palpate.bench.objects import ROUND_OBJECTS
 from palpate.bench.rebuild.contours import (
     NARROW,
-    SHARE,
     WIDE,
     band_rows,
-    contour_ratio,
     judge_band,
     step_swing,
 )
@@ -23,7 +21,7 @@ def test_every_demand_on_the_band_that_needs_no_clock_is_met():
     rows = list(band_rows(True))
     assert len({row.name for row in rows}) == len(rows)
     judged = [row for row in rows if not any(word in row.name for word in TIMED)]
-    assert len(judged) == 19
+    assert len(judged) == 20
     assert [str(row) for row in judged if not row.holds] == []
 
 
@@ -39,14 +37,6 @@ def test_a_surface_that_is_off_by_more_than_its_band_is_found_out():
     assert bad.covered < 0.3
     assert not bad.safe_rms
     assert bad.rms > 10 * good.rms
-
-
-def test_contours_begun_anywhere_cost_little():
-    assert 0.7 < contour_ratio((9, 24), 1, anyhow=True) < 1.3
-
-
-def test_points_that_stray_cost_little():
-    assert 0.9 < contour_ratio((9, 24), 1, share=SHARE) < 1.3
 
 
 def test_a_step_keeps_its_radii():

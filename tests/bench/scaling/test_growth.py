@@ -84,8 +84,7 @@ def test_contacts_lie_on_the_object_with_its_normals():
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(growth, "QUICK_SIZES", {"taxels": (8, 12, 16)})
-    monkeypatch.setattr(growth, "SIZES", {"taxels": (8, 12, 16)})
+    monkeypatch.setattr(growth, "SIZES", {"taxels": (8, 10, 12, 14, 16)})
     monkeypatch.setattr(growth, "FRAMES", 4)
     for module in (growth, figures):
         monkeypatch.setattr(module, "GROWTHS", (taxel_growth.__wrapped__,))
@@ -103,7 +102,7 @@ def test_growths_are_printed_and_drawn(small, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_more_contours_err_less_and_noise_limits_them(monkeypatch):
-    monkeypatch.setattr(growth, "QUICK_SIZES", {"contours": (5, 9, 14)})
+    monkeypatch.setattr(growth, "SIZES", {"contours": (5, 7, 9, 12, 14)})
     monkeypatch.setattr(growth, "TURNS", 1)
     alone = growth._rebuilt(
         "it", "contours", True, lambda *given: growth._evidence("contours", False, *given)
