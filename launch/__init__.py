@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from palpate.launch.run_directory import RECORDING as RECORDING
     from palpate.launch.run_directory import RUNS as RUNS
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES
+    from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
     from palpate.launch.run_directory import find_bag as find_bag
     from palpate.launch.run_directory import versions_text as versions_text

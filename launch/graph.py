@@ -7,7 +7,6 @@ checked whole before any process starts, and written down as it was resolved.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,9 +14,17 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from msgspec import to_builtins
-from ruamel.yaml import YAML
 
-from palpate.launch.files import InputError, SourceMapped, convert, hint, parse_yaml
+from palpate.launch.files import (
+    InputError,
+    SourceMapped,
+    convert,
+    hint,
+    key_path,
+    parse_yaml,
+    set_within,
+    yaml_text,
+)
 from palpate.launch.hosts import read_host
 from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
@@ -319,21 +326,9 @@ def override(graph: Graph, settings: Mapping[str, SourceMapped]) -> Graph:
 def _with_parameter(entry: Entry, param: str, value: SourceMapped) -> Entry:
     if isinstance(value.value, str):
         search_current_folder(value.value)  # a planner of one's own
-    keys = tuple(param.split("."))
-    params = _nested(to_builtins(entry.params, builtin_types=(bytes,)), keys, value)
+    keys = key_path(f".{param}")
+    params = set_within(to_builtins(entry.params, builtin_types=(bytes,)), keys, value)
     return replace(entry, params=params, places={**entry.places, keys: value.source})
-
-
-def _nested(
-    params: Mapping[str, Any], keys: tuple[str, ...], value: SourceMapped
-) -> dict[str, Any]:
-    first, *rest = keys
-    if not rest:
-        return {**params, first: value.value}
-    inner = params.get(first) or {}
-    if not isinstance(inner, Mapping):
-        raise value.error((), f"{first} is {inner!r:.40}, which has no {'.'.join(rest)} to set")
-    return {**params, first: _nested(inner, tuple(rest), value)}
 
 
 def read_settings(texts: Iterable[str]) -> dict[str, SourceMapped]:
@@ -389,11 +384,7 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
             "params": plain_params(wiring.params),
             **{key: value for key, value in told.items() if value},
         }
-    stream = io.StringIO()
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
-    yaml.dump({"nodes": nodes, "ends": graph.ends}, stream)
-    return stream.getvalue()
+    return yaml_text({"nodes": nodes, "ends": graph.ends})
 
 
 def plain_params(params: Any) -> Any:

@@ -19,7 +19,7 @@ from msgspec import Meta, Struct, field
 from msgspec.structs import asdict
 from ruamel.yaml import YAML
 
-from palpate.launch.files import InputError, SourceMapped, convert, hint, read_yaml
+from palpate.launch.files import InputError, SourceMapped, convert, hint, key_path, read_yaml
 from palpate.launch.graph import Graph
 from palpate.launch.launch_source import find_launch_file, read_with_includes, substitute
 from palpate.launch.node_kinds import Entry
@@ -71,8 +71,9 @@ class LaunchDescription:
 def describe(path: Path, args: Mapping[str, SourceMapped], out: Path) -> LaunchDescription:
     """The graph of a ``.yaml`` file, or of a ``.py`` file with ``describe(**args) -> Graph``.
 
-    `out` is the run directory, ``$(out)``, which need not exist. Raises InputError if the file or
-    an argument cannot be used.
+    An argument ``scene.sensor.pitch`` is laid over what the scene's file says. `out` is the run
+    directory, ``$(out)``, which need not exist. Raises InputError if the file or an argument cannot
+    be used.
     """
     if path.suffix == ".py":
         plain = {name: value.value for name, value in args.items()}
@@ -88,8 +89,9 @@ def _arguments(
 ) -> tuple[dict[str, SourceMapped], Scene | None]:
     """What references may name: the run directory, and the arguments in the order declared."""
     declared = declared_args(given)
+    paths = {name: key_path(f".{name}")[1:] for name in args if name.startswith("scene.")}
     for name, value in args.items():
-        if name not in declared:
+        if name not in declared and not ("scene" in declared and paths.get(name)):
             text = f"{given.source} has no argument {name!r}; {hint(name, declared)}"
             raise value.error((), text)
     known = {"out": SourceMapped(str(out), "")}
@@ -99,7 +101,8 @@ def _arguments(
             raise given.error(("args", name), f"$({name}) is {RESERVED[name]}; choose another name")
         known[name] = args.get(name) or substitute(given.part(("args", name)), known)
         if name == "scene":
-            scene = load_scene(str(known[name].value))
+            changes = {path: args[one] for one, path in paths.items()}
+            scene = load_scene(str(known[name].value), changes)
             known[name] = scene.located
     return known, scene
 

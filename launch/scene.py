@@ -10,6 +10,7 @@ import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,7 +32,9 @@ from palpate.launch.files import (
     hint,
     read_mesh,
     read_yaml,
+    set_within,
     write_new,
+    yaml_text,
 )
 from palpate.launch.node_kinds import search_current_folder
 from palpate.nodes.specs import (
@@ -88,13 +91,18 @@ class Scene:
     size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
 
 
-def load_scene(name: str | Path) -> Scene:
+def load_scene(name: str | Path, changes: Mapping[KeyPath, SourceMapped] = {}) -> Scene:
     """The scene in a YAML file, given by its path, or one that comes with palpate, by name.
 
-    Raises InputError, which names file, line, key, value and what would be right.
+    `changes` are values in place of the file's, by their paths; of an effect it is that of its
+    parameters, ``effects.gaussian_noise.sigma``. Raises InputError, which names file, line, key,
+    value and what would be right.
     """
     path = find_scene(name)
     given = read_yaml(path)
+    for key, value in changes.items():
+        given = _changed(given, key, value)
+    text = yaml_text(given.value) if changes else path.read_text(encoding="utf-8")
     given = with_effects(_with_mesh(given, path))
     given = with_calibration(given, path.resolve().parent)
     check_planner(given)
@@ -102,7 +110,23 @@ def load_scene(name: str | Path) -> Scene:
     located = SourceMapped(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
     _check_finger(spec, located)
     size = _check_reach(spec, located)
-    return Scene(path.stem, path, path.read_text(encoding="utf-8"), spec, located, size)
+    return Scene(path.stem, path, text, spec, located, size)
+
+
+def _changed(given: SourceMapped, path: KeyPath, value: SourceMapped) -> SourceMapped:
+    """The document with another value at a path; an effect that is not listed is added."""
+    listed = given.value.get("effects") or []
+    if path[0] == "effects" and isinstance(path[-1], str) and len(path) > 1:
+        names = [next(iter(one)) if isinstance(one, Mapping) and one else one for one in listed]
+        at = names.index(path[1]) if path[1] in names else len(names)
+        kept = {} if at == len(names) or isinstance(listed[at], str) else listed[at]
+        effects = [*listed[:at], kept or {path[1]: {}}, *listed[at + 1 :]]
+        given = replace(given, value={**given.value, "effects": effects})
+        path = ("effects", at, *path[1:])
+    places = {path[:end]: value.source for end in range(1, len(path))}
+    places |= {(*path, *inner): place for inner, place in value.places.items()}
+    changed = set_within(given.value, path, value, "the scene")
+    return SourceMapped(changed, given.source, {**places, **given.places, path: value.source})
 
 
 def with_effects(given: SourceMapped) -> SourceMapped:
@@ -258,24 +282,29 @@ def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
 
 
 def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
-    vertices = build_shape(spec.object).mesh(CHECK_LEVEL).vertices
-    extents = np.ptp(vertices, axis=0)
-    if extents.min() < LEAST_EXTENT:
+    size, aside = _extents(spec.object)
+    if min(size) < LEAST_EXTENT:
         raise located.error(
             ("object",),
-            f"the object is only {extents.min():.3g} m across; a pad of 15 mm can follow nothing "
+            f"the object is only {min(size):.3g} m across; a pad of 15 mm can follow nothing "
             f"smaller than {LEAST_EXTENT} m",
         )
-    aside, height = float(np.linalg.norm(vertices[:, :2], axis=1).max()), float(extents[2])
-    reach = spec.world.reach
+    height, reach = size[2], spec.world.reach
     if max(aside, height) > reach:
         raise located.error(
             ("object",),
             f"the object reaches {aside:.3g} m sideways and is {height:.3g} m high, but the "
             f"finger reaches {reach:g} m; enlarge world.reach, or move or shrink the object",
         )
-    x, y, z = extents.tolist()
-    return (x, y, z)
+    return size
+
+
+@lru_cache(maxsize=64)
+def _extents(shape: ObjectSpec) -> tuple[tuple[float, float, float], float]:
+    """Extents along x, y and z, and the largest distance from the z axis, m."""
+    vertices = build_shape(shape).mesh(CHECK_LEVEL).vertices
+    x, y, z = np.ptp(vertices, axis=0).tolist()
+    return (x, y, z), float(np.linalg.norm(vertices[:, :2], axis=1).max())
 
 
 def shipped_scenes() -> tuple[str, ...]:

@@ -45,8 +45,11 @@ if TYPE_CHECKING:
     from palpate.launch.files.source_map import KeyPath as KeyPath
     from palpate.launch.files.source_map import SourceMapped as SourceMapped
     from palpate.launch.files.source_map import hint as hint
+    from palpate.launch.files.source_map import key_path as key_path
+    from palpate.launch.files.source_map import set_within as set_within
     from palpate.launch.files.yaml_file import convert as convert
     from palpate.launch.files.yaml_file import parse_yaml as parse_yaml
     from palpate.launch.files.yaml_file import read_yaml as read_yaml
+    from palpate.launch.files.yaml_file import yaml_text as yaml_text
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -7,12 +7,14 @@ name where one was mistyped. Imports nothing heavy: the command line needs it fo
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 KeyPath = tuple[str | int, ...]  # Keys and positions from the top of a document to a value
 MOST_LISTED = 12  # Most names that are listed when none is near
+_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 
 
 class InputError(ValueError):
@@ -49,12 +51,34 @@ class SourceMapped:
         return InputError(f"{place}: {text}" if place else text)
 
 
+def set_within(holder: Any, path: KeyPath, setting: SourceMapped, name: str = "it") -> Any:
+    """Maps and lists with the setting's value at a path; what is missing on the way is a map.
+
+    Raises InputError if something on the way can hold no such key.
+    """
+    if not path:
+        return setting.value
+    key, rest = path[0], path[1:]
+    if isinstance(holder, (list, tuple)) and isinstance(key, int) and key < len(holder):
+        inner = set_within(holder[key], rest, setting, f"{name}[{key}]")
+        return [inner if i == key else one for i, one in enumerate(holder)]
+    held = {} if holder is None else holder
+    if isinstance(key, str) and isinstance(held, Mapping):
+        return {**held, key: set_within(held.get(key), rest, setting, key)}
+    raise setting.error((), f"{name} is {holder!r:.40}, which has no {path_text(path)} to set")
+
+
 def path_text(path: KeyPath) -> str:
     """A path as people write it: ``object.superquadric.size[0]``."""
     text = ""
     for key in path:
         text += f"[{key}]" if isinstance(key, int) else f".{key}" if text else str(key)
     return text
+
+
+def key_path(text: str) -> KeyPath:
+    """The path that is written as ``.key[0]``."""
+    return tuple(int(index) if index else key for key, index in _STEP.findall(text))
 
 
 def hint(name: str, known: Iterable[str]) -> str:

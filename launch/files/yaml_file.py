@@ -5,6 +5,7 @@ Parsed within limits, every value with file and line, converted by msgspec.
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -29,7 +30,14 @@ from ruamel.yaml.events import (
 from ruamel.yaml.nodes import ScalarNode
 
 from palpate.launch.files.file_access import read_bounded
-from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint, path_text
+from palpate.launch.files.source_map import (
+    InputError,
+    KeyPath,
+    SourceMapped,
+    hint,
+    key_path,
+    path_text,
+)
 
 MAX_DEPTH = 16  # Deepest nesting; a scene has 5
 # Keys and values; a scene has some 30, the largest polyhedron 12,300; each takes some 30 us.
@@ -48,7 +56,6 @@ _WORDS = {
     "null": "nothing",
 }
 _KEYED = (inspect.StructType, inspect.DataclassType)
-_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 
 
 def read_yaml(path: Path, most: int = MAX_VALUES) -> SourceMapped:
@@ -174,6 +181,15 @@ class _Reader:
         return f"{self._source}:{event.start_mark.line + 1}"
 
 
+def yaml_text(value: Any) -> str:
+    """Plain values as a YAML document, small lists and maps on one line."""
+    stream = io.StringIO()
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.dump(value, stream)
+    return stream.getvalue()
+
+
 def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target:
     """The value as an instance of `wanted`, a ``msgspec.Struct`` or a dataclass.
 
@@ -231,7 +247,7 @@ def _complaint(given: SourceMapped, wanted: type, name: str, text: str) -> Input
     """Turn msgspec's ``Expected ... - at `$.a[0]``` into a sentence with place, path and value."""
     what, _, at = text.partition(" - at `$")
     # A key of a map with free keys is told as [...]: the complaint is then about the map.
-    path = _steps(at.rstrip("`").partition("[...]")[0])
+    path = key_path(at.rstrip("`").partition("[...]")[0])
     what = what.replace("`", "")
     where = path_text((name, *path) if name else path) or "the document"
     if what.startswith("Object missing required field "):
@@ -245,15 +261,10 @@ def _complaint(given: SourceMapped, wanted: type, name: str, text: str) -> Input
         return given.error(path, f"{where} is {_shown(value)}; expected one of {allowed}")
     # A Struct that checks itself names field and value in its own words.
     if not what.startswith("Expected"):
-        at_fault = _steps(f".{what.partition(' ')[0].rstrip(':,')}")
+        at_fault = key_path(f".{what.partition(' ')[0].rstrip(':,')}")
         known = isinstance(value, Mapping) and bool(at_fault) and at_fault[0] in value
         return given.error((*path, *at_fault) if known else path, f"{where}: {what}")
     return given.error(path, f"{where} is {_shown(value)}; {_plain(what)}")
-
-
-def _steps(text: str) -> KeyPath:
-    """The path that is written as ``.key[0]``."""
-    return tuple(int(index) if index else key for key, index in _STEP.findall(text))
 
 
 def _choices(kind: inspect.Type, path: KeyPath) -> list[object]:

@@ -190,6 +190,7 @@ palpate_group = LazyGroup(
     "palpate",
     {
         "run": ("launching", "Explore a scene and rebuild its object."),
+        "sweep": ("launching", "Explore with many parameters, and draw what accuracy costs."),
         "launch": ("launching", "Start the graph of a launch file."),
         "host": ("launching", "Lend this machine to graphs that are launched elsewhere."),
         "keys": ("launching", "Make the key that the machines of a graph share."),

@@ -1,8 +1,9 @@
-"""Verbs that start graphs: run, launch, replay, chaos, and host and keys for several machines."""
+"""Verbs that start graphs: run, sweep, launch, replay, chaos; host and keys for more machines."""
 
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import click
@@ -36,6 +37,27 @@ Kinds: kill, stop, recorder, full, neighbours, flood, late, ctrl_c, launcher.
 
 Prints one line. Exits with 1 if anything did not survive; what it was, and the seed that repeats
 it with --minutes 0, is on standard error. docs/chaos.md says more.
+"""
+SWEEP_HELP = """Explore with every combination of parameters that FILE asks for, and draw what
+accuracy costs.
+
+\b
+scene: vase                               # a name or a file, or a list of them
+seeds: 3                                  # 0, 1, 2; or a list of seeds
+grid:                                     # every combination of these
+  planner.tolerance: [1.0e-3, 0.5e-3]     # any parameter of a node
+  scene.sensor.pitch: [1.0e-3, 2.0e-3]    # any value within the scene
+list:                                     # and each of these with all of the grid
+  - {planner.planner: predicted}
+  - {planner.planner: uniform, planner.settings.count: 9}
+
+Every run is checked before the first one starts, and has a folder of its own. Beside them lie
+table.csv and index.html, where each dot leads to its run. The same command on the same folder goes
+on where it stopped, also with another FILE.
+
+Exits with 0 if all runs are done, with 1 if one missed its goal or failed, as the table says, with
+2 if FILE cannot be used or the cluster not be reached, with 130 if it was interrupted.
+docs/sweep.md says more.
 """
 
 
@@ -78,6 +100,46 @@ def run_command(
     given = launch.read_settings(settings)
     plan = launch.plan_run(launch.EXPLORE, args, given, name=path.stem, out=out)
     return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet)
+
+
+@click.command("sweep", help=SWEEP_HELP)
+@click.argument("file", type=PATH, required=False)
+@click.option("--out", type=PATH, help="Folder of the sweep; new, empty, or one to go on with.")
+@click.option("--resume", type=PATH, help="Go on with the sweep in this folder.")
+@click.option("--workers", type=click.IntRange(1, 1024), help="Processes; one a core if left out.")
+@click.option("--scheduler", metavar="ADDRESS", help="Send the runs to this dask cluster instead.")
+@click.option("--no-record", is_flag=True, help="Do not keep the messages.")
+@json_option("Print folder, counts and table.")
+@quiet_option()
+def sweep_command(
+    file: Path | None,
+    out: Path | None,
+    resume: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    no_record: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Explore with many parameters; `SWEEP_HELP` says how."""
+    if (file is None) == (resume is None) or (resume and out) or (workers and scheduler):
+        text = "give a sweep FILE or --resume FOLDER, --out with the first, and one of "
+        raise InputError(f"{text}--workers and --scheduler")
+    from palpate.tools import sweep
+
+    folder = sweep.choose_sweep_folder("" if file is None else file.stem, out or resume)
+    asked = sweep.read_sweep(file or folder / "sweep.yaml", record=not no_record)
+    done = sweep.run_sweep(
+        asked,
+        folder,
+        sweep.open_workers(workers or os.cpu_count() or 1, scheduler),
+        lambda line: None if quiet else click.echo(line, err=True),
+    )
+    if as_json:
+        click.echo(json.dumps(done.figures, indent=2, default=str))
+    elif not quiet:
+        click.echo(done.text)
+    return done.exit_code
 
 
 @click.command("launch")

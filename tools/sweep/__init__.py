@@ -1,0 +1,24 @@
+"""Many explorations at once: which ones, who makes them, and what they came to.
+
+A sweep file names scenes, parameters and seeds; each run is checked before the first one starts,
+depends on its own resolved parameters alone, and keeps its folder. `workers` is where they are
+made, here or on a cluster; `results` and `page` are what a user gets of them. Rests on
+palpate.launch.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.tools.sweep.results import pareto_front as pareto_front
+    from palpate.tools.sweep.results import sweep_text as sweep_text
+    from palpate.tools.sweep.sweep_file import Sweep as Sweep
+    from palpate.tools.sweep.sweep_file import read_sweep as read_sweep
+    from palpate.tools.sweep.sweep_folder import choose_sweep_folder as choose_sweep_folder
+    from palpate.tools.sweep.sweep_folder import run_sweep as run_sweep
+    from palpate.tools.sweep.workers import open_workers as open_workers
+else:
+    __getattr__, __dir__ = lazy(__name__)

@@ -1,0 +1,178 @@
+"""A sweep file: which explorations are made, each checked whole before the first one starts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from msgspec import Meta, Struct, field
+
+from palpate import __version__
+from palpate.launch import EXPLORE, Plan, check_run, find_scene, plain_params, plan_run
+from palpate.launch.files import InputError, SourceMapped, convert, read_yaml
+from palpate.nodes.runtime import RECORDER, Wiring
+from palpate.nodes.specs import Seed
+
+MOST_RUNS = 10_000  # Of a sweep; each is checked before the first starts, which takes some 25 ms
+MOST_LETTERS = 80  # Of a run's name, before the mark that tells it from all others
+MARK = 12  # Hexadecimal digits of that
+BESIDE = "fingers"  # An argument of the launch file that may be named without a dot
+Settings = Mapping[str, SourceMapped]
+Item = TypeVar("Item")
+Several = Annotated[list[Item], Meta(min_length=1)]
+
+
+class SweepSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything that a sweep file may hold."""
+
+    scene: (
+        str | Several[str]
+    )  # A shipped scene's name or a file, as on the command line; or several
+    # So many, from 0, or which ones; the scene's own if left out.
+    seeds: Annotated[int, Meta(ge=1, le=MOST_RUNS)] | Several[Seed] | None = None
+    # Values by parameter, ``node.param`` or ``scene.path``; every combination is run.
+    grid: dict[str, Several[Any]] = {}
+    # Or these combinations, one after the other, each with all of the grid.
+    combinations: list[dict[str, Any]] = field(default_factory=list, name="list")
+
+
+@dataclass(frozen=True, slots=True)
+class SweepRun:
+    """One exploration of a sweep, checked."""
+
+    mark: str  # Tells its resolved parameters, and palpate's version, from all others
+    name: str  # For people; ends with the mark
+    values: Mapping[str, Any]  # What is asked of it: scene, parameters by name, seed
+    args: Settings
+    settings: Settings
+
+    def plan(self, folder: Path) -> Plan:
+        """The run, ready to be performed into a folder, which must be new or empty."""
+        return plan_run(EXPLORE, self.args, self.settings, name=self.name, out=folder)
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """A checked sweep."""
+
+    name: str  # The file's name without its suffix
+    text: str  # The file's text
+    parameters: tuple[str, ...]  # Those that the file sets, in its order
+    runs: tuple[SweepRun, ...]  # In the order of the file, seeds innermost
+    repeated: int  # Combinations that are the same run as an earlier one
+
+
+def read_sweep(path: Path, *, record: bool = True) -> Sweep:
+    """The sweep in a YAML file; `record` keeps the messages of each run.
+
+    Raises InputError, with file and line, if anything is wrong with any of its runs.
+    """
+    given = read_yaml(path)
+    spec = convert(given, SweepSpec)
+    asked = list(_combinations(given, spec))
+    names = tuple(dict.fromkeys(name for one in asked for name in one))
+    runs: dict[str, SweepRun] = {}
+    count = 0
+    for scene, settings, seed in product(_scenes(given, spec), asked, _seeds(given, spec)):
+        run = _checked(scene, settings, seed, record=record)
+        runs.setdefault(run.mark, run)
+        count += 1
+    text = path.read_text(encoding="utf-8")
+    return Sweep(path.stem, text, names, tuple(runs.values()), count - len(runs))
+
+
+def _scenes(given: SourceMapped, spec: SweepSpec) -> list[SourceMapped]:
+    return [given.part(("scene",))] if isinstance(spec.scene, str) else _items(given, "scene")
+
+
+def _items(given: SourceMapped, *path: str) -> list[SourceMapped]:
+    """What stands in the list at a path."""
+    return [given.part((*path, i)) for i in range(len(given.part(path).value))]
+
+
+def _seeds(given: SourceMapped, spec: SweepSpec) -> list[SourceMapped | None]:
+    if spec.seeds is None:
+        return [None]
+    seeds = range(spec.seeds) if isinstance(spec.seeds, int) else spec.seeds
+    return [SourceMapped(seed, given.place(("seeds",))) for seed in seeds]
+
+
+def _combinations(given: SourceMapped, spec: SweepSpec) -> Iterator[Settings]:
+    """What each entry of the list says, with every combination of the grid's other parameters."""
+    listed = _items(given, "list") if spec.combinations else []
+    entries = [{key: one.part((key,)) for key in one.value} for one in listed] or [{}]
+    for key in spec.grid:
+        if all(key in entry for entry in entries):
+            raise given.error(
+                ("grid", key),
+                f"every entry of list says {key}, so that the grid's values are never used; take "
+                "it out of the grid, or add the entry {} to the list: the grid as it is",
+            )
+    grid = {key: _items(given, "grid", key) for key in spec.grid}
+    crossed = [{key: grid[key] for key in grid if key not in entry} for entry in entries]
+    seeds = len(_seeds(given, spec)) * len(_scenes(given, spec))
+    count = seeds * sum(prod(map(len, one.values())) for one in crossed)
+    if count > MOST_RUNS:
+        raise given.error((), f"has {count} runs; {MOST_RUNS} are the most")
+    for entry, rest in zip(entries, crossed, strict=True):
+        for chosen in product(*rest.values()):
+            yield {**dict(zip(rest, chosen, strict=True)), **entry}
+
+
+def _checked(
+    scene: SourceMapped, settings: Settings, seed: SourceMapped | None, *, record: bool
+) -> SweepRun:
+    """One run; InputError if it could not be started."""
+    try:
+        path = find_scene(scene.value)
+    except InputError as error:
+        raise scene.error((), str(error)) from None
+    args = {"scene": SourceMapped(str(path), ""), "record": SourceMapped(record, "")}
+    inner: dict[str, SourceMapped] = {}
+    for name, value in settings.items():
+        if "." not in name and name != BESIDE:
+            text = f"there is no parameter {name!r}; name node.param, scene.path or {BESIDE}"
+            raise value.error((), text)
+        (args if name == BESIDE or name.startswith("scene.") else inner)[name] = value
+    if seed is not None:
+        args["seed"] = seed
+    try:
+        described, wirings = check_run(EXPLORE, args, inner, Path("run"))
+    except InputError as error:
+        raise InputError(_located(str(error), settings)) from None
+    values = {name: value.value for name, value in settings.items()}
+    values = {"scene": scene.value, **values, "seed": described.args["seed"]}
+    mark = mark_of(wirings)
+    return SweepRun(mark, f"{run_name(path.stem, values)}_{mark}", values, args, inner)
+
+
+def _located(text: str, settings: Settings) -> str:
+    """A complaint with the whole combination, and never at a line of the launch file."""
+    if settings and text.startswith(str(EXPLORE)):
+        text = f"{[*settings.values()][-1].source}: {text.partition(': ')[2]}"
+    told = ", ".join(f"{name} {value.value}" for name, value in settings.items())
+    return f"{text} (with {told})" if len(settings) > 1 else text
+
+
+def mark_of(wirings: tuple[Wiring, ...]) -> str:
+    """What tells a run's resolved parameters from all others: 12 digits of their SHA-256."""
+    kept = [
+        (one.name, one.module, plain_params(one.params))
+        for one in wirings
+        if one.module != RECORDER
+    ]
+    text = json.dumps([__version__, kept], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:MARK]
+
+
+def run_name(scene: str, values: Mapping[str, Any]) -> str:
+    """A run's name for people, of letters that need no care in folders and links."""
+    told = [f"{key.rpartition('.')[2]}-{value}" for key, value in values.items() if key != "scene"]
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", "_".join((scene, *told)))[:MOST_LETTERS]

@@ -1,0 +1,194 @@
+"""The folder of a sweep: what was asked, a folder for each run, and what all of them came to.
+
+A run is made beside its place and moved there once it is whole, so that a folder in ``runs/`` is
+either finished or not there. Whoever takes the sweep up again makes what is not there.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate import __version__
+from palpate.launch import RunDirectory, counted, millimetres
+from palpate.launch.files import InputError
+from palpate.launch.processes import signals_as_ctrl_c
+from palpate.tools.sweep.page import page_text
+from palpate.tools.sweep.results import FIGURES, Row, csv_text, rows_of, sweep_text
+from palpate.tools.sweep.sweep_file import Sweep, SweepRun
+from palpate.tools.sweep.workers import Job, Record, Workers, failed_record
+
+SWEEPS, ASKED, RUNS, RECORD = Path("sweeps"), "sweep.yaml", "runs", "run.json"
+TRIES = 3  # Times that a run is begun whose worker dies
+REFRESHED = 10.0  # Time between two times that table and page are written on the way, s
+Records = dict[str, Mapping[str, Any]]  # By the marks of the runs
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResult:
+    """What has come of a sweep so far."""
+
+    folder: Path
+    rows: list[Row]  # Of finished runs
+    left: int  # Runs that are not finished
+    kept: int  # Runs that were finished before
+
+    @property
+    def exit_code(self) -> int:
+        """0 if every run is done, 1 if one missed its goal or failed, 130 if some are left."""
+        return 130 if self.left else int(any(row["exit_code"] for row in self.rows))
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All of it, for programs."""
+        counts = {"finished": len(self.rows), "left": self.left, "kept": self.kept}
+        return {"folder": str(self.folder), **counts, "runs": self.rows}
+
+    @property
+    def text(self) -> str:
+        """The table, and where all of it lies."""
+        return "\n".join((sweep_text(self.rows), f"sweep  {self.folder / 'index.html'}"))
+
+
+def choose_sweep_folder(name: str, out: Path | None) -> Path:
+    """The folder for a sweep: `out`, or a new one in ``sweeps/``; nothing is made.
+
+    Raises InputError if there is something else than a sweep.
+    """
+    if out is None:
+        return SWEEPS / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}_{name}"
+    if out.exists() and (not out.is_dir() or any(out.iterdir())) and not (out / ASKED).is_file():
+        raise InputError(
+            f"--out {out}: holds no sweep; choose a new folder, an empty one or a sweep"
+        )
+    return out
+
+
+def run_sweep(
+    sweep: Sweep, folder: Path, workers: Workers, say: Callable[[str], object]
+) -> SweepResult:
+    """Make the runs of a sweep that are not finished yet, and write what all came to.
+
+    Ctrl-C ends it with what is finished. Raises InputError if it cannot go on; what is finished is
+    kept.
+    """
+    stopped: InputError | None = None
+    with closing(workers):
+        records = take_up(folder, sweep)
+        kept, total = len(records), len(sweep.runs)
+        known = [f"{sweep.repeated} asked for twice"] * bool(sweep.repeated)
+        known += [f"{kept} finished already"] * bool(kept)
+        say(", ".join((f"{folder}: {counted(total, 'run')}", *known)))
+        todo = [run for run in sweep.runs if run.mark not in records]
+        began = written = time.monotonic()
+        try:
+            with signals_as_ctrl_c():
+                for run, record in _made(todo, folder, workers):
+                    records[run.mark] = record
+                    say(_progress(records, run, total, time.monotonic() - began, kept))
+                    if time.monotonic() - written > REFRESHED:
+                        _write_results(folder, sweep, records)
+                        written = time.monotonic()
+        except KeyboardInterrupt:
+            say(f"interrupted: {_resumable(len(records), total, folder)}")
+        except InputError as error:
+            stopped = error
+    _sweep_out(folder)
+    rows = _write_results(folder, sweep, records)
+    if stopped is not None:
+        raise InputError(f"{stopped}; {_resumable(len(records), total, folder)}")
+    return SweepResult(folder, rows, total - len(records), kept)
+
+
+def take_up(folder: Path, sweep: Sweep) -> Records:
+    """Make the folder, or find what is finished there of this sweep; half a run is cleared away.
+
+    Raises InputError if the folder cannot be written.
+    """
+    place = RunDirectory(folder, linked=False)
+    place.create()
+    place.write_text(ASKED, sweep.text)
+    _sweep_out(folder)
+    wanted, found = {run.mark for run in sweep.runs}, {}
+    for path in sorted((folder / RUNS).glob(f"*/{RECORD}")):
+        mark = path.parent.name.rpartition("_")[2]
+        try:
+            record = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            continue
+        if mark in wanted and record["exit_code"] in (0, 1):
+            found[mark] = record
+    return found
+
+
+def _sweep_out(folder: Path) -> None:
+    for half in (folder / RUNS).glob(".*"):
+        shutil.rmtree(half)
+
+
+def _made(
+    todo: Iterable[SweepRun], folder: Path, workers: Workers
+) -> Iterator[tuple[SweepRun, Record]]:
+    """Runs as they are finished; one whose worker dies is begun again."""
+    waiting, under_way, lost = deque(todo), dict[str, SweepRun](), Counter[str]()
+    while waiting or under_way:
+        while waiting and len(under_way) < workers.width:
+            run = waiting.popleft()
+            place = folder / RUNS / run.name
+            shutil.rmtree(place, ignore_errors=True)  # a run that failed
+            workers.begin(Job(run.mark, run.plan(place), place.with_name(f".{run.name}")))
+            under_way[run.mark] = run
+        for job, record in workers.finished():
+            run = under_way.pop(job.mark)
+            if record is None:
+                shutil.rmtree(job.folder, ignore_errors=True)
+                lost[job.mark] += 1
+                if lost[job.mark] < TRIES:
+                    waiting.append(run)
+                    continue
+                record = failed_record(f"its worker died {TRIES} times")
+            yield run, _keep(job, run, record)
+
+
+def _keep(job: Job, run: SweepRun, record: Record) -> Record:
+    """Move a run's folder to its place, with a file of what belongs into the table."""
+    named = {"folder": f"{RUNS}/{run.name}", "palpate": __version__, "asked": run.values}
+    kept = {name: record.get(name) for name in FIGURES} | named
+    job.folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(kept, indent=2, default=str) + "\n"
+    (job.folder / RECORD).write_text(text, encoding="utf-8")
+    job.folder.rename(job.folder.with_name(run.name))
+    return kept
+
+
+def _progress(records: Records, last: SweepRun, total: int, seconds: float, kept: int) -> str:
+    """How far it is, how long it takes, what came of the last run, and the best one."""
+    record = records[last.mark]
+    came = "no model was measured"
+    if record["rms_m"] is not None:
+        came = (
+            f"rms {millimetres(record['rms_m'])}, {counted(record['touches'], 'touch', 'touches')}"
+        )
+    best = min((one["rms_m"] for one in records.values() if one["rms_m"] is not None), default=None)
+    left = (total - len(records)) * seconds / (len(records) - kept)
+    rest = f"best {millimetres(best)}, " if best is not None else ""
+    return f"{len(records)} of {total}, {rest}{left:.0f} s left; {last.name}: {came}"
+
+
+def _resumable(finished: int, total: int, folder: Path) -> str:
+    goes_on = f"palpate sweep --resume {folder} goes on"
+    return f"{finished} of {total} runs are finished and kept; {goes_on}"
+
+
+def _write_results(folder: Path, sweep: Sweep, records: Records) -> list[Row]:
+    rows, place = rows_of(sweep, records), RunDirectory(folder, linked=False)
+    place.write_text("table.csv", csv_text(rows))
+    place.write_text("index.html", page_text(sweep.name, rows, folder))
+    return rows

@@ -1,0 +1,227 @@
+"""Who makes the runs of a sweep: processes on this machine, or the workers of a dask cluster.
+
+Either takes plans that have passed every check and gives back a record of figures. A worker
+reads nothing but the plan, so that a cluster needs palpate and no file of the user's; what it
+writes comes back with the record. A run whose worker dies comes back without one.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from multiprocessing import connection, get_context
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from msgspec.structs import replace as with_fields
+
+from palpate.launch import RECORDING, Plan, RunDirectory, SilentDisplay, perform
+from palpate.launch.files import InputError
+from palpate.nodes.runtime import RECORDER
+
+REACHED = 10.0  # Time in which a scheduler must have answered, s
+LOGGERS = ("distributed", "tornado")  # What they have to say, we say in a sentence
+Record = dict[str, Any]  # The figures of `summary.json`, exit code and processor time
+_one_at_a_time = threading.Lock()
+
+
+class Job(NamedTuple):
+    """A run to be made."""
+
+    mark: str  # Which one it is
+    plan: Plan
+    folder: Path  # Where its files are to be, at the caller's
+
+
+class Workers(Protocol):
+    """Processes that make runs."""
+
+    width: int  # So many runs at a time keep them busy
+
+    def begin(self, job: Job) -> None:
+        """Have a run made."""
+
+    def finished(self) -> Iterable[tuple[Job, Record | None]]:
+        """Wait for a run, or several; None if the worker died of it, or by itself.
+
+        Raises InputError if no further run can be made.
+        """
+
+    def close(self) -> None:
+        """End the processes, or leave the cluster; runs that are under way are given up."""
+
+
+def open_workers(count: int, scheduler: str | None = None) -> Workers:
+    """So many processes here; or, at the address of its scheduler, a dask cluster.
+
+    Raises InputError if dask.distributed is not installed, or nobody answers there.
+    """
+    return LocalWorkers(count) if scheduler is None else ClusterWorkers(scheduler)
+
+
+def explore_into(plan: Plan, folder: Path) -> Record:
+    """Perform a run in this process into another folder than planned.
+
+    Raises InputError if the folder cannot be written, or its disk is too full for a recording;
+    whatever else fails is a record that says so.
+    """
+    there = {"path": str(folder / RECORDING)}
+    wirings = tuple(
+        replace(one, params=with_fields(one.params, **there)) if one.module == RECORDER else one
+        for one in plan.wirings
+    )
+    moved = replace(plan, folder=RunDirectory(folder, linked=False), wirings=wirings)
+    began = time.thread_time()
+    try:
+        done = perform(moved, composed=True, display=SilentDisplay())
+    except InputError:
+        raise
+    except Exception as error:  # one run must not end all others
+        return failed_record(f"{type(error).__name__}: {error}")
+    cpu = done.summary["compute_s"] or time.thread_time() - began
+    return {**done.summary, "exit_code": done.exit_code, "compute_s": cpu}
+
+
+def failed_record(reason: str) -> Record:
+    """Of a run that came to nothing."""
+    return {"status": "died", "reason": " ".join(reason.split()), "exit_code": 3}
+
+
+class LocalWorkers:
+    """Processes on this machine, each with one thread; one that dies is replaced."""
+
+    def __init__(self, count: int) -> None:
+        self.width = count
+        self._idle: list[tuple[connection.Connection, BaseProcess]] = []
+        self._busy: dict[connection.Connection, tuple[BaseProcess, Job]] = {}
+
+    def begin(self, job: Job) -> None:
+        """Have a run made."""
+        while True:
+            pipe, process = self._idle.pop() if self._idle else _start_worker()
+            try:
+                pipe.send((job.plan, job.folder))
+            except OSError:  # it died while it was idle
+                continue
+            self._busy[pipe] = process, job
+            return
+
+    def finished(self) -> Iterable[tuple[Job, Record | None]]:
+        """Wait for a run, or several."""
+        for pipe in connection.wait(list(self._busy)):
+            assert isinstance(pipe, connection.Connection)
+            process, job = self._busy.pop(pipe)
+            try:
+                found = pipe.recv()
+            except (EOFError, OSError):
+                process.join()
+                found = None
+            else:
+                self._idle.append((pipe, process))
+            if isinstance(found, InputError):
+                raise found
+            yield job, found
+
+    def close(self) -> None:
+        """End the processes; runs that are under way are given up."""
+        for process in (*(one for _, one in self._idle), *(one for one, _ in self._busy.values())):
+            process.kill()
+            process.join()
+        self._idle, self._busy = [], {}
+
+
+def _start_worker() -> tuple[connection.Connection, BaseProcess]:
+    context = get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs,), daemon=True)
+    process.start()
+    theirs.close()  # so that the end of the process is the end of the pipe
+    return ours, process
+
+
+def _serve(pipe: connection.Connection) -> None:
+    """Make runs until the other end is closed; Ctrl-C is for the other end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(EOFError, OSError):
+        while True:
+            plan, folder = pipe.recv()
+            try:
+                found: Record | InputError = explore_into(plan, folder)
+            except InputError as error:
+                found = error
+            pipe.send(found)
+
+
+class ClusterWorkers:
+    """A dask cluster, which runs a task again elsewhere when its worker dies."""
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise InputError(
+                f"--scheduler needs dask.distributed ({error}): pip install 'palpate[sweep]'"
+            ) from None
+        for name in LOGGERS:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        self._where = f"--scheduler {address}"
+        try:
+            self._client = Client(address, timeout=REACHED)
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(f"{self._where}: no scheduler can be reached: {error}") from None
+        self.width = max(1, 2 * sum(self._client.nthreads().values()))
+        self._busy: dict[Any, Job] = {}
+
+    def begin(self, job: Job) -> None:
+        """Have a run made."""
+        self._busy[self._client.submit(explore_away, job.plan, pure=False)] = job
+
+    def finished(self) -> Iterable[tuple[Job, Record | None]]:
+        """Wait for a run, or several, and write what they left."""
+        from distributed import wait
+
+        for future in self._answer(lambda: wait([*self._busy], return_when="FIRST_COMPLETED").done):
+            job = self._busy.pop(future)
+            found = self._answer(future.result)
+            if found is not None:
+                job.folder.mkdir(parents=True, exist_ok=True)
+                for name, content in found[1].items():
+                    (job.folder / name).write_bytes(content)
+            yield job, found and found[0]
+
+    def _answer(self, ask: Callable[[], Any]) -> Any:
+        """What the cluster says; None if the workers of a run died again and again."""
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            return ask()
+        except KilledWorker:
+            return None
+        except InputError:
+            raise
+        except (Exception, CancelledError) as error:  # whatever a cluster can break by
+            text = f"{type(error).__name__}: {error}"
+            raise InputError(f"{self._where}: the cluster does not go on: {text}") from None
+
+    def close(self) -> None:
+        """Leave the cluster."""
+        self._client.cancel(list(self._busy))
+        self._client.close()
+
+
+def explore_away(plan: Plan) -> tuple[Record, Mapping[str, bytes]]:
+    """Perform a run on another machine: its record, and the files that it left, by name.
+
+    Raises InputError as `explore_into`. Threads of one worker wait for each other.
+    """
+    with _one_at_a_time, tempfile.TemporaryDirectory(prefix="palpate-sweep-") as folder:
+        place = Path(folder) / "run"
+        record = explore_into(plan, place)
+        return record, {path.name: path.read_bytes() for path in sorted(place.iterdir())}
