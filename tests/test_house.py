@@ -125,7 +125,7 @@ def test_the_pins_have_no_address_and_cover_what_is_required():
     pinned = {re.split("==", line)[0].replace("_", "-").lower() for line in lines}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    wanted = [*project["dependencies"], *extras["dev"], *extras["docs"]]
+    wanted = [*project["dependencies"], *extras["dev"], *extras["docs"], *extras["sweep"]]
     assert all(re.fullmatch(r"[a-z0-9.-]+==[a-z0-9.]+( ; .+)?", line) for line in lines)
     assert {re.split(r"[>=;\[ ]", name)[0].lower() for name in wanted} <= pinned
 

@@ -34,6 +34,7 @@ LIBRARIES = {
     "palpate.tools": {"numpy", "click", "msgspec", "ruamel", "rich", "scipy", "threadpoolctl"},
     "palpate.tools.cli": {"click", "rich"},
     "palpate.tools.bag": {"numpy", "msgspec", "rich", "mcap"},
+    "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "msgpack", "zmq"},
     "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},

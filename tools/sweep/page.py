@@ -13,24 +13,14 @@ from pathlib import Path
 from string import Template
 from typing import NamedTuple
 
-from palpate.launch import counted, millimetres
-from palpate.tools.sweep.results import (
-    Row,
-    asked_of,
-    front_of,
-    measured,
-    shortened,
-    state_of,
-    told,
-    varying,
-)
+from palpate.launch import counted
+from palpate.tools.sweep.results import Row, fronts, measured, on_front, table_of, told, varying
 
 COSTS = {"touches": "touches", "robot_time_s": "robot seconds", "compute_s": "compute seconds"}
-ERRORS = ("rms_m", "rms_bound_95_m", "sampling_floor_m")  # What is drawn upwards
-MM, SHARE = "mm", "% of the height"  # Units of errors: of one object, and of several
-LINKS = ("cost.svg", "summary.json")  # Of a run, where they are there
+ERROR, BOUND, FLOOR = "rms_m", "rms_bound_95_m", "sampling_floor_m"  # What is drawn upwards
+LINKS = ("", "cost.svg", "summary.json")  # Of a run, where they are there
 COLOURS = 8
-LEFT, RIGHT, TOP, BOTTOM, HEIGHT = 66.0, 884.0, 14.0, 416.0, 462.0  # Pixels
+LEFT, RIGHT, TOP, BOTTOM, WIDTH, HEIGHT = 66.0, 884.0, 14.0, 416.0, 900.0, 462.0  # Pixels
 APART = 16.0  # Pixels between the numbers of two runs on the front
 LEAST = 1.0e-6  # What is drawn of less than that, in any unit
 STEPS = ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 8), [n / 10 for n in range(10, 100)])
@@ -67,142 +57,107 @@ class Axis(NamedTuple):
         return found[:: 1 + len(found) // 12]
 
 
-class Plot(NamedTuple):
-    """One picture: error upwards, a cost to the right, and what colours tell."""
-
-    cost: str
-    unit: str
-    x: Axis
-    y: Axis
-    series: str  # The column; empty for none
-    kinds: Sequence[str]  # Its values
-
-    def place(self, row: Row, key: str = ERRORS[0]) -> tuple[float, float]:
-        """Where a row stands with one of its errors."""
-        return self.x.at(row[self.cost]), self.y.at(height(row, key, self.unit))
-
-    def colour(self, row: Row) -> str:
-        """Class of a row's colour."""
-        return f"c{self.kinds.index(told(row.get(self.series))) % COLOURS}"
-
-
-def height(row: Row, key: str, unit: str) -> float:
-    """An error in a unit."""
-    return float(row[key] * (1000.0 if unit == MM else 100.0 / row["size_m"]))
-
-
 def page_text(name: str, rows: Sequence[Row], folder: Path) -> str:
     """The page of a sweep of this name; `folder` is where it will lie, and its runs' folders."""
-    asked = asked_of(rows)
-    names = varying(rows, asked)
-    same = [f"{one} {told(rows[0][one])}" for one in asked if one not in names and rows[0][one]]
+    names = varying(rows)
+    asked = rows[0].asked if rows else {}
+    about = [f"{key} {told(one)}" for key, one in asked.items() if key not in names and told(one)]
     lost = len(rows) - len(measured(rows, "touches"))
-    same += [f"{counted(lost, 'run')} without a model that was measured"] if lost else []
-    series = _series(rows, names)
-    kinds = list(dict.fromkeys(told(row.get(series)) for row in rows))
-    dots = [f'<b class="c{i % COLOURS}">●</b> {escape(kind)}' for i, kind in enumerate(kinds)]
+    about += [f"{counted(lost, 'run')} without a model that was measured"] * bool(lost)
+    # What colours tell: something of few values, of words if there is such.
+    few = [one for one in names if len({told(row.asked[one]) for row in rows}) <= COLOURS]
+    series = next((one for one in few if any(isinstance(row.asked[one], str) for row in rows)), "")
+    series = series or next(iter(few), "scene")
+    kinds = {kind: f"c{i % COLOURS}" for i, kind in enumerate(_values(rows, series))}
+    key = "".join(f'<b class="{kinds[kind]}">●</b> {escape(kind)} ' for kind in kinds)
     return Template(Path(__file__).with_name("page.html").read_text("utf-8")).substitute(
         title=escape(f"{name}: {counted(len(rows), 'run')}"),
-        about=escape("; ".join(same)),
-        key=f"{escape(series)}: <span>{'</span><span>'.join(dots)}</span>" if series else "",
-        charts="\n".join(_chart(rows, cost, series, kinds) for cost in COSTS),
-        table="\n".join(_table(rows, names, folder)),
+        about=escape("; ".join(about)),
+        key=f"{escape(series)}: {key}",
+        charts="\n".join(line for cost in COSTS for line in _chart(rows, cost, series, kinds)),
+        table="\n".join(_table(rows, folder)),
     )
 
 
-def _series(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """The column that colours tell: of few values, of words if there is one."""
-    few = [name for name in names if len({told(row[name]) for row in rows}) <= COLOURS]
-    words = [name for name in few if any(isinstance(row[name], str) for row in rows)]
-    return next(iter([*words, *few]), "")
+def _values(rows: Sequence[Row], name: str) -> dict[str, None]:
+    return dict.fromkeys(told(row.asked[name]) for row in rows)
 
 
-def _chart(rows: Sequence[Row], cost: str, series: str, kinds: Sequence[str]) -> str:
-    """A figure; nothing if no run has both cost and error."""
-    kept = measured(rows, cost)
+def _chart(rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str]) -> Iterator[str]:
+    """A figure: error against one cost; nothing if no run has both."""
+    kept, best = measured(rows, cost), fronts(rows, cost)
     if not kept:
-        return ""
-    unit = MM if len({row["scene"] for row in kept}) == 1 else SHARE
-    across = Axis.over([row[cost] for row in kept], LEFT, RIGHT)
-    errors = [height(row, key, unit) for row in kept for key in ERRORS if row[key]]
-    plot = Plot(cost, unit, across, Axis.over(errors or [LEAST], BOTTOM, TOP), series, kinds)
-    head = f'<figure data-cost="{COSTS[cost]}"><figcaption>Error against {COSTS[cost]}</figcaption>'
-    svg = f'<svg viewBox="0 0 {RIGHT + APART:g} {HEIGHT:g}" role="img">'
-    front = front_of(kept, cost)
-    lines = [*_frame(plot), *_fronts(plot, front), *_dots(plot, kept, front)]
-    return "\n".join([head, svg, *lines, "</svg></figure>"])
+        return
+    unit = "mm" if len(best) == 1 else "% of the height"
+
+    def height(row: Row, key: str = ERROR) -> float:
+        value: float = row.record[key] or 0.0
+        return value * (1000.0 if len(best) == 1 else 100.0 / row.record["size_m"])
+
+    x = Axis.over([row.record[cost] for row in kept], LEFT, RIGHT)
+    drawn = [height(row, key) for row in kept for key in (ERROR, BOUND, FLOOR)]
+    y = Axis.over([value for value in drawn if value] or [LEAST], BOTTOM, TOP)
+    yield f'<figure data-cost="{COSTS[cost]}"><figcaption>Error against {COSTS[cost]}</figcaption>'
+    yield f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">'
+    yield from _frame(x, y, COSTS[cost], f"root mean square error, {unit}")
+    for scene, own in best.items():
+        if floor := height(own[0], FLOOR):
+            yield f'<path class="floor" d="M{LEFT} {y.at(floor)}H{RIGHT}"/>'
+        way = "".join(f"H{x.at(row.record[cost])}V{y.at(height(row))}" for row in own)
+        way = way.replace("H", "M", 1).replace("V", " ", 1)
+        colour = kinds.get(scene, "all") if series == "scene" else "all"
+        yield f'<path class="{colour} front" d="{way}H{RIGHT}"/>'
+    for row in kept:
+        at = x.at(row.record[cost]), y.at(height(row)), y.at(height(row, BOUND))
+        yield from _dot(row, kinds[told(row.asked[series])], *at)
+    marked = -APART
+    for row in sorted((row for own in best.values() for row in own), key=lambda r: r.record[cost]):
+        if (place := x.at(row.record[cost])) - marked >= APART:
+            marked = place
+            yield f'<text class="mark" x="{place}" y="{y.at(height(row)) + 18}">{row.number}</text>'
+    yield "</svg></figure>"
 
 
-def _frame(plot: Plot) -> Iterator[str]:
+def _dot(row: Row, colour: str, x: float, y: float, bound: float) -> Iterator[str]:
+    """A run, what is seen where the mouse rests on it, and the way up to its bound."""
+    asked = [f"{name} {told(value)}" for name, value in row.asked.items() if told(value)]
+    costs = [f"{row.record[key]} {name}" for key, name in COSTS.items()]
+    words = escape(", ".join((*asked, f"{1000.0 * row.record[ERROR]:.4f} mm", *costs)))
+    yield f'<a class="{colour}" href="{escape(row.record["folder"])}/">'
+    yield f"<title>{row.number}: {words}</title>"
+    if row.record[BOUND]:
+        yield f'<path class="bound" d="M{x} {y}V{bound}"/>'
+    kind = "dot" if row.record["exit_code"] == 0 else "dot open"
+    yield f'<circle class="{kind}" cx="{x}" cy="{y}" r="5"/></a>'
+
+
+def _frame(x: Axis, y: Axis, across: str, up: str) -> Iterator[str]:
     size = f'width="{RIGHT - LEFT}" height="{BOTTOM - TOP}"'
     yield f'<rect class="frame" x="{LEFT}" y="{TOP}" {size}/>'
-    for value in plot.x.ticks():
-        x = plot.x.at(value)
-        yield f'<path class="grid" d="M{x} {BOTTOM}V{TOP}"/>'
-        yield f'<text x="{x}" y="{BOTTOM + 17}" text-anchor="middle">{value:g}</text>'
-    for value in plot.y.ticks():
-        y = plot.y.at(value)
-        yield f'<path class="grid" d="M{LEFT} {y}H{RIGHT}"/>'
-        yield f'<text x="{LEFT - 7}" y="{y + 4}" text-anchor="end">{value:g}</text>'
-    for place, turn, text in (
-        (f"{(LEFT + RIGHT) / 2} {HEIGHT - 8}", 0, COSTS[plot.cost]),
-        (f"15 {(TOP + BOTTOM) / 2}", -90, f"root mean square error, {plot.unit}"),
-    ):
-        turned = f'transform="translate({place}) rotate({turn})"'
-        yield f'<text class="name" {turned} text-anchor="middle">{text}</text>'
+    for value in x.ticks():
+        yield f'<path class="grid" d="M{x.at(value)} {BOTTOM}V{TOP}"/>'
+        yield f'<text class="mid" x="{x.at(value)}" y="{BOTTOM + 17}">{value:g}</text>'
+    for value in y.ticks():
+        yield f'<path class="grid" d="M{LEFT} {y.at(value)}H{RIGHT}"/>'
+        yield f'<text class="end" x="{LEFT - 7}" y="{y.at(value) + 4}">{value:g}</text>'
+    middle = f"{(LEFT + RIGHT) / 2} {HEIGHT - 8}"
+    yield f'<text class="mid" transform="translate({middle})">{across}</text>'
+    turned = f"translate(15 {(TOP + BOTTOM) / 2}) rotate(-90)"
+    yield f'<text class="mid" transform="{turned}">{up}</text>'
 
 
-def _fronts(plot: Plot, front: Sequence[Row]) -> Iterator[str]:
-    """The front of each scene as steps, and its sampling floor."""
-    for scene in dict.fromkeys(row["scene"] for row in front):
-        best = [row for row in front if row["scene"] == scene]
-        if best[0]["sampling_floor_m"]:
-            _, floor = plot.place(best[0], "sampling_floor_m")
-            yield f'<path class="floor" d="M{LEFT} {floor}H{RIGHT}"/>'
-        places = [plot.place(row) for row in best]
-        steps = "".join(f"H{x}V{y}" for x, y in places[1:])
-        colour = plot.colour(best[0]) if plot.series == "scene" else "all"
-        yield f'<path class="{colour} front" d="M{places[0][0]} {places[0][1]}{steps}H{RIGHT}"/>'
-
-
-def _dots(plot: Plot, rows: Sequence[Row], front: Sequence[Row]) -> Iterator[str]:
-    """A dot a run, the way up to its bound, and on the front its number."""
-    best, marked = {row["run"] for row in front}, -APART
-    for row in sorted(rows, key=lambda row: row[plot.cost]):
-        x, y = plot.place(row)
-        yield f'<a class="{plot.colour(row)}" href="{escape(row["folder"])}/">'
-        asked = [f"{name} {told(row[name])}" for name in asked_of([row]) if told(row[name])]
-        costs = [f"{row[key]:.4g} {text}" for key, text in COSTS.items() if row[key] is not None]
-        words = f"{', '.join(asked)}\nrms {millimetres(row['rms_m'])}, {', '.join(costs)}"
-        yield f"<title>{row['run']}: {escape(words)}</title>"
-        if row["rms_bound_95_m"]:
-            yield f'<path class="bound" d="M{x} {y}V{plot.place(row, "rms_bound_95_m")[1]}"/>'
-        kind = "dot" if row["exit_code"] == 0 else "dot open"
-        yield f'<circle class="{kind}" cx="{x}" cy="{y}" r="5"/></a>'
-        if row["run"] in best and x - marked >= APART:
-            marked = x
-            yield f'<text class="mark" x="{x}" y="{y + 18}">{row["run"]}</text>'
-
-
-def _table(rows: Sequence[Row], names: Sequence[str], folder: Path) -> Iterator[str]:
+def _table(rows: Sequence[Row], folder: Path) -> Iterator[str]:
     """A row a run; those on the front of touches stand out."""
-    best = {row["run"] for row in front_of(rows, "touches")}
-    heads = [f'<th class="text">{escape(name)}</th>' for name in (*shortened(names), "status")]
-    heads += [f"<th>{name}</th>" for name in ("rms, mm", "bound, mm", *COSTS.values(), "")]
-    yield f"<tr><th>run</th>{''.join(heads)}</tr>"
-    for row in rows:
-        cells = [f'<td class="text">{escape(told(row[name]))}</td>' for name in names]
-        cells.append(f'<td class="text" title="{escape(row["reason"])}">{state_of(row)}</td>')
-        for key, factor, digits in [(key, 1000.0, 4) for key in ERRORS[:2]] + [
-            (key, 1.0, int(key == "compute_s")) for key in COSTS
-        ]:
-            cells.append(
-                f"<td>{'' if row[key] is None else f'{factor * row[key]:.{digits}f}'}</td>"
-            )
-        there = [one for one in LINKS if (folder / row["folder"] / one).exists()]
+    table, best = table_of(rows), on_front(rows, "touches")
+    yield f"<tr><th>{'</th><th>'.join(map(escape, table[0]))}</th><th></th></tr>"
+    for row, cells in zip(rows, table[1:], strict=True):
+        place = row.record["folder"]
         links = [
-            f'<a href="{escape(row["folder"])}/{one}">{one or "folder"}</a>' for one in ("", *there)
+            f'<a href="{escape(place)}/{one}">{one or "folder"}</a>'
+            for one in LINKS
+            if (folder / place / one).exists()
         ]
-        kind = "bad" if row["exit_code"] == 3 else "best" if row["run"] in best else ""
-        yield f'<tr class="{kind}"><td>{row["run"]}</td>{"".join(cells)}'
-        yield f'<td class="text">{" ".join(links)}</td></tr>'
+        failed = row.record["exit_code"] == 3
+        kind = "bad" if failed else "best" if row.number in best else ""
+        yield f'<tr class="{kind}" title="{escape(row.record["reason"])}"><td>'
+        yield f"{'</td><td>'.join(map(escape, cells))}</td><td>{' '.join(links)}</td></tr>"

@@ -1,4 +1,4 @@
-"""What a sweep came to: a row for each run, the Pareto front, the CSV file and the text."""
+"""What a sweep came to: a row for each run, the Pareto front, the CSV file and the table."""
 
 from __future__ import annotations
 
@@ -6,45 +6,56 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core import Bools
-from palpate.launch import counted, text_table
+from palpate.launch import text_table
 from palpate.tools.sweep.sweep_file import Sweep
 
-# Columns behind those of the parameters; all but the last are keys of a run's record.
+# Keys of a run's record, in the order of the CSV file.
 FIGURES = (
     *("status", "exit_code", "tolerance_met", "chamfer_m", "rms_m", "p95_m", "hausdorff_m"),
     *("rms_bound_95_m", "largest_untouched_m", "sampling_floor_m", "size_m", "contours"),
     *("touches", "robot_time_s", "compute_s", "wall_s", "reason", "folder"),
 )
 TIMES = ("compute_s", "wall_s")  # All else is the same whoever makes the run, and when
-MOST_PRINTED = 40  # Rows; of a longer table only the front is printed
-Row = Mapping[str, Any]
+# Figures for people: the key, and what it is multiplied by, with so many decimals.
+SHOWN = {
+    "rms mm": ("rms_m", 1000.0, 4),
+    "bound mm": ("rms_bound_95_m", 1000.0, 4),
+    "touches": ("touches", 1.0, 0),
+    "robot s": ("robot_time_s", 1.0, 0),
+    "compute s": ("compute_s", 1.0, 1),
+}
+
+
+class Row(NamedTuple):
+    """One run that is finished."""
+
+    number: int  # From 1, in the order of the file
+    asked: Mapping[str, Any]  # Scene, parameters, seed; None for what the file leaves open
+    record: Mapping[str, Any]  # What came of it, by `FIGURES`
+
+
+def rows_of(sweep: Sweep, records: Mapping[str, Mapping[str, Any]]) -> list[Row]:
+    """The runs that are finished, by their marks, in the order of the file."""
+    names = list(dict.fromkeys(name for run in sweep.runs for name in run.asked if name != "seed"))
+    return [
+        Row(number, {name: run.asked.get(name) for name in (*names, "seed")}, records[run.mark])
+        for number, run in enumerate(sweep.runs, 1)
+        if run.mark in records
+    ]
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> Bools:
-    """Which of some points nothing betters.
+    """Which of some points nothing betters, (n,), given their costs and errors, (n,) each.
 
     A point betters another if neither its cost nor its error is larger, and one is smaller; of
-    equal points all or none are on the front.
-
-    Parameters
-    ----------
-    cost, error : array_like, (n,)
-        In any units.
-
-    Returns
-    -------
-    Bools, (n,)
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ, or anything is no finite number.
+    equal points all or none are on the front. Raises ValueError if the lengths differ, or
+    anything is no finite number.
     """
     points = np.column_stack((cost, error))
     if points.dtype.kind not in "iuf" or not np.isfinite(points).all():
@@ -54,99 +65,69 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> Bools:
     return np.asarray((unique[:, 1] < least)[place.reshape(-1)])
 
 
-def rows_of(sweep: Sweep, records: Mapping[str, Mapping[str, Any]]) -> list[Row]:
-    """The runs that are finished, by their marks, in the order of the file."""
-    names = ("scene", *sweep.parameters, "seed")
-    return [
-        {"run": number}
-        | {name: run.values.get(name) for name in names}
-        | {name: records[run.mark].get(name) for name in FIGURES}
-        for number, run in enumerate(sweep.runs, 1)
-        if run.mark in records
-    ]
-
-
-def asked_of(rows: Sequence[Row]) -> list[str]:
-    """The columns of what was asked: scene, parameters, seed."""
-    return [name for name in (rows[0] if rows else ()) if name not in (*FIGURES, "run")]
-
-
-def state_of(row: Row) -> str:
-    """How a run ended, in a word."""
-    return {0: "done", 1: "missed"}.get(row["exit_code"], str(row["status"]))
-
-
 def measured(rows: Iterable[Row], cost: str) -> list[Row]:
-    """The rows with a model whose error is known, at a known cost."""
-    return [row for row in rows if row["rms_m"] is not None and row[cost] is not None]
+    """The rows with a model whose error is known, at a known cost; the cheapest first."""
+    kept = [row for row in rows if None not in (row.record["rms_m"], row.record[cost])]
+    return sorted(kept, key=lambda row: row.record[cost])
 
 
-def front_of(rows: Iterable[Row], cost: str) -> list[Row]:
-    """The rows that no other of their scene betters, the cheapest first."""
-    kept = measured(rows, cost)
-    found = []
-    for scene in dict.fromkeys(row["scene"] for row in kept):
-        own = [row for row in kept if row["scene"] == scene]
-        best = pareto_front([row[cost] for row in own], [row["rms_m"] for row in own])
-        found += sorted(
-            (row for row, on in zip(own, best, strict=True) if on), key=lambda r: r[cost]
-        )
-    return found
+def fronts(rows: Iterable[Row], cost: str) -> dict[str, list[Row]]:
+    """Of each scene the rows that no other one of it betters, the cheapest first."""
+    scenes: dict[str, list[Row]] = {}
+    for row in measured(rows, cost):
+        scenes.setdefault(row.asked["scene"], []).append(row)
+    for scene, own in scenes.items():
+        best = pareto_front(*([row.record[key] for row in own] for key in (cost, "rms_m")))
+        scenes[scene] = [row for row, on_front in zip(own, best, strict=True) if on_front]
+    return scenes
 
 
-def varying(rows: Sequence[Row], names: Iterable[str]) -> list[str]:
-    """The columns in which rows differ."""
-    return [name for name in names if len({told(row[name]) for row in rows}) > 1]
-
-
-def shortened(names: Sequence[str]) -> list[str]:
-    """Names of parameters from their last dot on, where that tells them apart."""
-    last = [name.rpartition(".")[2] for name in names]
-    return [
-        short if last.count(short) == 1 else name for short, name in zip(last, names, strict=True)
-    ]
+def on_front(rows: Iterable[Row], cost: str) -> set[int]:
+    """Numbers of the rows on the front of their scene."""
+    return {row.number for best in fronts(rows, cost).values() for row in best}
 
 
 def told(value: Any) -> str:
-    """A cell of the CSV file."""
+    """A value as text; nothing for None."""
     if value is None or isinstance(value, str):
         return value or ""
     return json.dumps(value, default=str)
 
 
 def csv_text(rows: Sequence[Row]) -> str:
-    """The table, with all digits; what is unknown is empty. The same from any number of workers."""
+    """The table, with all digits; what is unknown is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(rows[0] if rows else FIGURES)
-    writer.writerows([told(value) for value in row.values()] for row in rows)
+    writer.writerow(["run", *(rows[0].asked if rows else ()), *FIGURES])
+    for row in rows:
+        figures = [row.record.get(name) for name in FIGURES]
+        writer.writerow([row.number, *map(told, (*row.asked.values(), *figures))])
     return text.getvalue()
 
 
+def varying(rows: Sequence[Row]) -> list[str]:
+    """Names of what is asked in which rows differ."""
+    names = rows[0].asked if rows else ()
+    return [name for name in names if len({told(row.asked[name]) for row in rows}) > 1]
+
+
+def table_of(rows: Sequence[Row]) -> list[list[str]]:
+    """The table for people, its heads first: only what differs, under short names."""
+    names = varying(rows)
+    last = [name.rpartition(".")[2] for name in names]
+    heads = [one if last.count(one) == 1 else name for one, name in zip(last, names, strict=True)]
+    table = [["run", *heads, "status", *SHOWN]]
+    for number, asked, record in rows:
+        state = {0: "done", 1: "missed"}.get(record["exit_code"], record["status"])
+        figures = [(record[key], scale, digits) for key, scale, digits in SHOWN.values()]
+        cells = ["" if x is None else f"{scale * x:.{digits}f}" for x, scale, digits in figures]
+        table.append([str(number), *(told(asked[name]) for name in names), state, *cells])
+    return table
+
+
 def sweep_text(rows: Sequence[Row]) -> str:
-    """The table for people, of what differs; ``*`` are the runs on the front of touches."""
-    front = front_of(rows, "touches")
-    shown = rows if len(rows) <= MOST_PRINTED else front
-    names = varying(rows, asked_of(rows))
-    lines = [
-        [
-            "",
-            "run",
-            *shortened(names),
-            "status",
-            "rms mm",
-            "bound mm",
-            "touches",
-            "robot s",
-            "compute s",
-        ]
-    ]
-    for row in shown:
-        words = ["*" if row in front else "", *(told(row[name]) for name in ("run", *names))]
-        figures = [(row[key], 1000.0, 4) for key in ("rms_m", "rms_bound_95_m")]
-        figures += [(row[key], 1.0, 0) for key in ("touches", "robot_time_s", "compute_s")]
-        cells = ["-" if x is None else f"{scale * x:.{digits}f}" for x, scale, digits in figures]
-        lines.append([*words, state_of(row), *cells])
-    left = len(rows) - len(shown)
-    more = [f"and {counted(left, 'run')} that others better: table.csv"] if left else []
-    return "\n".join([*text_table(lines, range(3, len(lines[0]))), *more])
+    """The table as lines; ``*`` are the runs on the front of touches."""
+    table, best = table_of(rows), on_front(rows, "touches")
+    marks = ["", *("*" if row.number in best else "" for row in rows)]
+    lines = [[mark, *cells] for mark, cells in zip(marks, table, strict=True)]
+    return "\n".join(text_table(lines, range(len(lines[0]) - len(SHOWN), len(lines[0]))))

@@ -49,7 +49,7 @@ class SweepRun:
 
     mark: str  # Tells its resolved parameters, and palpate's version, from all others
     name: str  # For people; ends with the mark
-    values: Mapping[str, Any]  # What is asked of it: scene, parameters by name, seed
+    asked: Mapping[str, Any]  # Scene, parameters by name, seed
     args: Settings
     settings: Settings
 
@@ -64,7 +64,6 @@ class Sweep:
 
     name: str  # The file's name without its suffix
     text: str  # The file's text
-    parameters: tuple[str, ...]  # Those that the file sets, in its order
     runs: tuple[SweepRun, ...]  # In the order of the file, seeds innermost
     repeated: int  # Combinations that are the same run as an earlier one
 
@@ -76,16 +75,11 @@ def read_sweep(path: Path, *, record: bool = True) -> Sweep:
     """
     given = read_yaml(path)
     spec = convert(given, SweepSpec)
-    asked = list(_combinations(given, spec))
-    names = tuple(dict.fromkeys(name for one in asked for name in one))
-    runs: dict[str, SweepRun] = {}
-    count = 0
-    for scene, settings, seed in product(_scenes(given, spec), asked, _seeds(given, spec)):
-        run = _checked(scene, settings, seed, record=record)
-        runs.setdefault(run.mark, run)
-        count += 1
+    asked = product(_scenes(given, spec), _combinations(given, spec), _seeds(given, spec))
+    all_runs = [_checked(*one, record=record) for one in asked]
+    runs = {run.mark: run for run in reversed(all_runs)}
     text = path.read_text(encoding="utf-8")
-    return Sweep(path.stem, text, names, tuple(runs.values()), count - len(runs))
+    return Sweep(path.stem, text, (*reversed(runs.values()),), len(all_runs) - len(runs))
 
 
 def _scenes(given: SourceMapped, spec: SweepSpec) -> list[SourceMapped]:

@@ -7,6 +7,7 @@ either finished or not there. Whoever takes the sweep up again makes what is not
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import time
 from collections import Counter, deque
@@ -27,7 +28,6 @@ from palpate.tools.sweep.workers import Job, Record, Workers, failed_record
 
 SWEEPS, ASKED, RUNS, RECORD = Path("sweeps"), "sweep.yaml", "runs", "run.json"
 TRIES = 3  # Times that a run is begun whose worker dies
-REFRESHED = 10.0  # Time between two times that table and page are written on the way, s
 Records = dict[str, Mapping[str, Any]]  # By the marks of the runs
 
 
@@ -43,13 +43,14 @@ class SweepResult:
     @property
     def exit_code(self) -> int:
         """0 if every run is done, 1 if one missed its goal or failed, 130 if some are left."""
-        return 130 if self.left else int(any(row["exit_code"] for row in self.rows))
+        return 130 if self.left else int(any(row.record["exit_code"] for row in self.rows))
 
     @property
     def figures(self) -> dict[str, Any]:
         """All of it, for programs."""
         counts = {"finished": len(self.rows), "left": self.left, "kept": self.kept}
-        return {"folder": str(self.folder), **counts, "runs": self.rows}
+        runs = [{**row.asked, **row.record} for row in self.rows]
+        return {"folder": str(self.folder), **counts, "runs": runs}
 
     @property
     def text(self) -> str:
@@ -87,15 +88,12 @@ def run_sweep(
         known += [f"{kept} finished already"] * bool(kept)
         say(", ".join((f"{folder}: {counted(total, 'run')}", *known)))
         todo = [run for run in sweep.runs if run.mark not in records]
-        began = written = time.monotonic()
+        began = time.monotonic()
         try:
             with signals_as_ctrl_c():
                 for run, record in _made(todo, folder, workers):
                     records[run.mark] = record
                     say(_progress(records, run, total, time.monotonic() - began, kept))
-                    if time.monotonic() - written > REFRESHED:
-                        _write_results(folder, sweep, records)
-                        written = time.monotonic()
         except KeyboardInterrupt:
             say(f"interrupted: {_resumable(len(records), total, folder)}")
         except InputError as error:
@@ -137,49 +135,43 @@ def _made(
     todo: Iterable[SweepRun], folder: Path, workers: Workers
 ) -> Iterator[tuple[SweepRun, Record]]:
     """Runs as they are finished; one whose worker dies is begun again."""
-    waiting, under_way, lost = deque(todo), dict[str, SweepRun](), Counter[str]()
+    waiting, begun, under_way = deque(todo), Counter[str](), 0
     while waiting or under_way:
-        while waiting and len(under_way) < workers.width:
+        while waiting and under_way < workers.width:
             run = waiting.popleft()
             place = folder / RUNS / run.name
             shutil.rmtree(place, ignore_errors=True)  # a run that failed
-            workers.begin(Job(run.mark, run.plan(place), place.with_name(f".{run.name}")))
-            under_way[run.mark] = run
+            workers.begin(Job(run, run.plan(place), place.with_name(f".{run.name}")))
+            under_way, begun[run.mark] = under_way + 1, begun[run.mark] + 1
         for job, record in workers.finished():
-            run = under_way.pop(job.mark)
-            if record is None:
+            under_way -= 1
+            if record is None and begun[job.run.mark] < TRIES:
                 shutil.rmtree(job.folder, ignore_errors=True)
-                lost[job.mark] += 1
-                if lost[job.mark] < TRIES:
-                    waiting.append(run)
-                    continue
-                record = failed_record(f"its worker died {TRIES} times")
-            yield run, _keep(job, run, record)
+                waiting.append(job.run)
+            else:
+                record = record or failed_record(f"its worker died {TRIES} times")
+                yield job.run, _keep(job, record)
 
 
-def _keep(job: Job, run: SweepRun, record: Record) -> Record:
+def _keep(job: Job, record: Record) -> Record:
     """Move a run's folder to its place, with a file of what belongs into the table."""
-    named = {"folder": f"{RUNS}/{run.name}", "palpate": __version__, "asked": run.values}
+    named = {"folder": f"{RUNS}/{job.run.name}", "palpate": __version__, "asked": job.run.asked}
     kept = {name: record.get(name) for name in FIGURES} | named
     job.folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(kept, indent=2, default=str) + "\n"
     (job.folder / RECORD).write_text(text, encoding="utf-8")
-    job.folder.rename(job.folder.with_name(run.name))
+    job.folder.rename(job.folder.with_name(job.run.name))
     return kept
 
 
 def _progress(records: Records, last: SweepRun, total: int, seconds: float, kept: int) -> str:
-    """How far it is, how long it takes, what came of the last run, and the best one."""
-    record = records[last.mark]
-    came = "no model was measured"
-    if record["rms_m"] is not None:
-        came = (
-            f"rms {millimetres(record['rms_m'])}, {counted(record['touches'], 'touch', 'touches')}"
-        )
-    best = min((one["rms_m"] for one in records.values() if one["rms_m"] is not None), default=None)
+    """How far it is, how long it takes, the best run, and what came of the last one."""
+    errors = [one["rms_m"] for one in records.values() if one["rms_m"] is not None]
+    best = f"best {millimetres(min(errors))}, " if errors else ""
     left = (total - len(records)) * seconds / (len(records) - kept)
-    rest = f"best {millimetres(best)}, " if best is not None else ""
-    return f"{len(records)} of {total}, {rest}{left:.0f} s left; {last.name}: {came}"
+    record = records[last.mark]
+    came = f"{record['touches']} touches, rms {millimetres(record['rms_m'] or math.nan)}"
+    return f"{len(records)} of {total}, {best}{left:.0f} s left; {last.name}: {came}"
 
 
 def _resumable(finished: int, total: int, folder: Path) -> str:

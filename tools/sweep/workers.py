@@ -1,8 +1,8 @@
 """Who makes the runs of a sweep: processes on this machine, or the workers of a dask cluster.
 
-Either takes plans that have passed every check and gives back a record of figures. A worker
-reads nothing but the plan, so that a cluster needs palpate and no file of the user's; what it
-writes comes back with the record. A run whose worker dies comes back without one.
+Either is given plans that have passed every check, and gives back a record of figures; None for a
+run whose worker died. A worker reads nothing but the plan, so that a cluster needs palpate and no
+file of the user's; there the files that a run leaves come back with its record.
 """
 
 from __future__ import annotations
@@ -12,22 +12,30 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import connection, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, TypeAlias
 
 from msgspec.structs import replace as with_fields
 
-from palpate.launch import RECORDING, Plan, RunDirectory, SilentDisplay, perform
+from palpate.launch import (
+    EXPLORE,
+    RECORDING,
+    Plan,
+    RunDirectory,
+    SilentDisplay,
+    named_modules,
+    perform,
+)
 from palpate.launch.files import InputError
 from palpate.nodes.runtime import RECORDER
+from palpate.tools.sweep.sweep_file import SweepRun
 
-REACHED = 10.0  # Time in which a scheduler must have answered, s
-LOGGERS = ("distributed", "tornado")  # What they have to say, we say in a sentence
+ANSWER_TIME = 10.0  # Time in which a scheduler must have answered, s
 Record = dict[str, Any]  # The figures of `summary.json`, exit code and processor time
 _one_at_a_time = threading.Lock()
 
@@ -35,27 +43,9 @@ _one_at_a_time = threading.Lock()
 class Job(NamedTuple):
     """A run to be made."""
 
-    mark: str  # Which one it is
+    run: SweepRun
     plan: Plan
     folder: Path  # Where its files are to be, at the caller's
-
-
-class Workers(Protocol):
-    """Processes that make runs."""
-
-    width: int  # So many runs at a time keep them busy
-
-    def begin(self, job: Job) -> None:
-        """Have a run made."""
-
-    def finished(self) -> Iterable[tuple[Job, Record | None]]:
-        """Wait for a run, or several; None if the worker died of it, or by itself.
-
-        Raises InputError if no further run can be made.
-        """
-
-    def close(self) -> None:
-        """End the processes, or leave the cluster; runs that are under way are given up."""
 
 
 def open_workers(count: int, scheduler: str | None = None) -> Workers:
@@ -72,9 +62,9 @@ def explore_into(plan: Plan, folder: Path) -> Record:
     Raises InputError if the folder cannot be written, or its disk is too full for a recording;
     whatever else fails is a record that says so.
     """
-    there = {"path": str(folder / RECORDING)}
+    path = str(folder / RECORDING)
     wirings = tuple(
-        replace(one, params=with_fields(one.params, **there)) if one.module == RECORDER else one
+        replace(one, params=with_fields(one.params, path=path)) if one.module == RECORDER else one
         for one in plan.wirings
     )
     moved = replace(plan, folder=RunDirectory(folder, linked=False), wirings=wirings)
@@ -95,85 +85,68 @@ def failed_record(reason: str) -> Record:
 
 
 class LocalWorkers:
-    """Processes on this machine, each with one thread; one that dies is replaced."""
+    """Processes on this machine, a fresh one for each run, forked where all is imported."""
 
     def __init__(self, count: int) -> None:
-        self.width = count
-        self._idle: list[tuple[connection.Connection, BaseProcess]] = []
+        self.width = count  # So many runs at a time keep all busy
+        self._context = get_context("forkserver")
+        self._context.set_forkserver_preload(["__main__", __name__, *named_modules(EXPLORE)])
         self._busy: dict[connection.Connection, tuple[BaseProcess, Job]] = {}
 
     def begin(self, job: Job) -> None:
         """Have a run made."""
-        while True:
-            pipe, process = self._idle.pop() if self._idle else _start_worker()
-            try:
-                pipe.send((job.plan, job.folder))
-            except OSError:  # it died while it was idle
-                continue
-            self._busy[pipe] = process, job
-            return
+        ours, theirs = self._context.Pipe(duplex=False)
+        arguments = (theirs, job.plan, job.folder)
+        process = self._context.Process(target=_explore_for, args=arguments, daemon=True)
+        process.start()
+        theirs.close()  # so that the end of the process is the end of the pipe
+        self._busy[ours] = process, job
 
-    def finished(self) -> Iterable[tuple[Job, Record | None]]:
-        """Wait for a run, or several."""
+    def finished(self) -> Iterator[tuple[Job, Record | None]]:
+        """Wait for a run, or several; InputError if no further one can be made."""
         for pipe in connection.wait(list(self._busy)):
             assert isinstance(pipe, connection.Connection)
             process, job = self._busy.pop(pipe)
-            try:
+            found = None
+            with pipe, suppress(EOFError, OSError):
                 found = pipe.recv()
-            except (EOFError, OSError):
-                process.join()
-                found = None
-            else:
-                self._idle.append((pipe, process))
+            process.join()
             if isinstance(found, InputError):
                 raise found
             yield job, found
 
     def close(self) -> None:
         """End the processes; runs that are under way are given up."""
-        for process in (*(one for _, one in self._idle), *(one for one, _ in self._busy.values())):
+        for process, _ in self._busy.values():
             process.kill()
             process.join()
-        self._idle, self._busy = [], {}
 
 
-def _start_worker() -> tuple[connection.Connection, BaseProcess]:
-    context = get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs,), daemon=True)
-    process.start()
-    theirs.close()  # so that the end of the process is the end of the pipe
-    return ours, process
-
-
-def _serve(pipe: connection.Connection) -> None:
-    """Make runs until the other end is closed; Ctrl-C is for the other end."""
+def _explore_for(pipe: connection.Connection, plan: Plan, folder: Path) -> None:
+    """Make a run and hand its record over; Ctrl-C is for the other end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(EOFError, OSError):
-        while True:
-            plan, folder = pipe.recv()
-            try:
-                found: Record | InputError = explore_into(plan, folder)
-            except InputError as error:
-                found = error
-            pipe.send(found)
+    try:
+        found: Record | InputError = explore_into(plan, folder)
+    except InputError as error:
+        found = error
+    with suppress(OSError):
+        pipe.send(found)
 
 
 class ClusterWorkers:
-    """A dask cluster, which runs a task again elsewhere when its worker dies."""
+    """A dask cluster, which makes a run again elsewhere when its worker dies."""
 
     def __init__(self, address: str) -> None:
+        self._where = f"--scheduler {address}"
         try:
             from distributed import Client
+
+            logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we say it in a sentence
+            self._client = Client(address, timeout=ANSWER_TIME)
         except ImportError as error:
             raise InputError(
                 f"--scheduler needs dask.distributed ({error}): pip install 'palpate[sweep]'"
             ) from None
-        for name in LOGGERS:
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-        self._where = f"--scheduler {address}"
-        try:
-            self._client = Client(address, timeout=REACHED)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f"{self._where}: no scheduler can be reached: {error}") from None
         self.width = max(1, 2 * sum(self._client.nthreads().values()))
@@ -183,18 +156,17 @@ class ClusterWorkers:
         """Have a run made."""
         self._busy[self._client.submit(explore_away, job.plan, pure=False)] = job
 
-    def finished(self) -> Iterable[tuple[Job, Record | None]]:
+    def finished(self) -> Iterator[tuple[Job, Record | None]]:
         """Wait for a run, or several, and write what they left."""
         from distributed import wait
 
         for future in self._answer(lambda: wait([*self._busy], return_when="FIRST_COMPLETED").done):
-            job = self._busy.pop(future)
-            found = self._answer(future.result)
-            if found is not None:
-                job.folder.mkdir(parents=True, exist_ok=True)
-                for name, content in found[1].items():
-                    (job.folder / name).write_bytes(content)
-            yield job, found and found[0]
+            job, found = self._busy.pop(future), self._answer(future.result)
+            record, files = found or (None, {})
+            job.folder.mkdir(parents=True, exist_ok=True)
+            for name, content in files.items():
+                (job.folder / name).write_bytes(content)
+            yield job, record
 
     def _answer(self, ask: Callable[[], Any]) -> Any:
         """What the cluster says; None if the workers of a run died again and again."""
@@ -204,8 +176,6 @@ class ClusterWorkers:
             return ask()
         except KilledWorker:
             return None
-        except InputError:
-            raise
         except (Exception, CancelledError) as error:  # whatever a cluster can break by
             text = f"{type(error).__name__}: {error}"
             raise InputError(f"{self._where}: the cluster does not go on: {text}") from None
@@ -225,3 +195,6 @@ def explore_away(plan: Plan) -> tuple[Record, Mapping[str, bytes]]:
         place = Path(folder) / "run"
         record = explore_into(plan, place)
         return record, {path.name: path.read_bytes() for path in sorted(place.iterdir())}
+
+
+Workers: TypeAlias = LocalWorkers | ClusterWorkers

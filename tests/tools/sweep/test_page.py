@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.tools.sweep.page import Axis, page_text
-from palpate.tools.sweep.results import FIGURES
+from palpate.tools.sweep.results import FIGURES, Row
 
 from .conftest import RECORD
 
@@ -48,10 +48,10 @@ def rows(tmp_path: Path):
         (folder / "summary.json").write_text("{}")
         asked = {"scene": "a&b", "planner.planner": planner, "seed": 0}
         more = {"rms_m": 1e-4 / number, "touches": 40 * number, "folder": f"runs/{number}"}
-        found.append({"run": number, **asked, **RECORD, **more})
-    found[1]["exit_code"] = 1
-    found[3] |= dict.fromkeys(FIGURES) | {"exit_code": 3, "status": "died", "reason": "no <luck>"}
-    found[3]["folder"] = "runs/4"
+        found.append(Row(number, asked, {**RECORD, **more}))
+    found[1].record["exit_code"] = 1
+    failed = {"exit_code": 3, "status": "died", "reason": "no <luck>", "folder": "runs/4"}
+    found[3].record.update(dict.fromkeys(FIGURES) | failed)
     return found
 
 
@@ -85,7 +85,7 @@ def test_the_front_goes_down_from_the_cheapest_run(rows, tmp_path):
 
 def test_several_scenes_are_shown_in_shares_of_their_heights(rows, tmp_path):
     assert "error, mm" in page_text("s", rows, tmp_path)
-    rows[0]["scene"] = "other"
+    rows[0].asked["scene"] = "other"
     text = page_text("s", rows, tmp_path)
     assert "error, % of the height" in text
     assert len(Parts(text).all("path", "front")) == 2 * 3

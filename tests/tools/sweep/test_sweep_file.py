@@ -17,7 +17,7 @@ grid:
 
 
 def asked(write, text):
-    return [dict(run.values) for run in read_sweep(write("sweep.yaml", text)).runs]
+    return [dict(run.asked) for run in read_sweep(write("sweep.yaml", text)).runs]
 
 
 def test_a_grid_is_every_combination_with_the_seeds_innermost(write):

@@ -32,7 +32,7 @@ def test_every_run_has_a_folder_and_a_row(four, fake, tmp_path):
     ]
     for run in four.runs:
         record = json.loads((tmp_path / "out" / "runs" / run.name / "run.json").read_text())
-        assert record["asked"] == run.values
+        assert record["asked"] == run.asked
         assert record["palpate"]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         *("sweep.yaml", "runs", "table.csv", "index.html")

@@ -6,6 +6,7 @@ import csv
 import multiprocessing
 import os
 import random
+import re
 import signal
 import time
 from dataclasses import replace
@@ -18,20 +19,15 @@ from palpate.tools.sweep import open_workers, read_sweep, run_sweep
 from palpate.tools.sweep.results import TIMES
 from palpate.tools.sweep.workers import ClusterWorkers, Job, LocalWorkers, explore_away
 
-TWO = """scene: sphere
-seeds: 2
-grid:
-  planner.planner: [uniform]
-  planner.settings.count: [3]
-  scene.effects.gaussian_noise.sigma: [1.0e-5]
-"""
+PAGE = Path(__file__).parents[3] / "docs" / "sweep.md"
 NO_CLUSTER = "dask.distributed is not installed: the extra [sweep]"
 
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory):
     path = tmp_path_factory.mktemp("asked") / "two.yaml"
-    path.write_text(TWO)
+    (example, *_) = re.findall(r"```yaml\n(.+?)```", PAGE.read_text(), re.DOTALL)
+    path.write_text(example)
     return read_sweep(path, record=False)
 
 
@@ -66,7 +62,7 @@ def test_a_run_leaves_what_palpate_run_leaves(by_one, two):
     names = {path.name for path in (by_one / "runs" / two.runs[0].name).iterdir()}
     assert {"summary.json", "mesh.ply", "launch.yaml", "scene.yaml", "run.json"} <= names
     rows = figures(by_one)
-    assert rows[0]["rms_m"] != rows[1]["rms_m"]  # the seed counts
+    assert rows[0]["rms_m"] != rows[1]["rms_m"]
     assert all(0.0 < float(row["rms_m"]) < 1e-4 and row["touches"] != "" for row in rows)
 
 
@@ -79,7 +75,7 @@ def test_two_workers_in_another_order_come_to_the_same_table(by_one, two, tmp_pa
 @pytest.mark.graph
 def test_a_process_that_is_killed_gives_its_run_back_and_is_replaced(two, tmp_path):
     workers = LocalWorkers(1)
-    job = Job("mark", two.runs[0].plan(tmp_path / "a"), tmp_path / "a")
+    job = Job(two.runs[0], two.runs[0].plan(tmp_path / "a"), tmp_path / "a")
     try:
         workers.begin(job)
         (process,) = multiprocessing.active_children()
@@ -94,6 +90,7 @@ def test_a_process_that_is_killed_gives_its_run_back_and_is_replaced(two, tmp_pa
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.slow  # among the tenth that .ci/run takes, which its name decides
 @pytest.mark.graph
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 def test_a_cluster_of_which_a_worker_is_killed_comes_to_the_same_table(by_one, two, tmp_path):
@@ -147,7 +144,7 @@ def test_a_worker_of_a_cluster_hands_back_the_files_of_a_run(two, tmp_path, monk
 
 
 def test_a_scheduler_that_is_not_there_is_told_in_a_sentence(monkeypatch):
-    monkeypatch.setattr("palpate.tools.sweep.workers.REACHED", 1.0)
+    monkeypatch.setattr("palpate.tools.sweep.workers.ANSWER_TIME", 1.0)
     wanted = (
         "--scheduler needs dask.distributed .*: pip install 'palpate|no scheduler can be reached"
     )
