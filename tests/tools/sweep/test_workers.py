@@ -67,7 +67,7 @@ def test_a_run_leaves_what_palpate_run_leaves(by_one, two):
 
 
 @pytest.mark.slow
-def test_two_workers_in_another_order_come_to_the_same_table(by_one, two, tmp_path):
+def test_two_processes_in_another_order_come_to_the_same_table(by_one, two, tmp_path):
     run_sweep(shuffled(two), tmp_path, open_workers(2), print)
     assert without_numbers(figures(tmp_path)) == without_numbers(figures(by_one))
 
