@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from palpate.bench.results import ResultsFile, begin_results, comparison_lines, read_results
+from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Figure, Group, figure_of, named, run_groups, run_scene
 from palpate.launch.files import check_new
 
@@ -203,7 +203,7 @@ def bench_command(
             raise click.UsageError(f"--figures belongs to {able}")
         for place in drawn:
             named(f"palpate.bench.{place}")(figures)
-    kept = ResultsFile(begin_results(quick=quick, peers=PEERS), out)
+    kept = ResultsFile(out, quick=quick, peers=PEERS)
     for peer in kept.results.absent if what == ALL and not as_json else ():
         click.echo(f"absent: {peer}")
     code = run_groups(
