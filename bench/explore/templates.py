@@ -17,10 +17,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from palpate.bench.explore.planners import Trials, even_counts, first_counts, plan_counts
 from palpate.bench.table import Row, best_seconds, figure
 from palpate.core.explore import planners as rules
 
-DEMAND = 0.0025  # Root mean square error of the side, over the height
 DRAWN, SEED = 80, 11  # Objects by chance; every other one chooses
 KINDS = {"plain": 4.0, "featured": 9.0, "sharp": np.inf}  # Curvatures below which an object is one
 MIDDLE = np.linspace(0.1, 0.9, 401)  # Heights at which its kind is looked for
@@ -35,8 +35,6 @@ STEPS = ((0.02, 0.1), (0.02, 0.2), (0.05, 0.15), (0.08, 0.2), (0.06, 0.35), (0.1
 POWERS = (0.5, 1.0, 3.0)  # Of the two templates that have one
 QUICK = 7  # Every so manieth set alone
 SEGMENTS = (2, 4, 16)  # Of the piecewise linear forms
-MOST = rules.MOST_CONTOURS_PLANNED
-Trials = Mapping[str, rules.PlannerTrial]
 
 
 class Chosen(NamedTuple):
@@ -66,9 +64,11 @@ def template_rows(quick: bool) -> Iterator[Row]:
         for count in SEGMENTS:
             mean, failed = judge_rule(replace(best.rule, segments=count), others[kind])
             yield Row(f"{kind}: the best of others in {count} segments", f"{mean:.1f}, {failed}")
-        for name, planner in (("predicted", rules.Predicted()), ("even, known afterwards", None)):
-            mean = float(np.mean([_needed(planner, one) for one in others[kind].values()]))
-            yield figure(f"{kind}: {name}, of others", mean, ".1f")
+        for name, counts in (
+            ("predicted", first_counts(rules.Predicted(), others[kind])),
+            ("even, known afterwards", even_counts(others[kind])),
+        ):
+            yield figure(f"{kind}: {name}, of others", float(np.mean(list(counts.values()))), ".1f")
         yield finding(kind, found)
     for count in (0, *SEGMENTS):
         step = partial(rules.Thesis(segments=count).later, 2.0, 1.0, 3)
@@ -124,31 +124,8 @@ def best_by_form(sets: Sequence[rules.Thesis], seen: Trials, others: Trials) -> 
 
 def judge_rule(rule: rules.Thesis, trials: Trials) -> tuple[float, int]:
     """Mean contours of a rule, and how many objects it does not rebuild well enough."""
-    counts = [plan_count(rule, one) for one in trials.values()]
-    return float(np.mean(counts)), counts.count(MOST)
-
-
-def plan_count(planner: rules.Planner, trial: rules.PlannerTrial) -> int:
-    """Contours of a plan, if at its end the side is good enough; else the most."""
-    slices, stop = rules.run_planner(planner, trial, DEMAND)
-    return len(slices) if stop is not None and trial.rms(slices) <= DEMAND else MOST
-
-
-def _needed(planner: rules.Planner | None, trial: rules.PlannerTrial) -> int:
-    """Contours until the side is good enough: of a planner, or of even ones, known afterwards."""
-    plans: Iterator[Sequence[rules.ObservedSlice]]
-    if planner is None:
-        plans = ([trial.slice_at(z) for z in even_heights(count)] for count in range(2, MOST))
-    else:
-        slices, _ = rules.run_planner(planner, trial, DEMAND)
-        plans = (slices[:count] for count in range(2, len(slices) + 1))
-    return next((len(plan) for plan in plans if trial.rms(plan) <= DEMAND), MOST)
-
-
-def even_heights(count: int) -> list[float]:
-    """Heights of even slices, m."""
-    shares = np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, count)
-    return [rules.EXTENT * share for share in shares.tolist()]
+    counts = list(plan_counts(rule, trials).values())
+    return float(np.mean(counts)), counts.count(rules.MOST_CONTOURS_PLANNED)
 
 
 def finding(kind: str, found: Mapping[str, Chosen]) -> Row:

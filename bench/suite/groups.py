@@ -145,18 +145,10 @@ ALL = "all"
 PEERS: Mapping[str, str] = {"pymeshlab": "Poisson surfaces"}
 
 
-def _help() -> str:
-    lines = [
-        line
-        for name, told in (*((n, one.told) for n, one in BENCHES.items()), (ALL, "all of these"))
-        for line in textwrap.wrap(
-            f"{name:<10} {told}", 90, subsequent_indent=11 * " ", break_on_hyphens=False
-        )
-    ]
-    return "\n".join(("Measure one thing, or all, here and now.\n", "\b", *lines)) + BENCH_HELP
+BENCH_HELP = """Measure one thing, or all, here and now.
 
-
-BENCH_HELP = """
+\b
+{benches}
 
 The exit code is 0 if everything was measured that was to be. A demand that is not met is printed
 with MISSED; with --strict it makes the exit code 1, as a group that fails always does.
@@ -164,6 +156,12 @@ with MISSED; with --strict it makes the exit code 1, as a group that fails alway
 --compare says which figures moved: if they were repeated, by more than the repeats differ; else
 counts by anything, times by 10 %, and the rest by 2 %.
 """
+
+
+def _help() -> str:
+    told = {**{name: one.told for name, one in BENCHES.items()}, ALL: "all of these"}
+    wrap = textwrap.TextWrapper(90, subsequent_indent=11 * " ", break_on_hyphens=False)
+    return BENCH_HELP.format(benches="\n".join(wrap.fill(f"{n:<10} {t}") for n, t in told.items()))
 
 
 @click.command("bench", help=_help())
@@ -204,8 +202,8 @@ def bench_command(
         for place in drawn:
             named(f"palpate.bench.{place}")(figures)
     kept = ResultsFile(out, quick=quick, peers=PEERS)
-    for peer in kept.results.absent if what == ALL and not as_json else ():
-        click.echo(f"absent: {peer}")
+    if what == ALL and not as_json:
+        click.echo(f"peers that are not installed: {', '.join(kept.results.absent) or 'none'}")
     code = run_groups(
         chosen, quick=quick, as_json=as_json, strict=strict, echo=click.echo, keep=kept.add
     )
@@ -218,7 +216,7 @@ def bench_command(
 def _chosen(what: str, only: str | None, runs: tuple[Path, ...]) -> Mapping[str, str | Group]:
     """Groups as ``bench/group``, each with where it is or what measures it."""
     benches = BENCHES if what == ALL else {what: BENCHES[what]}
-    places: dict[str, str | Group] = {
+    places = {
         f"{bench}/{group}": f"palpate.bench.{place}"
         for bench, one in benches.items()
         for group, place in one.groups.items()
@@ -232,9 +230,7 @@ def _chosen(what: str, only: str | None, runs: tuple[Path, ...]) -> Mapping[str,
     if runs:
         if RECORDED not in places:
             raise click.UsageError(f"RUN... belongs to thesis, got {', '.join(map(str, runs))}")
-        place = places[RECORDED]
-        assert isinstance(place, str)
-        places = {RECORDED: partial(named(place), runs=runs)}
+        return {RECORDED: partial(named(places[RECORDED]), runs=runs)}
     return places
 
 

@@ -1,24 +1,21 @@
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from palpate.bench.explore import templates
+from palpate.bench.explore.planners import plan_counts
 from palpate.bench.explore.templates import (
     KINDS,
-    MOST,
     Chosen,
     best_by_form,
     by_kind,
-    even_heights,
     finding,
     kind_of,
-    plan_count,
     rule_sets,
     template_rows,
 )
-from palpate.core.explore.planners import Thesis, Uniform
-from palpate.core.explore.planners.trial import HELD_OUT, TUNED, PlannerTrial
+from palpate.core.explore.planners import Thesis
+from palpate.core.explore.planners.trial import HELD_OUT, MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
 
 
 def test_the_kind_of_an_object_follows_from_its_curvature():
@@ -52,16 +49,8 @@ def test_the_best_set_of_each_form_is_chosen_on_some_objects_and_judged_on_other
     assert list(found) == ["exponential, product"]
     one = found["exponential, product"]
     assert one.rule in sets
-    assert one.chosen == min(plan_count(rule, seen["a"]) for rule in sets)
-    assert one.failed == int(one.judged == MOST)
-
-
-def test_a_plan_that_never_gets_there_counts_as_the_most():
-    trial = PlannerTrial(TUNED["vase"])
-    assert plan_count(Uniform(count=3), trial) == MOST
-    assert plan_count(Uniform(count=9), trial) == 9
-    assert len(even_heights(9)) == 9
-    assert np.ptp(np.diff(even_heights(9))) < 1e-12
+    assert one.chosen == min(plan_counts(rule, seen)["a"] for rule in sets)
+    assert one.failed == int(one.judged == MOST_CONTOURS_PLANNED)
 
 
 def test_the_finding_names_the_best_and_the_worst():

@@ -112,7 +112,7 @@ def test_all_is_every_group_of_every_bench(monkeypatch, capsys):
     monkeypatch.setattr(verb, "PEERS", {"a_peer": "an errand", "numpy": "all"})
     assert cli.run(["bench", "all"]) == 0
     assert len(asked) == sum(len(one.groups) for one in verb.BENCHES.values())
-    assert capsys.readouterr().out == "absent: a_peer (an errand)\n"
+    assert capsys.readouterr().out == "peers that are not installed: a_peer (an errand)\n"
 
 
 def test_results_are_written_and_compared_with(monkeypatch, tmp_path, capsys):
