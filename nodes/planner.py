@@ -191,6 +191,7 @@ def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
         heights=model.uncertainty_height,
         deviations=model.uncertainty,
         whole=model.deviation,
+        ends=model.ends_deviation,
         pose=model.health.get("radial_pose_sigma", 0.0),
         starlike=model.health.get("radial_unused", 0.0) == 0.0,
     )
@@ -254,7 +255,7 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
         choice = check_choice(rule, observation)
         if isinstance(choice, Height):
             task = planning.Task(state.goals, state.clock, choice.height)
-            slice_goal = planning.contour_goal(state, finger, choice)
+            slice_goal = planning.contour_goal(state, finger, choice, demand.feature)
             return _with_task(state, finger, task), [("/contour/goal", slice_goal)]
         if isinstance(choice, Stop) and not state.tasks and not observation.budget.spent:
             touch = planning.next_touch(state, demand.tolerance, last=True)

@@ -246,13 +246,15 @@ def shape_model(
         dropped = dict.fromkeys(range(len(goal.contours)) if why else (), why)
     final = isinstance(goal, PlanDone)
     parts = EMPTY_MODEL if solid is None else _parts(solid, final)
+    deviation = None if solid is None else solid.whole_deviation()
     return derive(
         ShapeModel,
         goal,
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         frame=IDENTITY_POSE if solid is None or solid.frame is None else solid.frame,
-        deviation=0.0 if solid is None else solid.whole_deviation() or 0.0,
+        deviation=0.0 if deviation is None else deviation.whole,
+        ends_deviation=0.0 if deviation is None else deviation.ends,
         **parts,
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,

@@ -85,6 +85,7 @@ class HandState(NamedTuple):
     remembered: tuple[StageStates, ...]  # What their stages remember of the closings before
     closings: int  # Closings made
     resting: Floats | None  # Pose of the hand at the last of them
+    advanced: float  # How far a finger had been brought in for it, the farthest, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,10 +184,12 @@ def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Ou
     """Close the hand, and say where it met the object."""
     from palpate.core.explore.grasp import Closing, Hand, close_hand
 
-    shape = Hand(fingers=goal.fingers, opening=goal.opening, reach=goal.reach)
+    shape = derive(Hand, goal, advanced=tuple(goal.advanced.tolist()))
+    advanced = max(shape.advanced, default=0.0)
     hand = _hand(params, state, goal.fingers)
     robot, begun = ROBOT_PRESETS[params.robot], max(state.clock, goal.not_before)
     travel, turn = _between(hand.resting, goal.pose)
+    travel += hand.advanced + advanced  # the fingers open, and come near, as fast as the arm
     closing = Closing(
         hand.closings, begun + free_seconds(robot, travel=travel, turn=turn), state.clock
     )
@@ -204,7 +207,7 @@ def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Ou
         move=np.array([begun - state.clock, travel, turn, grasp.advance, NO_SURFACE_PATH]),
         robot_time=clock,
     )
-    used = HandState(hand.fingers, remembered, hand.closings + 1, goal.pose)
+    used = HandState(hand.fingers, remembered, hand.closings + 1, goal.pose, advanced)
     return replace(state, hand=used, clock=clock), [("/hand/contacts", contacts)]
 
 
@@ -217,7 +220,7 @@ def _hand(params: Params, state: State, fingers: int) -> HandState:
         build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
         for number in range(FIRST_HAND_FINGER, FIRST_HAND_FINGER + fingers + 1)
     )
-    return HandState(made, tuple(one.begin() for one in made), 0, None)
+    return HandState(made, tuple(one.begin() for one in made), 0, None, 0.0)
 
 
 def _along(before: LastContact | None, now: LastContact | None) -> float:

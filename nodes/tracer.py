@@ -124,7 +124,7 @@ def _begin(
             not_before=max(now, goal.not_before),
         )
         return replace(state, job=Job(goal, touches=1)), [("/finger/goal", touch)]
-    wanted = tracing.TraceGoal(goal.height, goal.centre, goal.radius, params.most_touches)
+    wanted = tracing.TraceGoal(goal.height, goal.centre, goal.radius, params.most_touches, goal.gap)
     return _trace(params, state, Job(goal), tracing.Trace(wanted), max(now, goal.not_before))
 
 

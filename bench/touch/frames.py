@@ -369,6 +369,7 @@ def trace_contour(body: str, effects: specs.EffectSpecs) -> TracedContour:
         height=size[2],
         centre=np.zeros(2),
         radius=max(size[:2]) + APPROACH,
+        gap=0.0,
         not_before=0.0,
     )
     contour: Contour = loop.publish("/contour/goal", goal)["/contour/traced"]

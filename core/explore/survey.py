@@ -53,6 +53,7 @@ class ModelUncertainty(NamedTuple):
     heights: Floats  # (n,), m
     deviations: Floats  # Standard deviation of the side there, (n,), m
     whole: float  # Of the whole surface, ends included, m
+    ends: float = 0.0  # Of it, the part that the ends make, m
     pose: float = 0.0  # Standard deviation of a touch's place, m
     # False if it had to be rebuilt from contours alone, for its slices are not star-shaped.
     starlike: bool = True
@@ -103,6 +104,7 @@ class Survey:
             finger_spacing=self.finger_spacing,
             all_taxels=True,
             deviation=None if self.uncertainty is None else self.uncertainty.whole,
+            ends_deviation=0.0 if self.uncertainty is None else self.uncertainty.ends,
         )
 
     @property

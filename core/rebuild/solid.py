@@ -11,6 +11,7 @@ nobody touched, by how much the object may go on.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -181,7 +182,7 @@ class Solid:
         """See `ContourSolid.uncertainty`; None with the methods "thesis" and "coarse"."""
         return None if self.closed is None else self.closed.uncertainty()
 
-    def whole_deviation(self) -> float | None:
+    def whole_deviation(self) -> Deviation | None:
         """See `whole_deviation`; None with the methods "thesis" and "coarse", which do not say."""
         return None if self.closed is None else whole_deviation(self.closed, self.evidence.contacts)
 
@@ -303,7 +304,14 @@ def sheared_volume(volume: SplineVolume, shear: Shear) -> SplineVolume:
     return SplineVolume(np.asarray(found / volume.weights[..., None]), volume.bases, volume.weights)
 
 
-def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> float:
+class Deviation(NamedTuple):
+    """Standard deviations of a surface along its normal, root mean square over all its area, m."""
+
+    whole: float  # Of all of it
+    ends: float  # Of the whole, the part that its ends make
+
+
+def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> Deviation:
     """Standard deviation of the surface along its normal, root mean square over its area, m.
 
     Of noise, and of what untouched edges of the ends may hide; what untouched stretches of the side
@@ -321,12 +329,13 @@ def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> flo
         (closed.bottom, -1.0, pieces[:side], cells.heights <= low),
         (closed.top, 1.0, pieces[side + 1 :], cells.heights >= high),
     )
+    of_ends = 0.0
     for end, way, beyond, rounded in ends:
         covered = float(cells.areas[rounded].sum())
         covered += sum(float(_cells(piece, END_ROWS).areas.sum()) for piece in beyond)
         square, more = _of_end(closed, end, way, covered, contacts)
-        area, total = area + covered + more, total + square
-    return float(np.sqrt(total / area))
+        area, of_ends = area + covered + more, of_ends + square
+    return Deviation(math.sqrt((total + of_ends) / area), math.sqrt(of_ends / area))
 
 
 def _cells(piece: Patch, count: int) -> _Cells:

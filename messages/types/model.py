@@ -129,6 +129,7 @@ class ShapeModel:
     frame: Pose  # Slicing frame in the world, along whose z axis heights count
     # Standard deviation of the surface, root mean square over all of it, ends included
     deviation: Metres
+    ends_deviation: Metres  # Of it, the part that the ends make
     uncertainty_height: Lengths  # Heights at which `uncertainty` is given
     uncertainty: Lengths  # Standard deviation of the surface at each such height
     # Figures of the fit: residuals, condition, share of folds, fallbacks taken

@@ -40,6 +40,7 @@ class ContourGoal:
     height: Metres  # Height of the slice along the frame's z axis
     centre: PlanarPoint  # Where the object's axis is expected to meet the slice, slicing frame
     radius: Metres  # Approach from this distance to the centre
+    gap: Metres  # Stretch of the contour that may stay untouched between two touches
     not_before: Seconds  # Robot time of the decision
     reason: str = ""  # Why there, in words
 
@@ -124,6 +125,8 @@ class GraspGoal:
     fingers: Count  # Fingers beside the palm
     opening: Metres  # Distance of the fingertips and of the palm from the middle of the open hand
     reach: Metres  # Longest way of a finger
+    # How far each finger, the palm last, is brought in before it closes slowly; none: not at all
+    advanced: Lengths
     not_before: Seconds  # Robot time of the decision
 
 

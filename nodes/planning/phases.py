@@ -14,6 +14,7 @@ from palpate.core.explore import Survey, TracedContour
 from palpate.core.explore.grasp import (
     Hand,
     ObjectFrame,
+    brought_near,
     end_face_axis,
     fit_object_frame,
     next_pose,
@@ -122,7 +123,12 @@ class State:
         return bool(self.usable) and self.evidence != self.modelled
 
 
-def contour_goal(state: State, finger: int, chosen: Height) -> ContourGoal:
+# What may stay untouched between two touches of a contour: of what may at all, and of the pad's
+# width at most, for a pad that goes farther misses the contour.
+GAP_SHARE, WIDEST_GAP = 0.25, 0.25
+
+
+def contour_goal(state: State, finger: int, chosen: Height, feature: float) -> ContourGoal:
     """A slice to trace."""
     assert state.survey is not None and state.frame is not None
     centre, radius = state.survey.approach(chosen.height)
@@ -134,6 +140,7 @@ def contour_goal(state: State, finger: int, chosen: Height) -> ContourGoal:
         frame=state.frame.pose,
         centre=centre,
         radius=radius,
+        gap=min(GAP_SHARE * feature, WIDEST_GAP * state.pad_width),
         not_before=state.clock,
     )
 
@@ -198,14 +205,18 @@ def grasp_goal(state: State) -> GraspGoal | None:
     if len(grasped.points) >= ENOUGH_CONTACTS or grasped.grips >= MAX_GRIPS:
         return None
     if len(grasped.points):
-        pose = next_pose(hand, grasped.points, grasped.normals, world.platform)
+        known = grasped.points, grasped.normals, world.platform
+        pose = next_pose(hand, *known)
+        hand = brought_near(hand, pose, *known)
     else:
         places = search_places(world.reach, SEARCH_SPACING)
         found = search_pose(places, grasped.closings, world.platform)
         if found is None:
             return None
         pose = found
-    return derive(GraspGoal, hand, number=grasped.closings, pose=pose, not_before=state.clock)
+    advanced = np.array(hand.advanced)
+    told = {"number": grasped.closings, "pose": pose, "advanced": advanced}
+    return derive(GraspGoal, hand, **told, not_before=state.clock)
 
 
 def with_contacts(state: State, contacts: GraspContacts) -> State:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.grasp.axes import end_face_axis as end_face_axis
     from palpate.core.explore.grasp.hand import Closing as Closing
     from palpate.core.explore.grasp.hand import Hand as Hand
+    from palpate.core.explore.grasp.hand import brought_near as brought_near
     from palpate.core.explore.grasp.hand import close_hand as close_hand
     from palpate.core.explore.grasp.hand import next_pose as next_pose
     from palpate.core.explore.grasp.hand import search_places as search_places

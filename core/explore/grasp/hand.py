@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -35,6 +35,7 @@ SHIFTS = np.array(
 MOST_FINGERS = 20
 FINGERTIP = 8e-3  # Half a fingertip's width, m: a finger stays this far above the platform
 LEVEL = 1e-9  # Slope below which a finger does not go down
+MARGIN = 0.02  # Distance from what is expected at which fingers begin to close slowly, m
 GRASP_DEPTH = 1.0e-3  # Compression at which a finger stops, m
 ACROSS: Floats = np.array([0.0, 1.0, 0.0])
 ACROSS.setflags(write=False)
@@ -74,6 +75,26 @@ def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> F
         gain[:, i] = np.minimum(gain[:, i], beside.min(axis=1))
     best = int(np.where(touched, gain, 0.0).sum(axis=1).argmax())
     return pose_of(hands[0][best], hands[1][best])
+
+
+def brought_near(
+    hand: Hand, pose: Floats, points: Floats, normals: Floats, platform: float
+) -> Hand:
+    """The hand whose fingers are brought near what is expected before they close.
+
+    Arguments as of `next_pose`. A finger that then is inside does not close, and counts as blocked.
+    """
+    if len(points) < FEW:
+        return hand
+    expected = expected_ellipsoid(points, normals, platform)
+    place, axes = split_pose(pose)
+    paths = finger_paths(hand, place[None], axes[None], platform)
+    touched, places = _expected_contacts(paths, *expected)
+    ways = np.linalg.norm(places - paths.starts, axis=2)
+    # A finger that is expected to pass it stays as far away as that reaches.
+    passing = hand.opening - np.linalg.norm(place - expected[0]) - expected[2].max()
+    near = np.maximum(np.where(touched, ways, passing)[0] - MARGIN, 0.0)
+    return replace(hand, advanced=tuple(near.tolist()))
 
 
 def expected_ellipsoid(
@@ -148,12 +169,23 @@ class Hand:
     fingers: int = 5  # Beside the palm
     opening: float = 0.12  # Distance of fingertips and palm from the middle of the open hand, m
     reach: float = 0.12  # Longest way of a fingertip, m
+    # How far each fingertip, the palm last, is brought in before it closes, m; not at all if none.
+    advanced: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not 1 <= self.fingers <= MOST_FINGERS:
             raise ValueError(f"fingers must be from 1 to {MOST_FINGERS}, got {self.fingers}")
         positive("opening", self.opening, "m")
         positive("reach", self.reach, "m")
+        if len(self.advanced) not in (0, self.fingers + 1):
+            raise ValueError(
+                f"advanced must have {self.fingers + 1} lengths or none, got {len(self.advanced)}"
+            )
+        for advance in self.advanced:
+            if not 0.0 <= advance < self.reach:
+                raise ValueError(
+                    f"advanced must be below the reach {self.reach} m, got {advance} m"
+                )
 
 
 class FingerPaths(NamedTuple):
@@ -251,12 +283,16 @@ def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> tuple[Floats,
 def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> FingerPaths:
     """Ways of the fingertips of open hands."""
     tips, turns = _in_hand(hand.fingers)
-    starts = places[:, None] + hand.opening * np.einsum("hij,fj->hfi", axes, tips)
+    advanced = np.array(hand.advanced or [0.0] * len(tips))
+    tips = (hand.opening - advanced)[:, None] * tips
+    starts = places[:, None] + np.einsum("hij,fj->hfi", axes, tips)
     along = np.einsum("hij,fj->hfi", axes, turns[:, :, 2])
     down = along[:, :, 2]
     room = starts[:, :, 2] - platform - FINGERTIP * np.sqrt(np.maximum(1.0 - down**2, 0.0))
     reach = np.where(down < -LEVEL, room / np.maximum(-down, LEVEL), math.inf)
-    return FingerPaths(starts, along, np.where(room > 0.0, np.clip(reach, 0.0, hand.reach), 0.0))
+    return FingerPaths(
+        starts, along, np.where(room > 0.0, np.clip(reach, 0.0, hand.reach - advanced), 0.0)
+    )
 
 
 @cache

@@ -37,7 +37,7 @@ ORDER = 3.0  # An interval cut into m parts errs by m to this power less
 # Bound of 95 % over the deviation that a solid of all taxels states itself, and what edges leave
 # that no deviation states, over the extent: from 200 explorations of drawn objects, half of
 # them with noise.
-DEVIATION, LEFT = 0.72, 2.0e-4
+DEVIATION, LEFT = 1.0, 2.0e-4
 # Where noise alone is beyond the tolerance, slices stop when they add less than this of it.
 SETTLED = 0.5
 NEAR = 1e-6  # Values that differ by less of themselves are alike
@@ -96,35 +96,50 @@ class ErrorPrediction(NamedTuple):
     errors: Floats  # Root mean square error of each interval, noise apart; (m - 1,)
     shares: Floats  # Of the side's area; (m - 1,)
     curve: float  # Bound of the error of the whole that comes of too few slices, in 95 of 100 runs
-    noise: float  # That which comes of the slices' own deviations, or that the solid states itself
-    lasting: float  # Of the noise, what no further slice takes away
+    noise: Noise  # Bound of that which comes of noise, and that of the ends
 
     @property
     def rms_bound_95(self) -> float:
         """Of the error of the whole, in 95 of 100 runs."""
-        return math.hypot(self.curve, self.noise)
+        return math.hypot(self.curve, self.noise.all)
 
     def wants_refinement(self, tolerance: float) -> bool:
         """Whether further slices would bring down what too few slices leave, and have to."""
-        if self.noise < tolerance:
+        if self.noise.touched < tolerance:
             return self.rms_bound_95 > tolerance
-        return self.curve > SETTLED * self.noise
+        return math.hypot(self.curve, self.noise.between) > SETTLED * self.noise.touched
 
     def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
         """Whether noise is too large, but so many slices would average it away, and there is room.
 
         Of a solid rebuilt from all that was touched, noise falls with the root of their number.
         """
-        return self.noise > tolerance and self.noise * math.sqrt(slices / room) <= tolerance
+        touched = self.noise.touched
+        return touched > tolerance and touched * math.sqrt(slices / room) <= tolerance
 
     def slices_to(self, target: float, slices: int) -> int | None:
         """Slices beyond those so far that bring the bound to a target; None if none do."""
         variances = SAFETY**2 * self.shares * self.errors**2
+        noise, total = self.noise, max(float(variances.sum()), np.finfo(float).tiny)
         for more, (_, curve) in enumerate(cut_further(variances, ORDER)):
-            fading = (self.noise**2 - self.lasting**2) * slices / (slices + more)
-            if curve + fading + self.lasting**2 <= target**2:
+            between = noise.between**2 * curve / total
+            fading = (noise.touched**2 - noise.lasting**2) * slices / (slices + more)
+            if curve + between + fading + noise.lasting**2 <= target**2:
                 return more
         return None
+
+
+class Noise(NamedTuple):
+    """Bounds of what comes of noise, over the object's height."""
+
+    all: float  # Of the whole surface
+    touched: float  # Of it, what was touched, and the ends
+    lasting: float  # Of that, what no further slice takes away
+
+    @property
+    def between(self) -> float:
+        """What is left to what lies between the touched bands."""
+        return math.sqrt(max(self.all**2 - self.touched**2, 0.0))
 
 
 def predict_error(
@@ -143,19 +158,20 @@ def predict_error(
     shares = areas / areas.sum()
     curve = SAFETY * math.sqrt(float((shares * errors**2).sum()))
     noise = _noise(observation, indicators, shares)
-    return ErrorPrediction(profile.heights, indicators, errors, shares, curve, *noise)
+    return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise)
 
 
-def _noise(
-    observation: Observation, indicators: ErrorIndicators, shares: Floats
-) -> tuple[float, float]:
-    """Bound of what is left of the noise, over the extent; and of what lasts of it."""
-    resolution = observation.resolution / observation.extent
-    if observation.all_taxels and observation.deviation is not None:
-        lasting = math.hypot(resolution, LEFT)
-        return math.hypot(DEVIATION * observation.deviation / observation.extent, lasting), lasting
-    noise = NOISE * math.sqrt(float((shares * indicators.noise**2).sum()))
-    return math.hypot(noise, resolution), math.hypot(noise, resolution)
+def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats) -> Noise:
+    extent = observation.extent
+    resolution = observation.resolution / extent
+    if not observation.all_taxels or observation.deviation is None:
+        noise = NOISE * math.sqrt(float((shares * indicators.noise**2).sum()))
+        return Noise(*[math.hypot(noise, resolution)] * 3)
+    deviations = [one.deviation for one in observation.slices if one.usable]
+    band = math.sqrt(float(np.mean(np.square(deviations))))
+    lasting = math.hypot(DEVIATION * observation.ends_deviation / extent, resolution, LEFT)
+    every = math.hypot(DEVIATION * observation.deviation / extent, resolution, LEFT)
+    return Noise(every, min(math.hypot(DEVIATION * band / extent, lasting), every), lasting)
 
 
 def parts_needed(variances: Floats, target: float, order: float) -> Ints:

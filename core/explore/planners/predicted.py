@@ -231,6 +231,11 @@ def _reason(observation: Observation, estimate: Estimate) -> str:
                 "the error of the side is within tolerance, but where the object ends is uncertain"
             )
         return "the error is within tolerance, but what is left untouched cannot be reached"
-    if estimate.prediction.noise * observation.extent > observation.tolerance:
+    noise = estimate.prediction.noise
+    if noise.lasting * observation.extent > observation.tolerance:
+        return (
+            "the ends are uncertain beyond the tolerance, and no further slice tells more of them"
+        )
+    if noise.touched * observation.extent > observation.tolerance:
         return "the noise of the slices is beyond the tolerance, and no further slice takes it away"
     return "the slices lie as close as they may, and the error is not within tolerance"

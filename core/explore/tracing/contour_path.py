@@ -63,6 +63,7 @@ class SliceSpec(NamedTuple):
 
     pad: Pad  # The array
     height: float  # Height of the slice in the slicing frame, m
+    gap: float = 0.0  # Stretch of the contour that may stay untouched between two touches, m
 
     @property
     def width(self) -> float:
@@ -72,7 +73,7 @@ class SliceSpec(NamedTuple):
     @property
     def joined(self) -> float:
         """Points that lie no farther apart than this follow each other, m."""
-        return max(JOINED * self.width, LEAST_JOINED * self.pad.pitch)
+        return max(JOINED * self.width, LEAST_JOINED * self.pad.pitch) + 1.6 * self.gap
 
 
 class Posture(NamedTuple):

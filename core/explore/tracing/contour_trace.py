@@ -91,6 +91,7 @@ class TraceGoal:
     centre: Floats  # Where the object's axis is expected, (2,), m
     radius: float  # Distance from which the pad approaches, m
     most_touches: int  # Touches after which tracing gives up
+    gap: float = 0.0  # Stretch of the contour that may stay untouched between two touches, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +113,7 @@ def next_command(pad: Pad, trace: Trace) -> tuple[Trace, TouchCommand | TraceSta
 
     Call it once at the start, then with the trace that `after_touch` gives.
     """
-    spec = SliceSpec(pad, trace.slice.height)
+    spec = SliceSpec(pad, trace.slice.height, trace.slice.gap)
     found: TouchCommand | TraceStatus | None = None
     while found is None:
         if trace.path is None or trace.end_heading is None:
@@ -212,6 +213,7 @@ def _plain_step(spec: SliceSpec, end_heading: Heading, posture: Posture) -> Atte
         CONTACT_STEP * contact,
         posture.contact + KEPT_STEP * spec.joined,
     )
+    way += spec.gap
     return Attempt(way / spec.width, end_heading.curvature * way, STEP_STANDOFF)
 
 
