@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from palpate.core.robot_time import SlidingPreset as SlidingPreset
     from palpate.core.robot_time import contact_seconds as contact_seconds
     from palpate.core.robot_time import free_seconds as free_seconds
+    from palpate.core.robot_time import longest_seconds as longest_seconds
+    from palpate.core.robot_time import move_between as move_between
     from palpate.core.robot_time import move_durations as move_durations
 else:
     __getattr__, __dir__ = lazy(__name__)

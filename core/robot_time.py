@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
+from palpate.core.poses import rotation_angle, split_pose
 
 COLUMNS = 5
+DEEPEST = 5e-3  # Beyond its reach no touch goes farther, m
 LIFTED = -1.0  # Length of the way along the surface where there was none
 
 
@@ -40,6 +42,33 @@ class RobotPreset:
         for field in fields(self):
             value, unit = getattr(self, field.name), units.get(field.name, "m/s")
             (not_negative if unit == "s" else positive)(field.name, value, unit)
+
+    @property
+    def array(self) -> Floats:
+        """The figures in their order, (7,), as messages carry them."""
+        return np.array([getattr(self, field.name) for field in fields(self)])
+
+    @classmethod
+    def of_array(cls, values: Floats) -> RobotPreset:
+        """The preset with these figures, (7,)."""
+        return cls(**dict(zip((field.name for field in fields(cls)), values.tolist(), strict=True)))
+
+
+def move_between(before: Floats | None, pose: Floats) -> tuple[float, float]:
+    """Way and turn from one pose (7,) to another, m and rad; none if there was none before."""
+    if before is None:
+        return 0.0, 0.0
+    position, axes = split_pose(pose)
+    place, turned = split_pose(before)
+    return float(np.linalg.norm(position - place)), rotation_angle(turned, axes)
+
+
+def longest_seconds(preset: RobotPreset, travel: float, turn: float, reach: float) -> float:
+    """Robot time of a touch that meets something at the end of its reach, s; lengths in m, rad.
+
+    It presses no deeper than `DEEPEST` beyond.
+    """
+    return free_seconds(preset, travel, turn) + contact_seconds(preset, reach + DEEPEST)
 
 
 def free_seconds(preset: RobotPreset, travel: float, turn: float) -> float:

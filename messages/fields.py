@@ -266,6 +266,9 @@ FingerNumbers = Annotated[NDArray[np.int32], Array("<i4", (None,), "#")]
 # What the time of a move was made of: the wait, the way from the last start pose and the turn, the
 # approach, and the way from the last contact along the surface, -1 where there was none.
 MoveParts = Annotated[Floats, Array("<f8", (5,), "s, m, rad, m, m")]
+# Speeds of a robot: of travel and its acceleration, of turning, towards the surface and away from
+# it; then its rest in contact and the overhead of a command. None where they are not known.
+RobotSpeeds = Annotated[Floats, Array("<f8", (None,), "m/s, m/s2, rad/s, m/s, m/s, s, s")]
 Curvatures = Annotated[Floats, Array("<f8", (None,), "1/m")]
 # Times of flight or forces, as the SensorInfo says.
 SignalImage = Annotated[Floats, Array("<f8", (None, None), "s or N")]

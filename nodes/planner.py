@@ -119,21 +119,22 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: close the hand for the first time."""
-    return _grasp_on(replace(state, world=world))
+    return _grasp_on(params, replace(state, world=world))
 
 
 def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tuple[State, Outputs]:
     """Close the hand again, or ask for the coarse model."""
-    return _grasp_on(planning.with_contacts(state, contacts))
+    return _grasp_on(params, planning.with_contacts(state, contacts))
 
 
-def _grasp_on(state: State) -> tuple[State, Outputs]:
+def _grasp_on(params: Params, state: State) -> tuple[State, Outputs]:
     """The next closing; or, after the last one, the coarse model, or the end."""
-    goal = planning.grasp_goal(state)
+    goal = planning.grasp_goal(params.demand, state)
     if goal is not None:
-        return state, [("/hand/goal", goal)]
+        return replace(state, closing=goal), [("/hand/goal", goal)]
     if not len(state.grasped.points):
-        return done(state, "the hand closed on nothing within reach")
+        within = "reach" if params.most_seconds is None else "reach and robot time"
+        return done(state, f"the hand closed on nothing within {within}")
     state = replace(state, models=state.models + 1)
     return state, [("/model/goal", planning.model_goal(state))]
 
@@ -213,9 +214,15 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
         clocks={**state.clocks, finger: result.robot_time},
         touches=state.touches + result.touches,
         clock=max(state.clock, result.robot_time),
+        cut=state.cut or not result.touches,
     )
+    if not result.touches:
+        return decide(demand, rule, state)
     if isinstance(result, Probe):
         return decide(demand, rule, planning.with_probe(state, task, result))
+    assert state.survey is not None
+    if result.status == "budget":
+        state = replace(state, arcs=(*state.arcs, result.id))
     assert state.survey is not None
     traced = explore.widened(planning.traced_of(result, task.begun), demand.feature)
     survey = state.survey.with_slice(traced)
@@ -243,7 +250,11 @@ def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]
 
 def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[State, Outputs]:
     """Something to do for an idle finger, if there is anything; or a model, to decide by."""
-    touch = planning.next_touch(state, demand.tolerance, last=False)
+    allowed = planning.allowance(demand, state)
+    touch = None
+    if allowed and not state.cut:
+        last = bool(state.usable) and not planning.fits_contour(demand, state)
+        touch = planning.next_touch(state, demand.tolerance, last=last)
     if touch is None:
         if state.is_searching:
             return state, []
@@ -253,17 +264,20 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
             return state, [("/model/goal", planning.model_goal(state))]
         observation = _observation(demand, state)
         choice = check_choice(rule, observation)
-        if isinstance(choice, Height):
-            task = planning.Task(state.goals, state.clock, choice.height)
-            slice_goal = planning.contour_goal(state, finger, choice, demand.feature)
-            return _with_task(state, finger, task), [("/contour/goal", slice_goal)]
+        if isinstance(choice, Height) and allowed:
+            task = planning.Task(state.goals, state.clock, choice.height, allowed)
+            goal = planning.contour_goal(state, finger, choice, demand.feature, allowed)
+            return _with_task(state, finger, task), [("/contour/goal", goal)]
         if isinstance(choice, Stop) and not state.tasks and not observation.budget.spent:
             touch = planning.next_touch(state, demand.tolerance, last=True)
-    if touch is None:
+    if touch is None or allowed is None:
         return state, []
-    task = planning.Task(state.goals, state.clock, touch.height, (touch.end, touch.probing))
-    goal = planning.probe_goal(state, finger, touch.probing)
-    return _with_task(state, finger, task), [("/probe/goal", goal)]
+    allowed = allowed._replace(most_touches=1)
+    task = planning.Task(
+        state.goals, state.clock, touch.height, allowed, (touch.end, touch.probing)
+    )
+    probe = planning.probe_goal(state, finger, touch.probing, allowed)
+    return _with_task(state, finger, task), [("/probe/goal", probe)]
 
 
 def _with_task(state: State, finger: int, task: Task) -> State:
@@ -283,7 +297,7 @@ def _observation(demand: Demand, state: State) -> Observation:
     assert state.survey is not None
     busy = tuple(task.height for task in state.tasks.values())
     return state.survey.observation(
-        demand, touches=state.touches, seconds=state.clock, busy_heights=busy
+        demand, touches=state.touches, seconds=state.clock, busy_heights=busy, cut=state.cut
     )
 
 

@@ -195,7 +195,8 @@ def _is_complete(state: State, goal: ModelGoal | PlanDone) -> bool:
     """Whether all of a set is there."""
     if _is_coarse(goal):
         return all(number in state.contacts for number in range(goal.closings))
-    wanted: list[Contour | Probe | None] = [state.contours.get(id_) for id_ in goal.contours]
+    contours = (*goal.contours, *goal.arcs)
+    wanted: list[Contour | Probe | None] = [state.contours.get(id_) for id_ in contours]
     wanted += [state.probes.get(id_) for id_ in goal.probes]
     return all(
         one is not None and len(state.touches.get(one.id, {})) == one.touches for one in wanted
@@ -304,7 +305,7 @@ def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
 def _rebuild(state: State, goal: ModelGoal | PlanDone) -> rebuild.Solid:
     touched = {
         id_: [state.touches[id_][touch] for touch in sorted(state.touches.get(id_, {}))]
-        for id_ in (*goal.contours, *goal.probes)
+        for id_ in (*goal.contours, *goal.probes, *goal.arcs)
     }
     return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
@@ -317,7 +318,7 @@ def _rebuild(state: State, goal: ModelGoal | PlanDone) -> rebuild.Solid:
 def rebuild_set(
     contours: Sequence[Contour],  # At least one
     probes: Sequence[Probe],  # Single touches beside them
-    # What each touch of a contour or probe measured, by its number
+    # What each touch of these measured, and of unfinished contours, by the goal's number
     touched: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
 ) -> rebuild.Solid:
@@ -326,8 +327,7 @@ def rebuild_set(
     Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
     """
     frame = common_frame(contours)
-    numbers = [one.id for one in contours] + [one.id for one in probes]
-    points = [each for number in numbers for each in touched[number]]
+    points = [each for of_goal in touched.values() for each in of_goal]
     return rebuild.reconstruct(
         [contour.points for contour in contours],
         patches=stack_points(points),

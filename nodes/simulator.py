@@ -13,8 +13,7 @@ from palpate.core import (
     Floats,
     contact_seconds,
     free_seconds,
-    rotation_angle,
-    split_pose,
+    move_between,
 )
 from palpate.core.shapes import Shape
 from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
@@ -114,7 +113,8 @@ def start(params: Params) -> tuple[State, Outputs]:
     state = State(shape, pipeline, pipeline.begin(), platform=platform)
     if params.finger > 1:
         return state, []
-    world = World(platform=platform, reach=params.reach, fingers=params.fingers, seed=params.seed)
+    robot = ROBOT_PRESETS[params.robot].array
+    world = derive(World, params, platform=platform, robot=robot)
     return state, [
         ("/world", world),
         ("/touch/info", info_of(params.sensor, pipeline.noise, sensed_face(pipeline))),
@@ -144,7 +144,7 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
         )
     pipeline, robot = state.pipeline, ROBOT_PRESETS[params.robot]
     begun = max(state.clock, goal.not_before)
-    travel, turn = _between(state.resting, goal.pose)
+    travel, turn = move_between(state.resting, goal.pose)
     starts = begun + free_seconds(robot, travel=travel, turn=turn)
     done = SimulatedTouch(
         shape=state.shape,
@@ -188,7 +188,7 @@ def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Ou
     advanced = max(shape.advanced, default=0.0)
     hand = _hand(params, state, goal.fingers)
     robot, begun = ROBOT_PRESETS[params.robot], max(state.clock, goal.not_before)
-    travel, turn = _between(hand.resting, goal.pose)
+    travel, turn = move_between(hand.resting, goal.pose)
     travel += hand.advanced + advanced  # the fingers open, and come near, as fast as the arm
     closing = Closing(
         hand.closings, begun + free_seconds(robot, travel=travel, turn=turn), state.clock
@@ -228,15 +228,6 @@ def _along(before: LastContact | None, now: LastContact | None) -> float:
     if before is None or now is None or before.goal != now.goal:
         return NO_SURFACE_PATH
     return float(np.linalg.norm(now.place - before.place))
-
-
-def _between(before: Floats | None, pose: Floats) -> tuple[float, float]:
-    """Way and turn from one pose to another, m and rad; none if there was none before."""
-    if before is None:
-        return 0.0, 0.0
-    position, axes = split_pose(pose)
-    place, turned = split_pose(before)
-    return float(np.linalg.norm(position - place)), rotation_angle(turned, axes)
 
 
 NODE = Node(

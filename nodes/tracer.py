@@ -9,7 +9,16 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Floats, compose_poses, inverse_pose, split_pose, transform_points
+from palpate.core import (
+    Floats,
+    RobotPreset,
+    compose_poses,
+    inverse_pose,
+    longest_seconds,
+    move_between,
+    split_pose,
+    transform_points,
+)
 from palpate.core.explore import tracing
 from palpate.core.touch import HITS, Jet, Pad
 from palpate.messages import derive
@@ -55,14 +64,17 @@ class State:
     """What the node remembers between two messages."""
 
     fingers: int = 1  # How many there are
+    robot: RobotPreset | None = None  # How fast it is, if that is known
+    resting: Floats | None = None  # Pose (7,) from which the last touch was begun
     pad: Pad | None = None  # The sensor's array
     job: Job | None = None  # What is under way
     waiting: tuple[ContourGoal | ProbeGoal, ...] = ()  # What comes after it
 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
-    """Remember how many fingers there are: goals come after it."""
-    return replace(state, fingers=world.fingers), []
+    """Remember how many fingers there are, and how fast: goals come after it."""
+    robot = RobotPreset.of_array(world.robot) if len(world.robot) else None
+    return replace(state, fingers=world.fingers, robot=robot), []
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
@@ -105,7 +117,7 @@ def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Ou
     back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
     if patch.outcome == "inside" and job.aim.standoff < back_off:
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
-        return _send(state, replace(job, aim=farther), job.goal, patch.robot_time)
+        return _send(params, state, replace(job, aim=farther), job.goal, patch.robot_time)
     arc = _slice_arc(state.pad, job.goal, patch)
     return _trace(params, state, job, tracing.after_touch(job.trace, arc), patch.robot_time)
 
@@ -123,8 +135,17 @@ def _begin(
             direction=split_pose(goal.pose)[1][:, 1],
             not_before=max(now, goal.not_before),
         )
-        return replace(state, job=Job(goal, touches=1)), [("/finger/goal", touch)]
-    wanted = tracing.TraceGoal(goal.height, goal.centre, goal.radius, params.most_touches, goal.gap)
+        if not _in_time(state, touch, goal):
+            told = {"outcome": "miss", "point": goal.pose[:3], "touches": 0, "robot_time": now}
+            normal = -split_pose(goal.pose)[1][:, 2]
+            probe = derive(Probe, goal, **told, normal=normal)
+            return _finish(params, state, ("/probe/traced", probe), now)
+        state = replace(state, job=Job(goal, touches=1), resting=goal.pose)
+        return state, [("/finger/goal", touch)]
+    most = params.most_touches
+    if goal.most_touches is not None:
+        most = min(most, goal.most_touches)
+    wanted = tracing.TraceGoal(goal.height, goal.centre, goal.radius, most, goal.gap)
     return _trace(params, state, Job(goal), tracing.Trace(wanted), max(now, goal.not_before))
 
 
@@ -135,13 +156,16 @@ def _trace(
     assert isinstance(job.goal, ContourGoal) and state.pad is not None
     trace, found = tracing.next_command(state.pad, trace)
     if isinstance(found, tracing.TouchCommand):
-        return _send(state, replace(job, trace=trace, aim=found), job.goal, now)
+        return _send(params, state, replace(job, trace=trace, aim=found), job.goal, now)
     contour = _contour(job, job.goal, trace, found, now)
     return _finish(params, state, ("/contour/traced", contour), now)
 
 
-def _send(state: State, job: Job, goal: ContourGoal, now: float) -> tuple[State, Outputs]:
-    assert job.aim is not None
+def _send(
+    params: Params, state: State, job: Job, goal: ContourGoal, now: float
+) -> tuple[State, Outputs]:
+    """Ask for a touch, or report the contour as far as it is, if the touch may end too late."""
+    assert job.aim is not None and job.trace is not None
     touch = TouchGoal(
         goal=goal.id,
         touch=job.touches,
@@ -152,7 +176,22 @@ def _send(state: State, job: Job, goal: ContourGoal, now: float) -> tuple[State,
         direction=split_pose(goal.frame)[1][:, 2],
         not_before=now,
     )
-    return replace(state, job=replace(job, touches=job.touches + 1)), [("/finger/goal", touch)]
+    spent = goal.most_touches is not None and job.touches >= goal.most_touches
+    if spent or not _in_time(state, touch, goal):
+        contour = _contour(job, goal, job.trace, "budget", now)
+        return _finish(params, state, ("/contour/traced", contour), now)
+    job = replace(job, touches=job.touches + 1)
+    return replace(state, job=job, resting=touch.pose), [("/finger/goal", touch)]
+
+
+def _in_time(state: State, touch: TouchGoal, goal: ContourGoal | ProbeGoal) -> bool:
+    """Whether a touch has ended by the time that its goal names, even if it meets nothing."""
+    if goal.not_after is None:
+        return True
+    lasts = 0.0
+    if state.robot is not None:
+        lasts = longest_seconds(state.robot, *move_between(state.resting, touch.pose), touch.reach)
+    return touch.not_before + lasts < goal.not_after
 
 
 def _finish(

@@ -371,6 +371,8 @@ def trace_contour(body: str, effects: specs.EffectSpecs) -> TracedContour:
         radius=max(size[:2]) + APPROACH,
         gap=0.0,
         not_before=0.0,
+        most_touches=None,
+        not_after=None,
     )
     contour: Contour = loop.publish("/contour/goal", goal)["/contour/traced"]
     if not len(contour.points):

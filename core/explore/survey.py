@@ -77,18 +77,25 @@ class Survey:
     uncertainty: ModelUncertainty | None = None  # Of the last model
 
     def observation(
-        self, demand: Demand, *, touches: int, seconds: float, busy_heights: tuple[float, ...] = ()
+        self,
+        demand: Demand,
+        *,
+        touches: int,
+        seconds: float,
+        busy_heights: tuple[float, ...] = (),
+        cut: bool = False,
     ) -> Observation:
         """What a rule is told.
 
         `touches`, `seconds`: what is spent; robot time in s. `busy_heights`: heights at which
-        fingers are at work, m.
+        fingers are at work, m. `cut`: whether not even one touch more fits into what is left.
         """
         budget = Budget(
             most_touches=demand.most_touches,
             most_seconds=demand.most_seconds,
             touches=touches,
             seconds=seconds,
+            cut=cut,
         )
         return Observation(
             low=self.low,
@@ -265,6 +272,8 @@ class TracedContour(NamedTuple):
         """How it ended, for a planner."""
         if self.status in ("pole", "no_contact"):
             return SliceOutcome.LOST
+        if self.status == "budget":
+            return SliceOutcome.CUT
         if self.status not in ("closed", "occluded") or self.dropped:
             return SliceOutcome.FAILED
         if len(self.points) < LEAST_POINTS or self.missing > MOST_MISSING * self.perimeter:

@@ -29,7 +29,13 @@ MAX_HELD_BYTES: Mapping[int, int] = {
     Opcode.CHUNK: MAX_CHUNK_BYTES,
     Opcode.METADATA: 8 << 20,
     Opcode.DATA_END: 1 << 10,
+    Opcode.SCHEMA: 1 << 20,
+    Opcode.CHANNEL: 1 << 20,
+    Opcode.MESSAGE_INDEX: 16 << 20,
 }
+# Bytes of records that always have as many.
+FIXED_BYTES: Mapping[int, int] = {Opcode.FOOTER: 20, Opcode.SUMMARY_OFFSET: 17}
+KINDS = frozenset(map(int, Opcode))
 _HEAD = struct.Struct("<BQ")
 _SKIP_BYTES = 1 << 20  # Bytes that are passed over at once
 # To which any chunk may unpack, be it all zeros: it holds 64 kB of messages and one more, which is
@@ -140,7 +146,7 @@ def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
 def _check_head(opcode: int, length: int, place: int, size: int) -> None:
     """Refuse a record that cannot be, before a byte of it is read."""
     most = MAX_HELD_BYTES.get(opcode, MAX_CHUNK_BYTES)
-    if opcode == 0 or length == 0:
+    if opcode not in KINDS or length != FIXED_BYTES.get(opcode, length or -1):
         why = f"no record of kind {opcode} has {length} bytes"
         raise RecordFault(f"is damaged at byte {place}: {why}", place)
     if length > most:
@@ -177,6 +183,17 @@ def _records(
     match opcode:
         case Opcode.CHUNK:
             yield from chunk_records(content, declared)
+        # What says nothing is read all the same: a chunk whose kind was damaged must not go missing
+        # as one of these.
+        case Opcode.SCHEMA:
+            yield declared.schema(memoryview(content))
+        case Opcode.CHANNEL:
+            yield declared.channel(memoryview(content))
+        case Opcode.MESSAGE_INDEX:
+            parts = RecordContent(content)
+            parts.numbers(_U16)
+            if len(parts.block()) != len(content) - _U16.size - _U32.size:
+                raise RecordFault("is damaged: an index of messages has another length")
         case Opcode.METADATA:
             parts = RecordContent(content)
             yield Metadata(name=parts.text(), metadata=parts.table())

@@ -38,6 +38,8 @@ class ModelGoal:
     number: Count  # Counts up by one
     contours: Ids  # Contours in the order in which the planner took them
     probes: Ids  # Probes in the order in which the planner took them
+    # Contours that were not finished: what their touches met counts, their curves do not
+    arcs: Ids = ()
     # Closings of the hand that there were; without contours and probes, the coarse model is fitted
     # to their contacts
     closings: Count
@@ -73,6 +75,7 @@ class PlanDone:
     number: Count  # Number of the final model
     contours: Ids  # Contours of the final model
     probes: Ids  # Probes of the final model
+    arcs: Ids = ()  # Unfinished contours of the final model
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent
     reason: str  # Why it is over
@@ -129,7 +132,7 @@ class ShapeModel:
     frame: Pose  # Slicing frame in the world, along whose z axis heights count
     # Standard deviation of the surface, root mean square over all of it, ends included
     deviation: Metres
-    ends_deviation: Metres  # Of it, the part that the ends make
+    ends_deviation: Metres = 0.0  # Of it, the part that the ends make
     uncertainty_height: Lengths  # Heights at which `uncertainty` is given
     uncertainty: Lengths  # Standard deviation of the surface at each such height
     # Figures of the fit: residuals, condition, share of folds, fallbacks taken

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from palpate.messages.fields import (
     Count,
@@ -40,8 +42,13 @@ class ContourGoal:
     height: Metres  # Height of the slice along the frame's z axis
     centre: PlanarPoint  # Where the object's axis is expected to meet the slice, slicing frame
     radius: Metres  # Approach from this distance to the centre
-    gap: Metres  # Stretch of the contour that may stay untouched between two touches
+    # Stretch of the contour that may stay untouched between two touches
+    gap: Metres = 0.0
     not_before: Seconds  # Robot time of the decision
+    # Touches that it may take; null: as many as it takes
+    most_touches: Count | None = None
+    # Robot time by which the last of them must have ended; null: any
+    not_after: Seconds | None = None
     reason: str = ""  # Why there, in words
 
 
@@ -78,6 +85,8 @@ class ProbeGoal:
     pose: Pose  # Start pose of the pad
     reach: Metres  # Longest way along the pad's z axis
     not_before: Seconds  # Robot time of the decision
+    # Robot time by which it must have ended; null: any
+    not_after: Seconds | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -90,7 +99,7 @@ class Probe:
     point: Vector  # Deepest point touched, world frame; the end of the reach after a miss
     # Outward normal at the middle of the contact, or the pad's own if it could not be touched
     normal: Direction
-    touches: Count  # Touches made
+    touches: Count  # Touches made; 0 if it could not have ended in time
     robot_time: Seconds  # Robot time of the last touch
 
 
@@ -126,7 +135,7 @@ class GraspGoal:
     opening: Metres  # Distance of the fingertips and of the palm from the middle of the open hand
     reach: Metres  # Longest way of a finger
     # How far each finger, the palm last, is brought in before it closes slowly; none: not at all
-    advanced: Lengths
+    advanced: Lengths = field(default_factory=lambda: np.zeros(0))
     not_before: Seconds  # Robot time of the decision
 
 

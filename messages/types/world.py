@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from palpate.messages.fields import (
     Count,
@@ -15,6 +17,7 @@ from palpate.messages.fields import (
     Points,
     Ratio,
     RatioImage,
+    RobotSpeeds,
     Triangles,
 )
 
@@ -28,6 +31,8 @@ class World:
     reach: Metres
     fingers: Count  # Number of fingers
     seed: Count  # The run's seed
+    # How fast the robot is, so that time can be kept within a limit; empty where nobody knows
+    robot: RobotSpeeds = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core import Floats, compose_poses, inverse_pose, split_pose, transform_points
-from palpate.core.explore import Survey, TracedContour
+from palpate.core.explore import Demand, Survey, TracedContour
 from palpate.core.explore.grasp import (
     Hand,
     ObjectFrame,
@@ -44,6 +44,7 @@ from palpate.messages.types import (
     Superquadric,
     World,
 )
+from palpate.nodes.planning.budget import Allowance, fits_closing
 from palpate.nodes.specs import CONTACT_ERROR
 
 
@@ -53,6 +54,7 @@ class Task(NamedTuple):
     goal: int  # Number of the goal
     begun: float  # Robot time of the decision, s
     height: float  # Of the slice, m
+    allowed: Allowance  # What it may take
     # The end that is probed, and how; None for a slice.
     probing: tuple[End, ProbeCommand] | None = None
 
@@ -67,6 +69,8 @@ class HandContacts:
     closings: int = 0  # Times that the hand has closed
     grips: int = 0  # Of these, since it first met something
     fit: FittedSuperquadric | None = None  # The coarse model through all that, once there is one
+    resting: Floats | None = None  # Pose (7,) of the hand at the last closing
+    advanced: float = 0.0  # How far a finger had been brought in for it, the farthest, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,12 +96,17 @@ class State:
     # Numbers of all slices, in the order in which they were taken up.
     contours: tuple[int, ...] = ()
     probes: tuple[int, ...] = ()  # Numbers of the probes that hit
-    modelled: tuple[int, int] = (0, 0)  # Usable contours and probes of the last model
+    arcs: tuple[int, ...] = ()  # Of the contours that a limit has cut short
+    # Whether a goal came back without a touch: what is left of the budget is too little for one.
+    cut: bool = False
+    # Usable contours, probes and arcs of the last model.
+    modelled: tuple[int, int, int] = (0, 0, 0)
     goals: int = 0  # Contours and probes asked for
     models: int = 0  # Models asked for
     asked: bool = False  # Whether a model is being waited for
     touches: int = 0  # Touches spent
     clock: float = 0.0  # Robot time spent, s
+    closing: GraspGoal | None = None  # What the hand was last asked for
 
     @property
     def usable(self) -> tuple[int, ...]:
@@ -107,9 +116,9 @@ class State:
         return tuple(number for number, one in pairs if one._replace(dropped=False).usable)
 
     @property
-    def evidence(self) -> tuple[int, int]:
-        """Usable contours, and probes, that there are."""
-        return len(self.usable), len(self.probes)
+    def evidence(self) -> tuple[int, int, int]:
+        """Usable contours, probes and arcs that there are."""
+        return len(self.usable), len(self.probes), len(self.arcs)
 
     @property
     def is_searching(self) -> bool:
@@ -128,13 +137,16 @@ class State:
 GAP_SHARE, WIDEST_GAP = 0.25, 0.25
 
 
-def contour_goal(state: State, finger: int, chosen: Height, feature: float) -> ContourGoal:
+def contour_goal(
+    state: State, finger: int, chosen: Height, feature: float, allowed: Allowance
+) -> ContourGoal:
     """A slice to trace."""
     assert state.survey is not None and state.frame is not None
     centre, radius = state.survey.approach(chosen.height)
     return derive(
         ContourGoal,
         chosen,
+        allowed,
         id=state.goals,
         finger=finger,
         frame=state.frame.pose,
@@ -145,7 +157,7 @@ def contour_goal(state: State, finger: int, chosen: Height, feature: float) -> C
     )
 
 
-def probe_goal(state: State, finger: int, probing: ProbeCommand) -> ProbeGoal:
+def probe_goal(state: State, finger: int, probing: ProbeCommand, allowed: Allowance) -> ProbeGoal:
     """A single touch."""
     assert state.frame is not None
     return ProbeGoal(
@@ -154,6 +166,7 @@ def probe_goal(state: State, finger: int, probing: ProbeCommand) -> ProbeGoal:
         pose=compose_poses(state.frame.pose, probing.pose),
         reach=probing.reach,
         not_before=state.clock,
+        not_after=allowed.not_after,
     )
 
 
@@ -163,6 +176,7 @@ def model_goal(state: State) -> ModelGoal:
         number=state.models,
         contours=() if state.survey is None else state.usable,
         probes=state.probes,
+        arcs=state.arcs,
         closings=state.grasped.closings,
         touches=state.touches,
         robot_time=state.clock,
@@ -197,8 +211,11 @@ ENDS: tuple[End, ...] = ("upper", "lower")
 END_NEARNESS = 0.07
 
 
-def grasp_goal(state: State) -> GraspGoal | None:
-    """The next closing of the hand; None once it has touched enough, or looked everywhere."""
+def grasp_goal(demand: Demand, state: State) -> GraspGoal | None:
+    """The next closing of the hand; None once it has touched enough, or looked everywhere.
+
+    Nor is there one where the robot time would not last for it.
+    """
     assert state.world is not None
     grasped, world = state.grasped, state.world
     hand = Hand(opening=OPENING_SHARE * world.reach, reach=OPENING_SHARE * world.reach)
@@ -216,18 +233,22 @@ def grasp_goal(state: State) -> GraspGoal | None:
         pose = found
     advanced = np.array(hand.advanced)
     told = {"number": grasped.closings, "pose": pose, "advanced": advanced}
-    return derive(GraspGoal, hand, **told, not_before=state.clock)
+    goal = derive(GraspGoal, hand, **told, not_before=state.clock)
+    return goal if fits_closing(demand, state, goal) else None
 
 
 def with_contacts(state: State, contacts: GraspContacts) -> State:
     """The state, knowing what the hand met."""
-    before = state.grasped
+    before, goal = state.grasped, state.closing
+    assert goal is not None
     points = np.concatenate([before.points, contacts.points])
     grasped = HandContacts(
         points=points,
         normals=np.concatenate([before.normals, contacts.normals]),
         closings=before.closings + 1,
         grips=before.grips + bool(len(points)),
+        resting=goal.pose,
+        advanced=float(goal.advanced.max(initial=0.0)),
     )
     return replace(state, grasped=grasped, clock=contacts.robot_time)
 

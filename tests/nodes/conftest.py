@@ -143,6 +143,13 @@ class Cylinder:
         self.clocks[goal.finger] = begun + seconds
         return self.clocks[goal.finger]
 
+    def left(self, goal: ContourGoal | ProbeGoal) -> int:
+        """Touches that still end within the goal's limits, each after about a second."""
+        now = max(goal.not_before, self.clocks.get(goal.finger, 0.0))
+        left = TOUCHES if goal.not_after is None else int((goal.not_after - now) / 1.2)
+        most = goal.most_touches if isinstance(goal, ContourGoal) else None
+        return max(left if most is None else min(left, most), 0)
+
     def contacts_of(self, goal: GraspGoal) -> GraspContacts:
         turn = 2.0 * np.pi * (np.arange(self.contacts) + 0.1 * goal.number) / max(self.contacts, 1)
         rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(self.contacts)])
@@ -166,12 +173,15 @@ class Cylinder:
             outcome="hit" if hit else "miss",
             point=np.array([*at, TOP]),
             normal=np.array([0.0, 0.0, 1.0]),
-            touches=1,
-            robot_time=self.spend(goal, 2.0),
+            touches=min(self.left(goal), 1),
+            robot_time=self.spend(goal, 2.0 * min(self.left(goal), 1)),
         )
 
     def contour_of(self, goal: ContourGoal) -> Contour:
         status: Any = self.status(goal)
+        left = self.left(goal)
+        if left < TOUCHES:
+            status = "budget"
         count = 90 if status in ("closed", "occluded") else 0
         turn = 2.0 * np.pi * np.arange(count) / 90
         rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
@@ -187,8 +197,8 @@ class Cylinder:
             contact_low=np.full(count, goal.height - 4e-3),
             contact_high=np.full(count, goal.height + 4e-3),
             status=status,
-            touches=TOUCHES,
-            robot_time=self.spend(goal, 20.0 + goal.finger),
+            touches=min(left, TOUCHES),
+            robot_time=self.spend(goal, min(left / TOUCHES, 1.0) * (20.0 + goal.finger)),
         )
 
     def model_of(self, goal: ModelGoal) -> tuple[str, Any]:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -9,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import FEATURE_SHARE
 from palpate.core.poses import inverse_pose, split_pose, transform_points
 from palpate.messages.codec import encode
@@ -185,7 +187,30 @@ def test_a_budget_ends_it_and_is_kept(explored: Explored, world: World, budget: 
     assert done.reason.startswith("the budget is spent")
     assert words in done.reason
     assert done.tolerance_met is False
-    assert done.touches <= budget.get("most_touches", 10_000)
+    spent, most = (
+        (done.touches, budget["most_touches"])
+        if "most_touches" in budget
+        else (done.robot_time, budget["most_seconds"])
+    )
+    assert 0.9 * most <= spent <= most
+    assert done.arcs
+    assert not set(done.arcs) & set(done.contours)
+
+
+def test_several_fingers_share_what_touches_are_left(explored: Explored, several: World):
+    published = explored(Params(most_touches=110), several)
+    [done] = of(published, "/plan/done")
+    assert 0.9 * 110 <= done.touches <= 110
+    assert done.reason == "the budget is spent: 110 of 110 touches"
+
+
+def test_the_hand_leaves_robot_time_for_contours(explored: Explored, world: World):
+    all_the_time = len(of(explored(UNIFORM, world), "/hand/goal"))
+    fast = replace(world, robot=ROBOT_PRESETS["modern"].array)
+    hurried = of(explored(Params(most_seconds=90.0), fast), "/hand/goal")
+    assert 2 <= len(hurried) < all_the_time
+    [done] = of(explored(Params(most_seconds=5.0), fast), "/plan/done")
+    assert done.reason == "the hand closed on nothing within reach and robot time"
 
 
 def test_fingers_work_side_by_side_apart_from_each_other(explored: Explored, several: World):

@@ -43,8 +43,9 @@ EXACT = 1e-9  # A given axis that leans less is the vertical, rad
 # this, is the vertical: objects stand on platforms.
 LEAST_SNAP, MOST_SNAP = math.radians(1.0), math.radians(3.0)
 # So is a principal axis that leans less: features that no contact has met turn the axes of vases
-# and twisted columns by as much, and slices that lean less are as good.
-PRINCIPAL_SNAP = math.radians(15.0)
+# and twisted columns by as much, and slices that lean less are as good. Fewer contacts turn
+# them farther.
+PRINCIPAL_SNAP, FEW_SNAP, FEW_CONTACTS = math.radians(15.0), math.radians(45.0), 60
 FEWEST = 11  # Contacts below which there is no axis
 TIE = 1e-9  # Parts of an axis that are smaller have no sign
 FACING = 0.9  # Cosine to the axis from which on a contact's normal says where the end is
@@ -234,7 +235,7 @@ def _framed(
 ) -> ObjectFrame:
     axis = _upwards(line.axis)
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
-    upright = lean <= _snap(line)
+    upright = lean <= _snap(line, len(contacts.points))
     pose = pose_of(line.point, np.eye(3) if upright else _turn_to(axis))
     low, high, radius, error = extent_along(pose, solid, found, contacts, platform)
     # An upright frame has the world's heights.
@@ -260,13 +261,13 @@ def _upwards(axis: Floats) -> Floats:
     return axis
 
 
-def _snap(line: _Line) -> float:
-    """By how much an axis may lean and be the vertical, rad."""
+def _snap(line: _Line, contacts: int) -> float:
+    """By how much an axis that so many contacts tell may lean and be the vertical, rad."""
     if line.kind == "given":
         return EXACT
     if line.kind == "revolution":
         return min(max(2.0 * line.error, LEAST_SNAP), MOST_SNAP)
-    return PRINCIPAL_SNAP
+    return PRINCIPAL_SNAP if contacts >= FEW_CONTACTS else FEW_SNAP
 
 
 def _turn_to(axis: Floats) -> Floats:

@@ -54,7 +54,7 @@ class Cost(NamedTuple):
 class Estimate(NamedTuple):
     """What can be said of the solid that is rebuilt from the slices so far."""
 
-    # Its root mean square error is below this in 95 of 100 runs, m; None with fewer than 2 slices.
+    # Its root mean square error is below this in 95 of 100 runs, m; None where there is no solid.
     rms_bound_95: float | None
     # Largest height that nothing has touched, or in which an end may lie, m.
     largest_untouched: float
@@ -70,7 +70,10 @@ def estimate_error(observation: Observation) -> Estimate:
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
     untouched = max([span.length for span in spans] + [loose])
     if len(profile.heights) < 2:
-        return Estimate(None, untouched, None, False, None)
+        bound = None
+        if len(profile.heights) and observation.deviation is not None:
+            bound = DEVIATION * observation.deviation
+        return Estimate(bound, untouched, None, False, None)
     prediction = predict_error(observation, profile, spans)
     bound = prediction.rms_bound_95 * observation.extent
     met = bound <= observation.tolerance and untouched <= observation.feature

@@ -232,7 +232,7 @@ def _reason(observation: Observation, estimate: Estimate) -> str:
             )
         return "the error is within tolerance, but what is left untouched cannot be reached"
     noise = estimate.prediction.noise
-    if noise.lasting * observation.extent > observation.tolerance:
+    if observation.ends_deviation > observation.tolerance:
         return (
             "the ends are uncertain beyond the tolerance, and no further slice tells more of them"
         )

@@ -35,6 +35,7 @@ class SliceOutcome(StrEnum):
     # With gaps that the pad cannot reach; what was touched is given, gaps are interpolated.
     OCCLUDED = "occluded"
     FAILED = "failed"  # Touched, but of no use
+    CUT = "cut"  # Left unfinished, as a limit was reached
     LOST = "lost"  # Nothing was there to touch: the height lies beyond the object's end
 
 
@@ -99,6 +100,7 @@ class Budget:
     most_seconds: float = math.inf  # Robot time that may pass, s
     touches: int = 0  # Touches made
     seconds: float = 0.0  # Robot time that has passed, s
+    cut: bool = False  # Whether not even one touch more fits into what is left
 
     def __post_init__(self) -> None:
         for name, unit in (("most_touches", "touches"), ("most_seconds", "s")):
@@ -111,7 +113,8 @@ class Budget:
     @property
     def spent(self) -> bool:
         """Whether nothing is left of it."""
-        return self.touches >= self.most_touches or self.seconds >= self.most_seconds
+        over = self.touches >= self.most_touches or self.seconds >= self.most_seconds
+        return over or self.cut
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -208,20 +211,22 @@ def first_and_last(observation: Observation) -> tuple[float, float]:
 
 
 def exhausted_budget(observation: Observation) -> str | None:
-    """Which budget one slice more would overrun, in words; None if there is enough.
+    """Which budget is spent, in words; None if something is left of it.
 
-    A slice is expected to take as much as those before it did on average.
+    What is left may be less than a whole slice takes: then the slice is traced as far as it lasts.
     """
-    budget, traced = observation.budget, max(len(observation.slices), 1)
-    touches = sum(one.touches for one in observation.slices) / traced
-    seconds = sum(one.seconds for one in observation.slices) / traced
-    for what, used, most, more in (
-        ("touches", budget.touches, budget.most_touches, touches),
-        ("s of robot time", budget.seconds, budget.most_seconds, seconds),
-    ):
-        if used >= most or used + more > most:
-            return f"the budget is spent: {used:g} of {most:g} {what}, a slice takes {more:.3g}"
-    return None
+    budget = observation.budget
+    if not budget.spent:
+        return None
+    parts = [
+        f"{used:.4g} of {most:g} {what}"
+        for what, used, most in (
+            ("touches", budget.touches, budget.most_touches),
+            ("s of robot time", budget.seconds, budget.most_seconds),
+        )
+        if most < math.inf
+    ]
+    return f"the budget is spent: {' and '.join(parts)}"
 
 
 def was_asked(observation: Observation, height: float) -> bool:

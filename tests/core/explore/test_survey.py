@@ -131,7 +131,7 @@ def test_a_band_reaches_half_a_feature_aside_and_no_farther():
         ({"status": "occluded", "missing": 0.01}, SliceOutcome.OCCLUDED),
         ({"status": "occluded", "missing": 0.06}, SliceOutcome.FAILED),
         ({"status": "stuck"}, SliceOutcome.FAILED),
-        ({"status": "budget"}, SliceOutcome.FAILED),
+        ({"status": "budget"}, SliceOutcome.CUT),
         ({"status": "pole"}, SliceOutcome.LOST),
         ({"status": "no_contact", "points": np.zeros((0, 3))}, SliceOutcome.LOST),
         ({"status": "occluded", "points": np.zeros((0, 3))}, SliceOutcome.FAILED),

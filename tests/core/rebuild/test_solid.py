@@ -71,8 +71,8 @@ TURN = 2 * np.pi * np.arange(80) / 80
 
 def deviation_of(solid: Solid) -> float:
     found = solid.whole_deviation()
-    assert found is not None and np.isfinite(found) and found > 0.0
-    return found
+    assert found is not None and np.isfinite(found.whole) and 0.0 < found.ends <= found.whole
+    return found.whole
 
 
 def cylinder(heights: Floats, scale: float = 1.0) -> list[Floats]:

@@ -109,13 +109,11 @@ def test_the_stop_says_what_is_untouched_and_how_far_to_trust_it(sides, explored
 @pytest.mark.parametrize(
     ("budget", "words"),
     [
-        (Budget(most_touches=80, touches=60), "60 of 80 touches"),
-        (Budget(most_seconds=100.0, seconds=90.0), "90 of 100 s of robot time"),
+        (Budget(most_touches=60, touches=60), "60 of 60 touches"),
+        (Budget(most_seconds=100.0, seconds=90.0, cut=True), "90 of 100 s of robot time"),
     ],
 )
-def test_a_slice_that_would_overrun_the_budget_is_not_begun(
-    budget, words, sides, slice_of, observation
-):
+def test_nothing_is_begun_once_the_budget_is_spent(budget, words, sides, slice_of, observation):
     cover = [slice_of(sides["bottle"], share, touches=25, seconds=30.0) for share in COVER[:2]]
     stop = Predicted().next(observation(cover, budget=budget))
     assert isinstance(stop, Stop)
@@ -291,14 +289,13 @@ def test_noise_is_counted_once_and_cutting_ends_where_only_noise_is_left(slice_o
         [slice_of(wavy, share, deviation=9e-5) for share in np.linspace(0.03, 0.97, 12)]
     )
     told = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
-    assert told.noise == pytest.approx(math.hypot(NOISE * 1e-3, 1e-5 / 0.09), rel=1e-6)
-    assert told.rms_bound_95 == math.hypot(told.noise, told.curve)
-    assert told.wants_refinement(told.rms_bound_95 * 0.99) == (
-        told.noise < told.rms_bound_95 * 0.99
-    )
+    noise = told.noise.all
+    assert noise == pytest.approx(math.hypot(NOISE * 1e-3, 1e-5 / 0.09), rel=1e-6)
+    assert told.rms_bound_95 == math.hypot(noise, told.curve)
+    assert told.wants_refinement(told.rms_bound_95 * 0.99) == (noise < told.rms_bound_95 * 0.99)
     assert not told.wants_refinement(told.rms_bound_95 * 1.01)
-    assert not told.wants_refinement(told.noise * 0.5)
-    assert told._replace(curve=told.noise).wants_refinement(told.noise * 0.5)
+    assert not told.wants_refinement(noise * 0.5)
+    assert told._replace(curve=noise).wants_refinement(noise * 0.5)
 
 
 def test_of_what_was_touched_only_the_untouched_share_of_an_interval_errs(slice_of, observation):
@@ -315,13 +312,50 @@ def test_a_solid_of_all_that_was_touched_states_its_own_deviation(slice_of, obse
     stated = observation(slices, all_taxels=True, deviation=5e-5)
     told = predict_error(stated, profile_of(stated), untouched_spans(stated))
     expected = math.hypot(DEVIATION * 5e-5 / 0.09, 1e-5 / 0.09, LEFT)
-    assert told.noise == pytest.approx(expected, rel=1e-9)
+    assert told.noise.all == pytest.approx(expected, rel=1e-9)
+
+
+def test_noise_is_that_of_touched_bands_of_what_lies_between_and_of_the_ends(slice_of, observation):
+    slices = [slice_of(wavy, share, deviation=3e-5) for share in np.linspace(0.03, 0.97, 4)]
+    stated = observation(slices, all_taxels=True, deviation=9e-5, ends_deviation=2e-5)
+    told = predict_error(stated, profile_of(stated), untouched_spans(stated)).noise
+    lasting = math.hypot(DEVIATION * 2e-5 / 0.09, 1e-5 / 0.09, LEFT)
+    assert told.lasting == pytest.approx(lasting, rel=1e-9)
+    assert told.touched == pytest.approx(math.hypot(DEVIATION * 3e-5 / 0.09, lasting), rel=1e-9)
+    assert told.between == pytest.approx(math.sqrt(told.all**2 - told.touched**2), rel=1e-9)
+
+
+def test_what_lies_between_touched_bands_is_refined_though_it_counts_as_noise(
+    slice_of, observation
+):
+    slices = [slice_of(wavy, share, deviation=2e-5) for share in np.linspace(0.03, 0.97, 4)]
+    stated = observation(slices, all_taxels=True, deviation=9e-4, tolerance=2e-4)
+    assert isinstance(Predicted().next(stated), Height)
+
+
+def test_one_slice_is_told_of_by_the_deviation_of_its_solid(slice_of, observation):
+    one = observation([slice_of(wavy, 0.5)], all_taxels=True, deviation=2e-3)
+    assert estimate_error(one).rms_bound_95 == DEVIATION * 2e-3
+    assert estimate_error(observation([slice_of(wavy, 0.5)])).rms_bound_95 is None
+
+
+def test_halving_takes_the_slices_that_are_predicted_to(slice_of, observation):
+    shares = np.linspace(0.03, 0.97, 5)
+    slices = [slice_of(wavy, share, touches=20, seconds=30.0) for share in shares]
+    told = estimate_error(observation(slices))
+    assert told.prediction is not None and told.halving is not None
+    count = told.prediction.slices_to(0.5 * told.prediction.rms_bound_95, 5)
+    assert count is not None and 1 <= count <= 6
+    assert told.halving == (20.0 * count, 30.0 * count)
+    noisy = [slice_of(wavy, share, deviation=1e-3, touches=20) for share in shares]
+    assert estimate_error(observation(noisy)).halving is None
 
 
 def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(slice_of, observation):
-    slices = [slice_of(wavy, share) for share in np.linspace(0.03, 0.97, 6)]
+    slices = [slice_of(wavy, share, deviation=4e-4) for share in np.linspace(0.03, 0.97, 6)]
     noisy = observation(slices, all_taxels=True, deviation=4e-4)
     told = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
-    assert not told.wants_averaging(0.99 * told.noise / 2.0, 6, 24)
-    assert told.wants_averaging(1.01 * told.noise / 2.0, 6, 24)
-    assert not told.wants_averaging(1.01 * told.noise, 6, 24)
+    touched = told.noise.touched
+    assert not told.wants_averaging(0.99 * touched / 2.0, 6, 24)
+    assert told.wants_averaging(1.01 * touched / 2.0, 6, 24)
+    assert not told.wants_averaging(1.01 * touched, 6, 24)

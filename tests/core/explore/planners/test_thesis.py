@@ -179,10 +179,10 @@ def test_without_a_first_slice_or_budget_there_is_no_search(slice_of, failed, ob
     stop = Thesis().next(observation([failed(0.045)]))
     assert isinstance(stop, Stop)
     assert "half height" in stop.reason
-    budget = Budget(most_touches=40, touches=24)
-    stop = Thesis().next(observation([slice_of(lambda z: 0.3, 0.5, touches=24)], budget=budget))
+    budget = Budget(most_touches=40, touches=40)
+    stop = Thesis().next(observation([slice_of(lambda z: 0.3, 0.5, touches=40)], budget=budget))
     assert isinstance(stop, Stop)
-    assert "24 of 40 touches" in stop.reason
+    assert "40 of 40 touches" in stop.reason
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,9 +53,11 @@ def test_heights_near_other_fingers_wait(observation):
 
 def test_a_spent_budget_ends_the_plan(slice_of, observation):
     one = slice_of(lambda z: 0.3, 0.5, seconds=16.0)
-    stop = Uniform().next(observation([one], budget=Budget(most_seconds=40.0, seconds=28.0)))
+    left = Budget(most_seconds=40.0, seconds=38.0)  # less than a slice: traced as far as it lasts
+    assert isinstance(Uniform().next(observation([one], budget=left)), Height)
+    stop = Uniform().next(observation([one], budget=replace(left, cut=True)))
     assert isinstance(stop, Stop)
-    assert stop.reason == "the budget is spent: 28 of 40 s of robot time, a slice takes 16"
+    assert stop.reason == "the budget is spent: 38 of 40 s of robot time"
     begun = Budget(most_touches=40, touches=30)  # from above, before the first slice
     assert isinstance(Uniform().next(observation(budget=begun)), Height)
     ended = Budget(most_touches=40, touches=40)
