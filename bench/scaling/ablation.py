@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from importlib import import_module
 from itertools import product
 from typing import Any, NamedTuple
@@ -21,8 +22,8 @@ import numpy as np
 
 from palpate.bench.explore import NOISES, NOISY, Demand, Noise, explore_object, within_percent
 from palpate.bench.objects import EXPLORED_OBJECTS, REBUILT_SHAPES, SHAPE_HEIGHT
-from palpate.bench.rebuild import CONTOUR_NOISE, noisy_contours, truth_of
-from palpate.bench.scaling.growth import students_reach
+from palpate.bench.rebuild import noisy_contours, truth_of
+from palpate.bench.scaling.growth import SHAPES, students_reach
 from palpate.bench.table import Figure, Row, at_most, figure_of
 from palpate.core import Bools, Floats
 from palpate.core.rebuild import reconstruct
@@ -31,44 +32,35 @@ from palpate.core.touch import Pad, Patch, fit_jet
 from palpate.tools import single_threaded
 
 OBJECTS, QUICK_OBJECTS = ("vase", "box", "tapered and bent"), ("vase",)
-SHAPES = ("vase", "lobed zig-zag", "rounded box", "groove")
 SEEDS, SHAPE_SEEDS = 2, 4
+TOLERANCE, QUICK_TOLERANCE = 0.2, 0.5  # % of the height; what may stay untouched follows it
+SALT, PEPPER, FAR_OFF, ROUGH, DISPLACED = (
+    *("2 % of taxels salt and pepper", "5 % of taxels salt and pepper", "poses off by 0.3 mm"),
+    *("contours alone, noise of 0.5 mm", "contours alone, one displaced by 5 mm"),
+)
+EXPLORED_CASES: Mapping[str, Noise] = {
+    "": NOISY,
+    SALT: (*NOISY, {"salt_and_pepper": {"rate": 0.02}}),
+    PEPPER: (*NOISY, {"salt_and_pepper": {"rate": 0.05}}),
+    FAR_OFF: ({"pose_error": {"sigma": 3e-4}}, NOISY[1]),
+}
+# Noise of the points, and by how much one contour is displaced, mm.
+REBUILT_CASES: Mapping[str, tuple[float, float]] = {ROUGH: (0.5, 0.0), DISPLACED: (0.2, 5.0)}
+SIZE, WHICH = (12, 48), 5  # Contours, and points of each, and which is displaced
 SMOOTH, SHARP = ("sphere", "egg", "vase", "twist"), ("box", "step", "star")
 COUNTS = (5, 9)  # Even contours with taxels and without
 # Most error that all taxels may leave of the contours' own; the latter of sharp objects with noise.
 MOST_SMOOTH, MOST_SHARP = 0.5, 0.8
-TOLERANCE, QUICK_TOLERANCE = 0.2, 0.5  # % of the height; what may stay untouched follows it
-# The same noise of the arm thrice as large, and the default one with impulses.
-FAR_OFF: Noise = ({"pose_error": {"sigma": 3e-4}}, NOISY[1])
-SALTED, PEPPERED = ((*NOISY, {"salt_and_pepper": {"rate": rate}}) for rate in (0.02, 0.05))
-SIZE = (12, 48)  # Contours, and points of each, that are rebuilt alone
-DISPLACED, WHICH = 5.0, 5  # How far which of them is displaced, mm
-ROUGH = 0.5  # Noise of a point where there is much, mm
-LINE = "{:<46}{:>22}{:>9}{:>8}{:>7}{:>6}"
+LINE = "{:<42}{:>24}{:>9}{:>8}{:>7}{:>6}"
 Replacement = Callable[[Any], Any]  # What stands in a part's place, given what stood there
-
-
-class Outcome(NamedTuple):
-    """What an exploration came to, or a rebuild without one."""
-
-    error: float  # % of the height: root mean square, of a rebuild Chamfer
-    touches: float = 1.0
-    robot_time: float = 1.0  # s
-    compute: float = 1.0  # Of the processor, s
-    contours: int = 0
-    floor: float = 0.0  # Sampling floor of the error
 
 
 class Part(NamedTuple):
     """Something that could be left out."""
 
     name: str
-    # What stands in its place, by ``module:name``
-    off: Mapping[str, Replacement]
-    case: str = ""  # What it is there for, in words
-    noise: Noise = NOISY  # In that case, if objects are explored
-    displaced: float | None = None  # If contours are rebuilt: how far one is displaced, mm,
-    rough: float = CONTOUR_NOISE  # and the noise of their points, mm
+    off: Mapping[str, Replacement]  # What stands in its place, by ``module:name``
+    case: str = ""  # What it is there for, of the `EXPLORED_CASES` or `REBUILT_CASES`
     uniform: bool = False  # Whether as many even slices stand in the planner's place
 
 
@@ -84,6 +76,10 @@ def _always(value: Any) -> Replacement:
     return lambda call: lambda *args, **more: value
 
 
+def _plain(call: object) -> Callable[..., object]:
+    return lambda pad, height, touched, *more: fit_jet(pad, height, touched)
+
+
 def _unmasked(fit: Callable[..., Patch]) -> Callable[..., Patch]:
     """Where nothing was touched the pad's own face counts as touched, once anything was."""
 
@@ -94,58 +90,37 @@ def _unmasked(fit: Callable[..., Patch]) -> Callable[..., Patch]:
     return fitted
 
 
-_SIDE, _CLOSED = "palpate.core.rebuild.side", "palpate.core.rebuild.closed_sides"
-_CLEAN, _STACK = "palpate.nodes.filter:clean", "palpate.nodes.reconstructor:stack_points"
-_PLAIN: Replacement = lambda _: lambda pad, height, touched, *more: fit_jet(pad, height, touched)  # noqa: E731
+_TOUCH, _REBUILD, _NODES = "palpate.core.touch", "palpate.core.rebuild", "palpate.nodes"
+_CLEAN, _STACK = f"{_NODES}.filter:clean", f"{_NODES}.reconstructor:stack_points"
+TAXELS = Part("all taxels, not contour points", {_STACK: _always(None)})
+_robust = {f"{_TOUCH}.{room}:fit_robust_jet": _plain for room in ("filters", "edges")}
+_whole_pad = _then(lambda one: one._replace(touched=one.touched | one.touched.any()))
+_none_bad = _then(lambda one: one._replace(bad=one.bad & False, off=0.0 * one.off))
 PARTS = (
-    Part("filter", {_CLEAN: _with(order="none")}, "2 % of taxels salt and pepper", SALTED),
-    Part(
-        "robust fit",
-        {f"palpate.core.touch.{room}:fit_robust_jet": _PLAIN for room in ("filters", "edges")},
-        "5 % of taxels salt and pepper",
-        PEPPERED,
-    ),
-    Part(
-        "mask",
-        {_CLEAN: _then(lambda one: one._replace(touched=one.touched | one.touched.any()))},
-    ),
-    Part("mask, in the fit alone", {"palpate.core.touch:fit_patch": lambda fit: _unmasked(fit)}),
+    Part("filter", {_CLEAN: _with(order="none")}, SALT),
+    Part("robust fit", _robust, PEPPER),
+    Part("mask", {_CLEAN: _whole_pad}),
+    Part("mask, in the fit alone", {f"{_TOUCH}:fit_patch": _unmasked}),
     Part("slopes", {_STACK: _then(lambda points: points._replace(normals=None))}),
-    Part("all taxels, not contour points", {_STACK: _always(None)}),
+    TAXELS,
     Part(
         "cross-validation",
         {
-            f"{_SIDE}.fitting:smooth": _with(noise=0.0),
-            f"{_SIDE}.radial:stiffened": lambda _: lambda contacts, spline: spline,
+            f"{_REBUILD}.side.fitting:smooth": _with(noise=0.0),
+            f"{_REBUILD}.side.radial:stiffened": lambda _: lambda contacts, spline: spline,
         },
-        "contours alone, noise of 0.5 mm",
-        displaced=0.0,
-        rough=ROUGH,
+        ROUGH,
     ),
-    Part(
-        "bad-contour test",
-        {
-            "palpate.core.rebuild.evidence:inconsistent_contours": _then(
-                lambda one: one._replace(bad=one.bad & False, off=0.0 * one.off)
-            )
-        },
-        "contours alone, one displaced by 5 mm",
-        displaced=DISPLACED,
-    ),
+    Part("bad-contour test", {f"{_REBUILD}.evidence:inconsistent_contours": _none_bad}, DISPLACED),
     Part(
         "ends",
         {
-            "palpate.nodes.planning.phases:next_probe": _always(None),
-            "palpate.nodes.reconstructor:touched_ends": _always(None),
-            f"{_CLOSED}:touched_end": _always(None),
+            f"{_NODES}.planning.phases:next_probe": _always(None),
+            f"{_NODES}.reconstructor:touched_ends": _always(None),
+            f"{_REBUILD}.closed_sides:touched_end": _always(None),
         },
     ),
-    Part(
-        "pose offsets",
-        {f"{_SIDE}.radial:FEWEST_TOUCHES": lambda _: 10**9},
-        "poses off by 0.3 mm",
-        FAR_OFF,
-    ),
+    Part("pose offsets", {f"{_REBUILD}.side.radial:FEWEST_TOUCHES": lambda _: 10**9}, FAR_OFF),
     Part("predicted planner, not even slices", {}, uniform=True),
 )
 
@@ -159,6 +134,20 @@ def without(part: Part) -> Iterator[None]:
             there = import_module(module)
             stack.enter_context(mock.patch.object(there, name, replacement(getattr(there, name))))
         yield
+
+
+class Outcome(NamedTuple):
+    """What an exploration came to, or a rebuild without one."""
+
+    error: float  # % of the height: root mean square, of a rebuild Chamfer
+    touches: float = 1.0
+    robot_time: float = 1.0  # s
+    compute: float = 1.0  # Of the processor, s
+    contours: int = 0
+    floor: float = 0.0  # Sampling floor of the error
+
+
+Pairs = list[tuple[Outcome, Outcome | None]]  # With a part and without it; None where that failed
 
 
 class Worth(NamedTuple):
@@ -176,23 +165,16 @@ class Worth(NamedTuple):
     @property
     def figures(self) -> Sequence[Figure]:
         """The ratios."""
-        ends = self.error[1:]
-        return (
-            figure_of(self.error[0], "x", repeats=ends if self.runs > 1 else (), name="error"),
-            figure_of(self.touches, "x", name="touches"),
-            figure_of(self.robot_time, "x", name="robot time"),
-            figure_of(self.compute, "x", kind="time", name="processor"),
-        )
+        ends = self.error[1:] if self.runs > 1 else ()
+        costs = zip(("touches", "robot time", "processor"), self[2:5], strict=True)
+        error = figure_of(self.error[0], "x", repeats=ends, name="error")
+        return error, *(figure_of(one, "x", kind="time", name=name) for name, one in costs)
 
     def __str__(self) -> str:
         mean, low, high = self.error
-        interval = f" ({low:.2f} to {high:.2f})" if low > 0.0 else ""
-        error = f"{mean:.2f}{interval}".replace("nan", "-")
-        costs = (
-            f"{one:.2f}".replace("nan", "-")
-            for one in (self.touches, self.robot_time, self.compute)
-        )
-        line = LINE.format(self.name, error, *costs, self.runs)
+        error = f"{mean:.2f}" + (f" ({low:.2f} to {high:.2f})" if low > 0.0 else "")
+        cells = (error, *(f"{one:.2f}" for one in self[2:5]))
+        line = LINE.format(self.name, *(one.replace("nan", "-") for one in cells), self.runs)
         return f"{line}  {self.failed} FAILED" if self.failed else line
 
 
@@ -201,37 +183,20 @@ def part_rows(quick: bool) -> Iterator[Worth | str]:
     yield LINE.format("without the part, over with it", "error", "touches", "robot", "CPU", "runs")
     with single_threaded():
         for part in PARTS:
-            yield worth_of(part.name, _pairs(part, NOISY, quick))
-            if part.displaced is not None:
+            yield worth_of(part.name, _explored_pairs(part, "", quick))
+            if part.case in REBUILT_CASES:
                 yield worth_of(f"  {part.case}", _rebuilt_pairs(part, quick))
             elif part.case and not quick:
-                yield worth_of(f"  {part.case}", _pairs(part, part.noise, quick))
+                yield worth_of(f"  {part.case}", _explored_pairs(part, part.case, quick))
 
 
-def taxel_rows(quick: bool) -> Iterator[Row]:
-    """Errors of solids from all taxels over those of their contours alone, object by object."""
-    part = next(one for one in PARTS if one.name.startswith("all taxels"))
-    with single_threaded():
-        for name, count in product(("sphere", "box") if quick else (*SMOOTH, *SHARP), COUNTS):
-            for noise, effects in NOISES.items():
-                even = Demand("uniform", settings={"count": count})
-                whole = explored(name, effects, even, 0)
-                with without(part):
-                    ratio = whole.error / explored(name, effects, even, 0).error
-                most = MOST_SHARP if name in SHARP and noise != "exact" else MOST_SMOOTH
-                title = f"{name}, {count} contours, {noise}: all taxels over contours"
-                row = at_most(title, ratio, most, ".2f", " x")
-                # What two tessellations of the truth differ by cannot be halved.
-                yield row._replace(holds=row.holds or whole.error <= 2.0 * whole.floor)
-
-
-def worth_of(name: str, pairs: Sequence[tuple[Outcome, Outcome | None]]) -> Worth:
-    """Ratios over pairs of an outcome with the part and one without, None where that failed."""
-    whole = [(one, other) for one, other in pairs if other is not None]
-    ratios = np.array([np.divide(other[:4], one[:4]) for one, other in whole]).reshape(-1, 4)
-    error, touches, robot_time, compute = (mean_interval(column) for column in ratios.T)
-    costs = touches[0], robot_time[0], compute[0]
-    return Worth(name, error, *costs, runs=len(pairs), failed=len(pairs) - len(whole))
+def worth_of(name: str, pairs: Pairs) -> Worth:
+    """Ratios over pairs of an outcome with the part and one without."""
+    ratios = [np.divide(other[:4], one[:4]) for one, other in pairs if other is not None]
+    error, *costs = (mean_interval(column) for column in np.reshape(ratios, (-1, 4)).T)
+    touches, robot_time, compute = (one[0] for one in costs)
+    failed = len(pairs) - len(ratios)
+    return Worth(name, error, touches, robot_time, compute, len(pairs), failed)
 
 
 def mean_interval(ratios: Floats) -> tuple[float, float, float]:
@@ -244,21 +209,29 @@ def mean_interval(ratios: Floats) -> tuple[float, float, float]:
     return math.exp(mean), math.exp(mean - reach), math.exp(mean + reach)
 
 
-def _pairs(part: Part, noise: Noise, quick: bool) -> list[tuple[Outcome, Outcome | None]]:
-    demand, pairs = within_percent(QUICK_TOLERANCE if quick else TOLERANCE), []
-    demand = demand._replace(feature=None)
-    for name in QUICK_OBJECTS if quick else OBJECTS:
-        for seed in range(1 if quick else SEEDS):
-            plain = _whole(name, noise, demand, seed)
-            even = demand._replace(planner="uniform", settings={"count": plain.contours})
-            try:
-                with without(part):
-                    asked = even if part.uniform else demand
-                    other = explored(name, noise, asked, seed)
-            except RuntimeError:
-                other = None
-            pairs.append((plain, other))
+def _explored_pairs(part: Part, case: str, quick: bool) -> Pairs:
+    pairs: Pairs = []
+    objects, seeds = (QUICK_OBJECTS, 1) if quick else (OBJECTS, SEEDS)
+    for name, seed in product(objects, range(seeds)):
+        plain, asked = _whole(name, case, quick, seed), _demand(quick)
+        if part.uniform:
+            asked = asked._replace(planner="uniform", settings={"count": plain.contours})
+        try:
+            with without(part):
+                pairs.append((plain, explored(name, EXPLORED_CASES[case], asked, seed)))
+        except RuntimeError:
+            pairs.append((plain, None))
     return pairs
+
+
+@cache
+def _whole(name: str, case: str, quick: bool, seed: int) -> Outcome:
+    """With all parts, once for all of them."""
+    return explored(name, EXPLORED_CASES[case], _demand(quick), seed)
+
+
+def _demand(quick: bool) -> Demand:
+    return within_percent(QUICK_TOLERANCE if quick else TOLERANCE)._replace(feature=None)
 
 
 def explored(name: str, noise: Noise, demand: Demand, seed: int) -> Outcome:
@@ -266,40 +239,43 @@ def explored(name: str, noise: Noise, demand: Demand, seed: int) -> Outcome:
     began = time.process_time()
     found = explore_object(EXPLORED_OBJECTS[name], noise, demand, seed=seed)
     used, score = time.process_time() - began, found.score
-    floor = 100.0 * score.sampling_floor / score.size
-    cost = found.touches, score.robot_time, used
-    return Outcome(found.percent, *cost, contours=score.contours, floor=floor)
+    cost = found.touches, score.robot_time, used, score.contours
+    return Outcome(found.percent, *cost, 100.0 * score.sampling_floor / score.size)
 
 
-_KEPT: dict[Any, Outcome] = {}
-
-
-def _whole(name: str, noise: Noise, demand: Demand, seed: int) -> Outcome:
-    """With all parts, once for all of them."""
-    key = name, repr(noise), repr(demand), seed
-    if key not in _KEPT:
-        _KEPT[key] = explored(name, noise, demand, seed)
-    return _KEPT[key]
-
-
-def _rebuilt_pairs(part: Part, quick: bool) -> list[tuple[Outcome, Outcome | None]]:
-    pairs: list[tuple[Outcome, Outcome | None]] = []
-    for name in SHAPES:
-        for seed in range(1 if quick else SHAPE_SEEDS):
-            plain = rebuilt(name, part, seed)
-            with without(part):
-                pairs.append((plain, rebuilt(name, part, seed)))
+def _rebuilt_pairs(part: Part, quick: bool) -> Pairs:
+    pairs: Pairs = []
+    for name, seed in product(SHAPES, range(1 if quick else SHAPE_SEEDS)):
+        plain = rebuilt(name, part.case, seed)
+        with without(part):
+            pairs.append((plain, rebuilt(name, part.case, seed)))
     return pairs
 
 
-def rebuilt(name: str, part: Part, seed: int) -> Outcome:
-    """One rebuild from contours alone, in the part's case."""
-    shape = REBUILT_SHAPES[name]
-    contours = noisy_contours(shape, SIZE, part.rough, np.random.default_rng(seed))
-    contours[WHICH, :, 0] += part.displaced or 0.0
+def rebuilt(name: str, case: str, seed: int) -> Outcome:
+    """One rebuild from contours alone."""
+    shape, (noise, aside) = REBUILT_SHAPES[name], REBUILT_CASES[case]
+    contours = noisy_contours(shape, SIZE, noise, np.random.default_rng(seed))
+    contours[WHICH, :, 0] += aside
     tops = np.array([[*shape.axis(np.array(z)), z] for z in (shape.low, shape.high)])
     began = time.process_time()
     mesh = reconstruct(list(contours), tops=tops).mesh()
     used = time.process_time() - began
     error = truth_of(name).errors_of(Mesh(mesh.vertices, mesh.faces)).chamfer
     return Outcome(100.0 * error / SHAPE_HEIGHT, compute=used)
+
+
+def taxel_rows(quick: bool) -> Iterator[Row]:
+    """Errors of solids from all taxels over those of their contours alone, object by object."""
+    objects = ("sphere", "box") if quick else (*SMOOTH, *SHARP)
+    with single_threaded():
+        for name, count, (noise, effects) in product(objects, COUNTS, NOISES.items()):
+            even = Demand("uniform", settings={"count": count})
+            whole = explored(name, effects, even, 0)
+            with without(TAXELS):
+                ratio = whole.error / explored(name, effects, even, 0).error
+            most = MOST_SHARP if name in SHARP and noise != "exact" else MOST_SMOOTH
+            title = f"{name}, {count} contours, {noise}: all taxels over contours"
+            row = at_most(title, ratio, most, ".2f", " x")
+            # What two tessellations of the truth differ by cannot be halved.
+            yield row._replace(holds=row.holds or whole.error <= 2.0 * whole.floor)

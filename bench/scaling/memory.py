@@ -9,7 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from palpate.bench.touch import touch_goals
 from palpate.core import Floats
 from palpate.launch import EXPLORE, find_scene, launch, plan_run
 from palpate.launch.files import SourceMapped
-from palpate.messages.types import NodeStatus, SurfacePatch, TouchGoal
+from palpate.messages.types import SurfacePatch
 from palpate.nodes import tracer
 from palpate.nodes.runtime import Finished, Node, Outputs
 
@@ -35,6 +35,7 @@ MOST_GROWTH = 1.0  # MB per 1,000 touches
 TAXEL_BYTES = 3 * 8 + 3 * 8 + 4
 MB = float(1 << 20)
 FEEDER = "tracer"  # In whose place it stands
+SIDE_GOALS = list(touch_goals(SIDES))
 
 
 class FeederParams(Struct, frozen=True, kw_only=True):
@@ -43,19 +44,15 @@ class FeederParams(Struct, frozen=True, kw_only=True):
     touches: int  # So many, then it has finished
 
 
-def _next(params: FeederParams, number: int, _: SurfacePatch | None) -> tuple[int, Outputs]:
+def _next(params: FeederParams, number: int, _: object) -> tuple[int, Outputs]:
     if number == params.touches:
         return number, [Finished(f"{number} touches")]
-    goal = TOUCH_GOALS[number % SIDES]
-    goal = replace(goal, goal=number // EACH, touch=number % EACH)
+    side = SIDE_GOALS[number % SIDES]
+    pose = side.pose + MIDDLE * np.eye(7)[2]
+    goal = replace(side, pose=pose, goal=number // EACH, touch=number % EACH)
     return number + 1, [("/finger/goal", goal)]
 
 
-def _raised(goal: TouchGoal) -> TouchGoal:
-    return replace(goal, pose=goal.pose + MIDDLE * np.eye(7)[2])
-
-
-TOUCH_GOALS = [_raised(goal) for goal in touch_goals(SIDES)]
 NODE = Node(
     params=FeederParams,
     start=lambda params: (0, []),
@@ -77,8 +74,8 @@ def memory_rows(quick: bool) -> Iterator[Row]:
         yield figure(f"memory of {name}, MB per 1,000 touches", growth, ".3f", " MB")
     needed = 1000.0 * TAXEL_BYTES * watched.taxels / touches / MB
     yield figure("of that, what was touched, for the models", needed, ".3f", " MB")
-    name, total = "all nodes, beyond what was touched", sum(growths.values()) - needed
-    yield at_most(f"memory of {name}", total, MOST_GROWTH, ".3f", " MB")
+    total = sum(growths.values()) - needed
+    yield at_most("all nodes, beyond what was touched", total, MOST_GROWTH, ".3f", " MB")
 
 
 def growth_per_1000(samples: Floats) -> float:
@@ -119,17 +116,15 @@ class MemoryWatcher(SilentWatcher):
         self.touches += 1
         self.taxels += int(np.count_nonzero(message.mask))
 
-    def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
+    def tick(self, statuses: object) -> None:
         """Look at each node, but for the feeder."""
         for child in multiprocessing.active_children() if self.touches else ():
-            if child.name != FEEDER:
-                self.samples[child.name].append((self.touches, own_memory(child.pid or 0)))
+            if child.name != FEEDER and (memory := own_memory(child.pid or 0)):
+                self.samples[child.name].append((self.touches, memory))
 
 
 def own_memory(pid: int) -> float:
     """Memory of a process that no file stands behind, MB; 0 if it has ended."""
-    try:
-        lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    except FileNotFoundError:
-        return 0.0
+    path = Path(f"/proc/{pid}/status")
+    lines = path.read_text("ascii").splitlines() if path.exists() else []
     return sum(int(line.split()[1]) for line in lines if line.startswith("RssAnon:")) * 1024 / MB

@@ -307,13 +307,14 @@ def draw_growths(found: Sequence[Growth]) -> Figure:
     """A column for each, errors above and costs below, on logarithmic scales."""
     figure = Figure(figsize=(3.2 * len(found), 6.0), layout="constrained")
     for column, one in enumerate(found):
-        for row, curves in enumerate((one.errors, one.costs)):
-            if not curves:
+        for row, names in enumerate((one.errors, one.costs)):
+            if not names:
                 continue
             axes = figure.add_subplot(2, len(found), row * len(found) + column + 1)
-            for curve in curves:
-                power = "" if curve.law is None else f", power {curve.law.exponent:+.2f}"
-                axes.loglog(one.sizes, curve.values, "o-", label=f"{curve.what}{power}")
+            for what in names:
+                law = one.law(what)
+                power = "" if law is None else f", power {law.exponent:+.2f}"
+                axes.loglog(one.sizes, one.means()[what], "o-", label=f"{what}{power}")
             if one.floor and not row:
                 axes.axhline(one.floor, color="0.6", linestyle=":", label="sampling floor")
             axes.set_xticks(one.sizes, map(str, one.sizes))

@@ -80,8 +80,8 @@ BENCHES: Mapping[str, Bench] = {
         },
     ),
     "touch": Bench(
-        "one touch: frames a second, the error of cast and curvature, and what single calls cost",
-        {"frames": "touch.frames:touch_rows", "costs": "touch.frames:cost_rows"},
+        "one touch: frames a second, and the error of cast and curvature",
+        {"frames": "touch.frames:touch_rows"},
     ),
     "effects": Bench(
         "each effect: its cost, and the error of a contour that it causes",

@@ -1,4 +1,4 @@
-"""One touch: frames a second, how exact a cast is, what calls and effects cost.
+"""One touch: frames a second, how exact a cast is, and what effects cost.
 
 All is measured in turns within one run, for machines change their speed.
 """
@@ -20,7 +20,6 @@ from palpate.bench.table import (
     Row,
     at_least,
     at_most,
-    best_seconds,
     figure_of,
     in_turns,
 )
@@ -41,7 +40,6 @@ from palpate.core import (
     split_pose,
     touch,
 )
-from palpate.core.splines import LatticeLayer, layered_lattice
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
 from palpate.messages.types import Contour, ContourGoal, TouchGoal
@@ -55,14 +53,6 @@ EFFECT_FRAMES = 40  # Touches on which a cost is measured at a time
 EFFECT_REPEATS = 15
 SEED = 5
 APPROACH = 0.02  # The finger comes from this far outside of the object, m
-CALL_ROUNDS, QUICK_CALL_ROUNDS = 300, 30
-DOMED_PAD = touch.Pad(
-    rows=16, cols=16, pitch=0.001, thickness=0.003, dome=1 / 0.015, saturation=0.8
-)
-FLAT_PAD = touch.Pad(rows=16, cols=16, pitch=0.001, thickness=0.003, dome=0.0, saturation=0.8)
-PRESS_START = pose_of(np.array([0.1, 0.0, 0.01]), pad_rotation(0.0, 0.2))
-FRAME_NOISE = 10e-6  # m
-ACROSS = np.array([0.0, 1.0, 0.0])
 
 
 def touch_rows(quick: bool) -> Iterable[Row]:
@@ -197,62 +187,6 @@ def estimator_summary(trials: int) -> Iterable[Row]:
     seconds = min(timeit.repeat(fit, number=500, repeat=9)) / 500
     yield at_most("plain jet of a full pad", 1e6 * seconds, 10, ".0f", " us")
     yield from estimator_demands(estimator_rows(trials), partial_rows(trials))
-
-
-def cost_rows(quick: bool) -> Iterator[Row]:
-    """A row for each call."""
-    rounds = QUICK_CALL_ROUNDS if quick else CALL_ROUNDS
-    _, axes = split_pose(PRESS_START)
-    origins = DOMED_PAD.transducers() @ axes.T + PRESS_START[:3]
-    calls: dict[str, Callable[[], object]] = {}
-    for name, shape in cast_shapes().items():
-        cast = partial(shape.cast, origins, axes[:, 2], 0.104)
-        calls[f"cast, {len(origins)} rays: {name}"] = cast
-        calls[f"press: {name}"] = partial(
-            touch.guarded_move, shape, DOMED_PAD, PRESS_START, 0.1, 0.001
-        )
-    for name, call in {**calls, **_frame_calls()}.items():
-        yield Row(name, f"{1e6 * best_seconds(call, rounds):.0f} us")
-
-
-def cast_shapes() -> Mapping[str, shapes.Shape]:
-    """Ten shapes that a finger meets."""
-    solid = shapes.Superquadric(np.array([0.04, 0.03, 0.05]), np.array([0.4, 0.7]))
-    layers = [LatticeLayer(0.8), LatticeLayer(1.2, 0.2), LatticeLayer(), LatticeLayer(0.9)]
-    lattice = layered_lattice(solid.bounds(), layers)
-    return {
-        "ball": shapes.Superquadric(np.full(3, 0.04), np.ones(2)),
-        "superquadric": solid,
-        "tapered": shapes.DeformedSuperquadric(solid, np.array([0.3, 0.3])),
-        "tapered and bent": shapes.DeformedSuperquadric(
-            solid, np.array([0.3, 0.1]), shapes.Bend(5.0, 0.5)
-        ),
-        "lattice, facets": shapes.DeformedShape(solid, lattice),
-        "lattice, exact": shapes.DeformedShape(solid, lattice, exact=True),
-        "mesh of 20k faces": shapes.TriangleShape(*solid.mesh(5)),
-        "mesh of 80k faces": shapes.TriangleShape(*solid.mesh(6)),
-        "mesh of 5k faces, z-buffer": shapes.TriangleShape(*solid.mesh(4), embree=False),
-        "mesh of 20k faces, z-buffer": shapes.TriangleShape(*solid.mesh(5), embree=False),
-    }
-
-
-def _frame_calls() -> dict[str, Callable[[], object]]:
-    rng, (x, y) = np.random.default_rng(0), FLAT_PAD.grid()
-    height = 0.5 * (x**2 + y**2) / 0.04 + FRAME_NOISE * rng.normal(size=x.shape)
-    image = 2.2e-3 - height
-    impulses = np.where(rng.random(x.shape) < 0.08, 2.4e-3, image)
-    edge = 0.5 * np.abs(x + 0.2 * y) + FRAME_NOISE * rng.normal(size=x.shape)
-    everywhere = np.ones((16, 16), bool)
-    mend = partial(touch.remove_impulses, FLAT_PAD, contact=5e-5, noise=FRAME_NOISE)
-    patch = partial(touch.fit_patch, FLAT_PAD)
-    robust = partial(touch.fit_robust_jet, FLAT_PAD, height, everywhere, FRAME_NOISE)
-    return {
-        "impulses removed, a clean frame": partial(mend, image),
-        "impulses removed, 8 %": partial(mend, impulses),
-        "robust jet of a full pad": robust,
-        "patch of a full pad": partial(patch, height, everywhere, ACROSS, FRAME_NOISE),
-        "patch of an edge": partial(patch, edge, everywhere, ACROSS, FRAME_NOISE),
-    }
 
 
 class TracedContour(NamedTuple):

@@ -7,8 +7,8 @@ from palpate.bench.objects import REBUILT_SHAPES
 from palpate.bench.rebuild import truth_of
 from palpate.bench.scaling import growth
 from palpate.bench.scaling.growth import (
+    Growth,
     fit_power_law,
-    grown,
     taxel_growth,
     touched_contours,
 )
@@ -25,16 +25,17 @@ def test_the_power_of_a_power_is_found_exactly(exponent):
     assert law == pytest.approx((exponent,) * 3, abs=1e-9)
 
 
-def test_repeats_may_have_factors_of_their_own_and_units_do_not_matter():
+def test_units_do_not_matter_to_the_power_nor_factors_of_repeats():
     values = SIZES[:, None] ** -1.0 * np.array([1.0, 7.0, 0.02])
     values[3] *= 1.3
-    assert fit_power_law(SIZES, values) == pytest.approx(fit_power_law(SIZES, 1e6 * values))
-    assert fit_power_law(SIZES, values) == pytest.approx(fit_power_law(10 * SIZES, values[:, :1]))
+    alone = fit_power_law(SIZES, values[:, 0])
+    assert fit_power_law(10 * SIZES, 1e6 * values[:, 0]) == pytest.approx(alone)
+    assert Growth("it", tuple(SIZES), {}, {"ms": values}).law("ms") == pytest.approx(alone)
 
 
 def test_the_interval_holds_the_power_in_95_of_100_draws():
     rng = np.random.default_rng(0)
-    values = SIZES[:, None, None] ** -1.0 * np.exp(0.3 * rng.normal(size=(7, 3, 2000)))
+    values = SIZES[:, None] ** -1.0 * np.exp(0.3 * rng.normal(size=(7, 2000)))
     laws = [fit_power_law(SIZES, values[..., draw]) for draw in range(2000)]
     held = np.mean([one.low <= -1.0 <= one.high for one in laws])
     assert 0.93 < held < 0.97
@@ -56,15 +57,17 @@ def test_what_has_no_power_is_refused(sizes, values, words):
 
 
 def test_errors_at_the_floor_do_not_count_and_costs_always_do():
-    sizes = (4, 8, 16, 32)
-    found = grown("it", sizes, {"error": [8.0, 4.0, 2.0, 1.9]}, {"cost": [1, 2, 4, 8]}, 0.95)
-    assert found.errors[0].law == pytest.approx((-1.0, -1.0, -1.0))
-    assert found.costs[0].law == pytest.approx((1.0, 1.0, 1.0))
-    assert grown("it", sizes, {"error": [8.0, 4.0, 1.0, 1.0]}, {}, 0.9).errors[0].law is None
-    head, error, cost = str(found).splitlines()
+    error, cost = {"error": [8.0, 4.0, 2.0, 1.9]}, {"cost, ms": [1, 2, 4, 8]}
+    found = Growth("it", (4, 8, 16, 32), error, cost, 0.95)
+    assert found.law("error") == pytest.approx((-1.0, -1.0, -1.0))
+    assert found.law("cost, ms") == pytest.approx((1.0, 1.0, 1.0))
+    assert found._replace(floor=1.5).law("error") is None
+    head, errors, costs = str(found).splitlines()
     assert head.split()[:3] == ["it,", "floor", "0.950"]
-    assert "-1.00 (-1.00 to -1.00)" in error
-    assert cost.split()[1:5] == ["1", "2", "4", "8"]
+    assert "-1.00 (-1.00 to -1.00)" in errors
+    assert costs.split()[2:6] == ["1", "2", "4", "8"]
+    kinds = [figure.kind for figure in found.figures if "at" in figure.name]
+    assert kinds == ["error"] * 4 + ["time"] * 4
 
 
 def test_contacts_lie_on_the_object_with_its_normals():
@@ -104,10 +107,8 @@ def test_growths_are_printed_and_drawn(small, tmp_path, capsys):
 def test_more_contours_err_less_and_noise_limits_them(monkeypatch):
     monkeypatch.setattr(growth, "SIZES", {"contours": (5, 7, 9, 12, 14)})
     monkeypatch.setattr(growth, "TURNS", 1)
-    alone = growth._rebuilt(
-        "it", "contours", True, lambda *given: growth._evidence("contours", False, *given)
-    )
-    exact, noisy = (one.values for one in alone.errors)
+    alone = growth._rebuilt("it", "contours", False, True)
+    exact, noisy = (alone.means()[what] for what in alone.errors)
     assert exact[0] > exact[-1]
     assert noisy[-1] > exact[-1]
     assert alone.floor > 0.0

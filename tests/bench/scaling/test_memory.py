@@ -14,7 +14,6 @@ from palpate.bench.scaling.memory import (
     memory_rows,
     own_memory,
 )
-from palpate.messages.types.catalogue import NodeStatus
 from palpate.nodes.runtime.node import Finished
 
 
@@ -63,7 +62,7 @@ def test_what_nobody_needs_is_held_against_the_demand(monkeypatch, slope, holds)
 
 def test_a_watcher_looks_at_no_node_before_the_first_touch():
     found = MemoryWatcher()
-    found.tick(dict[str, NodeStatus]())
+    found.tick({})
     assert not found.samples
 
 
