@@ -29,6 +29,7 @@ FORM, VERSION = "palpate bench", 1
 MOST_BYTES = 64 * 2**20
 NOISE: Mapping[Kind, float] = {"time": 0.10, "count": 0.0, "error": 0.02}  # Shares of the value
 ROUNDING = 1e-9  # Of the noise
+BUSY = 0.75  # Load for each core from which times are doubtful
 SMALLER_IS_BETTER = ("s", "ms", "us", "ns", "m", "mm", "um", "deg", "% of height")
 Verdict = Literal["worse", "better", "moved"]
 
@@ -210,5 +211,9 @@ def comparison_lines(old: Results, new: Results, where: Path) -> Iterator[str]:
     """What moved, worse first, and how much did not."""
     moves, counts = compare_results(old, new)
     yield f"compared with {where}: palpate {old.palpate}, {old.date}, {old.machine.get('cpu')}"
+    loads = [one.machine.get("load", 0.0) for one in (old, new)]
+    if max(loads) > BUSY * (os.cpu_count() or 1):
+        told = " then, ".join(f"{load:g}" for load in loads)
+        yield f"the machine was busy, at a load of {told} now: times tell of that too"
     yield from map(str, moves)
     yield "figures: " + ", ".join(f"{count} {what}" for what, count in counts.items() if count)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,14 @@ def test_what_moved_beyond_noise_is_named_and_the_rest_counted(both):
         "moved   a/b: touches, contours: 9 -> 10 (+11.1%)",
         "figures: 4 moved beyond noise, 4 did not, 1 are new, 1 are gone",
     ]
+
+
+def test_times_of_a_busy_machine_are_compared_with_a_warning(both):
+    old, new = both
+    busy = replace(new, machine={**MACHINE, "load": 100.0})
+    _, told, *_ = comparison_lines(old, busy, Path("old.json"))
+    wanted = "the machine was busy, at a load of 0.5 then, 100 now: times tell of that too"
+    assert told == wanted
 
 
 def test_times_of_another_machine_are_not_compared(both, tmp_path):
