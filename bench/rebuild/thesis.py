@@ -48,7 +48,7 @@ TRUE_ROWS, TRUE_COLUMNS = 401, 720
 # Of the truth, and of the other mesh of it that shows what measuring alone adds.
 FLOOR_ROWS, FLOOR_COLUMNS = 301, 541
 COLUMNS = ("chamfer", "rms", "side", "normals", "volume", "time")
-HEAD = f"{'':<44}" + "".join(f"{one:>10}" for one in COLUMNS)
+HEAD = f"{'':<48}" + "".join(f"{one:>10}" for one in COLUMNS)
 SCENES, QUICK_SCENES = ("egg", "vase", "notched"), ("vase",)  # Plain, featured, sharp
 AROUND = 80  # Points of a recorded contour as the thesis gets it, at even azimuths
 ROUNDS = 2  # The better of which is the time
@@ -90,7 +90,7 @@ class ThesisFigures(NamedTuple):
         time = "" if self.seconds is None else f"{1e3 * self.seconds:.0f} ms"
         lengths = f"{errors.chamfer:>10.3%}{errors.rms:>10.3%}{side:>10}"
         rest = f"{errors.normal_deg:>6.1f} deg{errors.volume:>+10.1%}{time:>10}"
-        return f"{self.name:<44}{lengths}{rest}{missed}".rstrip()
+        return f"{self.name:<48}{lengths}{rest}{missed}".rstrip()
 
 
 class ThesisVariant(NamedTuple):
