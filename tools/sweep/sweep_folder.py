@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import time
 from collections import Counter, deque
@@ -128,7 +129,7 @@ def take_up(folder: Path, sweep: Sweep) -> Records:
 
 def _sweep_out(folder: Path) -> None:
     for half in (folder / RUNS).glob(".*"):
-        shutil.rmtree(half)
+        shutil.rmtree(half, ignore_errors=True)  # whoever was killed may have a worker left
 
 
 def _made(
@@ -141,7 +142,8 @@ def _made(
             run = waiting.popleft()
             place = folder / RUNS / run.name
             shutil.rmtree(place, ignore_errors=True)  # a run that failed
-            workers.begin(Job(run, run.plan(place), place.with_name(f".{run.name}")))
+            part = place.with_name(f".{run.name}.{os.getpid()}")
+            workers.begin(Job(run, run.plan(place), part))
             under_way, begun[run.mark] = under_way + 1, begun[run.mark] + 1
         for job, record in workers.finished():
             under_way -= 1

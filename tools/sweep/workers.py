@@ -141,7 +141,8 @@ class ClusterWorkers:
         try:
             from distributed import Client
 
-            logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we say it in a sentence
+            for name in ("distributed", "distributed.client"):  # we say it in a sentence
+                logging.getLogger(name).setLevel(logging.CRITICAL)
             self._client = Client(address, timeout=ANSWER_TIME)
         except ImportError as error:
             raise InputError(
@@ -177,7 +178,7 @@ class ClusterWorkers:
         except KilledWorker:
             return None
         except (Exception, CancelledError) as error:  # whatever a cluster can break by
-            text = f"{type(error).__name__}: {error}"
+            text = f"{type(error).__name__}: {error!s:.80}"
             raise InputError(f"{self._where}: the cluster does not go on: {text}") from None
 
     def close(self) -> None:
