@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 
 import click
@@ -53,7 +54,7 @@ list:                                     # and each of these with all of the gr
 
 Every run is checked before the first one starts, and has a folder of its own. Beside them lie
 table.csv and index.html, where each dot leads to its run. The same command on the same folder goes
-on where it stopped, also with another FILE.
+on where it stopped, also with another FILE; so does the folder in place of FILE.
 
 Exits with 0 if all runs are done, with 1 if one missed its goal or failed, as the table says, with
 2 if FILE cannot be used or the cluster not be reached, with 130 if it was interrupted.
@@ -103,18 +104,16 @@ def run_command(
 
 
 @click.command("sweep", help=SWEEP_HELP)
-@click.argument("file", type=PATH, required=False)
+@click.argument("file", type=PATH)
 @click.option("--out", type=PATH, help="Folder of the sweep; new, empty, or one to go on with.")
-@click.option("--resume", type=PATH, help="Go on with the sweep in this folder.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes; one a core if left out.")
 @click.option("--scheduler", metavar="ADDRESS", help="Send the runs to this dask cluster instead.")
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
 @json_option("Print folder, counts and table.")
 @quiet_option()
 def sweep_command(
-    file: Path | None,
+    file: Path,
     out: Path | None,
-    resume: Path | None,
     workers: int | None,
     scheduler: str | None,
     no_record: bool,
@@ -122,24 +121,26 @@ def sweep_command(
     quiet: bool,
 ) -> int:
     """Explore with many parameters; `SWEEP_HELP` says how."""
-    if (file is None) == (resume is None) or (resume and out) or (workers and scheduler):
-        text = "give a sweep FILE or --resume FOLDER, --out with the first, and one of "
-        raise InputError(f"{text}--workers and --scheduler")
     from palpate.tools import sweep
 
-    folder = sweep.choose_sweep_folder("" if file is None else file.stem, out or resume)
-    asked = sweep.read_sweep(file or folder / "sweep.yaml", record=not no_record)
-    done = sweep.run_sweep(
-        asked,
-        folder,
-        sweep.open_workers(workers or os.cpu_count() or 1, scheduler),
-        lambda line: None if quiet else click.echo(line, err=True),
-    )
+    if (workers and scheduler) or (out and file.is_dir()):
+        raise InputError("--workers and --scheduler exclude each other, so do --out and a folder")
+    if file.is_dir():
+        file, out = file / sweep.ASKED, file
+    asked = sweep.read_sweep(file, record=not no_record)
+    here = None if scheduler else sweep.LocalWorkers(workers or os.cpu_count() or 1)
+    who = here or sweep.ClusterWorkers(scheduler or "")
+    done = sweep.run_sweep(asked, out, who, partial(_say, quiet))
     if as_json:
         click.echo(json.dumps(done.figures, indent=2, default=str))
     elif not quiet:
         click.echo(done.text)
     return done.exit_code
+
+
+def _say(quiet: bool, line: str) -> None:
+    if not quiet:
+        click.echo(line, err=True)
 
 
 @click.command("launch")

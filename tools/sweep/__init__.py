@@ -14,11 +14,10 @@ from palpate.rooms import lazy
 
 if TYPE_CHECKING:
     from palpate.tools.sweep.results import pareto_front as pareto_front
-    from palpate.tools.sweep.results import sweep_text as sweep_text
-    from palpate.tools.sweep.sweep_file import Sweep as Sweep
     from palpate.tools.sweep.sweep_file import read_sweep as read_sweep
-    from palpate.tools.sweep.sweep_folder import choose_sweep_folder as choose_sweep_folder
+    from palpate.tools.sweep.sweep_folder import ASKED as ASKED
     from palpate.tools.sweep.sweep_folder import run_sweep as run_sweep
-    from palpate.tools.sweep.workers import open_workers as open_workers
+    from palpate.tools.sweep.workers import ClusterWorkers as ClusterWorkers
+    from palpate.tools.sweep.workers import LocalWorkers as LocalWorkers
 else:
     __getattr__, __dir__ = lazy(__name__)

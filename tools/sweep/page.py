@@ -68,7 +68,8 @@ def page_text(name: str, rows: Sequence[Row], folder: Path) -> str:
     few = [one for one in names if len({told(row.asked[one]) for row in rows}) <= COLOURS]
     series = next((one for one in few if any(isinstance(row.asked[one], str) for row in rows)), "")
     series = series or next(iter(few), "scene")
-    kinds = {kind: f"c{i % COLOURS}" for i, kind in enumerate(_values(rows, series))}
+    values = dict.fromkeys(told(row.asked[series]) for row in rows)
+    kinds = {kind: f"c{i % COLOURS}" for i, kind in enumerate(values)}
     key = "".join(f'<b class="{kinds[kind]}">●</b> {escape(kind)} ' for kind in kinds)
     return Template(Path(__file__).with_name("page.html").read_text("utf-8")).substitute(
         title=escape(f"{name}: {counted(len(rows), 'run')}"),
@@ -77,10 +78,6 @@ def page_text(name: str, rows: Sequence[Row], folder: Path) -> str:
         charts="\n".join(line for cost in COSTS for line in _chart(rows, cost, series, kinds)),
         table="\n".join(_table(rows, folder)),
     )
-
-
-def _values(rows: Sequence[Row], name: str) -> dict[str, None]:
-    return dict.fromkeys(told(row.asked[name]) for row in rows)
 
 
 def _chart(rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str]) -> Iterator[str]:

@@ -7,8 +7,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
-from math import prod
+from itertools import islice, product
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -75,27 +74,30 @@ def read_sweep(path: Path, *, record: bool = True) -> Sweep:
     """
     given = read_yaml(path)
     spec = convert(given, SweepSpec)
-    asked = product(_scenes(given, spec), _combinations(given, spec), _seeds(given, spec))
-    all_runs = [_checked(*one, record=record) for one in asked]
-    runs = {run.mark: run for run in reversed(all_runs)}
+    one = isinstance(spec.scene, str)
+    scenes = [given.part(("scene",))] if one else _items(given, "scene")
+    numbers = range(spec.seeds) if isinstance(spec.seeds, int) else spec.seeds
+    seeds = [SourceMapped(number, given.place(("seeds",))) for number in numbers or ()]
+    asked = (
+        (scene, settings, seed)
+        for scene in scenes
+        for settings in _combinations(given, spec)
+        for seed in seeds or (None,)
+    )
+    listed = list(islice(asked, MOST_RUNS + 1))
+    if len(listed) > MOST_RUNS:
+        raise given.error((), f"has more than {MOST_RUNS} runs, the most that are made")
+    runs: dict[str, SweepRun] = {}
+    for each in listed:
+        run = _checked(*each, record=record)
+        runs.setdefault(run.mark, run)
     text = path.read_text(encoding="utf-8")
-    return Sweep(path.stem, text, (*reversed(runs.values()),), len(all_runs) - len(runs))
-
-
-def _scenes(given: SourceMapped, spec: SweepSpec) -> list[SourceMapped]:
-    return [given.part(("scene",))] if isinstance(spec.scene, str) else _items(given, "scene")
+    return Sweep(path.stem, text, tuple(runs.values()), len(listed) - len(runs))
 
 
 def _items(given: SourceMapped, *path: str) -> list[SourceMapped]:
     """What stands in the list at a path."""
     return [given.part((*path, i)) for i in range(len(given.part(path).value))]
-
-
-def _seeds(given: SourceMapped, spec: SweepSpec) -> list[SourceMapped | None]:
-    if spec.seeds is None:
-        return [None]
-    seeds = range(spec.seeds) if isinstance(spec.seeds, int) else spec.seeds
-    return [SourceMapped(seed, given.place(("seeds",))) for seed in seeds]
 
 
 def _combinations(given: SourceMapped, spec: SweepSpec) -> Iterator[Settings]:
@@ -110,12 +112,8 @@ def _combinations(given: SourceMapped, spec: SweepSpec) -> Iterator[Settings]:
                 "it out of the grid, or add the entry {} to the list: the grid as it is",
             )
     grid = {key: _items(given, "grid", key) for key in spec.grid}
-    crossed = [{key: grid[key] for key in grid if key not in entry} for entry in entries]
-    seeds = len(_seeds(given, spec)) * len(_scenes(given, spec))
-    count = seeds * sum(prod(map(len, one.values())) for one in crossed)
-    if count > MOST_RUNS:
-        raise given.error((), f"has {count} runs; {MOST_RUNS} are the most")
-    for entry, rest in zip(entries, crossed, strict=True):
+    for entry in entries:
+        rest = {key: grid[key] for key in grid if key not in entry}
         for chosen in product(*rest.values()):
             yield {**dict(zip(rest, chosen, strict=True)), **entry}
 
@@ -157,11 +155,8 @@ def _located(text: str, settings: Settings) -> str:
 
 def mark_of(wirings: tuple[Wiring, ...]) -> str:
     """What tells a run's resolved parameters from all others: 12 digits of their SHA-256."""
-    kept = [
-        (one.name, one.module, plain_params(one.params))
-        for one in wirings
-        if one.module != RECORDER
-    ]
+    nodes = [one for one in wirings if one.module != RECORDER]
+    kept = [(one.name, one.module, plain_params(one.params)) for one in nodes]
     text = json.dumps([__version__, kept], default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:MARK]
 

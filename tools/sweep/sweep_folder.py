@@ -59,35 +59,22 @@ class SweepResult:
         return "\n".join((sweep_text(self.rows), f"sweep  {self.folder / 'index.html'}"))
 
 
-def choose_sweep_folder(name: str, out: Path | None) -> Path:
-    """The folder for a sweep: `out`, or a new one in ``sweeps/``; nothing is made.
-
-    Raises InputError if there is something else than a sweep.
-    """
-    if out is None:
-        return SWEEPS / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}_{name}"
-    if out.exists() and (not out.is_dir() or any(out.iterdir())) and not (out / ASKED).is_file():
-        raise InputError(
-            f"--out {out}: holds no sweep; choose a new folder, an empty one or a sweep"
-        )
-    return out
-
-
 def run_sweep(
-    sweep: Sweep, folder: Path, workers: Workers, say: Callable[[str], object]
+    sweep: Sweep, out: Path | None, workers: Workers, say: Callable[[str], object]
 ) -> SweepResult:
     """Make the runs of a sweep that are not finished yet, and write what all came to.
 
-    Ctrl-C ends it with what is finished. Raises InputError if it cannot go on; what is finished is
-    kept.
+    `out` is a new or empty folder or that of a sweep; one in ``sweeps/`` if left out. Ctrl-C ends
+    it with what is finished. Raises InputError if it cannot go on; what is finished is kept.
     """
+    folder = out or SWEEPS / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}_{sweep.name}"
     stopped: InputError | None = None
     with closing(workers):
         records = take_up(folder, sweep)
         kept, total = len(records), len(sweep.runs)
-        known = [f"{sweep.repeated} asked for twice"] * bool(sweep.repeated)
-        known += [f"{kept} finished already"] * bool(kept)
-        say(", ".join((f"{folder}: {counted(total, 'run')}", *known)))
+        known = {"asked for twice": sweep.repeated, "finished already": kept}
+        told = [f"{count} {what}" for what, count in known.items() if count]
+        say(", ".join((f"{folder}: {counted(total, 'run')}", *told)))
         todo = [run for run in sweep.runs if run.mark not in records]
         began = time.monotonic()
         try:
@@ -109,8 +96,10 @@ def run_sweep(
 def take_up(folder: Path, sweep: Sweep) -> Records:
     """Make the folder, or find what is finished there of this sweep; half a run is cleared away.
 
-    Raises InputError if the folder cannot be written.
+    Raises InputError if the folder cannot be written, or holds something else than a sweep.
     """
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / ASKED).is_file():
+        raise InputError(f"{folder}: holds no sweep; choose a new or an empty folder, or a sweep's")
     place = RunDirectory(folder, linked=False)
     place.create()
     place.write_text(ASKED, sweep.text)
@@ -177,8 +166,7 @@ def _progress(records: Records, last: SweepRun, total: int, seconds: float, kept
 
 
 def _resumable(finished: int, total: int, folder: Path) -> str:
-    goes_on = f"palpate sweep --resume {folder} goes on"
-    return f"{finished} of {total} runs are finished and kept; {goes_on}"
+    return f"{finished} of {total} runs are finished and kept; palpate sweep {folder} goes on"
 
 
 def _write_results(folder: Path, sweep: Sweep, records: Records) -> list[Row]:

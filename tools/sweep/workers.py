@@ -48,14 +48,6 @@ class Job(NamedTuple):
     folder: Path  # Where its files are to be, at the caller's
 
 
-def open_workers(count: int, scheduler: str | None = None) -> Workers:
-    """So many processes here; or, at the address of its scheduler, a dask cluster.
-
-    Raises InputError if dask.distributed is not installed, or nobody answers there.
-    """
-    return LocalWorkers(count) if scheduler is None else ClusterWorkers(scheduler)
-
-
 def explore_into(plan: Plan, folder: Path) -> Record:
     """Perform a run in this process into another folder than planned.
 
@@ -134,7 +126,10 @@ def _explore_for(pipe: connection.Connection, plan: Plan, folder: Path) -> None:
 
 
 class ClusterWorkers:
-    """A dask cluster, which makes a run again elsewhere when its worker dies."""
+    """A dask cluster, by its scheduler's address; it makes a run again when its worker dies.
+
+    Raises InputError if dask.distributed is not installed, or nobody answers there.
+    """
 
     def __init__(self, address: str) -> None:
         self._where = f"--scheduler {address}"
@@ -178,7 +173,7 @@ class ClusterWorkers:
         except KilledWorker:
             return None
         except (Exception, CancelledError) as error:  # whatever a cluster can break by
-            text = f"{type(error).__name__}: {error!s:.80}"
+            text = f"{type(error).__name__}: {str(error).partition('. ')[0]}"
             raise InputError(f"{self._where}: the cluster does not go on: {text}") from None
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.tools.sweep import pareto_front, read_sweep, sweep_text
+from palpate.tools.sweep import pareto_front, read_sweep
 from palpate.tools.sweep.results import (
     FIGURES,
     Row,
@@ -16,6 +16,7 @@ from palpate.tools.sweep.results import (
     fronts,
     on_front,
     rows_of,
+    sweep_text,
     table_of,
 )
 

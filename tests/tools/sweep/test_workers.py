@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from palpate.launch.files import InputError
-from palpate.tools.sweep import open_workers, read_sweep, run_sweep
+from palpate.tools.sweep import ClusterWorkers, LocalWorkers, read_sweep, run_sweep
 from palpate.tools.sweep.results import TIMES
-from palpate.tools.sweep.workers import ClusterWorkers, Job, LocalWorkers, explore_away
+from palpate.tools.sweep.workers import Job, explore_away
 
 PAGE = Path(__file__).parents[3] / "docs" / "sweep.md"
 NO_CLUSTER = "dask.distributed is not installed: the extra [sweep]"
@@ -35,7 +35,7 @@ def two(tmp_path_factory):
 def by_one(two, tmp_path_factory):
     """The sweep made by one process."""
     folder = tmp_path_factory.mktemp("by_one")
-    assert run_sweep(two, folder, open_workers(1), print).exit_code == 0
+    assert run_sweep(two, folder, LocalWorkers(1), print).exit_code == 0
     return folder
 
 
@@ -68,7 +68,7 @@ def test_a_run_leaves_what_palpate_run_leaves(by_one, two):
 
 @pytest.mark.slow
 def test_two_processes_in_another_order_come_to_the_same_table(by_one, two, tmp_path):
-    run_sweep(shuffled(two), tmp_path, open_workers(2), print)
+    run_sweep(shuffled(two), tmp_path, LocalWorkers(2), print)
     assert without_numbers(figures(tmp_path)) == without_numbers(figures(by_one))
 
 
@@ -97,8 +97,8 @@ def test_a_cluster_of_which_a_worker_is_killed_comes_to_the_same_table(by_one, t
     distributed = pytest.importorskip("distributed", reason=NO_CLUSTER)
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True}
     with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
-        workers = open_workers(1, cluster.scheduler_address)
-        assert isinstance(workers, ClusterWorkers) and workers.width == 4
+        workers = ClusterWorkers(cluster.scheduler_address)
+        assert workers.width == 4
         begun = []
 
         def begin(job: Job) -> None:
@@ -149,7 +149,7 @@ def test_a_scheduler_that_is_not_there_is_told_in_a_sentence(monkeypatch):
         "--scheduler needs dask.distributed .*: pip install 'palpate|no scheduler can be reached"
     )
     with pytest.raises(InputError, match=wanted):
-        open_workers(1, "tcp://127.0.0.1:1")
+        ClusterWorkers("tcp://127.0.0.1:1")
 
 
 def test_without_dask_the_sentence_says_what_to_install(monkeypatch):
@@ -157,4 +157,4 @@ def test_without_dask_the_sentence_says_what_to_install(monkeypatch):
     with pytest.raises(
         InputError, match=r"needs dask.distributed .*pip install 'palpate\[sweep\]'"
     ):
-        open_workers(1, "tcp://127.0.0.1:1")
+        ClusterWorkers("tcp://127.0.0.1:1")
