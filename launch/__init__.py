@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.launch.demand import read_demand as read_demand
     from palpate.launch.graph import Graph as Graph
     from palpate.launch.graph import ResolvedNode as ResolvedNode
     from palpate.launch.graph import override as override

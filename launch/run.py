@@ -14,6 +14,7 @@ from typing import Any
 from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
+from palpate.launch.demand import demand_text
 from palpate.launch.files import InputError, SourceMapped, export_model
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
@@ -31,7 +32,7 @@ from palpate.launch.run_directory import (
 )
 from palpate.launch.scene import find_scene
 from palpate.messages.types import ShapeModel
-from palpate.nodes import planner, simulator
+from palpate.nodes import planner, planning, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
 from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution_of_info
 
@@ -107,6 +108,7 @@ class Plan:
     about: Mapping[str, str]
     folder: RunDirectory  # Where the results will be
     before: EarlierRun | None = None  # An earlier run, if it goes on with one
+    asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +154,7 @@ def check_feasibility(graph: Graph, wirings: Sequence[Wiring]) -> None:
     if len(plans) == 1 and fingers:
         asked, place = plans[0].params, places[plans[0].name]
         _check_tolerance(asked, place, fingers[0].params)
+        _check_budget(asked, place, fingers[0].params)
         if len(fingers) > 1:
             _check_room(asked, place, fingers[0].params, len(fingers))
 
@@ -164,6 +167,19 @@ def _check_tolerance(asked: planner.Params, place: Entry, hand: simulator.Params
             ("tolerance",),
             f"tolerance is {asked.tolerance} m; it must be at least what the sensor can tell, "
             f"{resolution:g} m",
+        )
+
+
+def _check_budget(asked: planner.Params, place: Entry, hand: simulator.Params) -> None:
+    """Refuse a robot time in which the hand cannot even close twice."""
+    if asked.most_seconds is None:
+        return
+    least = planning.shortest_grasp(ROBOT_PRESETS[hand.robot], hand.reach)
+    if asked.most_seconds < least:
+        raise place.settings.error(
+            ("most_seconds",),
+            f"most_seconds is {asked.most_seconds:g} s; the grasp alone may take {least:.1f} s "
+            f"with the robot {hand.robot!r}: allow more",
         )
 
 
@@ -202,7 +218,9 @@ def plan_run(
     described, wirings = check_run(path, args, settings, folder.path)
     about = _about(described, resolved_text(described.graph, wirings))
     told = with_description(wirings, about)
-    return Plan(name, told, described.graph.ends, about, folder)
+    height = None if described.scene is None else described.scene.size[2]
+    asked = demand_text(wirings, settings, height)
+    return Plan(name, told, described.graph.ends, about, folder, asked=asked)
 
 
 def _about(described: LaunchDescription, resolved: str) -> dict[str, str]:

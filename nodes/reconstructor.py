@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, TypeGuard
+from typing import Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from msgspec import Struct
@@ -39,9 +39,7 @@ from palpate.nodes.specs import CONTACT_ERROR, pad_of_info
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
-TARGET_FACES = 45_000  # Of a mesh, about, if it takes as many
-# Of the size: tolerance of the meshes on the way, and the least one of the final mesh.
-COARSE_TOLERANCE, FINE_TOLERANCE = 5e-4, 5e-5
+COARSE_TOLERANCE = 5e-4  # Of the meshes on the way, of the size
 # Heights at which the uncertainty is given, and turns over which it is averaged.
 BANDS, BAND_TURNS = 25, 8
 NO_ARCHIVE = np.zeros(0, np.uint8)
@@ -57,14 +55,32 @@ EMPTY_MODEL: dict[str, Any] = {
 }
 
 
+class Quality(NamedTuple):
+    """How finely the final model is meshed."""
+
+    faces: int  # Triangles, about, if it takes as many
+    tolerance: float  # Of the size: distance of the mesh from the surface, at least
+
+
+# Faces cost computing here, in scoring and in files; they do not change the surface.
+QUALITIES: Mapping[str, Quality] = {
+    "draft": Quality(6_000, 5e-4),
+    "normal": Quality(45_000, 5e-5),
+    "fine": Quality(180_000, 1e-5),
+}
+
+
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """There is nothing to set."""
+    """What the launch file may set."""
+
+    quality: Literal["draft", "normal", "fine"] = "normal"  # Of the final model's mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """What has been received."""
 
+    quality: Quality = QUALITIES["normal"]  # Of the final mesh
     platform: float = 0.0  # Height on which the object stands, m
     pad: Pad | None = None  # The sensor's array
     # Every touch; goals are numbered for all fingers together.
@@ -230,7 +246,7 @@ def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
     if not goal.contours:
         return shape_model(goal, None)
     try:
-        return shape_model(goal, _rebuild(state, goal))
+        return shape_model(goal, _rebuild(state, goal), quality=state.quality)
     except ValueError as why:  # what was touched is no solid: a result to be told, not a fault
         return shape_model(goal, None, str(why))
 
@@ -239,6 +255,7 @@ def shape_model(
     goal: ModelGoal | PlanDone,  # Who asked for it
     solid: rebuild.Solid | None,  # None if there was nothing to rebuild: the model is empty
     why: str = "",  # Why nothing could be rebuilt of contours that are there
+    quality: Quality = QUALITIES["normal"],  # Of the mesh, if it is the final one
 ) -> ShapeModel:
     """The message for a solid."""
     if solid is not None:
@@ -246,7 +263,7 @@ def shape_model(
     else:
         dropped = dict.fromkeys(range(len(goal.contours)) if why else (), why)
     final = isinstance(goal, PlanDone)
-    parts = EMPTY_MODEL if solid is None else _parts(solid, final)
+    parts = EMPTY_MODEL if solid is None else _parts(solid, quality if final else None)
     deviation = None if solid is None else solid.whole_deviation()
     return derive(
         ShapeModel,
@@ -262,11 +279,11 @@ def shape_model(
     )
 
 
-def _parts(solid: rebuild.Solid, final: bool) -> dict[str, Any]:
-    """Everything of a model that is the solid's."""
+def _parts(solid: rebuild.Solid, quality: Quality | None) -> dict[str, Any]:
+    """Everything of a model that is the solid's; without a quality its mesh is coarse."""
     lattice = solid.control_lattice
     assert lattice is not None
-    grid, mesh = lattices.lattice_grid(lattice), _mesh(solid, final)
+    grid, mesh = lattices.lattice_grid(lattice), _mesh(solid, quality)
     heights, deviation = _band(solid)
     return {
         "control": grid.control,
@@ -281,15 +298,14 @@ def _parts(solid: rebuild.Solid, final: bool) -> dict[str, Any]:
     }
 
 
-def _mesh(solid: rebuild.Solid, final: bool) -> surface.SurfaceMesh:
+def _mesh(solid: rebuild.Solid, quality: Quality | None) -> surface.SurfaceMesh:
     """At the end about as many triangles whatever the shape: a first mesh tells how fine."""
     coarse = COARSE_TOLERANCE * solid.surface.size
     first = solid.mesh(coarse)
-    if not final or len(first.faces) >= TARGET_FACES:
+    if quality is None or len(first.faces) >= quality.faces:
         return first
-    return solid.mesh(
-        max(coarse * len(first.faces) / TARGET_FACES, FINE_TOLERANCE * solid.surface.size)
-    )
+    finer = coarse * len(first.faces) / quality.faces
+    return solid.mesh(max(finer, quality.tolerance * solid.surface.size))
 
 
 def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
@@ -338,7 +354,7 @@ def rebuild_set(
 
 NODE = Node(
     params=Params,
-    start=lambda params: (State(), []),
+    start=lambda params: (State(quality=QUALITIES[params.quality]), []),
     handler_timeout=120.0,
     inputs={
         "/world": (World, know_world),

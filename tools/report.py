@@ -27,7 +27,12 @@ from palpate.nodes.specs import SensorSpec, describe_effects
 
 
 def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool) -> int:
-    """Perform a plan and print its text, or ``summary.json``; returns the exit code."""
+    """Perform a plan and print its text, or ``summary.json``; returns the exit code.
+
+    What is asked, and what it is expected to cost, is told before it begins.
+    """
+    if plan.asked and not (quiet or as_json):
+        click.echo(plan.asked, err=True)
     done = perform(plan, composed=composed, display=open_display(quiet=quiet or as_json))
     if as_json:
         click.echo(json.dumps(done.summary, indent=2, allow_nan=False))

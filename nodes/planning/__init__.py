@@ -14,6 +14,7 @@ from palpate.rooms import lazy
 if TYPE_CHECKING:
     from palpate.nodes.planning.budget import allowance as allowance
     from palpate.nodes.planning.budget import fits_contour as fits_contour
+    from palpate.nodes.planning.budget import shortest_grasp as shortest_grasp
     from palpate.nodes.planning.phases import State as State
     from palpate.nodes.planning.phases import Task as Task
     from palpate.nodes.planning.phases import contour_goal as contour_goal

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 # Of the robot time that may pass, what the hand may take once it has touched enough for a fit.
 GRASP_SHARE = 0.5
-FEW_CONTACTS = 12  # That is enough for one
+FEW_CONTACTS, LEAST_CLOSINGS = 12, 2  # That are enough for one
+OPENING_SHARE = 0.8  # Of the reach: how far the hand's fingers open
 # Touches of a contour, where none has been traced, and times as many as are expected that one of
 # several fingers may take.
 FIRST_CONTOUR, AMPLE = 30, 2.0
@@ -65,6 +66,14 @@ def fits_contour(demand: Demand, state: State) -> bool:
         and _contour_touches(state) <= allowed.touches
         and ends <= demand.most_seconds
     )
+
+
+def shortest_grasp(robot: RobotPreset, reach: float) -> float:
+    """Robot time that the fewest closings may take that tell enough of an object, s.
+
+    `reach`: of the world, m.
+    """
+    return LEAST_CLOSINGS * longest_seconds(robot, 0.0, 0.0, OPENING_SHARE * reach)
 
 
 def _contour_touches(state: State) -> float:

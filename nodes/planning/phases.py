@@ -44,7 +44,7 @@ from palpate.messages.types import (
     Superquadric,
     World,
 )
-from palpate.nodes.planning.budget import Allowance, fits_closing
+from palpate.nodes.planning.budget import OPENING_SHARE, Allowance, fits_closing
 from palpate.nodes.specs import CONTACT_ERROR
 
 
@@ -205,7 +205,6 @@ ENOUGH_CONTACTS = 60  # Contacts after which the hand has touched enough
 MAX_GRIPS = 30  # Times that it closes on the object at most
 # Distance of the places at which the object is looked for, m: less than a pad.
 SEARCH_SPACING = 12.0e-3
-OPENING_SHARE = 0.8  # Of the reach: how far the hand's fingers open
 ENDS: tuple[End, ...] = ("upper", "lower")
 # Of the extent: an end is touched all over as soon as there is a contour so near to it.
 END_NEARNESS = 0.07

@@ -67,6 +67,15 @@ docs/sweep.md says more.
 @RUN_FOLDER
 @click.option("--seed", type=SEED, help="Overrides the scene's seed.")
 @click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
+@click.option("--tolerance", metavar="LENGTH", help="Error asked for, as 0.2mm: rms of the solid.")
+@click.option("--feature", metavar="LENGTH", help="Largest height that may stay untouched, as 5mm.")
+@click.option("--budget", metavar="TIME", help="Robot time that may pass, grasp included, as 300s.")
+@click.option("--touches", type=int, help="Touches that may be made.")
+@click.option(
+    "--quality",
+    type=click.Choice(["draft", "normal", "fine"]),
+    help="Of the final mesh: 6,000, 45,000 or 180,000 faces.",
+)
 @SETTINGS
 @COMPOSED
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
@@ -77,13 +86,23 @@ def run_command(
     out: Path | None,
     seed: int | None,
     fingers: int | None,
+    tolerance: str | None,
+    feature: str | None,
+    budget: str | None,
+    touches: int | None,
+    quality: str | None,
     settings: tuple[str, ...],
     composed: bool,
     no_record: bool,
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Explore SCENE, a shipped scene's name or a YAML file, and rebuild its object."""
+    """Explore SCENE, a shipped scene's name or a YAML file, and rebuild its object.
+
+    It ends once the error is within --tolerance in 95 of 100 runs, and nothing higher than
+    --feature is untouched, which follows the tolerance if it is left out; or once --budget or
+    --touches is spent, which are never exceeded. Exits with 1 if the tolerance was not reached.
+    """
     if not composed:
         launch.prestart_fork_server(launch.EXPLORE)
     from palpate.launch.files import SourceMapped
@@ -98,7 +117,8 @@ def run_command(
         args["seed"] = SourceMapped(seed, "--seed")
     if fingers is not None:
         args["fingers"] = SourceMapped(fingers, "--fingers")
-    given = launch.read_settings(settings)
+    asked = launch.read_demand(tolerance, feature, budget, touches, quality)
+    given = {**launch.read_settings(settings), **asked}
     plan = launch.plan_run(launch.EXPLORE, args, given, name=path.stem, out=out)
     return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet)
 

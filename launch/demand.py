@@ -1,0 +1,158 @@
+"""What a user asks of a run, in units, and what that is expected to cost before it begins.
+
+Expected touches and robot seconds are medians over the shipped scenes, each explored at five shares
+of its height; in brackets, the span in which the middle half of them lies. Another object may take
+more: what a run really costs, and what a better one would, it tells itself.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.explore import FEATURE_SHARE
+from palpate.launch.files import InputError, SourceMapped
+from palpate.launch.printing import titled
+from palpate.nodes import planner, reconstructor
+from palpate.nodes.runtime import Wiring
+
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµ]*)\s*")
+
+
+def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:
+    """A positive number with its unit, in m or s: ``0.2mm``, ``5 min``.
+
+    Raises InputError if there is no number, no unit or another one, or it is not positive.
+    """
+    found = _QUANTITY.fullmatch(text)
+    example = f"0.2{'mm' if 'mm' in units else 's'}"
+    if found is None:
+        raise InputError(f"{option} {text}: must be a number with a unit, as {example}")
+    number, unit = found.groups()
+    unit = unit.replace("µ", "u")
+    if unit not in units:
+        what = f"the unit {unit!r} is none of" if unit else "must have a unit:"
+        raise InputError(f"{option} {text}: {what} {', '.join(units)}, as in {example}")
+    value = float(number) * units[unit]
+    if not 0.0 < value < math.inf:
+        raise InputError(f"{option} {text}: must be more than 0, as {example}")
+    return value
+
+
+def read_demand(
+    tolerance: str | None,
+    feature: str | None,
+    budget: str | None,
+    touches: int | None,
+    quality: str | None,
+) -> dict[str, SourceMapped]:
+    """Settings of nodes for what was asked on the command line; those not asked for are left out.
+
+    Raises InputError as `read_quantity` does, or if `touches` is not positive.
+    """
+    found: dict[str, SourceMapped] = {}
+    for name, text, units, target in (
+        ("--tolerance", tolerance, LENGTHS, "planner.tolerance"),
+        ("--feature", feature, LENGTHS, "planner.feature"),
+        ("--budget", budget, TIMES, "planner.most_seconds"),
+    ):
+        if text is not None:
+            found[target] = SourceMapped(read_quantity(text, units, name), f"{name} {text}")
+    if touches is not None:
+        if touches < 1:
+            raise InputError(f"--touches {touches}: must be at least 1")
+        found["planner.most_touches"] = SourceMapped(touches, f"--touches {touches}")
+    if quality is not None:
+        found["reconstructor.quality"] = SourceMapped(quality, f"--quality {quality}")
+    return found
+
+
+class ExpectedCost(NamedTuple):
+    """What shipped scenes took at one tolerance: lower quartile, median, upper quartile."""
+
+    touches: tuple[float, float, float]
+    seconds: tuple[float, float, float]  # Robot time, one finger of the preset ``modern``, s
+
+
+# By the tolerance over the object's height, %: `palpate bench scenes --only tolerances`.
+COSTS: Mapping[float, ExpectedCost] = {
+    1.0: ExpectedCost((40, 60, 70), (150, 180, 200)),
+}
+# Processor time of a whole run over that of quality normal.
+QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}
+# Of a run of quality normal, s for each touch, on one core of a machine of 2020.
+COMPUTE_PER_TOUCH = 0.05
+
+
+def expected_cost(share: float) -> ExpectedCost:
+    """For a tolerance over the height, between those that were measured by powers."""
+    known = np.log(sorted(COSTS))
+    rows = [COSTS[one] for one in sorted(COSTS)]
+
+    def between(values: Sequence[Sequence[float]]) -> tuple[float, float, float]:
+        columns = np.log(np.array(values)).T
+        at = math.log(100.0 * share)
+        low, middle, high = (float(np.exp(np.interp(at, known, one))) for one in columns)
+        return low, middle, high
+
+    return ExpectedCost(
+        between([row.touches for row in rows]), between([row.seconds for row in rows])
+    )
+
+
+def demand_text(
+    wirings: Sequence[Wiring], settings: Mapping[str, SourceMapped], height: float | None
+) -> str:
+    """What is asked, by whom, and what it is expected to cost; empty without a planner.
+
+    `height`: of the object, m; None where the launch file has no scene.
+    """
+    planners = [one.params for one in wirings if isinstance(one.params, planner.Params)]
+    if len(planners) != 1:
+        return ""
+    asked = planners[0]
+    qualities = [
+        one.params.quality for one in wirings if isinstance(one.params, reconstructor.Params)
+    ]
+    lines = titled("asked", *_choices(asked, qualities, settings))
+    if height is not None:
+        lines += titled("expected", *_expectation(asked, qualities, height))
+    return "\n".join(lines)
+
+
+def _choices(
+    asked: planner.Params, qualities: Sequence[str], settings: Mapping[str, SourceMapped]
+) -> list[str]:
+    def why(name: str, otherwise: str = "default or scene") -> str:
+        return settings[name].source if name in settings else otherwise
+
+    feature = asked.demand.feature
+    follows = f"{FEATURE_SHARE:g} times the tolerance"
+    reason = follows if asked.feature is None else why("planner.feature")
+    parts = [
+        f"tolerance {1e3 * asked.tolerance:.3g} mm ({why('planner.tolerance')})",
+        f"untouched at most {1e3 * feature:.3g} mm ({reason})",
+    ]
+    if asked.most_touches is not None:
+        parts.append(f"at most {asked.most_touches} touches ({why('planner.most_touches')})")
+    if asked.most_seconds is not None:
+        parts.append(f"at most {asked.most_seconds:g} s ({why('planner.most_seconds')})")
+    parts += [f"quality {one} ({why('reconstructor.quality', 'default')})" for one in qualities]
+    return parts
+
+
+def _expectation(asked: planner.Params, qualities: Sequence[str], height: float) -> list[str]:
+    touches, seconds = expected_cost(asked.tolerance / height)
+    compute = COMPUTE_PER_TOUCH * touches[1] * max([QUALITY_COST[q] for q in qualities] or [1.0])
+    return [
+        f"about {touches[1]:.0f} touches ({touches[0]:.0f} to {touches[2]:.0f})",
+        f"robot {seconds[1]:.0f} s ({seconds[0]:.0f} to {seconds[2]:.0f})",
+        f"computing {compute:.0f} s",
+        f"for {100.0 * asked.tolerance / height:.2g} % of {1e3 * height:.0f} mm",
+    ]
