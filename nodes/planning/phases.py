@@ -132,9 +132,9 @@ class State:
         return bool(self.usable) and self.evidence != self.modelled
 
 
-# What may stay untouched between two touches of a contour: of what may at all, and of the pad's
-# width at most, for a pad that goes farther misses the contour.
-GAP_SHARE, WIDEST_GAP = 0.25, 0.25
+# What may stay untouched between two touches of a contour, of the pad's width: so much at most, for
+# a pad that goes farther misses the contour; half of it where a feature of the other share may.
+WIDEST_GAP, HALF_GAP = 0.3, 0.6
 
 
 def contour_goal(
@@ -152,7 +152,7 @@ def contour_goal(
         frame=state.frame.pose,
         centre=centre,
         radius=radius,
-        gap=min(GAP_SHARE * feature, WIDEST_GAP * state.pad_width),
+        gap=WIDEST_GAP * state.pad_width * feature / (feature + HALF_GAP * state.pad_width),
         not_before=state.clock,
     )
 

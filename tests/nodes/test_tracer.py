@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from palpate.core import ROBOT_PRESETS
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, pose_of, split_pose, transform_points
 from palpate.messages.codec import encode
 from palpate.messages.types.motion import (
@@ -260,3 +262,38 @@ def test_where_there_are_several_fingers_each_touch_tells_the_time(ready: State,
     assert isinstance(clock, FingerClock)
     assert (clock.finger, clock.robot_time) == (1, patch.robot_time)
     assert published["/probe/traced"].robot_time == patch.robot_time
+
+
+def traced(ready: State, finger: Finger, goal: ContourGoal | ProbeGoal) -> Any:
+    [found] = followed(*take_goal(Params(), ready, goal), finger)
+    return found
+
+
+def test_a_contour_takes_no_more_touches_than_its_goal_allows(ready: State, finger: Finger):
+    whole = traced(ready, finger, contour_goal())
+    assert whole.status == "closed"
+    for most in (0, 7):
+        cut = traced(ready, finger, contour_goal(most_touches=most))
+        assert (cut.status, cut.touches) == ("budget", most)
+
+
+def test_no_touch_ends_later_than_its_goal_allows(ready: State, world: World, finger: Finger):
+    robot = ROBOT_PRESETS["modern"].array
+    timed, _ = know_world(Params(), ready, replace(world, robot=robot))
+    for most in (16.0, 20.0):
+        cut = traced(timed, finger, contour_goal(radius=0.06, not_after=most))
+        assert cut.status == "budget"
+        assert 0.7 * most < cut.robot_time < most
+        finger.state = replace(finger.state, clock=0.0)
+    late = traced(timed, finger, probe_goal(not_after=3.0))
+    assert (late.touches, late.outcome, late.robot_time) == (0, "miss", 0.0)
+    assert traced(timed, finger, probe_goal(not_after=30.0)).touches == 1
+
+
+def test_a_gap_between_touches_saves_some_of_them(ready: State, finger: Finger):
+    dense = traced(ready, finger, contour_goal())
+    sparse = traced(ready, finger, contour_goal(gap=4e-3))
+    assert sparse.status == "closed"
+    assert sparse.touches < 0.85 * dense.touches
+    step = np.linalg.norm(np.diff(sparse.points, axis=0), axis=1).max()
+    assert 2e-3 < step < 2.1e-3 + 1.6 * 4e-3

@@ -5,8 +5,10 @@ import pytest
 
 from palpate.core.explore.grasp.hand import (
     FINGERTIP,
+    MARGIN,
     SEARCH_HEIGHTS,
     Hand,
+    brought_near,
     contact_of,
     expected_ellipsoid,
     fingertip_starts,
@@ -214,3 +216,25 @@ def test_an_edge_is_met_at_its_deepest_taxel(flat):
     found = contact_of(flat, pose_of(np.zeros(3), np.eye(3)), pressed, 0.0)
     assert found[0][0] == pytest.approx(0.5e-3)
     assert found[0][2] == pytest.approx(-1e-3)
+
+
+def test_fingers_are_brought_near_what_is_expected_and_no_nearer():
+    turn = np.linspace(0.0, 2.0 * np.pi, 20, endpoint=False)
+    rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(20)])
+    points = 0.03 * rim + np.array([0.0, 0.0, 0.05]) + 0.02 * np.outer(np.sin(3 * turn), [0, 0, 1])
+    hand, pose = (
+        Hand(fingers=5, opening=0.12, reach=0.12),
+        pose_of(np.array([0, 0, 0.05]), FACING_DOWN),
+    )
+    near = brought_near(hand, pose, points, rim, 0.0)
+    starts, reaches = fingertip_starts(near, pose, 0.0)
+    away = np.linalg.norm(starts[:-1, :2], axis=1)
+    assert away == pytest.approx(0.03 + MARGIN, abs=8e-3)
+    assert reaches[:-1] == pytest.approx(0.12 - np.array(near.advanced[:-1]))
+    assert brought_near(hand, pose, points[:6], rim[:6], 0.0) is hand
+
+
+@pytest.mark.parametrize("advanced", [(0.01,), (0.0, 0.0, 0.0, 0.0, 0.2)])
+def test_fingers_brought_in_beyond_their_reach_are_refused(advanced):
+    with pytest.raises(ValueError, match="advanced must"):
+        Hand(fingers=4, opening=0.1, reach=0.08, advanced=advanced)

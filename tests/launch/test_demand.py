@@ -1,0 +1,103 @@
+import pytest
+
+from palpate.launch import check_run, find_scene
+from palpate.launch.demand import (
+    COSTS,
+    LENGTHS,
+    TIMES,
+    demand_text,
+    expected_cost,
+    read_demand,
+    read_quantity,
+)
+from palpate.launch.files import InputError, SourceMapped
+from palpate.launch.launch_source import EXPLORE
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "value"),
+    [
+        ("0.2mm", LENGTHS, 2e-4),
+        (" 200 um", LENGTHS, 2e-4),
+        ("200µm", LENGTHS, 2e-4),
+        (".5cm", LENGTHS, 5e-3),
+        ("1e-3m", LENGTHS, 1e-3),
+        ("300s", TIMES, 300.0),
+        ("5 min", TIMES, 300.0),
+    ],
+)
+def test_a_number_with_its_unit_is_read(text, units, value):
+    assert read_quantity(text, units, "--x") == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("0.2", "must have a unit: m, cm, mm, um, as in 0.2mm"),
+        ("0.2s", "the unit 's' is none of m, cm, mm, um"),
+        ("mm", "must be a number with a unit, as 0.2mm"),
+        ("nanmm", "must be a number with a unit"),
+        ("0mm", "must be more than 0"),
+        ("-1mm", "must be more than 0"),
+        ("1e999mm", "must be more than 0"),
+    ],
+)
+def test_what_is_no_length_is_refused_in_one_sentence(text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read_quantity(text, LENGTHS, "--tolerance")
+    assert str(caught.value).startswith(f"--tolerance {text}: ")
+
+
+def test_only_what_is_asked_for_is_set():
+    found = read_demand("0.2mm", None, "2min", 150, "draft")
+    assert {key: one.value for key, one in found.items()} == {
+        "planner.tolerance": pytest.approx(2e-4),
+        "planner.most_seconds": 120.0,
+        "planner.most_touches": 150,
+        "reconstructor.quality": "draft",
+    }
+    assert found["planner.tolerance"].source == "--tolerance 0.2mm"
+    assert read_demand(None, None, None, None, None) == {}
+    with pytest.raises(InputError, match="--touches 0: must be at least 1"):
+        read_demand(None, None, None, 0, None)
+
+
+def test_costs_rise_with_accuracy_and_are_those_measured():
+    shares = sorted(COSTS)
+    medians = [COSTS[one].touches[1] for one in shares]
+    assert medians == sorted(medians, reverse=True)
+    assert expected_cost(0.01 * shares[0]).touches == pytest.approx(COSTS[shares[0]].touches)
+    between = expected_cost(0.01 * (shares[0] * shares[1]) ** 0.5)
+    assert medians[1] < between.touches[1] < medians[0]
+    for one in COSTS.values():
+        assert one.touches == tuple(sorted(one.touches))
+        assert one.seconds == tuple(sorted(one.seconds))
+
+
+def resolved(settings, tmp_path):
+    args = {"scene": SourceMapped(str(find_scene("sphere")), "scene")}
+    return check_run(EXPLORE, args, settings, tmp_path / "run")
+
+
+def test_what_is_asked_is_told_with_its_reason_and_what_it_is_expected_to_cost(tmp_path):
+    settings = read_demand("0.4mm", None, "300s", None, "fine")
+    _, wirings = resolved(settings, tmp_path)
+    text = " ".join(demand_text(wirings, settings, 0.08).split())
+    assert "tolerance 0.4 mm (--tolerance 0.4mm)" in text
+    assert "untouched at most 20 mm (50 times the tolerance)" in text
+    assert "at most 300 s (--budget 300s)" in text
+    assert "quality fine (--quality fine)" in text
+    assert "expected about" in text and "for 0.5 % of 80 mm" in text
+    own = read_demand("0.4mm", "3mm", None, 90, None)
+    _, wirings = resolved(own, tmp_path)
+    text = " ".join(demand_text(wirings, own, None).split())
+    assert "untouched at most 3 mm (--feature 3mm)" in text
+    assert "at most 90 touches (--touches 90)" in text
+    assert "expected" not in text
+    assert demand_text([], {}, 0.1) == ""
+
+
+def test_a_robot_time_in_which_no_hand_can_close_twice_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"--budget 20s: most_seconds is 20 s; the grasp alone"):
+        resolved(read_demand(None, None, "20s", None, None), tmp_path)
+    resolved(read_demand(None, None, "31s", None, None), tmp_path)
