@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from palpate.launch.launch_file import describe as describe
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import find_launch_file as find_launch_file
-    from palpate.launch.launch_source import named_modules as named_modules
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch
     from palpate.launch.node_kinds import Entry as Entry

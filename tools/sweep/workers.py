@@ -8,7 +8,6 @@ file of the user's; there the files that a run leaves come back with its record.
 from __future__ import annotations
 
 import logging
-import signal
 import tempfile
 import threading
 import time
@@ -28,15 +27,17 @@ from palpate.launch import (
     Plan,
     RunDirectory,
     SilentDisplay,
-    named_modules,
     perform,
+    prestart_fork_server,
 )
 from palpate.launch.files import InputError
+from palpate.launch.processes import without_main_module
 from palpate.nodes.runtime import RECORDER
 from palpate.tools.sweep.sweep_file import SweepRun
 
 ANSWER_TIME = 10.0  # Time in which a scheduler must have answered, s
 Record = dict[str, Any]  # The figures of `summary.json`, exit code and processor time
+CONTEXT = get_context("forkserver")  # Ctrl-C is blocked in what is forked
 _one_at_a_time = threading.Lock()
 
 
@@ -81,16 +82,16 @@ class LocalWorkers:
 
     def __init__(self, count: int) -> None:
         self.width = count  # So many runs at a time keep all busy
-        self._context = get_context("forkserver")
-        self._context.set_forkserver_preload(["__main__", __name__, *named_modules(EXPLORE)])
+        prestart_fork_server(EXPLORE)
         self._busy: dict[connection.Connection, tuple[BaseProcess, Job]] = {}
 
     def begin(self, job: Job) -> None:
         """Have a run made."""
-        ours, theirs = self._context.Pipe(duplex=False)
-        arguments = (theirs, job.plan, job.folder)
-        process = self._context.Process(target=_explore_for, args=arguments, daemon=True)
-        process.start()
+        ours, theirs = CONTEXT.Pipe(duplex=False)
+        arguments = (theirs, job.plan, job.folder.absolute())  # it starts in another folder
+        process = CONTEXT.Process(target=_explore_for, args=arguments, daemon=True)
+        with without_main_module():
+            process.start()
         theirs.close()  # so that the end of the process is the end of the pipe
         self._busy[ours] = process, job
 
@@ -115,8 +116,7 @@ class LocalWorkers:
 
 
 def _explore_for(pipe: connection.Connection, plan: Plan, folder: Path) -> None:
-    """Make a run and hand its record over; Ctrl-C is for the other end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Make a run and hand its record over."""
     try:
         found: Record | InputError = explore_into(plan, folder)
     except InputError as error:

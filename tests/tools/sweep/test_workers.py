@@ -66,7 +66,8 @@ def test_a_run_leaves_what_palpate_run_leaves(by_one, two):
     assert all(0.0 < float(row["rms_m"]) < 1e-4 and row["touches"] != "" for row in rows)
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # among the tenth that .ci/run takes, as the next one: their names decide
+@pytest.mark.timeout(300)
 def test_two_processes_in_another_order_come_to_the_same_table(by_one, two, tmp_path):
     run_sweep(shuffled(two), tmp_path, LocalWorkers(2), print)
     assert without_numbers(figures(tmp_path)) == without_numbers(figures(by_one))
@@ -90,7 +91,8 @@ def test_a_process_that_is_killed_gives_its_run_back_and_is_replaced(two, tmp_pa
     assert multiprocessing.active_children() == []
 
 
-@pytest.mark.slow  # among the tenth that .ci/run takes, which its name decides
+@pytest.mark.slow
+@pytest.mark.timeout(300)
 @pytest.mark.graph
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 def test_a_cluster_of_which_a_worker_is_killed_comes_to_the_same_table(by_one, two, tmp_path):
