@@ -205,9 +205,13 @@ def spline_loft(contours: Floats) -> Mesh:
     return closed_mesh(loft_rings(contours, contours[:, 0, 2], MESH_ROWS, MESH_COLUMNS))
 
 
-def _ours(contours: Floats) -> Mesh:
-    mesh = reconstruct(list(contours[:, :-1]), method="skin").mesh(1e-4 * EXAMPLE_HEIGHT)
+def _ours(contours: Sequence[Floats] | Floats, *seen: Any, **how: Any) -> Mesh:
+    mesh = reconstruct(list(contours), *seen, **how).mesh()
     return Mesh(mesh.vertices, mesh.faces)
+
+
+def _skin(contours: Floats) -> Mesh:
+    return _ours(contours[:, :-1], method="skin")
 
 
 def _smooth(height: Floats, azimuth: Floats) -> Floats:
@@ -278,27 +282,19 @@ def _recorded_thesis(found: MeasuredContours, *, faithful: bool) -> Mesh:
     return Mesh(transform_points(found.frame, mesh.vertices), mesh.faces)
 
 
-def _recorded_skin(found: MeasuredContours) -> Mesh:
-    solid = reconstruct(found.contours, tops=found.tops, method="skin", frame=found.frame)
-    mesh = solid.mesh()
-    return Mesh(mesh.vertices, mesh.faces)
-
-
-def _recorded_lattice(found: MeasuredContours) -> Mesh:
-    solid = reconstruct(found.contours, found.normals, found.taxels, found.tops, frame=found.frame)
-    mesh = solid.mesh()
-    return Mesh(mesh.vertices, mesh.faces)
-
-
 RECORDED_WAYS: dict[str, Callable[[MeasuredContours], Mesh]] = {
     "thesis, program": partial(_recorded_thesis, faithful=True),
     "thesis, corrected": partial(_recorded_thesis, faithful=False),
-    "skin, contours alone": _recorded_skin,
-    "lattice, all taxels": _recorded_lattice,
+    "skin, contours alone": lambda found: _ours(
+        found.contours, tops=found.tops, frame=found.frame, method="skin"
+    ),
+    "lattice, all taxels": lambda found: _ours(
+        found.contours, found.normals, found.taxels, found.tops, frame=found.frame
+    ),
 }
 VARIANTS = (
     ThesisVariant("spline loft", spline_loft),
-    ThesisVariant("palpate, skin", _ours),
+    ThesisVariant("palpate, skin", _skin),
     ThesisVariant("program", partial(_solid, faithful=True), 0.005),
     ThesisVariant("corrected", _solid, 0.0045),
     ThesisVariant("with 4.3", _with_spline, 0.0045),
@@ -307,7 +303,7 @@ VARIANTS = (
 )
 NOISY_VARIANTS = (
     ThesisVariant("spline loft", spline_loft),
-    ThesisVariant("palpate, skin", _ours),
+    ThesisVariant("palpate, skin", _skin),
     ThesisVariant("program", partial(_solid, faithful=True)),
     ThesisVariant("corrected", _solid, 0.005),
 )
