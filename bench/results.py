@@ -28,7 +28,7 @@ from palpate.launch.files import InputError, read_bounded, write_atomically
 FORM, VERSION = "palpate bench", 1
 MOST_BYTES = 64 * 2**20
 NOISE: Mapping[Kind, float] = {"time": 0.10, "count": 0.0, "error": 0.02}  # Shares of the value
-ROUNDING = 1e-9  # Of the noise
+NEGLIGIBLE = 1e-12  # In any unit: what is less comes of rounding
 BUSY = 0.75  # Load for each core from which times are doubtful
 SMALLER_IS_BETTER = ("s", "ms", "us", "ns", "m", "mm", "um", "deg", "% of height")
 Verdict = Literal["worse", "better", "moved"]
@@ -191,10 +191,10 @@ def has_moved(old: Figure, new: Figure) -> bool:
     """Whether a figure differs by more than noise."""
     if old.value is None or new.value is None or old.unit != new.unit:
         return (old.value, old.unit) != (new.value, new.unit)
-    noise = old.spread + new.spread
+    noise = old.spread + new.spread + NEGLIGIBLE
     if not (old.repeated and new.repeated):
         noise += NOISE[new.kind] * max(abs(old.value), abs(new.value))
-    return abs(new.value - old.value) > noise * (1.0 + ROUNDING)
+    return abs(new.value - old.value) > noise
 
 
 def _verdict(line: Measured, old: Figure, new: Figure) -> Verdict:

@@ -133,6 +133,7 @@ def test_times_of_another_machine_are_not_compared(both, tmp_path):
         (figure_of(1.0, "mm"), figure_of(None or float("nan"), "mm"), True),
         (figure_of(float("nan")), figure_of(float("nan")), False),
         (figure_of(1.0, "mm"), figure_of(1.0, "um"), True),
+        (figure_of(1e-16, "mm"), figure_of(3e-16, "mm"), False),
         # Repeats say more than the rule, either way.
         (figure_of(1.0, "s", repeats=[0.5, 2.5]), figure_of(1.9, "s", repeats=[1.9, 2.0]), False),
         (
