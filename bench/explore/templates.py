@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore.planners import Trials, even_counts, first_counts, plan_counts
+from palpate.bench.explore.planners import DEMAND, Trials, even_counts, first_counts
 from palpate.bench.table import Row, best_seconds, figure
 from palpate.core.explore import planners as rules
 
@@ -124,8 +124,15 @@ def best_by_form(sets: Sequence[rules.Thesis], seen: Trials, others: Trials) -> 
 
 def judge_rule(rule: rules.Thesis, trials: Trials) -> tuple[float, int]:
     """Mean contours of a rule, and how many objects it does not rebuild well enough."""
-    counts = list(plan_counts(rule, trials).values())
+    counts = [plan_count(rule, one) for one in trials.values()]
     return float(np.mean(counts)), counts.count(rules.MOST_CONTOURS_PLANNED)
+
+
+def plan_count(rule: rules.Thesis, trial: rules.PlannerTrial) -> int:
+    """Contours of a plan, if at its end the side is good enough; else the most."""
+    slices, stop = rules.run_planner(rule, trial, DEMAND)
+    done = stop is not None and trial.rms(slices) <= DEMAND
+    return len(slices) if done else rules.MOST_CONTOURS_PLANNED
 
 
 def finding(kind: str, found: Mapping[str, Chosen]) -> Row:

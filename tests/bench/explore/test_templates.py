@@ -3,7 +3,6 @@ from __future__ import annotations
 import pytest
 
 from palpate.bench.explore import templates
-from palpate.bench.explore.planners import plan_counts
 from palpate.bench.explore.templates import (
     KINDS,
     Chosen,
@@ -11,6 +10,7 @@ from palpate.bench.explore.templates import (
     by_kind,
     finding,
     kind_of,
+    plan_count,
     rule_sets,
     template_rows,
 )
@@ -49,7 +49,7 @@ def test_the_best_set_of_each_form_is_chosen_on_some_objects_and_judged_on_other
     assert list(found) == ["exponential, product"]
     one = found["exponential, product"]
     assert one.rule in sets
-    assert one.chosen == min(plan_counts(rule, seen)["a"] for rule in sets)
+    assert one.chosen == min(plan_count(rule, seen["a"]) for rule in sets)
     assert one.failed == int(one.judged == MOST_CONTOURS_PLANNED)
 
 
