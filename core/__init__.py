@@ -1,9 +1,9 @@
 """What palpate knows: arrays in, arrays out; no clock, file, socket, log or global state.
 
 These chapters serve all its rooms: array types and their checks, poses, batched least squares,
-archives of values, plug-ins and their parameters, and what moves cost a robot. Of them only the
-presets of `robot_time` are assumptions that may be replaced; the rest is to be relied on. They rest
-on numpy alone.
+archives of values, plug-ins and their parameters, what moves cost a robot, and steps of long work.
+Of them only the presets of `robot_time` are assumptions that may be replaced; the rest is to be
+relied on. They rest on numpy alone.
 """
 
 from __future__ import annotations
@@ -46,5 +46,7 @@ if TYPE_CHECKING:
     from palpate.core.robot_time import longest_seconds as longest_seconds
     from palpate.core.robot_time import move_between as move_between
     from palpate.core.robot_time import move_durations as move_durations
+    from palpate.core.steps import Steps as Steps
+    from palpate.core.steps import no_steps as no_steps
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -60,6 +60,7 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
 
 NODE = Node(
     params=Params,
+    step="curvature",
     start=lambda params: (None, []),
     inputs={"/touch/info": (SensorInfo, know_sensor), "/touch/image": (TactileImage, on_image)},
     outputs={"/touch/patch": SurfacePatch},

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 
 import msgspec
 
-from palpate.core import geometry
+from palpate.core import Steps, geometry
 from palpate.messages import derive
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime import Deferred, Finished, Node, Outputs
@@ -72,7 +72,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     return state, outputs
 
 
-def _score(truth: TrueSurface, model: ShapeModel) -> Score:
+def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
     rebuilt = geometry.prepare_surface(model.vertices, model.faces)
     distances = geometry.compare_surfaces(truth.prepared, rebuilt)
     solid = geometry.solidity(model.vertices, model.faces)
@@ -92,6 +92,7 @@ def _score(truth: TrueSurface, model: ShapeModel) -> Score:
 
 NODE = Node(
     params=Params,
+    step="scoring",
     start=lambda params: (None, []),
     handler_timeout=120.0,
     inputs={"/truth": (Truth, take_truth), "/model/shape": (ShapeModel, take_model)},

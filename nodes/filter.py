@@ -62,6 +62,7 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
 
 NODE = Node(
     params=Params,
+    step="filter",
     start=lambda params: (None, []),
     inputs={"/touch/info": (SensorInfo, calibrate), "/touch/raw": (TactileFrame, take_frame)},
     outputs={"/touch/image": TactileImage},

@@ -15,7 +15,15 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import IDENTITY_POSE, Floats, rebuild, split_pose, tree_to_bytes
+from palpate.core import (
+    IDENTITY_POSE,
+    Floats,
+    Steps,
+    no_steps,
+    rebuild,
+    split_pose,
+    tree_to_bytes,
+)
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points
@@ -224,9 +232,10 @@ def _is_coarse(goal: ModelGoal | PlanDone) -> TypeGuard[ModelGoal]:
     return isinstance(goal, ModelGoal) and not (goal.contours or goal.probes)
 
 
-def _coarse(state: State, goal: ModelGoal) -> Superquadric:
+def _coarse(state: State, goal: ModelGoal, step: Steps) -> Superquadric:
     contacts = [state.contacts[number] for number in range(goal.closings)]
-    return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
+    with step("superquadric"):
+        return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
 
 
 def coarse_model(number: int, contacts: Floats) -> Superquadric:
@@ -242,11 +251,11 @@ def coarse_model(number: int, contacts: Floats) -> Superquadric:
     )
 
 
-def _fit(state: State, goal: ModelGoal | PlanDone) -> ShapeModel:
+def _fit(state: State, goal: ModelGoal | PlanDone, step: Steps) -> ShapeModel:
     if not goal.contours:
         return shape_model(goal, None)
     try:
-        return shape_model(goal, _rebuild(state, goal), quality=state.quality)
+        return shape_model(goal, _rebuild(state, goal, step), quality=state.quality, step=step)
     except ValueError as why:  # what was touched is no solid: a result to be told, not a fault
         return shape_model(goal, None, str(why))
 
@@ -256,6 +265,7 @@ def shape_model(
     solid: rebuild.Solid | None,  # None if there was nothing to rebuild: the model is empty
     why: str = "",  # Why nothing could be rebuilt of contours that are there
     quality: Quality = QUALITIES["normal"],  # Of the mesh, if it is the final one
+    step: Steps = no_steps,  # Told which step begins
 ) -> ShapeModel:
     """The message for a solid."""
     if solid is not None:
@@ -263,8 +273,9 @@ def shape_model(
     else:
         dropped = dict.fromkeys(range(len(goal.contours)) if why else (), why)
     final = isinstance(goal, PlanDone)
-    parts = EMPTY_MODEL if solid is None else _parts(solid, quality if final else None)
-    deviation = None if solid is None else solid.whole_deviation()
+    parts = EMPTY_MODEL if solid is None else _parts(solid, quality if final else None, step)
+    with step("bound"):
+        deviation = None if solid is None else solid.whole_deviation()
     return derive(
         ShapeModel,
         goal,
@@ -279,12 +290,14 @@ def shape_model(
     )
 
 
-def _parts(solid: rebuild.Solid, quality: Quality | None) -> dict[str, Any]:
+def _parts(solid: rebuild.Solid, quality: Quality | None, step: Steps) -> dict[str, Any]:
     """Everything of a model that is the solid's; without a quality its mesh is coarse."""
     lattice = solid.control_lattice
     assert lattice is not None
-    grid, mesh = lattices.lattice_grid(lattice), _mesh(solid, quality)
-    heights, deviation = _band(solid)
+    with step("mesh"):
+        grid, mesh = lattices.lattice_grid(lattice), _mesh(solid, quality)
+    with step("bound"):
+        heights, deviation = _band(solid)
     return {
         "control": grid.control,
         "undeformed": grid.undeformed,
@@ -318,7 +331,7 @@ def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
     return heights, np.sqrt(np.mean(deviation**2, axis=1))
 
 
-def _rebuild(state: State, goal: ModelGoal | PlanDone) -> rebuild.Solid:
+def _rebuild(state: State, goal: ModelGoal | PlanDone, step: Steps) -> rebuild.Solid:
     touched = {
         id_: [state.touches[id_][touch] for touch in sorted(state.touches.get(id_, {}))]
         for id_ in (*goal.contours, *goal.probes, *goal.arcs)
@@ -328,6 +341,7 @@ def _rebuild(state: State, goal: ModelGoal | PlanDone) -> rebuild.Solid:
         [state.probes[id_] for id_ in goal.probes],
         touched,
         state.platform,
+        step,
     )
 
 
@@ -337,6 +351,7 @@ def rebuild_set(
     # What each touch of these measured, and of unfinished contours, by the goal's number
     touched: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
+    step: Steps = no_steps,  # Told which step begins
 ) -> rebuild.Solid:
     """The solid of a set.
 
@@ -349,11 +364,13 @@ def rebuild_set(
         patches=stack_points(points),
         tops=touched_ends(contours, probes, touched, platform),
         frame=frame,
+        step=step,
     )
 
 
 NODE = Node(
     params=Params,
+    step="contacts",
     start=lambda params: (State(quality=QUALITIES[params.quality]), []),
     handler_timeout=120.0,
     inputs={

@@ -232,6 +232,7 @@ def _along(before: LastContact | None, now: LastContact | None) -> float:
 
 NODE = Node(
     params=Params,
+    step="casting",
     start=start,
     handler_timeout=20.0,
     inputs={"/finger/goal": (TouchGoal, touch), "/hand/goal": (GraspGoal, take_grasp)},

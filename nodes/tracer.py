@@ -252,6 +252,7 @@ def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
 
 NODE = Node(
     params=Params,
+    step="tracing",
     start=lambda params: (State(), []),
     inputs={
         "/world": (World, know_world),

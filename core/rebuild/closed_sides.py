@@ -47,6 +47,7 @@ from palpate.core.rebuild.side import (
     with_normals,
 )
 from palpate.core.rebuild.surface import Patch, Surface, close_surface, search_surface
+from palpate.core.steps import Steps, no_steps
 
 POINT = 1e-9  # Of the widest contour: one that is narrower is a point
 SECTIONS, SECTION_TURNS = 16, 64
@@ -90,6 +91,7 @@ def close_contours(
     bottom: float | None = None,
     top: float | None = None,
     noise: float | None = None,
+    step: Steps = no_steps,
 ) -> ContourSolid:
     """The closed surface through contours at ascending heights (m,), grid (m, k, 2).
 
@@ -112,10 +114,14 @@ def close_contours(
         raise ValueError(
             f"heights must be at least 2 unless both ends were touched, got {len(heights)}"
         )
-    # An end can be told from contours only as far as their noise lets one see.
-    known = noise if noise is not None else (noise_of(heights, grid) if len(heights) > 1 else 0.0)
-    ends = close_ends(heights, grid, bottom=bottom, top=top, noise=known)
-    return _between_ends(heights, grid, ends, noise)
+    with step("cross-validation"):  # it smooths the loft, too
+        # An end can be told from contours only as far as their noise lets one see.
+        known = noise
+        if known is None:
+            known = noise_of(heights, grid) if len(heights) > 1 else 0.0
+        with step("ends"):
+            ends = close_ends(heights, grid, bottom=bottom, top=top, noise=known)
+        return _between_ends(heights, grid, ends, noise)
 
 
 def close_radial(rows: RadialRows) -> ContourSolid:
@@ -171,7 +177,11 @@ class RadialRows(NamedTuple):
 
 
 def radial_rows(
-    slices: Slices, contacts: ContactPoints, bottom: float | None, top: float | None
+    slices: Slices,
+    contacts: ContactPoints,
+    bottom: float | None,
+    top: float | None,
+    step: Steps = no_steps,
 ) -> RadialRows | None:
     """Rows of the radial spline through all contact points, over the heights that were touched.
 
@@ -194,7 +204,7 @@ def radial_rows(
         top = top if only_given(contacts, 1.0, top) else None
         contacts, levels = shear.levelled_contacts(contacts), shear.levelled(levels)
         axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
-    found = _rows_between(contacts, axis_curve, levels[:, 2], bottom, top)
+    found = _rows_between(contacts, axis_curve, levels[:, 2], bottom, top, step)
     return None if found is None else found._replace(shear=shear)
 
 
@@ -204,6 +214,7 @@ def _rows_between(
     levels: Floats,
     bottom: float | None,
     top: float | None,
+    step: Steps,
 ) -> RadialRows | None:
     """The rows about an axis, from the heights (n,) of the contours' middles."""
     # All contact points lie between them, but for what seems to lie beyond an end that is known
@@ -212,15 +223,17 @@ def _rows_between(
         _reached(contacts, float(last), way, end)
         for end, last, way in ((bottom, levels[0], -1.0), (top, levels[-1], 1.0))
     )
-    contacts = with_normals(contacts, axis_curve, low, high)
-    plain = fit_radial_spline(contacts, axis_curve, low, high)
-    seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
-    if len(plain.rows.heights) < FEWEST or seen is None:
-        return None
-    spline, pose = fit_shifted_spline(contacts, plain)
-    bottom = touched_end(contacts, float(levels[0]), -1.0, pose, bottom)
-    top = touched_end(contacts, float(levels[-1]), 1.0, pose, top)
-    return _rows(contacts, spline, levels, (bottom, top), seen, pose)
+    with step("radial spline"):
+        contacts = with_normals(contacts, axis_curve, low, high)
+        plain = fit_radial_spline(contacts, axis_curve, low, high)
+        seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
+        if len(plain.rows.heights) < FEWEST or seen is None:
+            return None
+        spline, pose = fit_shifted_spline(contacts, plain, step)
+    with step("ends"):
+        bottom = touched_end(contacts, float(levels[0]), -1.0, pose, bottom)
+        top = touched_end(contacts, float(levels[-1]), 1.0, pose, top)
+        return _rows(contacts, spline, levels, (bottom, top), seen, pose, step)
 
 
 def _reached(contacts: ContactPoints, last: float, way: float, end: float | None) -> float:
@@ -237,6 +250,7 @@ def _rows(
     ends: tuple[float | None, float | None],
     seen: Coverage,
     pose: float | None,
+    step: Steps,
 ) -> RadialRows:
     lowest, highest = float(levels[0]), float(levels[-1])
     bottom = spline.low if ends[0] is None else min(ends[0], lowest)
@@ -258,7 +272,8 @@ def _rows(
 
     below = closing(low, high - low, None if ends[0] is None else bottom)
     above = closing(high, low - high, None if ends[1] is None else top)
-    fit = radial_fit(spline, seen, pose, (low, high), missing > 0.0)
+    with step("bound"):
+        fit = radial_fit(spline, seen, pose, (low, high), missing > 0.0)
     return RadialRows(heights, spline.rings(heights, turns), (below, above), fit, None)
 
 

@@ -49,6 +49,7 @@ from palpate.core.rebuild.surface import (
     sampled_patch,
 )
 from palpate.core.shapes import Superquadric, Taper, regular_points
+from palpate.core.steps import Steps, no_steps
 from palpate.core.thesis import ThesisSolid, rebuild_thesis
 
 LEAST, WIDEST = 4, 64  # Control points of a lattice: the fewest each way, and the most across
@@ -72,6 +73,7 @@ def reconstruct(
     size: tuple[int, int] | None = None,
     grasp: Recovery | None = None,
     faithful: bool = False,
+    step: Steps = no_steps,
 ) -> Solid:
     """Rebuild a solid from what was touched of it.
 
@@ -96,10 +98,10 @@ def reconstruct(
     `frame` (7,) is the pose of the slicing frame in the world: position, then a unit quaternion x,
     y, z, w; the world's own if left out. All that is given here is given in the world, and the
     solid answers in the world; heights count along the frame's z axis. `noise` is the standard
-    deviation of a coordinate; estimated if left out. Raises ValueError if no contour can be used,
-    or one alone without `tops` above and below it, or an argument has no use: the sentence says
-    why. Fung, 1999, 4.2 and 4.4, with a smoothed skin through the contours in place of the shell
-    and core.
+    deviation of a coordinate; estimated if left out. `step` is called with the name of each step,
+    and open while it lasts. Raises ValueError if no contour can be used, or one alone without
+    `tops` above and below it, or an argument has no use: the sentence says why. Fung, 1999, 4.2 and
+    4.4, with a smoothed skin through the contours in place of the shell and core.
     """
     if method not in get_args(Method):
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
@@ -117,17 +119,18 @@ def reconstruct(
     pose = slicing_pose(frame)
     if grasp is not None and pose is not None:
         grasp = replace(grasp, pose=compose_poses(inverse_pose(pose), grasp.pose))
-    # Everything that was touched but the contours themselves, seen from the frame.
-    parts = [] if patches is None else [contacts_into_frame(pose, checked_contacts(patches))]
-    if normals is not None:
-        parts.append(normals_as_points(contours, normals, heights, pose))
-    contacts = stack_points(parts) if parts else None
-    touched = None
-    if tops is not None and not (isinstance(tops, list | tuple) and not tops):
-        touched = into_frame(pose, finite_array("tops", tops, (None, 3)))
-    curves = contour_curves(contours, heights, 0, pose)
-    evidence = gather_curves(curves, touched, contacts, noise, pose)
-    return Rebuilder(method, size, grasp, faithful)(evidence)
+    with step("contours"):
+        # Everything that was touched but the contours themselves, seen from the frame.
+        parts = [] if patches is None else [contacts_into_frame(pose, checked_contacts(patches))]
+        if normals is not None:
+            parts.append(normals_as_points(contours, normals, heights, pose))
+        contacts = stack_points(parts) if parts else None
+        touched = None
+        if tops is not None and not (isinstance(tops, list | tuple) and not tops):
+            touched = into_frame(pose, finite_array("tops", tops, (None, 3)))
+        curves = contour_curves(contours, heights, 0, pose)
+        evidence = gather_curves(curves, touched, contacts, noise, pose)
+    return Rebuilder(method, size, grasp, faithful)(evidence, step)
 
 
 def _is_size(size: tuple[int, int]) -> bool:
@@ -144,7 +147,7 @@ class Rebuilder:
     grasp: Recovery | None
     faithful: bool
 
-    def __call__(self, evidence: Evidence) -> Solid:
+    def __call__(self, evidence: Evidence, step: Steps = no_steps) -> Solid:
         """The solid that evidence tells of, which can be made again from more of it."""
         if self.method == "coarse":
             points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
@@ -157,10 +160,11 @@ class Rebuilder:
         elif self.method == "thesis":
             solid = _thesis(evidence, self.faithful)
         else:
-            evidence, closed = _close(evidence)
+            evidence, closed = _close(evidence, step)
             made: tuple[Surface, LatticeFit | None] = closed.surface, None
             if self.method == "lattice":
-                made = lattice_of(closed, self.size, self.grasp)
+                with step("lattice"):
+                    made = lattice_of(closed, self.size, self.grasp)
             solid = Solid(
                 surface=made[0],
                 method=self.method,
@@ -222,18 +226,20 @@ def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
     return ConePatch(side, tips[0], False), side, ConePatch(side, tips[1], True)
 
 
-def _close(evidence: Evidence) -> tuple[Evidence, ContourSolid]:
+def _close(evidence: Evidence, step: Steps) -> tuple[Evidence, ContourSolid]:
     """The loft and its ends: of all that was touched where that can be, else of the contours."""
     if evidence.contacts is None:
-        return evidence, _close_contours(evidence)
-    rows = radial_rows(evidence.slices, evidence.contacts, evidence.bottom, evidence.top)
+        return evidence, _close_contours(evidence, step)
+    rows = radial_rows(evidence.slices, evidence.contacts, evidence.bottom, evidence.top, step)
     if rows is not None:
-        return evidence, close_radial(rows)
-    alone = gather_curves(evidence.given, evidence.tops, None, evidence.noise, evidence.frame)
-    return alone._replace(contacts=evidence.contacts), _close_contours(alone)
+        with step("loft"):
+            return evidence, close_radial(rows)
+    with step("contours"):
+        alone = gather_curves(evidence.given, evidence.tops, None, evidence.noise, evidence.frame)
+    return alone._replace(contacts=evidence.contacts), _close_contours(alone, step)
 
 
-def _close_contours(evidence: Evidence) -> ContourSolid:
+def _close_contours(evidence: Evidence, step: Steps) -> ContourSolid:
     slices = evidence.slices
     touched = evidence.bottom is not None and evidence.top is not None
     if len(slices.heights) < 2 and not touched:
@@ -244,7 +250,7 @@ def _close_contours(evidence: Evidence) -> ContourSolid:
         )
     ends = {"bottom": evidence.bottom, "top": evidence.top}
     grid = evidence.correspondence.grid
-    return close_contours(slices.heights, grid, **ends, noise=evidence.noise)
+    return close_contours(slices.heights, grid, **ends, noise=evidence.noise, step=step)
 
 
 def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:

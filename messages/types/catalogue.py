@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from typing import Annotated, Literal
 
 from palpate.messages.fields import Count, Seconds, Unit
@@ -24,6 +24,8 @@ class NodeStatus:
     p50: Annotated[float, Unit("us")]  # Median time of a handler
     p99: Annotated[float, Unit("us")]  # 99 % quantile of the time of a handler
     cpu: Seconds  # Processor time used
+    # Of that, by step of its work; the rest is starting, receiving and sending
+    steps: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -123,6 +123,7 @@ class Composition:
         self._queue = MessageQueue(subscribers, draw)
         self._watch, self._watcher = set(watch), watcher
         self._sent: dict[str, dict[str, int]] = {name: {} for name in self._wirings}
+        self._cpu = dict.fromkeys(self._wirings, 0.0)
         self._next_tick = time.monotonic() + TICK_PERIOD
 
     def open(self) -> Sequence[tuple[str, Work]]:
@@ -160,7 +161,7 @@ class Composition:
         return True
 
     def statuses(self) -> dict[str, NodeStatus]:
-        """Counters of all nodes; the processor's time cannot be told apart in one process."""
+        """Counters of all nodes; of the processor's time, what handling their messages took."""
         return {
             name: NodeStatus(
                 node=name,
@@ -171,7 +172,8 @@ class Composition:
                 duplicates=0,
                 p50=work.latency.quantile(0.5),
                 p99=work.latency.quantile(0.99),
-                cpu=0.0,
+                cpu=self._cpu[name],
+                steps=dict(work.steps.seconds),
             )
             for name, work in self.works.items()
         }
@@ -191,11 +193,12 @@ class Composition:
         return False
 
     def _publish(self, name: str, act: Callable[[], Iterable[Outgoing | Finished]]) -> None:
-        work = self.works[name]
+        work, began = self.works[name], time.thread_time()
         try:
-            published = act()
+            published = [*act()]
         finally:
             self.doing = f"{name} {work.doing}"
+            self._cpu[name] += time.thread_time() - began
         for one in published:
             if isinstance(one, Finished):
                 self.finished.setdefault(name, one.reason)

@@ -370,6 +370,7 @@ class NodeLoop:
             p50=latency.quantile(0.5),
             p99=latency.quantile(0.99),
             cpu=time.process_time(),
+            steps=dict(self.work.steps.seconds) if self.work else {},
         )
 
     def _take_the_rest(self, work: SinkWork) -> None:

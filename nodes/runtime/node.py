@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol
 import msgspec
 from msgspec import Meta
 
+from palpate.core import Steps, no_steps
 from palpate.messages import Header
 
 MAX_FINGERS = 8  # Fingers that one graph may have
@@ -38,12 +39,13 @@ class Deferred:
     """
 
     cls: type  # Its type
-    make: Callable[[], object]  # Makes it; of what it is bound to nothing may change
+    # Makes it, and names the steps of that; of what it is bound to nothing may change
+    make: Callable[[Steps], object]
 
 
 def resolved(message: object) -> object:
     """A message of a handler as it is sent."""
-    return message.make() if isinstance(message, Deferred) else message
+    return message.make(no_steps) if isinstance(message, Deferred) else message
 
 
 # Topic and message each, or `Deferred`, in the order in which they are published.
@@ -68,6 +70,7 @@ class Node:
     shared: tuple[str, ...] = ()
     # Longest time that a handler may take, s: after it, a node that is at work hangs.
     handler_timeout: float = HANDLER_TIMEOUT
+    step: str = ""  # What its work is called where time is told by steps; its name if left out
     # It acts on the world: when it is started again it is not handed once more what it has handled,
     # and begins with a fresh state; what it has published is kept in a file.
     has_side_effects: bool = False
@@ -96,6 +99,7 @@ class Source:
     # ``params ->`` whether it stands still at the beginning until a tool has it go on.
     paused: Callable[[Any], bool] = lambda params: False
     outside: bool = False  # Whether tools may publish its topics
+    step: str = "reading"  # As of a node
     handler_timeout: float = HANDLER_TIMEOUT  # Longest time that it may take for one message, s
 
     def __post_init__(self) -> None:
@@ -130,6 +134,7 @@ class Sink:
     # sink cannot be started again.
     resume: Callable[[Any, Mapping[str, str]], tuple[SinkWriter, Mapping[str, int]]] | None = None
     handler_timeout: float = 10 * HANDLER_TIMEOUT  # Longest time that writing may take, s
+    step: str = "recording"  # As of a node
 
 
 AnyNode = Node | Source | Sink

@@ -12,6 +12,7 @@ from palpate.messages.bus import ControlMessage, Received, SourceProgress
 from palpate.nodes.runtime.node import Finished, Source, Timed, Wiring
 from palpate.nodes.runtime.work import (
     ContractError,
+    CpuSteps,
     Edge,
     Latency,
     NodeWork,
@@ -41,6 +42,7 @@ class SourceWork:
     ) -> None:
         self.name = wiring.name
         self.latency = Latency()  # Time of making its messages
+        self.steps, self._step = CpuSteps(), source.step  # Processor time of that
         self.consumed: dict[Edge, int] = {}
         self.waits: list[str] = []
         paused = source.paused(params) if tally is None or tally.paused is None else tally.paused
@@ -77,7 +79,8 @@ class SourceWork:
         if self._next is None:
             self._doing = "looking for what comes next"
             began = time.perf_counter_ns()
-            self._next = next(self._published, _END)
+            with self.steps(self._step):
+                self._next = next(self._published, _END)
             if isinstance(self._next, Timed):
                 self.latency.add(time.perf_counter_ns() - began)
         if self._next is None:

@@ -65,9 +65,11 @@ class NodeWork:
             raise ContractError(text)
         self.name, self.has_side_effects = wiring.name, node.has_side_effects
         self.latency = Latency()  # Time of its handlers
+        self.steps = CpuSteps()  # Processor time of its work
         # Messages handled, by publisher and topic
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self._node, self._params, self._state = node, params, None
+        self._step = node.step or wiring.name
         self._wires = wiring.outputs
         self._received = {one.topic: node.inputs[one.local] for one in wiring.inputs}
         self._current: Received | None = None
@@ -95,8 +97,9 @@ class NodeWork:
 
     def begin(self) -> list[Outgoing | Finished]:
         """Start the node, and return what it publishes."""
-        self._state, outputs = self._node.start(self._params)
-        return [self._pack(output) for output in outputs]
+        with self.steps(self._step):
+            self._state, outputs = self._node.start(self._params)
+            return [self._pack(output) for output in outputs]
 
     def take(self, arrival: Received) -> list[Outgoing | Finished]:
         """Handle one message, or hold it until the needs are met; return what the node publishes.
@@ -133,8 +136,9 @@ class NodeWork:
             raise ContractError(f"{arrival.topic} is not a {cls.__name__} of this version")
         message: object = decode(cls, arrival.body)
         began = time.perf_counter_ns()
-        self._state, outputs = handler(self._params, self._state, message)
-        published = [pack(output) for output in outputs]
+        with self.steps(self._step):
+            self._state, outputs = handler(self._params, self._state, message)
+            published = [pack(output) for output in outputs]
         self.latency.add(time.perf_counter_ns() - began)
         self.consumed[arrival.publisher, arrival.topic] += 1
         return published
@@ -159,7 +163,7 @@ class NodeWork:
         return Outgoing(wire, encode(message), time_s, codec_of(type(message)).hash)
 
     def _made(self, local: str, later: Deferred) -> object:
-        message = later.make()
+        message = later.make(self.steps)
         check_declared(self.name, self._node.outputs, local, type(message))
         return message
 
@@ -204,7 +208,7 @@ class SinkWork:
     ) -> None:
         self._current: Received | None = None
         self._otherwise = "opening"
-        self.latency = Latency()
+        self.latency, self.steps, self._step = Latency(), CpuSteps(), sink.step
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self.waits: list[str] = []
         types = {one.topic: one.type for one in wiring.inputs}
@@ -235,7 +239,8 @@ class SinkWork:
         """Write one message."""
         self._current = arrival
         began = time.perf_counter_ns()
-        self._writer.write(arrival.topic, arrival.header, arrival.body)
+        with self.steps(self._step):
+            self._writer.write(arrival.topic, arrival.header, arrival.body)
         self.unwritten = True
         self.latency.add(time.perf_counter_ns() - began)
         self.consumed[arrival.publisher, arrival.topic] += 1
@@ -244,18 +249,49 @@ class SinkWork:
     def flush(self) -> None:
         """Nothing has come for a while: have what was written put away."""
         self.unwritten = False
-        self._writer.flush()
+        with self.steps(self._step):
+            self._writer.flush()
 
     def close(self) -> None:
         """Close the writer, so that all that was written can be read."""
         self._current, self._otherwise = None, "closing"
-        self._writer.close(self.missing)
+        with self.steps(self._step):
+            self._writer.close(self.missing)
 
 
 def _doing(current: Received | None, otherwise: str) -> str:
     if current is None:
         return otherwise
     return f"handling {current.topic} {current.header.seq} from {current.publisher}"
+
+
+class CpuSteps:
+    """Counts this thread's processor time by steps; one within another interrupts it."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}  # By name of the step, s
+        self._open: list[str] = []
+        self._since = 0.0
+
+    def __call__(self, name: str) -> CpuSteps:
+        """Begin a step, which lasts to the end of the ``with`` that it is called for."""
+        self._turn()
+        self._open.append(name)
+        return self
+
+    def __enter__(self) -> None:
+        """The step has begun."""
+
+    def __exit__(self, *_: object) -> None:
+        self._turn()
+        self._open.pop()
+
+    def _turn(self) -> None:
+        now = time.thread_time()
+        if self._open:
+            name = self._open[-1]
+            self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
+        self._since = now
 
 
 class Latency:

@@ -32,6 +32,7 @@ from palpate.core.rebuild.side.equations import (
 from palpate.core.rebuild.side.lofting import SAFE_MOST, SAFE_RMS, Uncertainty
 from palpate.core.rebuild.side.smoothing import bending_along
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
+from palpate.core.steps import Steps, no_steps
 
 SWEEPS = 2  # Fits, each about the points as the shifts before have moved them
 # How many taxels weigh as much as the belief that a touch is not shifted. The taxels' own noise
@@ -69,7 +70,7 @@ WIDTHS = 3
 
 
 def fit_shifted_spline(
-    contacts: ContactPoints, plain: RadialSpline
+    contacts: ContactPoints, plain: RadialSpline, step: Steps = no_steps
 ) -> tuple[RadialSpline, float | None]:
     """The plain spline's contacts fitted again with a shift of each touch, if that explains more.
 
@@ -80,8 +81,13 @@ def fit_shifted_spline(
     before = plain.sigma
     if not before > WORTHWHILE * (plain.high - plain.low):
         return plain, None
+
+    def smoothed(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
+        with step("cross-validation"):
+            return stiffened(contacts, spline)
+
     if len(used) < FEWEST_TOUCHES or np.median(used) < FEWEST_TAXELS:
-        return stiffened(contacts, plain), None
+        return smoothed(contacts, plain), None
     shifts = np.zeros((int(contacts.touch.max()) + 1, 3))
     spline = plain
     for _ in range(SWEEPS):
@@ -89,10 +95,10 @@ def fit_shifted_spline(
         moved = contacts._replace(points=contacts.points - shifts[contacts.touch])
         spline = fit_radial_spline(moved, plain.axis_curve, plain.low, plain.high)
     if spline.sigma < EXPLAINED * before:
-        spline = stiffened(moved, spline)
+        spline = smoothed(moved, spline)
         along = np.einsum("ni,ni->n", spline.rows.normals, shifts[spline.rows.touch])
         return spline, probable_error_sigma(along)
-    return stiffened(contacts, plain), None
+    return smoothed(contacts, plain), None
 
 
 def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:

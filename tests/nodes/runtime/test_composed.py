@@ -69,7 +69,8 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
     known: dict[bytes, Any] = {}
 
     def call(*arguments: Any) -> Any:
-        key = hashlib.sha256(told(arguments)).digest()
+        # Who counts the time of its steps changes nothing.
+        key = hashlib.sha256(told([one for one in arguments if not callable(one)])).digest()
         if key not in known:
             known[key] = function(*arguments)
         return known[key]
@@ -159,4 +160,6 @@ def test_what_each_node_published_and_handled_is_counted(ears: Any):
     for name, messages, sent in (("source", 0, 5), ("counter", 5, 0)):
         found = ending.statuses[name]
         assert (found.node, found.messages, found.sent) == (name, messages, sent)
-        assert (found.gaps, found.duplicates, found.cpu) == (0, 0, 0.0)
+        assert (found.gaps, found.duplicates) == (0, 0)
+        assert 0.0 < sum(found.steps.values()) <= found.cpu
+        assert set(found.steps) == {name}

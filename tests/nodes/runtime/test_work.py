@@ -8,13 +8,16 @@ import msgspec
 import numpy as np
 import pytest
 
+from palpate.core.steps import Steps
 from palpate.messages.bus.subscriber import Received
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
+from palpate.nodes.runtime import work
 from palpate.nodes.runtime.node import Deferred, Finished, Input, Node, Outputs, Sink, Wiring
 from palpate.nodes.runtime.work import (
     ContractError,
+    CpuSteps,
     Latency,
     NodeWork,
     Outgoing,
@@ -191,7 +194,7 @@ def test_a_sink_writes_what_it_receives_undecoded():
 
 
 def later_work(made: list[int], cls: type = LogRecord) -> NodeWork:
-    def make() -> object:
+    def make(_: object) -> object:
         made.append(1)
         return line("late")
 
@@ -219,11 +222,36 @@ def test_a_promise_of_another_type_is_refused():
     with pytest.raises(ContractError, match="published a World on /out, declared as LogRecord"):
         later_work([], World).replay(frame("1"))
     work = NodeWork(
-        NODE, Params([("/out", Deferred(LogRecord, lambda: 7))]), replace(WIRING, inputs=ALONE)
+        NODE, Params([("/out", Deferred(LogRecord, lambda _: 7))]), replace(WIRING, inputs=ALONE)
     )
     work.begin()
     with pytest.raises(ContractError, match="published a int on /out, declared as LogRecord"):
         work.take(frame("1"))
+
+
+def test_processor_time_is_counted_by_steps_and_one_within_another_interrupts_it(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    times = iter([1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
+    monkeypatch.setattr(work.time, "thread_time", lambda: next(times))
+    steps = CpuSteps()
+    with steps("casting"):
+        with steps("ends"):
+            pass
+        with pytest.raises(ValueError, match="no end"), steps("ends"):
+            raise ValueError("no end")
+    assert steps.seconds == {"casting": 1.0 + 4.0 + 16.0, "ends": 2.0 + 8.0}
+
+
+def test_a_node_and_what_it_makes_later_tell_their_steps():
+    def make(step: Steps) -> object:
+        with step("lattice"):
+            return line("late")
+
+    work = started(("/out", Deferred(LogRecord, make)))
+    work.take(need("1"))
+    assert set(work.steps.seconds) == {WIRING.name, "lattice"}
+    assert set(later_work([]).steps.seconds) == {WIRING.name}
 
 
 def test_without_durations_every_quantile_is_zero():
