@@ -46,10 +46,10 @@ accuracy costs.
 scene: vase                               # a name or a file, or a list of them
 seeds: 3                                  # 0, 1, 2; or a list of seeds
 grid:                                     # every combination of these
-  planner.tolerance: [1.0e-3, 0.5e-3]     # any parameter of a node
+  tolerance: [1mm, 0.5mm]                 # also: feature, budget, fingers
   scene.sensor.pitch: [1.0e-3, 2.0e-3]    # any value within the scene
 list:                                     # and each of these with all of the grid
-  - {planner.planner: predicted}
+  - {planner.planner: predicted}          # any parameter of a node
   - {planner.planner: uniform, planner.settings.count: 9}
 
 Every run is checked before the first one starts, and has a folder of its own. Beside them lie

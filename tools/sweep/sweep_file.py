@@ -14,15 +14,24 @@ from typing import Annotated, Any, TypeVar
 from msgspec import Meta, Struct, field
 
 from palpate import __version__
-from palpate.launch import EXPLORE, Plan, check_run, find_scene, plain_params, plan_run
-from palpate.launch.files import InputError, SourceMapped, convert, read_yaml
+from palpate.launch import (
+    EXPLORE,
+    Plan,
+    check_run,
+    find_scene,
+    plain_params,
+    plan_run,
+    read_demand,
+)
+from palpate.launch.files import InputError, SourceMapped, convert, hint, read_yaml
 from palpate.nodes.runtime import RECORDER, Wiring
 from palpate.nodes.specs import Seed
 
 MOST_RUNS = 10_000  # Of a sweep; each is checked before the first starts, which takes some 25 ms
 MOST_LETTERS = 80  # Of a run's name, before the mark that tells it from all others
 MARK = 12  # Hexadecimal digits of that
-BESIDE = "fingers"  # An argument of the launch file that may be named without a dot
+# What may be named without a dot: an argument of the launch file, and demands with their units.
+FINGERS, DEMANDS = "fingers", ("tolerance", "feature", "budget")
 Settings = Mapping[str, SourceMapped]
 Item = TypeVar("Item")
 Several = Annotated[list[Item], Meta(min_length=1)]
@@ -129,10 +138,14 @@ def _checked(
     args = {"scene": SourceMapped(str(path), ""), "record": SourceMapped(record, "")}
     inner: dict[str, SourceMapped] = {}
     for name, value in settings.items():
-        if "." not in name and name != BESIDE:
-            text = f"there is no parameter {name!r}; name node.param, scene.path or {BESIDE}"
+        if name in DEMANDS:
+            inner |= _demand(name, value)
+        elif "." not in name and name != FINGERS:
+            known = hint(name, (FINGERS, *DEMANDS))
+            text = f"there is no parameter {name!r}; {known}; others are node.param or scene.path"
             raise value.error((), text)
-        (args if name == BESIDE or name.startswith("scene.") else inner)[name] = value
+        else:
+            (args if name == FINGERS or name.startswith("scene.") else inner)[name] = value
     if seed is not None:
         args["seed"] = seed
     try:
@@ -143,6 +156,16 @@ def _checked(
     values = {"scene": scene.value, **values, "seed": described.args["seed"]}
     mark = mark_of(wirings)
     return SweepRun(mark, f"{run_name(path.stem, values)}_{mark}", values, args, inner)
+
+
+def _demand(name: str, value: SourceMapped) -> Settings:
+    """A setting of the planner, as on the command line: ``tolerance: 0.2mm``."""
+    tolerance, feature, budget = (str(value.value) if name == one else None for one in DEMANDS)
+    try:
+        found = read_demand(tolerance, feature, budget, None, None)
+    except InputError as error:
+        raise value.error((), str(error).removeprefix("--")) from None
+    return {target: SourceMapped(one.value, value.source) for target, one in found.items()}
 
 
 def _located(text: str, settings: Settings) -> str:

@@ -1,8 +1,13 @@
 import json
+from pathlib import Path
+
+import pytest
 
 from palpate.tools.chaos.fault_injection import Fault, InjectionLog, NodeRecovery
 from palpate.tools.chaos.trials import Tally
 from palpate.tools.cli.command_line import run
+from palpate.tools.sweep.results import FIGURES, Row
+from palpate.tools.sweep.sweep_folder import SweepResult
 
 
 def test_a_kind_that_there_is_not_is_refused(capsys):
@@ -26,3 +31,53 @@ def test_the_line_says_what_came_of_all_runs(monkeypatch, capsys):
     assert text.err == "palpate: chaos --seed 6 --minutes 0: gap: /a 1 of b is not there\n"
     run(["chaos", "--json"])
     assert json.loads(capsys.readouterr().out)["recovery_p99_s"] == 0.75
+
+
+@pytest.fixture
+def swept(monkeypatch):
+    """What `palpate sweep` hands on, instead of exploring."""
+    calls = []
+    rows = [Row(1, {"scene": "sphere", "seed": 0}, dict.fromkeys(FIGURES) | {"exit_code": 1})]
+
+    def run_sweep(asked, out, workers, say):
+        calls.append((asked, out, workers.width))
+        say("1 of 1")
+        return SweepResult(Path("there"), rows, left=0, kept=0)
+
+    monkeypatch.setattr("palpate.tools.sweep.run_sweep", run_sweep)
+    return calls
+
+
+def test_a_sweep_is_printed_and_missed_goals_are_an_exit_code(swept, write, capsys):
+    file = write("two.yaml", "scene: sphere\nseeds: 2\n")
+    assert run(["sweep", str(file), "--workers", "3"]) == 1
+    text = capsys.readouterr()
+    assert text.out.splitlines()[-1] == "sweep  there/index.html"
+    assert text.err == "1 of 1\n"
+    ((asked, out, width),) = swept
+    assert (asked.name, len(asked.runs), out, width) == ("two", 2, None, 3)
+    run(["sweep", str(file), "--json", "--quiet"])
+    text = capsys.readouterr()
+    assert json.loads(text.out)["runs"][0]["scene"] == "sphere"
+    assert text.err == ""
+
+
+def test_the_folder_of_a_sweep_stands_for_its_file(swept, write, tmp_path):
+    write("sweep.yaml", "scene: sphere\n")
+    run(["sweep", str(tmp_path)])
+    assert swept[0][1] == tmp_path
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--workers", "2", "--scheduler", "tcp://a:1"], "--workers and --scheduler exclude each"),
+        (["--out", "x"], "so do --out and a folder"),
+        (["--workers", "0"], "0 is not in the range"),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_in_a_sentence(swept, tmp_path, capsys, more, words):
+    assert run(["sweep", str(tmp_path), *more]) == 2
+    text = capsys.readouterr().err
+    assert text.startswith("palpate: ") and words in text
+    assert swept == []

@@ -56,6 +56,15 @@ def test_what_is_asked_for_reaches_simulator_and_planner(write, tmp_path):
     assert nodes["simulator"].object.superquadric.size[2] == 0.03
 
 
+def test_demands_have_units_as_on_the_command_line(write, tmp_path):
+    text = "scene: sphere\ngrid: {tolerance: [0.7mm], feature: [1 cm], budget: [10min]}\n"
+    (run,) = read_sweep(write("sweep.yaml", text)).runs
+    (planner,) = (w.params for w in run.plan(tmp_path / "run").wirings if w.name == "planner")
+    found = planner.tolerance, planner.feature, planner.most_seconds
+    assert found == pytest.approx((0.7e-3, 10e-3, 600.0))
+    assert run.asked["tolerance"] == "0.7mm"
+
+
 def test_runs_are_told_apart_by_what_their_parameters_come_to(write):
     plain = read_sweep(write("a.yaml", "scene: sphere\n")).runs
     same = read_sweep(write("b.yaml", "scene: sphere\nseeds: [0]\ngrid: {fingers: [1, 1, 2]}\n"))
@@ -107,8 +116,16 @@ def test_names_need_no_care_in_folders_and_links():
             "sweep.yaml:3: effects.gaussian_noise: sigma is -1 m; expected 0 to 0.001 m",
         ),
         (
-            "scene: sphere\ngrid: {tolerance: [1.0e-3]}\n",
-            "sweep.yaml:2: there is no parameter 'tolerance'; name node.param, scene.path or",
+            "scene: sphere\ngrid: {tolernce: [1.0e-3]}\n",
+            "sweep.yaml:2: there is no parameter 'tolernce'; did you mean 'tolerance'?; others",
+        ),
+        (
+            "scene: sphere\ngrid:\n  tolerance: [1mm, 0.2]\n",
+            "sweep.yaml:3: tolerance 0.2: must have a unit: m, cm, mm, um, as in 0.2mm",
+        ),
+        (
+            "scene: sphere\ngrid: {budget: [0s]}\n",
+            "sweep.yaml:2: budget 0s: must be more than 0",
         ),
         (
             "scene: sphere\nlist:\n  - {planner.planner: fuzzy,\n     planner.settings.curl: 9}\n",
