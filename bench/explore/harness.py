@@ -16,7 +16,7 @@ import numpy as np
 from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
 from palpate.bench.table import SilentWatcher
 from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
-from palpate.launch import EXPLORE, plan_run
+from palpate.launch import EXPLORE, find_scene, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
 from palpate.messages.types import (
     Contour,
@@ -113,11 +113,20 @@ def explore_object(
         return explore_scene(scene, fingers)
 
 
-def explore_scene(scene: Path, fingers: int = 1) -> Explored:
-    """Explore the scene in a file; as `explore_object`."""
+def explore_shipped(name: str, settings: Mapping[str, Any]) -> Explored:
+    """Explore a shipped scene with settings by ``node.param``; as `explore_object`."""
+    with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
+        return explore_scene(find_scene(name), settings=settings, out=Path(folder) / "run")
+
+
+def explore_scene(
+    scene: Path, fingers: int = 1, settings: Mapping[str, Any] = {}, out: Path | None = None
+) -> Explored:
+    """Explore the scene in a file; as `explore_object`. `out`: beside the file if left out."""
     values = {"scene": str(scene), "fingers": fingers, "record": False}
     args = {name: SourceMapped(value, name) for name, value in values.items()}
-    plan = plan_run(EXPLORE, args, {}, name=scene.stem, out=scene.parent / "run")
+    given = {name: SourceMapped(value, name) for name, value in settings.items()}
+    plan = plan_run(EXPLORE, args, given, name=scene.stem, out=out or scene.parent / "run")
     collector = MessageCollector()
     types = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
     names = {cls.__name__ for cls in KEPT_TYPES}

@@ -46,8 +46,11 @@ class Bench(NamedTuple):
 
 BENCHES: Mapping[str, Bench] = {
     "scenes": Bench(
-        "the shipped scenes from start to end: accuracy and time",
-        {"scenes": "suite.groups:scene_rows"},
+        "the shipped scenes from start to end: accuracy and time; and at five tolerances",
+        {
+            "scenes": "suite.groups:scene_rows",
+            "tolerances": "suite.tolerances:tolerance_rows",
+        },
     ),
     "explore": Bench(
         "tracing, grasps and planners; whole explorations of sixteen objects, and whether what a "
