@@ -2,8 +2,8 @@
 
 A figure has moved if the ranges of its repeats do not meet. Where it was measured once, a rule
 stands for them: counts are exact, times move by 10 %, anything else by 2 %, and what is known only
-as it was printed also by half of its last digit. Times of two machines say nothing of palpate, and
-are not compared.
+as it was printed also by half of its last digit. Times of two machines, or of one that was busy
+with something else, say nothing of palpate, and are not compared.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple, TypedDict
 
 import msgspec
 
@@ -34,6 +34,18 @@ SMALLER_IS_BETTER = ("s", "ms", "us", "ns", "m", "mm", "um", "deg", "% of height
 Verdict = Literal["worse", "better", "moved"]
 
 
+class Machine(TypedDict):
+    """Where it was measured."""
+
+    cpu: str  # Model of the processor
+    cores: int
+    python: str
+    numpy: str
+    scipy: str
+    blas: str
+    load: float  # Processes that wanted to run, in the minute before
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
     """What one call of ``palpate bench`` measured."""
@@ -43,15 +55,16 @@ class Results:
     palpate: str
     date: str  # As it began, ISO 8601
     quick: bool
-    machine: Mapping[str, Any]
+    machine: Machine
     absent: tuple[str, ...]  # Peers that are not installed
     lines: tuple[Measured, ...] = ()
     failed: Mapping[str, str] = field(default_factory=dict)  # Why, by group
 
-    @property
-    def speed(self) -> tuple[object, object]:
-        """What two machines must share so that their times may be compared."""
-        return self.machine.get("cpu"), self.machine.get("cores")
+    def tells_times_as(self, other: Results) -> bool:
+        """Whether both are of one machine, which did nothing else."""
+        mine, theirs = self.machine, other.machine
+        idle = all(one["load"] <= BUSY * one["cores"] for one in (mine, theirs))
+        return idle and all(mine[key] == theirs[key] for key in ("cpu", "cores"))
 
 
 class ResultsFile:
@@ -82,7 +95,7 @@ class ResultsFile:
             write_atomically({self._path: lambda part: part.write_bytes(text)})
 
 
-def this_machine() -> dict[str, Any]:
+def this_machine() -> Machine:
     """The machine that this runs on, what it calculates with, and how busy it is."""
     import numpy as np  # noqa: F401  # whose library of linear algebra is looked for
     from threadpoolctl import threadpool_info
@@ -90,11 +103,12 @@ def this_machine() -> dict[str, Any]:
     found = (one for one in threadpool_info() if one["user_api"] == "blas")
     return {
         "cpu": _cpu(),
-        "cores": os.cpu_count(),
+        "cores": os.cpu_count() or 1,
         "python": platform.python_version(),
-        **{name: version(name) for name in ("numpy", "scipy")},
+        "numpy": version("numpy"),
+        "scipy": version("scipy"),
         "blas": ", ".join(sorted({f"{one['internal_api']} {one['version']}" for one in found})),
-        "load": round(os.getloadavg()[0], 2),  # Processes that wanted to run, in the last minute
+        "load": round(os.getloadavg()[0], 2),
     }
 
 
@@ -157,10 +171,10 @@ def compare_results(old: Results, new: Results) -> tuple[list[Move], dict[str, i
     """What moved beyond noise in the groups that were measured now, and how much did what."""
     groups = {line.group for line in new.lines}
     before, now = _by_name(line for line in old.lines if line.group in groups), _by_name(new.lines)
-    moves, skipped = list[Move](), 0
+    moves, skipped, timed = list[Move](), 0, new.tells_times_as(old)
     for key in before.keys() & now.keys():
         (_, first), (line, second) = before[key], now[key]
-        if old.speed != new.speed and "time" in (first.kind, second.kind):
+        if not timed and "time" in (first.kind, second.kind):
             skipped += 1
         elif has_moved(first, second):
             moves.append(Move(_verdict(line, first, second), line, first, second))
@@ -170,7 +184,7 @@ def compare_results(old: Results, new: Results) -> tuple[list[Move], dict[str, i
         "did not": len(before.keys() & now.keys()) - len(moves) - skipped,
         "are new": len(now.keys() - before.keys()),
         "are gone": len(before.keys() - now.keys()),
-        "are times of another machine, not compared": skipped,
+        "are times of another or of a busy machine, not compared": skipped,
     }
 
 
@@ -210,10 +224,8 @@ def _verdict(line: Measured, old: Figure, new: Figure) -> Verdict:
 def comparison_lines(old: Results, new: Results, where: Path) -> Iterator[str]:
     """What moved, worse first, and how much did not."""
     moves, counts = compare_results(old, new)
-    yield f"compared with {where}: palpate {old.palpate}, {old.date}, {old.machine.get('cpu')}"
-    loads = [one.machine.get("load", 0.0) for one in (old, new)]
-    if max(loads) > BUSY * (os.cpu_count() or 1):
-        told = " then, ".join(f"{load:g}" for load in loads)
-        yield f"the machine was busy, at a load of {told} now: times tell of that too"
+    machine, now = old.machine, new.machine
+    told = f"{machine['cpu']}, a load of {machine['load']} then and {now['load']} now"
+    yield f"compared with {where}: palpate {old.palpate}, {old.date}, {told}"
     yield from map(str, moves)
     yield "figures: " + ", ".join(f"{count} {what}" for what, count in counts.items() if count)

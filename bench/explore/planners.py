@@ -87,7 +87,7 @@ def planner_rows(quick: bool) -> Iterable[Row]:
     slices = tuple(trial.slice_at(height) for height in heights.tolist())
     decide = partial(rules.Predicted().next, rules.observation_of(slices, 0.0002))
     milliseconds = 1e3 * best_seconds(decide, 9)
-    yield at_most("a decision with 12 slices, ms", milliseconds, MOST_MILLISECONDS, ".1f")
+    yield at_most("a decision with 12 slices", milliseconds, MOST_MILLISECONDS, ".1f", " ms")
 
 
 def count_rows() -> Iterable[Row]:

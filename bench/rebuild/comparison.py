@@ -231,7 +231,8 @@ def _times() -> Iterable[Row]:
     )
     clock = time.process_time
     for name, call, most in calls:
-        yield at_most(f"{head}: {name}, ms", 1e3 * best_seconds(call, ROUNDS, clock), most, ".1f")
+        milliseconds = 1e3 * best_seconds(call, ROUNDS, clock)
+        yield at_most(f"{head}: {name}", milliseconds, most, ".1f", " ms")
     ratio = best_seconds(partial(reconstruct, large, method="skin"), 2, clock)
     ratio /= best_seconds(skin, ROUNDS, clock)
     most = LARGE[0] * LARGE[1] / (few[0] * few[1])

@@ -76,7 +76,7 @@ def test_each_missed_demand_is_named(changes, fault):
             ["all", "--figures", "x"],
             "--figures belongs to curvature, shapes, rebuild, thesis, scaling",
         ),
-        (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, explore"),
+        (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, "),
         (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
         (["house", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
         (["house", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
@@ -102,7 +102,8 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
             assert cli.run(["bench", bench, "--quick", "--only", group, "--json"]) == 1
             assert asked.pop() == (wanted, True, True, False)
     assert cli.run(["bench", "--strict"]) == 1
-    wanted = {"scenes/scenes": "palpate.bench.suite.groups:scene_rows"}
+    places = verb.BENCHES["scenes"].groups.items()
+    wanted = {f"scenes/{name}": f"palpate.bench.{place}" for name, place in places}
     assert asked.pop() == (wanted, False, False, True)
 
 
