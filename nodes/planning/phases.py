@@ -133,8 +133,9 @@ class State:
 
 
 # What may stay untouched between two touches of a contour, of the pad's width: so much at most, for
-# a pad that goes farther misses the contour; half of it where a feature of the other share may.
-WIDEST_GAP, HALF_GAP = 0.3, 0.6
+# a pad that goes farther misses the contour, and nothing where only features of the other share
+# may. Touches that overlap tell how far their poses are off: finer work needs that.
+WIDEST_GAP, DENSE = 0.3, 0.7
 
 
 def contour_goal(
@@ -152,7 +153,7 @@ def contour_goal(
         frame=state.frame.pose,
         centre=centre,
         radius=radius,
-        gap=WIDEST_GAP * state.pad_width * feature / (feature + HALF_GAP * state.pad_width),
+        gap=WIDEST_GAP * max(1.0 - DENSE * state.pad_width / feature, 0.0) * state.pad_width,
         not_before=state.clock,
     )
 
