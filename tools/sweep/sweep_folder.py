@@ -6,6 +6,7 @@ either finished or not there. Whoever takes the sweep up again makes what is not
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import os
@@ -13,7 +14,7 @@ import shutil
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,8 +70,8 @@ def run_sweep(
     """
     folder = out or SWEEPS / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}_{sweep.name}"
     stopped: InputError | None = None
-    with closing(workers):
-        records = take_up(folder, sweep)
+    with closing(workers), _alone_in(folder):
+        records = _take_up(folder, sweep)
         kept, total = len(records), len(sweep.runs)
         known = {"asked for twice": sweep.repeated, "finished already": kept}
         told = [f"{count} {what}" for what, count in known.items() if count]
@@ -93,26 +94,38 @@ def run_sweep(
     return SweepResult(folder, rows, total - len(records), kept)
 
 
-def take_up(folder: Path, sweep: Sweep) -> Records:
-    """Make the folder, or find what is finished there of this sweep; half a run is cleared away.
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Make the folder, or take one of a sweep, and keep others from working there.
 
-    Raises InputError if the folder cannot be written, or holds something else than a sweep.
+    Raises InputError if it cannot be written, holds something else, or a sweep is at work there.
     """
     if folder.is_dir() and any(folder.iterdir()) and not (folder / ASKED).is_file():
         raise InputError(f"{folder}: holds no sweep; choose a new or an empty folder, or a sweep's")
-    place = RunDirectory(folder, linked=False)
-    place.create()
-    place.write_text(ASKED, sweep.text)
+    RunDirectory(folder, linked=False).create()
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError(f"{folder}: another sweep is at work there") from None
+    else:
+        yield
+    finally:
+        os.close(place)
+
+
+def _take_up(folder: Path, sweep: Sweep) -> Records:
+    """Find what is finished of this sweep; half a run is cleared away."""
+    RunDirectory(folder, linked=False).write_text(ASKED, sweep.text)
     _sweep_out(folder)
     wanted, found = {run.mark for run in sweep.runs}, {}
     for path in sorted((folder / RUNS).glob(f"*/{RECORD}")):
         mark = path.parent.name.rpartition("_")[2]
-        try:
+        with suppress(ValueError):
             record = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
-            continue
-        if mark in wanted and record["exit_code"] in (0, 1):
-            found[mark] = record
+            whole = isinstance(record, dict) and record.keys() >= {*FIGURES}
+            if mark in wanted and whole and record["exit_code"] in (0, 1):
+                found[mark] = record
     return found
 
 

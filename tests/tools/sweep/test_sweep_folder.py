@@ -106,10 +106,20 @@ def test_where_nothing_can_go_on_the_sentence_says_what_is_kept(four, fake, out)
     assert len(table(out)) == 1
 
 
-def test_a_damaged_record_is_no_finished_run(four, fake, out):
+@pytest.mark.parametrize("text", ["{", "[]", '{"exit_code": 0}', "\xff"])
+def test_a_damaged_record_is_no_finished_run(four, fake, out, text):
     run_sweep(four, out, fake(), print)
-    next((out / "runs").glob("*/run.json")).write_text("{")
+    next((out / "runs").glob("*/run.json")).write_text(text, encoding="latin-1")
     assert run_sweep(four, out, fake(), print).kept == 3
+
+
+def test_two_sweeps_do_not_work_in_one_folder(four, fake, out):
+    def second(number):
+        with pytest.raises(InputError, match="out: another sweep is at work there"):
+            run_sweep(four, out, fake(), print)
+        return RECORD
+
+    assert run_sweep(four, out, fake(second), print).exit_code == 0
 
 
 def test_a_folder_of_something_else_is_refused(four, fake, tmp_path):
