@@ -75,9 +75,11 @@ def _codec_row(rounds: int = 300, batches: int = 10) -> Row:
 def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
     for core, where in CORES:
         calls = {"full": partial(_hop, laps, core), "bare": partial(_bare_hop, laps, core)}
-        full, bare = (min(found) for found in in_turns(calls, turns).values())
-        yield Row(f"one hop, bare sockets, {where}", f"{bare:.1f} us")
-        yield Row(f"one hop, full stack, {where}", f"{full:.1f} us")
+        found = in_turns(calls, turns)
+        full, bare = (min(times) for times in found.values())
+        for name, repeats in (("bare sockets", found["bare"]), ("full stack", found["full"])):
+            title = f"one hop, {name}, {where}"
+            yield figure(title, min(repeats), ".1f", " us", repeats=repeats)
         yield at_most(f"overhead of a hop, {where}", full - bare, 30.0, ".1f", " us")
         if core < 0:
             yield at_least("touches of 4 hops", 1e6 / (4 * full), 300.0, ".0f", " /s")
