@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.bench.explore.planners import DEMAND, Trials, even_counts, first_counts
-from palpate.bench.table import Row, best_seconds, figure
+from palpate.bench.table import Row, at_most, best_seconds, figure
 from palpate.core.explore import planners as rules
 
 DRAWN, SEED = 80, 11  # Objects by chance; every other one chooses
@@ -34,6 +34,7 @@ FORMS: tuple[tuple[Form, float], ...] = (
 STEPS = ((0.02, 0.1), (0.02, 0.2), (0.05, 0.15), (0.08, 0.2), (0.06, 0.35), (0.12, 0.35))
 POWERS = (0.5, 1.0, 3.0)  # Of the two templates that have one
 QUICK = 7  # Every so manieth set alone
+OVER_THESIS = 0.85
 SEGMENTS = (2, 4, 16)  # Of the piecewise linear forms
 
 
@@ -68,7 +69,10 @@ def template_rows(quick: bool) -> Iterator[Row]:
             ("predicted", first_counts(rules.Predicted(), others[kind])),
             ("even, known afterwards", even_counts(others[kind])),
         ):
-            yield figure(f"{kind}: {name}, of others", float(np.mean(list(counts.values()))), ".1f")
+            mean = float(np.mean(list(counts.values())))
+            yield figure(f"{kind}: {name}, of others", mean, ".1f")
+            if name == "predicted":
+                yield at_most(f"{kind}: predicted over the best", mean / best.judged, OVER_THESIS)
         yield finding(kind, found)
     for count in (0, *SEGMENTS):
         step = partial(rules.Thesis(segments=count).later, 2.0, 1.0, 3)

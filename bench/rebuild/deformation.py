@@ -57,14 +57,13 @@ def deformation_rows(quick: bool) -> Iterator[Row]:
     with single_threaded():
         for size in SIZES:
             head, times = " x ".join(map(str, size)), dict[tuple[str, str], float]()
-            for name, invert in INVERSIONS.items():
-                basis, whose = name
-                way = zigzagged(size, basis, even=whose == "thesis", invert=invert)
+            for basis, whose in INVERSIONS:
+                way = zigzagged(size, basis, whose)
                 if whose == "palpate":
                     title = f"{head}, {basis}: middle line off the zig-zag"
                     yield figure(title, straying(way), ".1%", " of amplitude")
-                times[name] = 1e3 * best_seconds(partial(way.points, points), ROUNDS)
-                yield figure(f"{head}, {basis}, {whose}", times[name], ".1f", " ms")
+                seconds = times[basis, whose] = best_seconds(partial(way.points, points), ROUNDS)
+                yield figure(f"{head}, {basis}, {whose}", 1e3 * seconds, ".1f", " ms")
             for whose in ("thesis", "palpate"):
                 ratio = times["NURBS", whose] / times["Bernstein", whose]
                 title = f"{head}, {whose}: NURBS over Bernstein"
@@ -90,22 +89,17 @@ def zigzag(control: Floats) -> Floats:
     return moved
 
 
-def zigzagged(
-    size: tuple[int, int, int],
-    basis: str,
-    *,
-    even: bool,
-    invert: Callable[[SplineVolume, Floats], Floats],
-) -> Deformed:
-    """A lattice whose control points stand at even steps, (2.19), or at the Greville abscissae."""
+def zigzagged(size: tuple[int, int, int], basis: str, whose: str) -> Deformed:
+    """A lattice with control points at even steps, (2.19), as the thesis has it, or as Greville."""
     degrees = [count - 1 if basis == "Bernstein" else CUBIC for count in size]
     s, t, u = (clamped_basis(*pair) for pair in zip(size, degrees, strict=True))
+    even = whose == "thesis"
     control = BOX.even_control(size) if even else BOX.greville_control((s, t, u))
     weights = None if basis == "Bernstein" else np.ones(size)
     before, after = (
         SplineVolume(places, (s, t, u), weights) for places in (control, zigzag(control))
     )
-    return Deformed(before, after, invert)
+    return Deformed(before, after, INVERSIONS[basis, whose])
 
 
 def _closed_form(volume: SplineVolume, points: Floats) -> Floats:

@@ -14,7 +14,6 @@ from palpate.bench.rebuild.deformation import (
     zigzag,
     zigzagged,
 )
-from palpate.core.splines import invert_points
 
 SIZE = (4, 4, 10)
 
@@ -31,30 +30,16 @@ def test_the_zigzag_shifts_above_and_draws_out_below():
 
 def test_the_thesiss_ways_and_ours_deform_alike_where_control_points_stand_alike():
     points = np.random.default_rng(0).uniform(-0.3, 0.3, (20, 3))
-    found = [
-        zigzagged(SIZE, "Bernstein", even=even, invert=invert).points(points)
-        for (basis, _), invert in INVERSIONS.items()
-        if basis == "Bernstein"
-        for even in (True, False)
-    ]
-    for other in found[1:]:
-        assert other == pytest.approx(found[0], abs=1e-12)
-    newton, exact = (INVERSIONS["NURBS", whose] for whose in ("thesis", "palpate"))
-    ways = [zigzagged(SIZE, "NURBS", even=True, invert=invert) for invert in (newton, exact)]
-    assert ways[0].points(points) == pytest.approx(ways[1].points(points), abs=1e-5)
+    one, other = (zigzagged(SIZE, "Bernstein", whose) for whose in ("thesis", "palpate"))
+    assert one.points(points) == pytest.approx(other.points(points), abs=1e-12)
+    newton = zigzagged(SIZE, "NURBS", "thesis")
+    exact = newton._replace(invert=INVERSIONS["NURBS", "palpate"])
+    assert newton.points(points) == pytest.approx(exact.points(points), abs=1e-5)
 
 
 def test_nurbs_follow_a_fine_lattice_and_bernstein_polynomials_do_not():
-    def invert(volume, points):
-        return invert_points(volume, points).parameters
-
-    size = (4, 4, 40)
-    nurbs, bernstein = (
-        straying(zigzagged(size, basis, even=False, invert=invert))
-        for basis in ("NURBS", "Bernstein")
-    )
-    assert nurbs < 0.1
-    assert bernstein > 0.3
+    assert straying(zigzagged((4, 4, 40), "NURBS", "palpate")) < 0.1
+    assert straying(zigzagged((4, 4, 40), "Bernstein", "palpate")) > 0.3
 
 
 def test_a_row_for_each_way_and_the_ratios(monkeypatch):
