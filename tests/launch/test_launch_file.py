@@ -270,3 +270,17 @@ def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp
 def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, text, words):
     with pytest.raises(InputError, match=words):
         arguments_table(written(tmp_path, name, text))
+
+
+def test_an_argument_within_the_scene_changes_one_of_its_values():
+    args = {"scene.sensor.pitch": SourceMapped(1.2e-3, "typed"), "scene": SourceMapped("sphere", "")}
+    described = describe(EXPLORE, args, Path("out"))
+    (simulator,) = (one for one in described.graph.entries if one.name == "simulator")
+    assert simulator.params["sensor"]["pitch"] == 1.2e-3
+    assert described.scene is not None and "pitch: 0.0012" in described.scene.text
+
+
+@pytest.mark.parametrize("name", ["scene.", "scen.sensor.pitch", "seed.x"])
+def test_what_is_within_no_scene_is_no_argument(name):
+    with pytest.raises(InputError, match=f"typed: .*has no argument '{name}'"):
+        describe(EXPLORE, {name: SourceMapped(1, "typed")}, Path("out"))

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.core.explore.planners.protocol import PLANNER_NAMES, make_planner, planner_type
 from palpate.core.explore.planners.uniform import Uniform
-from palpate.launch.files.source_map import InputError
+from palpate.launch.files.source_map import InputError, SourceMapped, key_path
 from palpate.launch.scene import (
     SHIPPED_SCENES,
     check_planner,
@@ -263,3 +263,56 @@ def test_a_planner_of_ones_own_is_found_in_the_folder_where_palpate_is_started(
 def test_what_is_no_planner_is_refused_with_its_line(typed, text, words):
     with pytest.raises(InputError, match=re.escape(words)):
         check_planner(typed(f"explore:\n  {text}"))
+
+
+def changed(write, text="", **changes):
+    """A scene of a ball with values in place of its own, by paths with __ between the keys."""
+    given = {key_path(f".{path.replace('__', '.')}"): value for path, value in changes.items()}
+    located = {
+        path: SourceMapped(value, f"here:{i}") for i, (path, value) in enumerate(given.items())
+    }
+    return load_scene(write("ball.yaml", BALL + text), located)
+
+
+def test_values_of_a_scene_are_changed_from_outside_and_told_by_its_text(write):
+    scene = changed(
+        write, sensor__pitch=1.2e-3, explore__planner="uniform", explore__settings={"count": 4}
+    )
+    assert scene.spec.sensor.pitch == 1.2e-3
+    assert scene.spec.explore == {"planner": "uniform", "settings": {"count": 4}}
+    again = load_scene(write("told.yaml", scene.text))
+    assert again.spec == scene.spec
+
+
+def test_one_place_of_a_list_is_changed(write):
+    scene = load_scene(
+        write("ball.yaml", BALL),
+        {("object", "superquadric", "size", 2): SourceMapped(0.03, "here")},
+    )
+    assert scene.spec.object.superquadric.size == (0.04, 0.04, 0.03)
+
+
+def test_effects_are_changed_and_added_by_their_names(write):
+    listed = "effects:\n  - drift\n  - gaussian_noise: {sigma: 1.0e-6}\n"
+    scene = changed(
+        write, listed, effects__gaussian_noise__sigma=2e-6, effects__pose_error__sigma=1e-4
+    )
+    assert scene.spec.effects["gaussian_noise"] == {"sigma": 2e-6}
+    assert list(scene.spec.effects) == ["drift", "gaussian_noise", "pose_error"]
+    assert changed(write, listed, effects=[]).spec.effects == {}
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"sensor__pich": 1e-3}, "here:0: unknown key 'pich' in sensor; did you mean 'pitch'?"),
+        ({"sensr__pitch": 1e-3}, "here:0: unknown key 'sensr'; did you mean 'sensor'?"),
+        ({"world__reach": 0.2, "sensor__pitch": -1}, "here:1: sensor.pitch is -1; expected number"),
+        ({"effects__salt": {}}, "here:0: there is no effect 'salt'"),
+        ({"effects__drift__rate_": 1}, "here:0: unknown key 'rate_' in effects.drift"),
+        ({"seed__deep": 1}, "here:0: seed is 7, which has no deep to set"),
+    ],
+)
+def test_a_change_that_cannot_be_is_refused_where_it_was_asked_for(write, changes, complaint):
+    with pytest.raises(InputError, match=re.escape(complaint)):
+        changed(write, "seed: 7\n", **changes)

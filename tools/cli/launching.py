@@ -47,7 +47,7 @@ scene: vase                               # a name or a file, or a list of them
 seeds: 3                                  # 0, 1, 2; or a list of seeds
 grid:                                     # every combination of these
   tolerance: [1mm, 0.5mm]                 # also: feature, budget, fingers
-  scene.sensor.pitch: [1.0e-3, 2.0e-3]    # any value within the scene
+  scene.sensor.pitch: [1.0e-3, 1.2e-3]    # any value within the scene
 list:                                     # and each of these with all of the grid
   - {planner.planner: predicted}          # any parameter of a node
   - {planner.planner: uniform, planner.settings.count: 9}
