@@ -9,6 +9,7 @@ import io
 import math
 import re
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -55,6 +56,7 @@ _WORDS = {
     "bool": "true or false",
     "null": "nothing",
 }
+type_info = lru_cache(maxsize=256)(inspect.type_info)  # Takes milliseconds of a scene
 _KEYED = (inspect.StructType, inspect.DataclassType)
 
 
@@ -197,7 +199,8 @@ def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target
     ``planner.tolerance``. Raises InputError if a key is unknown or missing, a value has the wrong
     type or lies out of range, or a number is not finite.
     """
-    _refuse_unknown(given, given.value, inspect.type_info(wanted), (), name)
+    kind = type_info(wanted)  # type: ignore[arg-type]
+    _refuse_unknown(given, given.value, kind, (), name)
     _refuse_infinite(given, given.value, (), name)
     try:
         return msgspec.convert(given.value, wanted)
@@ -257,7 +260,7 @@ def _complaint(given: SourceMapped, wanted: type, name: str, text: str) -> Input
     for key in path:
         value = value[key]
     if what.startswith("Invalid enum value"):
-        allowed = ", ".join(sorted(map(str, _choices(inspect.type_info(wanted), path))))
+        allowed = ", ".join(sorted(map(str, _choices(type_info(wanted), path))))
         return given.error(path, f"{where} is {_shown(value)}; expected one of {allowed}")
     # A Struct that checks itself names field and value in its own words.
     if not what.startswith("Expected"):
