@@ -273,7 +273,10 @@ def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, text, words):
 
 
 def test_an_argument_within_the_scene_changes_one_of_its_values():
-    args = {"scene.sensor.pitch": SourceMapped(1.2e-3, "typed"), "scene": SourceMapped("sphere", "")}
+    args = {
+        "scene.sensor.pitch": SourceMapped(1.2e-3, "typed"),
+        "scene": SourceMapped("sphere", ""),
+    }
     described = describe(EXPLORE, args, Path("out"))
     (simulator,) = (one for one in described.graph.entries if one.name == "simulator")
     assert simulator.params["sensor"]["pitch"] == 1.2e-3
