@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.launch.cost_drawing import draw_svg as draw_svg
     from palpate.launch.demand import read_demand as read_demand
     from palpate.launch.graph import Graph as Graph
     from palpate.launch.graph import ResolvedNode as ResolvedNode
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
     from palpate.launch.run_directory import find_bag as find_bag
+    from palpate.launch.run_directory import read_summary as read_summary
     from palpate.launch.run_directory import versions_text as versions_text
     from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES
     from palpate.launch.scene import Scene as Scene

@@ -10,8 +10,12 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from palpate.launch.cost_drawing import draw_text
+from palpate.launch.exchange_rate import halving_lines
+
 TEXT_WIDTH = 80  # Columns of what is printed; tables may be wider, so that no cell is broken
 TITLE_WIDTH = 11  # Columns before the parts of a block
+LEAST_SHARE = 0.5  # Of the processor time, %: a step that took less is not printed
 GAP = "  "  # Between two columns, and between two parts of a block
 ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
 
@@ -84,9 +88,12 @@ def size_text(size: int) -> str:
 
 def summary_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path) -> str:
     """The figures as lines of at most 80 columns, with the names of what the run left behind."""
-    lines = [*_result(summary), *_time(summary), *_node_table(summary["nodes"])]
+    lines = [*_result(summary), *_promise(summary)]
+    lines += [*_cost(summary), *_time(summary), *_node_table(summary["nodes"])]
+    lines += _steps(summary["steps"])
     lines += titled("numerics", *[f"{k} {v:.3g}" for k, v in summary["numerics"].items()])
     lines += titled("outputs", *files)
+    lines += titled("missed", *summary["missed"]) if summary["missed"] else []
     lines += titled(ENDED[summary["status"]], summary["reason"])
     return "\n".join((*lines, *titled("run", str(folder))))
 
@@ -106,17 +113,34 @@ def _result(summary: Mapping[str, Any]) -> list[str]:
         f"volume {100.0 * summary['volume_error']:+.2f} %",
         f"watertight {'yes' if summary['watertight'] else 'NO'}",
     ]
-    return [*titled("result", *near), *titled("", *rest), *_error_bound(summary)]
+    return [*titled("result", *near), *titled("", *rest)]
 
 
-def _error_bound(summary: Mapping[str, Any]) -> list[str]:
-    if summary["rms_bound_95_m"] is None:
+def _promise(summary: Mapping[str, Any]) -> list[str]:
+    if summary["rms_bound_95_m"] is None and summary["largest_untouched_m"] is None:
         return []
-    bound, truth = millimetres(summary["rms_bound_95_m"]), millimetres(summary["rms_m"])
-    parts = [f"rms below {bound} (95 %), in truth {truth}"]
-    if summary["largest_untouched_m"] is not None:
-        parts.append(f"untouched at most {millimetres(summary['largest_untouched_m'])}")
-    return titled("promise", *parts)
+    stated, *untouched = known_texts(summary)
+    if summary["rms_m"] is not None:
+        stated += f", in truth {millimetres(summary['rms_m'])}"
+    return titled("promise", stated, *untouched)
+
+
+def known_texts(summary: Mapping[str, Any]) -> list[str]:
+    """How good the solid is and what is left unknown, as far as it was told, in words."""
+    bound, untouched = summary["rms_bound_95_m"], summary["largest_untouched_m"]
+    known = ["no error can be stated"]
+    if bound is not None:
+        known = [f"rms below {millimetres(bound)} (95 %)"]
+    if untouched is not None:
+        known.append(f"untouched at most {millimetres(untouched)}")
+    return known
+
+
+def _cost(summary: Mapping[str, Any]) -> list[str]:
+    drawn, foretold = draw_text(summary), halving_lines(summary["curve"])
+    heads = ["cost", *[""] * len(drawn)]
+    lines = [f"{head:<{TITLE_WIDTH}}{line}" for head, line in zip(heads, drawn, strict=False)]
+    return lines + [piece for line in foretold for piece in titled("", line)]
 
 
 def _time(summary: Mapping[str, Any]) -> list[str]:
@@ -142,3 +166,12 @@ def _node_table(nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:
         timing = f"{one['p50_us']:.0f}", f"{one['p99_us']:.0f}", f"{one['cpu_s']:.2f}"
         rows.append(("", name, str(one["messages"]), *timing))
     return text_table(rows, right=range(2, 6), least=(TITLE_WIDTH - 2,))
+
+
+def _steps(steps: Mapping[str, float]) -> list[str]:
+    total = sum(steps.values())
+    if not total > 0.0:
+        return []
+    shares = {name: 100.0 * seconds / total for name, seconds in steps.items()}
+    told = [f"{name} {share:.0f} %" for name, share in shares.items() if share >= LEAST_SHARE]
+    return titled("steps", *told, f"of {total:.1f} s")

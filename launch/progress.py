@@ -9,12 +9,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Protocol, TextIO
 
+import numpy as np
+
 from palpate.messages.types import (
     Contour,
     GraspContacts,
     LogRecord,
     NodeStatus,
     PlanDone,
+    PlanEstimate,
     Probe,
     Score,
     ShapeModel,
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
     from rich.status import Status
 
 # Types of the messages that are gathered.
-GATHERED_TYPES = (Contour, GraspContacts, PlanDone, Probe, Score, ShapeModel)
+GATHERED_TYPES = (Contour, GraspContacts, PlanDone, PlanEstimate, Probe, Score, ShapeModel)
 TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
 # Levels of the log that a user sees; the rest is in log.jsonl.
 LEVELS_SHOWN = frozenset({"warning", "error"})
@@ -47,6 +50,10 @@ class Progress:
     model: ShapeModel | None = None  # The last model
     # Time since the launch, s, and score, in the order received.
     scores: list[tuple[float, Score]] = field(default_factory=list)
+    # The same of estimates, and of the processor time that all nodes have told of, s.
+    estimates: list[tuple[float, PlanEstimate]] = field(default_factory=list)
+    spent: list[tuple[float, float]] = field(default_factory=list)
+    made: dict[int, float] = field(default_factory=dict)  # When each model was received, s
 
     @property
     def touches_per_s(self) -> float | None:
@@ -63,6 +70,18 @@ class Progress:
     def score(self) -> Score | None:
         """The last score."""
         return self.scores[-1][1] if self.scores else None
+
+    @property
+    def estimate(self) -> PlanEstimate | None:
+        """The last estimate."""
+        return self.estimates[-1][1] if self.estimates else None
+
+    def compute_at(self, wall: float) -> float | None:
+        """Processor time of all nodes until a time since the launch, s; None if none was told."""
+        if not self.spent:
+            return None
+        walls, seconds = np.array(self.spent).T
+        return float(np.interp(wall, walls, seconds))
 
 
 class Display(Protocol):
@@ -115,8 +134,11 @@ class ProgressWatcher:
             progress.done = message
         elif isinstance(message, ShapeModel):
             progress.model = message
+            progress.made[message.number] = progress.wall
         elif isinstance(message, Score):
             progress.scores.append((progress.wall, message))
+        elif isinstance(message, PlanEstimate):
+            progress.estimates.append((progress.wall, message))
         self._display.show(progress)
 
     def log(self, record: LogRecord) -> None:
@@ -131,6 +153,9 @@ class ProgressWatcher:
     def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
         """Time has gone by."""
         self._stamp()
+        spent = sum(one.cpu for one in statuses.values())
+        if spent > 0.0:
+            self.progress.spent.append((self.progress.wall, spent))
         self._display.show(self.progress)
 
     def _stamp(self) -> None:
@@ -225,6 +250,6 @@ def progress_text(progress: Progress) -> str:
     score = progress.score
     if score is not None:
         share = 100.0 * score.chamfer / score.size
-        parts.append(f"error {1000.0 * score.chamfer:.2f} mm ({share:.2f} %)")
+        parts.append(f"error {1000.0 * score.chamfer:.3f} mm ({share:.3f} %)")
     parts.append(f"{progress.wall:.0f} s")
     return "  ".join(parts)

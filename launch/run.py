@@ -256,7 +256,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     summary = summarise(ending, progress, about.get("scene_name"), seed)
     if progress.model is not None:
         export_model(progress.model, folder.path)
-    folder.write_json("summary.json", summary)
+    folder.write_summary(summary)
     types = {name for wiring in plan.wirings for name in wiring.types.values()}
     code = exit_code(summary, rebuilds=ShapeModel.__name__ in types)
     return Run(folder.path, ending, summary, progress.model, code)

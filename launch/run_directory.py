@@ -13,7 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from palpate import __version__
+from palpate.launch.cost_drawing import draw_svg
+from palpate.launch.exchange_rate import cost_curve, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
+from palpate.launch.printing import known_texts, millimetres
 from palpate.launch.progress import Progress
 from palpate.messages.recording import free_bytes
 from palpate.nodes.runtime import Ending
@@ -21,6 +24,8 @@ from palpate.nodes.runtime import Ending
 RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
+SUMMARY = "summary.json"  # Name of the figures
+COST_PICTURE = "cost.svg"  # Name of the picture of what accuracy cost
 VERSIONED_PACKAGES = ("numpy", "scipy", "trimesh", "pyzmq", "msgpack", "msgspec", "mcap", "lz4")
 Summary = dict[str, Any]
 # Keys of `summary.json`, and the fields of a score that they hold.
@@ -75,6 +80,11 @@ class RunDirectory:
         """Write a JSON file whole or not at all; infinity and NaN are refused."""
         self.write_text(name, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
+    def write_summary(self, summary: Summary) -> None:
+        """Write the figures, and what accuracy cost as a picture."""
+        self.write_json(SUMMARY, summary)
+        self.write_text(COST_PICTURE, draw_svg(summary))
+
 
 def _link_latest(link: Path, target: str) -> None:
     part = link.with_name(f".{link.name}.{os.getpid()}")
@@ -118,6 +128,20 @@ def find_bag(path: Path) -> Path:
     raise InputError(f"{path}: the recording {why}")
 
 
+def read_summary(run: Path) -> Summary:
+    """The figures of a run directory; InputError if it has none that can be read."""
+    path = run / SUMMARY
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError:
+        raise InputError(f"{run}: is no directory of a run: there is no {SUMMARY} in it") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is no JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: must hold a map, got {type(found).__name__}")
+    return found
+
+
 def versions_text() -> str:
     """Python and the packages that results and recordings depend on, in a line."""
     packages = (f"{name} {version(name)}" for name in VERSIONED_PACKAGES)
@@ -127,20 +151,21 @@ def versions_text() -> str:
 def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int | None) -> Summary:
     """The figures of a run, ready for JSON."""
     model, done, score = progress.model, progress.done, progress.score
-    compute = sum(status.cpu for status in ending.statuses.values())
+    known = done or progress.estimate  # an interrupted run has but estimates
+    compute = sum(status.cpu for status in ending.statuses.values()) or None
     distances = {key: score and getattr(score, name) for key, name in SCORE_FIELDS.items()}
     if score is not None and score.genus < 0:
         distances["genus"] = None  # an open surface has no handles to count
-    return {
+    summary = {
         "palpate": __version__,
         "status": ending.status,
         "reason": ending.reason if done is None else f"{done.reason}; {ending.reason}",
         "scene": scene,
         "seed": seed,
         **distances,
-        "rms_bound_95_m": done and done.rms_bound_95,
+        "rms_bound_95_m": known and known.rms_bound_95,
         "tolerance_met": done and done.tolerance_met,
-        "largest_untouched_m": done and done.largest_untouched,
+        "largest_untouched_m": known and known.largest_untouched,
         "contacts": progress.contacts,
         "contours": progress.contours,
         "contours_failed": progress.failed,
@@ -149,7 +174,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "robot_time_s": progress.robot_time,
         "ready_s": progress.ready,
         "wall_s": progress.wall,
-        "compute_s": compute if compute > 0.0 else None,
+        "compute_s": compute,
         "touches_per_s": progress.touches_per_s,
         "mesh_sha256": mesh_sha256(model) if model is not None and len(model.faces) else None,
         "final": model is not None and model.final,
@@ -157,9 +182,12 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "duplicates": ending.duplicates,
         "restarts": dict(ending.restarts),
         "nodes": _node_figures(ending),
+        "steps": time_by_step(ending.statuses),
         "numerics": {} if model is None else dict(sorted(model.health.items())),
-        "curve": _curve(progress),
+        "curve": cost_curve(progress, compute),
     }
+    told = done is not None and ending.status == "finished"
+    return {**summary, "missed": missed_goals(summary) if told else []}
 
 
 def _node_figures(ending: Ending) -> dict[str, dict[str, float]]:
@@ -175,32 +203,30 @@ def _node_figures(ending: Ending) -> dict[str, dict[str, float]]:
     }
 
 
-def _curve(progress: Progress) -> list[dict[str, float]]:
-    """Cost and error of each model on the way."""
-    return [
-        {
-            "contours": one.contours,
-            "touches": one.touches,
-            "robot_time_s": one.robot_time,
-            "wall_s": seconds,
-            "chamfer_m": one.chamfer,
-            "rms_m": one.rms,
-        }
-        for seconds, one in progress.scores
-    ]
-
-
 def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
     """0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
 
-    In a graph that rebuilds, a run without a final, watertight model has missed its goal, and so
-    has one that left a part of the object untraced.
+    The goal is missed where a planner says that the tolerance was not met, whatever the budget that
+    ended it; and in a graph that rebuilds, by a run without a final, watertight model, or that left
+    a part of the object untraced.
     """
     if summary["status"] == "interrupted":
         return 130
     if summary["status"] != "finished":
         return 3
-    solid = summary["mesh_sha256"] is not None and summary["watertight"] is not False
-    covered = not summary["uncovered_m"]
-    missed = rebuilds and not (summary["final"] and solid and covered)
-    return 1 if missed else 0
+    return int(bool(missed_goals(summary, rebuilds=rebuilds)))
+
+
+def missed_goals(summary: Mapping[str, Any], *, rebuilds: bool = True) -> list[str]:
+    """What a finished run was to reach and has not, in words."""
+    closed = summary["mesh_sha256"] is not None and summary["watertight"] is not False
+    found = []
+    if rebuilds and not summary["final"]:
+        found.append("there is no final model")
+    if rebuilds and not closed:
+        found.append("there is no closed solid")
+    if rebuilds and summary["uncovered_m"]:
+        found.append(f"{millimetres(summary['uncovered_m'])} of the height could not be traced")
+    if summary["tolerance_met"] is False:
+        found.append(f"the tolerance was not reached: {'; '.join(known_texts(summary))}")
+    return found

@@ -8,6 +8,7 @@ another robot that move ends at another time, and the wait with it. Any other wa
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
@@ -24,8 +25,8 @@ from palpate.core import (
     SlidingPreset,
     move_durations,
 )
-from palpate.launch import counted, find_bag, text_table, titled
-from palpate.launch.files import InputError, hint
+from palpate.launch import counted, draw_svg, find_bag, read_summary, text_table, titled
+from palpate.launch.files import InputError, hint, write_atomically
 from palpate.messages import CodecError, decode
 from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame
@@ -45,6 +46,26 @@ KINDS: Mapping[str, type] = {
     kind.__name__: kind for kind in (ContourGoal, ProbeGoal, TactileFrame, GraspContacts)
 }
 TITLE_WIDTH = 12  # Letters
+
+
+def plot_cost(run: Path, path: Path) -> None:
+    """Draw what accuracy cost a run into an SVG file; ``-`` is standard output.
+
+    Raises InputError if the run has no figures, or those of another version, or the file cannot be
+    written.
+    """
+    if str(path) != "-" and path.suffix != ".svg":
+        raise InputError(f"--plot {path}: must end in .svg")
+    summary = read_summary(run)
+    try:
+        text = draw_svg(summary)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        why = "its figures are not those of this version of palpate; run it again"
+        raise InputError(f"{run}: {why}") from None
+    if str(path) == "-":
+        sys.stdout.write(text)
+        return
+    write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
 
 
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:

@@ -39,7 +39,8 @@ def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool)
     elif not quiet:
         click.echo(done.text)
     elif done.exit_code != 0:
-        click.echo(f"palpate: {done.ending.status}: {done.ending.reason}", err=True)
+        missed = [*done.summary["missed"], done.summary["reason"]]
+        click.echo(f"palpate: {done.ending.status}: {'; '.join(missed)}", err=True)
     return done.exit_code
 
 

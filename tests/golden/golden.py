@@ -74,7 +74,10 @@ RESUME = ("replay", RECORDED, "--from", "contour=6", "--out", "resumed", "--json
 SCORE = ("score", f"{RECORDED}/model.npz", f"{RECORDED}/mesh.stl", "--json")  # STL rounds
 METHODS = ("lattice", "skin", "thesis", "coarse")
 VOLATILE = frozenset(
-    ("palpate", "wall_s", "ready_s", "compute_s", "touches_per_s", "cpu_s", "p50_us", "p99_us")
+    (
+        *("palpate", "wall_s", "ready_s", "compute_s", "touches_per_s", "cpu_s", "p50_us"),
+        *("p99_us", "steps"),
+    )
 )
 LIMITS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 FIXED = {**LIMITS, "COLUMNS": "80", "LC_ALL": "C.UTF-8", "NO_COLOR": "1"}

@@ -12,11 +12,16 @@ from palpate.launch.progress import (
     open_display,
     progress_text,
 )
-from palpate.messages.types.catalogue import LogRecord
+from palpate.messages.types.catalogue import LogRecord, NodeStatus
 
 
 def record(text="the pad slipped", level="warning"):
     return LogRecord(node="tracer", level=level, text=text, robot_time=2.5)  # type: ignore[arg-type]
+
+
+def status(node):
+    counts = dict.fromkeys(("messages", "sent", "gaps", "duplicates"), 0)
+    return NodeStatus(node=node, state="running", p50=0.0, p99=0.0, cpu=1.5, **counts)
 
 
 def test_the_gatherer_adds_up_what_it_receives(contour, tetrahedron, score):
@@ -25,11 +30,15 @@ def test_the_gatherer_adds_up_what_it_receives(contour, tetrahedron, score):
     for message in (contour, dataclasses.replace(contour, robot_time=9.0), tetrahedron, score):
         gatherer.received("/any", message)
     gatherer.tick({})
+    assert gatherer.progress.compute_at(1.0) is None
+    gatherer.tick({name: status(name) for name in "ab"})
     progress = gatherer.progress
     assert (progress.contours, progress.touches, progress.robot_time) == (2, 60, 15.0)
     assert progress.ready == 0.5
     assert progress.model is tetrahedron
     assert progress.score is score
+    assert 0.0 <= progress.made[tetrahedron.number] <= progress.wall
+    assert progress.compute_at(progress.wall) == 3.0
     assert 0.0 <= progress.scores[0][0] <= progress.wall
 
 
@@ -60,7 +69,7 @@ def test_plain_lines_come_once_a_score_and_once_a_warning(score):
     lines.close()
     assert stream.getvalue().splitlines() == [
         "ready    8 nodes in 1.2 s",
-        "tracing  1 contours  40 touches  error 0.30 mm (1.00 %)  2 s",
+        "tracing  1 contours  40 touches  error 0.300 mm (1.000 %)  2 s",
         "warning  tracer: the pad slipped",
     ]
 

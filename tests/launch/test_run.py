@@ -71,7 +71,7 @@ def test_a_run_leaves_its_results_and_what_was_run_in_its_directory(launch_file)
     assert run.exit_code == 0
     names = {path.name for path in run.folder.iterdir()}
     assert names == {
-        "launch.yaml", "log.jsonl", "mesh.glb", "mesh.ply", "mesh.stl", "model.npz",
+        "cost.svg", "launch.yaml", "log.jsonl", "mesh.glb", "mesh.ply", "mesh.stl", "model.npz",
         "summary.json",
     }  # fmt: skip
     summary = json.loads((run.folder / "summary.json").read_text())

@@ -11,8 +11,14 @@ from palpate.launch import run_directory as run_dir
 from palpate.launch.files.source_map import InputError
 from palpate.launch.printing import TEXT_WIDTH, summary_text
 from palpate.launch.progress import Progress
-from palpate.launch.run_directory import choose_run_directory, exit_code, summarise
+from palpate.launch.run_directory import (
+    choose_run_directory,
+    exit_code,
+    read_summary,
+    summarise,
+)
 from palpate.messages.types.catalogue import NodeStatus
+from palpate.messages.types.model import PlanDone, PlanEstimate
 from palpate.nodes.runtime.composed import Ending
 
 
@@ -99,6 +105,7 @@ KEYS = {
     "contours_failed", "uncovered_m", "rms_bound_95_m", "tolerance_met", "largest_untouched_m",
     "contacts", "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s",
     "mesh_sha256", "final", "gaps", "duplicates", "restarts", "nodes", "numerics", "curve",
+    "steps", "missed",
 }  # fmt: skip
 
 
@@ -113,6 +120,7 @@ def ending(status="finished", reason="all slices are traced"):
         p50=80.0,
         p99=120.0,
         cpu=1.5,
+        steps={"filter": 1.0},
     )
     return Ending(status=status, reason=reason, statuses={"filter": filter_status})
 
@@ -148,6 +156,8 @@ def test_a_summary_holds_the_figures_of_the_run(progress, score):
         "messages": 40, "sent": 40, "p50_us": 80.0, "p99_us": 120.0, "cpu_s": 1.5,
     }  # fmt: skip
     assert found["numerics"] == {"condition": 3.5, "fallbacks": 0.0}
+    assert found["steps"] == {"filter": 1.0, "rest": 0.5}
+    nothing = ("compute_s", "rms_bound_95_m", "largest_untouched_m", "forecast", "halved", "ratio")
     assert found["curve"] == [
         {
             "contours": 2,
@@ -156,6 +166,7 @@ def test_a_summary_holds_the_figures_of_the_run(progress, score):
             "wall_s": 3.0,
             "chamfer_m": 0.0003,
             "rms_m": score.rms,
+            **dict.fromkeys(nothing),
         }
     ]
     assert json.loads(json.dumps(found, allow_nan=False)) == found
@@ -185,6 +196,55 @@ def test_a_run_without_a_solid_has_missed_its_goal(progress, tetrahedron, score)
     assert code(rebuilds=False) == 0
 
 
+def planned(met, reason="the budget is spent: 40 of 40 touches"):
+    return PlanDone(
+        number=3, contours=(1, 2), probes=(), touches=40, robot_time=20.0, reason=reason,
+        tolerance_met=met, rms_bound_95=3e-4, largest_untouched=2.5e-3, uncovered=0.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("met", "code"), [(True, 0), (None, 0), (False, 1)])
+def test_a_tolerance_that_was_not_reached_is_a_missed_goal_whatever_ended_the_run(
+    progress, met, code, tmp_path
+):
+    progress.done = planned(met)
+    summary = summarise(ending(), progress, "vase", 7)
+    assert [exit_code(summary, rebuilds=rebuilds) for rebuilds in (True, False)] == [code, code]
+    told = "the tolerance was not reached: rms below 0.300 mm (95 %); untouched at most 2.500 mm"
+    assert summary["missed"] == ([] if met is not False else [told])
+    text = summary_text(summary, [], tmp_path)
+    assert ("missed     the tolerance was not reached" in text) == (met is False)
+    assert "the budget is spent: 40 of 40 touches" in text
+
+
+def test_an_interrupted_run_tells_what_was_known_by_then(progress):
+    progress.estimates = [
+        (3.0, PlanEstimate(
+            number=2, contours=2, touches=40, robot_time=20.0, rms_bound_95=4e-4,
+            largest_untouched=9e-3, halving_touches=None, halving_seconds=None,
+        )),
+    ]  # fmt: skip
+    summary = summarise(ending("interrupted", "Ctrl-C"), progress, "vase", 7)
+    assert (summary["rms_bound_95_m"], summary["largest_untouched_m"]) == (4e-4, 9e-3)
+    assert (summary["tolerance_met"], summary["missed"]) == (None, [])
+    assert exit_code(summary, rebuilds=True) == 130
+
+
+def test_a_summary_is_read_again_or_refused_with_the_reason(progress, tmp_path):
+    folder = choose_run_directory("vase", Path("here"))
+    folder.create()
+    summary = summarise(ending(), progress, "vase", 7)
+    folder.write_summary(summary)
+    assert sorted(os.listdir("here")) == ["cost.svg", "summary.json"]
+    assert read_summary(Path("here")) == summary
+    with pytest.raises(InputError, match=r"there: is no directory of a run: there is no summary"):
+        read_summary(Path("there"))
+    for text, why in (("{", "is no JSON"), ("[]", "must hold a map, got list")):
+        Path("here/summary.json").write_text(text)
+        with pytest.raises(InputError, match=f"here/summary.json: {why}"):
+            read_summary(Path("here"))
+
+
 def test_the_closing_words_fit_on_a_screen(progress, tmp_path):
     summary = summarise(ending(reason="the tracer died of " + "x " * 300), progress, "vase", 7)
     files = [f"a_rather_long_name_{i}.json" for i in range(9)]
@@ -196,6 +256,8 @@ def test_the_closing_words_fit_on_a_screen(progress, tmp_path):
     assert "watertight yes" in text
     assert ["filter", "40", "80", "120", "1.50"] in [line.split() for line in lines]
     assert all(name in text for name in files)
+    assert "steps      filter 67 %  rest 33 %  of 1.5 s" in lines
+    assert any(line.startswith("cost  ") for line in lines)
     assert lines[-1] == f"run        {tmp_path / 'r'}"
 
 

@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.motion import ContourGoal, GraspContacts, ProbeGoal
 from palpate.messages.types.touch import TactileFrame
 from palpate.tools.cli import command_line as cli
-from palpate.tools.cost import PARTS, read_moves, robot_time, robot_time_text
+from palpate.tools.cost import PARTS, plot_cost, read_moves, robot_time, robot_time_text
 
 LIFTED = -1.0
 UP = np.array([0.0, 0.0, 1.0])
@@ -274,3 +275,47 @@ def test_the_verb_prints_the_table_or_json(record, capsys):
     assert json.loads(capsys.readouterr().out)["recorded"]["agrees"] is True
     assert cli.run(["cost", "none"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.fixture
+def explored(tmp_path):
+    """The directory of a run that came to nothing."""
+    nothing = dict.fromkeys(("scene", "compute_s", "largest_untouched_m", "sampling_floor_m"))
+    counts = dict.fromkeys(("contours", "touches", "robot_time_s"), 0)
+    lists = {"curve": [], "missed": [], "steps": {}, "nodes": {}, "status": "finished"}
+    (tmp_path / "summary.json").write_text(json.dumps(nothing | counts | lists))
+    return tmp_path
+
+
+def test_what_accuracy_cost_is_drawn_to_a_file_or_to_standard_output(explored, capsys):
+    assert cli.run(["cost", str(explored), "--plot"]) == 0
+    drawn = capsys.readouterr().out
+    assert drawn.startswith("<svg")
+    assert cli.run(["cost", str(explored), "--plot", str(explored / "a.svg")]) == 0
+    assert (explored / "a.svg").read_text() == drawn
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--plot", "a.png"], "a.png: must end in .svg"),
+        (["--plot", "no/a.svg"], "there is no folder"),
+        (["--plot", "a.svg", "--json"], "leave out --robot and --json"),
+        (["--plot", "a.svg", "--robot", "puma"], "leave out --robot and --json"),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn_is_one_sentence(explored, capsys, monkeypatch, words, why):
+    monkeypatch.chdir(explored)
+    assert cli.run(["cost", ".", *words]) == 2
+    err = capsys.readouterr().err
+    assert why in err
+    assert err.count("\n") == 1
+    assert [path.name for path in explored.iterdir()] == ["summary.json"]
+
+
+def test_figures_of_another_version_are_refused(tmp_path):
+    (tmp_path / "summary.json").write_text('{"curve": [{"touches": 3}]}')
+    with pytest.raises(InputError, match="are not those of this version of palpate"):
+        plot_cost(tmp_path, Path("-"))
+    with pytest.raises(InputError, match=r"there is no summary\.json in it"):
+        plot_cost(tmp_path / "none", Path("-"))

@@ -268,7 +268,7 @@ def _resume(
     with as_input_errors():
         plan = replay.plan_resume(bag, int(number) if number else None, nodes=names, out=out)
     code = perform_and_print(plan, composed=False, as_json=as_json, quiet=quiet)
-    different = replay.past_differences(bag, plan.folder.path) if code == 0 else ""
+    different = replay.past_differences(bag, plan.folder.path) if code in (0, 1) else ""
     if different:
         click.echo(f"palpate: {different}", err=True)
     return 1 if different else code

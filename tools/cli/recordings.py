@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from palpate.launch.files import InputError
 from palpate.tools import bag as bags
 from palpate.tools import introspection
 from palpate.tools.cli.command_line import (
@@ -176,16 +177,35 @@ def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ..
 @click.command("cost")
 @click.argument("run", type=PATH)
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Of this only. Repeatable.")
+@click.option(
+    "--plot",
+    "picture",
+    type=click.Path(path_type=Path, allow_dash=True),
+    is_flag=False,
+    flag_value="-",
+    metavar="[OUT.svg]",
+    help="Draw error and bound against cost, to standard output if no file is named.",
+)
 @json_option()
-def cost_command(run: Path, robots: tuple[str, ...], as_json: bool) -> int:
+def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_json: bool) -> int:
     """Say what the moves of RUN would have cost each robot, in s.
 
     RUN is the folder of a run, or its topics.mcap. A recording keeps the way, the turn and the
     approach of each touch, so that its time follows for any arm: modern, a collaborative one of
     today; puma, one of the 1990s; sliding, the modern one, if it stayed on the surface between two
     touches of a contour.
-    """
-    from palpate.tools.cost import robot_time, robot_time_text
 
+    With --plot it draws instead what accuracy has cost RUN, a folder: true error and stated bound
+    after each contour against touches, robot time and compute time, what the next halving of the
+    error is foretold to cost, and where the processor's time went. Every run leaves this as
+    cost.svg; docs/cost.md says how to read it.
+    """
+    from palpate.tools.cost import plot_cost, robot_time, robot_time_text
+
+    if picture is not None:
+        if robots or as_json:
+            raise InputError("--plot draws the run as it was: leave out --robot and --json")
+        plot_cost(run, picture)
+        return 0
     print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
     return 0
