@@ -76,7 +76,6 @@ def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed)
         assert (installed / "palpate/launch/scenes" / name).is_file()
     assert (installed / "palpate/launch/explore.yaml").is_file()
     assert (installed / "palpate/py.typed").is_file()
-    assert (installed / "palpate/bench/fuzz/hostile.yaml").is_file()
 
 
 def test_the_wheel_installs_nothing_but_palpate(installed):

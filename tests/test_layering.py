@@ -39,7 +39,6 @@ LIBRARIES = {
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "msgpack", "zmq"},
     "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
     "palpate.bench.bus": {"numpy", "msgspec", "zmq"},
-    "palpate.bench.fuzz": {"numpy", "msgpack", "lz4", "ruamel"},
     "palpate.bench.rebuild": {"numpy", "scipy", "pymeshlab"},
     "palpate.bench.suite": {"numpy", "click", "matplotlib", "mpl_toolkits"},
 }

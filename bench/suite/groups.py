@@ -68,8 +68,7 @@ BENCHES: Mapping[str, Bench] = {
     ),
     "bus": Bench(
         "the message bus alone: losses, latency, a million messages among stalls and deaths, "
-        "start, lock between machines, tools; and damaged messages and files, of which none may "
-        "do more than be refused",
+        "start, lock between machines, and tools",
         {
             "losses": "bus.losses:loss_rows",
             "hops": "bus.cost:hop_rows",
@@ -77,7 +76,6 @@ BENCHES: Mapping[str, Bench] = {
             "start": "bus.start:start_rows",
             "locked": "bus.cost:lock_rows",
             "introspection": "bus.cost:introspection_rows",
-            "fuzz": "fuzz.trials:fuzz_rows",
         },
     ),
     "touch": Bench(
@@ -134,11 +132,6 @@ BENCHES: Mapping[str, Bench] = {
     "ablation": Bench(
         "what each part is worth: explorations without it, in general and in the case it is for",
         {"parts": "scaling.ablation:part_rows", "taxels": "scaling.ablation:taxel_rows"},
-    ),
-    "house": Bench(
-        "palpate itself: lines and files, and how many files one frame, one rebuild and one plan "
-        "run through; the sizes alone with --quick",
-        {"house": "house:house_rows"},
     ),
 }
 ALL = "all"

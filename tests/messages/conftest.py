@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.fuzz.messages import any_message
+from tests.fuzz.messages import any_message
 
 
 @pytest.fixture

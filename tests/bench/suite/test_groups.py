@@ -78,8 +78,8 @@ def test_each_missed_demand_is_named(changes, fault):
         ),
         (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, "),
         (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
-        (["house", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
-        (["house", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
+        (["touch", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
+        (["touch", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
     ],
 )
 def test_options_of_another_bench_are_refused_in_one_sentence(capsys, arguments, words):
@@ -123,17 +123,17 @@ def test_results_are_written_and_compared_with(monkeypatch, tmp_path, capsys):
         yield Row("touches", str(touches[0]))
 
     bench = verb.Bench("two figures", {"one": ""})
-    monkeypatch.setattr(verb, "BENCHES", {"house": bench})
-    monkeypatch.setattr(verb, "_chosen", lambda *_: {"house/one": rows})
+    monkeypatch.setattr(verb, "BENCHES", {"touch": bench})
+    monkeypatch.setattr(verb, "_chosen", lambda *_: {"touch/one": rows})
     out = tmp_path / "new.json"
-    assert cli.run(["bench", "house", "--out", str(out)]) == 0
-    assert cli.run(["bench", "house", "--out", str(out)]) == 2
+    assert cli.run(["bench", "touch", "--out", str(out)]) == 0
+    assert cli.run(["bench", "touch", "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     touches[0] = 99
-    assert cli.run(["bench", "house", "--compare", str(out)]) == 0
+    assert cli.run(["bench", "touch", "--compare", str(out)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told[-2:] == [
-        "moved   house/one: touches: 100 -> 99 (-1.0%)",
+        "moved   touch/one: touches: 100 -> 99 (-1.0%)",
         "figures: 1 moved beyond noise",
     ]
 

@@ -3,10 +3,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.bench.fuzz.files import LEVEL, SIZE, glb, gltf_of, valid_meshes
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.launch.files.mesh_file import READERS
 from palpate.launch.files.mesh_formats import RawMesh
+from tests.fuzz.files import LEVEL, SIZE, glb, gltf_of, valid_meshes
 
 VALID = dict(valid_meshes())
 

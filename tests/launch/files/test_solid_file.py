@@ -4,8 +4,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from palpate.bench.fuzz.files import hostile_solids, npz
 from palpate.launch.files.solid_file import read_npz
+from tests.fuzz.files import hostile_solids, npz
 
 
 def test_arrays_are_read_as_they_were_written():

@@ -8,19 +8,20 @@ from types import SimpleNamespace
 
 import pytest
 
-from palpate.bench.fuzz import reproduce, trials
-from palpate.bench.fuzz.trials import (
+from palpate.launch.files.source_map import InputError
+from palpate.messages.fields import CodecError
+from tests.fuzz import trials
+from tests.fuzz.trials import (
     COUNTS,
     INPUT_KINDS,
     QUICK,
     InputKind,
     Tally,
+    reproduce,
     tally,
     tally_rows,
     try_input,
 )
-from palpate.launch.files.source_map import InputError
-from palpate.messages.fields import CodecError
 
 
 def test_every_kind_is_counted_fully_and_quickly():

@@ -5,9 +5,10 @@ import random
 import msgpack
 import pytest
 
-from palpate.bench.fuzz import mutations
-from palpate.bench.fuzz.messages import mutated_packet, valid_packets
-from palpate.bench.fuzz.mutations import (
+from palpate.messages.types.catalogue import TYPES
+from tests.fuzz import mutations
+from tests.fuzz.messages import mutated_packet, valid_packets
+from tests.fuzz.mutations import (
     mutate_body,
     mutate_bytes,
     mutate_text,
@@ -15,7 +16,6 @@ from palpate.bench.fuzz.mutations import (
     value_at,
     with_value,
 )
-from palpate.messages.types.catalogue import TYPES
 
 DATA, OTHER = bytes(range(200)), b"x" * 50
 

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
-from palpate.bench import house
-from palpate.bench.house import (
+from palpate.core.geometry.meshes import solidity
+from palpate.core.shapes.tessellations import icosphere
+from tests import house
+from tests.house import (
     Call,
     CallWatch,
     Visit,
@@ -13,8 +15,6 @@ from palpate.bench.house import (
     sources,
     within,
 )
-from palpate.core.geometry.meshes import solidity
-from palpate.core.shapes.tessellations import icosphere
 
 TEXT = '''"""A module.
 
@@ -52,7 +52,7 @@ def test_calls_are_told_by_file_until_a_function_returns():
     with CallWatch() as watch:
         solidity(*mesh)
     assert "core/geometry/meshes.py" in watch.files
-    assert "tests/bench/test_house.py" not in {
+    assert "tests/test_house_figures.py" not in {
         call.file for _, calls in watch.visits for call in calls
     }
 

@@ -21,7 +21,6 @@ import lz4.frame
 import msgpack
 import numpy as np
 
-from palpate.bench.fuzz.mutations import NUMBERS, InputFile, mutate_body, mutate_bytes
 from palpate.messages import (
     Array,
     Header,
@@ -34,6 +33,7 @@ from palpate.messages import (
 )
 from palpate.messages.recording import RecordingWriter, open_recording
 from palpate.messages.types import TYPES
+from tests.fuzz.mutations import NUMBERS, InputFile, mutate_body, mutate_bytes
 
 SHARE_OF_BODIES = 0.7  # The others are frames and words
 EXAMPLES = 3  # Of each type

@@ -20,7 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
-from palpate.bench.fuzz.mutations import (
+from palpate.core import FORM_KEY, tree_to_arrays
+from palpate.core.geometry import solidity
+from palpate.core.shapes import Superquadric
+from palpate.launch import SHIPPED_SCENES, files, shipped_scenes
+from palpate.tools import check_scene
+from tests.fuzz.mutations import (
     FLOATS,
     HOSTILE_WORDS,
     NUMBERS,
@@ -32,11 +37,6 @@ from palpate.bench.fuzz.mutations import (
     value_at,
     with_value,
 )
-from palpate.core import FORM_KEY, tree_to_arrays
-from palpate.core.geometry import solidity
-from palpate.core.shapes import Superquadric
-from palpate.launch import SHIPPED_SCENES, files, shipped_scenes
-from palpate.tools import check_scene
 
 Table = NDArray[Any]
 Arrays = dict[str, Any]

@@ -1,11 +1,15 @@
 """The figures of the house: how much there is, in how many files, and how many files an act needs.
 
 Acts are watched from outside, by the calls that Python makes, through the public face and on the
-vase, each in a process of its own: ``python -m palpate.bench.house run``.
+vase, each in a process of its own.
+
+    python tests/house.py           sizes, and what a frame, a rebuild and a plan run through
+    python tests/house.py --quick   the sizes alone
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 import io
 import json
@@ -23,7 +27,7 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 import palpate
-from palpate.bench.table import Figure, Row, figure_of
+from palpate.bench.table import Figure, Row, figure_of, run_groups
 
 FOLDERS = ("core", "messages", "nodes", "launch", "tools", "bench", "palpate", "tests")
 LONG, SHORT = 600, 60  # Lines from which a file is too long, and below which it is a scrap
@@ -108,7 +112,7 @@ def code_lines(text: str) -> int:
 
 def _probe(act: str) -> dict[str, Any]:
     """Watch an act in a process of its own."""
-    command = [sys.executable, "-m", __spec__.name, act]
+    command = [sys.executable, __file__, "--watch", act]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{act} failed: {done.stderr.strip()[-400:]}")
@@ -243,7 +247,20 @@ def watch_plan(out: Path) -> dict[str, Any]:
     return {"files run through": len(watch.files), "imported": len(watch.modules | watch.files)}
 
 
-if __name__ == "__main__":
+def main(argv: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="the sizes alone")
+    parser.add_argument("--watch", choices=("run", "plan"), help=argparse.SUPPRESS)
+    told = parser.parse_args(argv)
+    if told.watch is None:
+        return run_groups({"house": house_rows}, quick=told.quick)
     with tempfile.TemporaryDirectory() as folder:
-        watched = watch_run if sys.argv[1] == "run" else watch_plan
+        watched = watch_run if told.watch == "run" else watch_plan
         print(json.dumps(watched(Path(folder) / "out")))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
