@@ -104,9 +104,9 @@ def halving_lines(curve: Sequence[Mapping[str, Any]]) -> list[str]:
     kept = [one for one in curve if one["ratio"] is not None]
     if kept:
         before, after = (_cost_text(kept[-1][key]) for key in ("forecast", "halved"))
-        told.append(f"last halving: foretold {before}, took {after}")
+        told.append(f"last halving: foretold {before}; took {after}")
     return told
 
 
 def _cost_text(cost: Mapping[str, float]) -> str:
-    return f"{cost['touches']:.0f} touches and {cost['robot_time_s']:.0f} s"
+    return f"{cost['touches']:.0f} touches, {cost['robot_time_s']:.0f} s"

@@ -109,8 +109,8 @@ def test_processor_time_is_added_up_by_steps_and_what_is_none_is_rest():
 def test_the_next_halving_is_foretold_in_words_and_the_last_told():
     estimates = [estimate(2, 20, 1e-3, 16.0), estimate(3, 40, 4e-4, 12.3)]
     assert halving_lines(cost_curve(progress(estimates), None)) == [
-        "next halving: about 12 touches and 37 s",
-        "last halving: foretold 16 touches and 48 s, took 20 touches and 40 s",
+        "next halving: about 12 touches, 37 s",
+        "last halving: foretold 16 touches, 48 s; took 20 touches, 40 s",
     ]
     assert halving_lines(cost_curve(progress([estimate(2, 20, 1e-3)]), None)) == [
         "no further slice halves the error, as far as can be told"
