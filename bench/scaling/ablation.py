@@ -166,9 +166,12 @@ class Worth(NamedTuple):
     def figures(self) -> Sequence[Figure]:
         """The ratios."""
         ends = self.error[1:] if self.runs > 1 else ()
-        costs = zip(("touches", "robot time", "processor"), self[2:5], strict=True)
-        error = figure_of(self.error[0], "x", repeats=ends, name="error")
-        return error, *(figure_of(one, "x", kind="time", name=name) for name, one in costs)
+        return (
+            figure_of(self.error[0], "x", repeats=ends, name="error"),
+            figure_of(self.touches, "x", name="touches"),
+            figure_of(self.robot_time, "x", name="robot time"),
+            figure_of(self.compute, "x", kind="time", name="processor"),
+        )
 
     def __str__(self) -> str:
         mean, low, high = self.error
@@ -245,7 +248,7 @@ def explored(name: str, noise: Noise, demand: Demand, seed: int) -> Outcome:
 
 def _rebuilt_pairs(part: Part, quick: bool) -> Pairs:
     pairs: Pairs = []
-    for name, seed in product(SHAPES, range(1 if quick else SHAPE_SEEDS)):
+    for name, seed in product((*SHAPES, "groove"), range(1 if quick else SHAPE_SEEDS)):
         plain = rebuilt(name, part.case, seed)
         with without(part):
             pairs.append((plain, rebuilt(name, part.case, seed)))

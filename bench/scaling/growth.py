@@ -38,7 +38,7 @@ SIZES: Mapping[str, tuple[int, ...]] = {
     "fingers": (1, 2, 3, 4, 5),
     "nodes": (2, 4, 8, 16, 28, 40),
 }
-SHAPES, QUICK_SHAPES = ("vase", "lobed zig-zag", "rounded box", "groove"), ("vase",)
+SHAPES, QUICK_SHAPES = ("vase", "lobed zig-zag", "rounded box"), ("vase",)
 SEEDS, TURNS, LAPS = 2, 3, 200
 AROUND, STACKED = 80, 12  # Points of a contour where contours grow, contours where points do
 # Heights about a contour's at which a pad touches, mm, and pads around it.
