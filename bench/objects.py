@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.core import Floats, shapes
-from palpate.core.explore.planners import TUNED, drawn_objects
+from palpate.core.explore.planners import HELD_OUT, TUNED
 from palpate.core.geometry import close_rings
 
 Radius = Callable[[Floats, Floats], Floats]  # Distance from the axis, by height and azimuth
 # What is explored: as a scene describes it, or by its radius, heights from 0 to 1 and both over
-# the object's height; either stands on z = 0.
-ExploreObject = Mapping[str, Any] | Radius
+# the object's height, or by its mesh in m; each stands on z = 0.
+ExploreObject = Mapping[str, Any] | Radius | shapes.Mesh
 SHAPE_HEIGHT = 100.0  # Of every rebuilt object, mm; it lies from -50 to 50, the bent one nearly
 HALF = 0.5 * SHAPE_HEIGHT
 TRUE_ROWS, TRUE_COLUMNS = 241, 360  # Of the meshes of the true surfaces
@@ -39,12 +39,6 @@ EXPLORED_HEIGHT = 0.09  # Of every object that is given by its radius, m
 ROUNDING = 4e-3 / EXPLORED_HEIGHT
 BLUNT = 2.0  # Roundings: an end that is narrower comes to a point by itself, and is not rounded
 RINGS, TURNS = 400, 288  # Of a mesh: its facets are off by 2 um, a tenth of what a touch tells
-DOME = 0.015  # Radius of the default pad, m
-# How far the pad is pressed at most, m: what lies deeper under the ball cannot be touched.
-DEEPEST = 2.2e-3
-SAMPLES = 361  # Along the height: a quarter of a millimetre apart
-AZIMUTHS = 24
-DRAWS = 200
 MARCH_STEP = 0.4e-3  # Of the march along a ray, m: nothing thinner is met for certain
 CAST_HALVINGS = 40
 FINE = 400_000  # Points from which a superellipse is sampled anew at even distances
@@ -175,36 +169,6 @@ def mesh_of_radius(radius: Radius) -> shapes.Mesh:
     wide = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
     rings = radial_rings(wide, EXPLORED_HEIGHT * z, t)
     return closed_mesh(rings, np.zeros(3), np.array([0.0, 0.0, EXPLORED_HEIGHT]))
-
-
-def drawn_object(seed: int) -> Radius:
-    """An object by chance: round or straight, plain, lobed, twisted, necked, stepped or wavy.
-
-    What no pad could enter is not drawn. `seed`: the same seed, the same object. Raises ValueError
-    if the seed is negative.
-    """
-    if seed < 0:
-        raise ValueError(f"seed must be 0 or more, got {seed}")
-    for radius in drawn_objects(DRAWS, seed).values():
-        if hidden_depth(radius) <= DEEPEST:
-            return rounded(radius)
-    raise ValueError(f"seed must lead to an object that a pad can touch, {seed} does not")
-
-
-def hidden_depth(radius: Radius) -> float:
-    """How deep the side lies at most under a ball of the dome's radius that rolls along it, m."""
-    from scipy.ndimage import grey_closing
-
-    step = EXPLORED_HEIGHT / (SAMPLES - 1)
-    reach = int(DOME / step)
-    away = step * np.arange(-reach, reach + 1)
-    ball = np.sqrt(DOME**2 - away**2) - DOME
-    z, t = np.linspace(0.0, 1.0, SAMPLES), 2.0 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
-    side = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
-    beyond = ((2 * reach, 2 * reach), (0, 0))  # nothing holds the ball off there
-    padded = np.pad(side, beyond, constant_values=-1.0)
-    closed: Floats = grey_closing(padded, structure=ball[:, None])
-    return float((closed - padded)[2 * reach : -2 * reach].max())
 
 
 def rounded(radius: Radius) -> Radius:
@@ -425,6 +389,7 @@ EXPLORED_OBJECTS: Mapping[str, ExploreObject] = {
     "twist": rounded(TUNED["twisted"]),
     **{name: rounded(TUNED[name]) for name in ("star", "hourglass")},
     "lattice": LATTICE,
+    **{name: rounded(HELD_OUT[name]) for name in ("goblet", "potato")},
 }
 # How deep a hollow is at places beside its middle, as a share of its depth.
 CARVED: Mapping[str, Callable[[Floats, Floats, float], Floats]] = {

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal, NamedTuple, TypedDict
+from typing import Literal, NamedTuple, TypedDict, TypeVar
 
 import msgspec
 
@@ -32,6 +32,7 @@ NEGLIGIBLE = 1e-12  # In any unit: what is less comes of rounding
 BUSY = 0.75  # Load for each core from which times are doubtful
 SMALLER_IS_BETTER = ("s", "ms", "us", "ns", "m", "mm", "um", "deg", "% of height")
 Verdict = Literal["worse", "better", "moved"]
+Kept = TypeVar("Kept")
 
 
 class Machine(TypedDict):
@@ -123,23 +124,28 @@ def _cpu() -> str:
 
 def read_results(path: Path, *, quick: bool) -> Results:
     """Earlier results to compare with; raises InputError if they are none, or of another kind."""
-    data = read_bounded(path, MOST_BYTES, "the results ")
-    try:
-        head = msgspec.json.decode(data)
-        if not isinstance(head, dict) or head.get("form") != FORM:
-            raise InputError(f"{path}: holds no results of palpate bench --out")
-        if head.get("version") != VERSION:
-            raise InputError(
-                f"{path}: holds results of version {head.get('version')!r}; this palpate compares "
-                f"version {VERSION}: measure them anew"
-            )
-        found = msgspec.convert(head, Results)
-    except msgspec.MsgspecError as error:
-        raise InputError(f"{path}: holds no results of palpate bench --out: {error}") from None
+    found = read_form(path, FORM, VERSION, Results)
     if found.quick != quick:
         how = "with --quick" if found.quick else "without --quick"
         raise InputError(f"{path}: was measured {how}; measure as it was to compare")
     return found
+
+
+def read_form(path: Path, form: str, version: int, kind: type[Kept]) -> Kept:
+    """What a JSON file keeps; raises InputError if it is of another form or version."""
+    data = read_bounded(path, MOST_BYTES, "the results ")
+    try:
+        head = msgspec.json.decode(data)
+        if not isinstance(head, dict) or head.get("form") != form:
+            raise InputError(f"{path}: holds no results of {form}")
+        if head.get("version") != version:
+            raise InputError(
+                f"{path}: holds results of version {head.get('version')!r}; this palpate reads "
+                f"version {version}: measure them anew"
+            )
+        return msgspec.convert(head, kind)
+    except msgspec.MsgspecError as error:
+        raise InputError(f"{path}: holds no results of {form}: {error}") from None
 
 
 class Move(NamedTuple):

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from palpate.core.arrays import Ints as Ints
     from palpate.core.plugins import Range as Range
     from palpate.core.plugins import check_ranges as check_ranges
+    from palpate.core.plugins import class_by_name as class_by_name
     from palpate.core.plugins import ranges_of as ranges_of
     from palpate.core.poses import FACING_DOWN as FACING_DOWN
     from palpate.core.poses import IDENTITY_POSE as IDENTITY_POSE

@@ -40,6 +40,7 @@ LIBRARIES = {
     "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
     "palpate.bench.bus": {"numpy", "msgspec", "zmq"},
     "palpate.bench.rebuild": {"numpy", "scipy", "pymeshlab"},
+    "palpate.bench.tolerance": {"numpy", "scipy", "click", "msgspec", "matplotlib"},
     "palpate.bench.suite": {"numpy", "click", "matplotlib", "mpl_toolkits"},
 }
 CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))

@@ -1,7 +1,7 @@
 """Explorations.
 
-Slices traced, grasps judged, planners counted, whole runs held against error, cost and what they
-claim, and against a Gaussian process that explores by greatest variance with the same finger.
+Slices traced, grasps judged, planners counted, several fingers and other axes compared; and a
+Gaussian process that explores by greatest variance with the same finger.
 `harness` makes one exploration in this process and keeps what was published; a measurement is a
 loop over objects around it. It rests on launch (a scene file is written and planned as a user's
 is) and on bench.objects.
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.bench.explore.gp_explorer import Explorer as Explorer
+    from palpate.bench.explore.gp_explorer import GuardedFinger as GuardedFinger
     from palpate.bench.explore.harness import NOISES as NOISES
     from palpate.bench.explore.harness import NOISY as NOISY
     from palpate.bench.explore.harness import Demand as Demand
@@ -22,10 +24,12 @@ if TYPE_CHECKING:
     from palpate.bench.explore.harness import LoopNode as LoopNode
     from palpate.bench.explore.harness import MessageCollector as MessageCollector
     from palpate.bench.explore.harness import Noise as Noise
+    from palpate.bench.explore.harness import compose_scene as compose_scene
     from palpate.bench.explore.harness import explore_object as explore_object
     from palpate.bench.explore.harness import explore_shipped as explore_shipped
     from palpate.bench.explore.harness import percent_of as percent_of
     from palpate.bench.explore.harness import touching_nodes as touching_nodes
     from palpate.bench.explore.harness import within_percent as within_percent
+    from palpate.bench.explore.harness import write_scene as write_scene
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -6,37 +6,22 @@ One exploration's error depends on its luck with the poses; ratios are of means.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from palpate.bench.explore.harness import (
-    NOISES,
     NOISY,
     Demand,
     Explored,
     explore_object,
-    first_within,
     leaning,
-    within_percent,
 )
-from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject, described, drawn_object
-from palpate.bench.table import Row, at_least, at_most
+from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject, described
+from palpate.bench.table import Row, at_most
 from palpate.core import Floats
-from palpate.core.explore.planners import COVERING, UNTOUCHED
 from palpate.tools import single_threaded
 
-# Root mean square error, % of the height: what is asked for, and what must be had.
-DEMANDED = {"exact": 0.10, "noise": 0.20}
-MOST_CONTOURS, MOST_TOUCHES = 12, 420
-QUICK_OBJECTS = ("sphere", "box", "vase", "groove")
-# Runs, and after how many of them the figures so far are told.
-RUNS, QUICK_RUNS, AT_ONCE = 200, 8, 20
-FIRST_SEED = 5000
-# Asked for in turn, % of the height: none is below what the noise alone makes of the error.
-TOLERANCES = (0.15, 0.20, 0.25, 0.40)
-LEAST_HELD, MOST_HELD, LEAST_NEAR = 0.90, 0.98, 0.80
 FINGERS = 3
 FINGER_OBJECTS, QUICK_FINGERS = ("ellipsoid", "box", "vase", "bottle", "twist"), ("vase",)
 MOST_TIME = 0.42  # Of one finger's
@@ -55,102 +40,6 @@ TURNED: Mapping[str, tuple[ExploreObject, float]] = {
     "lattice": (EXPLORED_OBJECTS["lattice"], 15.0),
 }
 QUICK_TURNED = ("blunt cube",)
-
-
-def exploration_rows(quick: bool) -> Iterable[Row]:
-    """Every object to the end that the planner chooses, without noise and with it."""
-    with single_threaded():
-        for noise, percent in DEMANDED.items():
-            found = []
-            for name in QUICK_OBJECTS if quick else EXPLORED_OBJECTS:
-                demand = within_percent(percent)
-                one = explore_object(EXPLORED_OBJECTS[name], NOISES[noise], demand)
-                found.append(one)
-                yield from _rows(f"{name}, {noise}", one, percent)
-            yield from _sums(f"objects, {noise}", found, percent)
-
-
-def _rows(title: str, one: Explored, percent: float) -> Iterator[Row]:
-    contours, size, untouched = one.score.contours, one.score.size, one.done.largest_untouched
-    yield at_most(f"{title}: rms", one.percent, percent, ".3f", " %")
-    enough = contours <= MOST_CONTOURS and one.touches <= MOST_TOUCHES
-    target = f"<= {MOST_CONTOURS}, {MOST_TOUCHES}"
-    yield Row(f"{title}: contours, touches", f"{contours}, {one.touches}", target, enough)
-    bound = "none" if one.bound is None else f"{one.bound:.3f} % {'' if one.held else 'NOT '}held"
-    shown = f"{bound}, {'-' if untouched is None else f'{1e3 * untouched:.1f} mm'}"
-    yield Row(f"{title}: stated bound, largest untouched", shown)
-    floor = 100.0 * one.score.sampling_floor / size
-    times = f"{one.score.robot_time:.0f}, {one.wall:.1f} s, {floor:.3f} %"
-    yield Row(f"{title}: robot, computer, sampling floor", times)
-    if not one.done.tolerance_met:
-        yield Row(f"{title}: ended, because", one.done.reason)
-
-
-def _sums(title: str, found: list[Explored], percent: float) -> Iterator[Row]:
-    count, good = len(found), sum(one.percent <= percent for one in found)
-    yield Row(f"{title}: within {percent:.2f} %", f"{good} of {count}", "all", good == count)
-    contours = sum(one.score.contours for one in found) / count
-    touches = sum(one.touches for one in found) / count
-    yield Row(f"{title}: contours, touches, mean", f"{contours:.1f}, {touches:.0f}")
-    yield Row(f"{title}: bound holds", f"{sum(one.held is True for one in found)} of {count}")
-
-
-class RunClaim(NamedTuple):
-    """One run: what it claimed, and what was true."""
-
-    held: bool  # Whether its error is below the bound that it states
-    late: int | None  # Contours after the first model truly within tolerance; None if none was
-    # Contours after the first model that was, and left nothing larger than a feature untouched.
-    late_covered: int | None
-
-
-def calibration_rows(quick: bool) -> Iterable[Row]:
-    """How often the stated bound holds, and when runs end; fewer runs if quick."""
-    told: list[RunClaim] = []
-    with single_threaded():
-        for number in range(QUICK_RUNS if quick else RUNS):
-            told.append(calibration_run(number))
-            if len(told) % AT_ONCE == 0 and len(told) < RUNS:
-                held = sum(one.held for one in told)
-                yield Row(f"runs so far: bound holds in {held}", f"of {len(told)}")
-    yield from calibration_figures(told)
-
-
-def calibration_run(number: int) -> RunClaim:
-    """One object by chance: every other one with noise, the tolerances in turn."""
-    noise = tuple(NOISES.values())[number % len(NOISES)]
-    percent = TOLERANCES[number // len(NOISES) % len(TOLERANCES)]
-    seed = FIRST_SEED + number
-    one = explore_object(drawn_object(seed), noise, within_percent(percent), seed=seed)
-    return run_claim(one, percent)
-
-
-def run_claim(one: Explored, percent: float) -> RunClaim:
-    """What a run claimed and what was true, with the tolerance in % of the height."""
-    first = first_within(one.scores, percent)
-    if first is None:
-        return RunClaim(one.held is True, None, None)
-    covering = [i + 1 for i, reason in enumerate(one.reasons) if reason in (COVERING, UNTOUCHED)]
-    count = one.score.contours
-    return RunClaim(one.held is True, count - first, count - min(max([first, *covering]), count))
-
-
-def calibration_figures(told: Sequence[RunClaim]) -> Iterator[Row]:
-    """Shares of the runs, and when they ended against the first count that would have done."""
-    held = sum(one.held for one in told) / len(told)
-    good = LEAST_HELD <= held <= MOST_HELD
-    yield Row(f"{len(told)} runs: bound of 95 % holds", f"{held:.1%}", "90 to 98 %", good)
-    reached = [one for one in told if one.late is not None]
-    yield Row("of them within tolerance at some time", f"{len(reached)}")
-    for what, late in {
-        "within tolerance": [one.late or 0 for one in reached],
-        "and nothing untouched": [one.late_covered or 0 for one in reached],
-    }.items():
-        if late:
-            near = sum(abs(one) <= 1 for one in late) / len(late)
-            title = f"ended within 1 contour of the first count {what}"
-            yield at_least(title, near, LEAST_NEAR, ".1%")
-            yield Row(f"contours after the first {what}, median", f"{sorted(late)[len(late) // 2]}")
 
 
 def finger_rows(quick: bool) -> Iterable[Row]:

@@ -16,12 +16,12 @@ import numpy as np
 from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
 from palpate.bench.table import SilentWatcher
 from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
+from palpate.core.shapes import Mesh
 from palpate.launch import EXPLORE, find_scene, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
 from palpate.messages.types import (
     Contour,
     ContourGoal,
-    GraspContacts,
     PlanDone,
     Score,
     ShapeModel,
@@ -29,10 +29,9 @@ from palpate.messages.types import (
     Truth,
 )
 from palpate.nodes import curvature, filter, simulator
-from palpate.nodes.runtime import Finished, MessageQueue, Node, Outputs, run_composed
+from palpate.nodes.runtime import Finished, MessageQueue, Node, Outputs, Watcher, run_composed
 
-KEPT_TYPES = (Contour, ContourGoal, GraspContacts, PlanDone, Score, ShapeModel, TactileFrame, Truth)
-MOVE_TRAVEL, MOVE_APPROACH = 1, 3  # Places in a touch's `move`
+KEPT_TYPES = (Contour, ContourGoal, PlanDone, Score, ShapeModel, TactileFrame, Truth)
 Noise = tuple[Mapping[str, Any], ...]  # Effects, as scenes list them
 EXACT: Noise = ()
 # The default noise: a place that is off by 0.1 mm along each axis, taxels by 10 um.
@@ -52,7 +51,6 @@ class Explored(NamedTuple):
     scores: tuple[Score, ...]  # Of the models
     done: PlanDone  # What the planner published in the end
     touches: int  # Of all fingers, searching and probing included
-    travel: float  # Way of the fingers: between the touches, to the surface and back, m
     wall: float  # Time on this computer, s
 
     @property
@@ -83,13 +81,11 @@ class MessageCollector(SilentWatcher):
     def __init__(self) -> None:
         self.kept: dict[type, list[Any]] = defaultdict(list)
         self.touches = 0  # Of all fingers
-        self.travel = 0.0  # Way of the fingers and of the hand, m
 
     def received(self, topic: str, message: object) -> None:
-        """Keep a message; of a touch, only its way."""
-        if isinstance(message, (TactileFrame, GraspContacts)):
-            self.touches += isinstance(message, TactileFrame)
-            self.travel += path_length(message.move)
+        """Keep a message; of a frame, that there was one."""
+        if isinstance(message, TactileFrame):
+            self.touches += 1
         else:
             self.kept[type(message)].append(message)
 
@@ -123,19 +119,11 @@ def explore_scene(
     scene: Path, fingers: int = 1, settings: Mapping[str, Any] = {}, out: Path | None = None
 ) -> Explored:
     """Explore the scene in a file; as `explore_object`. `out`: beside the file if left out."""
-    values = {"scene": str(scene), "fingers": fingers, "record": False}
-    args = {name: SourceMapped(value, name) for name, value in values.items()}
-    given = {name: SourceMapped(value, name) for name, value in settings.items()}
-    plan = plan_run(EXPLORE, args, given, name=scene.stem, out=out or scene.parent / "run")
-    collector = MessageCollector()
-    types = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
-    names = {cls.__name__ for cls in KEPT_TYPES}
-    watch = tuple(topic for topic, name in types.items() if name in names)
-    began = time.perf_counter()
-    ending = run_composed(plan.wirings, ends=plan.ends, watch=watch, watcher=collector)
-    wall, kept = time.perf_counter() - began, collector.kept
-    if ending.status != "finished" or not kept[Score]:
-        raise RuntimeError(f"the exploration {ending.status}: {ending.reason}")
+    began, collector = time.perf_counter(), MessageCollector()
+    compose_scene(scene, KEPT_TYPES, collector, fingers, settings, out)
+    kept = collector.kept
+    if not kept[Score]:
+        raise RuntimeError("the exploration finished without a score")
     return Explored(
         kept[Truth][0],
         tuple(kept[Contour]),
@@ -144,19 +132,36 @@ def explore_scene(
         tuple(kept[Score]),
         kept[PlanDone][-1],
         collector.touches,
-        collector.travel,
-        wall,
+        time.perf_counter() - began,
     )
 
 
-def path_length(move: Floats) -> float:
-    """Way of a finger for one touch, m: to its start, to the surface and back."""
-    return float(move[MOVE_TRAVEL] + 2.0 * move[MOVE_APPROACH])
+def compose_scene(
+    scene: Path,
+    types: Iterable[type],
+    watcher: Watcher,
+    fingers: int = 1,
+    settings: Mapping[str, Any] = {},
+    out: Path | None = None,
+    *,
+    scored: bool = True,
+) -> None:
+    """Run the graph that explores a scene, in this process; the watcher receives these types.
 
-
-def first_within(scores: Iterable[Score], percent: float) -> int | None:
-    """Contours of the first model whose error is at most this, %; None if none is."""
-    return next((one.contours for one in scores if percent_of(one) <= percent), None)
+    Raises RuntimeError if it does not come to its end. Where nothing is to be scored, nobody says
+    that it has: it is over when all is quiet.
+    """
+    values = {"scene": str(scene), "fingers": fingers, "record": False}
+    args = {name: SourceMapped(value, name) for name, value in values.items()}
+    given = {name: SourceMapped(value, name) for name, value in settings.items()}
+    plan = plan_run(EXPLORE, args, given, name=scene.stem, out=out or scene.parent / "run")
+    known = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
+    names = {cls.__name__ for cls in types}
+    watch = tuple(topic for topic, name in known.items() if name in names)
+    wirings = [one for one in plan.wirings if scored or one.name != plan.ends]
+    ending = run_composed(wirings, ends=plan.ends, watch=watch, watcher=watcher)
+    if ending.status != ("finished" if scored else "stalled"):
+        raise RuntimeError(f"the exploration {ending.status}: {ending.reason}")
 
 
 def percent_of(score: Score) -> float:
@@ -188,13 +193,13 @@ def write_scene(
     seed: int = 0,
     moved: Floats | None = None,
 ) -> Path:
-    """A scene with one object, and its mesh if it is given by its radius.
+    """A scene with one object, and its mesh if it is given as one or by its radius.
 
     `seed`: of all that is random. `moved` (7,): pose of the object's own frame in the world, m.
     Returns the scene's file in the folder.
     """
-    if callable(target):
-        write_mesh(folder / MESH, *mesh_of_radius(target))
+    if callable(target) or isinstance(target, Mesh):
+        write_mesh(folder / MESH, *(mesh_of_radius(target) if callable(target) else target))
         solid: dict[str, Any] = {"mesh": {"file": MESH, "unit": "m"}}
     else:
         solid = dict(target)

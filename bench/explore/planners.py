@@ -6,29 +6,15 @@ them. The count of even slices is the fewest that do, known afterwards.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore.harness import (
-    EXACT,
-    Demand,
-    Explored,
-    explore_object,
-    within_percent,
-)
-from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject
 from palpate.bench.table import Row, at_least, at_most, best_seconds
-from palpate.core import Floats, Ints, inverse_pose, split_pose, transform_points
 from palpate.core.explore import planners as rules
-from palpate.core.geometry import nearest_points, prepare_surface
-from palpate.core.rebuild import reconstruct
-from palpate.messages.types import Contour, Truth
-from palpate.tools import single_threaded
 
 DEMAND = 0.0025  # Root mean square error of the side, over the height
 # None is below what the noise alone makes of the error.
@@ -52,16 +38,7 @@ THESIS_SETS = [
 FUZZY_SCALES = (0.5, 0.7, 1.0, 1.4)
 Trials = Mapping[str, rules.PlannerTrial]
 Counts = Mapping[str, int]  # Contours that each object needs
-PERCENT = 0.25  # Root mean square error of the side, % of the height
-SCREENED = 3  # Sets of the thesis that are best on exact contours
-MOST_EVEN = 14  # Even slices that are tried
-QUICK = ("ellipsoid", "groove")
 OVER_UNIFORM, OVER_THESIS, OVER_POSITIONS, MOST_MORE = 0.95, 0.85, 0.70, 1
-# Name of the default planner where the solid is rebuilt from contours alone.
-BY_CONTOURS = f"{__name__}:ByContours"
-USABLE = ("closed", "occluded")
-LEAST_POINTS = 8
-WORST = 100.0  # Error where nothing can be rebuilt, %
 
 
 class PlanClaim(NamedTuple):
@@ -234,66 +211,6 @@ def _first(values: Sequence[float], most: float) -> int | None:
     return next((i + 1 for i, value in enumerate(values) if value <= most), None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ByContours(rules.Predicted):
-    """The default planner, not counting on what pads touch beside the slices."""
-
-    def next(self, observation: rules.Observation) -> rules.Choice:
-        """As `Predicted.next`."""
-        return rules.Predicted.next(self, replace(observation, all_taxels=False, deviation=None))
-
-
-class ContourCounts(NamedTuple):
-    """Contours that one object takes."""
-
-    positions: int  # Even ones, rebuilt from positions alone
-    uniform: int  # Even ones
-    predicted: int  # Of the default planner
-    thesis: tuple[int, ...]  # Of each set of the thesis
-    uniform_taxels: int  # Even ones, rebuilt from all touched taxels
-    predicted_taxels: int  # Of the default planner, so rebuilt
-
-
-def whole_planner_rows(quick: bool) -> Iterable[Row]:
-    """Counts of every object, and their sums; fewer objects, one set of the thesis if quick."""
-    with single_threaded():
-        sets = best_sets(1 if quick else SCREENED)
-        found = {}
-        for name in QUICK if quick else EXPLORED_OBJECTS:
-            one = found[name] = counts_of(EXPLORED_OBJECTS[name], sets)
-            thesis = ", ".join(map(str, one.thesis))
-            shown = f"{one.positions} / {one.uniform} / {one.predicted} / {thesis}"
-            yield Row(f"{name}: positions only / uniform / predicted / thesis", shown)
-            shown = f"{one.uniform_taxels} / {one.predicted_taxels}"
-            yield Row(f"{name}: uniform / predicted, all taxels", shown)
-    yield from count_sums(found)
-
-
-def count_sums(found: Mapping[str, ContourCounts]) -> Iterator[Row]:
-    """Sums over the objects, and their ratios."""
-
-    def column(field: str) -> Counts:
-        return {name: getattr(one, field) for name, one in found.items()}
-
-    thesis = zip(*(one.thesis for one in found.values()), strict=True)
-    sets = [dict(zip(found, counts, strict=True)) for counts in thesis]
-    even, predicted = column("uniform"), column("predicted")
-    best = min(sets, key=lambda one: sum(one.values()))
-    rivals = {"uniform": even, "best thesis set": best}
-    rivals["uniform, positions only"] = column("positions")
-    for name, counts in {"predicted": predicted, **rivals}.items():
-        yield Row(f"sum, {name}", str(sum(counts.values())))
-    yield from _rival_rows(predicted, rivals, even)
-    taxels = (sum(column(f"{rule}_taxels").values()) for rule in ("uniform", "predicted"))
-    yield Row("sum, uniform / predicted, all taxels", " / ".join(map(str, taxels)))
-
-
-def best_sets(count: int) -> list[rules.Thesis]:
-    """The sets of the thesis that need the fewest contours where these are exact."""
-    trials = _trials(rules.TUNED)
-    return sorted(THESIS_SETS, key=lambda one: sum(plan_counts(one, trials).values()))[:count]
-
-
 def plan_counts(planner: rules.Planner, trials: Trials) -> Counts:
     """How many slices a plan has, if at its end the side is good enough."""
     counts = {}
@@ -302,101 +219,3 @@ def plan_counts(planner: rules.Planner, trials: Trials) -> Counts:
         done = stop is not None and trial.rms(slices) <= DEMAND
         counts[name] = len(slices) if done else rules.MOST_CONTOURS_PLANNED
     return counts
-
-
-def counts_of(target: ExploreObject, sets: Sequence[rules.Thesis]) -> ContourCounts:
-    """Contours that an object takes with each planner."""
-    demand = within_percent(PERCENT)
-    predicted = explore_object(target, EXACT, demand)
-    sparse = explore_object(target, EXACT, demand._replace(planner=BY_CONTOURS))
-    plans = [explore_object(target, EXACT, Demand("thesis", settings=asdict(one))) for one in sets]
-    side = Side.of(predicted.truth)
-
-    @cache
-    def evenly(count: int) -> Explored:
-        return explore_object(target, EXACT, Demand("uniform", settings={"count": count}))
-
-    def fewest(error: SideError) -> int:
-        """The fewest even slices that do."""
-        even = ((count, evenly(count)) for count in range(2, MOST_EVEN + 1))
-        good = (n for n, one in even if error(side, one, len(one.contours)) <= PERCENT)
-        return next(good, rules.MOST_CONTOURS_PLANNED)
-
-    return ContourCounts(
-        positions=fewest(partial(contour_error, slopes=False)),
-        uniform=fewest(contour_error),
-        predicted=first_within_percent(side, sparse, contour_error),
-        thesis=tuple(at_end(side, one) for one in plans),
-        uniform_taxels=fewest(taxel_error),
-        predicted_taxels=first_within_percent(side, predicted, taxel_error),
-    )
-
-
-def first_within_percent(side: Side, one: Explored, error: SideError) -> int:
-    """Contours of a run until the side is first good enough, else `MOST_CONTOURS_PLANNED`."""
-    counts = range(2, len(one.contours) + 1)
-    good = (count for count in counts if error(side, one, count) <= PERCENT)
-    return next(good, rules.MOST_CONTOURS_PLANNED)
-
-
-def at_end(side: Side, one: Explored) -> int:
-    """Contours of a run whose side is good enough at its end, else `MOST_CONTOURS_PLANNED`."""
-    count = len(one.contours)
-    return count if contour_error(side, one, count) <= PERCENT else rules.MOST_CONTOURS_PLANNED
-
-
-class Side(NamedTuple):
-    """Of a true surface that stands upright, between 3 and 97 % of its height."""
-
-    points: Floats  # Spread evenly by area, (n, 3), m
-    height: float  # Of the object, m
-
-    @classmethod
-    def of(cls, truth: Truth) -> Side:
-        """The side of a true surface."""
-        points = prepare_surface(truth.vertices, truth.faces).samples.points
-        share = (points[:, 2] - float(truth.vertices[:, 2].min())) / truth.height
-        return cls(
-            points[(share >= rules.END_SHARE) & (share <= 1.0 - rules.END_SHARE)], truth.height
-        )
-
-    def percent(self, vertices: Floats, faces: Ints) -> float:
-        """Root mean square distance of the side from a mesh, % of the height."""
-        found = nearest_points(prepare_surface(vertices, faces).search, self.points).distances
-        return float(100.0 * np.sqrt((found**2).mean()) / self.height)
-
-
-def contour_error(side: Side, one: Explored, count: int, *, slopes: bool = True) -> float:
-    """Error of the side that is rebuilt from the first contours of a run alone, %.
-
-    Contours without use are left out. `slopes`: with their normals; else from positions alone.
-    """
-    usable: list[Contour] = [
-        each
-        for each in one.contours[:count]
-        if each.status in USABLE and len(each.points) >= LEAST_POINTS
-    ]
-    if len(usable) < 2:
-        return WORST
-    into = inverse_pose(usable[0].frame)
-    _, axes = split_pose(into)
-    points = [transform_points(into, each.points) for each in usable]
-    normals = [each.normals @ axes.T for each in usable] if slopes else None
-    try:
-        mesh = reconstruct(points, normals, method="skin").mesh()
-    except ValueError:  # these contours make no solid
-        return WORST
-    there = side._replace(points=transform_points(into, side.points))
-    return there.percent(mesh.vertices, mesh.faces)
-
-
-def taxel_error(side: Side, one: Explored, count: int) -> float:
-    """Of the side rebuilt from all touched taxels by the time of so many contours, %."""
-    made = [model for model in one.models if len(model.contours) <= count]
-    return (
-        side.percent(made[-1].vertices, made[-1].faces) if made and len(made[-1].faces) else WORST
-    )
-
-
-# Of the side from the first so many contours of a run, %.
-SideError = Callable[[Side, Explored, int], float]

@@ -165,7 +165,7 @@ def poisson_surface(contours: Floats, normals: Floats | None = None) -> Mesh:
     points = {"vertex_matrix": contours, "v_normals_matrix": normals}
     flat = {name: one.reshape(-1, 3) for name, one in points.items()}
     meshes.add_mesh(pymeshlab.Mesh(**flat))
-    meshes.generate_surface_reconstruction_screened_poisson(depth=OCTREE_DEPTH)
+    meshes.generate_surface_reconstruction_screened_poisson(depth=OCTREE_DEPTH, threads=1)
     found = meshes.current_mesh()
     vertices = np.asarray(found.vertex_matrix(), np.float64)
     return Mesh(vertices, np.asarray(found.face_matrix(), np.int32))

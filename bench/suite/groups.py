@@ -19,9 +19,11 @@ import click
 
 from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Figure, Group, figure_of, named, run_groups, run_scene
+from palpate.bench.tolerance import ToleranceOptions, tolerance_options
 from palpate.launch.files import check_new
 
 RECORDED = "thesis/recorded"  # The group that takes recordings
+METHODS = "tolerance/methods"  # The group that takes `ToleranceOptions`
 RESULTS = click.Path(dir_okay=False, path_type=Path)
 SCENES = (
     *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
@@ -50,20 +52,15 @@ BENCHES: Mapping[str, Bench] = {
         {"scenes": "suite.groups:scene_rows"},
     ),
     "explore": Bench(
-        "tracing, grasps and planners; whole explorations of sixteen objects, and whether what a "
-        "run says of its error is so; takes hours without --quick or --only",
+        "tracing, grasps and planners; objects that lean, other axes, several fingers",
         {
             "tracing": "explore.tracing:tracing_rows",
             "grasp": "explore.grasping:grasp_rows",
             "planners": "explore.planners:planner_rows",
-            "whole": "explore.explorations:exploration_rows",
             "tilted": "explore.explorations:tilted_rows",
             "directions": "explore.explorations:direction_rows",
             "fingers": "explore.explorations:finger_rows",
             "tolerances": "suite.tolerances:tolerance_rows",
-            "planners_whole": "explore.planners:whole_planner_rows",
-            "calibration": "explore.explorations:calibration_rows",
-            "peer": "explore.gp_explorer:gp_rows",
         },
     ),
     "bus": Bench(
@@ -123,6 +120,11 @@ BENCHES: Mapping[str, Bench] = {
         },
         ("suite.figures:write_thesis_figures",),
     ),
+    "tolerance": Bench(
+        "what accuracy costs, by every method on eighteen objects: one file, one sheet; takes "
+        "hours without --quick, and goes on where it was ended (docs/benchmark.md)",
+        {"methods": "tolerance.measuring:tolerance_rows"},
+    ),
     "scaling": Bench(
         "error and cost as contours, points, control points, taxels, fingers and nodes grow, with "
         "the powers of it; the memory of a graph over 10,000 touches",
@@ -172,6 +174,7 @@ def _help() -> str:
 @click.option("--out", metavar="FILE", type=RESULTS, help="Write the results here, as JSON.")
 @click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
+@tolerance_options
 def bench_command(
     what: str,
     runs: tuple[Path, ...],
@@ -182,9 +185,10 @@ def bench_command(
     out: Path | None,
     compare: Path | None,
     strict: bool,
+    **more: Any,
 ) -> int:
     """Measure one thing or all; `_help` says which there are."""
-    chosen = _chosen(what, only, runs)
+    chosen = _chosen(what, only, runs, ToleranceOptions(**more))
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
@@ -207,7 +211,9 @@ def bench_command(
     return code
 
 
-def _chosen(what: str, only: str | None, runs: tuple[Path, ...]) -> Mapping[str, str | Group]:
+def _chosen(
+    what: str, only: str | None, runs: tuple[Path, ...], options: ToleranceOptions
+) -> Mapping[str, str | Group]:
     """Groups as ``bench/group``, each with where it is or what measures it."""
     benches = BENCHES if what == ALL else {what: BENCHES[what]}
     places = {
@@ -225,6 +231,10 @@ def _chosen(what: str, only: str | None, runs: tuple[Path, ...]) -> Mapping[str,
         if RECORDED not in places:
             raise click.UsageError(f"RUN... belongs to thesis, got {', '.join(map(str, runs))}")
         return {RECORDED: partial(named(places[RECORDED]), runs=runs)}
+    if options.given:
+        if METHODS not in places:
+            raise click.UsageError(f"{options.given} belongs to tolerance")
+        return {**places, METHODS: partial(named(places[METHODS]), options=options)}
     return places
 
 

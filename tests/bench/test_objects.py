@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 from palpate.bench import objects
 from palpate.bench.explore.harness import NOISY, Demand, leaning, write_scene
 from palpate.bench.objects import (
-    DOME,
     EXPLORED_HEIGHT,
     EXPLORED_OBJECTS,
     REBUILT_SHAPES,
@@ -16,8 +13,6 @@ from palpate.bench.objects import (
     ROUNDING,
     SHAPE_HEIGHT,
     WAVY,
-    drawn_object,
-    hidden_depth,
     mesh_of_radius,
     rounded,
 )
@@ -153,42 +148,3 @@ def test_a_described_object_is_moved_with_its_own_place(tmp_path):
     )
     low, high = build_shape(load_scene(path).spec.object).bounds()
     assert 0.5 * (low + high) == pytest.approx([0.055, 0.0, 0.07])
-
-
-def test_an_object_by_chance_is_always_the_same_one():
-    z = np.linspace(0.05, 0.95, 30)[:, None]
-    one, again, other = (drawn_object(seed) for seed in (3, 3, 4))
-    assert (one(z, AROUND[None]) == again(z, AROUND[None])).all()
-    assert not np.allclose(one(z, AROUND[None]), other(z, AROUND[None]))
-
-
-def test_a_seed_below_0_is_refused():
-    with pytest.raises(ValueError, match="seed must be 0 or more, got -1"):
-        drawn_object(-1)
-
-
-def test_a_seed_that_leads_to_no_object_a_pad_can_touch_is_refused(monkeypatch):
-    monkeypatch.setattr(objects, "DEEPEST", -1.0)
-    monkeypatch.setattr(objects, "DRAWS", 2)
-    with pytest.raises(ValueError, match="that a pad can touch, 5 does not"):
-        drawn_object(5)
-
-
-def test_nothing_of_a_convex_side_is_hidden_from_the_dome():
-    assert hidden_depth(straight) < 1e-9
-    assert hidden_depth(TUNED["sphere"]) < 1e-6
-
-
-@pytest.mark.parametrize("round_by", [0.007, 0.01])
-def test_a_hollow_rounder_than_the_dome_hides_what_lies_between_both(round_by):
-    half = 0.006
-
-    def depth(ball: float) -> float:
-        return math.sqrt(ball**2 - half**2) - ball
-
-    def hollow(z: Floats, t: Floats) -> Floats:
-        away = np.minimum(np.abs(z - 0.5) * EXPLORED_HEIGHT, half)
-        bottom = np.sqrt(round_by**2 - away**2) - np.sqrt(round_by**2 - half**2)
-        return np.asarray(0.3 - bottom / EXPLORED_HEIGHT + 0.0 * t)
-
-    assert hidden_depth(hollow) == pytest.approx(depth(DOME) - depth(round_by), abs=1e-4)

@@ -1,0 +1,21 @@
+"""What accuracy costs: every method on every object, in one file and on one sheet.
+
+`methods` explores and `runs` keeps, in a format that other programs may write; `statistics` counts,
+`sheet` draws, `measuring` is what ``palpate bench tolerance`` does. Another method is one function
+(see docs/benchmark.md); a target, an object or a tolerance may be changed in `measuring`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.rooms import lazy
+
+if TYPE_CHECKING:
+    from palpate.bench.tolerance.methods import Model as Model
+    from palpate.bench.tolerance.methods import Problem as Problem
+    from palpate.bench.tolerance.options import ToleranceOptions as ToleranceOptions
+    from palpate.bench.tolerance.options import tolerance_options as tolerance_options
+    from palpate.bench.tolerance.runs import read_runs as read_runs
+else:
+    __getattr__, __dir__ = lazy(__name__)
