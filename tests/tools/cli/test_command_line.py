@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import click
@@ -246,18 +247,19 @@ def test_json_is_all_that_json_prints(monkeypatch, capsys, home):
     from palpate.tools import report as play
 
     asked: list[bool] = []
+    figures = {"status": "died", "reason": "the tracer fell", "missed": ["too coarse"]}
 
     def performed(plan, *, composed, display):
         asked.append(composed)
         ending = Ending(status="died", reason="the tracer fell")
-        return Run(home, ending, {"status": "died"}, None, 3)
+        return Run(home, ending, figures, None, 3)
 
     monkeypatch.setattr(play, "perform", performed)
-    plan: Any = None
+    plan: Any = SimpleNamespace(asked="a tolerance of 0.2 mm")
     assert play.perform_and_print(plan, composed=True, as_json=True, quiet=False) == 3
-    assert json.loads(capsys.readouterr().out) == {"status": "died"}
+    assert json.loads(capsys.readouterr().out) == figures
     assert play.perform_and_print(plan, composed=False, as_json=False, quiet=True) == 3
-    assert capsys.readouterr() == ("", "palpate: died: the tracer fell\n")
+    assert capsys.readouterr() == ("", "palpate: died: too coarse; the tracer fell\n")
     assert asked == [True, False]
 
 
