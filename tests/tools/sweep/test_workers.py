@@ -21,6 +21,7 @@ from palpate.tools.sweep.workers import Job, explore_away
 
 PAGE = Path(__file__).parents[3] / "docs" / "sweep.md"
 NO_CLUSTER = "dask.distributed is not installed: the extra [sweep]"
+MISSED = 1  # Three or four even slices leave much of the object untouched
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,7 @@ def two(tmp_path_factory):
 def by_one(two, tmp_path_factory):
     """The sweep made by one process."""
     folder = tmp_path_factory.mktemp("by_one")
-    assert run_sweep(two, folder, LocalWorkers(1), print).exit_code == 0
+    assert run_sweep(two, folder, LocalWorkers(1), print).exit_code == MISSED
     return folder
 
 
@@ -111,7 +112,7 @@ def test_a_cluster_of_which_a_worker_is_killed_comes_to_the_same_table(by_one, t
 
         workers.begin = begin  # type: ignore[method-assign]
         done = run_sweep(shuffled(two), tmp_path, workers, print)
-    assert done.exit_code == 0
+    assert done.exit_code == MISSED
     assert without_numbers(figures(tmp_path)) == without_numbers(figures(by_one))
     assert {p.name for p in (tmp_path / "runs").iterdir()} == {run.name for run in two.runs}
 
