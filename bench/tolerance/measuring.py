@@ -43,7 +43,7 @@ PLAIN = ToleranceOptions()
 FOLDER, FILE = "bench-tolerance", "results.json"
 SHARES, QUICK_SHARES = (0.01, 0.005, 0.002, 0.001, 0.0005), (0.01, 0.002, 0.0005)
 SEEDS, QUICK_SEEDS = 3, 1
-QUICK_OBJECTS = ("egg", "box", "vase", "bottle")
+QUICK_OBJECTS = ("egg", "vase", "box", "bottle")
 SMOOTH = ("sphere", "ellipsoid", "egg", "bottle", "vase", "pear", "hourglass", "potato")
 QUICK_TOUCHES = 100  # At which a method without an end of its own is ended
 PROCESSES = 2
@@ -61,7 +61,10 @@ def tolerance_rows(quick: bool, options: ToleranceOptions = PLAIN) -> Iterator[R
     methods = (*names, *options.method)
     units = units_of(quick, methods, options.meshes)
     folder = options.sheet or Path(FOLDER)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--sheet: {folder} cannot be made: {error.strerror}") from None
     told = {name: contender_of(name).told for name in methods}
     file = RunsFile(folder / FILE, told, absent)
     for name in {one for other in added for one in other.methods} & {*file.content.methods}:

@@ -12,11 +12,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import convert, to_builtins
 
 from palpate.bench.explore import (
     NOISY,
@@ -195,6 +196,7 @@ class Contender(NamedTuple):
     asked: bool = True  # Whether it takes a tolerance
     # Numbers of the planner, by the share of the height that is asked for.
     settings: Callable[[float], Mapping[str, Any]] = lambda share: {}
+    endless: bool = False  # Whether it is ended from outside, after so many touches
 
 
 OURS, POISSON = "palpate", "Poisson, same touches"
@@ -215,6 +217,7 @@ CONTENDERS: Mapping[str, Contender] = {
     "Gaussian process": Contender(
         "touches where its surface is least certain; is told the object's box",
         *(gaussian_process, "predicted", False),
+        endless=True,
     ),
 }
 # Of one exploration: made one after the other in one process.
@@ -278,33 +281,46 @@ def meshes_in(folder: Path) -> list[str]:
 def measure_run(
     name: str, contender: Contender, problem: Problem, truth: TrueObject, task: Asked, most: int
 ) -> Run:
-    """One run of a method, over when it has made at least so many touches."""
-    curve, final, failed, compute = list[Point](), None, "", 0.0
+    """One run of a method; `most`: touches after which one without an end is ended."""
     asked = task.share * truth.size
-    models = iter(contender.explore(problem, asked, task.seed))
-    try:
-        while not curve or curve[-1].touches < most:
-            began = time.process_time()
-            model = next(models, None)
-            compute += time.process_time() - began
-            if model is None:
-                break
-            ways = both_ways(truth.surface, prepare_surface(*model.mesh))
-            curve.append(_point(model, compute, *ways))
-            final = _final(truth.surface, model, *ways)
-    except (RuntimeError, ValueError) as error:
-        failed = f"{type(error).__name__}: {error}"
-    return Run(
+    made = partial(
+        Run,
         method=name,
         object=problem.name,
         seed=task.seed,
         tolerance_m=asked if contender.asked else None,
         size_m=truth.size,
         sampling_floor_m=truth.floor,
-        curve=() if failed else tuple(curve),
-        final=None if failed else final,
-        failed=failed,
     )
+    try:
+        curve, final = _measured_curve(contender, problem, truth, asked, task.seed, most)
+        return convert(to_builtins(made(curve=curve, final=final)), Run)
+    except Exception as error:  # of anybody's method: the others are measured all the same
+        return made(curve=(), final=None, failed=f"{type(error).__name__}: {error}")
+
+
+def _measured_curve(
+    contender: Contender,
+    problem: Problem,
+    truth: TrueObject,
+    tolerance: float,
+    seed: int,
+    most: int,
+) -> tuple[tuple[Point, ...], Final | None]:
+    curve, final, compute = list[Point](), None, 0.0
+    models = iter(contender.explore(problem, tolerance, seed))
+    while not (contender.endless and curve and curve[-1].touches >= most):
+        began = time.process_time()
+        model = next(models, None)
+        compute += time.process_time() - began
+        if model is None:
+            break
+        ways = both_ways(truth.surface, prepare_surface(*model.mesh))
+        curve.append(_point(model, compute, *ways))
+        final = _final(truth.surface, model, *ways)
+    if not curve:
+        raise RuntimeError("the method made no model")
+    return tuple(curve), final
 
 
 class Asked(NamedTuple):
@@ -382,7 +398,7 @@ def contender_of(name: str) -> Contender:
     if not callable(found):
         raise InputError(f"the method {name!r} must be a function, got {found!r}")
     told = (found.__doc__ or name).strip().partition("\n")[0]
-    return Contender(told, found)
+    return Contender(told, found, endless=True)
 
 
 def runs_of(unit: Unit) -> list[Run]:

@@ -25,7 +25,7 @@ SOURCES = (
 )
 Cost = Annotated[float, Meta(ge=0.0)]
 Length = Annotated[float, Meta(ge=0.0)]  # m
-Name = Annotated[str, Meta(min_length=1, max_length=60)]
+Name = Annotated[str, Meta(min_length=1, max_length=300)]
 
 
 class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

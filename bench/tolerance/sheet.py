@@ -104,7 +104,7 @@ def _draw_work(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]], whi
         medians.append(middle)
         axes.errorbar(
             *(*middle.T, _bars(spreads, "error", 100.0), _bars(spreads, "cost", 1.0)),
-            **{"lw": 1.5, "elinewidth": 0.6, "ms": 6.0, "label": name, **look},
+            **{"lw": 1.5, "elinewidth": 0.6, "ms": 6.0, **look},
         )
     if medians:
         front = pareto_front(np.concatenate(medians))
@@ -122,7 +122,7 @@ def _draw_work(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]], whi
     for axis in (axes.xaxis, axes.yaxis):
         _plain_ticks(axis)
     axes.set_title("b. work and precision: medians, quartiles; grey: sampling floor", fontsize=11)
-    axes.legend(fontsize=8, loc="upper right")
+    axes.legend(fontsize=8, loc="lower left")
     axes.grid(alpha=0.25, which="both")
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from palpate.bench.tolerance.methods import (
 from palpate.bench.tolerance.options import ToleranceOptions
 from palpate.bench.tolerance.runs import read_runs
 from palpate.bench.tolerance.sheet import COSTS, draw_sheet
+from palpate.core.geometry import prepare_surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.shapes import Mesh, Superquadric
 from palpate.launch.files import InputError, write_mesh
@@ -52,7 +54,8 @@ def test_a_method_is_one_function_and_scored_from_outside():
     name = f"{__name__}:guess"
     [run] = runs_of(Unit((name,), "sphere", 0, 0.01, 5))
     assert (run.failed, run.method, run.size_m) == ("", name, pytest.approx(0.09))
-    assert [one.touches for one in run.curve] == [1, 5]  # the limit is 5
+    assert [one.touches for one in run.curve] == [1, 5]  # the limit of one without an end is 5
+    assert not any(one.endless for one in CONTENDERS.values() if one.asked)
     first, last = run.curve
     assert first.rms_m > last.rms_m == pytest.approx(0.06 * 0.045, rel=0.05)
     assert last.chamfer_m == pytest.approx(0.5 * run.final.chamfer_sum_m)
@@ -62,16 +65,36 @@ def test_a_method_is_one_function_and_scored_from_outside():
     assert 0.0 < run.sampling_floor_m < 1e-4
 
 
-def test_a_method_that_fails_is_kept_with_why(monkeypatch):
-    def dies(*_: Any) -> Any:
-        raise RuntimeError("no way on")
-        yield
+def dies(*_: Any) -> Any:
+    raise RuntimeError("no way on")
+    yield
 
-    truth = methods.TrueObject(None, SIZE, 0.0, np.zeros((2, 3)))  # type: ignore[arg-type]
-    contender = methods.Contender("dies", dies)
+
+def makes_nothing(*_: Any) -> Any:
+    return []
+
+
+def goes_back(problem: Any, tolerance: float, seed: int) -> Any:
+    for touches in (5, 4):
+        yield Model(BALL, touches, 1.0, [])
+
+
+@pytest.mark.parametrize(
+    ("method", "why"),
+    [
+        (dies, "RuntimeError: no way on"),
+        (makes_nothing, "RuntimeError: the method made no model"),
+        (goes_back, "ValidationError: .* must not become cheaper|ValueError: .* cheaper"),
+    ],
+)
+def test_a_method_that_fails_is_kept_with_why(method, why):
+    surface = prepare_surface(*BALL)
+    truth = methods.TrueObject(surface, SIZE, 0.0, np.zeros((2, 3)))
     problem = methods.Problem("egg", Path("scene.yaml"), truth.box)
-    run = measure_run("dies", contender, problem, truth, methods.Asked(0.01, 0), 5)
-    assert (run.failed, run.curve, run.final) == ("RuntimeError: no way on", (), None)
+    contender = methods.Contender("it fails", method)
+    run = measure_run("fails", contender, problem, truth, methods.Asked(0.01, 0), 5)
+    assert re.match(why, run.failed)
+    assert (run.curve, run.final) == ((), None)
 
 
 @pytest.mark.parametrize("name", ["nothing", "no_module:explore", f"{__name__}:SIZE"])
