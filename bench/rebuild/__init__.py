@@ -12,13 +12,10 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.rebuild.comparison import CONTOUR_NOISE as CONTOUR_NOISE
     from palpate.bench.rebuild.comparison import noisy_contours as noisy_contours
     from palpate.bench.rebuild.peers import loft as loft
     from palpate.bench.rebuild.peers import poisson_installed as poisson_installed
     from palpate.bench.rebuild.peers import poisson_surface as poisson_surface
     from palpate.bench.rebuild.peers import truth_of as truth_of
-    from palpate.bench.rebuild.thesis import EXAMPLES as EXAMPLES
-    from palpate.bench.rebuild.thesis import Example as Example
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -4,15 +4,3 @@
 with one part taken out; `memory` feeds a graph ten thousand touches. Sizes, objects and parts may
 be added to their tables. It rests on bench.explore, bench.rebuild, bench.touch and bench.bus.
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
-
-if TYPE_CHECKING:
-    from palpate.bench.scaling.growth import GROWTHS as GROWTHS
-    from palpate.bench.scaling.growth import Growth as Growth
-else:
-    __getattr__, __dir__ = lazy(__name__)

@@ -43,7 +43,6 @@ class Bench(NamedTuple):
     told: str  # What it measures, for the help
     # ``module:function`` by name, within palpate.bench, each imported at its turn; quickest first.
     groups: Mapping[str, str]
-    figures: tuple[str, ...] = ()  # What draws its pictures into a folder
 
 
 BENCHES: Mapping[str, Bench] = {
@@ -86,7 +85,6 @@ BENCHES: Mapping[str, Bench] = {
     "curvature": Bench(
         "filters and estimators against noise and impulses",
         {"curvature": "touch.curvature:curvature_rows"},
-        ("suite.figures:write_curvature_figures",),
     ),
     "shapes": Bench(
         "superquadrics, splines and other models: exactness, recoveries, costs",
@@ -96,7 +94,6 @@ BENCHES: Mapping[str, Bench] = {
             "curves": "shapes:curve_rows",
             "models": "shapes:model_rows",
         },
-        ("suite.figures:write_shape_figures",),
     ),
     "rebuild": Bench(
         "solids from contours: errors over those of lofts, radial functions and the thesis on "
@@ -106,7 +103,6 @@ BENCHES: Mapping[str, Bench] = {
             "disorder": "rebuild.comparison:disorder_rows",
             "band": "rebuild.contours:band_rows",
         },
-        ("suite.figures:write_peer_figures",),
     ),
     "thesis": Bench(
         "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
@@ -118,7 +114,6 @@ BENCHES: Mapping[str, Bench] = {
             "templates": "explore.templates:template_rows",
             "recorded": "rebuild.thesis:recorded_rows",
         },
-        ("suite.figures:write_thesis_figures",),
     ),
     "tolerance": Bench(
         "what accuracy costs, by every method on eighteen objects: one file, one sheet; takes "
@@ -129,7 +124,6 @@ BENCHES: Mapping[str, Bench] = {
         "error and cost as contours, points, control points, taxels, fingers and nodes grow, with "
         "the powers of it; the memory of a graph over 10,000 touches",
         {"growth": "scaling.growth:growth_rows", "memory": "scaling.memory:memory_rows"},
-        ("suite.figures:write_growth_figures",),
     ),
     "ablation": Bench(
         "what each part is worth: explorations without it, in general and in the case it is for",
@@ -164,11 +158,6 @@ def _help() -> str:
 @click.argument("what", type=click.Choice([*BENCHES, ALL]), default="scenes")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
-@click.option(
-    "--figures",
-    type=click.Path(file_okay=False),
-    help="With curvature, shapes, rebuild, thesis or scaling: write their figures here.",
-)
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option("--out", metavar="FILE", type=RESULTS, help="Write the results here, as JSON.")
@@ -179,7 +168,6 @@ def bench_command(
     what: str,
     runs: tuple[Path, ...],
     quick: bool,
-    figures: str | None,
     only: str | None,
     as_json: bool,
     out: Path | None,
@@ -192,13 +180,6 @@ def bench_command(
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
-    if figures is not None:
-        drawn = BENCHES[what].figures if what != ALL else ()
-        if not drawn:
-            able = ", ".join(name for name, one in BENCHES.items() if one.figures)
-            raise click.UsageError(f"--figures belongs to {able}")
-        for place in drawn:
-            named(f"palpate.bench.{place}")(figures)
     kept = ResultsFile(out, quick=quick, peers=PEERS)
     if what == ALL and not as_json:
         click.echo(f"peers that are not installed: {', '.join(kept.results.absent) or 'none'}")

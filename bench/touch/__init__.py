@@ -13,11 +13,6 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.touch.curvature import HEADS as HEADS
-    from palpate.bench.touch.curvature import TRIALS as TRIALS
-    from palpate.bench.touch.curvature import EstimatorErrors as EstimatorErrors
-    from palpate.bench.touch.curvature import estimator_rows as estimator_rows
-    from palpate.bench.touch.curvature import noise_variance as noise_variance
     from palpate.bench.touch.frames import touch_goals as touch_goals
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -16,7 +16,7 @@ from palpate.bench.shapes import (
     recovery_rows,
     spline_rows,
 )
-from palpate.bench.suite.figures import closed_curves, draw_curves, draw_models
+from tests.figures import closed_curves, draw_curves, draw_models
 
 ROOT = Path(__file__).parents[2]
 TRIALS = 30
@@ -86,4 +86,4 @@ def test_the_documentation_shows_figures_that_are_there():
     for name in ("models.png", "closed_curves.png"):
         assert f"figures/{name}" in page
         assert (ROOT / "docs" / "figures" / name).is_file()
-    assert "palpate bench shapes --figures docs/figures" in page
+    assert "python tests/figures.py shapes docs/figures" in page

@@ -12,9 +12,9 @@ from palpate.bench.scaling.growth import (
     taxel_growth,
     touched_contours,
 )
-from palpate.bench.suite import figures
 from palpate.bench.table import run_groups
 from palpate.core.geometry.nearest import nearest_points
+from tests import figures
 
 SIZES = np.array([4.0, 6.0, 9.0, 14.0, 22.0, 36.0, 60.0])
 

@@ -68,14 +68,6 @@ def test_each_missed_demand_is_named(changes, fault):
     [
         (["explore", "--only", "whale"], "there is no group 'whale'; there are tracing"),
         (["bus", "--only", "whole"], "there is no group 'whole'; there are losses, hops,"),
-        (
-            ["explore", "--figures", "x"],
-            "--figures belongs to curvature, shapes, rebuild, thesis, scaling",
-        ),
-        (
-            ["all", "--figures", "x"],
-            "--figures belongs to curvature, shapes, rebuild, thesis, scaling",
-        ),
         (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, "),
         (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
         (["touch", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
@@ -143,11 +135,3 @@ def test_the_help_names_every_bench(capsys):
     told = capsys.readouterr().out
     for name, one in verb.BENCHES.items():
         assert f"  {name:<10} {one.told[:30]}" in told
-
-
-def test_the_figures_of_a_bench_are_drawn_first(monkeypatch):
-    drawn: list[str] = []
-    monkeypatch.setattr(verb, "named", lambda place: lambda folder: drawn.append((place, folder)))
-    monkeypatch.setattr(verb, "run_groups", lambda *_, **__: 0)
-    assert cli.run(["bench", "rebuild", "--figures", "x"]) == 0
-    assert drawn == [(f"palpate.bench.{place}", "x") for place in verb.BENCHES["rebuild"].figures]

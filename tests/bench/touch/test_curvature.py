@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.suite.figures import draw_estimators, draw_filters, filtered
 from palpate.bench.touch.curvature import (
     ESTIMATORS,
     HEADS,
@@ -26,6 +25,7 @@ from palpate.bench.touch.curvature import (
     verdict_demands,
 )
 from palpate.bench.touch.surfaces import SURFACES, FusionScore, draw_touch
+from tests.figures import draw_estimators, draw_filters, filtered
 
 ROOT = Path(__file__).parents[3]
 IN_THE_DOCS = (ROOT / "docs" / "touch.md").read_text(encoding="utf-8")
@@ -166,4 +166,4 @@ def test_the_documentation_shows_figures_that_are_there():
     for name in ("filters_corner.png", "filters_ball.png", "estimators.png"):
         assert f"figures/{name}" in IN_THE_DOCS
         assert (ROOT / "docs" / "figures" / name).is_file()
-    assert "palpate bench curvature --figures docs/figures" in IN_THE_DOCS
+    assert "python tests/figures.py curvature docs/figures" in IN_THE_DOCS

@@ -83,7 +83,6 @@ def test_the_version_is_reported(capsys):
         (["bag", "export", "x.mcap", "-o", "y"], "Missing option '--format'"),
         (["bag", "export", "x.mcap", "-o", "y", "--format", "csv"], "x.mcap: the recording does"),
         (["bench", "bux"], "'bux' is not one of"),
-        (["bench", "touch", "--figures", "x"], "--figures belongs to curvature, shapes, rebuild"),
         (["init", "effect", "Hum"], "'Hum' cannot name a module"),
         (["topic", "ecko"], "there is no verb 'ecko'; did you mean 'echo'? (see palpate topic"),
         (["topic", "echo"], "Missing argument 'TOPIC'"),

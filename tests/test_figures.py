@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild import EXAMPLES
-from palpate.bench.suite import figures
-from palpate.bench.suite.figures import section_lines, write_thesis_figures
+from palpate.bench.rebuild.thesis import EXAMPLES
 from palpate.core.geometry.meshes import close_rings
 from palpate.core.shapes.protocol import Mesh
+from tests import figures
+from tests.figures import section_lines, write_thesis_figures
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "thesis.md"
 
 
@@ -58,3 +58,21 @@ def test_the_figure_shows_each_object_thrice(tmp_path, monkeypatch):
     figures.write_peer_figures(tmp_path / "new")
     assert [path.name for path in (tmp_path / "new").iterdir()] == [figures.NAME]
     assert len(drawn.axes) == 4
+
+
+@pytest.mark.parametrize("what", [*figures.WRITERS, "all"])
+def test_the_figures_of_one_bench_or_all_are_drawn(what, tmp_path, monkeypatch):
+    drawn: list[str] = []
+    for name in figures.WRITERS:
+        write = lambda folder, name=name: drawn.append((name, folder))  # noqa: E731
+        monkeypatch.setitem(figures.WRITERS, name, write)
+    assert figures.main([what, str(tmp_path)]) == 0
+    names = list(figures.WRITERS) if what == "all" else [what]
+    assert drawn == [(name, tmp_path) for name in names]
+
+
+def test_figures_of_another_bench_are_refused(capsys):
+    with pytest.raises(SystemExit) as ended:
+        figures.main(["explore", "x"])
+    assert ended.value.code == 2
+    assert "invalid choice: 'explore'" in capsys.readouterr().err

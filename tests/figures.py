@@ -1,12 +1,17 @@
-"""The pictures of docs/figures: filters, estimators, models, closed curves, rebuilt shapes.
+"""Draw the pictures of docs/figures: filters, estimators, models, closed curves, rebuilt shapes.
+
+    python tests/figures.py curvature docs/figures   or shapes, rebuild, thesis, scaling
+    python tests/figures.py all docs/figures         all of them
 
 Figures 3.3 to 3.6 and those of chapter 5 of Fung, 1999, anew and with errors.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +23,19 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from palpate.bench.objects import HALF, REBUILT_SHAPES
-from palpate.bench.rebuild import CONTOUR_NOISE, EXAMPLES, Example, loft, noisy_contours, truth_of
-from palpate.bench.scaling import GROWTHS, Growth
+from palpate.bench.rebuild import noisy_contours, truth_of
+from palpate.bench.rebuild.comparison import CONTOUR_NOISE
+from palpate.bench.rebuild.peers import loft
+from palpate.bench.rebuild.thesis import EXAMPLES, Example
+from palpate.bench.scaling.growth import GROWTHS, Growth
 from palpate.bench.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
-from palpate.bench.touch import HEADS, TRIALS, EstimatorErrors, estimator_rows, noise_variance
+from palpate.bench.touch.curvature import (
+    HEADS,
+    TRIALS,
+    EstimatorErrors,
+    estimator_rows,
+    noise_variance,
+)
 from palpate.core import Floats, touch
 from palpate.core.geometry import nearest_points
 from palpate.core.shapes import Mesh
@@ -368,3 +382,30 @@ def _draw_distances(axes: Axes3D, name: str, mesh: Mesh) -> None:
     colours = ScalarMappable(Normalize(0.0, WORST), COLOURS).to_rgba(far)
     colours[:, :3] *= np.clip(shade, 0.0, 1.0)[:, None]
     axes.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="none"))
+
+
+# What draws a bench's pictures into a folder.
+WRITERS: Mapping[str, Callable[[Path], None]] = {
+    "curvature": write_curvature_figures,
+    "shapes": write_shape_figures,
+    "rebuild": write_peer_figures,
+    "thesis": write_thesis_figures,
+    "scaling": write_growth_figures,
+}
+
+
+def main(argv: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=(*WRITERS, "all"))
+    parser.add_argument("folder", type=Path, help="made if it is not there")
+    told = parser.parse_args(argv)
+    for name, write in WRITERS.items():
+        if told.what in (name, "all"):
+            write(told.folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
