@@ -20,6 +20,7 @@ from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.reconstructor import NODE, Params
 from palpate.nodes.runtime.node import resolved
 from palpate.nodes.runtime.testing import example
+from palpate.nodes.runtime.work import CpuSteps
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 
 RADIUS = 0.03
@@ -114,6 +115,20 @@ def tilted() -> tuple[tuple[str, Any], ...]:
 def told() -> tuple[Any, ...]:
     """What the node says to it."""
     return tuple(models(tilted()))
+
+
+def test_the_steps_of_a_model_are_told_one_after_the_other(inputs: Heard):
+    steps = CpuSteps()
+    state, _ = NODE.start(Params())
+    for topic, message in inputs:
+        state, outputs = NODE.inputs[topic][1](Params(), state, message)
+        later = [one for _, one in outputs]  # type: ignore[misc]
+        if later:
+            break
+    later[0].make(steps)
+    wanted = {"contours", "radial spline", "ends", "loft", "lattice", "bound", "mesh"}
+    assert wanted <= set(steps.seconds)
+    assert all(seconds > 0.0 for seconds in steps.seconds.values())
 
 
 @pytest.fixture

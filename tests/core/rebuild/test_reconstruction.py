@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 
 import numpy as np
@@ -382,3 +384,28 @@ def test_its_patch_is_the_surface_of_the_solid_where_it_stands():
         np.einsum("ni,ni->n", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
     )
     assert measure_surface(surface).moments.volume == pytest.approx(volume, rel=5e-3)
+
+
+def test_every_step_is_named_and_closed_and_naming_them_changes_nothing():
+    told: list[str] = []
+
+    @contextmanager
+    def step(name: str) -> Iterator[None]:
+        told.append(name)
+        yield
+        told.append(f"end of {name}")
+
+    rings = ball(9, 40)
+    named = reconstruct(rings, tops=TOPS, step=step)
+    assert told == [
+        "contours",
+        "end of contours",
+        "cross-validation",
+        "ends",
+        "end of ends",
+        "end of cross-validation",
+        "lattice",
+        "end of lattice",
+    ]
+    plain = reconstruct(rings, tops=TOPS)
+    np.testing.assert_array_equal(named.mesh(1.0).vertices, plain.mesh(1.0).vertices)
