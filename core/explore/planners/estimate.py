@@ -30,7 +30,9 @@ from palpate.core.explore.planners.coverage import (
 from palpate.core.explore.planners.protocol import END_DEVIATIONS, Observation
 
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
-SAFETY = 1.1  # Bound of 95 % over the predicted error of the whole
+# Bound of 95 % over the predicted error of the whole; with few intervals by so much more, over the
+# cube of their number, as two tell little of how an object errs.
+SAFETY, FEW = 1.1, 6.0
 NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
 UNTOUCHED_ORDER = 3.0  # An interval errs by its untouched share to this power less
 ORDER = 3.0  # An interval cut into m parts errs by m to this power less
@@ -96,7 +98,7 @@ class ErrorPrediction(NamedTuple):
 
     heights: Floats  # Of the slices, (m,)
     indicators: ErrorIndicators  # Of each interval between two
-    errors: Floats  # Root mean square error of each interval, noise apart; (m - 1,)
+    errors: Floats  # Bound of each interval's root mean square error, noise apart; (m - 1,)
     shares: Floats  # Of the side's area; (m - 1,)
     curve: float  # Bound of the error of the whole that comes of too few slices, in 95 of 100 runs
     noise: Noise  # Bound of that which comes of noise, and that of the ends
@@ -122,7 +124,7 @@ class ErrorPrediction(NamedTuple):
 
     def slices_to(self, target: float, slices: int) -> int | None:
         """Slices beyond those so far that bring the bound to a target; None if none do."""
-        variances = SAFETY**2 * self.shares * self.errors**2
+        variances = self.shares * self.errors**2
         noise, total = self.noise, max(float(variances.sum()), np.finfo(float).tiny)
         for more, (_, curve) in enumerate(cut_further(variances, ORDER)):
             between = noise.between**2 * curve / total
@@ -159,7 +161,8 @@ def predict_error(
     long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
     areas = indicators.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
     shares = areas / areas.sum()
-    curve = SAFETY * math.sqrt(float((shares * errors**2).sum()))
+    errors *= SAFETY * (1.0 + FEW / len(errors) ** 3)
+    curve = math.sqrt(float((shares * errors**2).sum()))
     noise = _noise(observation, indicators, shares)
     return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise)
 
