@@ -35,7 +35,7 @@ def cost_curve(progress: Progress, compute: float | None) -> list[Entry]:
         halved = _halved(one, curve[place + 1 :], measure)
         foretold = one["forecast"]
         one["halved"], one["ratio"] = halved, None
-        if halved is not None and foretold is not None:
+        if halved is not None and foretold is not None and all(halved.values()):
             one["ratio"] = {key: foretold[key] / halved[key] for key in COSTS}
     return curve
 

@@ -75,6 +75,13 @@ def test_what_halving_cost_stands_beside_what_was_foretold(scored):
     assert [one["halved"] and one["halved"]["touches"] for one in curve] == [40, 20, None, None]
 
 
+def test_a_robot_without_a_clock_has_no_ratio():
+    told = [estimate(2, 20, 1e-3, 30.0), estimate(3, 40, 1e-4)]
+    still = [dataclasses.replace(one, robot_time=0.0) for one in told]
+    curve = cost_curve(progress(still), None)
+    assert (curve[0]["halved"], curve[0]["ratio"]) == ({"touches": 20, "robot_time_s": 0.0}, None)
+
+
 def test_the_last_entry_of_a_run_that_is_over_has_all_that_was_computed():
     done = PlanDone(
         number=3, contours=(), probes=(), touches=40, robot_time=80.0, reason="x", uncovered=0.0,
