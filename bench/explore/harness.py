@@ -21,7 +21,6 @@ from palpate.launch import EXPLORE, find_scene, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
 from palpate.messages.types import (
     Contour,
-    ContourGoal,
     PlanDone,
     Score,
     ShapeModel,
@@ -31,7 +30,7 @@ from palpate.messages.types import (
 from palpate.nodes import curvature, filter, simulator
 from palpate.nodes.runtime import Finished, MessageQueue, Node, Outputs, Watcher, run_composed
 
-KEPT_TYPES = (Contour, ContourGoal, PlanDone, Score, ShapeModel, TactileFrame, Truth)
+KEPT_TYPES = (Contour, PlanDone, Score, ShapeModel, TactileFrame, Truth)
 Noise = tuple[Mapping[str, Any], ...]  # Effects, as scenes list them
 EXACT: Noise = ()
 # The default noise: a place that is off by 0.1 mm along each axis, taxels by 10 um.
@@ -46,7 +45,6 @@ class Explored(NamedTuple):
 
     truth: Truth  # The object
     contours: tuple[Contour, ...]
-    reasons: tuple[str, ...]  # Why each slice was asked for
     models: tuple[ShapeModel, ...]
     scores: tuple[Score, ...]  # Of the models
     done: PlanDone  # What the planner published in the end
@@ -127,7 +125,6 @@ def explore_scene(
     return Explored(
         kept[Truth][0],
         tuple(kept[Contour]),
-        tuple(goal.reason for goal in kept[ContourGoal]),
         tuple(kept[ShapeModel]),
         tuple(kept[Score]),
         kept[PlanDone][-1],
