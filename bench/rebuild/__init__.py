@@ -13,7 +13,6 @@ from palpate.rooms import lazy
 
 if TYPE_CHECKING:
     from palpate.bench.rebuild.comparison import noisy_contours as noisy_contours
-    from palpate.bench.rebuild.peers import loft as loft
     from palpate.bench.rebuild.peers import poisson_installed as poisson_installed
     from palpate.bench.rebuild.peers import poisson_surface as poisson_surface
     from palpate.bench.rebuild.peers import truth_of as truth_of

@@ -30,7 +30,6 @@ from palpate.bench.rebuild.peers import (
 from palpate.bench.table import Row, at_most, best_seconds
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
-from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
 from palpate.tools import single_threaded
 
@@ -40,14 +39,11 @@ TOLERANCE = 0.02  # Of the meshes that are compared, mm
 SEEDS, QUICK_SEEDS = 2, 1
 OURS, TOUCHED = "palpate", "palpate, ends touched"
 PeerErrors = Mapping[str, Mapping[str, MeshErrors]]  # Way to object to errors, means over seeds
-# Contours, and points of each; the larger has eight times as many points as the first.
-DISORDERED, LARGE = ((27, 81), (24, 41), (9, 24)), (108, 162)
-# Contours and points, and control points each way, of the largest lattice.
-HUGE, CONTROL = (200, 400), 40
+DISORDERED = ((27, 81), (24, 41), (9, 24))  # Contours, and points of each
 COUNTS = 0.25  # By which the number of points differs from contour to contour
 OUTLIER_SHARE, OUTLIER_DISTANCE = 0.02, 3.0  # Share of the points that are off, and by how much, mm
 ROUNDS = 5
-FIT_MS, UPDATE_MS, BAND_MS, LATTICE_S = 30.0, 10.0, 10.0, 1.0
+FIT_MS, UPDATE_MS, BAND_MS = 30.0, 10.0, 10.0
 Disorder = Callable[[RoundObject, Floats, np.random.Generator], Sequence[Floats]]
 
 
@@ -209,15 +205,10 @@ def rebuilt(contours: Sequence[Floats], tops: Floats | None = None) -> Mesh:
 
 
 def _times() -> Iterable[Row]:
-    """Times of the processor, which others' work does not count to."""
-    shape = REBUILT_SHAPES["lobed zig-zag"]
-
-    def contours_of(size: tuple[int, int], noise: float) -> list[Floats]:
-        return list(noisy_contours(shape, size, noise, np.random.default_rng(0)))
-
-    few = DISORDERED[0]
+    """Times of the processor, which others' work does not count to; `bench scaling` has more."""
+    shape, few = REBUILT_SHAPES["lobed zig-zag"], DISORDERED[0]
     head = f"{few[0]} by {few[1]}"
-    contours, large = contours_of(few, CONTOUR_NOISE), contours_of(LARGE, CONTOUR_NOISE)
+    contours = list(noisy_contours(shape, few, CONTOUR_NOISE, np.random.default_rng(0)))
     solid = reconstruct([*contours[:13], *contours[14:]])
     closed = solid.closed
     assert closed is not None
@@ -233,16 +224,6 @@ def _times() -> Iterable[Row]:
     for name, call, most in calls:
         milliseconds = 1e3 * best_seconds(call, ROUNDS, clock)
         yield at_most(f"{head}: {name}", milliseconds, most, ".1f", " ms")
-    ratio = best_seconds(partial(reconstruct, large, method="skin"), 2, clock)
-    ratio /= best_seconds(skin, ROUNDS, clock)
-    most = LARGE[0] * LARGE[1] / (few[0] * few[1])
-    name = f"{LARGE[0]} by {LARGE[1]} over {head}: time"
-    yield at_most(name, ratio, most, ".1f", " x", kind="time")
-    huge = reconstruct(contours_of(HUGE, 0.0), method="skin").closed
-    assert huge is not None
-    fit = partial(fit_lattice, huge.loft.surface, size=(CONTROL, CONTROL))
-    name = f"{HUGE[0]} by {HUGE[1]}: lattice of {CONTROL} x {CONTROL} x {CONTROL}"
-    yield at_most(name, best_seconds(fit, 2, clock), LATTICE_S, ".2f", " s")
 
 
 CASES = (

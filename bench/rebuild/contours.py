@@ -19,7 +19,6 @@ BAND_SEEDS, QUICK_BAND_SEEDS = 13, 2
 BEYOND = 0.04  # By which the ends lie beyond the contours, where no pole is known
 POLE = float(np.sqrt(1.04))  # Height at which the lobed zig-zag closes
 NORMAL_95 = 1.96
-OUTLIERS, BAND_OFF = 0.02, 0.03  # Share of the points that are off, and by how much of the height
 # Places at which a surface is compared with the truth, from contour to contour.
 ROWS, COLUMNS = 181, 97
 LAST = 0.99  # Height of the last contours, on either side
@@ -45,7 +44,6 @@ def band_rows(quick: bool) -> Iterable[Row]:
     noisy = _noisy(WAVY, FULL, 0.005, seeds)
     yield at_most("the same with noise of 0.5 %: rms over height", noisy, 1.5e-3, ".3g")
     yield from _coverage_rows(seeds)
-    yield at_most("2 % of points off: error over that without", _outliers(seeds), 1.1, ".3g")
     most = max(step_swing(seed) for seed in range(STEPS))
     yield at_most("a step: side beyond its radii, over the width", most, 0.05, ".3g")
 
@@ -67,18 +65,9 @@ def _coverage_rows(seeds: int) -> Iterable[Row]:
             yield at_least(f"{name}: {error} error as claimed", safe, 0.9, ".1%")
 
 
-def _outliers(seeds: int) -> float:
-    """Error with points off over that without, pooled over objects."""
-    things = ROUND_OBJECTS.values()
-    errors = [[_noisy(one, FULL, 0.002, seeds, off) for off in (OUTLIERS, 0.0)] for one in things]
-    return float(np.exp(np.mean(np.log([off / plain for off, plain in errors]))))
-
-
-def _noisy(
-    thing: RoundObject, size: tuple[int, int], noise: float, seeds: int, off: float = 0.0
-) -> float:
+def _noisy(thing: RoundObject, size: tuple[int, int], noise: float, seeds: int) -> float:
     """Mean root mean square error over the height."""
-    found = [judge_band(thing, _skin(thing, size, noise, seed, off)).rms for seed in range(seeds)]
+    found = [judge_band(thing, _skin(thing, size, noise, seed)).rms for seed in range(seeds)]
     return float(np.mean(found))
 
 
@@ -103,19 +92,13 @@ def _skin(
     size: tuple[int, int],
     noise: float,
     seed: int,
-    off: float = 0.0,
     poles: bool = False,
 ) -> ContourLoft:
-    """A loft of contours with noise, and with a share of points that are off along the radius."""
+    """A loft of contours with noise."""
     rng = np.random.default_rng(seed)
     heights = np.linspace(-1.0, 1.0, size[0])
     grid = thing.rings(heights, 2.0 * np.pi * np.arange(size[1]) / size[1])[..., :2]
-    outwards = grid - grid.mean(axis=1, keepdims=True)
-    outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
     grid = grid + noise * ROUND_HEIGHT * rng.normal(size=grid.shape)
-    wrong = rng.random(grid.shape[:2]) < off
-    signs = rng.choice([-1.0, 1.0], (wrong.sum(), 1))
-    grid[wrong] += BAND_OFF * ROUND_HEIGHT * signs * outwards[wrong]
     end = POLE if poles else 1.0 + BEYOND
     return fit_contour_loft(heights, grid, low=-end, high=end, pole=(poles, poles))
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import statistics
 import time
-import timeit
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -22,13 +21,6 @@ from palpate.bench.table import (
     at_most,
     figure_of,
     in_turns,
-)
-from palpate.bench.touch.curvature import (
-    QUICK_TRIALS,
-    TRIALS,
-    estimator_demands,
-    estimator_rows,
-    partial_rows,
 )
 from palpate.core import (
     IDENTITY_POSE,
@@ -56,10 +48,9 @@ APPROACH = 0.02  # The finger comes from this far outside of the object, m
 
 
 def touch_rows(quick: bool) -> Iterable[Row]:
-    """Speed, exactness and curvature of a touch; fewer frames if quick."""
+    """Speed and exactness of a touch; fewer frames if quick."""
     yield from speed_rows(FRAMES, 5 if quick else ROUNDS)
     yield from exactness_rows(FRAMES)
-    yield from estimator_summary(QUICK_TRIALS if quick else TRIALS)
 
 
 def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
@@ -179,16 +170,6 @@ def touch_goals(count: int) -> Iterable[TouchGoal]:
             direction=np.array([0.0, 0.0, 1.0]),
             not_before=0.0,
         )
-
-
-def estimator_summary(trials: int) -> Iterable[Row]:
-    """Cost of a plain jet, and errors of the curvatures: the whole is ``bench curvature``."""
-    pad = specs.pad_of_spec(specs.SensorSpec(pad=specs.PadSpec(radius=None)))
-    x, y = pad.grid()
-    fit = partial(touch.fit_jet, pad, (x * x + y * y) / 0.04, np.ones((pad.rows, pad.cols), bool))
-    seconds = min(timeit.repeat(fit, number=500, repeat=9)) / 500
-    yield at_most("plain jet of a full pad", 1e6 * seconds, 10, ".0f", " us")
-    yield from estimator_demands(estimator_rows(trials), partial_rows(trials))
 
 
 class TracedContour(NamedTuple):
