@@ -75,7 +75,7 @@ BENCHES: Mapping[str, Bench] = {
         },
     ),
     "touch": Bench(
-        "one touch: frames a second, and the error of cast and curvature",
+        "one touch: frames a second, and the error of a cast",
         {"frames": "touch.frames:touch_rows"},
     ),
     "effects": Bench(

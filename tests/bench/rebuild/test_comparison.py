@@ -136,7 +136,8 @@ class Meshes:
         assert points.shape == normals.shape
         self.radius = float(np.linalg.norm(points, axis=1).max())
 
-    def generate_surface_reconstruction_screened_poisson(self, depth: int) -> None:
+    def generate_surface_reconstruction_screened_poisson(self, depth: int, threads: int) -> None:
+        assert threads == 1  # else its triangles differ from run to run
         self.depths.append(depth)
 
     def current_mesh(self) -> Meshes:
