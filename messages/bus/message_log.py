@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 from palpate.messages.codec import pack_frame, split_frame
 
-# A frame in memory, its place in the file, or what makes it.
-StoredFrame = bytes | tuple[int, int] | Callable[[], bytes]
+# A frame in memory, its place in the file (where it starts and, in the last 32 bits, its length, as
+# one number: there is one for each message of a long run), or what makes it.
+StoredFrame = bytes | int | Callable[[], bytes]
 MEMORY_BYTES = 1 << 20  # Most bytes of frames that a node keeps in memory
 _LENGTH = struct.Struct("<I")
 _ENTRY = struct.Struct("<IQ")
@@ -115,7 +116,7 @@ class MessageLog:
             kept = self._frames[topic][seq]
             if callable(kept):
                 kept = self._frames[topic][seq] = kept()
-            yield kept if isinstance(kept, bytes) else self._read(*kept)
+            yield kept if isinstance(kept, bytes) else self._read(kept >> 32, kept & 0xFFFFFFFF)
 
     def close(self) -> None:
         """Close the file."""
@@ -131,14 +132,14 @@ class MessageLog:
         if isinstance(kept, bytes):
             self._room -= len(kept)
 
-    def _write(self, frames: Sequence[bytes], cause: Cause | None = None) -> list[tuple[int, int]]:
+    def _write(self, frames: Sequence[bytes], cause: Cause | None = None) -> list[int]:
         """Write a record, whole or not at all; returns the places of the frames."""
         file = self._opened()
         answered = b"" if cause is None else "\0".join(map(str, cause)).encode()
         parts, places, at = [], [], self._end + _LENGTH.size
         for piece in (answered, *frames):
             parts += [_LENGTH.pack(len(piece)), piece]
-            places.append((at + _LENGTH.size, len(piece)))
+            places.append((at + _LENGTH.size) << 32 | len(piece))
             at += _LENGTH.size + len(piece)
         data = b"".join(parts)
         if os.pwrite(file, _LENGTH.pack(len(data)) + data, self._end) < _LENGTH.size + len(data):
