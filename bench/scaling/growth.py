@@ -35,7 +35,7 @@ SIZES: Mapping[str, tuple[int, ...]] = {
     "points": (20, 50, 120, 300, 800, 2000),
     "lattice": (5, 8, 12, 20, 30, 40),
     "taxels": (8, 12, 16, 24, 32, 48, 64),
-    "fingers": (1, 2, 3, 4, 5),
+    "fingers": (1, 2, 3, 4),  # There is no room for more beside an object of 90 mm
     "nodes": (2, 4, 8, 16, 28, 40),
 }
 SHAPES, QUICK_SHAPES = ("vase", "lobed zig-zag", "rounded box"), ("vase",)
