@@ -80,9 +80,13 @@ class ExpectedCost(NamedTuple):
     seconds: tuple[float, float, float]  # Robot time, one finger of the preset ``modern``, s
 
 
-# By the tolerance over the object's height, %: `palpate bench scenes --only tolerances`.
+# By the tolerance over the object's height, %: `palpate bench explore --only tolerances`.
 COSTS: Mapping[float, ExpectedCost] = {
-    1.0: ExpectedCost((40, 60, 70), (150, 180, 200)),
+    1.0: ExpectedCost((47, 56, 85), (158, 180, 215)),
+    0.5: ExpectedCost((82, 87, 113), (201, 214, 250)),
+    0.2: ExpectedCost((140, 147, 174), (270, 286, 324)),
+    0.1: ExpectedCost((180, 189, 229), (325, 342, 385)),
+    0.05: ExpectedCost((228, 275, 292), (399, 460, 471)),
 }
 # Processor time of a whole run over that of quality normal.
 QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}
