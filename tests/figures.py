@@ -333,6 +333,7 @@ def draw_growths(found: Sequence[Growth]) -> Figure:
                 axes.axhline(one.floor, color="0.6", linestyle=":", label="sampling floor")
             axes.set_xticks(one.sizes, map(str, one.sizes))
             axes.minorticks_off()
+            axes.margins(y=0.3)  # for the legend
             axes.legend(fontsize=7)
             axes.set_title("" if row and one.errors else one.name, fontsize=9)
     return figure
