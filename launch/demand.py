@@ -82,11 +82,11 @@ class ExpectedCost(NamedTuple):
 
 # By the tolerance over the object's height, %: `palpate bench explore --only tolerances`.
 COSTS: Mapping[float, ExpectedCost] = {
-    1.0: ExpectedCost((47, 56, 85), (158, 180, 215)),
-    0.5: ExpectedCost((82, 87, 113), (201, 214, 250)),
-    0.2: ExpectedCost((140, 147, 174), (270, 286, 324)),
-    0.1: ExpectedCost((180, 189, 229), (325, 342, 385)),
-    0.05: ExpectedCost((228, 275, 292), (399, 460, 471)),
+    1.0: ExpectedCost((48, 60, 79), (161, 180, 204)),
+    0.5: ExpectedCost((81, 85, 107), (200, 214, 245)),
+    0.2: ExpectedCost((141, 150, 186), (276, 303, 327)),
+    0.1: ExpectedCost((183, 200, 234), (334, 361, 407)),
+    0.05: ExpectedCost((231, 286, 297), (407, 464, 515)),
 }
 # Processor time of a whole run over that of quality normal.
 QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}
