@@ -41,7 +41,8 @@ def lab(tmp_path_factory):
 
 def explored(lab, name, *flags):
     done = palpate("run", "scene.yaml", "--quiet", "--out", name, *flags, folder=lab)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 1, done.stderr  # three even slices do not reach the tolerance
+    assert "the tolerance was not reached" in done.stderr
     summary: dict[str, Any] = json.loads((lab / name / "summary.json").read_text())
     return summary
 
@@ -60,6 +61,6 @@ def test_a_disturbed_run_is_the_same_in_one_process_and_in_many_and_can_be_repla
 
 @pytest.mark.slow
 def test_another_seed_is_another_sensor(lab):
-    few = ("--composed", "--no-record", "--set", "planner.most_touches=22")
+    few = ("--composed", "--no-record", "--set", "planner.most_touches=60")
     hashes = {explored(lab, f"s{n}", *few, "--seed", n)["mesh_sha256"] for n in "12"}
     assert len(hashes) == 2
