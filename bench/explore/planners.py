@@ -1,14 +1,14 @@
 """How many contours each planner needs: on exact contours, and in whole explorations.
 
 What a planner claims is judged on the exact ones. The side is rebuilt in the same way for all of
-them. The count of even slices is the fewest that do, known afterwards.
+them. The count of even slices is the fewest that do, known afterwards. The thesis's rules are
+judged in `templates`, by kind of object.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -23,22 +23,9 @@ PLAN_NOISE = 1e-4  # Of a pad's position, m
 DRAWN, SEED = 60, 11  # Objects by chance
 CANDIDATES = 95  # Heights among which one that sees the truth chooses
 MOST_MILLISECONDS = 5.0
-THESIS_SETS = [
-    *(
-        rules.Thesis(template=template, bend_rate=a, change_rate=2.0 * a, least=least, most=most)
-        for template, a, (least, most) in product(
-            rules.TEMPLATES, (0.05, 0.15, 0.4), ((0.02, 0.2), (0.08, 0.2), (0.06, 0.35))
-        )
-    ),
-    *(
-        rules.Thesis(template=template, form="joint", least=0.08, most=0.2)
-        for template in rules.TEMPLATES
-    ),
-]
-FUZZY_SCALES = (0.5, 0.7, 1.0, 1.4)
 Trials = Mapping[str, rules.PlannerTrial]
 Counts = Mapping[str, int]  # Contours that each object needs
-OVER_UNIFORM, OVER_THESIS, OVER_POSITIONS, MOST_MORE = 0.95, 0.85, 0.70, 1
+OVER_UNIFORM, OVER_POSITIONS, MOST_MORE = 0.95, 0.70, 1
 
 
 class PlanClaim(NamedTuple):
@@ -72,35 +59,25 @@ def count_rows() -> Iterable[Row]:
     trials = _trials(rules.TUNED)
     even, bare = even_counts(trials), even_counts(trials, slopes=False)
     predicted = first_counts(rules.Predicted(), trials)
-    sets = [plan_counts(one, trials) for one in THESIS_SETS]
-    sums = [sum(counts.values()) for counts in sets]
-    fuzzy = min(sum(plan_counts(rules.Fuzzy(scale=s), trials).values()) for s in FUZZY_SCALES)
     seen = {name: greedy_count(trial) for name, trial in trials.items()}
     for name in trials:
         counts = f"{bare[name]} / {even[name]} / {predicted[name]} / {seen[name]}"
         yield Row(f"{name}: positions only / uniform / predicted / seeing", counts)
-    best = THESIS_SETS[sums.index(min(sums))]
-    rule = f"{best.template} {best.form} {best.bend_rate:g}, {best.least:g} to {best.most:g}"
-    oracle = sum(min(counts[name] for counts in sets) for name in trials)
     for title, value in {
-        "sum, thesis, the best set for each object": oracle,
         "sum, uniform with positions only": sum(bare.values()),
         "sum, uniform": sum(even.values()),
-        f"sum, thesis, best of {len(sums)} sets": min(sums),
-        "that set": rule,
-        f"sum, best of {len(FUZZY_SCALES)} fuzzy": fuzzy,
         "sum, seeing the truth, one slice ahead": sum(seen.values()),
         "sum, predicted": sum(predicted.values()),
     }.items():
         yield Row(title, str(value))
-    rivals = {"uniform": even, "the best thesis set": sets[sums.index(min(sums))]}
-    yield from _rival_rows(predicted, {**rivals, "uniform with positions only": bare}, even)
+    rivals = {"uniform": even, "uniform with positions only": bare}
+    yield from _rival_rows(predicted, rivals, even)
 
 
 def _rival_rows(predicted: Counts, rivals: Mapping[str, Counts], even: Counts) -> Iterator[Row]:
-    """Sums over those of uniform, of the best thesis set and of positions only, in this order."""
+    """Sums over those of uniform and of positions only, in this order."""
     total = sum(predicted.values())
-    most_over = (OVER_UNIFORM, OVER_THESIS, OVER_POSITIONS)
+    most_over = (OVER_UNIFORM, OVER_POSITIONS)
     for (name, counts), most in zip(rivals.items(), most_over, strict=True):
         other = sum(counts.values())
         value, holds = f"{total / other:.2f}", total <= most * other
@@ -209,13 +186,3 @@ def errors_of(trial: rules.PlannerTrial, slices: Sequence[rules.ObservedSlice]) 
 
 def _first(values: Sequence[float], most: float) -> int | None:
     return next((i + 1 for i, value in enumerate(values) if value <= most), None)
-
-
-def plan_counts(planner: rules.Planner, trials: Trials) -> Counts:
-    """How many slices a plan has, if at its end the side is good enough."""
-    counts = {}
-    for name, trial in trials.items():
-        slices, stop = rules.run_planner(planner, trial, DEMAND)
-        done = stop is not None and trial.rms(slices) <= DEMAND
-        counts[name] = len(slices) if done else rules.MOST_CONTOURS_PLANNED
-    return counts

@@ -6,7 +6,6 @@ from palpate.bench.explore.planners import (
     errors_of,
     first_counts,
     plan_claim,
-    plan_counts,
     planner_rows,
 )
 from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
@@ -15,20 +14,17 @@ from palpate.core.explore.planners.uniform import Uniform
 
 def test_every_demand_on_planners_that_needs_no_clock_is_met(monkeypatch):
     monkeypatch.setattr(planners, "DRAWN", 21)
-    monkeypatch.setattr(planners, "THESIS_SETS", planners.THESIS_SETS[::3])
     rows = list(planner_rows(True))
     assert len({row.name for row in rows}) == len(rows)
     timed = [row for row in rows if row.value.endswith("ms")]
     assert [row.target for row in timed] == [f"<= {MOST_MILLISECONDS:g} ms"]
-    assert sum(bool(row.target) for row in rows) == 7
+    assert sum(bool(row.target) for row in rows) == 6
     assert [str(row) for row in rows if not row.holds and row not in timed] == []
 
 
-def test_a_plan_that_never_gets_there_counts_as_the_most():
+def test_a_plan_whose_side_is_never_good_enough_counts_as_the_most():
     trials = {"vase": PlannerTrial(TUNED["vase"])}
-    assert plan_counts(Uniform(count=3), trials) == {"vase": MOST_CONTOURS_PLANNED}
     assert first_counts(Uniform(count=3), trials) == {"vase": MOST_CONTOURS_PLANNED}
-    assert plan_counts(Uniform(count=9), trials) == {"vase": 9}
 
 
 def test_a_run_is_told_with_the_slice_at_which_it_was_good_enough():
