@@ -332,6 +332,7 @@ NODE = Node(
     params=Params,
     start=lambda params: (planning.State(), []),
     handler_timeout=20.0,
+    step="planning",
     inputs={
         "/world": (World, know_world),
         "/touch/info": (SensorInfo, know_sensor),

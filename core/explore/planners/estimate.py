@@ -32,14 +32,17 @@ from palpate.core.explore.planners.protocol import END_DEVIATIONS, Observation
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
 # Bound of 95 % over the predicted error of the whole; with few intervals by so much more, over the
 # cube of their number, as two tell little of how an object errs.
-SAFETY, FEW = 1.1, 6.0
+SAFETY, FEW = 1.15, 6.0
 NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
-UNTOUCHED_ORDER = 3.0  # An interval errs by its untouched share to this power less
+# An interval errs by its untouched share to this power less: smooth ones by a higher one, but sharp
+# edges that lie in it by their whole length.
+UNTOUCHED_ORDER = 2.0
 ORDER = 3.0  # An interval cut into m parts errs by m to this power less
-# Bound of 95 % over the deviation that a solid of all taxels states itself, and what edges leave
-# that no deviation states, over the extent: from 200 explorations of drawn objects, half of
-# them with noise.
-DEVIATION, LEFT = 1.0, 2.0e-4
+# Bound of 95 % over the deviation that a solid of all taxels states itself, and by how much more of
+# the part that its ends make, whose untouched edges vary most; and what edges leave that no
+# deviation states, over the extent. From explorations of drawn objects and of the shipped scenes,
+# half of them with noise.
+DEVIATION, ENDS, LEFT = 1.25, 2.0, 2.0e-4
 # Where noise alone is beyond the tolerance, slices stop when they add less than this of it.
 SETTLED = 0.5
 NEAR = 1e-6  # Values that differ by less of themselves are alike
@@ -175,8 +178,10 @@ def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats
         return Noise(*[math.hypot(noise, resolution)] * 3)
     deviations = [one.deviation for one in observation.slices if one.usable]
     band = math.sqrt(float(np.mean(np.square(deviations))))
-    lasting = math.hypot(DEVIATION * observation.ends_deviation / extent, resolution, LEFT)
-    every = math.hypot(DEVIATION * observation.deviation / extent, resolution, LEFT)
+    ends = ENDS * observation.ends_deviation
+    side = math.sqrt(max(observation.deviation**2 - observation.ends_deviation**2, 0.0))
+    lasting = math.hypot(DEVIATION * ends / extent, resolution, LEFT)
+    every = math.hypot(DEVIATION * side / extent, lasting)
     return Noise(every, min(math.hypot(DEVIATION * band / extent, lasting), every), lasting)
 
 

@@ -11,6 +11,7 @@ from palpate.core.explore.planners.coverage import (
 )
 from palpate.core.explore.planners.estimate import (
     DEVIATION,
+    ENDS,
     LEFT,
     NOISE,
     estimate_error,
@@ -304,7 +305,7 @@ def test_of_what_was_touched_only_the_untouched_share_of_an_interval_errs(slice_
     one = predict_error(plain, profile_of(plain), untouched_spans(plain))
     all_measured = predict_error(whole, profile_of(whole), untouched_spans(whole))
     shares = [run.length for run in untouched_spans(whole)] / (0.09 * one.indicators.width)
-    np.testing.assert_allclose(all_measured.errors, one.errors * shares**3, rtol=1e-9)
+    np.testing.assert_allclose(all_measured.errors, one.errors * shares**2, rtol=1e-9)
 
 
 def test_a_solid_of_all_that_was_touched_states_its_own_deviation(slice_of, observation):
@@ -319,7 +320,7 @@ def test_noise_is_that_of_touched_bands_of_what_lies_between_and_of_the_ends(sli
     slices = [slice_of(wavy, share, deviation=3e-5) for share in np.linspace(0.03, 0.97, 4)]
     stated = observation(slices, all_taxels=True, deviation=9e-5, ends_deviation=2e-5)
     told = predict_error(stated, profile_of(stated), untouched_spans(stated)).noise
-    lasting = math.hypot(DEVIATION * 2e-5 / 0.09, 1e-5 / 0.09, LEFT)
+    lasting = math.hypot(DEVIATION * ENDS * 2e-5 / 0.09, 1e-5 / 0.09, LEFT)
     assert told.lasting == pytest.approx(lasting, rel=1e-9)
     assert told.touched == pytest.approx(math.hypot(DEVIATION * 3e-5 / 0.09, lasting), rel=1e-9)
     assert told.between == pytest.approx(math.sqrt(told.all**2 - told.touched**2), rel=1e-9)
