@@ -32,7 +32,7 @@ from palpate.core.explore.planners.protocol import END_DEVIATIONS, Observation
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
 # Bound of 95 % over the predicted error of the whole; with few intervals by so much more, over the
 # cube of their number, as two tell little of how an object errs.
-SAFETY, FEW = 1.15, 6.0
+SAFETY, FEW = 1.1, 6.0
 NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
 # An interval errs by its untouched share to this power less: smooth ones by a higher one, but sharp
 # edges that lie in it by their whole length.
@@ -122,8 +122,8 @@ class ErrorPrediction(NamedTuple):
 
         Of a solid rebuilt from all that was touched, noise falls with the root of their number.
         """
-        touched = self.noise.touched
-        return touched > tolerance and touched * math.sqrt(slices / room) <= tolerance
+        touched = self.noise.touched / DEVIATION  # the bound's margin is no noise
+        return self.noise.touched > tolerance and touched * math.sqrt(slices / room) <= tolerance
 
     def slices_to(self, target: float, slices: int) -> int | None:
         """Slices beyond those so far that bring the bound to a target; None if none do."""

@@ -356,7 +356,7 @@ def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(slice_of, 
     slices = [slice_of(wavy, share, deviation=4e-4) for share in np.linspace(0.03, 0.97, 6)]
     noisy = observation(slices, all_taxels=True, deviation=4e-4)
     told = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
-    touched = told.noise.touched
+    touched = told.noise.touched / DEVIATION
     assert not told.wants_averaging(0.99 * touched / 2.0, 6, 24)
     assert told.wants_averaging(1.01 * touched / 2.0, 6, 24)
-    assert not told.wants_averaging(1.01 * touched, 6, 24)
+    assert not told.wants_averaging(1.01 * told.noise.touched, 6, 24)
