@@ -6,8 +6,6 @@ Of them only the presets of `robot_time` are assumptions that may be replaced; t
 relied on. They rest on numpy alone.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

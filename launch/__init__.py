@@ -6,8 +6,6 @@ displays and texts may be changed, the order of checks in `check_run` had better
 palpate.nodes and on launch.files, launch.processes and launch.hosts.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

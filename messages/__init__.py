@@ -6,8 +6,6 @@ and changing one changes what is refused. Rests on numpy and msgpack; knows noth
 `palpate.core`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

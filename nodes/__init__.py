@@ -5,8 +5,6 @@ another. To be touched: any node may be replaced by one's own with the same topi
 computes stands in `palpate.core`. Nodes rest on `runtime` and `specs`, never on another node.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -1,7 +1,5 @@
 """Feels an unknown object with a simulated fingertip and rebuilds it as a solid."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -1,7 +1,5 @@
 """What can disturb a sensor, and what an effect of your own is made of: see docs/effects.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -1,7 +1,5 @@
 """Plane and solid geometry, and distances between surfaces: see docs/distances.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

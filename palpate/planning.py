@@ -1,7 +1,5 @@
 """Planners of slices, and what a planner of your own is made of: see docs/planning.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

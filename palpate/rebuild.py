@@ -1,7 +1,5 @@
 """Solids from contours and contact points, and superquadrics from contacts: see docs/rebuild.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

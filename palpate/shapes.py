@@ -1,7 +1,5 @@
 """Shapes that rays can be cast at: see docs/shapes.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -1,7 +1,5 @@
 """B-splines, closed curves and free-form deformation: see docs/shapes.md and docs/lattice.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

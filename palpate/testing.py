@@ -1,7 +1,5 @@
 """For the tests of your own nodes: drive one by plain calls, or feed it a recording."""
 
-from __future__ import annotations
-
 from palpate.nodes.runtime import assert_same, drive, example, feed, messages_on, recorded
 
 __all__ = ["assert_same", "drive", "example", "feed", "messages_on", "recorded"]

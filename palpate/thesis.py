@@ -1,7 +1,5 @@
 """The thesis's own formulas, kept for comparison: see docs/thesis.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -1,7 +1,5 @@
 """Tactile sensing: pad, calibration, filters and curvature: see docs/touch.md."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

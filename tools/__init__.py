@@ -4,8 +4,6 @@ Each chapter is one tool that may be changed or left out by itself; nothing belo
 Rests on palpate.launch; the command line in tools.cli calls it.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

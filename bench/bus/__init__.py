@@ -6,8 +6,6 @@ by its module's name, and `start` imports nothing heavy, since it measures that.
 launcher and on messages.bus, and is one of the few rooms that open sockets.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -7,8 +7,6 @@ loop over objects around it. It rests on launch (a scene file is written and pla
 is) and on bench.objects.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

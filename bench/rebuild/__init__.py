@@ -5,8 +5,6 @@ as a `Peer`; demands are ratios to the first peer of a case. It rests on core.re
 bench.objects.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -5,8 +5,6 @@
 (see docs/benchmark.md); a target, an object or a tolerance may be changed in `measuring`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -6,8 +6,6 @@ may be added to their tables; the thesis's own chain is the first estimator and 
 rests on core.touch and on the simulator, filter and curvature nodes as plain calls.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

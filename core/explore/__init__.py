@@ -6,8 +6,6 @@ values, so that a recorded run can be explored again by another rule. It rests o
 shapes and geometry.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

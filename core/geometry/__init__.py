@@ -8,8 +8,6 @@ constants are tolerances of that. It rests on numpy, scipy's k-d tree, and the r
 knows no solid, spline or touch.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -7,8 +7,6 @@ the rooms below (contours, side, ends, surface, lattice, recovery) and on
 `palpate.core.thesis`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

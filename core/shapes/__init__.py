@@ -9,8 +9,6 @@ exact: the constants are tolerances and limits of work, not parameters. It rests
 them.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -8,8 +8,6 @@ exact, and their constants are tolerances of that. It rests on numpy, scipy's sp
 dense factorisations, and `palpate.core.geometry` for one question about polygons.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

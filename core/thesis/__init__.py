@@ -6,8 +6,6 @@ rests on `palpate.core.splines`, shapes and geometry; `palpate.core.rebuild` off
 "thesis".
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -6,8 +6,6 @@ pitches or standard deviations, and the effects that a scene lists; formulas fol
 sources. It rests on core arrays, frames and geometry, and on the protocol of shapes.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

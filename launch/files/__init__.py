@@ -6,8 +6,6 @@ points format one in `points_file`. Rests on palpate.core, and for recordings an
 palpate.messages and palpate.nodes; on nothing of launch.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -4,8 +4,6 @@ Only the key file decides who may start processes: change nothing there without 
 docs/bus.md. Rests on launch.processes, whose protocol it speaks over the network.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

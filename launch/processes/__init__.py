@@ -5,8 +5,6 @@ stalled are constants at the top of each chapter and may be tuned. Rests on palp
 and on the runtime of palpate.nodes.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

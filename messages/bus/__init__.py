@@ -6,8 +6,6 @@ chapter; the order of handshake, log and journal must stay, since restarts witho
 it. Rests on zmq, and is the only room with sockets.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

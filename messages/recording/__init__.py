@@ -6,8 +6,6 @@ hostile files from taking memory. Own reader instead of the stock one: that leav
 unreadable which were cut off. Rests on mcap and lz4.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -5,8 +5,6 @@ schema's hash, and recordings of before are then refused by name. Rests on the f
 `palpate.messages` alone.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

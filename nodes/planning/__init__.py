@@ -5,8 +5,6 @@ and grips, spacing of the search, nearness of an end, on top of `phases`. Rests 
 `palpate.core.explore`, which holds every rule; used by the planner node alone.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

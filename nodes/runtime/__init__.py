@@ -6,8 +6,6 @@ in one order whatever the way of running, and that is not to be touched. Rests o
 `palpate.messages`; the only part of `palpate.nodes` that reads a clock.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

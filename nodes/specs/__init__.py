@@ -6,8 +6,6 @@ function in `solids`. Rests on `palpate.core.shapes` and `palpate.core.touch`, i
 scene needs them.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -4,8 +4,6 @@ Formats of export may be added in `FORMATS`. Rests on palpate.messages.recording
 on palpate.launch.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -5,8 +5,6 @@ what it judges, and should not. Rests on launch.processes and on the command lin
 as a user would.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

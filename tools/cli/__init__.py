@@ -5,8 +5,6 @@ click command in its family and one line in `command_line`. Rests on click, and 
 everything else.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

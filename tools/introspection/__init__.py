@@ -4,8 +4,6 @@ Copies may be lost on the way to a tool, the graph itself is never held up; pati
 intervals may be tuned. Rests on launch.processes (which graphs run) and on palpate.messages.bus.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

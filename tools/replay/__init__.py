@@ -4,8 +4,6 @@ What counts as a difference is in `comparison`. Rests on the pure handlers of pa
 palpate.messages.recording.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -6,8 +6,6 @@ made, here or on a cluster; `results` and `page` are what a user gets of them. R
 palpate.launch.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -5,8 +5,6 @@ A hand and its poses may be replaced, and so may the coarse model (any `FittedSu
 do). It rests on shapes and touch; what comes out is an `ObjectFrame`, in which all else is told.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

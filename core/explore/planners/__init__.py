@@ -5,8 +5,6 @@ name (``uniform``, `Uniform`); add your own as ``module:Class``, its numbers wit
 on core arrays and ranges alone, and touches nothing: lengths are shares of the object's height.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

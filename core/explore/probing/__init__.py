@@ -5,8 +5,6 @@ of the pad. It rests on plane geometry, on the places where a hand searches (gra
 depth of a plain touch (tracing).
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

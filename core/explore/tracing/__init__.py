@@ -5,8 +5,6 @@ each chapter, in widths of the pad, and may be tuned. It rests on `palpate.core.
 tracer calls `next_command` and `after_touch`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

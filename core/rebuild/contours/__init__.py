@@ -6,8 +6,6 @@ tuned: they are in standard deviations, or shares of a perimeter or radius. It r
 geometry and closed curves of `palpate.core.splines`; nothing here knows of surfaces.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -6,8 +6,6 @@ deviations. It rests on contact points and on the radial spline, and is told in 
 which slices are level.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -7,8 +7,6 @@ follow their formulas. It rests on volumes of `palpate.core.splines`, on the lof
 on a recovered superquadric as prior.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

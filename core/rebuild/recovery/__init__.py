@@ -6,8 +6,6 @@ forms. It rests on `palpate.core.shapes` and on the batched least squares of cor
 knows of contours.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

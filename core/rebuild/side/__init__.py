@@ -6,8 +6,6 @@ its numbers of spans and coefficients and strengths of bending may be tuned: the
 on the shipped scenes. Both rest on `palpate.core.rebuild.contours` and on `palpate.core.splines`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

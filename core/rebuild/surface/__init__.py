@@ -5,8 +5,6 @@ the one method of `Patch`; tolerances of meshes and searches are named on top of
 It rests on `palpate.core.rebuild.ends` for what closes a side, and on `palpate.core.geometry`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy

@@ -6,8 +6,6 @@ add one beside them, or name a class of your own as ``module:Class``. It rests o
 `palpate.core.touch.pipeline`; no effect imports another.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from palpate.rooms import lazy
