@@ -8,20 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from palpate.launch import processes
 from palpate.launch.hosts import RemoteHosts
-from palpate.launch.processes import (
-    EarlierRun,
-    ForkServer,
-    Interrupts,
-    LauncherSockets,
-    ProcessHosts,
-    RunCard,
-    Supervisor,
-    addresses_of,
-    announce,
-    message_log_folder,
-    private_folder,
-)
 from palpate.messages.bus import LAUNCHER, QUEUE_DEPTH, Addresses, check_node_name
 from palpate.nodes.runtime import Ending, Watcher, Wiring, describe_wirings, recorded_nodes
 
@@ -36,7 +24,7 @@ def launch(
     run_dir: Path | None = None,
     work_dir: Path | None = None,
     depth: int = QUEUE_DEPTH,
-    before: EarlierRun | None = None,
+    before: processes.EarlierRun | None = None,
 ) -> Ending:
     """Run a graph until it ends, and leave nothing behind.
 
@@ -74,22 +62,22 @@ def launch(
     sources = _sources(wirings, watch)
     names = [wiring.name for wiring in wirings]
     with (
-        Interrupts() as interrupts,
-        private_folder(work_dir) as folder,
-        message_log_folder(run_dir, folder) as past,
+        processes.Interrupts() as interrupts,
+        processes.private_folder(work_dir) as folder,
+        processes.message_log_folder(run_dir, folder) as past,
         RemoteHosts(wirings, f"{name} {folder.name}") as remote,
     ):
-        place = remote.reach(addresses_of(folder, names, depth, past))
+        place = remote.reach(processes.addresses_of(folder, names, depth, past))
         with (
-            LauncherSockets(place, sources) as sockets,
-            ForkServer([wiring.module for wiring in wirings]) as server,
+            processes.LauncherSockets(place, sources) as sockets,
+            processes.ForkServer([wiring.module for wiring in wirings]) as server,
         ):
-            hosts = ProcessHosts(server, remote.nodes)
+            hosts = processes.ProcessHosts(server, remote.nodes)
             complete = _with_subscribers(wirings, watch)
             if before is not None:
                 before.lay(complete, place)
-            announce(folder, _card(wirings, place, name, ends, run_dir))
-            return Supervisor(
+            processes.announce(folder, _card(wirings, place, name, ends, run_dir))
+            return processes.Supervisor(
                 complete,
                 ends=ends,
                 sources=sources,
@@ -105,8 +93,8 @@ def launch(
 
 def _card(
     wirings: Sequence[Wiring], place: Addresses, name: str, ends: str, run_dir: Path | None
-) -> RunCard:
-    return RunCard(
+) -> processes.RunCard:
+    return processes.RunCard(
         run=f"{place.run:016x}",
         name=name,
         pid=os.getpid(),

@@ -37,16 +37,7 @@ from palpate.launch.files import (
     yaml_text,
 )
 from palpate.launch.node_kinds import search_current_folder
-from palpate.nodes.specs import (
-    CalibrationSpec,
-    EffectSpecs,
-    ObjectSpec,
-    Seed,
-    SensorSpec,
-    build_pipeline,
-    build_shape,
-    encode_mesh,
-)
+from palpate.nodes import specs
 
 LEAST_EXTENT = 5.0e-3  # Smallest extent of an object, m
 CHECK_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
@@ -71,12 +62,12 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything that a scene file may hold."""
 
-    object: ObjectSpec  # What stands there
-    sensor: SensorSpec = SensorSpec()  # What touches it
+    object: specs.ObjectSpec  # What stands there
+    sensor: specs.SensorSpec = specs.SensorSpec()  # What touches it
     world: WorldSpec = WorldSpec()  # Where
-    effects: EffectSpecs = {}  # What disturbs the sensor; in the file a list, here by name
+    effects: specs.EffectSpecs = {}  # What disturbs the sensor; in the file a list, here by name
     explore: dict[str, Any] = {}  # Parameters of the planner
-    seed: Seed = 0  # Seed of all that is random
+    seed: specs.Seed = 0  # Seed of all that is random
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +190,7 @@ def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
     folder = scene.resolve().parent
     try:
         path = file_within(folder, mesh.file, "object.mesh.file")
-        data = encode_mesh(*read_mesh(path, mesh.unit))
+        data = specs.encode_mesh(*read_mesh(path, mesh.unit))
     except ValueError as error:
         raise part.error(("file",), str(error)) from None
     kept = {**given.value["object"], "mesh": to_builtins(data, builtin_types=(bytes,))}
@@ -226,11 +217,11 @@ def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
     return replace(given, value={**given.value, "sensor": {**sensor, "calibration": found}})
 
 
-def read_calibration(path: Path) -> CalibrationSpec:
+def read_calibration(path: Path) -> specs.CalibrationSpec:
     """The calibration in a file; InputError names file, line, key and value."""
     found = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
-    return CalibrationSpec(
-        **{name: getattr(found, name) for name in CalibrationSpec.__struct_fields__}
+    return specs.CalibrationSpec(
+        **{name: getattr(found, name) for name in specs.CalibrationSpec.__struct_fields__}
     )
 
 
@@ -274,7 +265,7 @@ def _planner_settings(given: SourceMapped, explore: Mapping[str, object]) -> Sou
 
 def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
     try:
-        build_pipeline(spec.sensor, spec.effects, ROBOT_PRESETS[spec.world.robot])
+        specs.build_pipeline(spec.sensor, spec.effects, ROBOT_PRESETS[spec.world.robot])
     except ValueError as error:
         name = str(error).partition(" ")[0]
         where = ("effects", name) if name in spec.effects else ("effects",)
@@ -300,9 +291,9 @@ def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, 
 
 
 @lru_cache(maxsize=64)
-def _extents(shape: ObjectSpec) -> tuple[tuple[float, float, float], float]:
+def _extents(shape: specs.ObjectSpec) -> tuple[tuple[float, float, float], float]:
     """Extents along x, y and z, and the largest distance from the z axis, m."""
-    vertices = build_shape(shape).mesh(CHECK_LEVEL).vertices
+    vertices = specs.build_shape(shape).mesh(CHECK_LEVEL).vertices
     x, y, z = np.ptp(vertices, axis=0).tolist()
     return (x, y, z), float(np.linalg.norm(vertices[:, :2], axis=1).max())
 
@@ -335,7 +326,7 @@ def scene_title(name: str) -> str:
     return first.removeprefix("#").strip()
 
 
-class CalibrationFile(CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class CalibrationFile(specs.CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A calibration with its standard errors; nothing reads these but people."""
 
     errors: dict[str, Any] = field(default_factory=dict)  # By the names of the fields

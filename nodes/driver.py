@@ -10,18 +10,11 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from palpate.nodes import specs
 from palpate.nodes.runtime import Finished, Source, Timed
-from palpate.nodes.specs import (
-    DRIVER_OUTPUTS,
-    FrameSequence,
-    SensorParams,
-    read_frames,
-    sensor_info,
-    tactile_frame,
-)
 
 
-class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Params(specs.SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
     path: str  # File of frames, CSV or NPZ; its columns: docs/own_node.md
@@ -30,7 +23,7 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
     at_once: bool = False  # Publish all as fast as they are received, without waiting
 
 
-def frames_of(params: Params) -> FrameSequence:
+def frames_of(params: Params) -> specs.FrameSequence:
     """The frames that will be published.
 
     Raises ValueError with file and line, if the file cannot be used.
@@ -45,7 +38,7 @@ def frames_of(params: Params) -> FrameSequence:
 def outputs_of(params: Params) -> Mapping[str, type]:
     """Topics and types; refuses a file that could not be published, before anything is started."""
     frames_of(params)
-    return DRIVER_OUTPUTS
+    return specs.DRIVER_OUTPUTS
 
 
 def open_file(params: Params) -> Iterator[Timed | Finished | None]:
@@ -54,18 +47,18 @@ def open_file(params: Params) -> Iterator[Timed | Finished | None]:
     times = frames.times
     if times is None:
         times = np.arange(len(frames.images)) / params.rate
-    yield Timed(0.0, "/touch/info", sensor_info(params))
+    yield Timed(0.0, "/touch/info", specs.sensor_info(params))
     for touch, time in enumerate((times - times[0]).tolist()):
         due = 0.0 if params.at_once else time
         pose, image = frames.poses[touch], frames.images[touch]
-        yield Timed(due, "/touch/raw", tactile_frame(params, touch, time, pose, image))
+        yield Timed(due, "/touch/raw", specs.tactile_frame(params, touch, time, pose, image))
     yield Finished(f"published the {len(frames.images)} frames of {params.path}")
 
 
 @lru_cache(maxsize=1)
-def _read_once(path: str, changed: int, rows: int, cols: int) -> FrameSequence:
+def _read_once(path: str, changed: int, rows: int, cols: int) -> specs.FrameSequence:
     """The frames of a file, read again only if it has changed."""
-    return read_frames(path, rows, cols)
+    return specs.read_frames(path, rows, cols)
 
 
 SOURCE = Source(params=Params, outputs=outputs_of, open=open_file, handler_timeout=20.0)

@@ -28,19 +28,7 @@ from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points
 from palpate.core.touch import Jet, Pad
-from palpate.messages import derive
-from palpate.messages.types import (
-    Contour,
-    GraspContacts,
-    ModelGoal,
-    PlanDone,
-    Probe,
-    SensorInfo,
-    ShapeModel,
-    Superquadric,
-    SurfacePatch,
-    World,
-)
+from palpate.messages import derive, types
 from palpate.nodes.runtime import Deferred, Node, Outputs
 from palpate.nodes.specs import CONTACT_ERROR, pad_of_info
 
@@ -96,12 +84,14 @@ class State:
     # Where the hand met the object, by the number of the closing.
     contacts: Mapping[int, Floats] = field(default_factory=lambda: MappingProxyType({}))
     # By number.
-    contours: Mapping[int, Contour] = field(default_factory=lambda: MappingProxyType({}))
-    probes: Mapping[int, Probe] = field(default_factory=lambda: MappingProxyType({}))  # By number
-    asked: tuple[ModelGoal | PlanDone, ...] = ()  # Models still to be fitted, in order
+    contours: Mapping[int, types.Contour] = field(default_factory=lambda: MappingProxyType({}))
+    probes: Mapping[int, types.Probe] = field(
+        default_factory=lambda: MappingProxyType({})
+    )  # By number
+    asked: tuple[types.ModelGoal | types.PlanDone, ...] = ()  # Models still to be fitted, in order
 
 
-def common_frame(contours: Sequence[Contour]) -> Floats:
+def common_frame(contours: Sequence[types.Contour]) -> Floats:
     """Pose (7,) of the frame in which all contours were traced.
 
     Raises ValueError if they were not all traced in the same.
@@ -122,8 +112,8 @@ def is_upright(frame: Floats) -> bool:
 
 
 def touched_ends(
-    contours: Sequence[Contour],
-    probes: Sequence[Probe],
+    contours: Sequence[types.Contour],
+    probes: Sequence[types.Probe],
     touched: Mapping[int, Sequence[ContactPoints]],
     platform: float | None,
 ) -> Floats | None:
@@ -142,8 +132,8 @@ def touched_ends(
 
 
 def _probed(
-    contours: Sequence[Contour],
-    probes: Sequence[Probe],
+    contours: Sequence[types.Contour],
+    probes: Sequence[types.Probe],
     touched: Mapping[int, Sequence[ContactPoints]],
     frame: Floats,
 ) -> Iterator[Floats]:
@@ -162,17 +152,17 @@ def _probed(
             yield points[int(reached.argmax())]
 
 
-def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
+def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
     """Remember the platform."""
     return replace(state, platform=world.platform), []
 
 
-def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
+def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
     return replace(state, pad=pad_of_info(info)), []
 
 
-def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
+def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
     """Keep what a touch measured."""
     assert state.pad is not None
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
@@ -181,23 +171,27 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
     return _fit_ready(replace(state, touches={**state.touches, patch.goal: of_goal}))
 
 
-def take_contacts(params: Params, state: State, received: GraspContacts) -> tuple[State, Outputs]:
+def take_contacts(
+    params: Params, state: State, received: types.GraspContacts
+) -> tuple[State, Outputs]:
     """Keep what the hand met."""
     contacts = {**state.contacts, received.number: received.points}
     return _fit_ready(replace(state, contacts=contacts))
 
 
-def take_contour(params: Params, state: State, contour: Contour) -> tuple[State, Outputs]:
+def take_contour(params: Params, state: State, contour: types.Contour) -> tuple[State, Outputs]:
     """Keep a contour."""
     return _fit_ready(replace(state, contours={**state.contours, contour.id: contour}))
 
 
-def take_probe(params: Params, state: State, probe: Probe) -> tuple[State, Outputs]:
+def take_probe(params: Params, state: State, probe: types.Probe) -> tuple[State, Outputs]:
     """Keep a probe."""
     return _fit_ready(replace(state, probes={**state.probes, probe.id: probe}))
 
 
-def take_goal(params: Params, state: State, goal: ModelGoal | PlanDone) -> tuple[State, Outputs]:
+def take_goal(
+    params: Params, state: State, goal: types.ModelGoal | types.PlanDone
+) -> tuple[State, Outputs]:
     """Fit a set, at once or when all of it has been received."""
     return _fit_ready(replace(state, asked=(*state.asked, goal)))
 
@@ -209,40 +203,42 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
     while asked and _is_complete(state, asked[0]):
         goal = asked.pop(0)
         if _is_coarse(goal):
-            outputs.append(("/model/coarse", Deferred(Superquadric, partial(_coarse, state, goal))))
+            outputs.append(
+                ("/model/coarse", Deferred(types.Superquadric, partial(_coarse, state, goal)))
+            )
         else:
-            outputs.append(("/model/shape", Deferred(ShapeModel, partial(_fit, state, goal))))
+            outputs.append(("/model/shape", Deferred(types.ShapeModel, partial(_fit, state, goal))))
     return replace(state, asked=tuple(asked)), outputs
 
 
-def _is_complete(state: State, goal: ModelGoal | PlanDone) -> bool:
+def _is_complete(state: State, goal: types.ModelGoal | types.PlanDone) -> bool:
     """Whether all of a set is there."""
     if _is_coarse(goal):
         return all(number in state.contacts for number in range(goal.closings))
     contours = (*goal.contours, *goal.arcs)
-    wanted: list[Contour | Probe | None] = [state.contours.get(id_) for id_ in contours]
+    wanted: list[types.Contour | types.Probe | None] = [state.contours.get(id_) for id_ in contours]
     wanted += [state.probes.get(id_) for id_ in goal.probes]
     return all(
         one is not None and len(state.touches.get(one.id, {})) == one.touches for one in wanted
     )
 
 
-def _is_coarse(goal: ModelGoal | PlanDone) -> TypeGuard[ModelGoal]:
+def _is_coarse(goal: types.ModelGoal | types.PlanDone) -> TypeGuard[types.ModelGoal]:
     """Whether a superquadric is asked for."""
-    return isinstance(goal, ModelGoal) and not (goal.contours or goal.probes)
+    return isinstance(goal, types.ModelGoal) and not (goal.contours or goal.probes)
 
 
-def _coarse(state: State, goal: ModelGoal, step: Steps) -> Superquadric:
+def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquadric:
     contacts = [state.contacts[number] for number in range(goal.closings)]
     with step("superquadric"):
         return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
 
 
-def coarse_model(number: int, contacts: Floats) -> Superquadric:
+def coarse_model(number: int, contacts: Floats) -> types.Superquadric:
     """The message for the superquadric through contacts (n, 3), m."""
     found = rebuild.fit_coarse(contacts, CONTACT_ERROR)
     return derive(
-        Superquadric,
+        types.Superquadric,
         found,
         number=number,
         bend=found.bend.curvature,
@@ -251,7 +247,7 @@ def coarse_model(number: int, contacts: Floats) -> Superquadric:
     )
 
 
-def _fit(state: State, goal: ModelGoal | PlanDone, step: Steps) -> ShapeModel:
+def _fit(state: State, goal: types.ModelGoal | types.PlanDone, step: Steps) -> types.ShapeModel:
     if not goal.contours:
         return shape_model(goal, None)
     try:
@@ -261,23 +257,23 @@ def _fit(state: State, goal: ModelGoal | PlanDone, step: Steps) -> ShapeModel:
 
 
 def shape_model(
-    goal: ModelGoal | PlanDone,  # Who asked for it
+    goal: types.ModelGoal | types.PlanDone,  # Who asked for it
     solid: rebuild.Solid | None,  # None if there was nothing to rebuild: the model is empty
     why: str = "",  # Why nothing could be rebuilt of contours that are there
     quality: Quality = QUALITIES["normal"],  # Of the mesh, if it is the final one
     step: Steps = no_steps,  # Told which step begins
-) -> ShapeModel:
+) -> types.ShapeModel:
     """The message for a solid."""
     if solid is not None:
         dropped: dict[int, str] = {one.which: one.why for one in solid.slices.dropped}
     else:
         dropped = dict.fromkeys(range(len(goal.contours)) if why else (), why)
-    final = isinstance(goal, PlanDone)
+    final = isinstance(goal, types.PlanDone)
     parts = EMPTY_MODEL if solid is None else _parts(solid, quality if final else None, step)
     with step("bound"):
         deviation = None if solid is None else solid.whole_deviation()
     return derive(
-        ShapeModel,
+        types.ShapeModel,
         goal,
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
@@ -331,7 +327,7 @@ def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
     return heights, np.sqrt(np.mean(deviation**2, axis=1))
 
 
-def _rebuild(state: State, goal: ModelGoal | PlanDone, step: Steps) -> rebuild.Solid:
+def _rebuild(state: State, goal: types.ModelGoal | types.PlanDone, step: Steps) -> rebuild.Solid:
     touched = {
         id_: [state.touches[id_][touch] for touch in sorted(state.touches.get(id_, {}))]
         for id_ in (*goal.contours, *goal.probes, *goal.arcs)
@@ -346,8 +342,8 @@ def _rebuild(state: State, goal: ModelGoal | PlanDone, step: Steps) -> rebuild.S
 
 
 def rebuild_set(
-    contours: Sequence[Contour],  # At least one
-    probes: Sequence[Probe],  # Single touches beside them
+    contours: Sequence[types.Contour],  # At least one
+    probes: Sequence[types.Probe],  # Single touches beside them
     # What each touch of these measured, and of unfinished contours, by the goal's number
     touched: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
@@ -374,16 +370,16 @@ NODE = Node(
     start=lambda params: (State(quality=QUALITIES[params.quality]), []),
     handler_timeout=120.0,
     inputs={
-        "/world": (World, know_world),
-        "/touch/info": (SensorInfo, know_sensor),
-        "/hand/contacts": (GraspContacts, take_contacts),
-        "/touch/patch": (SurfacePatch, take_patch),
-        "/contour/traced": (Contour, take_contour),
-        "/probe/traced": (Probe, take_probe),
-        "/model/goal": (ModelGoal, take_goal),
-        "/plan/done": (PlanDone, take_goal),
+        "/world": (types.World, know_world),
+        "/touch/info": (types.SensorInfo, know_sensor),
+        "/hand/contacts": (types.GraspContacts, take_contacts),
+        "/touch/patch": (types.SurfacePatch, take_patch),
+        "/contour/traced": (types.Contour, take_contour),
+        "/probe/traced": (types.Probe, take_probe),
+        "/model/goal": (types.ModelGoal, take_goal),
+        "/plan/done": (types.PlanDone, take_goal),
     },
-    outputs={"/model/coarse": Superquadric, "/model/shape": ShapeModel},
+    outputs={"/model/coarse": types.Superquadric, "/model/shape": types.ShapeModel},
     needs=("/world", "/touch/info"),
     fan_in=("/touch/patch", "/contour/traced", "/probe/traced"),
 )

@@ -17,28 +17,9 @@ from palpate.core import (
 )
 from palpate.core.shapes import Shape
 from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
-from palpate.messages import derive
-from palpate.messages.types import (
-    GraspContacts,
-    GraspGoal,
-    SensorInfo,
-    TactileFrame,
-    TouchGoal,
-    Truth,
-    World,
-)
+from palpate.messages import derive, types
+from palpate.nodes import specs
 from palpate.nodes.runtime import Finger, Node, Outputs
-from palpate.nodes.specs import (
-    EffectSpecs,
-    Length,
-    ObjectSpec,
-    Seed,
-    SensorSpec,
-    build_pipeline,
-    build_shape,
-    info_of,
-    sensed_face,
-)
 
 # Number of the hand's first finger: it chooses other random numbers than the exploring ones.
 FIRST_HAND_FINGER = 1001
@@ -49,14 +30,14 @@ TRUTH_LEVEL, FLOOR_LEVEL = 6, 5  # 82k and 20k faces
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    object: ObjectSpec  # What stands on the platform
-    sensor: SensorSpec = SensorSpec()  # What touches it
+    object: specs.ObjectSpec  # What stands on the platform
+    sensor: specs.SensorSpec = specs.SensorSpec()  # What touches it
     # What disturbs it: parameters by the effect's name; nothing else is simulated.
-    effects: EffectSpecs = {}
+    effects: specs.EffectSpecs = {}
     # The finger reaches this far sideways from the axis and up from the platform, m.
-    reach: Length = 0.15
+    reach: specs.Length = 0.15
     robot: str = "modern"  # Preset of the robot's speeds: modern or puma
-    seed: Seed = 0  # The run's seed
+    seed: specs.Seed = 0  # The run's seed
     # The finger that it moves; the first has the hand as well, and tells what all may know.
     finger: Finger = 1
     fingers: Finger = 1  # How many fingers there are, each with a simulator of its own
@@ -66,7 +47,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError(f"finger must be at most fingers, {self.fingers}, got {self.finger}")
         if self.robot not in ROBOT_PRESETS:
             raise ValueError(f"robot must be one of {sorted(ROBOT_PRESETS)}, got {self.robot!r}")
-        build_pipeline(self.sensor, self.effects, ROBOT_PRESETS[self.robot])
+        specs.build_pipeline(self.sensor, self.effects, ROBOT_PRESETS[self.robot])
 
 
 class LastContact(NamedTuple):
@@ -105,8 +86,8 @@ class State:
 
 def start(params: Params) -> tuple[State, Outputs]:
     """Build the object; the first finger's tells what a robot would know, and the truth."""
-    shape = build_shape(params.object)
-    pipeline = build_pipeline(
+    shape = specs.build_shape(params.object)
+    pipeline = specs.build_pipeline(
         params.sensor, params.effects, ROBOT_PRESETS[params.robot], params.finger, params.seed
     )
     platform = float(shape.bounds()[0, 2])
@@ -114,19 +95,19 @@ def start(params: Params) -> tuple[State, Outputs]:
     if params.finger > 1:
         return state, []
     robot = ROBOT_PRESETS[params.robot].array
-    world = derive(World, params, platform=platform, robot=robot)
+    world = derive(types.World, params, platform=platform, robot=robot)
     return state, [
         ("/world", world),
-        ("/touch/info", info_of(params.sensor, pipeline.noise, sensed_face(pipeline))),
+        ("/touch/info", specs.info_of(params.sensor, pipeline.noise, specs.sensed_face(pipeline))),
         ("/truth", _truth(shape)),
     ]
 
 
-def _truth(shape: Shape) -> Truth:
+def _truth(shape: Shape) -> types.Truth:
     low, high = shape.bounds()
     vertices, faces = shape.mesh(TRUTH_LEVEL)
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
-    return Truth(
+    return types.Truth(
         vertices=vertices,
         faces=faces,
         floor_vertices=floor_vertices,
@@ -135,7 +116,7 @@ def _truth(shape: Shape) -> Truth:
     )
 
 
-def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs]:
+def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, Outputs]:
     """One guarded move and its frame, sent as often as the link delivers it."""
     if goal.finger != params.finger:
         raise ValueError(
@@ -161,7 +142,7 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
     met = LastContact(goal.goal, done.believed[:3]) if done.outcome in HITS else None
     ways = (travel, turn, done.advance, _along(state.met, met))
     frame = derive(
-        TactileFrame,
+        types.TactileFrame,
         goal,
         pose=done.believed,
         outcome=done.outcome,
@@ -180,7 +161,7 @@ def touch(params: Params, state: State, goal: TouchGoal) -> tuple[State, Outputs
     return state, [("/touch/raw", frame)] * done.copies
 
 
-def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Outputs]:
+def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[State, Outputs]:
     """Close the hand, and say where it met the object."""
     from palpate.core.explore.grasp import Closing, Hand, close_hand
 
@@ -197,7 +178,7 @@ def take_grasp(params: Params, state: State, goal: GraspGoal) -> tuple[State, Ou
         state.shape, hand.fingers, hand.remembered, shape, goal.pose, state.platform, closing
     )
     clock = closing.begun + contact_seconds(robot, grasp.advance)
-    contacts = GraspContacts(
+    contacts = types.GraspContacts(
         number=goal.number,
         points=grasp.points,
         normals=grasp.normals,
@@ -217,7 +198,7 @@ def _hand(params: Params, state: State, fingers: int) -> HandState:
         return state.hand
     robot = ROBOT_PRESETS[params.robot]
     made = tuple(
-        build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
+        specs.build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
         for number in range(FIRST_HAND_FINGER, FIRST_HAND_FINGER + fingers + 1)
     )
     return HandState(made, tuple(one.begin() for one in made), 0, None, 0.0)
@@ -235,13 +216,13 @@ NODE = Node(
     step="casting",
     start=start,
     handler_timeout=20.0,
-    inputs={"/finger/goal": (TouchGoal, touch), "/hand/goal": (GraspGoal, take_grasp)},
+    inputs={"/finger/goal": (types.TouchGoal, touch), "/hand/goal": (types.GraspGoal, take_grasp)},
     outputs={
-        "/world": World,
-        "/truth": Truth,
-        "/touch/info": SensorInfo,
-        "/touch/raw": TactileFrame,
-        "/hand/contacts": GraspContacts,
+        "/world": types.World,
+        "/truth": types.Truth,
+        "/touch/info": types.SensorInfo,
+        "/touch/raw": types.TactileFrame,
+        "/hand/contacts": types.GraspContacts,
     },
     shared=("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts"),
 )

@@ -21,18 +21,7 @@ from palpate.core import (
 )
 from palpate.core.explore import tracing
 from palpate.core.touch import HITS, Jet, Pad
-from palpate.messages import derive
-from palpate.messages.types import (
-    Contour,
-    ContourGoal,
-    FingerClock,
-    Probe,
-    ProbeGoal,
-    SensorInfo,
-    SurfacePatch,
-    TouchGoal,
-    World,
-)
+from palpate.messages import derive, types
 from palpate.nodes.runtime import Finger, Node, Outputs
 from palpate.nodes.specs import pad_of_info
 
@@ -53,7 +42,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Job:
     """A contour or a probe under way."""
 
-    goal: ContourGoal | ProbeGoal  # What was asked for
+    goal: types.ContourGoal | types.ProbeGoal  # What was asked for
     touches: int = 0  # Touches made, repeated ones included
     trace: tracing.Trace | None = None  # The contour so far; None for a probe
     aim: tracing.TouchCommand | None = None  # Where the finger was sent; None for a probe
@@ -68,21 +57,23 @@ class State:
     resting: Floats | None = None  # Pose (7,) from which the last touch was begun
     pad: Pad | None = None  # The sensor's array
     job: Job | None = None  # What is under way
-    waiting: tuple[ContourGoal | ProbeGoal, ...] = ()  # What comes after it
+    waiting: tuple[types.ContourGoal | types.ProbeGoal, ...] = ()  # What comes after it
 
 
-def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
+def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
     """Remember how many fingers there are, and how fast: goals come after it."""
     robot = RobotPreset.of_array(world.robot) if len(world.robot) else None
     return replace(state, fingers=world.fingers, robot=robot), []
 
 
-def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
+def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
     return replace(state, pad=pad_of_info(info)), []
 
 
-def take_goal(params: Params, state: State, goal: ContourGoal | ProbeGoal) -> tuple[State, Outputs]:
+def take_goal(
+    params: Params, state: State, goal: types.ContourGoal | types.ProbeGoal
+) -> tuple[State, Outputs]:
     """Begin with a goal of this finger, or queue it behind the one under way."""
     if not 1 <= goal.finger <= state.fingers:
         raise ValueError(
@@ -95,23 +86,23 @@ def take_goal(params: Params, state: State, goal: ContourGoal | ProbeGoal) -> tu
     return _begin(params, state, goal, 0.0)
 
 
-def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
+def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
     """Go on with the goal under way, and tell the other fingers' planner what time it is."""
     state, outputs = _go_on(params, state, patch)
     if state.fingers > 1:
-        clock = FingerClock(finger=params.finger, robot_time=patch.robot_time)
+        clock = types.FingerClock(finger=params.finger, robot_time=patch.robot_time)
         outputs = [*outputs, ("/finger/clock", clock)]
     return state, outputs
 
 
-def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
+def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
     """Take up what the last touch measured."""
     job = state.job
     if job is None or (patch.goal, patch.touch) != (job.goal.id, job.touches - 1):
         raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
-    if isinstance(job.goal, ProbeGoal):
+    if isinstance(job.goal, types.ProbeGoal):
         assert state.pad is not None
-        probe = derive(Probe, job.goal, patch, point=_deepest(state.pad, patch), touches=1)
+        probe = derive(types.Probe, job.goal, patch, point=_deepest(state.pad, patch), touches=1)
         return _finish(params, state, ("/probe/traced", probe), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
     back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
@@ -123,11 +114,11 @@ def _go_on(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Ou
 
 
 def _begin(
-    params: Params, state: State, goal: ContourGoal | ProbeGoal, now: float
+    params: Params, state: State, goal: types.ContourGoal | types.ProbeGoal, now: float
 ) -> tuple[State, Outputs]:
-    if isinstance(goal, ProbeGoal):
+    if isinstance(goal, types.ProbeGoal):
         touch = derive(
-            TouchGoal,
+            types.TouchGoal,
             goal,
             goal=goal.id,
             touch=0,
@@ -138,7 +129,7 @@ def _begin(
         if not _in_time(state, touch, goal):
             told = {"outcome": "miss", "point": goal.pose[:3], "touches": 0, "robot_time": now}
             normal = -split_pose(goal.pose)[1][:, 2]
-            probe = derive(Probe, goal, **told, normal=normal)
+            probe = derive(types.Probe, goal, **told, normal=normal)
             return _finish(params, state, ("/probe/traced", probe), now)
         state = replace(state, job=Job(goal, touches=1), resting=goal.pose)
         return state, [("/finger/goal", touch)]
@@ -153,7 +144,7 @@ def _trace(
     params: Params, state: State, job: Job, trace: tracing.Trace, now: float
 ) -> tuple[State, Outputs]:
     """Ask for the next touch of a contour, or report it."""
-    assert isinstance(job.goal, ContourGoal) and state.pad is not None
+    assert isinstance(job.goal, types.ContourGoal) and state.pad is not None
     trace, found = tracing.next_command(state.pad, trace)
     if isinstance(found, tracing.TouchCommand):
         return _send(params, state, replace(job, trace=trace, aim=found), job.goal, now)
@@ -162,11 +153,11 @@ def _trace(
 
 
 def _send(
-    params: Params, state: State, job: Job, goal: ContourGoal, now: float
+    params: Params, state: State, job: Job, goal: types.ContourGoal, now: float
 ) -> tuple[State, Outputs]:
     """Ask for a touch, or report the contour as far as it is, if the touch may end too late."""
     assert job.aim is not None and job.trace is not None
-    touch = TouchGoal(
+    touch = types.TouchGoal(
         goal=goal.id,
         touch=job.touches,
         finger=goal.finger,
@@ -184,7 +175,9 @@ def _send(
     return replace(state, job=job, resting=touch.pose), [("/finger/goal", touch)]
 
 
-def _in_time(state: State, touch: TouchGoal, goal: ContourGoal | ProbeGoal) -> bool:
+def _in_time(
+    state: State, touch: types.TouchGoal, goal: types.ContourGoal | types.ProbeGoal
+) -> bool:
     """Whether a touch has ended by the time that its goal names, even if it meets nothing."""
     if goal.not_after is None:
         return True
@@ -206,7 +199,9 @@ def _finish(
     return state, [published, *outputs]
 
 
-def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> tracing.SliceArc | None:
+def _slice_arc(
+    pad: Pad, goal: types.ContourGoal, patch: types.SurfacePatch
+) -> tracing.SliceArc | None:
     if patch.outcome not in HITS:
         return None
     pose = compose_poses(inverse_pose(goal.frame), patch.pose)
@@ -216,12 +211,12 @@ def _slice_arc(pad: Pad, goal: ContourGoal, patch: SurfacePatch) -> tracing.Slic
 
 
 def _contour(
-    job: Job, goal: ContourGoal, trace: tracing.Trace, status: tracing.TraceStatus, now: float
-) -> Contour:
+    job: Job, goal: types.ContourGoal, trace: tracing.Trace, status: tracing.TraceStatus, now: float
+) -> types.Contour:
     empty, path = np.zeros((0, 3)), trace.path
     _, axes = split_pose(goal.frame)
     return derive(
-        Contour,
+        types.Contour,
         goal,
         points=empty if path is None else transform_points(goal.frame, path.points),
         normals=empty if path is None else path.normals @ axes.T,
@@ -237,12 +232,12 @@ def _contour(
     )
 
 
-def _placed(goal: ContourGoal, points: Sequence[Floats]) -> Floats:
+def _placed(goal: types.ContourGoal, points: Sequence[Floats]) -> Floats:
     """Points of the slicing frame in the world, (n, 3), m."""
     return transform_points(goal.frame, np.reshape(points, (-1, 3)))
 
 
-def _deepest(pad: Pad, patch: SurfacePatch) -> Floats:
+def _deepest(pad: Pad, patch: types.SurfacePatch) -> Floats:
     """The point of deepest compression, world frame; the pad's middle if none is touched."""
     if not patch.mask.any():
         return patch.pose[:3]
@@ -255,17 +250,17 @@ NODE = Node(
     step="tracing",
     start=lambda params: (State(), []),
     inputs={
-        "/world": (World, know_world),
-        "/touch/info": (SensorInfo, know_sensor),
-        "/contour/goal": (ContourGoal, take_goal),
-        "/probe/goal": (ProbeGoal, take_goal),
-        "/touch/patch": (SurfacePatch, take_patch),
+        "/world": (types.World, know_world),
+        "/touch/info": (types.SensorInfo, know_sensor),
+        "/contour/goal": (types.ContourGoal, take_goal),
+        "/probe/goal": (types.ProbeGoal, take_goal),
+        "/touch/patch": (types.SurfacePatch, take_patch),
     },
     outputs={
-        "/finger/goal": TouchGoal,
-        "/finger/clock": FingerClock,
-        "/contour/traced": Contour,
-        "/probe/traced": Probe,
+        "/finger/goal": types.TouchGoal,
+        "/finger/clock": types.FingerClock,
+        "/contour/traced": types.Contour,
+        "/probe/traced": types.Probe,
     },
     needs=("/world", "/touch/info"),
 )

@@ -9,31 +9,23 @@ from typing import Any, get_args, get_type_hints
 
 import click
 
+from palpate import launch
 from palpate.core import ranges_of
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
-from palpate.launch import (
-    EXPLORE,
-    RUNS,
-    Plan,
-    SceneSpec,
-    check_run,
-    counted,
-    find_scene,
-    open_display,
-    perform,
-)
 from palpate.launch.files import SourceMapped
 from palpate.nodes.specs import SensorSpec, describe_effects
 
 
-def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool) -> int:
+def perform_and_print(plan: launch.Plan, *, composed: bool, as_json: bool, quiet: bool) -> int:
     """Perform a plan and print its text, or ``summary.json``; returns the exit code.
 
     What is asked, and what it is expected to cost, is told before it begins.
     """
     if plan.asked and not (quiet or as_json):
         click.echo(plan.asked, err=True)
-    done = perform(plan, composed=composed, display=open_display(quiet=quiet or as_json))
+    done = launch.perform(
+        plan, composed=composed, display=launch.open_display(quiet=quiet or as_json)
+    )
     if as_json:
         click.echo(json.dumps(done.summary, indent=2, allow_nan=False))
     elif not quiet:
@@ -46,21 +38,25 @@ def perform_and_print(plan: Plan, *, composed: bool, as_json: bool, quiet: bool)
 
 def check_scene(scene: str) -> str:
     """That a scene can be explored, its size, and what is simulated; else raises InputError."""
-    path = find_scene(scene)
-    described, _ = check_run(EXPLORE, {"scene": SourceMapped(str(path), "")}, {}, RUNS)
+    path = launch.find_scene(scene)
+    described, _ = launch.check_run(
+        launch.EXPLORE, {"scene": SourceMapped(str(path), "")}, {}, launch.RUNS
+    )
     assert described.scene is not None
     size = " x ".join(f"{1000.0 * side:.1f}" for side in described.scene.size)
     text = f"{path}: can be explored; the object measures {size} mm"
     return f"{text}\n{simulation_text(described.scene.spec)}"
 
 
-def simulation_text(scene: SceneSpec) -> str:
+def simulation_text(scene: launch.SceneSpec) -> str:
     """The sensor, and the effects in the order in which they act, one a line."""
     lines = [f"sensor     {_sensor(scene.sensor)}"]
     effects = describe_effects(scene.effects)
     if not effects:
         return "\n".join([*lines, "simulated  exact contact, and no effects"])
-    lines.append(f"simulated  exact contact, and {counted(len(effects), 'effect')}, in this order:")
+    lines.append(
+        f"simulated  exact contact, and {launch.counted(len(effects), 'effect')}, in this order:"
+    )
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         place = effect.phase.name.lower()

@@ -10,30 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import FORM_KEY, Floats, inverse_pose, transform_points
-from palpate.core.geometry import (
-    Alignment,
-    PreparedSurface,
-    align,
-    compare_surfaces,
-    facet_sag,
-    nearest_points,
-    prepare_surface,
-    self_intersection,
-    solidity,
-    triangle_corners,
-)
-from palpate.launch import millimetres, titled
-from palpate.launch.files import (
-    MAX_MESH_BYTES,
-    METRES_PER_UNIT,
-    InputError,
-    load,
-    read_bounded,
-    read_cloud,
-    read_npz,
-    read_surface,
-)
+from palpate.core import FORM_KEY, Floats, geometry, inverse_pose, transform_points
+from palpate.launch import files, millimetres, titled
 
 MAX_SIZE_RATIO = 5.0  # Times as large or as small: one of the units is probably wrong
 ScoreRecord = Mapping[str, Any]
@@ -60,9 +38,9 @@ def score(
     solid = _outwards(read_mesh_or_points(model, unit))
     wanted = _outwards(read_mesh_or_points(reference, reference_unit))
     if not len(solid.faces):
-        raise InputError(f"{model}: holds points; the model must be a surface")
+        raise files.InputError(f"{model}: holds points; the model must be a surface")
     surface = _prepared(model, solid)
-    found = solidity(solid.vertices, solid.faces)
+    found = geometry.solidity(solid.vertices, solid.faces)
     sizes = [float(np.linalg.norm(np.ptp(one.vertices, axis=0))) for one in (solid, wanted)]
     shared = {
         "model": str(model),
@@ -75,7 +53,7 @@ def score(
         "watertight": found.watertight,
         "components": found.components,
         "genus": found.genus,
-        "self_intersections": self_intersection(solid.vertices, solid.faces).count,
+        "self_intersections": geometry.self_intersection(solid.vertices, solid.faces).count,
     }
     if len(wanted.faces):
         return {**shared, **_against_surface(surface, solid, reference, wanted, aligned)}
@@ -92,19 +70,19 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     taken = unit if unit is not None else OWN_UNITS.get(kind, "m")
     points: Floats | None = None
     if kind in POINT_SUFFIXES:
-        points = _read_csv(path) * METRES_PER_UNIT[taken]
+        points = _read_csv(path) * files.METRES_PER_UNIT[taken]
     elif kind == ".ply":
-        points = read_cloud(path, taken)
+        points = files.read_cloud(path, taken)
     if points is not None:
         vertices, faces = _checked_points(path, points), np.zeros((0, 3), np.int32)
     elif kind == ".npz":
         vertices, faces = _read_model(path)
-        vertices = vertices * METRES_PER_UNIT[taken]
+        vertices = vertices * files.METRES_PER_UNIT[taken]
     else:
-        vertices, faces = read_surface(path, taken)
+        vertices, faces = files.read_surface(path, taken)
     size = float(np.abs(vertices).max(initial=0.0))
     if len(vertices) and np.isfinite(size) and not size <= MAX_COORDINATE:
-        raise InputError(
+        raise files.InputError(
             f"{path}: reaches {size:g} m from the origin; at most {MAX_COORDINATE:g} m can"
         )
     return MeshOrPoints(vertices, faces, taken)
@@ -112,24 +90,26 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
 
 def _checked_points(path: Path, points: Floats) -> Floats:
     if len(points) < MIN_POINTS:
-        raise InputError(f"{path}: holds {len(points)} points; at least {MIN_POINTS} are needed")
+        raise files.InputError(
+            f"{path}: holds {len(points)} points; at least {MIN_POINTS} are needed"
+        )
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))
-        raise InputError(f"{path}: point {bad} is not finite")
+        raise files.InputError(f"{path}: point {bad} is not finite")
     if not np.ptp(points, axis=0).any():
-        raise InputError(f"{path}: all {len(points)} points are in one place")
+        raise files.InputError(f"{path}: all {len(points)} points are in one place")
     return points
 
 
 def _read_csv(path: Path) -> Floats:
     """The columns x, y and z if a header names them, else the first three."""
     try:
-        text = read_bounded(path, MAX_MESH_BYTES).decode("utf-8-sig")
+        text = files.read_bounded(path, files.MAX_MESH_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is no text in UTF-8") from None
+        raise files.InputError(f"{path}: is no text in UTF-8") from None
     lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
-        raise InputError(f"{path}: holds no points")
+        raise files.InputError(f"{path}: holds no points")
     delimiter = next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
     header = [name.strip().strip('"').lower() for name in lines[0].split(delimiter)]
     try:
@@ -140,39 +120,39 @@ def _read_csv(path: Path) -> Floats:
     if named and {"x", "y", "z"} <= set(header):
         columns = [header.index(name) for name in "xyz"]
     if len(header) < 3:
-        raise InputError(f"{path}: has {len(header)} columns; x, y and z are needed")
+        raise files.InputError(f"{path}: has {len(header)} columns; x, y and z are needed")
     rows = lines[1:] if named else lines
     if not rows:
-        raise InputError(f"{path}: holds no points under its header")
+        raise files.InputError(f"{path}: holds no points under its header")
     try:
         found = np.loadtxt(rows, delimiter=delimiter, usecols=columns, ndmin=2, comments=None)
     except ValueError as error:
-        raise InputError(f"{path}: is no table of numbers: {error}") from None
+        raise files.InputError(f"{path}: is no table of numbers: {error}") from None
     return np.asarray(found, np.float64)
 
 
 def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:
     """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
-    data = read_bounded(path, MAX_MESH_BYTES)
+    data = files.read_bounded(path, files.MAX_MESH_BYTES)
     try:
-        arrays = read_npz(data)
+        arrays = files.read_npz(data)
     except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise files.InputError(f"{path}: {error}") from None
     if FORM_KEY in arrays and "vertices" not in arrays:
-        mesh = load(path).mesh()  # as fine as meshes are by themselves
+        mesh = files.load(path).mesh()  # as fine as meshes are by themselves
         return mesh.vertices, mesh.faces
     for name in ("vertices", "faces"):
         if name not in arrays:
-            raise InputError(f"{path}: is no model: it lacks {name}")
+            raise files.InputError(f"{path}: is no model: it lacks {name}")
     vertices, faces = arrays["vertices"], arrays["faces"]
     if faces.ndim == 0:
-        raise InputError(f"{path}: is no model: its faces are a single number")
+        raise files.InputError(f"{path}: is no model: its faces are a single number")
     if not len(faces):
-        raise InputError(f"{path}: the model has no surface; nothing could be rebuilt")
+        raise files.InputError(f"{path}: the model has no surface; nothing could be rebuilt")
     try:
-        triangle_corners(vertices, faces)
+        geometry.triangle_corners(vertices, faces)
     except (ValueError, TypeError) as error:
-        raise InputError(f"{path}: is no model: {error}") from None
+        raise files.InputError(f"{path}: is no model: {error}") from None
     return np.asarray(vertices, np.float64), faces.astype(np.int32)
 
 
@@ -180,26 +160,26 @@ def _outwards(shape: MeshOrPoints) -> MeshOrPoints:
     """A closed surface with its normals outside."""
     if not len(shape.faces):
         return shape
-    found = solidity(shape.vertices, shape.faces)
+    found = geometry.solidity(shape.vertices, shape.faces)
     if found.watertight and found.volume < 0.0:
         return shape._replace(faces=np.ascontiguousarray(shape.faces[:, ::-1]))
     return shape
 
 
 def _against_surface(
-    surface: PreparedSurface,
+    surface: geometry.PreparedSurface,
     solid: MeshOrPoints,
     reference: Path,
     wanted: MeshOrPoints,
     aligned: bool,
 ) -> ScoreRecord:
     truth = _prepared(reference, wanted)
-    found = align(surface.samples.points, truth) if aligned else None
+    found = geometry.align(surface.samples.points, truth) if aligned else None
     if found is not None:
         moved = transform_points(found.pose, solid.vertices)
-        surface = prepare_surface(moved, solid.faces)
-    distances = compare_surfaces(truth, surface)
-    volumes = [solidity(one.vertices, one.faces) for one in (solid, wanted)]
+        surface = geometry.prepare_surface(moved, solid.faces)
+    distances = geometry.compare_surfaces(truth, surface)
+    volumes = [geometry.solidity(one.vertices, one.faces) for one in (solid, wanted)]
     closed = all(one.watertight and one.volume != 0.0 for one in volumes)
     return {
         **_alignment_figures(found, None if found is None else found.pose),
@@ -210,22 +190,24 @@ def _against_surface(
         "hausdorff_m": distances.hausdorff,
         "normal_deg": distances.normal_deg,
         "volume_error": volumes[0].volume / volumes[1].volume - 1.0 if closed else None,
-        "sampling_floor_m": facet_sag(wanted.vertices, wanted.faces),
+        "sampling_floor_m": geometry.facet_sag(wanted.vertices, wanted.faces),
         "points": None,
     }
 
 
-def _prepared(path: Path, shape: MeshOrPoints) -> PreparedSurface:
+def _prepared(path: Path, shape: MeshOrPoints) -> geometry.PreparedSurface:
     try:
-        return prepare_surface(shape.vertices, shape.faces)
+        return geometry.prepare_surface(shape.vertices, shape.faces)
     except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise files.InputError(f"{path}: {error}") from None
 
 
-def _against_points(surface: PreparedSurface, points: Floats, aligned: bool) -> ScoreRecord:
-    found = align(points, surface) if aligned else None
+def _against_points(
+    surface: geometry.PreparedSurface, points: Floats, aligned: bool
+) -> ScoreRecord:
+    found = geometry.align(points, surface) if aligned else None
     moved = points if found is None else transform_points(found.pose, points)
-    distances = nearest_points(surface.search, moved).distances
+    distances = geometry.nearest_points(surface.search, moved).distances
     return {
         **_alignment_figures(found, None if found is None else inverse_pose(found.pose)),
         "chamfer_m": None,
@@ -240,7 +222,7 @@ def _against_points(surface: PreparedSurface, points: Floats, aligned: bool) -> 
     }
 
 
-def _alignment_figures(found: Alignment | None, pose: Floats | None) -> ScoreRecord:
+def _alignment_figures(found: geometry.Alignment | None, pose: Floats | None) -> ScoreRecord:
     """What the alignment says; `pose` is the model's in the reference's frame."""
     return {
         "aligned": found is not None,

@@ -15,15 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.bench.table import Row, best_seconds, figure
-from palpate.core import Floats
+from palpate.core import Floats, splines
 from palpate.core.shapes import Superquadric
-from palpate.core.splines import (
-    CUBIC,
-    SplineVolume,
-    clamped_basis,
-    invert_points,
-    upright_parallelepiped,
-)
 from palpate.core.thesis import invert_thesis
 from palpate.tools import single_threaded
 
@@ -41,9 +34,9 @@ ROUNDS = 3
 class Deformed(NamedTuple):
     """A lattice before and after, and how parameters of points (n, 3) are found in the first."""
 
-    before: SplineVolume
-    after: SplineVolume
-    invert: Callable[[SplineVolume, Floats], Floats]
+    before: splines.SplineVolume
+    after: splines.SplineVolume
+    invert: Callable[[splines.SplineVolume, Floats], Floats]
 
     def points(self, points: Floats) -> Floats:
         """Points (n, 3) that were deformed."""
@@ -91,31 +84,31 @@ def zigzag(control: Floats) -> Floats:
 
 def zigzagged(size: tuple[int, int, int], basis: str, whose: str) -> Deformed:
     """A lattice with control points at even steps, (2.19), as the thesis has it, or as Greville."""
-    degrees = [count - 1 if basis == "Bernstein" else CUBIC for count in size]
-    s, t, u = (clamped_basis(*pair) for pair in zip(size, degrees, strict=True))
+    degrees = [count - 1 if basis == "Bernstein" else splines.CUBIC for count in size]
+    s, t, u = (splines.clamped_basis(*pair) for pair in zip(size, degrees, strict=True))
     even = whose == "thesis"
     control = BOX.even_control(size) if even else BOX.greville_control((s, t, u))
     weights = None if basis == "Bernstein" else np.ones(size)
     before, after = (
-        SplineVolume(places, (s, t, u), weights) for places in (control, zigzag(control))
+        splines.SplineVolume(places, (s, t, u), weights) for places in (control, zigzag(control))
     )
     return Deformed(before, after, INVERSIONS[basis, whose])
 
 
-def _closed_form(volume: SplineVolume, points: Floats) -> Floats:
+def _closed_form(volume: splines.SplineVolume, points: Floats) -> Floats:
     return BOX.local(points)  # (2.18): even steps are a Bernstein basis' Greville abscissae
 
 
-def _newton(volume: SplineVolume, points: Floats) -> Floats:
+def _newton(volume: splines.SplineVolume, points: Floats) -> Floats:
     return invert_thesis(volume, points).parameters
 
 
-def _exact(volume: SplineVolume, points: Floats) -> Floats:
-    return invert_points(volume, points).parameters
+def _exact(volume: splines.SplineVolume, points: Floats) -> Floats:
+    return splines.invert_points(volume, points).parameters
 
 
-BOX = upright_parallelepiped(-MARGIN * HALVES, 2.0 * MARGIN * HALVES)
-INVERSIONS: dict[tuple[str, str], Callable[[SplineVolume, Floats], Floats]] = {
+BOX = splines.upright_parallelepiped(-MARGIN * HALVES, 2.0 * MARGIN * HALVES)
+INVERSIONS: dict[tuple[str, str], Callable[[splines.SplineVolume, Floats], Floats]] = {
     ("Bernstein", "thesis"): _closed_form,
     ("NURBS", "thesis"): _newton,
     ("Bernstein", "palpate"): _exact,

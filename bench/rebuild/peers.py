@@ -15,14 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, RBFInterpolator
 
 from palpate.bench.objects import REBUILT_SHAPES, closed_mesh
-from palpate.core import Floats
-from palpate.core.geometry import (
-    PreparedSurface,
-    compare_surfaces,
-    facet_sag,
-    prepare_surface,
-    solidity,
-)
+from palpate.core import Floats, geometry
 from palpate.core.shapes import Mesh
 from palpate.core.thesis import rebuild_thesis
 
@@ -48,7 +41,7 @@ class MeshErrors(NamedTuple):
 class TrueSurface(NamedTuple):
     """A true surface, ready to be compared with."""
 
-    surface: PreparedSurface
+    surface: geometry.PreparedSurface
     volume: float  # In the mesh's unit, cubed
     # What its own facets are off by on average, in the truth's unit: less cannot be told.
     floor: float
@@ -56,16 +49,18 @@ class TrueSurface(NamedTuple):
 
     def errors_of(self, mesh: Mesh) -> MeshErrors:
         """How far a closed mesh is from it."""
-        found = compare_surfaces(prepare_surface(*mesh), self.surface)
-        volume = solidity(*mesh).volume / self.volume - 1.0
+        found = geometry.compare_surfaces(geometry.prepare_surface(*mesh), self.surface)
+        volume = geometry.solidity(*mesh).volume / self.volume - 1.0
         chamfer, rms, most = (v / self.unit for v in (found.chamfer, found.rms, found.hausdorff))
         return MeshErrors(chamfer, rms, most, found.normal_deg, volume)
 
 
 def truth_of_mesh(mesh: Mesh, unit: float = 1.0) -> TrueSurface:
     """The truth that a fine closed mesh stands for."""
-    floor = facet_sag(mesh.vertices, mesh.faces) / unit
-    return TrueSurface(prepare_surface(*mesh), solidity(*mesh).volume, floor, unit)
+    floor = geometry.facet_sag(mesh.vertices, mesh.faces) / unit
+    return TrueSurface(
+        geometry.prepare_surface(*mesh), geometry.solidity(*mesh).volume, floor, unit
+    )
 
 
 @cache

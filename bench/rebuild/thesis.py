@@ -21,18 +21,12 @@ import numpy as np
 from palpate.bench.objects import WAVY, RoundObject, closed_mesh
 from palpate.bench.rebuild.peers import MeshErrors, TrueSurface, loft_rings, truth_of_mesh
 from palpate.bench.table import Figure, Row, best_seconds, figure_of, run_scene
-from palpate.core import Floats, transform_points
+from palpate.core import Floats, thesis, transform_points
 from palpate.core.explore.planners import EXTENT, PlannerTrial, Thesis, run_planner
 from palpate.core.geometry import nearest_points, prepare_surface, solidity
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.shapes import Mesh
-from palpate.core.thesis import (
-    interpolated_parameters,
-    match_contour,
-    ray_azimuths,
-    rebuild_thesis,
-)
 from palpate.launch import find_bag
 from palpate.launch.files import InputError, MeasuredContours, read_points
 from palpate.messages import decode
@@ -191,12 +185,12 @@ def stepped_example(*, short: bool) -> Example:
 
 
 def _solid(contours: Floats, **how: Any) -> Mesh:
-    return rebuild_thesis(contours, **how).mesh(MESH_ROWS, MESH_COLUMNS)
+    return thesis.rebuild_thesis(contours, **how).mesh(MESH_ROWS, MESH_COLUMNS)
 
 
 def _with_spline(contours: Floats) -> Mesh:
-    solid = rebuild_thesis(contours)
-    solid = dataclasses.replace(solid, triples=interpolated_parameters(solid.parameters))
+    solid = thesis.rebuild_thesis(contours)
+    solid = dataclasses.replace(solid, triples=thesis.interpolated_parameters(solid.parameters))
     return solid.mesh(MESH_ROWS, MESH_COLUMNS)
 
 
@@ -269,10 +263,10 @@ def read_truth(run: Path) -> Truth:
 
 def _recorded_thesis(found: MeasuredContours, *, faithful: bool) -> Mesh:
     """Contours as its program takes them: level, from azimuth -pi on, as many points each."""
-    azimuths, rings = ray_azimuths(AROUND), []
+    azimuths, rings = thesis.ray_azimuths(AROUND), []
     for contour in found.contours:
         points = into_frame(found.frame, contour)
-        ring = match_contour(points[:, :2], azimuths).points
+        ring = thesis.match_contour(points[:, :2], azimuths).points
         rings.append(np.column_stack([ring, np.full(AROUND, points[:, 2].mean())]))
     stack = np.stack(rings)
     stack = stack[np.argsort(stack[:, 0, 2])]

@@ -19,17 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
+from palpate.core.shapes import ray_casting
 from palpate.core.shapes.global_deformations import Bend, Taper, clip_to_bent_box
 from palpate.core.shapes.protocol import ImplicitShape, Mesh, PosedShape
-from palpate.core.shapes.ray_casting import (
-    Minorant,
-    MinorantFunction,
-    RayGap,
-    RaySelection,
-    first_roots,
-    marched_spans,
-    ranges_of,
-)
 from palpate.core.shapes.superquadrics import RANGE_TOLERANCE, SMALLEST, Superquadric
 
 LARGEST_SHARE = 0.98  # Of the bend that squeezes the inner side to nothing, or closes a ring
@@ -93,10 +85,10 @@ class DeformedSuperquadric(ImplicitShape):
         def roots(met: Ints) -> Floats:
             near = places[:, met]
 
-            def height(travelled: Floats, which: RaySelection) -> tuple[Floats, Floats]:
+            def height(travelled: Floats, which: ray_casting.RaySelection) -> tuple[Floats, Floats]:
                 return self._height(near[:, which] + along * travelled, towards)
 
-            return first_roots(
+            return ray_casting.first_roots(
                 height,
                 starts[met],
                 ends[met],
@@ -106,7 +98,7 @@ class DeformedSuperquadric(ImplicitShape):
                 gaps=tuple((begin[met], end[met]) for begin, end in gaps),
             )
 
-        return ranges_of(starts, ends, roots)
+        return ray_casting.ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside: see `spans`."""
@@ -118,7 +110,7 @@ class DeformedSuperquadric(ImplicitShape):
             return self._straightening.along(places[:, which] + along * travelled, towards)
 
         dip = self._dip_and_rise(towards)[0]
-        return marched_spans(
+        return ray_casting.marched_spans(
             outside_minorant(curve, self._base.gauge_along, dip, gaps),
             inside_minorant(curve, self._base.gauge_along, dip),
             starts,
@@ -318,11 +310,11 @@ class DerivativeBound(NamedTuple):
 
 
 def outside_minorant(
-    curve: RaysAt, norm: NormFunction, dip: float, gaps: tuple[RayGap, ...]
-) -> MinorantFunction:
+    curve: RaysAt, norm: NormFunction, dip: float, gaps: tuple[ray_casting.RayGap, ...]
+) -> ray_casting.MinorantFunction:
     """Bounds from below of f, from c and w, N, and N(c'') + |w''| at most; 1 in the gaps."""
 
-    def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
+    def floor(places: Floats, lengths: Floats, which: Ints) -> ray_casting.Minorant:
         in_gap = np.zeros(len(places), bool)
         for begin, end in ((begin[which], end[which]) for begin, end in gaps):
             within = (begin <= places) & (places < end)
@@ -335,21 +327,23 @@ def outside_minorant(
         value = np.where(in_gap, 1.0, value - at.width)
         slope = np.where(in_gap, 0.0, slope - at.width_slope)
         bend = np.where(in_gap, 0.0, dip)
-        return Minorant(value, slope, bend, lengths, np.zeros_like(value))
+        return ray_casting.Minorant(value, slope, bend, lengths, np.zeros_like(value))
 
     return floor
 
 
-def inside_minorant(curve: RaysAt, norm: NormFunction, dip: float) -> MinorantFunction:
+def inside_minorant(curve: RaysAt, norm: NormFunction, dip: float) -> ray_casting.MinorantFunction:
     """Bounds from below of -f, for places inside; parameters as of `outside_minorant`."""
 
-    def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
+    def floor(places: Floats, lengths: Floats, which: Ints) -> ray_casting.Minorant:
         at = curve(places, which)
         here = norm(at.place, at.slope)[0]
         there = norm(at.place + lengths * at.slope, at.slope)[0]
         rise = (there - here) / (lengths + SMALLEST)
         bend = np.full_like(places, dip)
-        return Minorant(at.width - here, at.width_slope - rise, bend, lengths, np.zeros_like(here))
+        return ray_casting.Minorant(
+            at.width - here, at.width_slope - rise, bend, lengths, np.zeros_like(here)
+        )
 
     return floor
 

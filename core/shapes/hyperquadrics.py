@@ -15,20 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.shapes import ray_casting
 from palpate.core.shapes.half_spaces import are_concurrent, deepest_point, polytope_box
 from palpate.core.shapes.protocol import ImplicitShape, Mesh
-from palpate.core.shapes.ray_casting import (
-    LEAST_DIRECTION,
-    ROOM,
-    Minorant,
-    MinorantFunction,
-    RaySelection,
-    convex_spans,
-    first_roots,
-    guaranteed_first_roots,
-    marched_spans,
-    ranges_of,
-)
 from palpate.core.shapes.tessellations import icosphere, isosurface
 
 MOST_TERMS = 24  # Their strips' planes meet in 17,000 points, which are all looked at
@@ -104,16 +93,16 @@ class Hyperquadric(ImplicitShape):
         def roots(met: Ints) -> Floats:
             return first_entries(beam.of(met), starts[met], ends[met], self._tolerance())
 
-        return ranges_of(starts, ends, roots)
+        return ray_casting.ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside, (n, k, 2): see `Solid.spans`."""
         if self.convex:
-            return convex_spans(self, origins, direction)
+            return ray_casting.convex_spans(self, origins, direction)
         beam = self._beam(origins, direction[None])
         starts, ends = self._through_strips(beam)
         entering, leaving = (minorant(beam, outside) for outside in (True, False))
-        return marched_spans(entering, leaving, starts, ends, self._tolerance())
+        return ray_casting.marched_spans(entering, leaving, starts, ends, self._tolerance())
 
     def mesh(self, level: int) -> Mesh:
         """Icosphere projected along radii if they meet the surface once, else `isosurface`."""
@@ -150,9 +139,11 @@ class Hyperquadric(ImplicitShape):
         return RayBundle(*forms(self._planes), self._exponents[:, None], kept)
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
-        rate = np.where(np.abs(beam.rate) < LEAST_DIRECTION, LEAST_DIRECTION, beam.rate)
+        rate = np.where(
+            np.abs(beam.rate) < ray_casting.LEAST_DIRECTION, ray_casting.LEAST_DIRECTION, beam.rate
+        )
         middle = -beam.h / rate
-        half = (1.0 + ROOM) * self._half[:, None] / np.abs(rate)
+        half = (1.0 + ray_casting.ROOM) * self._half[:, None] / np.abs(rate)
         return np.maximum((middle - half).max(axis=0), 0.0), (middle + half).min(axis=0)
 
 
@@ -164,25 +155,25 @@ def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: floa
     """
     dip = sum(dent.dip(rate) for dent, _, rate in rays.dents)
     if (rays.exponents < 1.0).any() or not math.isfinite(dip):
-        return guaranteed_first_roots(minorant(rays, True), starts, ends, tolerance)
+        return ray_casting.guaranteed_first_roots(minorant(rays, True), starts, ends, tolerance)
 
-    def level(places: Floats, which: RaySelection) -> tuple[Floats, Floats]:
+    def level(places: Floats, which: ray_casting.RaySelection) -> tuple[Floats, Floats]:
         return rays.of(which).at(places).level()
 
-    return first_roots(level, starts, ends, tolerance, dip=dip)
+    return ray_casting.first_roots(level, starts, ends, tolerance, dip=dip)
 
 
-def minorant(rays: RayBundle, outside: bool) -> MinorantFunction:
+def minorant(rays: RayBundle, outside: bool) -> ray_casting.MinorantFunction:
     """Bounds from below of H less 1, or of 1 less H."""
     line_of, sign = (line_below, 1.0) if outside else (line_above, -1.0)
 
-    def floor(places: Floats, lengths: Floats, which: Ints) -> Minorant:
+    def floor(places: Floats, lengths: Floats, which: Ints) -> ray_casting.Minorant:
         now = rays.of(which).at(places)
         slope, drop = (part.sum(axis=0) for part in line_of(*now[:3], lengths))
         for dent, h, rate in now.dents:
             line = dent.line(h, rate, lengths, below=outside)
             slope, drop = slope + line.slope, drop + line.gap
-        return Minorant(sign * now.level()[0], sign * slope, 0.0, lengths, drop)
+        return ray_casting.Minorant(sign * now.level()[0], sign * slope, 0.0, lengths, drop)
 
     return floor
 
@@ -243,7 +234,7 @@ class RayBundle(NamedTuple):
     exponents: Floats  # (k, 1)
     dents: tuple[tuple[Dent, Floats, Floats], ...]  # The dents with values and rates of their forms
 
-    def of(self, which: RaySelection) -> RayBundle:
+    def of(self, which: ray_casting.RaySelection) -> RayBundle:
         """Some of the rays."""
         dents = tuple((dent, h[:, which], _some(rate, which)) for dent, h, rate in self.dents)
         return RayBundle(self.h[:, which], _some(self.rate, which), self.exponents, dents)
@@ -263,7 +254,7 @@ class RayBundle(NamedTuple):
         return value, slope
 
 
-def _some(rate: Floats, which: RaySelection) -> Floats:
+def _some(rate: Floats, which: ray_casting.RaySelection) -> Floats:
     return rate if rate.shape[1] == 1 else np.asarray(rate[:, which])
 
 

@@ -17,14 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.shapes import ray_casting
 from palpate.core.shapes.protocol import ImplicitShape, Mesh
-from palpate.core.shapes.ray_casting import (
-    RaySelection,
-    clip_to_box,
-    convex_spans,
-    first_roots,
-    ranges_of,
-)
 from palpate.core.shapes.tessellations import icosphere
 
 LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0  # Above it the solid is pinched, its gauge no norm
@@ -91,18 +85,18 @@ class Superquadric(ImplicitShape):
         """Range (n,) to the surface along parallel rays: see `Shape.cast`."""
         towards = direction / self.size
         places = np.ascontiguousarray(origins.T / self.size[:, None])
-        starts, ends = clip_to_box(places, towards, np.ones(3))
+        starts, ends = ray_casting.clip_to_box(places, towards, np.ones(3))
         ends, along = np.minimum(ends, reach), towards[:, None]
         speed = float(np.abs(towards).sum())  # no norm of it is larger
 
         def roots(met: Ints) -> Floats:
             near = places[:, met]
 
-            def gauge(travelled: Floats, which: RaySelection) -> tuple[Floats, Floats]:
+            def gauge(travelled: Floats, which: ray_casting.RaySelection) -> tuple[Floats, Floats]:
                 value, slope = self.gauge_along(near[:, which] + along * travelled, along)
                 return value - 1.0, slope
 
-            return first_roots(
+            return ray_casting.first_roots(
                 gauge,
                 starts[met],
                 ends[met],
@@ -110,11 +104,11 @@ class Superquadric(ImplicitShape):
                 rise=self.smoothness() * speed**2,
             )
 
-        return ranges_of(starts, ends, roots)
+        return ray_casting.ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside, (n, 1, 2): see `spans`."""
-        return convex_spans(self, origins, direction)
+        return ray_casting.convex_spans(self, origins, direction)
 
     def mesh(self, level: int) -> Mesh:
         """Icosphere projected along its radii: see `Shape.mesh`."""

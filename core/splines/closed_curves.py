@@ -15,18 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.geometry import self_intersects
+from palpate.core.splines import curve_fits
 from palpate.core.splines.bases import CUBIC, periodic_knots
-from palpate.core.splines.curve_fits import (
-    LEAST_CONTROL,
-    UNEVEN_GAP_RATIO,
-    CurveFit,
-    Parametrisation,
-    Smoothing,
-    choose_closed_fit,
-    closed_curve_points,
-    curve_parameters,
-    gap_ratio,
-)
 
 FLAT_SPREAD = 1e-9  # Width of the points over their length from which on they are not on a line
 FINE = 4  # Chords for each knot interval in which a curve is tested for meeting itself
@@ -70,7 +60,7 @@ class ClosedCurve:
         Raises ValueError if a parameter is not finite, or the derivative is negative.
         """
         turns = np.mod(np.atleast_1d(np.asarray(turn, np.float64)), 1.0)
-        return closed_curve_points(self.control, self.knots, turns, derivative)
+        return curve_fits.closed_curve_points(self.control, self.knots, turns, derivative)
 
     @property
     def length(self) -> float:
@@ -99,7 +89,7 @@ class ClosedCurve:
     @property
     def closure_gap(self) -> float:
         """Distance between the curve's two ends, m."""
-        first, last = closed_curve_points(self.control, self.knots, np.array([0.0, 1.0]))
+        first, last = curve_fits.closed_curve_points(self.control, self.knots, np.array([0.0, 1.0]))
         return float(np.linalg.norm(last - first))
 
     def _nodes(self) -> tuple[Floats, Floats]:
@@ -113,8 +103,8 @@ def fit_closed_curve(
     points: ArrayLike,
     *,
     count: int | None = None,
-    parameters: Parametrisation = "auto",
-    smoothing: Smoothing = "auto",
+    parameters: curve_fits.Parametrisation = "auto",
+    smoothing: curve_fits.Smoothing = "auto",
 ) -> ClosedCurve:
     """Closed cubic through or near points around a contour.
 
@@ -137,17 +127,19 @@ def fit_closed_curve(
     ring = order_closed_points(np.asarray(points, np.float64))
     if len(ring.points) < 2:
         return _point(ring)
-    turns = curve_parameters(ring.points, parameters)
+    turns = curve_fits.curve_parameters(ring.points, parameters)
     noise = local_noise(ring.points, turns)
-    fit = choose_closed_fit(ring.points, turns, count, smoothing, noise)
+    fit = curve_fits.choose_closed_fit(ring.points, turns, count, smoothing, noise)
     return closed_curve_of(ring, fit, noise)
 
 
-def _check(count: int | None, parameters: Parametrisation, smoothing: Smoothing) -> None:
-    if count is not None and count < LEAST_CONTROL:
-        raise ValueError(f"count must be at least {LEAST_CONTROL}, got {count}")
-    if parameters not in get_args(Parametrisation):
-        words = ", ".join(get_args(Parametrisation))
+def _check(
+    count: int | None, parameters: curve_fits.Parametrisation, smoothing: curve_fits.Smoothing
+) -> None:
+    if count is not None and count < curve_fits.LEAST_CONTROL:
+        raise ValueError(f"count must be at least {curve_fits.LEAST_CONTROL}, got {count}")
+    if parameters not in get_args(curve_fits.Parametrisation):
+        words = ", ".join(get_args(curve_fits.Parametrisation))
         raise ValueError(f"parameters must be one of {words}, got {parameters!r}")
     if isinstance(smoothing, str):
         if smoothing not in ("auto", "gcv"):
@@ -158,8 +150,8 @@ def _check(count: int | None, parameters: Parametrisation, smoothing: Smoothing)
 
 def _point(ring: ClosedPoints) -> ClosedCurve:
     return ClosedCurve(
-        control=np.repeat(ring.middle[None], LEAST_CONTROL, axis=0),
-        knots=periodic_knots(LEAST_CONTROL),
+        control=np.repeat(ring.middle[None], curve_fits.LEAST_CONTROL, axis=0),
+        knots=periodic_knots(curve_fits.LEAST_CONTROL),
         parameters=np.zeros(1),
         used=ring.rows,
         dropped=ring.dropped,
@@ -204,10 +196,10 @@ def _cubic_weights(away: Floats) -> Floats:
     return np.asarray((others / between).prod(axis=2))
 
 
-def closed_curve_of(ring: ClosedPoints, fit: CurveFit, noise: float) -> ClosedCurve:
+def closed_curve_of(ring: ClosedPoints, fit: curve_fits.CurveFit, noise: float) -> ClosedCurve:
     """The fit in the points' own place and scale, with all that is reported of it."""
     count = len(ring.points)
-    off = ring.points - closed_curve_points(fit.control, fit.knots, fit.parameters)
+    off = ring.points - curve_fits.closed_curve_points(fit.control, fit.knots, fit.parameters)
     squares = float((off**2).sum())
     spare = count - fit.effective
     spread, axes = np.linalg.svd(ring.points - ring.points.mean(axis=0), full_matrices=False)[1:]
@@ -217,10 +209,10 @@ def closed_curve_of(ring: ClosedPoints, fit: CurveFit, noise: float) -> ClosedCu
     flat = count < 3 or spread[1] <= FLAT_SPREAD * spread[0]
     breaks = fit.knots[CUBIC:-CUBIC]
     fine = np.linspace(breaks[:-1], breaks[1:], FINE, endpoint=False).T.ravel()
-    polygon = closed_curve_points(fit.control, fit.knots, fine) @ axes[:2].T
+    polygon = curve_fits.closed_curve_points(fit.control, fit.knots, fine) @ axes[:2].T
     flags = CurveFlags(
         degenerate=bool(flat),
-        uneven=bool(gap_ratio(ring.points) > UNEVEN_GAP_RATIO),
+        uneven=bool(curve_fits.gap_ratio(ring.points) > curve_fits.UNEVEN_GAP_RATIO),
         self_intersecting=bool(not flat and self_intersects(polygon)),
     )
     return ClosedCurve(

@@ -18,20 +18,9 @@ import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import signed_volume
+from palpate.core.splines import spline_volumes
 from palpate.core.splines.bases import CUBIC, clamped_basis
 from palpate.core.splines.inversion import invert_points
-from palpate.core.splines.spline_volumes import (
-    BernsteinPieces,
-    Parallelepiped,
-    SplineVolume,
-    control_extent,
-    determinant_pieces,
-    mean_determinant,
-    rescaled_volume,
-    slope_determinant,
-    subdivide,
-    upright_parallelepiped,
-)
 
 LEAST_STRETCH = 1e-9  # Of the largest: what is squeezed more counts as squeezed by that much
 SIDE = 4  # Control points across a layer, each way: the fewest that a cubic basis takes
@@ -54,8 +43,8 @@ class Lattice:
     (2.19)). Fung, 1999, section 2.4. Points outside, by more than rounding, are refused.
     """
 
-    volume: SplineVolume
-    undeformed: Parallelepiped | SplineVolume
+    volume: spline_volumes.SplineVolume
+    undeformed: spline_volumes.Parallelepiped | spline_volumes.SplineVolume
 
     @property
     def control(self) -> Floats:
@@ -68,7 +57,9 @@ class Lattice:
         Raises ValueError if their shape differs, one is not finite, or a weight is not positive.
         """
         weights = self.volume.weights if weights is None else weights
-        return Lattice(SplineVolume(control, self.volume.bases, weights), self.undeformed)
+        return Lattice(
+            spline_volumes.SplineVolume(control, self.volume.bases, weights), self.undeformed
+        )
 
     def local(self, points: Floats) -> Floats:
         """Parameters s, t, u (n, 3) of points (n, 3) in the undeformed lattice.
@@ -76,7 +67,7 @@ class Lattice:
         Raises ValueError if points are not finite or lie outside: how many, and the worst of them.
         """
         points = finite_array("points", points, (None, 3))
-        if isinstance(self.undeformed, SplineVolume):
+        if isinstance(self.undeformed, spline_volumes.SplineVolume):
             found = invert_points(self.undeformed, points)
             _refuse(points, np.where(found.converged, 0.0, found.residual), "m")
             return found.parameters
@@ -107,7 +98,7 @@ class Lattice:
         """What `deform` and `jacobian` give, for little more than one of them costs."""
         local = self.local(points)
         moved, slopes = self.volume.first(local)
-        if isinstance(self.undeformed, Parallelepiped):
+        if isinstance(self.undeformed, spline_volumes.Parallelepiped):
             return moved, slopes @ self.undeformed.inverse.T
         before = self.undeformed.first(local)[1]
         return moved, slopes @ np.linalg.pinv(before)
@@ -118,27 +109,32 @@ class Lattice:
         return np.asarray(np.einsum("ni,ni->n", np.cross(x, y), z))
 
     @property
-    def relative(self) -> SplineVolume:
+    def relative(self) -> spline_volumes.SplineVolume:
         """The deformed volume in such units that its slopes' determinant is the change of volume.
 
         Against the mean of the undeformed lattice where that is no parallelepiped; against 1 where
         it is squeezed flat.
         """
-        if isinstance(self.undeformed, Parallelepiped):
+        if isinstance(self.undeformed, spline_volumes.Parallelepiped):
             local = self.undeformed.local(self.control)
-            return SplineVolume(local, self.volume.bases, self.volume.weights)
-        origin, size = self.undeformed.control[0, 0, 0], control_extent(self.undeformed)
-        mean = mean_determinant(rescaled_volume(self.undeformed, origin, size))
-        moved = rescaled_volume(self.volume, origin, size)
+            return spline_volumes.SplineVolume(local, self.volume.bases, self.volume.weights)
+        origin, size = (
+            self.undeformed.control[0, 0, 0],
+            spline_volumes.control_extent(self.undeformed),
+        )
+        mean = spline_volumes.mean_determinant(
+            spline_volumes.rescaled_volume(self.undeformed, origin, size)
+        )
+        moved = spline_volumes.rescaled_volume(self.volume, origin, size)
         unit = np.array([mean if mean else 1.0, 1.0, 1.0])
-        return SplineVolume(moved.control / unit, moved.bases, moved.weights)
+        return spline_volumes.SplineVolume(moved.control / unit, moved.bases, moved.weights)
 
     def change_on_grid(self, s: Floats, t: Floats, u: Floats) -> Floats:
         """Local change of volume on a grid of parameters (a,), (b,), (c,): (a, b, c).
 
         Against the mean of the undeformed lattice where that is no parallelepiped.
         """
-        return slope_determinant(self.relative, s, t, u)
+        return spline_volumes.slope_determinant(self.relative, s, t, u)
 
     def deform_normals(self, points: Floats, normals: Floats) -> Floats:
         """Unit normals (n, 3) of a deformed surface, from normals (n, 3) at points (n, 3).
@@ -222,9 +218,9 @@ def box_lattice(
     polynomials there. Raises ValueError if a length is not positive, or a count not larger than the
     degree.
     """
-    frame = upright_parallelepiped(low, extent)
+    frame = spline_volumes.upright_parallelepiped(low, extent)
     s, t, u = (clamped_basis(count, degree) for count in counts)
-    return Lattice(SplineVolume(frame.greville_control((s, t, u)), (s, t, u)), frame)
+    return Lattice(spline_volumes.SplineVolume(frame.greville_control((s, t, u)), (s, t, u)), frame)
 
 
 class LatticeLayer(NamedTuple):
@@ -336,7 +332,7 @@ def fold_report(lattice: Lattice, points: Floats | None = None) -> FoldReport:
 def _judge(lattice: Lattice) -> tuple[FoldVerdict, Floats]:
     """The verdict, and the corner (3,) of a piece at which the determinant is least."""
     undecided, deepest, where = False, np.inf, np.full(3, 0.5)
-    for pieces in determinant_pieces(lattice.relative):
+    for pieces in spline_volumes.determinant_pieces(lattice.relative):
         for number in range(FOLD_ROUNDS + 1):
             corner, place = _least_corner(pieces)
             if corner < deepest:
@@ -345,7 +341,7 @@ def _judge(lattice: Lattice) -> tuple[FoldVerdict, Floats]:
                 return "folded", where
             may_fold = pieces.coefficients.min(axis=(1, 2, 3)) <= pieces.rounding
             low, width, coefficients = (part[may_fold] for part in pieces[:3])
-            pieces = BernsteinPieces(low, width, coefficients, pieces.rounding)
+            pieces = spline_volumes.BernsteinPieces(low, width, coefficients, pieces.rounding)
             if not len(pieces.low):
                 break
             # Halving makes no coefficient larger: what rounding hides stays hidden.
@@ -353,11 +349,11 @@ def _judge(lattice: Lattice) -> tuple[FoldVerdict, Floats]:
             if hidden or number == FOLD_ROUNDS or pieces.coefficients.size > MOST_NUMBERS:
                 undecided = True
                 break
-            pieces = subdivide(pieces)
+            pieces = spline_volumes.subdivide(pieces)
     return ("undecided" if undecided else "sound"), where
 
 
-def _least_corner(pieces: BernsteinPieces) -> tuple[float, Floats]:
+def _least_corner(pieces: spline_volumes.BernsteinPieces) -> tuple[float, Floats]:
     """Corner coefficients are values: the least of them, and where."""
     ends = np.ix_(range(len(pieces.low)), [0, -1], [0, -1], [0, -1])
     corners = pieces.coefficients[ends]

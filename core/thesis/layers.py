@@ -14,26 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.core import splines
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry import inscribed_circle, turn_between, winding_number
-from palpate.core.splines import (
-    LEAST_SMOOTHING,
-    Basis,
-    ClosedCurve,
-    CurveFit,
-    Inversion,
-    SplineVolume,
-    affine_fit,
-    clamped_basis,
-    closed_curve_of,
-    closed_curve_points,
-    curve_parameters,
-    fit_closed_least_squares,
-    is_folded,
-    least_residual,
-    local_noise,
-    order_closed_points,
-)
 
 MARGIN = 0.95  # The core's size over the largest that has room: that of the thesis's program
 NARROW = 0.25  # Scale of a core in the middle of the box below which a better middle is looked for
@@ -100,8 +83,8 @@ def _polygon(points: Floats, count: int) -> Floats:
     different = points[apart]
     if len(different) < 2:
         return np.repeat(points[:1], count, axis=0)
-    return fit_closed_least_squares(
-        different, curve_parameters(different, "chord"), count, LEAST_SMOOTHING
+    return splines.fit_closed_least_squares(
+        different, splines.curve_parameters(different, "chord"), count, splines.LEAST_SMOOTHING
     ).control
 
 
@@ -167,8 +150,8 @@ def _program_polygon(points: Floats, count: int) -> tuple[Floats, float]:
     width = float(np.ptp(points, axis=0).mean())
     if width == 0.0:
         return np.repeat(points[:1], count, axis=0), 0.0
-    fit = fit_closed_thesis(points, curve_parameters(points, "chord"), count)
-    first, last = closed_curve_points(fit.control, fit.knots, np.array([0.0, 1.0]))
+    fit = fit_closed_thesis(points, splines.curve_parameters(points, "chord"), count)
+    first, last = splines.closed_curve_points(fit.control, fit.knots, np.array([0.0, 1.0]))
     return fit.control, float(np.linalg.norm(last - first)) / width
 
 
@@ -235,27 +218,27 @@ def _core(along_s: int, along_t: int, west: bool) -> Ints:
     return np.rot90(inner.T if west else inner).ravel(order="F").astype(np.int32)
 
 
-def fit_closed_curve_thesis(points: ArrayLike, count: int = VERTICES) -> ClosedCurve:
+def fit_closed_curve_thesis(points: ArrayLike, count: int = VERTICES) -> splines.ClosedCurve:
     """Closed cubic of `count` vertices, at least 4, near points (m, 2) or (m, 3), m.
 
     The points are put in order, and their parameters set, as by `fit_closed_curve`. Raises
     ValueError if they have another shape or fewer than 2 are different.
     """
-    ring = order_closed_points(np.asarray(points, np.float64))
+    ring = splines.order_closed_points(np.asarray(points, np.float64))
     if len(ring.points) < 2:
         raise ValueError(f"points must lie in at least 2 places, got {len(ring.points)}")
-    turns = curve_parameters(ring.points, "auto")
+    turns = splines.curve_parameters(ring.points, "auto")
     fit = fit_closed_thesis(ring.points, turns, count)
-    return closed_curve_of(ring, fit, local_noise(ring.points, turns))
+    return splines.closed_curve_of(ring, fit, splines.local_noise(ring.points, turns))
 
 
-def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> CurveFit:
+def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> splines.CurveFit:
     """Cubic by (4.27) to (4.40), of `count` vertices, at least 4; see the module.
 
     `points` (m, d): around the curve; the first is used once more at the end. `parameters` (m,): of
     the points, increasing from 0, in turns. `count`: vertices, without the pseudo-vertices.
     """
-    basis = clamped_basis(count + PSEUDO)
+    basis = splines.clamped_basis(count + PSEUDO)
     closed = np.vstack([points, points[:1]])
     parameters = np.append(parameters, 1.0)
     enough = ENOUGH * float(np.ptp(points, axis=0).mean())
@@ -272,7 +255,7 @@ def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> CurveFi
         step = ((closed - seen @ around) * slopes).sum(axis=1)
         step /= np.maximum((slopes * slopes).sum(axis=1), TINY)
         parameters = np.maximum.accumulate(np.clip(parameters + DAMPING * step, 0.0, 1.0))
-    return CurveFit(
+    return splines.CurveFit(
         control=vertices[:count],
         knots=basis.knots,
         parameters=parameters[:-1],
@@ -282,14 +265,14 @@ def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> CurveFi
     )
 
 
-def _closing_rows(basis: Basis, count: int, ends: Floats) -> Floats:
+def _closing_rows(basis: splines.Basis, count: int, ends: Floats) -> Floats:
     """Rows (5, count + 3) of (4.37): equal vertices, equal derivatives where the curve closes."""
     same = np.eye(PSEUDO, basis.count) - np.eye(PSEUDO, basis.count, count)
     first, second = (basis.matrix(ends, order).toarray() for order in (1, 2))
     return np.vstack([same, first[0] - first[1], second[0] - second[1]])
 
 
-def invert_thesis(volume: SplineVolume, points: Floats) -> Inversion:
+def invert_thesis(volume: splines.SplineVolume, points: Floats) -> splines.Inversion:
     """Parameters of points (n, 3) by (4.8) to (4.16), all points side by side.
 
     The iteration begins at the affine guess. It stops at the first of coincidence, zero cosine and
@@ -297,9 +280,9 @@ def invert_thesis(volume: SplineVolume, points: Floats) -> Inversion:
     the three in the next. A singular matrix of (4.9) ends the iteration without an answer.
     """
     points = finite_array("points", points, (None, 3))
-    matrix = affine_fit(volume)
+    matrix = splines.affine_fit(volume)
     size = float(np.ptp(volume.control.reshape(-1, 3), axis=0).max())
-    close = max(COINCIDENCE * size, least_residual(volume))
+    close = max(COINCIDENCE * size, splines.least_residual(volume))
     parameters = np.clip(points @ matrix[:3] + matrix[3], 0.0, 1.0)
     steps = np.zeros(len(points), np.int32)
     going = np.arange(len(points))
@@ -318,8 +301,8 @@ def invert_thesis(volume: SplineVolume, points: Floats) -> Inversion:
         going = going[regular & moves]
     reached, slopes = volume.first(parameters)
     residual = np.linalg.norm(reached - points, axis=1)
-    folded = is_folded(volume, slopes)
-    return Inversion(parameters, residual, residual <= close, folded, steps)
+    folded = splines.is_folded(volume, slopes)
+    return splines.Inversion(parameters, residual, residual <= close, folded, steps)
 
 
 def _stands(slopes: Floats, offset: Floats, close: float) -> Bools:

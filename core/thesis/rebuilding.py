@@ -15,31 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.core import geometry, splines
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
-from palpate.core.geometry import (
-    area_centroid,
-    azimuth_match,
-    close_rings,
-    self_intersects,
-    solidity,
-    winding_number,
-)
 from palpate.core.shapes import Mesh, Superquadric, regular_points
-from palpate.core.splines import (
-    CUBIC,
-    Basis,
-    Inversion,
-    Lattice,
-    Parallelepiped,
-    SplineVolume,
-    averaged_knots,
-    clamped_basis,
-    evaluate_grid,
-    fit_closed_curve,
-    interpolate_grid,
-    invert_points,
-    upright_parallelepiped,
-)
 from palpate.core.thesis.layers import (
     ThesisLayer,
     invert_thesis,
@@ -51,7 +29,7 @@ from palpate.core.thesis.layers import (
 # Of the model: the program's, whatever the object. Its surface keeps close to the lattice's faces,
 # where the shell is; a rounder one would be drawn inwards.
 EXPONENTS = (0.15, 0.15)
-LEAST_SIDE = CUBIC + 1
+LEAST_SIDE = splines.CUBIC + 1
 PROGRAM_CAP = 0.01  # Beyond the end rows, in whatever unit the contours are
 FINE = 8  # Chords for each point of a contour, by which rays meet the curve through them
 LEAST_POINTS = 4  # Different points of a contour, the fewest of which a curve is fitted
@@ -114,11 +92,11 @@ def rebuild_thesis(
         parameters = triples_of(undeformed, level_points(model, steps, azimuths))
     # Over the contours' box: parameters are the same in it as in the cube.
     deformed, before = (
-        SplineVolume(stack.box.points(0.5 * (places + 1.0)), undeformed.bases)
+        splines.SplineVolume(stack.box.points(0.5 * (places + 1.0)), undeformed.bases)
         for places in (control, undeformed.control)
     )
     return ThesisSolid(
-        lattice=Lattice(deformed, before),
+        lattice=splines.Lattice(deformed, before),
         parameters=parameters,
         triples=(
             interpolated_parameters(parameters) if faithful else ModelTriples(model, undeformed)
@@ -159,7 +137,7 @@ def stack_contours(contours: Sequence[ArrayLike] | Floats) -> ContourStack:
     return ContourStack(
         points=2.0 * (points[order, :, :2] - low[:2]) / extent[:2] - 1.0,
         heights=2.0 * (heights[order] - low[2]) / extent[2] - 1.0,
-        box=upright_parallelepiped(low, extent),
+        box=splines.upright_parallelepiped(low, extent),
         order=order,
     )
 
@@ -168,7 +146,7 @@ def _by_number(
     stack: ContourStack, sides: tuple[int, int]
 ) -> tuple[list[ThesisLayer], Bools, Bools, Bools]:
     flat = np.ptp(stack.points, axis=1).max(axis=1) == 0.0
-    meeting = np.array([self_intersects(points) for points in stack.points]) & ~flat
+    meeting = np.array([geometry.self_intersects(points) for points in stack.points]) & ~flat
     layers = [make_program_layer(points, sides) for points in stack.points]
     return layers, np.ones(len(flat), bool), flat, meeting
 
@@ -194,21 +172,21 @@ def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:
     Where a ray meets the curve several times or not at all, the azimuth is made monotone, or gives
     way to the length.
     """
-    curve = fit_closed_curve(points)
+    curve = splines.fit_closed_curve(points)
     count = FINE * len(points)
     polygon = curve.at(np.arange(count) / count)
-    middle = area_centroid(polygon)
-    match = azimuth_match(polygon, middle, azimuths)
+    middle = geometry.area_centroid(polygon)
+    match = geometry.azimuth_match(polygon, middle, azimuths)
     flags = curve.flags
     return ContourMatch(
         match.points, middle, match.one_to_one, flags.degenerate, flags.self_intersecting
     )
 
 
-def _undeformed(counts: tuple[int, ...]) -> SplineVolume:
-    s, t, u = (clamped_basis(count, min(CUBIC, count - 1)) for count in counts)
-    cube = upright_parallelepiped(np.full(3, -1.0), np.full(3, 2.0))
-    return SplineVolume(cube.even_control((s.count, t.count, u.count)), (s, t, u))
+def _undeformed(counts: tuple[int, ...]) -> splines.SplineVolume:
+    s, t, u = (splines.clamped_basis(count, min(splines.CUBIC, count - 1)) for count in counts)
+    cube = splines.upright_parallelepiped(np.full(3, -1.0), np.full(3, 2.0))
+    return splines.SplineVolume(cube.even_control((s.count, t.count, u.count)), (s, t, u))
 
 
 def level_points(model: Superquadric, heights: Floats, azimuths: Floats) -> Floats:
@@ -228,7 +206,7 @@ def _cores(layers: list[ThesisLayer]) -> tuple[Floats, Bools, Ints, Floats]:
     for layer in layers:
         cells = rim_cells((layer.control.shape[0], layer.control.shape[1]))
         rim, core = layer.control[cells[:, 0], cells[:, 1]], layer.control[1:-1, 1:-1]
-        outside.append(int((winding_number(rim, core.reshape(-1, 2)) == 0).sum()))
+        outside.append(int((geometry.winding_number(rim, core.reshape(-1, 2)) == 0).sum()))
     return (
         np.array([one.core_scale for one in layers]),
         np.array([one.moved for one in layers]),
@@ -252,7 +230,9 @@ class ContourStack(NamedTuple):
 
     points: Floats  # (m, n, 2), each point once; from -1 to 1
     heights: Floats  # (m,), from -1 to 1, not falling
-    box: Parallelepiped  # The box around the contours, m, which the cube from -1 to 1 stands for
+    box: (
+        splines.Parallelepiped
+    )  # The box around the contours, m, which the cube from -1 to 1 stands for
     order: Ints  # (m,): which of the given contours each is
 
 
@@ -276,7 +256,7 @@ class ThesisSolid:
     around.
     """
 
-    lattice: Lattice  # Over the contours' box, m; a layer of control points a contour
+    lattice: splines.Lattice  # Over the contours' box, m; a layer of control points a contour
     # s, t, u (m, n, 3) of the model's points that were matched with the contours': upwards, then
     # around from azimuth -pi, the first again at the end.
     parameters: Floats
@@ -315,8 +295,8 @@ class ThesisSolid:
             rings = self.surface(np.linspace(0.0, 1.0, rows), nu)
             beyond = np.array([0.0, 0.0, self.cap])
             bottom, top = rings[0].mean(axis=0) - beyond, rings[-1].mean(axis=0) + beyond
-        vertices, faces = close_rings(bottom, rings, top)
-        if solidity(vertices, faces).volume < 0.0:
+        vertices, faces = geometry.close_rings(bottom, rings, top)
+        if geometry.solidity(vertices, faces).volume < 0.0:
             faces = faces[:, ::-1]
         return Mesh(vertices, faces)
 
@@ -338,7 +318,7 @@ class ModelTriples:
     """
 
     model: Superquadric  # With semi-axes of 1
-    volume: SplineVolume  # The undeformed lattice over the cube from -1 to 1
+    volume: splines.SplineVolume  # The undeformed lattice over the cube from -1 to 1
 
     def at(self, eta: Floats, nu: Floats) -> Floats:
         """Parameters s, t, u on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3)."""
@@ -354,9 +334,9 @@ def latitude_points(model: Superquadric, latitudes: Floats, azimuths: Floats) ->
 
 
 def triples_of(
-    volume: SplineVolume,
+    volume: splines.SplineVolume,
     points: Floats,
-    invert: Callable[[SplineVolume, Floats], Inversion] = invert_points,
+    invert: Callable[[splines.SplineVolume, Floats], splines.Inversion] = splines.invert_points,
 ) -> Floats:
     """Parameters (a, b, 3) of a grid of points (a, b, 3) in the undeformed lattice."""
     found = invert(volume, points.reshape(-1, 3))
@@ -367,7 +347,7 @@ def triples_of(
 class TripleSpline:
     """A surface in the space of the parameters s, t, u: (4.17)."""
 
-    bases: tuple[Basis, Basis]  # Along eta and nu, both over [0, 1]
+    bases: tuple[splines.Basis, splines.Basis]  # Along eta and nu, both over [0, 1]
     control: Floats  # (m, n, 3)
     sites: tuple[Floats, Floats]  # eta (m,) and nu (n,) of the triples that it passes
     condition: float  # Condition number of the interpolation
@@ -378,7 +358,7 @@ class TripleSpline:
         Clipped to 0 and 1, which the spline overshoots where the model has edges. Raises ValueError
         if a number is not finite, or outside 0 to 1 by more than rounding.
         """
-        return np.clip(evaluate_grid(self.bases, self.control, (eta, nu)), 0.0, 1.0)
+        return np.clip(splines.evaluate_grid(self.bases, self.control, (eta, nu)), 0.0, 1.0)
 
 
 def interpolated_parameters(parameters: Floats) -> TripleSpline:
@@ -392,17 +372,18 @@ def interpolated_parameters(parameters: Floats) -> TripleSpline:
     """
     parameters = finite_array("parameters", parameters, (None, None, 3))
     rows, columns = parameters.shape[:2]
-    if rows < 2 or columns <= CUBIC:
+    if rows < 2 or columns <= splines.CUBIC:
         raise ValueError(
-            f"parameters must have at least 2 rows and {CUBIC + 1} columns, got {rows}, {columns}"
+            f"parameters must have at least 2 rows and {splines.CUBIC + 1} columns, "
+            f"got {rows}, {columns}"
         )
     sites = _sites("rows", parameters), _sites("columns", parameters.transpose(1, 0, 2))
-    along, around = (min(CUBIC, len(places) - 1) for places in sites)
+    along, around = (min(splines.CUBIC, len(places) - 1) for places in sites)
     bases = (
-        Basis(averaged_knots(sites[0], along), along),
-        Basis(averaged_knots(sites[1], around), around),
+        splines.Basis(splines.averaged_knots(sites[0], along), along),
+        splines.Basis(splines.averaged_knots(sites[1], around), around),
     )
-    found = interpolate_grid(bases, sites, parameters)
+    found = splines.interpolate_grid(bases, sites, parameters)
     return TripleSpline(bases, found.control, sites, found.condition)
 
 

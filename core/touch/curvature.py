@@ -14,16 +14,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, finite_array, positive
+from palpate.core.touch import forms
 from palpate.core.touch.edges import classify_surface, isolated_outliers
 from palpate.core.touch.filters import clean
-from palpate.core.touch.forms import (
-    PrincipalCurvatures,
-    ShapeOperator,
-    curvature_along,
-    graph_errors,
-    graph_shape_operator,
-    principal_curvatures,
-)
 from palpate.core.touch.jet import Jet, JetFit, fit_jet
 from palpate.core.touch.pad import CONTACT, Pad
 
@@ -107,7 +100,9 @@ class Patch(NamedTuple):
     principal_error: tuple[float, float] = (0.0, 0.0)
     across_error: float = 0.0  # Standard deviation of `across`, 1/m
     place: Floats = NOWHERE  # Where all this holds: over the middle of the contact, (3,), m
-    shape: ShapeOperator | None = None  # The shape operator there; None unless the patch is smooth
+    shape: forms.ShapeOperator | None = (
+        None  # The shape operator there; None unless the patch is smooth
+    )
     # Covariance of its three parts, (3, 3), 1/m^2; None unless the patch is smooth.
     shape_covariance: Floats | None = None
 
@@ -152,13 +147,13 @@ def fit_patch(
 
 def _judged(
     pad: Pad, height: Floats, used: Bools, fit: JetFit, noise: float
-) -> tuple[PatchKind, ShapeOperator]:
+) -> tuple[PatchKind, forms.ShapeOperator]:
     """What a jet was fitted to, and the jet's shape operator at the middle of the contact."""
     by_x, by_y, by_xx, by_xy, by_yy = fit.derivatives.tolist()
-    shape = graph_shape_operator((by_x, by_y), (by_xx, by_xy, by_yy))
+    shape = forms.graph_shape_operator((by_x, by_y), (by_xx, by_xy, by_yy))
     if fit.jet.degree < 2:
         return "insufficient", shape
-    k1, k2, *_ = principal_curvatures(shape)
+    k1, k2, *_ = forms.principal_curvatures(shape)
     return classify_surface(pad, height, used, fit, max(abs(k1), abs(k2)), noise), shape
 
 
@@ -168,11 +163,11 @@ def _patch(
     direction: Floats,
     noise: float,
     kind: PatchKind,
-    shape: ShapeOperator,
+    shape: forms.ShapeOperator,
     fit: JetFit,
 ) -> Patch:
     """All that a jet says, as far as its kind allows."""
-    errors = graph_errors(
+    errors = forms.graph_errors(
         fit.derivatives, fit.derivative_factor, max(noise, fit.deviation), shape, direction
     )
     limit = max(CONFIDENT_DEVIATIONS * noise, CONFIDENT * pad.pitch)
@@ -188,11 +183,11 @@ def _patch(
     )
     if kind != "smooth":
         return patch
-    k1, k2, along_k1, umbilic = principal_curvatures(shape)
+    k1, k2, along_k1, umbilic = forms.principal_curvatures(shape)
     rounding = LEVEL / (pad.pitch * pad.cols)
     return patch._replace(
         principal=(k1, k2),
-        across=curvature_along(shape, direction),
+        across=forms.curvature_along(shape, direction),
         gaussian=k1 * k2,
         mean=0.5 * (k1 + k2),
         principal_direction=along_k1,
@@ -208,7 +203,7 @@ class LocalCurvature(NamedTuple):
     """Curvature at one place of a surface, with its covariance."""
 
     point: Floats  # Where, (3,), m
-    shape: ShapeOperator  # The shape operator there, its vectors in the same frame as `point`
+    shape: forms.ShapeOperator  # The shape operator there, its vectors in the same frame as `point`
     covariance: Floats  # Of its three parts, (3, 3), 1/m^2
 
 
@@ -224,9 +219,9 @@ class FusedCurvature(NamedTuple):
     touches: int  # How many touches went into it
 
     @property
-    def principal(self) -> PrincipalCurvatures:
+    def principal(self) -> forms.PrincipalCurvatures:
         """Principal curvatures and direction."""
-        return principal_curvatures(self.place.shape)
+        return forms.principal_curvatures(self.place.shape)
 
 
 def begin_fusion(measured: LocalCurvature) -> FusedCurvature:
@@ -273,7 +268,7 @@ def fuse(fused: FusedCurvature, measured: LocalCurvature) -> FusedCurvature:
     return FusedCurvature(place, changed, travelled, surprise, fused.touches + 1)
 
 
-def _carried(place: LocalCurvature, there: ShapeOperator) -> tuple[Floats, Floats]:
+def _carried(place: LocalCurvature, there: forms.ShapeOperator) -> tuple[Floats, Floats]:
     """Parts and covariance in the tangents of another place: parallel transport."""
     one, other = place.shape.normal, there.normal
     axis, cosine = np.cross(one, other), float(one @ other)

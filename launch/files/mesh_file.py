@@ -19,31 +19,24 @@ from numpy.typing import NDArray
 
 from palpate.core import Floats, arrays_from_bytes
 from palpate.core.geometry import solidity
+from palpate.launch.files import mesh_formats
 from palpate.launch.files.file_access import read_bounded
-from palpate.launch.files.mesh_formats import (
-    MAX_TRIANGLES,
-    RawMesh,
-    read_glb,
-    read_obj,
-    read_off,
-    read_stl,
-)
 from palpate.launch.files.ply import read_ply
 from palpate.launch.files.source_map import InputError
 from palpate.messages.types import ShapeModel
 
 MAX_MESH_BYTES = 64 << 20  # Largest file
-MAX_FACES = MAX_TRIANGLES  # Most triangles
+MAX_FACES = mesh_formats.MAX_TRIANGLES  # Most triangles
 MIN_EXTENT = 1e-4  # Smallest extent of an object, m
 MAX_EXTENT = 10.0  # Largest extent of an object, m
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # Metres in each unit
 # Formats that are read.
-READERS: Mapping[str, Callable[[bytes], RawMesh]] = {
+READERS: Mapping[str, Callable[[bytes], mesh_formats.RawMesh]] = {
     "ply": read_ply,
-    "stl": read_stl,
-    "obj": read_obj,
-    "off": read_off,
-    "glb": read_glb,
+    "stl": mesh_formats.read_stl,
+    "obj": mesh_formats.read_obj,
+    "off": mesh_formats.read_off,
+    "glb": mesh_formats.read_glb,
 }
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -134,7 +127,7 @@ def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
     return vertices * METRES_PER_UNIT[unit], faces
 
 
-def _merged(path: Path, mesh: RawMesh) -> tuple[Vertices, Faces]:
+def _merged(path: Path, mesh: mesh_formats.RawMesh) -> tuple[Vertices, Faces]:
     """Vertices that are equal made one, because STL repeats them for each face."""
     vertices, faces = mesh
     if len(faces) == 0:
@@ -173,7 +166,7 @@ def read_cloud(path: Path, unit: str) -> Vertices | None:
     return None if len(found.faces) else found.vertices * METRES_PER_UNIT[unit]
 
 
-def _load(path: Path) -> RawMesh:
+def _load(path: Path) -> mesh_formats.RawMesh:
     kind = path.suffix.lower().lstrip(".")
     if kind not in READERS:
         known = ", ".join(READERS)

@@ -12,20 +12,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.launch.files.mesh_formats import (
-    NO_FACES,
-    Floats,
-    Indices,
-    Ragged,
-    RawMesh,
-    as_float64,
-    check_counts,
-    parse_numbers,
-    triangulate,
-)
+from palpate.launch.files import mesh_formats
 
 FACE_LISTS = ("vertex_indices", "vertex_index")  # What the list of a face's corners is called
-Column = NDArray[np.generic] | Ragged
+Column = NDArray[np.generic] | mesh_formats.Ragged
 Columns = dict[str, Column]
 ByteOrder = Literal["<", ">", "="]
 MAX_HEADER_BYTES = 64 << 10  # Of a header, comments and all
@@ -62,7 +52,7 @@ _STRUCT_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I
 _STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
 
 
-def read_ply(data: bytes) -> RawMesh:
+def read_ply(data: bytes) -> mesh_formats.RawMesh:
     """The vertices and faces of a PLY file; all else in it is passed over.
 
     Raises ValueError if the header is none, or the file has not what it states.
@@ -71,14 +61,14 @@ def read_ply(data: bytes) -> RawMesh:
     elements, rows, at = header.elements, memoryview(data), header.size
     order: ByteOrder = header.order or "="
     if header.order is None:  # text is read as if its numbers were binary, all of one type
-        rows, at = memoryview(parse_numbers(data[header.size :]).tobytes()), 0
+        rows, at = memoryview(mesh_formats.parse_numbers(data[header.size :]).tobytes()), 0
         elements = tuple(map(_of_doubles, elements))
-    vertices, faces = np.zeros((0, 3)), NO_FACES
+    vertices, faces = np.zeros((0, 3)), mesh_formats.NO_FACES
     for element in elements:
         if element.name == "vertex":
-            check_counts(element.count, 0)
+            mesh_formats.check_counts(element.count, 0)
         elif element.name == "face":
-            check_counts(0, element.count)
+            mesh_formats.check_counts(0, element.count)
         columns, at = read_rows(rows, at, element, order)
         if element.name == "vertex" and element.count:
             vertices = _vertices(columns)
@@ -86,7 +76,7 @@ def read_ply(data: bytes) -> RawMesh:
             faces = _faces(columns)
     if at != len(rows):
         raise ValueError("has more in it than its header states")
-    return RawMesh(vertices, faces)
+    return mesh_formats.RawMesh(vertices, faces)
 
 
 def read_header(data: bytes) -> PlyHeader:
@@ -204,7 +194,9 @@ def _columns(table: NDArray[Any], lengths: dict[str, int], element: Element) -> 
     return {
         one.name: table[one.name]
         if one.length is None
-        else Ragged(np.full(len(table), lengths[one.name]), table[one.name].reshape(-1))
+        else mesh_formats.Ragged(
+            np.full(len(table), lengths[one.name]), table[one.name].reshape(-1)
+        )
         for one in element.properties
     }
 
@@ -227,7 +219,7 @@ def _one_by_one(
     for one in element.properties:
         items = np.frombuffer(pieces[one.name], order + one.kind)
         counted = np.array(lengths[one.name], np.int64)
-        columns[one.name] = items if one.length is None else Ragged(counted, items)
+        columns[one.name] = items if one.length is None else mesh_formats.Ragged(counted, items)
     return columns, at
 
 
@@ -254,21 +246,21 @@ def _cut_short(element: Element) -> ValueError:
     return ValueError(f"is cut short: it has not the {element.count} of {element.name[:40]!r}")
 
 
-def _vertices(columns: Columns) -> Floats:
+def _vertices(columns: Columns) -> mesh_formats.Floats:
     found: list[NDArray[np.generic]] = []
     for axis in "xyz":
         column = columns.get(axis)
-        if column is None or isinstance(column, Ragged):
+        if column is None or isinstance(column, mesh_formats.Ragged):
             raise ValueError(f"has vertices without {axis}")
         found.append(column)
-    return as_float64(np.stack(found, axis=1))
+    return mesh_formats.as_float64(np.stack(found, axis=1))
 
 
-def _faces(columns: Columns) -> Indices:
+def _faces(columns: Columns) -> mesh_formats.Indices:
     for name in FACE_LISTS:
         column = columns.get(name)
-        if isinstance(column, Ragged):
-            return triangulate(column)
+        if isinstance(column, mesh_formats.Ragged):
+            return mesh_formats.triangulate(column)
     raise ValueError(f"has faces without a list {FACE_LISTS[0]!r}")
 
 

@@ -10,19 +10,7 @@ from typing import NamedTuple
 
 import zmq
 
-from palpate.messages import decode, schema_hash
-from palpate.messages.bus import (
-    FROM_TOOLS,
-    LAUNCHER,
-    LOG_TOPIC,
-    STATUS_TOPIC,
-    Addresses,
-    ControlMessage,
-    ControlServer,
-    SocketContext,
-    Subscriber,
-    TapReader,
-)
+from palpate.messages import bus, decode, schema_hash
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
 
 SILENCE = 5.0  # A node without a sign of life for this long is mentioned in the log, s
@@ -41,7 +29,7 @@ class NodeStatusTable:
         self._alive = dict.fromkeys(names, time.monotonic())
         self._mentioned: set[str] = set()
 
-    def receive(self, name: str, word: ControlMessage) -> list[LogRecord]:
+    def receive(self, name: str, word: bus.ControlMessage) -> list[LogRecord]:
         """Take a node's report about itself; returns what is worth a line in the log.
 
         Raises ValueError if the node's counters cannot be read.
@@ -207,21 +195,23 @@ class TerminationDetector:
 class LauncherSockets:
     """The launcher's sockets; `sources` are the topics that it subscribes to, by publisher."""
 
-    def __init__(self, place: Addresses, sources: Mapping[str, Sequence[str]]) -> None:
-        self._wires = SocketContext(place.key)
+    def __init__(self, place: bus.Addresses, sources: Mapping[str, Sequence[str]]) -> None:
+        self._wires = bus.SocketContext(place.key)
         context = self._wires.context
-        self.line = ControlServer(context, place.control)
-        self.tools = ControlServer(context, place.tools, accepts=FROM_TOOLS)
-        self.subscriber = Subscriber(
+        self.line = bus.ControlServer(context, place.control)
+        self.tools = bus.ControlServer(context, place.tools, accepts=bus.FROM_TOOLS)
+        self.subscriber = bus.Subscriber(
             context,
-            name=LAUNCHER,
+            name=bus.LAUNCHER,
             run=place.run,
             epoch=0,
             sources=sources,
             endpoints=place.endpoints,
             depth=place.depth,
         )
-        self.taps = TapReader(context, place.taps.values(), (STATUS_TOPIC, LOG_TOPIC), place.depth)
+        self.taps = bus.TapReader(
+            context, place.taps.values(), (bus.STATUS_TOPIC, bus.LOG_TOPIC), place.depth
+        )
         # Messages received, by publisher and topic.
         self.consumed: Counter[tuple[str, str]] = Counter()
         self._types: dict[int, type] = {}

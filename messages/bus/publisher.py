@@ -16,13 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import zmq
 
-from palpate.messages.bus.handshake import (
-    JoinRequest,
-    greeting,
-    in_step_notice,
-    read_request,
-    resent_frame,
-)
+from palpate.messages.bus import handshake
 from palpate.messages.bus.message_log import Cause, MessageLog, SendTimes
 from palpate.messages.bus.sockets import Socket, bind, received
 from palpate.messages.codec import Header, pack_frame
@@ -93,7 +87,7 @@ class Publisher:
             self._put(frame, topic)
         for (call, asked), wanted in (self._lacks or {}).items():
             if asked == topic and seq >= wanted:
-                self._put(resent_frame(call, frame), topic)
+                self._put(handshake.resent_frame(call, frame), topic)
         return frame
 
     @property
@@ -140,12 +134,12 @@ class Publisher:
         """All that had been published is published again: from here on all receive at once."""
         lacks, self._lacks = self._lacks, None
         for call, topic in lacks or ():
-            self._put(in_step_notice(call, topic), topic)
+            self._put(handshake.in_step_notice(call, topic), topic)
 
     def serve(self) -> None:
         """Answer all who have asked to join."""
         while (notice := received(self.socket)) is not None:
-            request = read_request(notice)
+            request = handshake.read_request(notice)
             if request is not None and request.publisher == self.name:
                 self._answer(request)
 
@@ -164,18 +158,20 @@ class Publisher:
         self._times.note(topic, self.latest_ns)
         return self.latest_ns
 
-    def _answer(self, request: JoinRequest) -> None:
+    def _answer(self, request: handshake.JoinRequest) -> None:
         if request.epoch is None:
-            self._put(greeting(request.call, self.epoch), "the greeting of a joining node")
+            self._put(
+                handshake.greeting(request.call, self.epoch), "the greeting of a joining node"
+            )
             return
         # A subscriber that reconnects says its old cursors again; those of an earlier start
         # of this node carry that start's epoch.
         if request.epoch != self.epoch or request.topic not in self._subscribers:
             return
         for frame in self._past.since(request.topic, request.wanted):
-            self._put(resent_frame(request.call, frame), request.topic)
+            self._put(handshake.resent_frame(request.call, frame), request.topic)
         if self._lacks is None:
-            self._put(in_step_notice(request.call, request.topic), request.topic)
+            self._put(handshake.in_step_notice(request.call, request.topic), request.topic)
         else:
             published = self._past.count(request.topic)
             self._lacks[request.call, request.topic] = max(request.wanted, published)

@@ -8,15 +8,7 @@ from typing import NamedTuple
 
 import zmq
 
-from palpate.messages.bus.handshake import (
-    GREETING,
-    RESENT,
-    JoinReply,
-    join_call,
-    join_cursor,
-    read_epoch,
-    read_reply,
-)
+from palpate.messages.bus import handshake
 from palpate.messages.bus.sockets import Socket, connect, received
 from palpate.messages.codec import Header, split_frame
 
@@ -78,7 +70,7 @@ class Subscriber:
             self.socket.subscribe(topic.encode() + b"\0")
         for source in sources:
             connect(self.socket, endpoints[source])
-            self.socket.subscribe(join_call(name, epoch, source))
+            self.socket.subscribe(handshake.join_call(name, epoch, source))
 
     def skip(self, topic: str, wanted: int) -> None:
         """Ask for a topic from a sequence on; before anything has been received."""
@@ -107,7 +99,9 @@ class Subscriber:
         for.
         """
         while (frame := received(self.socket)) is not None:
-            own = self._handle_reply(read_reply(frame)) if frame.startswith(b"@") else frame
+            own = (
+                self._handle_reply(handshake.read_reply(frame)) if frame.startswith(b"@") else frame
+            )
             arrival = None if own is None else self._judge(own)
             if arrival is not None:
                 return arrival
@@ -140,12 +134,12 @@ class Subscriber:
             self.early += 1
         return None
 
-    def _handle_reply(self, answer: JoinReply) -> bytes | None:
+    def _handle_reply(self, answer: handshake.JoinReply) -> bytes | None:
         """Go on with the joining; a frame of the past is returned."""
-        if answer.kind == RESENT:
+        if answer.kind == handshake.RESENT:
             return answer.rest
-        if answer.kind == GREETING:
-            self._ask(answer.publisher, read_epoch(answer.rest))
+        if answer.kind == handshake.GREETING:
+            self._ask(answer.publisher, handshake.read_epoch(answer.rest))
             return None
         topic = answer.rest.decode(errors="replace")
         if topic in self._edges:
@@ -158,9 +152,9 @@ class Subscriber:
         self._greeted[source] = epoch
         for old in self._cursors.pop(source, ()):
             self.socket.unsubscribe(old)
-        called = join_call(self.name, self.epoch, source)
+        called = handshake.join_call(self.name, self.epoch, source)
         edges = self._of[source]
-        cursors = [join_cursor(called, epoch, edge.topic, edge.wanted) for edge in edges]
+        cursors = [handshake.join_cursor(called, epoch, edge.topic, edge.wanted) for edge in edges]
         self._cursors[source] = cursors
         for edge, new in zip(edges, cursors, strict=True):
             edge.in_step = False

@@ -22,16 +22,7 @@ from pathlib import Path
 
 import msgspec
 
-from palpate.messages import encode
-from palpate.messages.bus import (
-    Addresses,
-    Cause,
-    Consumed,
-    Journal,
-    NodeSockets,
-    Received,
-    SourceProgress,
-)
+from palpate.messages import bus, encode
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
@@ -70,7 +61,7 @@ def enter_process(wiring: bytes, place: bytes) -> None:
     seat = msgspec.msgpack.decode(wiring, type=Wiring)
     os.nice(seat.nice)
     try:
-        code = run_node(seat, msgspec.msgpack.decode(place, type=Addresses), _protect)
+        code = run_node(seat, msgspec.msgpack.decode(place, type=bus.Addresses), _protect)
     except Exception as error:  # The edge of the process, without a line to the launcher.
         print(f"{seat.name}: {type(error).__name__}: {error}", file=sys.stderr)
         code = NOT_STARTED
@@ -90,7 +81,7 @@ def _let_go_of_parent() -> None:
         line._forkserver_alive_fd = None
 
 
-def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
+def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
     """Run one node until the launcher says stop; `protect` is called before a sink opens its file.
 
     Parameters are the bytes of a msgpack map in the wiring. Returns the exit code: 0, or `FAILED`
@@ -99,7 +90,7 @@ def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
     subscriptions: dict[str, list[str]] = {}
     for one in wiring.inputs:
         subscriptions.setdefault(one.publisher, []).append(one.topic)
-    station = NodeSockets(
+    station = bus.NodeSockets(
         wiring.name,
         place,
         subscriptions=subscriptions,
@@ -122,7 +113,7 @@ def run_node(wiring: Wiring, place: Addresses, protect: OnTerminate) -> int:
 
 
 def _load(
-    wiring: Wiring, place: Addresses, loop: NodeLoop, protect: OnTerminate, kept: ExitStack
+    wiring: Wiring, place: bus.Addresses, loop: NodeLoop, protect: OnTerminate, kept: ExitStack
 ) -> Work:
     """The node at work; what it holds is put away with the stack."""
     node = load_node(wiring.module)
@@ -132,10 +123,10 @@ def _load(
     if isinstance(node, Node):
         edges = [(one.publisher, one.topic) for one in wiring.inputs]
         if not node.has_side_effects:
-            loop.journal = kept.enter_context(closing(Journal(file, edges)))
+            loop.journal = kept.enter_context(closing(bus.Journal(file, edges)))
         loop.work = NodeWork(node, params, wiring)
     elif isinstance(node, Source):
-        tally = kept.enter_context(closing(SourceProgress(file))) if node.repeats else None
+        tally = kept.enter_context(closing(bus.SourceProgress(file))) if node.repeats else None
         loop.work = SourceWork(node, params, wiring, tally)
     else:
         protect(loop.end)
@@ -167,10 +158,10 @@ class NodeLoop:
 
     # `going`: whether the graph had been started before. The node then goes through what it had
     # done, and that is sent only to those who lack something of it.
-    def __init__(self, name: str, station: NodeSockets, *, going: bool = False) -> None:
+    def __init__(self, name: str, station: bus.NodeSockets, *, going: bool = False) -> None:
         self.work: Work | None = None  # What the node does; None until it is loaded
         # Where it puts down what it handles; only of nodes that could do it again
-        self.journal: Journal | None = None
+        self.journal: bus.Journal | None = None
         self._name, self._station = name, station
         station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
@@ -238,14 +229,14 @@ class NodeLoop:
                 return FLUSH_MS
         return IDLE_MS
 
-    def _handle(self, work: Work, arrival: Received) -> None:
+    def _handle(self, work: Work, arrival: bus.Received) -> None:
         """Handle a message, once it is put down that it is; if that acts on the world, after it."""
         publisher, topic, seq = arrival.publisher, arrival.topic, arrival.header.seq
         if isinstance(work, NodeWork) and work.has_side_effects:
             published = work.take(arrival)
             ends = [one for one in published if isinstance(one, Finished)]
             outgoing = [one for one in published if isinstance(one, Outgoing)]
-            cause = Cause(publisher, topic, seq, ends[0].reason if ends else "")
+            cause = bus.Cause(publisher, topic, seq, ends[0].reason if ends else "")
             self._station.answer(outgoing, cause)
             self._publish(ends)
             return
@@ -268,7 +259,7 @@ class NodeLoop:
         station.publisher.go_live()
         return owed
 
-    def _replay(self, work: NodeWork, before: Sequence[Consumed]) -> list[Publication]:
+    def _replay(self, work: NodeWork, before: Sequence[bus.Consumed]) -> list[Publication]:
         """Do once more what an earlier start has done.
 
         Returns what it died over, or had not come to: it may have been making something that takes
@@ -395,20 +386,20 @@ def unpublished(
 class JournalOrder:
     """Puts arrivals into the order in which earlier starts of the node have consumed them."""
 
-    def __init__(self, before: Sequence[Consumed]) -> None:
+    def __init__(self, before: Sequence[bus.Consumed]) -> None:
         self._before = deque(before)
-        self._come: dict[tuple[str, str], deque[Received]] = {}
+        self._come: dict[tuple[str, str], deque[bus.Received]] = {}
 
     @property
     def replaying(self) -> bool:
         """Whether something is still to be handled that had been handled before."""
         return bool(self._before)
 
-    def put(self, arrival: Received) -> None:
+    def put(self, arrival: bus.Received) -> None:
         """Take note of what has arrived."""
         self._come.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
 
-    def take(self) -> Received | None:
+    def take(self) -> bus.Received | None:
         """What was handled next, if it has come.
 
         Raises ValueError if a publisher sends something else than it had sent before.
@@ -426,6 +417,6 @@ class JournalOrder:
         self._before.popleft()
         return arrival
 
-    def rest(self) -> list[Received]:
+    def rest(self) -> list[bus.Received]:
         """What has come beyond the journal: each publisher's in its order."""
         return [arrival for come in self._come.values() for arrival in come]

@@ -9,17 +9,8 @@ from typing import Any
 
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import ControlMessage, Received, SourceProgress
+from palpate.nodes.runtime import work
 from palpate.nodes.runtime.node import Finished, Source, Timed, Wiring
-from palpate.nodes.runtime.work import (
-    ContractError,
-    CpuSteps,
-    Edge,
-    Latency,
-    NodeWork,
-    Outgoing,
-    SinkWork,
-    check_declared,
-)
 
 POLL_PERIOD = 0.01  # A source that has nothing to publish is asked again after this long, s
 # The last of a wait is not spent on the sockets, s: a poll is no more exact than that.
@@ -41,9 +32,9 @@ class SourceWork:
         tally: SourceProgress | None = None,
     ) -> None:
         self.name = wiring.name
-        self.latency = Latency()  # Time of making its messages
-        self.steps, self._step = CpuSteps(), source.step  # Processor time of that
-        self.consumed: dict[Edge, int] = {}
+        self.latency = work.Latency()  # Time of making its messages
+        self.steps, self._step = work.CpuSteps(), source.step  # Processor time of that
+        self.consumed: dict[work.Edge, int] = {}
         self.waits: list[str] = []
         paused = source.paused(params) if tally is None or tally.paused is None else tally.paused
         self.pace = PlaybackClock(paused=paused)  # When it publishes what it has
@@ -64,7 +55,7 @@ class SourceWork:
         """Whether it may publish something yet."""
         return self._next is not _END
 
-    def begin(self) -> Iterator[Outgoing | Finished]:
+    def begin(self) -> Iterator[work.Outgoing | Finished]:
         """Open the source; what an earlier start of it had published is published at once."""
         self._published = iter(self._source.open(self._params))
         messages = (one for one in self._published if isinstance(one, Timed))
@@ -95,7 +86,7 @@ class SourceWork:
         left = self.wait()
         return idle_ms if left is None else min(idle_ms, int(1000.0 * max(0.0, left - SPIN_TIME)))
 
-    def publish_due(self) -> Iterator[Outgoing | Finished]:
+    def publish_due(self) -> Iterator[work.Outgoing | Finished]:
         """Publish what is due, and what is due before anything else could be done."""
         for _ in range(BATCH):
             left = self.wait()
@@ -104,7 +95,7 @@ class SourceWork:
             _wait(left)
             yield self.publish_next()
 
-    def publish_next(self) -> Outgoing | Finished:
+    def publish_next(self) -> work.Outgoing | Finished:
         """Publish what comes next, at once."""
         published, self._next = self._next, None
         if isinstance(published, Finished):
@@ -117,14 +108,14 @@ class SourceWork:
             self._tally.up()
         return packed
 
-    def all(self) -> Iterator[Outgoing | Finished]:
+    def all(self) -> Iterator[work.Outgoing | Finished]:
         """All that it publishes, at once: nobody waits for the time of anything."""
         while self.can_publish:
             self.wait()
             if self._next is not None and self._next is not _END:
                 yield self.publish_next()
 
-    def obey(self, word: ControlMessage) -> list[Outgoing | Finished]:
+    def obey(self, word: ControlMessage) -> list[work.Outgoing | Finished]:
         """Do what a tool asks for: pause, resume, step, or publish a message.
 
         A message that is not the topic's is refused by the tool and the launcher: here it is a
@@ -146,28 +137,30 @@ class SourceWork:
             self._tally.stand(self.pace.paused)
         return []
 
-    def take(self, arrival: Received) -> list[Outgoing | Finished]:
+    def take(self, arrival: Received) -> list[work.Outgoing | Finished]:
         """Refuse what it never asked for.
 
         Raises ContractError always.
         """
-        raise ContractError(f"{self.name} subscribes to nothing, and has received {arrival.topic}")
+        raise work.ContractError(
+            f"{self.name} subscribes to nothing, and has received {arrival.topic}"
+        )
 
     def close(self) -> None:
         """Let go of what it reads."""
         getattr(self._published, "close", lambda: None)()
 
-    def _pack(self, published: Timed) -> Outgoing:
+    def _pack(self, published: Timed) -> work.Outgoing:
         topic, body, robot_time = published.topic, published.message, 0.0
         kind = self._types.get(topic, object) if isinstance(body, bytes) else type(body)
-        check_declared(self.name, self._types, topic, kind)
+        work.check_declared(self.name, self._types, topic, kind)
         if not isinstance(body, bytes):
             robot_time = float(getattr(body, "robot_time", 0.0))
             body = encode(body)
-        return Outgoing(self._wires[topic], body, robot_time, codec_of(kind).hash)
+        return work.Outgoing(self._wires[topic], body, robot_time, codec_of(kind).hash)
 
 
-Work = NodeWork | SourceWork | SinkWork
+Work = work.NodeWork | SourceWork | work.SinkWork
 
 
 def _wait(seconds: float) -> None:

@@ -14,19 +14,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import RobotPreset
+from palpate.core import RobotPreset, touch
 from palpate.core.explore.tracing import TOUCH_DEPTH
-from palpate.core.touch import (
-    SPRINGS,
-    Calibration,
-    Effect,
-    FaceModel,
-    Fingertip,
-    Pad,
-    Pipeline,
-    Signal,
-    assemble,
-)
 from palpate.core.touch.effects import effect_type, rank
 from palpate.messages import derive
 from palpate.messages.types import SensorInfo
@@ -77,7 +66,7 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     pitch: Annotated[float, Meta(ge=0.0002, le=0.005, description="m")] = 0.001
     pad: PadSpec = PadSpec()  # The pad
     # What a taxel sends: the time of flight of its echo, or the force on it.
-    signal: Signal = "time"
+    signal: touch.Signal = "time"
     calibration: CalibrationSpec | None = None  # What its calibration found
 
     def __post_init__(self) -> None:
@@ -110,13 +99,13 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 )
 
 
-def pad_of_spec(sensor: SensorSpec) -> Pad:
+def pad_of_spec(sensor: SensorSpec) -> touch.Pad:
     """The pad that a scene describes."""
     radius = sensor.pad.radius
-    return derive(Pad, sensor, sensor.pad, dome=0.0 if radius is None else 1.0 / radius)
+    return derive(touch.Pad, sensor, sensor.pad, dome=0.0 if radius is None else 1.0 / radius)
 
 
-def info_of(sensor: SensorSpec, noise: float, face: FaceModel = SPRINGS) -> SensorInfo:
+def info_of(sensor: SensorSpec, noise: float, face: touch.FaceModel = touch.SPRINGS) -> SensorInfo:
     """What subscribers are told: the calibration, or the data sheet and its noise, m."""
     pad, found = pad_of_spec(sensor), sensor.calibration
     shape = (pad.rows, pad.cols)
@@ -134,9 +123,9 @@ def info_of(sensor: SensorSpec, noise: float, face: FaceModel = SPRINGS) -> Sens
     )
 
 
-def pad_of_info(info: SensorInfo) -> Pad:
+def pad_of_info(info: SensorInfo) -> touch.Pad:
     """Pad with the array and dome of a SensorInfo."""
-    return derive(Pad, info, face=FaceModel(info.face, info.face_decay))
+    return derive(touch.Pad, info, face=touch.FaceModel(info.face, info.face_decay))
 
 
 def resolution_of_info(info: SensorInfo) -> float:
@@ -144,12 +133,12 @@ def resolution_of_info(info: SensorInfo) -> float:
     return max(RESOLUTION * info.pitch, info.noise)
 
 
-def calibration_of_info(info: SensorInfo) -> Calibration:
+def calibration_of_info(info: SensorInfo) -> touch.Calibration:
     """What the signal of a SensorInfo means."""
-    return derive(Calibration, info)
+    return derive(touch.Calibration, info)
 
 
-def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effect]:
+def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, touch.Effect]:
     """The listed effects in the order in which they act, whatever the order of the list.
 
     Raises ValueError if there is no such effect, or a parameter is unknown or out of its range.
@@ -158,7 +147,7 @@ def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Effec
     return dict(sorted(described.items(), key=lambda one: (one[1].phase, rank(one[0]), one[0])))
 
 
-def _described(name: str, parameters: Mapping[str, Any]) -> Effect:
+def _described(name: str, parameters: Mapping[str, Any]) -> touch.Effect:
     try:
         kind = effect_type(name)
     except LookupError as error:
@@ -179,22 +168,22 @@ def build_pipeline(
     robot: RobotPreset,
     finger: int = 1,
     seed: int = 0,
-) -> Pipeline:
+) -> touch.Pipeline:
     """A finger with its effects.
 
     Raises ValueError if an effect cannot be had, or not with this sensor.
     """
-    owner = Fingertip(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
-    return assemble(owner, tuple(describe_effects(listed).values()))
+    owner = touch.Fingertip(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
+    return touch.assemble(owner, tuple(describe_effects(listed).values()))
 
 
-def data_sheet(sensor: SensorSpec) -> Calibration:
+def data_sheet(sensor: SensorSpec) -> touch.Calibration:
     """What the sensor's signal means if every taxel is as it should be."""
     stiffness = sensor.pad.stiffness * sensor.pitch**2
-    return derive(Calibration, sensor, sensor.pad, taxel_stiffness=stiffness)
+    return derive(touch.Calibration, sensor, sensor.pad, taxel_stiffness=stiffness)
 
 
-def sensed_face(pipeline: Pipeline) -> FaceModel:
+def sensed_face(pipeline: touch.Pipeline) -> touch.FaceModel:
     """How the pad's face yields in what the array sends: forces show no skirt about a contact."""
     by_force = pipeline.finger.calibration.signal == "force"
-    return SPRINGS if by_force else pipeline.face
+    return touch.SPRINGS if by_force else pipeline.face

@@ -18,16 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from palpate import __version__
 from palpate.core import Floats
-from palpate.messages import schema
-from palpate.messages.types import (
-    Contour,
-    LogRecord,
-    SensorInfo,
-    ShapeModel,
-    SurfacePatch,
-    TactileFrame,
-    Truth,
-)
+from palpate.messages import schema, types
 from palpate.nodes.specs import pad_of_info
 from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
 
@@ -59,7 +50,7 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
         writer = Writer(file, compression=CompressionType.LZ4)
         writer.start(library=f"palpate {__version__}")
         channels, views, count = _Channels(writer), FoxgloveConverter(), 0
-        for decoded in source.published(also=frozenset({SensorInfo.__name__})):
+        for decoded in source.published(also=frozenset({types.SensorInfo.__name__})):
             shown = views.of(decoded)
             if decoded.topic not in source.topics:
                 continue
@@ -137,28 +128,28 @@ class FoxgloveConverter:
     """Turns messages into views; remembers the sensor, without which a patch has no size."""
 
     def __init__(self) -> None:
-        self._sensor: SensorInfo | None = None
+        self._sensor: types.SensorInfo | None = None
 
     def of(self, decoded: DecodedMessage) -> list[FoxgloveMessage]:
         """What Foxglove shall draw of a message; nothing of most."""
         match decoded.message:
-            case SensorInfo() as info:
+            case types.SensorInfo() as info:
                 self._sensor = info
-            case ShapeModel() | Truth() | LogRecord():
+            case types.ShapeModel() | types.Truth() | types.LogRecord():
                 return [_INSTEAD[type(decoded.message)](decoded)]
-            case Contour():
+            case types.Contour():
                 return [_contour(decoded)]
-            case SurfacePatch() as patch if self._sensor is not None:
+            case types.SurfacePatch() as patch if self._sensor is not None:
                 grid = (self._sensor.rows, self._sensor.cols)
                 fits = patch.mask.shape == patch.height.shape == grid
                 return [_patch(decoded, self._sensor)] if fits else []
-            case TactileFrame():
+            case types.TactileFrame():
                 return _finger(decoded)
         return []
 
 
 def _contour(decoded: DecodedMessage) -> FoxgloveMessage:
-    contour: Contour = decoded.message
+    contour: types.Contour = decoded.message
     line = {
         "type": LINE_LOOP if contour.status == "closed" else LINE_STRIP,
         "pose": IDENTITY,
@@ -174,9 +165,9 @@ def _contour(decoded: DecodedMessage) -> FoxgloveMessage:
     return FoxgloveMessage(f"{decoded.topic}/lines", SCENE, {"deletions": [], "entities": [entity]})
 
 
-def _patch(decoded: DecodedMessage, sensor: SensorInfo) -> FoxgloveMessage:
+def _patch(decoded: DecodedMessage, sensor: types.SensorInfo) -> FoxgloveMessage:
     """Touched taxels in the frame of the pad, whose pose the cloud carries."""
-    patch: SurfacePatch = decoded.message
+    patch: types.SurfacePatch = decoded.message
     x, y = pad_of_info(sensor).grid()
     cells = [x[patch.mask], y[patch.mask], patch.height[patch.mask]]
     data = np.column_stack(cells).astype("<f4").tobytes()
@@ -195,7 +186,7 @@ def _patch(decoded: DecodedMessage, sensor: SensorInfo) -> FoxgloveMessage:
 
 
 def _finger(decoded: DecodedMessage) -> list[FoxgloveMessage]:
-    frame: TactileFrame = decoded.message
+    frame: types.TactileFrame = decoded.message
     time, pose = foxglove_time(decoded.sent_ns), foxglove_pose(frame.pose)
     transform = {
         "timestamp": time,
@@ -225,7 +216,7 @@ def foxglove_time(ns: int) -> dict[str, int]:
 
 
 def _model(decoded: DecodedMessage) -> FoxgloveMessage:
-    model: ShapeModel = decoded.message
+    model: types.ShapeModel = decoded.message
     told = {
         "number": model.number,
         "touches": model.touches,
@@ -236,7 +227,7 @@ def _model(decoded: DecodedMessage) -> FoxgloveMessage:
 
 
 def _truth(decoded: DecodedMessage) -> FoxgloveMessage:
-    truth: Truth = decoded.message
+    truth: types.Truth = decoded.message
     return _mesh(decoded, truth.vertices, truth.faces, TRUTH_COLOUR, {"height_m": truth.height})
 
 
@@ -280,7 +271,7 @@ def _entity(
 
 
 def _log(decoded: DecodedMessage) -> FoxgloveMessage:
-    record: LogRecord = decoded.message
+    record: types.LogRecord = decoded.message
     content = {
         "timestamp": foxglove_time(decoded.sent_ns),
         "level": LEVELS[record.level],
@@ -293,9 +284,9 @@ def _log(decoded: DecodedMessage) -> FoxgloveMessage:
 
 
 _INSTEAD: Mapping[type, Callable[[DecodedMessage], FoxgloveMessage]] = {
-    ShapeModel: _model,
-    Truth: _truth,
-    LogRecord: _log,
+    types.ShapeModel: _model,
+    types.Truth: _truth,
+    types.LogRecord: _log,
 }
 
 

@@ -12,18 +12,7 @@ import click
 from palpate import launch
 from palpate.launch.files import InputError
 from palpate.tools import chaos, replay
-from palpate.tools.cli.command_line import (
-    BAG,
-    COMPOSED,
-    PATH,
-    RUN_FOLDER,
-    SEED,
-    SETTINGS,
-    as_input_errors,
-    json_option,
-    names_option,
-    quiet_option,
-)
+from palpate.tools.cli import command_line
 
 CHAOS_HELP = """Put faults into running explorations of a scene, and say what they survive.
 
@@ -64,8 +53,8 @@ docs/sweep.md says more.
 
 @click.command("run")
 @click.argument("scene", default="vase")
-@RUN_FOLDER
-@click.option("--seed", type=SEED, help="Overrides the scene's seed.")
+@command_line.RUN_FOLDER
+@click.option("--seed", type=command_line.SEED, help="Overrides the scene's seed.")
 @click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
 @click.option("--tolerance", metavar="LENGTH", help="Error asked for, as 0.2mm: rms of the solid.")
 @click.option("--feature", metavar="LENGTH", help="Largest height that may stay untouched, as 5mm.")
@@ -76,11 +65,11 @@ docs/sweep.md says more.
     type=click.Choice(["draft", "normal", "fine"]),
     help="Of the final mesh: 6,000, 45,000 or 180,000 faces.",
 )
-@SETTINGS
-@COMPOSED
+@command_line.SETTINGS
+@command_line.COMPOSED
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
-@json_option("Print summary.json.")
-@quiet_option()
+@command_line.json_option("Print summary.json.")
+@command_line.quiet_option()
 def run_command(
     scene: str,
     out: Path | None,
@@ -124,13 +113,15 @@ def run_command(
 
 
 @click.command("sweep", help=SWEEP_HELP)
-@click.argument("file", type=PATH)
-@click.option("--out", type=PATH, help="Folder of the sweep; new, empty, or one to go on with.")
+@click.argument("file", type=command_line.PATH)
+@click.option(
+    "--out", type=command_line.PATH, help="Folder of the sweep; new, empty, or one to go on with."
+)
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes; one a core if left out.")
 @click.option("--scheduler", metavar="ADDRESS", help="Send the runs to this dask cluster instead.")
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
-@json_option("Print folder, counts and table.")
-@quiet_option()
+@command_line.json_option("Print folder, counts and table.")
+@command_line.quiet_option()
 def sweep_command(
     file: Path,
     out: Path | None,
@@ -164,7 +155,7 @@ def _say(quiet: bool, line: str) -> None:
 
 
 @click.command("launch")
-@click.argument("file", type=PATH)
+@click.argument("file", type=command_line.PATH)
 @click.argument("arguments", nargs=-1, metavar="[ARG:=VALUE]...")
 @click.option("--show-args", "-s", is_flag=True, help="Print the arguments; start nothing.")
 @click.option("--print", "-p", "only_print", is_flag=True, help="Print the wiring; start nothing.")
@@ -177,11 +168,11 @@ def _say(quiet: bool, line: str) -> None:
     metavar="[OUT.svg]",
     help="Draw the wiring, to standard output if no file is named; start nothing.",
 )
-@RUN_FOLDER
-@SETTINGS
-@COMPOSED
-@json_option("Print summary.json.")
-@quiet_option()
+@command_line.RUN_FOLDER
+@command_line.SETTINGS
+@command_line.COMPOSED
+@command_line.json_option("Print summary.json.")
+@command_line.quiet_option()
 def launch_command(
     file: Path,
     arguments: tuple[str, ...],
@@ -218,13 +209,13 @@ def launch_command(
 
 
 @click.command("replay")
-@BAG
-@names_option("--nodes", "A,B", "Nodes to run; all exact ones if none.")
-@SETTINGS
+@command_line.BAG
+@command_line.names_option("--nodes", "A,B", "Nodes to run; all exact ones if none.")
+@command_line.SETTINGS
 @click.option("--from", "place", metavar="contour=N|end", help="Go on with the exploration.")
-@click.option("--out", type=PATH, help="With --from: the run directory.")
-@json_option("With --from: print summary.json.")
-@quiet_option("With --from: print nothing.")
+@click.option("--out", type=command_line.PATH, help="With --from: the run directory.")
+@command_line.json_option("With --from: print summary.json.")
+@command_line.quiet_option("With --from: print nothing.")
 def replay_command(
     bag: Path,
     nodes: tuple[str, ...],
@@ -253,7 +244,7 @@ def replay_command(
         return _resume(bag, place, nodes, out, as_json=as_json, quiet=quiet)
     if out is not None or as_json or quiet:
         raise InputError("--out, --json and --quiet belong to --from")
-    with as_input_errors():
+    with command_line.as_input_errors():
         return replay.replay(bag, nodes, click.echo, settings=launch.read_settings(settings))
 
 
@@ -265,7 +256,7 @@ def _resume(
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):
         raise InputError(f"--from {place}: must look like contour=12, or be the word end")
-    with as_input_errors():
+    with command_line.as_input_errors():
         plan = replay.plan_resume(bag, int(number) if number else None, nodes=names, out=out)
     code = perform_and_print(plan, composed=False, as_json=as_json, quiet=quiet)
     different = replay.past_differences(bag, plan.folder.path) if code in (0, 1) else ""
@@ -275,12 +266,12 @@ def _resume(
 
 
 @click.command("chaos", help=CHAOS_HELP)
-@click.option("--seed", type=SEED, default=1, help="Of the first run.")
+@click.option("--seed", type=command_line.SEED, default=1, help="Of the first run.")
 @click.option("--minutes", type=click.FloatRange(0), default=5.0, help="Begin no run after that.")
 @click.option("--scene", default="vase", help="A shipped scene's name or a YAML file.")
 @click.option("--fingers", type=click.IntRange(1, 8), default=1, help="Fingers that explore.")
 @click.option("--kinds", metavar="A,B", help="Only these faults.")
-@json_option("Print all figures.")
+@command_line.json_option("Print all figures.")
 def chaos_command(
     seed: int, minutes: float, scene: str, fingers: int, kinds: str | None, as_json: bool
 ) -> int:
@@ -288,7 +279,7 @@ def chaos_command(
     subject = chaos.Exploration(
         "explore", (f"scene:={launch.find_scene(scene).resolve()}", f"fingers:={fingers}")
     )
-    with as_input_errors():
+    with command_line.as_input_errors():
         tally = chaos.run_trials(
             subject,
             seed=seed,
@@ -325,7 +316,7 @@ def host_command(address: str) -> None:
     program. A launch file names the machine with host: ADDRESS.
     """
     where, port = launch.read_host(address)
-    with as_input_errors():
+    with command_line.as_input_errors():
         launch.run_host_agent(where, port, launch.key_file(), click.echo)
 
 

@@ -9,26 +9,16 @@ import click
 from palpate.launch.files import InputError
 from palpate.tools import bag as bags
 from palpate.tools import introspection
-from palpate.tools.cli.command_line import (
-    BAG,
-    PATH,
-    RUN,
-    NamedGroup,
-    as_input_errors,
-    json_option,
-    names_option,
-    print_figures,
-    quiet_option,
-)
+from palpate.tools.cli import command_line
 
-bag_group = NamedGroup(
+bag_group = command_line.NamedGroup(
     "bag", help="Look into recordings, play, recover and compare them, and hand them on."
 )
 
 
 @bag_group.command("info", short_help="Say what a recording holds.")
-@BAG
-@json_option("Print it as JSON.")
+@command_line.BAG
+@command_line.json_option("Print it as JSON.")
 def bag_info_command(bag: Path, as_json: bool) -> int:
     """Say what the recording BAG holds.
 
@@ -39,12 +29,12 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     Exits with 0 if the recording is whole, with 1 if it is damaged or was never closed.
     """
     info = bags.bag_info(bag)
-    print_figures(info, bags.info_text, as_json=as_json)
+    command_line.print_figures(info, bags.info_text, as_json=as_json)
     return 0 if info["closed"] else 1
 
 
 @bag_group.command("play", short_help="Publish again what a recording holds, at its own pace.")
-@BAG
+@command_line.BAG
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Recorded s in a second.")
 @click.option("-l", "--loop", is_flag=True, help="Begin anew at the end, until Ctrl-C.")
 @click.option("--start-offset", default=0.0, help="Begin so many s after the first message.")
@@ -61,7 +51,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     help="Publish the recording's time on /clock, 40 times a second if no number is given.",
 )
 @click.option("-p", "--start-paused", is_flag=True, help="Wait for resume or step.")
-@quiet_option()
+@command_line.quiet_option()
 def bag_play_command(
     bag: Path,
     rate: float,
@@ -93,14 +83,14 @@ def bag_play_command(
 
 
 @bag_group.command("pause", short_help="Have a player stand still.")
-@RUN
+@command_line.RUN
 def bag_pause_command(run: str | None) -> None:
     """Have the player of a running graph stand still."""
     introspection.control_player(run, "pause")
 
 
 @bag_group.command("resume", short_help="Have a player go on.")
-@RUN
+@command_line.RUN
 def bag_resume_command(run: str | None) -> None:
     """Have the player of a running graph go on."""
     introspection.control_player(run, "resume")
@@ -108,18 +98,18 @@ def bag_resume_command(run: str | None) -> None:
 
 @bag_group.command("step", short_help="Have a player that stands still publish the next message.")
 @click.option("-n", "--messages", type=click.IntRange(1, 1 << 31), default=1, show_default=True)
-@RUN
+@command_line.RUN
 def bag_step_command(messages: int, run: str | None) -> None:
     """Have the player of a running graph, if it stands still, publish the next MESSAGES."""
     introspection.control_player(run, "step", number=messages)
 
 
 @bag_group.command("recover", short_help="Save what is whole of a damaged recording.")
-@BAG
+@command_line.BAG
 @click.option(
     "-o",
     "--output",
-    type=PATH,
+    type=command_line.PATH,
     help="The new file, not there yet; NAME.recovered.mcap beside BAG if left out.",
 )
 def bag_recover_command(bag: Path, output: Path | None) -> int:
@@ -135,9 +125,9 @@ def bag_recover_command(bag: Path, output: Path | None) -> int:
 
 
 @bag_group.command("diff", short_help="Name the first message in which two recordings differ.")
-@click.argument("a", metavar="A", type=PATH)
-@click.argument("b", metavar="B", type=PATH)
-@names_option("--topics", "/X,/Y", "Topics to compare; all if none.")
+@click.argument("a", metavar="A", type=command_line.PATH)
+@click.argument("b", metavar="B", type=command_line.PATH)
+@command_line.names_option("--topics", "/X,/Y", "Topics to compare; all if none.")
 def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
     """Compare the recordings A and B, message by message, topic by topic.
 
@@ -147,21 +137,25 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
 
     Exits with 0 if they are identical, with 1 if not, with 2 if one cannot be read.
     """
-    with as_input_errors():
+    with command_line.as_input_errors():
         found = bags.compare_recordings(a, b, topics)
     click.echo(bags.diff_text(found))
     return int(bool(found.first))
 
 
 @bag_group.command("export", short_help="Write a recording in a format that other programs read.")
-@BAG
+@command_line.BAG
 @click.option(
     "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."
 )
 @click.option(
-    "-o", "--output", type=PATH, required=True, help="The new file or folder, not there yet."
+    "-o",
+    "--output",
+    type=command_line.PATH,
+    required=True,
+    help="The new file or folder, not there yet.",
 )
-@names_option("--topics", "A,B", "Topics to write; all if left out.")
+@command_line.names_option("--topics", "A,B", "Topics to write; all if left out.")
 def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ...]) -> None:
     """Write the recording BAG in a format that other programs read.
 
@@ -175,7 +169,7 @@ def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ..
 
 
 @click.command("cost")
-@click.argument("run", type=PATH)
+@click.argument("run", type=command_line.PATH)
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Of this only. Repeatable.")
 @click.option(
     "--plot",
@@ -186,7 +180,7 @@ def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ..
     metavar="[OUT.svg]",
     help="Draw error and bound against cost, to standard output if no file is named.",
 )
-@json_option()
+@command_line.json_option()
 def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_json: bool) -> int:
     """Say what the moves of RUN would have cost each robot, in s.
 
@@ -207,5 +201,5 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
             raise InputError("--plot draws the run as it was: leave out --robot and --json")
         plot_cost(run, picture)
         return 0
-    print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
+    command_line.print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
     return 0

@@ -18,14 +18,7 @@ import numpy as np
 
 from palpate.launch.files import InputError, hint, parse_yaml
 from palpate.launch.processes import RunCard, find_run
-from palpate.messages import Array, decode, encode
-from palpate.messages.bus import (
-    STATUS_TOPIC,
-    TO_TOOLS,
-    ControlClient,
-    ControlMessage,
-    SocketContext,
-)
+from palpate.messages import Array, bus, decode, encode
 from palpate.messages.types import TYPES, NodeStatus
 from palpate.nodes.runtime import RecordedNode, Source, load_node
 from palpate.tools.introspection.echo import yaml_lines
@@ -99,7 +92,7 @@ def sample_status(
     """What these nodes publish of themselves; twice each, unless the patience ends, s."""
     found: dict[str, StatusSample] = {}
     sent: dict[str, int] = {}
-    topic = Topic(STATUS_TOPIC, NodeStatus.__name__, tuple(names), ())
+    topic = Topic(bus.STATUS_TOPIC, NodeStatus.__name__, tuple(names), ())
     until = time.monotonic() + patience
     with TapSubscription(card, [topic]) as taps:
         while (left := until - time.monotonic()) > 0 and not all(
@@ -166,7 +159,7 @@ def notify(card: RunCard, kind: str, **fields: Any) -> None:
         line.close()
 
 
-def request(card: RunCard, kind: str, **fields: Any) -> ControlMessage:
+def request(card: RunCard, kind: str, **fields: Any) -> bus.ControlMessage:
     """Ask the launcher of a running graph, and return what it answers.
 
     A node that is just being started, or started again, is waited for. Raises ValueError if it
@@ -192,10 +185,10 @@ def request(card: RunCard, kind: str, **fields: Any) -> ControlMessage:
 
 
 @contextmanager
-def _control_line(card: RunCard) -> Iterator[ControlClient]:
-    sockets = SocketContext(card.key)
+def _control_line(card: RunCard) -> Iterator[bus.ControlClient]:
+    sockets = bus.SocketContext(card.key)
     name = f"tool {os.getpid()} {os.urandom(4).hex()}"
-    line = ControlClient(sockets.context, card.tools, name=name, accepts=TO_TOOLS)
+    line = bus.ControlClient(sockets.context, card.tools, name=name, accepts=bus.TO_TOOLS)
     try:
         yield line
     finally:

@@ -19,18 +19,7 @@ from palpate.launch import search_current_folder
 from palpate.messages import Header, schema_hash
 from palpate.messages.bus import Received
 from palpate.messages.recording import RecordedMessage, Recording
-from palpate.nodes.runtime import (
-    ContractError,
-    Finished,
-    MessageQueue,
-    Node,
-    NodeWork,
-    Outgoing,
-    RecordedNode,
-    Wiring,
-    load_node,
-    recorded_nodes,
-)
+from palpate.nodes import runtime
 from palpate.tools.replay.comparison import TopicComparison
 
 # A recording names modules to import; others than ours only if the user names the node.
@@ -53,7 +42,7 @@ class _Link:
 
     publisher: str
     # Published before their place has come; numbered in the order of publishing.
-    waiting: deque[tuple[int, Outgoing]] = field(default_factory=deque)
+    waiting: deque[tuple[int, runtime.Outgoing]] = field(default_factory=deque)
     owed: int = 0  # Places that have come before their messages were published
     received: int = 0
     more: int = 0  # Messages received after all that was recorded
@@ -77,7 +66,7 @@ class MessageExchange:
         self._publishers = {
             topic: publisher for player in players for topic, publisher in player.publishers.items()
         }
-        self._queue = MessageQueue(self._subscribers)
+        self._queue = runtime.MessageQueue(self._subscribers)
         self._numbers = count()
         self._ended = False
 
@@ -130,7 +119,7 @@ class MessageExchange:
             if link.owed or link.more
         )
 
-    def _take(self, published: Iterable[Outgoing]) -> None:
+    def _take(self, published: Iterable[runtime.Outgoing]) -> None:
         for parcel in published:
             link = self._links.get(parcel.topic)
             if link is None:
@@ -144,7 +133,7 @@ class MessageExchange:
             else:
                 link.waiting.append((next(self._numbers), parcel))
 
-    def _pass_on(self, link: _Link, parcel: Outgoing) -> None:
+    def _pass_on(self, link: _Link, parcel: runtime.Outgoing) -> None:
         header = Header(0, 0, link.received, 0, parcel.robot_time, parcel.schema)
         link.received += 1
         self._send(parcel.topic, header, parcel.body)
@@ -172,8 +161,8 @@ class ReplayedNode:
         node, wiring = chosen
         self.name = wiring.name
         try:
-            self._work = NodeWork(node, wiring.params, wiring)
-        except ContractError as error:
+            self._work = runtime.NodeWork(node, wiring.params, wiring)
+        except runtime.ContractError as error:
             raise ValueError(f"{error}; it was recorded with another version of it") from None
         self.failure = ""
         """What it raised and when, in words; it receives and publishes no more after that."""
@@ -190,11 +179,11 @@ class ReplayedNode:
         self._types |= self.subscriptions
         self.publishers = {one.topic: one.publisher for one in wiring.inputs}
 
-    def begin(self) -> list[Outgoing]:
+    def begin(self) -> list[runtime.Outgoing]:
         """Start the node; what it publishes."""
         return self._run(self._work.begin)
 
-    def receive(self, arrival: Received) -> list[Outgoing]:
+    def receive(self, arrival: Received) -> list[runtime.Outgoing]:
         """Hand it one message; what it publishes."""
         return [] if self.failure else self._run(lambda: self._work.take(arrival))
 
@@ -226,7 +215,9 @@ class ReplayedNode:
             comparison.end(closed=closed)
             self.first = self.first or comparison.first
 
-    def _run(self, act: Callable[[], list[Outgoing | Finished]]) -> list[Outgoing]:
+    def _run(
+        self, act: Callable[[], list[runtime.Outgoing | runtime.Finished]]
+    ) -> list[runtime.Outgoing]:
         try:
             published = act()
         except Exception as error:  # The edge of the node: whatever it was must be told in words.
@@ -235,7 +226,7 @@ class ReplayedNode:
             for comparison in self.publications.values():
                 comparison.fall_silent()
             return []
-        parcels = [one for one in published if isinstance(one, Outgoing)]
+        parcels = [one for one in published if isinstance(one, runtime.Outgoing)]
         for topic, body, *_ in parcels:
             self.publications[topic].add_published(body)
             self.first = self.first or self.publications[topic].first
@@ -245,8 +236,8 @@ class ReplayedNode:
 class ReplayNode(NamedTuple):
     """A node that is run again."""
 
-    node: Node  # What it does
-    wiring: Wiring  # Its place in the recorded graph, and its parameters
+    node: runtime.Node  # What it does
+    wiring: runtime.Wiring  # Its place in the recorded graph, and its parameters
 
 
 def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode, ...]:
@@ -263,7 +254,7 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
     """
     if not recording.graph:
         raise ValueError(f"recording {recording.path} does not say which nodes made it")
-    known = {one.name: one for one in recorded_nodes(recording.graph)}
+    known = {one.name: one for one in runtime.recorded_nodes(recording.graph)}
     for name in names:
         if name not in known:
             raise ValueError(f"recording {recording.path} has no node {name!r}; it has {[*known]}")
@@ -273,8 +264,8 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
             continue
         if not one.module.startswith(OWN_PACKAGE):
             search_current_folder(f"{one.module}:NODE")
-        node = load_node(one.module)
-        if isinstance(node, Node) and (names or _is_exact(one, node, recording)):
+        node = runtime.load_node(one.module)
+        if isinstance(node, runtime.Node) and (names or _is_exact(one, node, recording)):
             chosen.append(ReplayNode(node, one.wiring(node.params)))
         elif names:
             raise ValueError(
@@ -285,7 +276,7 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
     return tuple(chosen)
 
 
-def _is_exact(place: RecordedNode, node: Node, recording: Recording) -> bool:
+def _is_exact(place: runtime.RecordedNode, node: runtime.Node, recording: Recording) -> bool:
     """Whether the recorded order is sure to be the order in which the node received."""
     received = [one for one in place.inputs if recording.counts.get(one.topic)]
     return len({one.publisher for one in received if one.local not in node.needs}) <= 1

@@ -17,35 +17,14 @@ from typing import Any
 import msgspec
 from threadpoolctl import threadpool_limits
 
-from palpate.launch import (
-    RECORDING,
-    Entry,
-    Graph,
-    Plan,
-    choose_run_directory,
-    counted,
-    find_bag,
-    override,
-    search_current_folder,
-    text_table,
-    versions_text,
-)
+from palpate import launch
 from palpate.launch.files import SourceMapped, convert
 from palpate.launch.processes import EarlierRun, SentMessage
 from palpate.messages import schema_hash
 from palpate.messages.bus import Consumed
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
 from palpate.messages.types import TYPES, Contour
-from palpate.nodes.runtime import (
-    RECORDER,
-    Node,
-    RecordedNode,
-    Wiring,
-    is_persistent,
-    load_node,
-    recorded_nodes,
-    with_description,
-)
+from palpate.nodes import runtime
 from palpate.tools.bag import compare_recordings
 from palpate.tools.replay.comparison import ChangeKind, TopicComparison
 from palpate.tools.replay.exchange import (
@@ -86,7 +65,7 @@ def replay(
     recording cannot be read or lacks messages, or a node is unknown, cannot be replayed, or was
     recorded with other message types; InputError if a setting cannot be used.
     """
-    recording = open_recording(find_bag(bag))
+    recording = open_recording(launch.find_bag(bag))
     chosen = with_settings(choose_nodes(recording, nodes), recording.graph, settings or {})
     players = [ReplayedNode(one) for one in chosen]
     if not recording.closed:
@@ -128,7 +107,7 @@ def with_settings(
     if not settings:
         return tuple(chosen)
     entries = [_entry(one.wiring) for one in chosen]
-    others = [_entry(one) for one in recorded_nodes(graph)]
+    others = [_entry(one) for one in runtime.recorded_nodes(graph)]
     again = {name for entry in entries for name in (entry.name, entry.group)}
     ran = {name for entry in others for name in (entry.name, entry.group)}
     for target, value in settings.items():
@@ -139,7 +118,7 @@ def with_settings(
                 (), f"{node!r} is not among the nodes to run again: {names}; add it to --nodes"
             )
     found = []
-    laid = override(Graph(tuple(entries), ends=""), settings).entries
+    laid = launch.override(launch.Graph(tuple(entries), ends=""), settings).entries
     for one, entry in zip(chosen, laid, strict=True):
         params: Any = one.wiring.params
         if entry.places:
@@ -148,11 +127,11 @@ def with_settings(
     return tuple(found)
 
 
-def _entry(place: Wiring | RecordedNode) -> Entry:
+def _entry(place: runtime.Wiring | runtime.RecordedNode) -> launch.Entry:
     """The node as a launch file would describe it, in the namespace of its finger."""
     finger = f"finger_{place.name.rpartition('_')[2]}"
     within = any(topic.startswith(f"/{finger}/") for topic in place.outputs.values())
-    return Entry(
+    return launch.Entry(
         name=place.name, kind=place.module, params=place.params, namespace=finger if within else ""
     )
 
@@ -172,16 +151,16 @@ def shortage_text(shortage: Shortage) -> str:
     topic, publisher, subscribers, fewer, more = shortage
     who = f"{', '.join(subscribers)}: received"
     if fewer:
-        missed = counted(fewer, "fewer message")
+        missed = launch.counted(fewer, "fewer message")
         return f"{who} {missed} on {topic} than recorded: {publisher} publishes no more"
-    beyond = counted(more, "more message")
+    beyond = launch.counted(more, "more message")
     return f"{who} {beyond} on {topic}, after those recorded: {publisher} publishes more"
 
 
 def change_table(players: Sequence[ReplayedNode]) -> list[str]:
     """Lines of what has changed, by topic and field; none if nothing has."""
     rows = [row for player in players for one in player.publications.values() for row in _rows(one)]
-    return text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
+    return launch.text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
 
 
 def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
@@ -202,24 +181,24 @@ def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
 
 def plan_resume(
     bag: Path, contour: int | None, *, nodes: Sequence[str] = (), out: Path | None = None
-) -> Plan:
+) -> launch.Plan:
     """Plan to go on with an exploration after a contour, or after all that was recorded.
 
     `nodes` names those whose modules are not palpate's own, and may be imported. Raises ValueError
     if the recording cannot be read, does not say how it was made, has fewer contours, or a node
     cannot be loaded; InputError if the folder cannot be used.
     """
-    recording = open_recording(find_bag(bag))
+    recording = open_recording(launch.find_bag(bag))
     about = {key: text for key, text in recording.about.items() if key not in ("graph", "version")}
     if not recording.graph or "ends" not in about:
         raise ValueError(f"recording {recording.path} does not say which graph made it")
     name = about.get("scene_name", recording.path.stem)
-    folder = choose_run_directory(name, out)
-    wirings = _wirings(recording, nodes, folder.path / RECORDING)
-    about["versions"] = versions_text()
-    return Plan(
+    folder = launch.choose_run_directory(name, out)
+    wirings = _wirings(recording, nodes, folder.path / launch.RECORDING)
+    about["versions"] = launch.versions_text()
+    return launch.Plan(
         name,
-        with_description(wirings, about),
+        runtime.with_description(wirings, about),
         about["ends"],
         about,
         folder,
@@ -227,28 +206,32 @@ def plan_resume(
     )
 
 
-def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[Wiring]:
+def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[runtime.Wiring]:
     wirings = []
-    for one in recorded_nodes(recording.graph):
+    for one in runtime.recorded_nodes(recording.graph):
         if not one.module.startswith(OWN_PACKAGE):
             if one.name not in nodes:
                 raise ValueError(
                     f"recording {recording.path} wants module {one.module!r} for {one.name}, which "
                     f"is not palpate's own; name it if you trust it: --nodes {one.name}"
                 )
-            search_current_folder(f"{one.module}:NODE")
-        node = load_node(one.module)
+            launch.search_current_folder(f"{one.module}:NODE")
+        node = runtime.load_node(one.module)
         wiring = one.wiring(node.params)
-        if one.module == RECORDER:
+        if one.module == runtime.RECORDER:
             params = msgspec.structs.replace(wiring.params, path=str(path))
             wiring = replace(wiring, params=params)
         wirings.append(
-            replace(wiring, handler_timeout=node.handler_timeout, persistent=is_persistent(node))
+            replace(
+                wiring, handler_timeout=node.handler_timeout, persistent=runtime.is_persistent(node)
+            )
         )
     return wirings
 
 
-def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage]) -> EarlierRun:
+def earlier_run_of(
+    wirings: Sequence[runtime.Wiring], messages: Iterable[RecordedMessage]
+) -> EarlierRun:
     """What each node had received, and what it had published when, in the order of sending."""
     subscribers: dict[str, list[tuple[str, str]]] = {}
     publishers = {topic: one for one in wirings for topic in one.outputs.values()}
@@ -258,7 +241,7 @@ def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage
         one.name: [] for one in wirings if not one.persistent
     }
     for wiring in wirings:
-        for edge in () if wiring.module == RECORDER else wiring.inputs:
+        for edge in () if wiring.module == runtime.RECORDER else wiring.inputs:
             subscribers.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
     for one in messages:
         for name, publisher in subscribers.get(one.topic, ()):
@@ -279,14 +262,14 @@ def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage
 
 
 def answered_messages(
-    wiring: Wiring, received: Sequence[ConsumedAt], sent: Sequence[SentMessage]
+    wiring: runtime.Wiring, received: Sequence[ConsumedAt], sent: Sequence[SentMessage]
 ) -> list[Consumed]:
     """What a node that acts had answered: each message by one of its own at least, in its order.
 
     What it needs before all else does not count, nor what it publishes before it is asked anything.
     """
-    node = load_node(wiring.module)
-    needs = node.needs if isinstance(node, Node) else ()
+    node = runtime.load_node(wiring.module)
+    needs = node.needs if isinstance(node, runtime.Node) else ()
     latched = {one.topic for one in wiring.inputs if one.local in needs}
     asked = [(one, sent_ns) for one, sent_ns in received if one.topic not in latched]
     if not asked:
@@ -317,7 +300,7 @@ def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessag
 
 def past_differences(bag: Path, run: Path) -> str:
     """What of the earlier run came out otherwise in the one that went on; empty if nothing did."""
-    if not (run / RECORDING).exists():
+    if not (run / launch.RECORDING).exists():
         return ""
     found = compare_recordings(bag, run).topics.items()
     differ = [f"{topic} ({one.differ} of {one.compared})" for topic, one in found if one.differ]
@@ -325,5 +308,5 @@ def past_differences(bag: Path, run: Path) -> str:
         return ""
     return (
         f"{', '.join(differ)} came out otherwise than recorded: other code, or other versions; "
-        f"palpate bag diff {find_bag(bag)} {run} shows it"
+        f"palpate bag diff {launch.find_bag(bag)} {run} shows it"
     )

@@ -13,16 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from msgspec import Meta, Struct, field
 
-from palpate import __version__
-from palpate.launch import (
-    EXPLORE,
-    Plan,
-    check_run,
-    find_scene,
-    plain_params,
-    plan_run,
-    read_demand,
-)
+from palpate import __version__, launch
 from palpate.launch.files import InputError, SourceMapped, convert, hint, read_yaml
 from palpate.nodes.runtime import RECORDER, Wiring
 from palpate.nodes.specs import Seed
@@ -61,9 +52,9 @@ class SweepRun:
     args: Settings
     settings: Settings
 
-    def plan(self, folder: Path) -> Plan:
+    def plan(self, folder: Path) -> launch.Plan:
         """The run, ready to be performed into a folder, which must be new or empty."""
-        return plan_run(EXPLORE, self.args, self.settings, name=self.name, out=folder)
+        return launch.plan_run(launch.EXPLORE, self.args, self.settings, name=self.name, out=folder)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +123,7 @@ def _checked(
 ) -> SweepRun:
     """One run; InputError if it could not be started."""
     try:
-        path = find_scene(scene.value)
+        path = launch.find_scene(scene.value)
     except InputError as error:
         raise scene.error((), str(error)) from None
     args = {"scene": SourceMapped(str(path), ""), "record": SourceMapped(record, "")}
@@ -149,7 +140,7 @@ def _checked(
     if seed is not None:
         args["seed"] = seed
     try:
-        described, wirings = check_run(EXPLORE, args, inner, Path("run"))
+        described, wirings = launch.check_run(launch.EXPLORE, args, inner, Path("run"))
     except InputError as error:
         raise InputError(_located(str(error), settings)) from None
     values = {name: value.value for name, value in settings.items()}
@@ -162,7 +153,7 @@ def _demand(name: str, value: SourceMapped) -> Settings:
     """A setting of the planner, as on the command line: ``tolerance: 0.2mm``."""
     tolerance, feature, budget = (str(value.value) if name == one else None for one in DEMANDS)
     try:
-        found = read_demand(tolerance, feature, budget, None, None)
+        found = launch.read_demand(tolerance, feature, budget, None, None)
     except InputError as error:
         raise value.error((), str(error).removeprefix("--")) from None
     return {target: SourceMapped(one.value, value.source) for target, one in found.items()}
@@ -170,7 +161,7 @@ def _demand(name: str, value: SourceMapped) -> Settings:
 
 def _located(text: str, settings: Settings) -> str:
     """A complaint with the whole combination, and never at a line of the launch file."""
-    if settings and text.startswith(str(EXPLORE)):
+    if settings and text.startswith(str(launch.EXPLORE)):
         text = f"{[*settings.values()][-1].source}: {text.partition(': ')[2]}"
     told = ", ".join(f"{name} {value.value}" for name, value in settings.items())
     return f"{text} (with {told})" if len(settings) > 1 else text
@@ -179,7 +170,7 @@ def _located(text: str, settings: Settings) -> str:
 def mark_of(wirings: tuple[Wiring, ...]) -> str:
     """What tells a run's resolved parameters from all others: 12 digits of their SHA-256."""
     nodes = [one for one in wirings if one.module != RECORDER]
-    kept = [(one.name, one.module, plain_params(one.params)) for one in nodes]
+    kept = [(one.name, one.module, launch.plain_params(one.params)) for one in nodes]
     text = json.dumps([__version__, kept], default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:MARK]
 

@@ -21,15 +21,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from msgspec.structs import replace as with_fields
 
-from palpate.launch import (
-    EXPLORE,
-    RECORDING,
-    Plan,
-    RunDirectory,
-    SilentDisplay,
-    perform,
-    prestart_fork_server,
-)
+from palpate import launch
 from palpate.launch.files import InputError
 from palpate.launch.processes import without_main_module
 from palpate.nodes.runtime import RECORDER
@@ -45,25 +37,25 @@ class Job(NamedTuple):
     """A run to be made."""
 
     run: SweepRun
-    plan: Plan
+    plan: launch.Plan
     folder: Path  # Where its files are to be, at the caller's
 
 
-def explore_into(plan: Plan, folder: Path) -> Record:
+def explore_into(plan: launch.Plan, folder: Path) -> Record:
     """Perform a run in this process into another folder than planned.
 
     Raises InputError if the folder cannot be written, or its disk is too full for a recording;
     whatever else fails is a record that says so.
     """
-    path = str(folder / RECORDING)
+    path = str(folder / launch.RECORDING)
     wirings = tuple(
         replace(one, params=with_fields(one.params, path=path)) if one.module == RECORDER else one
         for one in plan.wirings
     )
-    moved = replace(plan, folder=RunDirectory(folder, linked=False), wirings=wirings)
+    moved = replace(plan, folder=launch.RunDirectory(folder, linked=False), wirings=wirings)
     began = time.thread_time()
     try:
-        done = perform(moved, composed=True, display=SilentDisplay())
+        done = launch.perform(moved, composed=True, display=launch.SilentDisplay())
     except InputError:
         raise
     except Exception as error:  # one run must not end all others
@@ -82,7 +74,7 @@ class LocalWorkers:
 
     def __init__(self, count: int) -> None:
         self.width = count  # So many runs at a time keep all busy
-        prestart_fork_server(EXPLORE)
+        launch.prestart_fork_server(launch.EXPLORE)
         self._busy: dict[connection.Connection, tuple[BaseProcess, Job]] = {}
 
     def begin(self, job: Job) -> None:
@@ -115,7 +107,7 @@ class LocalWorkers:
             process.join()
 
 
-def _explore_for(pipe: connection.Connection, plan: Plan, folder: Path) -> None:
+def _explore_for(pipe: connection.Connection, plan: launch.Plan, folder: Path) -> None:
     """Make a run and hand its record over."""
     try:
         found: Record | InputError = explore_into(plan, folder)
@@ -182,7 +174,7 @@ class ClusterWorkers:
         self._client.close()
 
 
-def explore_away(plan: Plan) -> tuple[Record, Mapping[str, bytes]]:
+def explore_away(plan: launch.Plan) -> tuple[Record, Mapping[str, bytes]]:
     """Perform a run on another machine: its record, and the files that it left, by name.
 
     Raises InputError as `explore_into`. Threads of one worker wait for each other.

@@ -16,14 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import (
-    area_centroids,
-    azimuth_match,
-    edge_distance,
-    signed_area,
-    winding_number,
-)
 from palpate.core.rebuild.contours.curves import (
     ContourCurve,
     DroppedContour,
@@ -163,15 +157,15 @@ def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[Contour
         flags = loop.curve.flags
         return not flags.self_intersecting, not flags.uneven, len(loop.points)
 
-    smaller, larger = sorted((first, second), key=lambda loop: abs(signed_area(loop.fine)))
+    smaller, larger = sorted((first, second), key=lambda loop: abs(geometry.signed_area(loop.fine)))
     worse = min((second, first), key=worth)
-    off = edge_distance(larger.fine, smaller.fine[::EACH])
+    off = geometry.edge_distance(larger.fine, smaller.fine[::EACH])
     if float(np.sqrt((off**2).mean())) <= ALIKE * larger.perimeter:
         return worse, "repeats another at its height"
-    inside = winding_number(larger.fine, smaller.fine) != 0
+    inside = geometry.winding_number(larger.fine, smaller.fine) != 0
     if inside.all():
         return smaller, "inside another at its height"
-    if inside.any() or (winding_number(smaller.fine, larger.fine) != 0).any():
+    if inside.any() or (geometry.winding_number(smaller.fine, larger.fine) != 0).any():
         return worse, "crosses another at its height"
     return smaller, "beside another at its height"
 
@@ -179,7 +173,7 @@ def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[Contour
 def restack(loops: Sequence[ContourCurve], dropped: tuple[DroppedContour, ...]) -> Slices:
     """The stack of curves at rising heights, and of what was dropped before."""
     fine = np.stack([loop.fine for loop in loops])
-    middles = area_centroids(fine)
+    middles = geometry.area_centroids(fine)
     heights = np.array([loop.height for loop in loops])
     perimeter = np.array([loop.perimeter for loop in loops])
     tilt = np.array([loop.tilt for loop in loops])
@@ -310,7 +304,7 @@ def _azimuths(slices: Slices, around: Floats) -> Floats:
             ahead = np.mod(around - azimuths[0], 1.0)
             found.append(np.interp(ahead, np.append(azimuths - azimuths[0], 1.0), even))
             continue
-        shares = azimuth_match(curve, middle, 2.0 * np.pi * around).turns
+        shares = geometry.azimuth_match(curve, middle, 2.0 * np.pi * around).turns
         closed = np.vstack([curve, curve[:1]])
         lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
         ends = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()

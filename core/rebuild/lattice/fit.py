@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, hstack, vstack
 from scipy.sparse.linalg import lsmr
 
+from palpate.core import splines
 from palpate.core.arrays import Bools, Floats, finite_array
 from palpate.core.rebuild.lattice.section import (
     Layers,
@@ -31,17 +32,6 @@ from palpate.core.rebuild.lattice.section import (
 )
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import ContourSurface
-from palpate.core.splines import (
-    CUBIC,
-    Basis,
-    FoldReport,
-    Lattice,
-    Parallelepiped,
-    PeriodicBasis,
-    SplineVolume,
-    clamped_basis,
-    fold_report,
-)
 
 SIDES = (7, 9, 11, 13, 17, 21)  # Control points across a section each way that are tried
 FILLS: tuple[SectionFill, ...] = ("bending", "rings", "cones")
@@ -96,7 +86,7 @@ class Refinement(NamedTuple):
 class LatticeFit:
     """A solved lattice."""
 
-    lattice: Lattice  # Control points, and the box that they deform
+    lattice: splines.Lattice  # Control points, and the box that they deform
     section: Section  # Of the undeformed prism
     health: LatticeHealth  # How the fit came about
     refinement: Refinement | None = None  # What was changed of it afterwards
@@ -107,15 +97,15 @@ class LatticeFit:
         return LatticeSide(self.section, self.lattice.volume)
 
     @property
-    def prism(self) -> Parallelepiped:
+    def prism(self) -> splines.Parallelepiped:
         """The box around the undeformed prism."""
         frame = self.lattice.undeformed
-        assert isinstance(frame, Parallelepiped)
+        assert isinstance(frame, splines.Parallelepiped)
         return frame
 
-    def folds(self) -> FoldReport:
+    def folds(self) -> splines.FoldReport:
         """Whether anything in the whole box folds, proved where that can be; some seconds."""
-        return fold_report(self.lattice)
+        return splines.fold_report(self.lattice)
 
 
 def fit_lattice(
@@ -136,12 +126,12 @@ def fit_lattice(
     Fung, 1999, (4.25), for the displacement from the undeformed lattice: the system of the control
     points themselves is singular, since a rim cannot see a whole section.
     """
-    if size is not None and min(size) <= CUBIC:
-        raise ValueError(f"size must be at least {CUBIC + 1} each way, got {size}")
+    if size is not None and min(size) <= splines.CUBIC:
+        raise ValueError(f"size must be at least {splines.CUBIC + 1} each way, got {size}")
     layers = layers_of(surface, None if size is None else size[1])
     count = max(LEAST_TURNS, TURNS_EACH * layers.curves.shape[1])
     turns = np.arange(count) / count
-    around = PeriodicBasis(layers.curves.shape[1])
+    around = splines.PeriodicBasis(layers.curves.shape[1])
     curves = np.matmul(around.matrix(turns).toarray(), layers.curves)
     section = fit_section(curves, grasp)
     half = float(section.half_extent.max())
@@ -149,8 +139,10 @@ def fit_lattice(
     check = _Check(surface, section, layers, turns, curves)
     best = _best(check, SIDES if size is None else (size[0],), enough)
     side = best.control.shape[0]
-    bases = clamped_basis(side), clamped_basis(side), layers.basis
-    lattice = Lattice(SplineVolume(best.control, bases), section.frame(*surface.reach))
+    bases = splines.clamped_basis(side), splines.clamped_basis(side), layers.basis
+    lattice = splines.Lattice(
+        splines.SplineVolume(best.control, bases), section.frame(*surface.reach)
+    )
     return LatticeFit(lattice, section, best.health)
 
 
@@ -201,7 +193,7 @@ def _tried(check: _Check, system: SectionSystem, fill: SectionFill) -> _Trial:
 def _off(check: _Check, control: Floats) -> Floats:
     """Distances across the sections between the deformed side and the loft, (n, k)."""
     side, layers = control.shape[0], check.layers
-    seen = section_matrix(clamped_basis(side), check.section.rim(check.turns))
+    seen = section_matrix(splines.clamped_basis(side), check.section.rim(check.turns))
     flat: Floats = seen @ control[..., :2].reshape(side**2, -1)
     reached = flat.reshape(len(check.turns), -1, 2).transpose(1, 0, 2)
     shares = layers.basis.greville()
@@ -222,9 +214,9 @@ def _looked_into(check: _Check, trial: _Trial) -> _Trial:
     return _Trial(trial.control, trial.health._replace(folded=folded))
 
 
-def folded_share(section: Section, along: Basis, control: Floats) -> float:
+def folded_share(section: Section, along: splines.Basis, control: Floats) -> float:
     """Share of a prism that is turned inside out, sampled; layers of control points are level."""
-    basis = clamped_basis(control.shape[0])
+    basis = splines.clamped_basis(control.shape[0])
     places, weights = section.inside(RADII, TURNS)
     steps = LAYERS * along.count
     shares = (np.arange(steps) + 0.5) / steps
@@ -260,7 +252,7 @@ class LatticeSide:
     """What a prism's side becomes, from 0 at its lower end to 1 at its upper one."""
 
     section: Section  # Of the prism
-    volume: SplineVolume  # The deformed one
+    volume: splines.SplineVolume  # The deformed one
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at shares v and turns (n,), or derivatives by them, together to 2."""
@@ -331,11 +323,13 @@ class LatticeGrid(NamedTuple):
     degrees: tuple[int, int, int]  # Along s, t and u
 
 
-def lattice_grid(lattice: Lattice) -> LatticeGrid:
+def lattice_grid(lattice: splines.Lattice) -> LatticeGrid:
     """The arrays of a lattice."""
     bases, before, weights = lattice.volume.bases, lattice.undeformed, lattice.volume.weights
     undeformed = (
-        before.greville_control(bases) if isinstance(before, Parallelepiped) else before.control
+        before.greville_control(bases)
+        if isinstance(before, splines.Parallelepiped)
+        else before.control
     )
     weights = np.ones(lattice.control.shape[:3]) if weights is None else weights
     s, t, u = bases

@@ -17,28 +17,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.core import shapes
 from palpate.core.arrays import MAD_TO_SIGMA, Bools, Floats, Ints, finite_array, positive
 from palpate.core.least_squares import Loss, cauchy_loss, levenberg_marquardt, linear_loss
 from palpate.core.poses import principal_axes
+from palpate.core.rebuild.recovery import report
 from palpate.core.rebuild.recovery.distances import Warps, distances_alone, normal_distances
-from palpate.core.rebuild.recovery.report import (
-    CHOICES,
-    Recovery,
-    SearchResult,
-    core_of,
-    degeneracy,
-    outlyingness,
-    reported,
-    scaled_down,
-    unfitted,
-)
-from palpate.core.shapes import (
-    LARGEST_EXPONENT,
-    LEAST_EXPONENT,
-    Superquadric,
-    largest_curvature,
-    superquadric_volume,
-)
 
 FARTHEST = 1e150  # m: squares beyond it overflow
 FIRST_STEPS, SECOND_STEPS, NEXT_STEPS, LAST_STEPS = 4, 6, 60, 200
@@ -86,7 +70,7 @@ def recover(
     outliers: bool = False,
     choice: Literal["thesis"] | None = None,
     noise: float | None = None,
-) -> Recovery:
+) -> report.Recovery:
     """Fit a superquadric to points on its surface.
 
     `points` (n, 3): m. At least 11, and 2 more for a taper and for a bend. `taper` and `bend`:
@@ -108,24 +92,24 @@ def recover(
     if choice not in (None, "thesis"):
         raise ValueError(f"choice must be 'thesis' or None, got {choice!r}")
     warps = Warps(bool(taper), bool(bend))
-    warning = degeneracy(places, warps.total)
+    warning = report.degeneracy(places, warps.total)
     if warning is not None:
-        return unfitted(places, warps, warning)
-    scaled = scaled_down(places, core_of(places, max(TRIMMED)) if outliers else None)
-    pairs = None if choice is None else tuple(CHOICES.values())
+        return report.unfitted(places, warps, warning)
+    scaled = report.scaled_down(places, report.core_of(places, max(TRIMMED)) if outliers else None)
+    pairs = None if choice is None else tuple(report.CHOICES.values())
     spread = None if noise is None else min(noise, scaled.unit) / scaled.unit
     if outliers:
         found = search_among_outliers(scaled.points, warps, pairs, spread)
     else:
         found = search(scaled.points, warps, pairs)
-    return reported(scaled, warps, found, spread, chosen=choice is not None)
+    return report.reported(scaled, warps, found, spread, chosen=choice is not None)
 
 
 def search_among_outliers(
     points: Floats, warps: Warps, choice: Exponents | None, noise: float | None
-) -> SearchResult:
+) -> report.SearchResult:
     """Fit points (n, 3) of which some are not on the solid; `noise` is that of the others."""
-    apart = outlyingness(points)
+    apart = report.outlyingness(points)
     cores = (points[apart <= np.quantile(apart, 1.0 - share)] for share in TRIMMED)
     starts = joined([starts_of(core, warps, choice) for core in cores])
     rough, fine = (cauchy_loss(max(scale, noise or 0.0)) for scale in SCALES)
@@ -157,7 +141,7 @@ def _refitted(
     return inliers, fits
 
 
-def search(points: Floats, warps: Warps, choice: Exponents | None) -> SearchResult:
+def search(points: Floats, warps: Warps, choice: Exponents | None) -> report.SearchResult:
     """Fit points (n, 3), of diameter about 1, that have no outliers."""
     starts, some = starts_of(points, warps, choice), _some(points)
     first, costs = _narrowed(some, starts, warps, linear_loss)
@@ -230,8 +214,8 @@ def _bounds(half: Floats, middle: Floats, warps: Warps) -> tuple[Floats, Floats]
     ends = np.array([LARGEST_TAPER] * 2 * warps.taper + [MOST_ANGLE / half[2]] * 2 * warps.bend)
     turn, pair = np.full(3, LARGEST_TURN), np.ones(2)
     least, most = (
-        [np.log(sizes[0] * half), LEAST_EXPONENT * pair, -turn, middle - shift, -ends],
-        [np.log(sizes[1] * half), LARGEST_EXPONENT * pair, turn, middle + shift, ends],
+        [np.log(sizes[0] * half), shapes.LEAST_EXPONENT * pair, -turn, middle - shift, -ends],
+        [np.log(sizes[1] * half), shapes.LARGEST_EXPONENT * pair, turn, middle + shift, ends],
     )
     return np.concatenate(least), np.concatenate(most)
 
@@ -302,7 +286,7 @@ def _smallest(fits: _Fits, costs: Floats) -> _Fits:
     """Those first that are as good as the best, the smallest first: thin rims fit others."""
     alike = costs <= LEEWAY * costs[0]
     volumes = [
-        superquadric_volume(np.exp(one[:3]), one[3:5]) if near else np.inf
+        shapes.superquadric_volume(np.exp(one[:3]), one[3:5]) if near else np.inf
         for one, near in zip(fits.starts.parameters, alike, strict=True)
     ]
     return fits.take(np.argsort(volumes, kind="stable"))
@@ -310,7 +294,7 @@ def _smallest(fits: _Fits, costs: Floats) -> _Fits:
 
 def _ended(
     points: Floats, fits: _Fits, warps: Warps, inliers: Bools, folded: bool, tried: int
-) -> SearchResult:
+) -> report.SearchResult:
     """One fit, solved to the last digits; its turn need no longer keep it apart from others."""
     starts = fits.starts
     low, high = starts.low.copy(), starts.high.copy()
@@ -324,7 +308,7 @@ def _ended(
     at_end[3:5] = False  # a box and an octahedron are good ends
     converged, bounded = bool(last.converged[0]), bool(at_end.any())
     steps = int(fits.steps[0] + last.steps[0])
-    return SearchResult(parameters, axes, inliers, converged, folded, bounded, tried, steps)
+    return report.SearchResult(parameters, axes, inliers, converged, folded, bounded, tried, steps)
 
 
 def _solved(
@@ -354,9 +338,9 @@ def folds(parameters: Floats, warps: Warps) -> bool:
     """True if the inner side is squeezed to nothing, or the axis closed to a ring."""
     bend = parameters[warps.bend_columns]
     taper = parameters[warps.taper_columns] if warps.taper else np.zeros(2)
-    base = Superquadric(np.exp(parameters[:3]), parameters[3:5])
+    base = shapes.Superquadric(np.exp(parameters[:3]), parameters[3:5])
     curvature = float(np.hypot(*bend))
-    return curvature > largest_curvature(base, taper, float(np.arctan2(bend[1], bend[0])))
+    return curvature > shapes.largest_curvature(base, taper, float(np.arctan2(bend[1], bend[0])))
 
 
 class _Fits(NamedTuple):

@@ -15,16 +15,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from palpate.core import shapes
 from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import pose_of, principal_axes, rotations_from_vectors
 from palpate.core.rebuild.recovery.distances import RIGID, Warps, distances_alone, normal_distances
-from palpate.core.shapes import (
-    Bend,
-    FittedSuperquadric,
-    Superquadric,
-    area_samples,
-    sampled_surface,
-)
 
 MOST_UNCOVERED = 0.1  # The most in some hundred fits to 60 points all around was 0.08
 COVER_LEVEL = 2  # 320 facets: enough to draw a few hundred places from
@@ -157,9 +151,9 @@ def _own_form(warps: Warps, found: SearchResult) -> tuple[CanonicalSolid, Floats
 
 def _places_on(solid: CanonicalSolid, place: Floats) -> tuple[Floats, float]:
     """Places (n, 3) spread evenly over a solid, the same each time; and its area."""
-    base = Superquadric(solid.size, solid.exponents)
-    surface = sampled_surface(base, solid.taper, bend_of(solid.bend), COVER_LEVEL)
-    sampled = area_samples(surface, SAMPLES, np.random.default_rng(0))
+    base = shapes.Superquadric(solid.size, solid.exponents)
+    surface = shapes.sampled_surface(base, solid.taper, bend_of(solid.bend), COVER_LEVEL)
+    sampled = shapes.area_samples(surface, SAMPLES, np.random.default_rng(0))
     return sampled @ solid.axes.T + place, surface.area
 
 
@@ -200,10 +194,10 @@ def certainty(jacobian: Floats, noise: float, free: Bools) -> tuple[Floats, int,
     return covariance, rank, condition
 
 
-def bend_of(vector: Floats) -> Bend:
+def bend_of(vector: Floats) -> shapes.Bend:
     """The bend of a curvature times direction (2,), 1/m."""
     curvature = float(np.hypot(*vector))
-    return Bend(curvature, float(np.arctan2(vector[1], vector[0])) if curvature else 0.0)
+    return shapes.Bend(curvature, float(np.arctan2(vector[1], vector[0])) if curvature else 0.0)
 
 
 def uncovered(surface: Floats, area: float, points: Floats, noise: float) -> float:
@@ -249,7 +243,7 @@ class SearchResult(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Recovery(FittedSuperquadric):
+class Recovery(shapes.FittedSuperquadric):
     """A superquadric, tapered and bent, and how well its points determine it.
 
     Of the poses that mean the same, the one that turns least; x is the larger of the first two
@@ -325,7 +319,7 @@ def unfitted(points: Floats, warps: Warps, warning: RecoveryWarning) -> Recovery
         exponents=solid.exponents,
         pose=pose_of(middle, solid.axes),
         taper=np.zeros(2),
-        bend=Bend(0.0),
+        bend=shapes.Bend(0.0),
         residuals=residuals,
         inliers=np.zeros(len(points), bool),
         rms=float(np.sqrt(np.mean(residuals**2))) if len(points) else 0.0,

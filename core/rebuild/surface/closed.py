@@ -16,22 +16,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.core import splines
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import area_centroid, kernel_point, signed_area
 from palpate.core.poses import split_pose, transform_points
 from palpate.core.rebuild.contours import are_star_shaped
 from palpate.core.rebuild.ends import End, ProfileCurve, Shear, StraightCurve, profile_curves
 from palpate.core.shapes import MassMoments
-from palpate.core.splines import (
-    CUBIC,
-    Basis,
-    PeriodicBasis,
-    clamped_basis,
-    evaluate_grid,
-    evaluate_scattered,
-    interpolate_grid,
-    periodic_knots,
-)
 
 # Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
 # at this distance, where the tangents do not vanish.
@@ -374,20 +365,22 @@ class SampledPatch:
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """See `Patch.at`."""
         at = np.stack([np.clip(v, 0.0, 1.0), np.mod(turns, 1.0)], axis=-1)
-        return np.asarray(evaluate_scattered(self._bases, self._wound, at, [by])[0])
+        return np.asarray(splines.evaluate_scattered(self._bases, self._wound, at, [by])[0])
 
     def on_grid(self, v: Floats, turns: Floats) -> Floats:
         """Points (a, b, 3) at places v (a,) and turns (b,)."""
-        return np.asarray(evaluate_grid(self._bases, self._wound, [v, np.mod(turns, 1.0)]))
+        return np.asarray(splines.evaluate_grid(self._bases, self._wound, [v, np.mod(turns, 1.0)]))
 
     @property
-    def _bases(self) -> tuple[Basis, Basis]:
+    def _bases(self) -> tuple[splines.Basis, splines.Basis]:
         along, around = self.control.shape[:2]
-        return clamped_basis(along), Basis(periodic_knots(around), CUBIC)
+        return splines.clamped_basis(along), splines.Basis(
+            splines.periodic_knots(around), splines.CUBIC
+        )
 
     @property
     def _wound(self) -> Floats:
-        return np.concatenate([self.control, self.control[:, :CUBIC]], axis=1)
+        return np.concatenate([self.control, self.control[:, : splines.CUBIC]], axis=1)
 
 
 def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPatch:
@@ -400,13 +393,13 @@ def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPa
     def points(v: Floats, t: Floats) -> Floats:
         return grid(np.interp(v, lengths, alongs), np.interp(t, widths, arounds))
 
-    along = clamped_basis(rows)
+    along = splines.clamped_basis(rows)
     places, ends = along.greville(), np.arange(turns) / turns
     values = points(places, ends).transpose(1, 0, 2)
-    circle = PeriodicBasis(turns).matrix(ends).toarray()
+    circle = splines.PeriodicBasis(turns).matrix(ends).toarray()
     around = np.linalg.solve(circle, values.reshape(turns, -1)).reshape(values.shape)
     rings = around.transpose(1, 0, 2).reshape(rows, -1)
-    control = interpolate_grid([along], [places], rings).control
+    control = splines.interpolate_grid([along], [places], rings).control
     patch = SampledPatch(control.reshape(rows, turns, 3), 0.0)
     between = 0.5 * (places[1:] + places[:-1])
     middles = ends + 0.5 / turns

@@ -16,15 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints, finite_array, positive
-from palpate.core.geometry import (
-    Nearest,
-    NearestSearch,
-    are_outside,
-    join_rings,
-    nearest_points,
-    nearest_search,
-)
 from palpate.core.rebuild.surface.closed import Surface, dot
 
 DEFAULT_TOLERANCE = 2e-4  # Tolerance, of the size, where none is asked for
@@ -79,7 +72,7 @@ def mesh_surface(surface: Surface, tolerance: float | None = None) -> SurfaceMes
     grid = surface.at(rows[1:-1, None], columns[None, :-1])
     levels = _levels(grid, (1.0 - GRID_SHARE) * wanted)
     sizes = (len(columns) - 1) >> levels
-    faces = join_rings(sizes)
+    faces = geometry.join_rings(sizes)
     rings = [ring[:: 1 << level] for ring, level in zip(grid, levels, strict=True)]
     turns = [columns[: -1 : 1 << level] for level in levels]
     poles = surface.at(np.array([0.0, 1.0]), np.zeros(2))
@@ -236,20 +229,20 @@ class SurfaceSearch:
 
     surface: Surface
     mesh: SurfaceMesh
-    search: NearestSearch
+    search: geometry.NearestSearch
     tolerance: float  # Of the mesh
 
     def nearest(self, points: ArrayLike) -> NearestOnSurface:
         """Nearest points to points (n, 3), signed; ValueError if one is not finite."""
         queries = finite_array("points", points, (None, 3))
-        seed = nearest_points(self.search, queries)
+        seed = geometry.nearest_points(self.search, queries)
         v, turns = _places(self.mesh, seed)
         run = _newton(self.surface, queries, self.surface.piece_of(v), v, turns)
         run = _beyond_seams(self.surface, queries, run)
         nearest = self.surface.at(run.v, run.turns)
         # Not by the square: next to the surface it would lose half the digits.
         distances = np.linalg.norm(queries - nearest, axis=1)
-        far = are_outside(self.mesh.vertices, self.mesh.faces, queries, seed)
+        far = geometry.are_outside(self.mesh.vertices, self.mesh.faces, queries, seed)
         outwards = self.surface.normals(run.v, run.turns)
         seam = np.isin(run.v, self.surface.seams[1:-1])  # there the sum of both pieces'
         outwards[seam] += self.surface.normals(run.v[seam] - BELOW, run.turns[seam])
@@ -281,10 +274,10 @@ def search_surface(surface: Surface, tolerance: float | None = None) -> SurfaceS
     """
     mesh = mesh_surface(surface, tolerance)
     off = tolerance if tolerance is not None else DEFAULT_TOLERANCE * surface.size
-    return SurfaceSearch(surface, mesh, nearest_search(mesh.vertices[mesh.faces]), off)
+    return SurfaceSearch(surface, mesh, geometry.nearest_search(mesh.vertices[mesh.faces]), off)
 
 
-def _places(mesh: SurfaceMesh, seed: Nearest) -> tuple[Floats, Floats]:
+def _places(mesh: SurfaceMesh, seed: geometry.Nearest) -> tuple[Floats, Floats]:
     """Where points of the mesh are, as v and turn."""
     rows = mesh.faces[seed.faces]
     corners = mesh.vertices[rows]
