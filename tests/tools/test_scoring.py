@@ -7,7 +7,6 @@ import trimesh
 from palpate.core.shapes.tessellations import icosphere
 from palpate.launch.files.mesh_file import export_model
 from palpate.launch.files.source_map import InputError
-from palpate.tools import scoring as score_files
 from palpate.tools.cli import command_line as cli
 from palpate.tools.scoring import read_mesh_or_points, score, score_text
 
@@ -252,7 +251,7 @@ def test_a_file_that_is_too_large_is_refused(write, monkeypatch, tmp_path):
     np.savez_compressed(tmp_path / "m.npz", vertices=np.zeros((2_000_000, 3)))
     with pytest.raises(InputError, match="unpacks to 45 MiB, more than is read"):
         read_mesh_or_points(tmp_path / "m.npz", None)
-    monkeypatch.setattr(score_files, "MAX_MESH_BYTES", 1000)
+    monkeypatch.setattr("palpate.launch.files.MAX_MESH_BYTES", 1000)
     with pytest.raises(InputError, match="is larger than 0 kB, the most that is read"):
         read_mesh_or_points(write("p.csv", "1,2,3\n" * 200), None)
 

@@ -253,7 +253,7 @@ def test_json_is_all_that_json_prints(monkeypatch, capsys, home):
         ending = Ending(status="died", reason="the tracer fell")
         return Run(home, ending, figures, None, 3)
 
-    monkeypatch.setattr(play, "perform", performed)
+    monkeypatch.setattr("palpate.launch.perform", performed)
     plan: Any = SimpleNamespace(asked="a tolerance of 0.2 mm")
     assert play.perform_and_print(plan, composed=True, as_json=True, quiet=False) == 3
     assert json.loads(capsys.readouterr().out) == figures

@@ -139,7 +139,7 @@ def test_a_worker_of_a_cluster_hands_back_the_files_of_a_run(two, tmp_path, monk
         plan.folder.write_text("summary.json", plan.folder.path.name)
         raise RuntimeError("it\nbreaks")
 
-    monkeypatch.setattr("palpate.tools.sweep.workers.perform", perform)
+    monkeypatch.setattr("palpate.launch.perform", perform)
     record, files = explore_away(two.runs[0].plan(tmp_path / "far"))
     assert record == {"status": "died", "reason": "RuntimeError: it breaks", "exit_code": 3}
     assert files == {"summary.json": b"run"}
