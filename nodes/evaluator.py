@@ -50,10 +50,7 @@ State = TrueSurface | None  # The truth; None before it was received
 
 
 def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
-    """Keep the truth.
-
-    Raises ValueError if the truth is no surface, or has no volume.
-    """
+    """Keep the truth. Raises ValueError if the truth is no surface, or has no volume."""
     return TrueSurface(truth), []
 
 

@@ -21,22 +21,7 @@ from palpate.core.rebuild import Method, Solid
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import SurfaceMesh
-from palpate.launch import titled
-from palpate.launch.files import (
-    LATTICE_SUFFIXES,
-    MESH_UNITS,
-    METRES_PER_UNIT,
-    SOLID_SUFFIX,
-    FileWriter,
-    InputError,
-    MeasuredContours,
-    read_points,
-    read_tops,
-    save,
-    write_atomically,
-    write_lattice,
-    write_mesh,
-)
+from palpate.launch import files, titled
 
 # Ending of a file whose unit is known; a folder is that of a run, which holds such a file.
 RECORDING_SUFFIX = ".mcap"
@@ -95,7 +80,7 @@ class RebuildResult(NamedTuple):
 
     solid: Solid
     mesh: SurfaceMesh
-    found: MeasuredContours  # What was read
+    found: files.MeasuredContours  # What was read
     unit: str  # As which it was read
     assumed: bool  # Whether nobody said so
 
@@ -112,14 +97,14 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
     for name in ("bottom", "top", "noise", "tolerance"):
         value = getattr(wanted, name)
         if value is not None and not math.isfinite(value):
-            raise InputError(f"--{name} {value:g}: must be a finite number")
+            raise files.InputError(f"--{name} {value:g}: must be a finite number")
     recorded = points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX
     unit, assumed = wanted.unit or "m", wanted.unit is None and not recorded
     if recorded and unit != "m":
-        raise InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
-    metres = METRES_PER_UNIT[unit]
+        raise files.InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
+    metres = files.METRES_PER_UNIT[unit]
     say("reading the points")
-    found = read_points(points).scaled(metres)
+    found = files.read_points(points).scaled(metres)
     tops = _touched_ends(found, wanted, metres)
     say(f"rebuilding from {len(found.contours)} contours")
     try:
@@ -139,22 +124,24 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
         # Contours are called as in the file, where each has a number and lines.
         places = dict(enumerate(found.places))
         text = CONTOUR_NUMBER.sub(lambda match: places.get(int(match[1]), match[0]), str(error))
-        raise InputError(f"{points}: {text}") from None
+        raise files.InputError(f"{points}: {text}") from None
     return RebuildResult(solid, mesh, found, unit, assumed)
 
 
-def _touched_ends(found: MeasuredContours, wanted: RebuildOptions, metres: float) -> Floats | None:
+def _touched_ends(
+    found: files.MeasuredContours, wanted: RebuildOptions, metres: float
+) -> Floats | None:
     """Touched ends from all sources; heights beyond the contours, each on its side."""
     parts = [] if found.tops is None else [found.tops]
     if wanted.tops is not None:
-        parts.append(metres * read_tops(wanted.tops))
+        parts.append(metres * files.read_tops(wanted.tops))
     seen = [into_frame(found.frame, one) for one in found.contours if np.isfinite(one).any()]
     levels = [float(np.nanmean(one[:, 2])) for one in seen]
     if levels:
         points = np.concatenate(found.contours)
         size = float((np.nanmax(points, axis=0) - np.nanmin(points, axis=0)).max()) / metres
         if wanted.noise is not None and wanted.noise >= size:
-            raise InputError(
+            raise files.InputError(
                 f"--noise {wanted.noise:g}: must be less than the object is large, "
                 f"{size:.3g} {wanted.unit or 'm'}"
             )
@@ -162,7 +149,7 @@ def _touched_ends(found: MeasuredContours, wanted: RebuildOptions, metres: float
         for name, height in (("--bottom", wanted.bottom), ("--top", wanted.top)):
             beyond = height is None or (height <= low if name == "--bottom" else high <= height)
             if not beyond:
-                raise InputError(
+                raise files.InputError(
                     f"{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
                     f"to {high:.6g}"
                 )
@@ -177,10 +164,10 @@ def _meshed(solid: Solid, tolerance: float | None, unit: str) -> SurfaceMesh:
     if tolerance is None:
         return solid.mesh()
     try:
-        return solid.mesh(METRES_PER_UNIT[unit] * tolerance)
+        return solid.mesh(files.METRES_PER_UNIT[unit] * tolerance)
     except ValueError:
         # The surface speaks in m, and whoever asks in the unit of the points.
-        raise InputError(
+        raise files.InputError(
             f"--tolerance {tolerance:g}: {tolerance:g} {unit} would take more triangles than a "
             "mesh may have; try a larger one"
         ) from None
@@ -192,42 +179,44 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
     Raises InputError if an ending is unknown, a folder is not there, there will be no lattice, or
     the points would be overwritten.
     """
-    known = (*MESH_UNITS, SOLID_SUFFIX)
+    known = (*files.MESH_UNITS, files.SOLID_SUFFIX)
     for path in outs:
         if path.suffix.lower() not in known:
-            raise InputError(f"-o {path}: must end in one of {', '.join(known)}")
+            raise files.InputError(f"-o {path}: must end in one of {', '.join(known)}")
     if lattice is not None:
-        if lattice.suffix.lower() not in LATTICE_SUFFIXES:
-            raise InputError(
-                f"--lattice {lattice}: must end in one of {', '.join(LATTICE_SUFFIXES)}"
+        if lattice.suffix.lower() not in files.LATTICE_SUFFIXES:
+            raise files.InputError(
+                f"--lattice {lattice}: must end in one of {', '.join(files.LATTICE_SUFFIXES)}"
             )
         if method not in ("lattice", "thesis"):
-            raise InputError(f"--lattice {lattice}: the method {method} has no control lattice")
+            raise files.InputError(
+                f"--lattice {lattice}: the method {method} has no control lattice"
+            )
     everything = [*outs, *([] if lattice is None else [lattice])]
     for path in everything:
         if not path.parent.is_dir():
-            raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+            raise files.InputError(f"{path}: cannot be written: there is no folder {path.parent}")
         if path.resolve() == points.resolve():
-            raise InputError(f"{path}: is the file that is read; write to another")
+            raise files.InputError(f"{path}: is the file that is read; write to another")
     if len(set(everything)) < len(everything):
-        raise InputError("each file that is written must have a name of its own")
+        raise files.InputError("each file that is written must have a name of its own")
 
 
 def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | None) -> None:
     """Write all files, or none; raises InputError if one cannot be written."""
     mesh, solid = rebuilt.mesh, rebuilt.solid
-    files: dict[Path, FileWriter] = {
-        path: (lambda part: save(solid, part))
-        if path.suffix.lower() == SOLID_SUFFIX
-        else (lambda part: write_mesh(part, mesh.vertices, mesh.faces))
+    writers: dict[Path, files.FileWriter] = {
+        path: (lambda part: files.save(solid, part))
+        if path.suffix.lower() == files.SOLID_SUFFIX
+        else (lambda part: files.write_mesh(part, mesh.vertices, mesh.faces))
         for path in outs
     }
     if lattice is not None:
         grid = solid.control_lattice
         if grid is None:
-            raise InputError(f"--lattice {lattice}: this solid has no control lattice")
-        files[lattice] = lambda part: write_lattice(part, grid)
-    write_atomically(files)
+            raise files.InputError(f"--lattice {lattice}: this solid has no control lattice")
+        writers[lattice] = lambda part: files.write_lattice(part, grid)
+    files.write_atomically(writers)
 
 
 def single_threaded() -> AbstractContextManager[object]:
@@ -245,7 +234,7 @@ def rebuild_record(
 ) -> dict[str, Any]:
     """Everything that is told, by stable names with the unit in them."""
     written = [
-        {"file": str(path), "holds": MESH_UNITS.get(path.suffix.lower(), "everything, in m")}
+        {"file": str(path), "holds": files.MESH_UNITS.get(path.suffix.lower(), "everything, in m")}
         for path in outs
     ]
     if lattice is not None:
@@ -285,7 +274,7 @@ def rebuild_record(
 
 
 def rebuild_warnings(
-    solid: Solid, mesh: SurfaceMesh, found: MeasuredContours, unit: str, crossings: int
+    solid: Solid, mesh: SurfaceMesh, found: files.MeasuredContours, unit: str, crossings: int
 ) -> list[str]:
     """Sentences about everything that a user should doubt."""
     told, health = list[str](), solid.health()

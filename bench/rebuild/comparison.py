@@ -15,18 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
-from palpate.bench.rebuild.peers import (
-    LOFT,
-    PACKAGE,
-    POISSON,
-    RADIAL,
-    SMOOTHED,
-    THESIS,
-    MeshErrors,
-    Peer,
-    poisson_installed,
-    truth_of,
-)
+from palpate.bench.rebuild import peers
 from palpate.bench.table import Row, at_most, best_seconds
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
@@ -38,7 +27,9 @@ CONTOUR_NOISE = 0.2  # Standard deviation of a coordinate, mm
 TOLERANCE = 0.02  # Of the meshes that are compared, mm
 SEEDS, QUICK_SEEDS = 2, 1
 OURS, TOUCHED = "palpate", "palpate, ends touched"
-PeerErrors = Mapping[str, Mapping[str, MeshErrors]]  # Way to object to errors, means over seeds
+PeerErrors = Mapping[
+    str, Mapping[str, peers.MeshErrors]
+]  # Way to object to errors, means over seeds
 DISORDERED = ((27, 81), (24, 41), (9, 24))  # Contours, and points of each
 COUNTS = 0.25  # By which the number of points differs from contour to contour
 OUTLIER_SHARE, OUTLIER_DISTANCE = 0.02, 3.0  # Share of the points that are off, and by how much, mm
@@ -52,7 +43,7 @@ class PeerCase(NamedTuple):
 
     size: tuple[int, int]  # Contours, and points of each
     noise: float  # mm
-    peers: Sequence[Peer]  # What it is compared with; the ratios are over the first
+    peers: Sequence[peers.Peer]  # What it is compared with; the ratios are over the first
     most: float  # Mean error over the first peer's; infinite for comparison only
     touched: float  # The same with a touch at each end; 0 if that is not measured
     normals: float  # Mean angle between normals, degrees
@@ -62,20 +53,24 @@ def peer_rows(quick: bool) -> Iterable[Row]:
     """Errors over those of other ways, object by object; one seed of the noise if quick."""
     noisy = QUICK_SEEDS if quick else SEEDS
     with single_threaded():
-        floor = float(np.mean([truth_of(name).floor for name in REBUILT_SHAPES]))
+        floor = float(np.mean([peers.truth_of(name).floor for name in REBUILT_SHAPES]))
         yield Row("objects of 100 mm: sampling floor of the truth", f"{floor:.4f} mm")
         for case in CASES:
             seeds = noisy if case.noise else 1
             yield from case_rows(case, errors_of(case, REBUILT_SHAPES, seeds))
-        if not poisson_installed():
-            yield Row(f"Poisson surface of {PACKAGE}", "not installed", "for comparison", True)
+        if not peers.poisson_installed():
+            yield Row(
+                f"Poisson surface of {peers.PACKAGE}", "not installed", "for comparison", True
+            )
 
 
 def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
     """The figures of one case."""
     first, head = case.peers[0].name, f"{case.size[0]} by {case.size[1]}, {case.noise:g} mm"
     means = {
-        way: MeshErrors(*np.mean([[*one[:4], abs(one.volume)] for one in of.values()], axis=0))
+        way: peers.MeshErrors(
+            *np.mean([[*one[:4], abs(one.volume)] for one in of.values()], axis=0)
+        )
         for way, of in found.items()
     }
     for way, most, how in ((OURS, case.most, ""), (TOUCHED, case.touched, ", ends touched")):
@@ -106,14 +101,14 @@ def _compared(title: str, shown: str, value: float, most: float, bound: str) -> 
 
 def errors_of(case: PeerCase, shapes: Mapping[str, RoundObject], seeds: int) -> PeerErrors:
     """Errors of palpate and its peers, means over seeds of the noise."""
-    runs: dict[str, dict[str, list[MeshErrors]]] = {}
+    runs: dict[str, dict[str, list[peers.MeshErrors]]] = {}
     for name, shape in shapes.items():
-        truth = truth_of(name)
+        truth = peers.truth_of(name)
         for seed in range(seeds):
             for way, mesh in _meshes(case, shape, np.random.default_rng(seed)):
                 runs.setdefault(way, {}).setdefault(name, []).append(truth.errors_of(mesh))
     return {
-        way: {name: MeshErrors(*np.mean(errors, axis=0)) for name, errors in of_way.items()}
+        way: {name: peers.MeshErrors(*np.mean(errors, axis=0)) for name, errors in of_way.items()}
         for way, of_way in runs.items()
     }
 
@@ -127,7 +122,7 @@ def _meshes(
         tops = _ends(shape)
         tops += case.noise * rng.normal(size=tops.shape)
         yield TOUCHED, rebuilt(list(contours), tops)
-    for peer in (*case.peers, *((POISSON,) if poisson_installed() else ())):
+    for peer in (*case.peers, *((peers.POISSON,) if peers.poisson_installed() else ())):
         yield peer.name, peer.build(contours)
 
 
@@ -193,8 +188,8 @@ def ratio_of(
         tops = _ends(shape)
         contours = noisy_contours(shape, size, CONTOUR_NOISE, np.random.default_rng(0))
         changed = disorder(shape, contours, np.random.default_rng(1))
-        plain += truth_of(name).errors_of(rebuilt(list(contours), tops)).chamfer
-        other += truth_of(name).errors_of(rebuilt(changed, tops)).chamfer
+        plain += peers.truth_of(name).errors_of(rebuilt(list(contours), tops)).chamfer
+        other += peers.truth_of(name).errors_of(rebuilt(changed, tops)).chamfer
     return other / plain
 
 
@@ -227,10 +222,10 @@ def _times() -> Iterable[Row]:
 
 
 CASES = (
-    PeerCase((27, 81), 0.0, (LOFT, THESIS), 0.85, 0.45, 2.0),
-    PeerCase((27, 81), CONTOUR_NOISE, (SMOOTHED, LOFT), 0.78, 0.65, 3.0),
-    PeerCase((24, 41), 0.0, (LOFT,), np.inf, 0.0, 2.0),
-    PeerCase((24, 41), CONTOUR_NOISE, (SMOOTHED,), np.inf, 0.0, 3.0),
-    PeerCase((9, 24), 0.0, (LOFT, RADIAL, THESIS), np.inf, 0.0, np.inf),
-    PeerCase((9, 24), CONTOUR_NOISE, (SMOOTHED, RADIAL), 0.72, 0.0, np.inf),
+    PeerCase((27, 81), 0.0, (peers.LOFT, peers.THESIS), 0.85, 0.45, 2.0),
+    PeerCase((27, 81), CONTOUR_NOISE, (peers.SMOOTHED, peers.LOFT), 0.78, 0.65, 3.0),
+    PeerCase((24, 41), 0.0, (peers.LOFT,), np.inf, 0.0, 2.0),
+    PeerCase((24, 41), CONTOUR_NOISE, (peers.SMOOTHED,), np.inf, 0.0, 3.0),
+    PeerCase((9, 24), 0.0, (peers.LOFT, peers.RADIAL, peers.THESIS), np.inf, 0.0, np.inf),
+    PeerCase((9, 24), CONTOUR_NOISE, (peers.SMOOTHED, peers.RADIAL), 0.72, 0.0, np.inf),
 )

@@ -13,30 +13,10 @@ import numpy as np
 from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.bench.rebuild import poisson_installed
 from palpate.bench.table import Row, at_least, at_most, figure
-from palpate.bench.tolerance.methods import (
-    CHECKPOINTS,
-    CONTENDERS,
-    OURS,
-    POISSON,
-    TOGETHER,
-    Unit,
-    contender_of,
-    meshes_in,
-    runs_of,
-)
+from palpate.bench.tolerance import methods, statistics
 from palpate.bench.tolerance.options import ToleranceOptions
 from palpate.bench.tolerance.runs import Final, Run, RunsFile, read_runs
 from palpate.bench.tolerance.sheet import write_sheet
-from palpate.bench.tolerance.statistics import (
-    TARGETS,
-    Entry,
-    Table,
-    dominated_at,
-    held_share,
-    stated_and_true,
-    table_of,
-    target_costs,
-)
 from palpate.launch.files import InputError
 
 PLAIN = ToleranceOptions()
@@ -54,49 +34,49 @@ MOST_LOOSE, LEAST_HELD = 0.45, 0.90
 def tolerance_rows(quick: bool, options: ToleranceOptions = PLAIN) -> Iterator[Row | str]:
     """Make the runs that are missing, draw the sheet, and tell what is demanded."""
     added = [read_runs(path) for path in options.add]
-    names = [name for name in CONTENDERS if name != POISSON or poisson_installed()]
-    absent = [name for name in CONTENDERS if name not in names]
+    names = [name for name in methods.CONTENDERS if name != methods.POISSON or poisson_installed()]
+    absent = [name for name in methods.CONTENDERS if name not in names]
     if ":" in "".join(options.method) and str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))  # where a planner of one's own is looked for, too
-    methods = (*names, *options.method)
-    units = units_of(quick, methods, options.meshes)
+    wanted = (*names, *options.method)
+    units = units_of(quick, wanted, options.meshes)
     folder = options.sheet or Path(FOLDER)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--sheet: {folder} cannot be made: {error.strerror}") from None
-    told = {name: contender_of(name).told for name in methods}
+    told = {name: methods.contender_of(name).told for name in wanted}
     file = RunsFile(folder / FILE, told, absent)
     for name in {one for other in added for one in other.methods} & {*file.content.methods}:
         raise InputError(f"--add: there is a method {name!r} already; call it something else")
     yield f"methods that are not installed: {', '.join(absent) or 'none'}"
     yield from _make_runs(file, [one for one in units if not _is_made(one, file.content.runs)])
     runs = [*file.content.runs, *(run for other in added for run in other.runs)]
-    write_sheet(folder, runs, OURS, options.cost or "touches")
+    write_sheet(folder, runs, methods.OURS, options.cost or "touches")
     yield f"{folder / FILE}, sheet.svg, sheet.png"
     yield from sheet_rows(runs)
 
 
-def units_of(quick: bool, methods: Sequence[str], meshes: Path | None) -> list[Unit]:
+def units_of(quick: bool, names: Sequence[str], meshes: Path | None) -> list[methods.Unit]:
     """Everything that is to be measured, object by object."""
     objects = [
         *(QUICK_OBJECTS if quick else EXPLORED_OBJECTS),
-        *(meshes_in(meshes) if meshes else ()),
+        *(methods.meshes_in(meshes) if meshes else ()),
     ]
     shares, seeds = (QUICK_SHARES, QUICK_SEEDS) if quick else (SHARES, SEEDS)
-    most = QUICK_TOUCHES if quick else CHECKPOINTS[-1]
-    together = tuple(name for name in methods if name in TOGETHER)
-    groups = [together, *((name,) for name in methods if name not in TOGETHER)]
+    most = QUICK_TOUCHES if quick else methods.CHECKPOINTS[-1]
+    together = tuple(name for name in names if name in methods.TOGETHER)
+    groups = [together, *((name,) for name in names if name not in methods.TOGETHER)]
     return [
-        Unit(group, name, seed, share, most, meshes)
+        methods.Unit(group, name, seed, share, most, meshes)
         for name in objects
         for seed in range(seeds)
         for group in groups
-        for share in (shares if contender_of(group[0]).asked else shares[-1:])
+        for share in (shares if methods.contender_of(group[0]).asked else shares[-1:])
     ]
 
 
-def _is_made(unit: Unit, runs: Sequence[Run]) -> bool:
+def _is_made(unit: methods.Unit, runs: Sequence[Run]) -> bool:
     """Whether all runs of a unit are there."""
     there = {
         run.method
@@ -107,13 +87,13 @@ def _is_made(unit: Unit, runs: Sequence[Run]) -> bool:
     return there >= set(unit.methods)
 
 
-def _make_runs(file: RunsFile, units: Sequence[Unit]) -> Iterator[str]:
+def _make_runs(file: RunsFile, units: Sequence[methods.Unit]) -> Iterator[str]:
     """Make the runs of units, keep each, and say so; what is finished stays after Ctrl-C."""
     if not units:
         return
     context = get_context("forkserver")
     with context.Pool(min(PROCESSES, len(units)), _ignore_interrupts) as pool:
-        for number, made in enumerate(pool.imap_unordered(runs_of, units), 1):
+        for number, made in enumerate(pool.imap_unordered(methods.runs_of, units), 1):
             file.add(made)
             ends = ", ".join(_told(run) for run in made)
             first = made[0]
@@ -133,17 +113,17 @@ def _told(run: Run) -> str:
 
 def sheet_rows(runs: Sequence[Run]) -> Iterator[Row]:
     """Medians and shares of every method, and what is demanded of ours."""
-    table = table_of(runs)
+    table = statistics.table_of(runs)
     if not any(table.values()):
         raise InputError("no object and seed was explored by every method: nothing compares")
     for name, entries in table.items():
         yield from _method_rows(name, entries)
     yield from _failed_rows(table)
-    if OURS in table:
+    if methods.OURS in table:
         yield from _demand_rows(table)
 
 
-def _method_rows(name: str, entries: Mapping[Entry, Sequence[Run]]) -> Iterator[Row]:
+def _method_rows(name: str, entries: Mapping[statistics.Entry, Sequence[Run]]) -> Iterator[Row]:
     runs = [run for some in entries.values() for run in some if run.curve]
     shares = sorted({f"{100 * (run.tolerance_m or 0) / run.size_m:.3g}" for run in runs}, key=float)
     for share in reversed(shares):
@@ -166,10 +146,12 @@ def _method_rows(name: str, entries: Mapping[Entry, Sequence[Run]]) -> Iterator[
     told = [f"{count}: {np.median(stages[count]):.0%}" for count in sorted(stages, key=int)]
     if told:
         yield Row(f"{name}: surface within 5 mm of a touch", ", ".join(told))
-    costs = np.concatenate([*target_costs(entries, "touches").values()])
+    costs = np.concatenate([*statistics.target_costs(entries, "touches").values()])
     yield figure(f"{name}: targets reached", float(np.isfinite(costs).mean()), ".0%")
-    if len(pairs := stated_and_true(entries)):
-        yield figure(f"{name}: bound of 95 % held, of {len(pairs)}", held_share(pairs), ".0%")
+    if len(pairs := statistics.stated_and_true(entries)):
+        yield figure(
+            f"{name}: bound of 95 % held, of {len(pairs)}", statistics.held_share(pairs), ".0%"
+        )
 
 
 def _told_finals(finals: Sequence[Final]) -> str:
@@ -180,23 +162,26 @@ def _told_finals(finals: Sequence[Final]) -> str:
     return f"{1e3 * summed:.3f} mm, {near:.3f}, {far:.3f}"
 
 
-def _failed_rows(table: Table) -> Iterator[Row]:
+def _failed_rows(table: statistics.Table) -> Iterator[Row]:
     for name, entries in table.items():
         failed = [run for some in entries.values() for run in some if not run.curve]
         if failed:
             yield Row(f"{name}: runs that failed", f"{len(failed)}: {failed[0].failed}")
 
 
-def _demand_rows(table: Table) -> Iterator[Row]:
-    ours, strict = table[OURS], TARGETS[TARGETS < STRICT]
+def _demand_rows(table: statistics.Table) -> Iterator[Row]:
+    ours, strict = table[methods.OURS], statistics.TARGETS[statistics.TARGETS < STRICT]
     for name, entries in table.items():
-        if name == OURS:
+        if name == methods.OURS:
             continue
         worse = [
             target
             for target in strict.tolist()
-            if not dominated_at(
-                *(target_costs(one, "touches", np.array([target])) for one in (ours, entries))
+            if not statistics.dominated_at(
+                *(
+                    statistics.target_costs(one, "touches", np.array([target]))
+                    for one in (ours, entries)
+                )
             )
         ]
         where = f" (not at {', '.join(f'{100 * one:.2g}' for one in worse)} %)" if worse else ""
@@ -204,11 +189,13 @@ def _demand_rows(table: Table) -> Iterator[Row]:
             f"palpate dominates {name} at targets below {100 * STRICT:g} %",
             *(f"{len(strict) - len(worse)} of {len(strict)}{where}", "all", not worse),
         )
-    if len(pairs := stated_and_true(ours)):
-        yield at_least("palpate: bound of 95 % holds", held_share(pairs), LEAST_HELD, ".0%")
+    if len(pairs := statistics.stated_and_true(ours)):
+        yield at_least(
+            "palpate: bound of 95 % holds", statistics.held_share(pairs), LEAST_HELD, ".0%"
+        )
     smooth = {entry: runs for entry, runs in ours.items() if entry[0] in SMOOTH}
     if smooth:
-        costs = target_costs(smooth, "touches", np.array([MIDDLE]))
+        costs = statistics.target_costs(smooth, "touches", np.array([MIDDLE]))
         most = max(float(np.median(one)) for one in costs.values())
         title = f"{100 * MIDDLE:g} % on {len(costs)} smooth objects: touches, most"
         yield at_most(title, most, MOST_MIDDLE, ".0f")

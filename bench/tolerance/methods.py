@@ -19,15 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec import convert, to_builtins
 
-from palpate.bench.explore import (
-    NOISY,
-    Demand,
-    Explorer,
-    GuardedFinger,
-    MessageCollector,
-    compose_scene,
-    write_scene,
-)
+from palpate.bench import explore
 from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
 from palpate.bench.rebuild import poisson_surface
 from palpate.bench.tolerance.runs import Final, Point, Run
@@ -80,9 +72,9 @@ class Problem:
     scene: Path  # A scene file with it and the default noise, for whoever runs the graph
     box: Floats  # Smallest and largest coordinates of a box that holds it, (2, 3), m
 
-    def finger(self) -> GuardedFinger:
+    def finger(self) -> explore.GuardedFinger:
         """The finger, which has touched nothing yet."""
-        return GuardedFinger(self.scene)
+        return explore.GuardedFinger(self.scene)
 
 
 # Of a problem, the error that is asked for, m, and a seed.
@@ -97,13 +89,13 @@ def predicted(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
 @lru_cache(maxsize=1)
 def _explored(scene: Path) -> TimedCollector:
     collector = TimedCollector()
-    compose_scene(scene, KEPT, collector, scored=False)
+    explore.compose_scene(scene, KEPT, collector, scored=False)
     if not (models := collector.kept[ShapeModel]) or not models[-1].final:
         raise RuntimeError("the exploration ended without a final model")
     return collector
 
 
-class TimedCollector(MessageCollector):
+class TimedCollector(explore.MessageCollector):
     """Remembers the processor's time at which each model was made, s."""
 
     def __init__(self) -> None:
@@ -176,7 +168,7 @@ def poisson(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
 def gaussian_process(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
     """Touches where its surface is least certain, and nearer places rather than farther ones."""
     finger = problem.finger()
-    explorer = Explorer(finger, problem.box, PLACE_NOISE, NEARER)
+    explorer = explore.Explorer(finger, problem.box, PLACE_NOISE, NEARER)
     for count in CHECKPOINTS:
         explorer.touch_until(count)
         yield Model(explorer.mesh(), len(finger.touched), finger.robot_time, finger.touched)
@@ -383,8 +375,8 @@ def write_problem(
     target = object_of(name, meshes)
     tall = float(np.ptp(target.vertices[:, 2])) if isinstance(target, Mesh) else EXPLORED_HEIGHT
     settings = contender.settings(task.share)
-    demand = Demand(contender.planner, task.share * tall, settings, feature=None)
-    return write_scene(folder, target, NOISY, demand, task.seed)
+    demand = explore.Demand(contender.planner, task.share * tall, settings, feature=None)
+    return explore.write_scene(folder, target, explore.NOISY, demand, task.seed)
 
 
 def contender_of(name: str) -> Contender:

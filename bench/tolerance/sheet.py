@@ -9,19 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from palpate.bench.tolerance import statistics
 from palpate.bench.tolerance.runs import Run
-from palpate.bench.tolerance.statistics import (
-    TARGETS,
-    Spread,
-    Table,
-    held_share,
-    pareto_front,
-    reached_share,
-    stated_and_true,
-    table_of,
-    target_costs,
-    work_precision,
-)
 from palpate.core import Floats
 from palpate.launch.files import write_atomically
 
@@ -47,7 +36,7 @@ def write_sheet(folder: Path, runs: Sequence[Run], first: str, which: str) -> No
 
 def draw_sheet(runs: Sequence[Run], first: str, which: str) -> Figure:
     """Targets reached, work against precision, and what is stated against what is true."""
-    table = table_of(runs)
+    table = statistics.table_of(runs)
     names = sorted(table, key=lambda name: (name != first, name))
     looks = {
         name: {
@@ -69,14 +58,16 @@ def draw_sheet(runs: Sequence[Run], first: str, which: str) -> Figure:
     return figure
 
 
-def _draw_reached(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]], which: str) -> None:
-    found = {name: target_costs(entries, which) for name, entries in table.items()}
+def _draw_reached(
+    axes: Any, table: statistics.Table, looks: Mapping[str, dict[str, Any]], which: str
+) -> None:
+    found = {name: statistics.target_costs(entries, which) for name, entries in table.items()}
     every = np.concatenate([one.ravel() for some in found.values() for one in some.values()])
     finite = every[np.isfinite(every) & (every > 0.0)]
     low, high = (finite.min(), finite.max()) if len(finite) else (1.0, 10.0)
     grid = np.geomspace(0.8 * low, 1.25 * high, GRID)
     for name, look in looks.items():
-        one = reached_share(found[name], grid)
+        one = statistics.reached_share(found[name], grid)
         order = look["zorder"]
         axes.step(grid, one.share, where="post", color=look["color"], lw=2.0, zorder=order)
         axes.fill_between(
@@ -87,17 +78,21 @@ def _draw_reached(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]], 
         )
     axes.set(xscale="log", xlabel=COSTS[which], ylim=(0.0, 1.0), xlim=(grid[0], grid[-1]))
     _plain_ticks(axes.xaxis)
-    spread = f"{100 * TARGETS[0]:g} % to {100 * TARGETS[-1]:g} % of the height"
+    spread = (
+        f"{100 * statistics.TARGETS[0]:g} % to {100 * statistics.TARGETS[-1]:g} % of the height"
+    )
     axes.set_ylabel("share of (object, seed, target) reached")
-    axes.set_title(f"a. {len(TARGETS)} targets of rms error, {spread}", fontsize=11)
+    axes.set_title(f"a. {len(statistics.TARGETS)} targets of rms error, {spread}", fontsize=11)
     axes.legend(fontsize=8, loc="upper left", title="bands: 95 %, over objects", title_fontsize=8)
     axes.grid(alpha=0.25)
 
 
-def _draw_work(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]], which: str) -> None:
+def _draw_work(
+    axes: Any, table: statistics.Table, looks: Mapping[str, dict[str, Any]], which: str
+) -> None:
     medians = list[Floats]()
     for name, look in looks.items():
-        spreads = work_precision(table[name], which)
+        spreads = statistics.work_precision(table[name], which)
         if not spreads:
             continue
         middle = np.array([[one.cost[1], 100.0 * one.error[1]] for one in spreads])
@@ -107,7 +102,7 @@ def _draw_work(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]], whi
             **{"lw": 1.5, "elinewidth": 0.6, "ms": 6.0, **look},
         )
     if medians:
-        front = pareto_front(np.concatenate(medians))
+        front = statistics.pareto_front(np.concatenate(medians))
         axes.plot(*front.T, color="black", lw=5.0, alpha=0.25, zorder=2.0, label="Pareto front")
     floors = [
         run.sampling_floor_m / run.size_m
@@ -126,18 +121,18 @@ def _draw_work(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]], whi
     axes.grid(alpha=0.25, which="both")
 
 
-def _bars(spreads: Sequence[Spread], field: str, scale: float) -> Floats:
+def _bars(spreads: Sequence[statistics.Spread], field: str, scale: float) -> Floats:
     """Distances (2, n) of the quartiles from the medians."""
     low, middle, high = scale * np.array([getattr(one, field) for one in spreads]).T
     return np.array([middle - low, high - middle])
 
 
-def _draw_honesty(axes: Any, table: Table, looks: Mapping[str, dict[str, Any]]) -> None:
+def _draw_honesty(axes: Any, table: statistics.Table, looks: Mapping[str, dict[str, Any]]) -> None:
     ends = list[Floats]()
     for name, look in looks.items():
-        pairs = 100.0 * stated_and_true(table[name])
+        pairs = 100.0 * statistics.stated_and_true(table[name])
         if len(pairs):
-            label = f"{name}: {held_share(pairs):.0%} of {len(pairs)} held"
+            label = f"{name}: {statistics.held_share(pairs):.0%} of {len(pairs)} held"
             axes.plot(*pairs.T, look["marker"], color=look["color"], alpha=0.75, label=label)
             ends.append(pairs)
     span = np.concatenate(ends) if ends else np.array([[0.01, 1.0]])

@@ -93,10 +93,7 @@ def in_step_notice(called: bytes, topic: str) -> bytes:
 
 
 def read_reply(frame: bytes) -> JoinReply:
-    """Answer in a frame that begins with ``@``.
-
-    Raises ValueError if the frame is no answer.
-    """
+    """Answer in a frame that begins with ``@``. Raises ValueError if the frame is no answer."""
     end = frame.find(b"\0")
     words = frame[: max(end, 0)].split(b" ", 4)
     kind = frame[end + 1 : end + 2]
@@ -110,10 +107,7 @@ def read_reply(frame: bytes) -> JoinReply:
 
 
 def read_epoch(rest: bytes) -> int:
-    """Epoch in a greeting.
-
-    Raises ValueError if the greeting has the wrong length.
-    """
+    """Epoch in a greeting. Raises ValueError if the greeting has the wrong length."""
     if len(rest) != _EPOCH.size:
         raise ValueError(f"a greeting must hold {_EPOCH.size} bytes, got {len(rest)}")
     epoch: int = _EPOCH.unpack(rest)[0]

@@ -75,10 +75,7 @@ class MessageLog:
         return {topic: len(frames) for topic, frames in self._frames.items()} | self._silent
 
     def count(self, topic: str) -> int:
-        """Number of messages on a topic.
-
-        Raises KeyError if there is no such topic.
-        """
+        """Number of messages on a topic. Raises KeyError if there is no such topic."""
         return self._silent[topic] if topic in self._silent else len(self._frames[topic])
 
     def add(self, topic: str, frame: bytes) -> None:
@@ -287,18 +284,12 @@ class SourceProgress:
         self.paused: bool | None = None if paused == _UNKNOWN else bool(paused)
 
     def up(self) -> None:
-        """Count one more.
-
-        Raises OSError if it cannot be written.
-        """
+        """Count one more. Raises OSError if it cannot be written."""
         self.number += 1
         self._write()
 
     def stand(self, paused: bool) -> None:
-        """Put down whether it stands still.
-
-        Raises OSError if it cannot be written.
-        """
+        """Put down whether it stands still. Raises OSError if it cannot be written."""
         self.paused = paused
         self._write()
 

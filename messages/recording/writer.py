@@ -94,10 +94,7 @@ class RecordingWriter:
                 self._flush(writer)
 
     def flush(self) -> None:
-        """Write what is held.
-
-        Raises OSError as `write` does.
-        """
+        """Write what is held. Raises OSError as `write` does."""
         with self._stopping():
             self._flush(self._open_writer())
 

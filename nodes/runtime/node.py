@@ -247,10 +247,7 @@ def describe_wirings(wirings: Sequence[Wiring]) -> bytes:
 
 
 def recorded_nodes(graph: bytes) -> tuple[RecordedNode, ...]:
-    """Read what `describe_wirings` wrote.
-
-    Raises ValueError if it is no such description.
-    """
+    """Read what `describe_wirings` wrote. Raises ValueError if it is no such description."""
     try:
         return msgspec.json.decode(graph, type=tuple[RecordedNode, ...])
     except msgspec.DecodeError as error:

@@ -138,10 +138,7 @@ class SourceWork:
         return []
 
     def take(self, arrival: Received) -> list[work.Outgoing | Finished]:
-        """Refuse what it never asked for.
-
-        Raises ContractError always.
-        """
+        """Refuse what it never asked for. Raises ContractError always."""
         raise work.ContractError(
             f"{self.name} subscribes to nothing, and has received {arrival.topic}"
         )

@@ -21,12 +21,7 @@ from numpy.typing import NDArray
 from palpate.core import Floats, split_pose
 from palpate.core.touch import CONTACT, contact_mask
 from palpate.messages.types import SensorInfo, TactileFrame
-from palpate.nodes.specs.sensors import (
-    SensorSpec,
-    calibration_of_info,
-    info_of,
-    pad_of_info,
-)
+from palpate.nodes.specs import sensors
 
 MAX_FILE_BYTES = 256 << 20  # Largest file, also when it is unpacked
 # Arrays of an NPZ file, and their dimensions; the times may be missing.
@@ -235,7 +230,7 @@ class SensorParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """What a driver must know of its sensor."""
 
     # Rows, columns, pitch and pad of the array, and what it sends.
-    sensor: SensorSpec = SensorSpec()
+    sensor: sensors.SensorSpec = sensors.SensorSpec()
     # What the numbers are: compression of the pad in m, or the sensor's signal, times in s or
     # forces in N, as ``sensor.signal`` says.
     values: Literal["compression", "signal"] = "compression"
@@ -247,7 +242,7 @@ class SensorParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 def sensor_info(sensing: SensorParams) -> SensorInfo:
     """What subscribers are told of the sensor."""
-    return info_of(sensing.sensor, sensing.noise)
+    return sensors.info_of(sensing.sensor, sensing.noise)
 
 
 def tactile_frame(
@@ -260,7 +255,7 @@ def tactile_frame(
     is what the taxels sent, in the driver's own unit.
     """
     info = sensor_info(sensing)
-    calibration, pad = calibration_of_info(info), pad_of_info(info)
+    calibration, pad = sensors.calibration_of_info(info), sensors.pad_of_info(info)
     scaled = sensing.scale * np.asarray(image, np.float64)
     array = calibration.encode(scaled) if sensing.values == "compression" else scaled
     compression = calibration.decode(array)

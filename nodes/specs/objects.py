@@ -304,10 +304,7 @@ def _implicit(spec: ObjectSpec) -> shapes.ImplicitShape:
 
 @lru_cache(maxsize=8)  # each check of a scene builds it again, and looks whether it is empty
 def build_boolean(spec: PartSpec) -> shapes.BooleanShape:
-    """The solid that a tree stands for.
-
-    Raises ValueError if it is unbounded or empty.
-    """
+    """The solid that a tree stands for. Raises ValueError if it is unbounded or empty."""
     return shapes.BooleanShape(_tree(spec, IDENTITY_POSE))
 
 

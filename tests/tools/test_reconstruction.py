@@ -338,7 +338,7 @@ def recorded(monkeypatch):
         contours.append(transform_points(frame, ring))
     places = tuple(f"contour {i}" for i in range(len(contours)))
     found = MeasuredContours(tuple(contours), places, frame=frame)
-    monkeypatch.setattr("palpate.tools.reconstruction.read_points", lambda path: found)
+    monkeypatch.setattr("palpate.launch.files.read_points", lambda path: found)
     return frame
 
 

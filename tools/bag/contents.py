@@ -17,20 +17,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from palpate import __version__
 from palpate.launch import counted, find_bag, size_text, text_table, titled
 from palpate.launch.files import InputError, check_new, hint, write_new
-from palpate.messages import first_difference
-from palpate.messages.recording import (
-    ABOUT,
-    MISSING,
-    LocatedRecord,
-    ReadablePrefix,
-    RecordedMessage,
-    Recording,
-    RecordingCopy,
-    RecordingEnd,
-    open_recording,
-    part_path,
-    parts_of,
-)
+from palpate.messages import first_difference, recording
 from palpate.messages.types import TYPES
 from palpate.nodes.runtime import recorded_nodes
 
@@ -72,13 +59,13 @@ class BagInfo(TypedDict):
 def bag_info(bag: Path) -> BagInfo:
     """Go through a recording up to its end or first damage; InputError if nothing can be read."""
     path = find_bag(bag)
-    prefix, tally = ReadablePrefix(path), _Tally()
+    prefix, tally = recording.ReadablePrefix(path), _Tally()
     for found in prefix:
         tally.take(found)
-    about = tally.metadata.get(ABOUT)
+    about = tally.metadata.get(recording.ABOUT)
     if about is None:
         raise InputError(f"{prefix.end.part}: cannot be read as a recording: it {prefix.end.why}")
-    end, parts = prefix.end, parts_of(path)
+    end, parts = prefix.end, recording.parts_of(path)
     total = sum(one["bytes"] for one in tally.topics.values())
     for one in tally.topics.values():
         one["share"] = one["bytes"] / total if total else 0.0
@@ -129,7 +116,7 @@ class _Tally:
     _channels: dict[tuple[Path, int], BagTopic] = field(default_factory=dict)
     _begun: bool = False
 
-    def take(self, found: LocatedRecord) -> None:
+    def take(self, found: recording.LocatedRecord) -> None:
         part, _, record = found
         match record:
             case Message():
@@ -182,7 +169,7 @@ def info_text(info: BagInfo) -> str:
     ):
         lines += titled(title, text)
     for name, values in info["metadata"].items():
-        if name == MISSING:
+        if name == recording.MISSING:
             values = {topic: lacks for topic, lacks in values.items() if lacks != "0"}
         lines += titled("metadata", f"{name}: {_entries(values)}")
     rows = [("topic", "type", "publisher", "messages", "bytes", "share")]
@@ -211,7 +198,7 @@ class Recovered(NamedTuple):
     path: Path  # The new recording
     parts: tuple[Path, ...]  # The files that it was made of
     counts: dict[str, int]  # Messages by topic
-    end: RecordingEnd  # Where the whole records end
+    end: recording.RecordingEnd  # Where the whole records end
 
 
 def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
@@ -222,7 +209,7 @@ def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
     source = find_bag(bag)
     target = out or source.with_name(f"{source.stem}.{RECOVERED_RECORD}{source.suffix}")
     check_new(target)
-    further = part_path(target, 1)
+    further = recording.part_path(target, 1)
     if further.exists():
         raise InputError(f"{further}: would be taken for a part of {target}; take it away")
     saved: list[Recovered] = []
@@ -231,8 +218,8 @@ def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
 
 
 def _copy(source: Path, target: Path) -> Recovered:
-    prefix, parts = ReadablePrefix(source), parts_of(source)
-    copy = RecordingCopy(target, f"palpate {__version__}")
+    prefix, parts = recording.ReadablePrefix(source), recording.parts_of(source)
+    copy = recording.RecordingCopy(target, f"palpate {__version__}")
     try:
         copy.take(prefix)
         part, byte, why = prefix.end
@@ -293,18 +280,20 @@ def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> Recordin
     Neither runs, restarts and times matter, nor in which order messages of different topics came.
     Raises ValueError if one cannot be read or is out of order, or neither has one of the topics.
     """
-    both = open_recording(find_bag(a)), open_recording(find_bag(b))
+    both = recording.open_recording(find_bag(a)), recording.open_recording(find_bag(b))
     known = {*both[0].counts, *both[1].counts}
     for topic in topics:
         if topic not in known:
             raise ValueError(f"neither recording has a topic {topic!r}; {hint(topic, known)}")
     counts = {topic: TopicDiff() for topic in sorted(topics or known)}
     first = _count(*both, counts)
-    unfinished = tuple(recording.path for recording in both if not recording.closed)
+    unfinished = tuple(one.path for one in both if not one.closed)
     return RecordingDiff(counts, _difference_text(first, *both) if first else "", unfinished)
 
 
-def _count(a: Recording, b: Recording, counts: dict[str, TopicDiff]) -> MessageKey | None:
+def _count(
+    a: recording.Recording, b: recording.Recording, counts: dict[str, TopicDiff]
+) -> MessageKey | None:
     """Count what differs, and find the first of it: in `a`, or else what only `b` has."""
     of_b = {(one.topic, one.seq): (one.sent_ns, _digest(one)) for one in _messages(b, counts)}
     first: MessageKey | None = None
@@ -324,29 +313,31 @@ def _count(a: Recording, b: Recording, counts: dict[str, TopicDiff]) -> MessageK
     return first or min(rest, default=None)
 
 
-def _digest(kept: RecordedMessage) -> bytes:
+def _digest(kept: recording.RecordedMessage) -> bytes:
     """Digest of what a message says, and of which type it is."""
     made = blake2b(f"{kept.type} {kept.schema} ".encode(), digest_size=DIGEST_BYTES)
     made.update(kept.body)
     return made.digest()
 
 
-def _messages(recording: Recording, topics: Collection[str]) -> Iterator[RecordedMessage]:
+def _messages(
+    bag: recording.Recording, topics: Collection[str]
+) -> Iterator[recording.RecordedMessage]:
     """Messages of these topics, each topic in its order."""
     after: dict[str, int] = {}
-    for kept in recording.messages():
+    for kept in bag.messages():
         if kept.topic not in topics:
             continue
         if kept.seq < after.get(kept.topic, 0):
             last = after[kept.topic] - 1
             raise ValueError(
-                f"recording {recording.path} is out of order: {kept.topic} {kept.seq} after {last}"
+                f"recording {bag.path} is out of order: {kept.topic} {kept.seq} after {last}"
             )
         after[kept.topic] = kept.seq + 1
         yield kept
 
 
-def _difference_text(place: MessageKey, a: Recording, b: Recording) -> str:
+def _difference_text(place: MessageKey, a: recording.Recording, b: recording.Recording) -> str:
     """A message that differs, in words."""
     _, topic, seq = place
     one, other = (
@@ -360,7 +351,9 @@ def _difference_text(place: MessageKey, a: Recording, b: Recording) -> str:
     return f"{where} {field}: {value_a} in A, {value_b} in B"
 
 
-def _differing_field(one: RecordedMessage, other: RecordedMessage) -> tuple[str, str, str]:
+def _differing_field(
+    one: recording.RecordedMessage, other: recording.RecordedMessage
+) -> tuple[str, str, str]:
     """Field and both values; what the messages are, if they are not of one type."""
     if one.type != other.type:
         return "type", one.type, other.type

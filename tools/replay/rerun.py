@@ -26,16 +26,8 @@ from palpate.messages.recording import RecordedMessage, Recording, open_recordin
 from palpate.messages.types import TYPES, Contour
 from palpate.nodes import runtime
 from palpate.tools.bag import compare_recordings
+from palpate.tools.replay import exchange
 from palpate.tools.replay.comparison import ChangeKind, TopicComparison
-from palpate.tools.replay.exchange import (
-    OWN_PACKAGE,
-    MessageExchange,
-    ReplayedNode,
-    ReplayNode,
-    Shortage,
-    choose_nodes,
-    in_order_of_sending,
-)
 
 CONTOUR = Contour.__name__
 ConsumedAt = tuple[Consumed, int]  # What was sent to a node, and when, ns
@@ -66,15 +58,15 @@ def replay(
     recorded with other message types; InputError if a setting cannot be used.
     """
     recording = open_recording(launch.find_bag(bag))
-    chosen = with_settings(choose_nodes(recording, nodes), recording.graph, settings or {})
-    players = [ReplayedNode(one) for one in chosen]
+    chosen = with_settings(exchange.choose_nodes(recording, nodes), recording.graph, settings or {})
+    players = [exchange.ReplayedNode(one) for one in chosen]
     if not recording.closed:
         echo(f"{recording.path} was never closed: replaying as far as it goes")
-    exchange = MessageExchange(players)
+    traffic = exchange.MessageExchange(players)
     with threadpool_limits(limits=1):  # as when it was recorded: several threads round otherwise
-        exchange.begin()
+        traffic.begin()
         sequence: dict[str, int] = {}
-        for kept in in_order_of_sending(recording):
+        for kept in exchange.in_order_of_sending(recording):
             wanted = sequence.get(kept.topic, 0)
             if kept.seq != wanted:
                 raise ValueError(
@@ -82,13 +74,13 @@ def replay(
                     "instead"
                 )
             sequence[kept.topic] = wanted + 1
-            exchange.receive(kept)
-        exchange.end()
+            traffic.receive(kept)
+        traffic.end()
     for player in players:
         player.end(closed=recording.closed)
         echo(verdict(player))
     if recording.closed:
-        for shortage in exchange.shortages():
+        for shortage in traffic.shortages():
             echo(shortage_text(shortage))
     for line in change_table(players):
         echo(line)
@@ -97,8 +89,8 @@ def replay(
 
 
 def with_settings(
-    chosen: Sequence[ReplayNode], graph: bytes, settings: Mapping[str, SourceMapped]
-) -> tuple[ReplayNode, ...]:
+    chosen: Sequence[exchange.ReplayNode], graph: bytes, settings: Mapping[str, SourceMapped]
+) -> tuple[exchange.ReplayNode, ...]:
     """The nodes with parameters set as by ``palpate run --set``, in the graph in which they ran.
 
     Raises InputError if a setting does not look like this, or names a node that is not run again or
@@ -136,7 +128,7 @@ def _entry(place: runtime.Wiring | runtime.RecordedNode) -> launch.Entry:
     )
 
 
-def verdict(player: ReplayedNode) -> str:
+def verdict(player: exchange.ReplayedNode) -> str:
     """One line on a node: identical, its first difference, or how it failed."""
     if player.failure:
         return f"{player.name}: fails, {player.failure}"
@@ -146,7 +138,7 @@ def verdict(player: ReplayedNode) -> str:
     return f"{player.name}: identical, {counts or 'nothing published'}"
 
 
-def shortage_text(shortage: Shortage) -> str:
+def shortage_text(shortage: exchange.Shortage) -> str:
     """One line on a topic of which another number was received than had been recorded."""
     topic, publisher, subscribers, fewer, more = shortage
     who = f"{', '.join(subscribers)}: received"
@@ -157,7 +149,7 @@ def shortage_text(shortage: Shortage) -> str:
     return f"{who} {beyond} on {topic}, after those recorded: {publisher} publishes more"
 
 
-def change_table(players: Sequence[ReplayedNode]) -> list[str]:
+def change_table(players: Sequence[exchange.ReplayedNode]) -> list[str]:
     """Lines of what has changed, by topic and field; none if nothing has."""
     rows = [row for player in players for one in player.publications.values() for row in _rows(one)]
     return launch.text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
@@ -209,7 +201,7 @@ def plan_resume(
 def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[runtime.Wiring]:
     wirings = []
     for one in runtime.recorded_nodes(recording.graph):
-        if not one.module.startswith(OWN_PACKAGE):
+        if not one.module.startswith(exchange.OWN_PACKAGE):
             if one.name not in nodes:
                 raise ValueError(
                     f"recording {recording.path} wants module {one.module!r} for {one.name}, which "
@@ -281,7 +273,7 @@ def answered_messages(
 def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessage]:
     """All that was sent before a contour was known, that contour included."""
     left = contour
-    for kept in in_order_of_sending(recording):
+    for kept in exchange.in_order_of_sending(recording):
         cls = TYPES.get(kept.type)
         if cls is not None and schema_hash(cls) != kept.schema:
             raise ValueError(f"{kept.topic} was recorded with another version of {kept.type}")

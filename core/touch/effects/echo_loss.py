@@ -32,10 +32,7 @@ class EchoLoss(Ranged):
     threshold: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger.
-
-        Raises ValueError if the array sends no times.
-        """
+        """The stage for one finger. Raises ValueError if the array sends no times."""
         signal = finger.calibration.signal
         if signal != "time":
             raise ValueError(

@@ -40,10 +40,7 @@ class Quantisation:
             )
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger.
-
-        Raises ValueError if a clock is to count what is not a time.
-        """
+        """The stage for one finger. Raises ValueError if a clock is to count what is not a time."""
         calibration = finger.calibration
         if self.bits is not None:
             step, whole = calibration.thickness / 2**self.bits, 0.0
