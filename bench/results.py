@@ -92,8 +92,7 @@ class ResultsFile:
         failed = {**self.results.failed, **({group: failure} if failure else {})}
         self.results = replace(self.results, lines=(*self.results.lines, *lines), failed=failed)
         if self._path is not None:
-            text = msgspec.json.format(msgspec.json.encode(self.results), indent=1)
-            write_atomically({self._path: lambda part: part.write_bytes(text)})
+            write_form(self._path, self.results)
 
 
 def this_machine() -> Machine:
@@ -131,6 +130,12 @@ def read_results(path: Path, *, quick: bool) -> Results:
     return found
 
 
+def write_form(path: Path, content: object) -> None:
+    """Write a JSON file that `read_form` reads, whole or not at all."""
+    text = msgspec.json.format(msgspec.json.encode(content), indent=1)
+    write_atomically({path: lambda part: part.write_bytes(text)})
+
+
 def read_form(path: Path, form: str, version: int, kind: type[Kept]) -> Kept:
     """What a JSON file keeps; raises InputError if it is of another form or version."""
     data = read_bounded(path, MOST_BYTES, "the results ")
@@ -157,11 +162,8 @@ class Move(NamedTuple):
     new: Figure
 
     def __str__(self) -> str:
-        old, new, name = (
-            self.old,
-            self.new,
-            ", ".join(filter(None, (self.line.name, self.new.name))),
-        )
+        old, new = self.old, self.new
+        name = ", ".join(filter(None, (self.line.name, new.name)))
         told = f"{self.verdict:<7} {self.line.group}: {name}: {_shown(old)} -> {_shown(new)}"
         if old.value and new.value is not None:
             told += f" ({new.value / old.value - 1.0:+.1%})"

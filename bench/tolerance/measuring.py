@@ -118,7 +118,10 @@ def sheet_rows(runs: Sequence[Run]) -> Iterator[Row]:
         raise InputError("no object and seed was explored by every method: nothing compares")
     for name, entries in table.items():
         yield from _method_rows(name, entries)
-    yield from _failed_rows(table)
+    for name, entries in table.items():
+        failed = [run for some in entries.values() for run in some if not run.curve]
+        if failed:
+            yield Row(f"{name}: runs that failed", f"{len(failed)}: {failed[0].failed}")
     if methods.OURS in table:
         yield from _demand_rows(table)
 
@@ -160,13 +163,6 @@ def _told_finals(finals: Sequence[Final]) -> str:
         for field in ("chamfer_sum_m", "f_score_1mm", "f_score_5mm")
     )
     return f"{1e3 * summed:.3f} mm, {near:.3f}, {far:.3f}"
-
-
-def _failed_rows(table: statistics.Table) -> Iterator[Row]:
-    for name, entries in table.items():
-        failed = [run for some in entries.values() for run in some if not run.curve]
-        if failed:
-            yield Row(f"{name}: runs that failed", f"{len(failed)}: {failed[0].failed}")
 
 
 def _demand_rows(table: statistics.Table) -> Iterator[Row]:

@@ -83,7 +83,13 @@ Method = Callable[[Problem, float, int], Iterable[Model]]
 
 def predicted(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
     """The default planner."""
-    return _graph_models(problem.scene)
+    found = _explored(problem.scene)
+    bounds = {one.number: one.rms_bound_95 for one in found.kept[PlanEstimate]}
+    touched = found.contacts(problem.scene)
+    for model, compute in zip(found.kept[ShapeModel], found.made, strict=True):
+        if len(model.faces):
+            mesh, bound = Mesh(model.vertices, model.faces), bounds.get(model.number)
+            yield Model(mesh, model.touches, model.robot_time, touched, bound, compute)
 
 
 @lru_cache(maxsize=1)
@@ -118,16 +124,6 @@ class TimedCollector(explore.MessageCollector):
             )
             for one in self.kept[SurfacePatch]
         ]
-
-
-def _graph_models(scene: Path) -> Iterator[Model]:
-    found = _explored(scene)
-    bounds = {one.number: one.rms_bound_95 for one in found.kept[PlanEstimate]}
-    touched = found.contacts(scene)
-    for model, compute in zip(found.kept[ShapeModel], found.made, strict=True):
-        if len(model.faces):
-            mesh, bound = Mesh(model.vertices, model.faces), bounds.get(model.number)
-            yield Model(mesh, model.touches, model.robot_time, touched, bound, compute)
 
 
 def contours_alone(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
@@ -271,37 +267,31 @@ def meshes_in(folder: Path) -> list[str]:
 
 
 def measure_run(
-    name: str, contender: Contender, problem: Problem, truth: TrueObject, task: Asked, most: int
+    name: str, contender: Contender, problem: Problem, truth: TrueObject, unit: Unit
 ) -> Run:
-    """One run of a method; `most`: touches after which one without an end is ended."""
-    asked = task.share * truth.size
+    """One run of a method."""
     made = partial(
         Run,
         method=name,
         object=problem.name,
-        seed=task.seed,
-        tolerance_m=asked if contender.asked else None,
+        seed=unit.seed,
+        tolerance_m=unit.share * truth.size if contender.asked else None,
         size_m=truth.size,
         sampling_floor_m=truth.floor,
     )
     try:
-        curve, final = _measured_curve(contender, problem, truth, asked, task.seed, most)
+        curve, final = _measured_curve(contender, problem, truth, unit)
         return convert(to_builtins(made(curve=curve, final=final)), Run)
     except Exception as error:  # of anybody's method: the others are measured all the same
         return made(curve=(), final=None, failed=f"{type(error).__name__}: {error}")
 
 
 def _measured_curve(
-    contender: Contender,
-    problem: Problem,
-    truth: TrueObject,
-    tolerance: float,
-    seed: int,
-    most: int,
+    contender: Contender, problem: Problem, truth: TrueObject, unit: Unit
 ) -> tuple[tuple[Point, ...], Final | None]:
     curve, final, compute = list[Point](), None, 0.0
-    models = iter(contender.explore(problem, tolerance, seed))
-    while not (contender.endless and curve and curve[-1].touches >= most):
+    models = iter(contender.explore(problem, unit.share * truth.size, unit.seed))
+    while not (contender.endless and curve and curve[-1].touches >= unit.most):
         began = time.process_time()
         model = next(models, None)
         compute += time.process_time() - began
@@ -313,13 +303,6 @@ def _measured_curve(
     if not curve:
         raise RuntimeError("the method made no model")
     return tuple(curve), final
-
-
-class Asked(NamedTuple):
-    """What is asked of a run."""
-
-    share: float  # Error over the height
-    seed: int
 
 
 def both_ways(truth: PreparedSurface, rebuilt: PreparedSurface) -> tuple[Floats, Floats]:
@@ -368,15 +351,13 @@ def touched_shares(samples: Floats, touched: Sequence[ContactPoints]) -> dict[st
     return shares
 
 
-def write_problem(
-    folder: Path, name: str, meshes: Path | None, contender: Contender, task: Asked
-) -> Path:
+def write_problem(folder: Path, contender: Contender, unit: Unit) -> Path:
     """The scene of a run, in a folder."""
-    target = object_of(name, meshes)
+    target = object_of(unit.object, unit.meshes)
     tall = float(np.ptp(target.vertices[:, 2])) if isinstance(target, Mesh) else EXPLORED_HEIGHT
-    settings = contender.settings(task.share)
-    demand = explore.Demand(contender.planner, task.share * tall, settings, feature=None)
-    return explore.write_scene(folder, target, explore.NOISY, demand, task.seed)
+    settings = contender.settings(unit.share)
+    demand = explore.Demand(contender.planner, unit.share * tall, settings, feature=None)
+    return explore.write_scene(folder, target, explore.NOISY, demand, unit.seed)
 
 
 def contender_of(name: str) -> Contender:
@@ -395,15 +376,13 @@ def contender_of(name: str) -> Contender:
 
 def runs_of(unit: Unit) -> list[Run]:
     """The runs of a unit of work, in this process."""
-    task, made = Asked(unit.share, unit.seed), list[Run]()
     with single_threaded(), tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
-        first = contender_of(unit.methods[0])
-        scene = write_problem(Path(folder), unit.object, unit.meshes, first, task)
+        scene = write_problem(Path(folder), contender_of(unit.methods[0]), unit)
         truth = truth_of_object(unit.object, unit.meshes, scene)
         problem = Problem(unit.object, scene, truth.box)
-        for name in unit.methods:
-            made.append(measure_run(name, contender_of(name), problem, truth, task, unit.most))
-    return made
+        return [
+            measure_run(name, contender_of(name), problem, truth, unit) for name in unit.methods
+        ]
 
 
 class Unit(NamedTuple):

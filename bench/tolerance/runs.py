@@ -14,8 +14,8 @@ import msgspec
 from msgspec import Meta
 
 import palpate
-from palpate.bench.results import read_form, this_machine
-from palpate.launch.files import InputError, write_atomically
+from palpate.bench.results import read_form, this_machine, write_form
+from palpate.launch.files import InputError
 
 FORM, VERSION = "palpate tolerance", 1
 # What the runs depend on, beneath the package.
@@ -136,8 +136,7 @@ class RunsFile:
         """Keep some more."""
         runs = (*self.content.runs, *made)
         self.content = msgspec.structs.replace(self.content, runs=runs)
-        text = msgspec.json.format(msgspec.json.encode(self.content), indent=1)
-        write_atomically({self.path: lambda part: part.write_bytes(text)})
+        write_form(self.path, self.content)
 
 
 def sources_digest() -> str:

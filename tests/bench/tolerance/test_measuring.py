@@ -92,7 +92,8 @@ def test_a_method_that_fails_is_kept_with_why(method, why):
     truth = methods.TrueObject(surface, SIZE, 0.0, np.zeros((2, 3)))
     problem = methods.Problem("egg", Path("scene.yaml"), truth.box)
     contender = methods.Contender("it fails", method)
-    run = measure_run("fails", contender, problem, truth, methods.Asked(0.01, 0), 5)
+    unit = Unit(("fails",), "egg", 0, 0.01, 5)
+    run = measure_run("fails", contender, problem, truth, unit)
     assert re.match(why, run.failed)
     assert (run.curve, run.final) == ((), None)
 
