@@ -6,6 +6,7 @@ import json
 import os
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -75,16 +76,12 @@ def run_command(
     out: Path | None,
     seed: int | None,
     fingers: int | None,
-    tolerance: str | None,
-    feature: str | None,
-    budget: str | None,
-    touches: int | None,
-    quality: str | None,
     settings: tuple[str, ...],
     composed: bool,
     no_record: bool,
     as_json: bool,
     quiet: bool,
+    **demand: Any,
 ) -> int:
     """Explore SCENE, a shipped scene's name or a YAML file, and rebuild its object.
 
@@ -102,12 +99,10 @@ def run_command(
         "scene": SourceMapped(str(path), ""),
         "record": SourceMapped(not no_record, "--no-record"),
     }
-    if seed is not None:
-        args["seed"] = SourceMapped(seed, "--seed")
-    if fingers is not None:
-        args["fingers"] = SourceMapped(fingers, "--fingers")
-    asked = launch.read_demand(tolerance, feature, budget, touches, quality)
-    given = {**launch.read_settings(settings), **asked}
+    for name, value in (("seed", seed), ("fingers", fingers)):
+        if value is not None:
+            args[name] = SourceMapped(value, f"--{name}")
+    given = {**launch.read_settings(settings), **launch.read_demand(**demand)}
     plan = launch.plan_run(launch.EXPLORE, args, given, name=path.stem, out=out)
     return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet)
 

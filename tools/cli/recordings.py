@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -50,35 +51,15 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     metavar="[HZ]",
     help="Publish the recording's time on /clock, 40 times a second if no number is given.",
 )
-@click.option("-p", "--start-paused", is_flag=True, help="Wait for resume or step.")
+@click.option("-p", "--start-paused", "paused", is_flag=True, help="Wait for resume or step.")
 @command_line.quiet_option()
-def bag_play_command(
-    bag: Path,
-    rate: float,
-    loop: bool,
-    start_offset: float,
-    until: float | None,
-    topics: tuple[str, ...],
-    remap: tuple[str, ...],
-    clock: float,
-    start_paused: bool,
-    quiet: bool,
-) -> int:
+def bag_play_command(bag: Path, remap: tuple[str, ...], quiet: bool, **params: Any) -> int:
     """Publish again what the recording BAG holds: a file, or a run directory.
 
     Latched messages from before the offset are published first. Tools receive it as from any graph:
     palpate topic echo. In a terminal the space bar pauses and resumes, the right arrow steps;
     palpate bag pause, resume and step do the same from elsewhere.
     """
-    params = {
-        "rate": rate,
-        "loop": loop,
-        "start_offset": start_offset,
-        "until": until,
-        "topics": list(topics),
-        "clock": clock,
-        "paused": start_paused,
-    }
     return bags.play_recording(bags.player_entry(bag, params, bags.read_remap(remap)), quiet=quiet)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal
 
 import click
 
@@ -51,43 +51,28 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 def rebuild_command(
     points: Path,
     outs: tuple[Path, ...],
-    unit: str | None,
-    method: str,
-    tops: Path | None,
-    bottom: float | None,
-    top: float | None,
-    noise: float | None,
-    tolerance: float | None,
     lattice: Path | None,
     as_json: bool,
     quiet: bool,
+    **asked: Any,
 ) -> int:
     """Rebuild a solid from a file; `REBUILD_HELP` says how."""
     import sys
 
-    from palpate.core.rebuild import Method
-    from palpate.tools.reconstruction import (
-        RebuildOptions,
-        check_outputs,
-        rebuild,
-        rebuild_record,
-        rebuild_text,
-        write_outputs,
-    )
+    from palpate.tools import reconstruction
 
-    way = cast(Method, method)
-    check_outputs(points, outs, lattice, way)
+    wanted = reconstruction.RebuildOptions(**asked)
+    reconstruction.check_outputs(points, outs, lattice, wanted.method)
     shown = sys.stderr.isatty() and not quiet
 
     def say(text: str) -> None:
         if shown:
             click.echo(f"{text} ...", err=True)
 
-    wanted = RebuildOptions(unit, way, tops, bottom, top, noise, tolerance)
-    rebuilt = rebuild(points, wanted, say)
-    write_outputs(rebuilt, outs, lattice)
-    record = rebuild_record(rebuilt, points, outs, lattice)
-    print_figures(record, rebuild_text, as_json=as_json)
+    rebuilt = reconstruction.rebuild(points, wanted, say)
+    reconstruction.write_outputs(rebuilt, outs, lattice)
+    record = reconstruction.rebuild_record(rebuilt, points, outs, lattice)
+    print_figures(record, reconstruction.rebuild_text, as_json=as_json)
     return 0
 
 
