@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,34 +90,6 @@ class Table(NamedTuple):
     notes: tuple[str, ...]  # What was left out
 
 
-@dataclass(slots=True)
-class RecordedContours:
-    """Messages of a recording, by kind."""
-
-    contours: list[Contour] = field(default_factory=list)
-    probes: list[Probe] = field(default_factory=list)
-    patches: list[SurfacePatch] = field(default_factory=list)
-    sensor: SensorInfo | None = None
-    done: PlanDone | None = None
-    world: World | None = None
-
-    def take(self, message: object) -> None:
-        """Keep one message."""
-        match message:
-            case Contour():
-                self.contours.append(message)
-            case Probe():
-                self.probes.append(message)
-            case SurfacePatch():
-                self.patches.append(message)
-            case SensorInfo():
-                self.sensor = message
-            case PlanDone():
-                self.done = message
-            case World():
-                self.world = message
-
-
 def _read_text(path: Path) -> MeasuredContours:
     table = read_table(path)
     columns = table.columns
@@ -127,27 +99,16 @@ def _read_text(path: Path) -> MeasuredContours:
         passed = [name for name in (*NORMAL_COLUMNS, TOUCH_COLUMN) if name in columns]
         notes = [f"{', '.join(passed)} passed over: there is no column contour"] if passed else []
         return found._replace(notes=(*table.notes, *found.notes, *notes))
-    rows = _rows_by_number(columns[CONTOUR_COLUMN])
-    lines = np.array(table.lines)
+    rows, lines = _rows_by_number(columns[CONTOUR_COLUMN]), np.array(table.lines)
     normals = None
     if NORMAL_COLUMNS[0] in columns:
-        stacked = np.column_stack([columns[name] for name in NORMAL_COLUMNS])
-        normals = tuple(stacked[part] for part in rows.values())
-    contours = tuple(points[part] for part in rows.values())
-    taxels = None
-    if TOUCH_COLUMN in columns:
-        order = np.concatenate(list(rows.values()))
-        taxels = contact_points_of(contours, normals, columns[TOUCH_COLUMN][order].astype(np.int32))
-    return MeasuredContours(
-        contours=contours,
-        places=tuple(
-            f"contour {number} (lines {lines[part].min()} to {lines[part].max()})"
-            for number, part in rows.items()
-        ),
-        normals=normals,
-        taxels=taxels,
-        notes=table.notes,
+        normals = np.column_stack([columns[name] for name in NORMAL_COLUMNS])
+    found = _by_contour(points, rows, normals, columns.get(TOUCH_COLUMN))
+    places = (
+        f"contour {number} (lines {lines[part].min()} to {lines[part].max()})"
+        for number, part in rows.items()
     )
+    return found._replace(places=tuple(places), notes=table.notes)
 
 
 def read_table(path: Path) -> Table:
@@ -239,7 +200,7 @@ def _as_float(text: str) -> float | None:
 def _finite(names: Sequence[str], values: Floats, lines: Sequence[int]) -> Table:
     """Without the rows that are not finite, and a sentence about them."""
     good: Bools = np.asarray(np.isfinite(values).all(axis=1))
-    left = [line for line, kept in zip(lines, good.tolist(), strict=True) if not kept]
+    kept, left = ([*compress(lines, which.tolist())] for which in (good, ~good))
     notes: tuple[str, ...] = ()
     if left:
         shown = ", ".join(str(line) for line in left[:MOST_LINES_NAMED])
@@ -250,9 +211,7 @@ def _finite(names: Sequence[str], values: Floats, lines: Sequence[int]) -> Table
             f"line{'' if one else 's'} {shown}{more}",
         )
     columns = {name: values[good, names.index(name)] for name in KNOWN_COLUMNS if name in names}
-    return Table(
-        columns, [line for line, kept in zip(lines, good.tolist(), strict=True) if kept], notes
-    )
+    return Table(columns, kept, notes)
 
 
 def _read_cloud(path: Path) -> MeasuredContours:
@@ -325,22 +284,33 @@ def _numbered_points(path: Path, arrays: Mapping[str, Any]) -> MeasuredContours:
             f"{path}: contours are ({len(points)}, 3) points; contour must number them"
         )
     rows = _rows_by_number(_whole_numbers(path, arrays, CONTOUR_COLUMN, len(points)))
-    contours = tuple(points[part] for part in rows.values())
-    normals = taxels = None
+    normals = touches = None
     if "normals" in arrays:
-        stacked = _array(path, arrays, "normals", 3, len(points))
-        normals = tuple(stacked[part] for part in rows.values())
+        normals = _array(path, arrays, "normals", 3, len(points))
     if TOUCH_COLUMN in arrays:
-        numbers = _whole_numbers(path, arrays, TOUCH_COLUMN, len(points)).astype(np.int32)
-        taxels = contact_points_of(contours, normals, numbers[np.concatenate(list(rows.values()))])
-    names = tuple(f"contour {number}" for number in rows)
-    return MeasuredContours(contours, names, normals, taxels)
+        touches = _whole_numbers(path, arrays, TOUCH_COLUMN, len(points))
+    return _by_contour(points, rows, normals, touches)
 
 
 def _rows_by_number(numbers: Floats) -> dict[int, NDArray[np.intp]]:
     """Rows of each contour in their order, the contours as they first appear."""
     found, first = np.unique(numbers, return_index=True)
     return {int(found[i]): np.flatnonzero(numbers == found[i]) for i in np.argsort(first)}
+
+
+def _by_contour(
+    points: Floats,
+    rows: Mapping[int, NDArray[np.intp]],
+    normals: Floats | None,
+    touches: Floats | None,
+) -> MeasuredContours:
+    """Points (n, 3), and of each its normal and the number of its touch, by rows of contours."""
+    contours, taxels = tuple(points[part] for part in rows.values()), None
+    outwards = normals if normals is None else tuple(normals[part] for part in rows.values())
+    if touches is not None:
+        numbers = touches[np.concatenate(list(rows.values()))].astype(np.int32)
+        taxels = contact_points_of(contours, outwards, numbers)
+    return MeasuredContours(contours, tuple(f"contour {i}" for i in rows), outwards, taxels)
 
 
 def _whole_numbers(
@@ -384,14 +354,14 @@ def read_recording(path: Path) -> MeasuredContours:
     # Not for those who read a CSV file: mcap is imported with it.
     from palpate.messages.recording import open_recording
 
-    recorded = RecordedContours()
+    recorded: dict[type, list[Any]] = {kind: [] for kind in MESSAGE_TYPES.values()}
     try:
         for kept in open_recording(path).messages():
             kind = next(
                 (kind for end, kind in MESSAGE_TYPES.items() if kept.topic.endswith(end)), None
             )
             if kind is not None:
-                recorded.take(decode(kind, kept.body))
+                recorded[kind].append(decode(kind, kept.body))
     except CodecError as error:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:
@@ -399,16 +369,17 @@ def read_recording(path: Path) -> MeasuredContours:
     return contours_of(path, recorded)
 
 
-def contours_of(path: Path, recorded: RecordedContours) -> MeasuredContours:
+def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredContours:
     """The closed contours that a plan ended with, or all, where probes hit, and all taxels.
 
-    Raises InputError if no contour is closed, or they were not traced in one frame; it names the
-    path.
+    `recorded`: messages of each of the `MESSAGE_TYPES`. Raises InputError, which names the path, if
+    no contour is closed, or they were not traced in one frame.
     """
-    contours, probes = recorded.contours, recorded.probes
-    if recorded.done is not None:
-        contours = [one for one in contours if one.id in recorded.done.contours]
-        probes = [one for one in probes if one.id in recorded.done.probes]
+    contours: Sequence[Contour] = recorded[Contour]
+    probes: Sequence[Probe] = recorded[Probe]
+    for done in recorded[PlanDone][-1:]:
+        contours = [one for one in contours if one.id in done.contours]
+        probes = [one for one in probes if one.id in done.probes]
     closed = [one for one in contours if one.status == "closed"]
     if not closed:
         raise InputError(f"{path}: holds no closed contour, of {len(contours)} that were traced")
@@ -420,7 +391,7 @@ def contours_of(path: Path, recorded: RecordedContours) -> MeasuredContours:
         notes = [f"{len(taxels.points)} taxels of {taxels.touch.max() + 1} touches"]
     if len(closed) < len(contours):
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
-    platform = None if recorded.world is None else recorded.world.platform
+    platform = recorded[World][-1].platform if recorded[World] else None
     try:
         frame = reconstructor_node.common_frame(closed)
         tops = reconstructor_node.touched_ends(closed, hits, touches, platform)
@@ -442,13 +413,15 @@ def contours_of(path: Path, recorded: RecordedContours) -> MeasuredContours:
     )
 
 
-def _touches(recorded: RecordedContours, goals: set[int]) -> dict[int, list[ContactPoints]]:
+def _touches(
+    recorded: Mapping[type, Sequence[Any]], goals: set[int]
+) -> dict[int, list[ContactPoints]]:
     """What each touch of some goals measured, by goal, as the reconstructor takes it."""
-    if recorded.sensor is None:
+    if not recorded[SensorInfo]:
         return {}
-    pad = pad_of_info(recorded.sensor)
+    pad = pad_of_info(recorded[SensorInfo][-1])
     found: dict[int, list[ContactPoints]] = {}
-    for patch in sorted(recorded.patches, key=lambda patch: (patch.goal, patch.touch)):
+    for patch in sorted(recorded[SurfacePatch], key=lambda patch: (patch.goal, patch.touch)):
         if patch.goal in goals and patch.mask.any():
             jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
             points = contacts_contact_points_of(pad, patch.pose, patch.height, patch.mask, jet)

@@ -11,7 +11,6 @@ from palpate.core.poses import IDENTITY_POSE, transform_points
 from palpate.launch.files.point_clouds import order_points, slice_cloud, slices_by_height
 from palpate.launch.files.points_file import (
     MESSAGE_TYPES,
-    RecordedContours,
     contours_of,
     read_points,
     read_tops,
@@ -274,10 +273,14 @@ def done(contours, probes):
     )  # fmt: skip
 
 
+def recorded(*messages):
+    return {kind: [one for one in messages if type(one) is kind] for kind in MESSAGE_TYPES.values()}
+
+
 def test_a_recording_gives_the_contours_that_the_plan_ended_with():
     traced = [contour(1), contour(2), contour(3)]
     probes = [probe(4, hit=True), probe(5, hit=False), probe(6, hit=True)]
-    found = contours_of(PATH, RecordedContours(traced, probes, done=done((1, 3), (4, 5))))
+    found = contours_of(PATH, recorded(*traced, *probes, done((1, 3), (4, 5))))
     assert found.places == ("contour 1", "contour 3")
     assert [one[0, 0] for one in found.contours] == pytest.approx([0.1, 0.3])
     assert found.tops is not None and found.tops.tolist() == [[0.0, 0.0, 4.0]]
@@ -286,14 +289,14 @@ def test_a_recording_gives_the_contours_that_the_plan_ended_with():
 
 def test_contours_that_were_not_closed_are_left_out_or_refused():
     assert "stuck" in get_args(ContourStatus)
-    found = contours_of(PATH, RecordedContours([contour(1), contour(2, "stuck")]))
+    found = contours_of(PATH, recorded(contour(1), contour(2, "stuck")))
     assert found.places == ("contour 1",)
     assert found.tops is None
     assert "left out 1 contours that were not closed" in found.notes
     with pytest.raises(InputError, match="holds no closed contour, of 1 that were traced"):
-        contours_of(PATH, RecordedContours([contour(1, "stuck")]))
+        contours_of(PATH, recorded(contour(1, "stuck")))
     with pytest.raises(InputError, match=r"topics\.mcap: contours must be traced in one slicing"):
-        contours_of(PATH, RecordedContours([contour(1), contour(2, frame=TILTED)]))
+        contours_of(PATH, recorded(contour(1), contour(2, frame=TILTED)))
 
 
 def test_the_topics_are_those_of_the_reconstructor():
@@ -305,9 +308,7 @@ def test_the_topics_are_those_of_the_reconstructor():
 def test_the_platform_is_a_touch_of_an_upright_object_alone():
     heights = {}
     for name, frame in (("upright", IDENTITY_POSE), ("tilted", TILTED)):
-        found = contours_of(
-            PATH, RecordedContours([contour(1, frame=frame), contour(2, frame=frame)], world=WORLD)
-        )
+        found = contours_of(PATH, recorded(contour(1, frame=frame), contour(2, frame=frame), WORLD))
         assert found.frame is not None and np.array_equal(found.frame, frame)
         heights[name] = None if found.tops is None else found.tops.tolist()
         notes = " ".join(found.notes)
@@ -320,9 +321,9 @@ def test_probes_touch_the_ends_along_the_axis_and_a_frame_has_its_points_unit():
     traced = [contour(1, frame=TILTED), contour(2, frame=TILTED)]
     up, down = (transform_points(TILTED, np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
     probes = [replace(probe(i, hit=True), point=one) for i, one in enumerate((up, down), 4)]
-    found = contours_of(PATH, RecordedContours(traced, probes))
+    found = contours_of(PATH, recorded(*traced, *probes))
     assert found.tops is not None and found.tops == pytest.approx(np.array([up, down]))
-    found = contours_of(PATH, RecordedContours([contour(1, frame=TILTED)])).scaled(1000.0)
+    found = contours_of(PATH, recorded(contour(1, frame=TILTED))).scaled(1000.0)
     assert found.frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])
 
 
@@ -337,7 +338,7 @@ def test_taxels_have_normals_of_the_jet_or_else_of_the_pad():
         )
         for touch, jet in jets.items()
     ]  # fmt: skip
-    found = contours_of(PATH, RecordedContours([contour(1)], patches=patches, sensor=sensor))
+    found = contours_of(PATH, recorded(contour(1), *patches, sensor))
     of_pad, of_jet = (found.taxels.normals[found.taxels.touch == touch] for touch in jets)
     assert len(of_pad) == x.size and np.allclose(np.abs(of_pad[:, 2]), 1.0)
     assert np.allclose(np.abs(of_jet[:, 0] / of_jet[:, 2]), 0.1)
