@@ -18,6 +18,7 @@ from palpate.launch.files.points_file import (
 from palpate.launch.files.source_map import InputError
 from palpate.messages.types.model import PlanDone
 from palpate.messages.types.motion import Contour, ContourStatus, Probe
+from palpate.messages.types.touch import SurfacePatch
 from palpate.messages.types.world import World
 from palpate.nodes.reconstructor import NODE
 from palpate.nodes.specs.sensors import SensorSpec, info_of, pad_of_info
@@ -338,7 +339,8 @@ def test_taxels_have_normals_of_the_jet_or_else_of_the_pad():
         )
         for touch, jet in jets.items()
     ]  # fmt: skip
-    found = contours_of(PATH, recorded(contour(1), *patches, sensor))
+    messages = {**recorded(contour(1), sensor), SurfacePatch: patches}
+    found = contours_of(PATH, messages)
     of_pad, of_jet = (found.taxels.normals[found.taxels.touch == touch] for touch in jets)
     assert len(of_pad) == x.size and np.allclose(np.abs(of_pad[:, 2]), 1.0)
     assert np.allclose(np.abs(of_jet[:, 0] / of_jet[:, 2]), 0.1)
