@@ -196,9 +196,7 @@ def compare_results(old: Results, new: Results) -> tuple[list[Move], dict[str, i
     }
 
 
-def _by_name(
-    lines: Iterable[Measured],
-) -> dict[tuple[str, str, int, int], tuple[Measured, Figure]]:
+def _by_name(lines: Iterable[Measured]) -> dict[tuple[str, str, int, int], tuple[Measured, Figure]]:
     """Figures by group, name, how often the name came before, and place in the line."""
     turns, found = Counter[tuple[str, str]](), {}
     for line in lines:

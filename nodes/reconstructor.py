@@ -15,15 +15,7 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import (
-    IDENTITY_POSE,
-    Floats,
-    Steps,
-    no_steps,
-    rebuild,
-    split_pose,
-    tree_to_bytes,
-)
+from palpate.core import IDENTITY_POSE, Floats, Steps, no_steps, rebuild, split_pose, tree_to_bytes
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points

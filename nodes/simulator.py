@@ -8,13 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import (
-    ROBOT_PRESETS,
-    Floats,
-    contact_seconds,
-    free_seconds,
-    move_between,
-)
+from palpate.core import ROBOT_PRESETS, Floats, contact_seconds, free_seconds, move_between
 from palpate.core.shapes import Shape
 from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
 from palpate.messages import derive, types

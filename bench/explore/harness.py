@@ -19,14 +19,7 @@ from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
 from palpate.core.shapes import Mesh
 from palpate.launch import EXPLORE, find_scene, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
-from palpate.messages.types import (
-    Contour,
-    PlanDone,
-    Score,
-    ShapeModel,
-    TactileFrame,
-    Truth,
-)
+from palpate.messages.types import Contour, PlanDone, Score, ShapeModel, TactileFrame, Truth
 from palpate.nodes import curvature, filter, simulator
 from palpate.nodes.runtime import Finished, MessageQueue, Node, Outputs, Watcher, run_composed
 

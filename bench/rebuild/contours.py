@@ -88,11 +88,7 @@ def judge_band(thing: RoundObject, skin: ContourLoft) -> BandErrors:
 
 
 def _skin(
-    thing: RoundObject,
-    size: tuple[int, int],
-    noise: float,
-    seed: int,
-    poles: bool = False,
+    thing: RoundObject, size: tuple[int, int], noise: float, seed: int, poles: bool = False
 ) -> ContourLoft:
     """A loft of contours with noise."""
     rng = np.random.default_rng(seed)

@@ -75,8 +75,7 @@ BENCHES: Mapping[str, Bench] = {
         },
     ),
     "touch": Bench(
-        "one touch: frames a second, and the error of a cast",
-        {"frames": "touch.frames:touch_rows"},
+        "one touch: frames a second, and the error of a cast", {"frames": "touch.frames:touch_rows"}
     ),
     "effects": Bench(
         "each effect: its cost, and the error of a contour that it causes",

@@ -14,14 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
-from palpate.bench.table import (
-    Figure,
-    Row,
-    at_least,
-    at_most,
-    figure_of,
-    in_turns,
-)
+from palpate.bench.table import Figure, Row, at_least, at_most, figure_of, in_turns
 from palpate.core import (
     IDENTITY_POSE,
     ROBOT_PRESETS,

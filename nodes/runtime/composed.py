@@ -38,9 +38,7 @@ class MessageQueue(Generic[TopicT, SubscriberT]):
     """
 
     def __init__(
-        self,
-        subscribers: Mapping[TopicT, Sequence[SubscriberT]],
-        draw: random.Random | None = None,
+        self, subscribers: Mapping[TopicT, Sequence[SubscriberT]], draw: random.Random | None = None
     ) -> None:
         self._subscribers, self._draw = subscribers, draw
         self._edges: dict[tuple[TopicT, SubscriberT], deque[Any]] = {}

@@ -27,13 +27,7 @@ from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
 from palpate.nodes.runtime.sources import SourceWork, Work
-from palpate.nodes.runtime.work import (
-    Latency,
-    NodeWork,
-    Outgoing,
-    Promise,
-    SinkWork,
-)
+from palpate.nodes.runtime.work import Latency, NodeWork, Outgoing, Promise, SinkWork
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
 FAILED = 3  # Exit code of a node that has told the launcher why it failed

@@ -14,14 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import Received
-from palpate.nodes.runtime.node import (
-    Deferred,
-    Finished,
-    Node,
-    Sink,
-    SinkWriter,
-    Wiring,
-)
+from palpate.nodes.runtime.node import Deferred, Finished, Node, Sink, SinkWriter, Wiring
 
 Edge = tuple[str, str]  # Publisher and topic on the wire
 Output = tuple[str, object] | Finished

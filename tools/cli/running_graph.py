@@ -178,11 +178,7 @@ for verb, short, told in (
         "Measure how often topics are published.",
         "Measure how often TOPICs are published, by their publishers' own numbers and times.",
     ),
-    (
-        "bw",
-        "Measure how many bytes topics carry.",
-        "Measure how many bytes a second TOPICs carry.",
-    ),
+    ("bw", "Measure how many bytes topics carry.", "Measure how many bytes a second TOPICs carry."),
     (
         "delay",
         "Measure how long messages are on their way.",
