@@ -6,9 +6,7 @@ over the objects, unless a line names one.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -16,7 +14,7 @@ import numpy as np
 
 from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
 from palpate.bench.rebuild import peers
-from palpate.bench.table import Row, at_most, best_seconds
+from palpate.bench.table import Row, at_most
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.shapes import Mesh
@@ -33,8 +31,6 @@ PeerErrors = Mapping[
 DISORDERED = ((27, 81), (24, 41), (9, 24))  # Contours, and points of each
 COUNTS = 0.25  # By which the number of points differs from contour to contour
 OUTLIER_SHARE, OUTLIER_DISTANCE = 0.02, 3.0  # Share of the points that are off, and by how much, mm
-ROUNDS = 5
-FIT_MS, UPDATE_MS, BAND_MS = 30.0, 10.0, 10.0
 Disorder = Callable[[RoundObject, Floats, np.random.Generator], Sequence[Floats]]
 
 
@@ -141,14 +137,13 @@ def noisy_contours(
 
 
 def disorder_rows(quick: bool) -> Iterable[Row]:
-    """What disorder and outliers cost, and times."""
+    """What disorder and outliers cost."""
     off = f"{OUTLIER_SHARE:.0%} of points off by {OUTLIER_DISTANCE:g} mm"
     cases = (("random starts, directions and counts", shuffled, 1.03), (off, with_outliers, 1.1))
     with single_threaded():
         for size, (name, disorder, most) in product(DISORDERED, cases):
             title = f"{size[0]} by {size[1]}, {CONTOUR_NOISE} mm: {name}, error over that without"
             yield at_most(title, ratio_of(disorder, size), most, ".3f", " x")
-        yield from _times()
 
 
 def shuffled(shape: RoundObject, contours: Floats, rng: np.random.Generator) -> list[Floats]:
@@ -197,28 +192,6 @@ def rebuilt(contours: Sequence[Floats], tops: Floats | None = None) -> Mesh:
     """The mesh of palpate's solid."""
     mesh = reconstruct(contours, tops=tops).mesh(TOLERANCE)
     return Mesh(mesh.vertices, mesh.faces)
-
-
-def _times() -> Iterable[Row]:
-    """Times of the processor, which others' work does not count to; `bench scaling` has more."""
-    shape, few = REBUILT_SHAPES["lobed zig-zag"], DISORDERED[0]
-    head = f"{few[0]} by {few[1]}"
-    contours = list(noisy_contours(shape, few, CONTOUR_NOISE, np.random.default_rng(0)))
-    solid = reconstruct([*contours[:13], *contours[14:]])
-    closed = solid.closed
-    assert closed is not None
-    heights, turns = np.linspace(-49.0, 49.0, 241), np.arange(97) / 97
-    skin = partial(reconstruct, contours, method="skin")
-    calls: Sequence[tuple[str, Callable[[], object], float]] = (
-        ("whole fit, method skin", skin, FIT_MS),
-        ("whole fit, method lattice", partial(reconstruct, contours, method="lattice"), FIT_MS),
-        ("one contour more", partial(solid.update, contours[13]), UPDATE_MS),
-        ("band", partial(closed.loft.deviation, heights, turns), BAND_MS),
-    )
-    clock = time.process_time
-    for name, call, most in calls:
-        milliseconds = 1e3 * best_seconds(call, ROUNDS, clock)
-        yield at_most(f"{head}: {name}", milliseconds, most, ".1f", " ms")
 
 
 CASES = (

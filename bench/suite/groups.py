@@ -110,7 +110,7 @@ BENCHES: Mapping[str, Bench] = {
         {
             "examples": "rebuild.thesis:thesis_rows",
             "deformation": "rebuild.deformation:deformation_rows",
-            "templates": "explore.templates:template_rows",
+            "templates": "explore.planners:template_rows",
             "recorded": "rebuild.thesis:recorded_rows",
         },
     ),

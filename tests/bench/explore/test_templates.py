@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.explore import templates
-from palpate.bench.explore.templates import (
+from palpate.bench.explore import planners
+from palpate.bench.explore.planners import (
     KINDS,
     Chosen,
     best_by_form,
@@ -62,9 +62,9 @@ def test_the_finding_names_the_best_and_the_worst():
 
 
 def test_rows_for_each_kind_and_the_cost_of_a_step(monkeypatch):
-    monkeypatch.setattr(templates, "DRAWN", 8)
-    monkeypatch.setattr(templates, "QUICK", 97)
-    monkeypatch.setattr(templates, "SEGMENTS", (4,))
+    monkeypatch.setattr(planners, "TEMPLATE_DRAWN", 8)
+    monkeypatch.setattr(planners, "QUICK", 97)
+    monkeypatch.setattr(planners, "SEGMENTS", (4,))
     rows = list(template_rows(True))
     assert len({row.name for row in rows}) == len(rows)
     assert [row.name for row in rows if "finding" in row.name] == [f"{k}: finding" for k in KINDS]
