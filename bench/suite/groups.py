@@ -100,7 +100,7 @@ BENCHES: Mapping[str, Bench] = {
         {
             "peers": "rebuild.comparison:peer_rows",
             "disorder": "rebuild.comparison:disorder_rows",
-            "band": "rebuild.contours:band_rows",
+            "band": "rebuild.comparison:band_rows",
         },
     ),
     "thesis": Bench(
@@ -109,7 +109,7 @@ BENCHES: Mapping[str, Bench] = {
         "object",
         {
             "examples": "rebuild.thesis:thesis_rows",
-            "deformation": "rebuild.deformation:deformation_rows",
+            "deformation": "rebuild.thesis:deformation_rows",
             "templates": "explore.planners:template_rows",
             "recorded": "rebuild.thesis:recorded_rows",
         },

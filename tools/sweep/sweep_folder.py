@@ -23,8 +23,7 @@ from palpate import __version__
 from palpate.launch import RunDirectory, counted, millimetres
 from palpate.launch.files import InputError
 from palpate.launch.processes import signals_as_ctrl_c
-from palpate.tools.sweep.page import page_text
-from palpate.tools.sweep.results import FIGURES, Row, csv_text, rows_of, sweep_text
+from palpate.tools.sweep.results import FIGURES, Row, csv_text, page_text, rows_of, sweep_text
 from palpate.tools.sweep.sweep_file import Sweep, SweepRun
 from palpate.tools.sweep.workers import Job, Record, Workers, failed_record
 

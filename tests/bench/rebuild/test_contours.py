@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.bench.objects import ROUND_OBJECTS
-from palpate.bench.rebuild.contours import (
+from palpate.bench.rebuild.comparison import (
     NARROW,
     WIDE,
     band_rows,

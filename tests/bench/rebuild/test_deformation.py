@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.rebuild import deformation
-from palpate.bench.rebuild.deformation import (
+from palpate.bench.rebuild import thesis as deformation
+from palpate.bench.rebuild.thesis import (
     CORNERS,
     DRAWN,
     INVERSIONS,
@@ -45,7 +45,7 @@ def test_nurbs_follow_a_fine_lattice_and_bernstein_polynomials_do_not():
 def test_a_row_for_each_way_and_the_ratios(monkeypatch):
     monkeypatch.setattr(deformation, "SIZES", (SIZE,))
     monkeypatch.setattr(deformation, "QUICK_LEVEL", 1)
-    monkeypatch.setattr(deformation, "ROUNDS", 1)
+    monkeypatch.setattr(deformation, "DEFORM_ROUNDS", 1)
     rows = list(deformation_rows(True))
     assert len({row.name for row in rows}) == len(rows) == 9
     ratios = [row for row in rows if "over" in row.name]

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.tools.sweep.page import Axis, page_text
-from palpate.tools.sweep.results import FIGURES, Row
+from palpate.tools.sweep.results import FIGURES, Axis, Row, page_text
 
 from .conftest import RECORD
 
