@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
-    from palpate.launch.cost_drawing import draw_svg as draw_svg
     from palpate.launch.demand import read_demand as read_demand
+    from palpate.launch.exchange_rate import draw_svg as draw_svg
     from palpate.launch.graph import Graph as Graph
     from palpate.launch.graph import ResolvedNode as ResolvedNode
     from palpate.launch.graph import override as override

@@ -1,13 +1,20 @@
 """What accuracy cost a run: error and bound of each model against touches, robot and compute time.
 
 What the next halving of the error was foretold to cost stands beside what it then did cost; and
-where the processor's time went, by step of the work.
+where the processor's time went, by step of the work. Drawn, as a small curve in text and as a page
+of SVG: costs and errors on log scales, a mark for each model, its true error where the truth is
+known, and the bound that the run states itself; what lies below the sampling floor cannot be
+measured. The dashed line leads to where the next halving of the error is foretold.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.sax.saxutils import escape
 
 from palpate.launch.progress import Progress
 from palpate.messages.types import NodeStatus, PlanEstimate, Score
@@ -15,6 +22,25 @@ from palpate.messages.types import NodeStatus, PlanEstimate, Score
 REST = "rest"  # Step of all that is none: starting, receiving and sending
 COSTS = ("touches", "robot_time_s")  # What is foretold of a halving
 Entry = dict[str, Any]
+ERROR, BOUND = "rms_m", "rms_bound_95_m"
+# What a model has cost, by its key: how it is called, and in short.
+AXES = {
+    "touches": ("touches", "touches"),
+    "robot_time_s": ("robot time, s", "robot s"),
+    "compute_s": ("compute time, s", "compute s"),
+}
+LEAST_SPAN = 1.5  # Of a scale, highest over lowest, and what it leaves free at either end
+FREE = 1.12
+FLOOR_REACH = 20.0  # A floor that is farther than so many times below all errors is not drawn
+STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
+# Of the drawing in text: its rows, its columns, and those before them.
+ROWS, COLUMNS, LABEL = 9, 58, 10
+# Of that in SVG, in pixels.
+WIDE, MARGIN, LEFT, PANEL, HIGH, APART = 980, 24.0, 62.0, 270.0, 250.0, 30.0
+TOP, LINE, BAR = 108.0, 20.0, 190.0
+MOST_BARS = 14
+_STYLE = Path(__file__).with_name("cost.css").read_text("utf-8")
+Point = tuple[float, float]
 
 
 def cost_curve(progress: Progress, compute: float | None) -> list[Entry]:
@@ -110,3 +136,264 @@ def halving_lines(curve: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _cost_text(cost: Mapping[str, float]) -> str:
     return f"{cost['touches']:.0f} touches, {cost['robot_time_s']:.0f} s"
+
+
+class Scale(NamedTuple):
+    """A log scale from a place to another, in columns, rows or pixels."""
+
+    low: float
+    high: float
+    start: float
+    end: float
+
+    def at(self, value: float) -> float:
+        """The place of a value."""
+        share = math.log(value / self.low) / math.log(self.high / self.low)
+        return self.start + share * (self.end - self.start)
+
+    def ticks(self, most: int) -> list[float]:
+        """Round values on it: as many as there may be."""
+        decades = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
+        best: list[float] = []
+        for steps in STEPS:
+            found = [step * 10.0**power for power in decades for step in steps]
+            found = [value for value in found if self.low <= value <= self.high]
+            best = found if len(best) < len(found) <= most else best
+        return best
+
+
+def scale(values: Sequence[float], start: float, end: float) -> Scale:
+    """The scale on which all positive values have room."""
+    low, high = min(values), max(values)
+    widen = math.sqrt(max(LEAST_SPAN / (high / low), 1.0)) * FREE
+    return Scale(low / widen, high * widen, start, end)
+
+
+class Chart(NamedTuple):
+    """Error and bound against one cost."""
+
+    series: Mapping[str, Sequence[Point]]  # Points of cost and error, by key of the error
+    forecast: tuple[Point, Point] | None  # From the last model to where the error is foretold
+    floor: float | None  # The sampling floor, m; None if it is unknown, or far below
+
+    @property
+    def points(self) -> list[Point]:
+        """All that has to have room."""
+        return [one for some in self.series.values() for one in some] + [*(self.forecast or ())]
+
+
+def chart_of(summary: Mapping[str, Any], axis: str) -> Chart | None:
+    """What is drawn against one cost; None if no model has both a cost and an error."""
+    curve = summary["curve"]
+    series = {
+        key: [(one[axis], one[key]) for one in curve if one[axis] and one[key]]
+        for key in (BOUND, ERROR)
+    }
+    if not any(series.values()):
+        return None
+    measure, forecast = series[measure_of(curve)], None
+    if measure and axis in COSTS and curve[-1]["forecast"] is not None:
+        cost, error = measure[-1]
+        forecast = (cost, error), (cost + curve[-1]["forecast"][axis], 0.5 * error)
+    floor = summary["sampling_floor_m"]
+    least = min(error for points in series.values() for _, error in points)
+    return Chart(series, forecast, floor if floor and floor > least / FLOOR_REACH else None)
+
+
+def draw_text(summary: Mapping[str, Any]) -> list[str]:
+    """Error and bound against touches as lines of at most 69 columns; none without a model."""
+    chart = chart_of(summary, "touches")
+    if chart is None:
+        return []
+    points = [one for some in chart.series.values() for one in some]
+    across = scale([cost for cost, _ in points], 0, COLUMNS - 1)
+    floors = [] if chart.floor is None else [chart.floor]
+    up = scale([error for _, error in points] + floors, ROWS - 1, 0)
+    grid = [[" "] * COLUMNS for _ in range(ROWS)]
+    for floor in floors:
+        grid[round(up.at(floor))] = [*"- " * (COLUMNS // 2)]
+    for key, mark in ((BOUND, "o"), (ERROR, "*")):
+        places = [(across.at(cost), up.at(error)) for cost, error in chart.series[key]]
+        for column, row in _between(places):
+            if grid[row][column] in " -":
+                grid[row][column] = "."
+        for place in places:
+            column, row = round(place[0]), round(place[1])
+            grid[row][column] = "@" if grid[row][column] not in f" -.{mark}" else mark
+    labels = {round(up.at(value)): f"{1e3 * value:g} mm" for value in up.ticks(2 * ROWS // 3)}
+    lines = [f"{labels.get(row, ''):>{LABEL - 1}} |{''.join(grid[row])}" for row in range(ROWS)]
+    lines.append(f"{'':{LABEL}}+{'-' * COLUMNS}")
+    lines += [_cost_line(summary["curve"], axis, across) for axis in AXES]
+    return [line.rstrip() for line in [*lines, *_legend_lines(chart, grid)] if line]
+
+
+def _between(places: Sequence[Point]) -> Iterator[tuple[int, int]]:
+    """Column and row of each column between neighbouring places."""
+    for (left, high), (right, low) in pairwise(places):
+        for column in range(round(left) + 1, round(right)):
+            yield column, round(high + (column - left) / (right - left) * (low - high))
+
+
+def _cost_line(curve: Sequence[Mapping[str, Any]], axis: str, across: Scale) -> str:
+    """One cost of the models under their marks, where there is room; the last always."""
+    line, free = [" "] * (COLUMNS + 1), COLUMNS + 1
+    for one in reversed(curve):
+        if one[axis] is None or not one["touches"] > 0:
+            continue
+        text = f"{one[axis]:.0f}" if one[axis] >= 10.0 or axis == "touches" else f"{one[axis]:.1f}"
+        end = min(round(across.at(one["touches"])) + 1 + len(text) // 2 + 1, COLUMNS + 1)
+        if end <= free and end >= len(text):
+            line[end - len(text) : end] = text
+            free = end - len(text) - 1
+    text = "".join(line)
+    return f"{AXES[axis][1]:>{LABEL - 1}} {text}" if text.strip() else ""
+
+
+def _legend_lines(chart: Chart, grid: Sequence[Sequence[str]]) -> list[str]:
+    parts = ["* true error (rms)"] if chart.series[ERROR] else []
+    parts += ["o stated bound (95 %)"] if chart.series[BOUND] else []
+    parts += ["@ both"] if any("@" in row for row in grid) else []
+    lines = [f"{'':{LABEL}} {'  '.join(parts)}"]
+    if chart.floor is not None:
+        lines.append(f"{'':{LABEL}} - - sampling floor {1e3 * chart.floor:.3f} mm")
+    return lines
+
+
+def draw_svg(summary: Mapping[str, Any]) -> str:
+    """Error and bound against each cost, and where the time went, as the text of an SVG file."""
+    charts = [(axis, chart) for axis in AXES if (chart := chart_of(summary, axis)) is not None]
+    parts = [*_heading(summary), *_legend(charts[0][1] if charts else None)]
+    errors = [error for _, chart in charts for _, error in chart.points]
+    errors += [chart.floor for _, chart in charts if chart.floor is not None]
+    for number, (axis, chart) in enumerate(charts):
+        left = LEFT + number * (PANEL + APART)
+        up = scale(errors, TOP + HIGH, TOP)
+        parts += _panel(chart, axis, left, up, labelled=number == 0)
+    top = TOP + (HIGH + 92.0 if charts else 24.0)
+    nodes = {name: one["cpu_s"] for name, one in summary["nodes"].items()}
+    lists = (("Processor time by step", summary["steps"]), ("by node", nodes))
+    longest = max([*summary["steps"].values(), *nodes.values()], default=0.0)
+    for number, (title, times) in enumerate(lists):
+        parts += _bars(title, times, longest, LEFT + number * 470.0, top)
+    rows = max(min(len(times), MOST_BARS) for _, times in lists)
+    high = math.ceil(top + LINE * rows + MARGIN)
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {high}" width="{WIDE}" '
+            f'height="{high}" role="img">',
+            f"<title>What accuracy cost</title>\n<style>\n{_STYLE}</style>",
+            f'<rect class="page" x="0.5" y="0.5" width="{WIDE - 1}" height="{high - 1}"/>',
+            *parts,
+            "</svg>\n",
+        ]
+    )
+
+
+def _heading(summary: Mapping[str, Any]) -> list[str]:
+    told = [f"{summary['contours']} contours", f"{summary['touches']} touches"]
+    told.append(f"robot {summary['robot_time_s']:.0f} s")
+    if summary["compute_s"] is not None:
+        told.append(f"compute {summary['compute_s']:.1f} s")
+    if summary["largest_untouched_m"] is not None:
+        told.append(f"untouched at most {1e3 * summary['largest_untouched_m']:.3g} mm")
+    ended = summary["status"] + (", goal missed" if summary["missed"] else "")
+    name = f": {summary['scene']}" if summary["scene"] else ""
+    return [
+        _text("title", LEFT, 32.0, f"What accuracy cost{name} ({ended})"),
+        _text("small", LEFT, 52.0, ", ".join(told)),
+    ]
+
+
+def _legend(chart: Chart | None) -> list[str]:
+    if chart is None:
+        return [_text("small", LEFT, 78.0, "no model was judged")]
+    parts, left = [], LEFT
+    told = ((ERROR, "true", "true error (rms)"), (BOUND, "stated", "stated bound (95 %)"))
+    for key, name, words in told:
+        if chart.series[key]:
+            parts += [*_sample(name, left, words), _mark(name, left + 13.0, 76.0)]
+            left += 172.0
+    if chart.forecast:
+        parts += _sample("forecast", left, "next halving, foretold")
+        left += 182.0
+    if chart.floor is not None:
+        parts += _sample("floor", left, f"sampling floor {1e3 * chart.floor:.3f} mm")
+    return parts
+
+
+def _sample(kind: str, left: float, words: str) -> list[str]:
+    line = _line(kind, [(left, 76.0), (left + 26.0, 76.0)])
+    return [*line, _text("small", left + 32.0, 80.0, words)]
+
+
+def _panel(chart: Chart, axis: str, left: float, up: Scale, *, labelled: bool) -> list[str]:
+    across = scale([cost for cost, _ in chart.points], left, left + PANEL)
+    bottom, right = TOP + HIGH, left + PANEL
+    parts = []
+    for value in across.ticks(7):
+        x = across.at(value)
+        parts += _line("grid", [(x, TOP), (x, bottom)])
+        parts.append(_text("small middle", x, bottom + 17.0, f"{value:g}"))
+    for value in up.ticks(9):
+        y = up.at(value)
+        parts += _line("grid", [(left, y), (right, y)])
+        if labelled:
+            parts.append(_text("small right", left - 7.0, y + 4.0, f"{1e3 * value:g}"))
+    if labelled:
+        parts.append(_text("small right", left - 7.0, TOP - 10.0, "mm"))
+    if chart.floor is not None:
+        y = up.at(chart.floor)
+        parts.append(_rect("below", left, y, PANEL, bottom - y))
+        parts += _line("floor", [(left, y), (right, y)])
+    for name, points in (
+        ("forecast", chart.forecast or ()),
+        ("stated", chart.series[BOUND]),
+        ("true", chart.series[ERROR]),
+    ):
+        places = [(across.at(cost), up.at(error)) for cost, error in points]
+        marked = places[1:] if name == "forecast" else places
+        parts += _line(name, places, *(_mark(name, *place) for place in marked))
+    parts.append(_rect("frame", left, TOP, PANEL, HIGH))
+    return [*parts, _text("head middle", left + 0.5 * PANEL, bottom + 40.0, AXES[axis][0])]
+
+
+def _bars(
+    title: str, times: Mapping[str, float], longest: float, left: float, top: float
+) -> list[str]:
+    """Times as bars, the longest first; the shortest are one where there are too many."""
+    rows = sorted(times.items(), key=lambda one: -one[1])
+    if len(rows) > MOST_BARS:
+        rest = sum(seconds for _, seconds in rows[MOST_BARS - 1 :])
+        rows = [*rows[: MOST_BARS - 1], (f"{len(rows) - MOST_BARS + 1} others", rest)]
+    total = sum(times.values())
+    parts = [_text("head", left, top - 14.0, f"{title}, {total:.1f} s" if total else title)]
+    for number, (name, seconds) in enumerate(rows):
+        y, width = top + LINE * number, BAR * seconds / longest if longest > 0.0 else 0.0
+        share = f" ({100.0 * seconds / total:.0f} %)" if seconds > 0.01 * total else ""
+        parts += [
+            _text("small right", left + 118.0, y + 12.0, name),
+            _rect("bar", left + 126.0, y + 2.0, max(width, 0.5), LINE - 7.0),
+            _text("small", left + 132.0 + width, y + 12.0, f"{seconds:.2f} s{share}"),
+        ]
+    return parts
+
+
+def _text(kind: str, x: float, y: float, text: str) -> str:
+    return f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>'
+
+
+def _rect(kind: str, x: float, y: float, width: float, height: float) -> str:
+    place = f'x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"'
+    return f'<rect class="{kind}" {place}/>'
+
+
+def _mark(kind: str, x: float, y: float) -> str:
+    if kind == "stated":
+        return _rect(kind, x - 4.5, y - 4.5, 9.0, 9.0)
+    return f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="3.4"/>'
+
+
+def _line(kind: str, places: Sequence[Point], *marks: str) -> list[str]:
+    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+    line = [f'<polyline class="{kind}" points="{path}"/>'] if len(places) > 1 else []
+    return [*line, *marks]

@@ -10,8 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from palpate.launch.cost_drawing import draw_text
-from palpate.launch.exchange_rate import halving_lines
+from palpate.launch.exchange_rate import draw_text, halving_lines
 
 TEXT_WIDTH = 80  # Columns of what is printed; tables may be wider, so that no cell is broken
 TITLE_WIDTH = 11  # Columns before the parts of a block

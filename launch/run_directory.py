@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate import __version__
-from palpate.launch.cost_drawing import draw_svg
-from palpate.launch.exchange_rate import cost_curve, time_by_step
+from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
 from palpate.launch.printing import known_texts, millimetres
 from palpate.launch.progress import Progress

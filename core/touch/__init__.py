@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from palpate.core.touch.forms import PrincipalCurvatures as PrincipalCurvatures
     from palpate.core.touch.forms import ShapeOperator as ShapeOperator
     from palpate.core.touch.forms import graph_shape_operator as graph_shape_operator
-    from palpate.core.touch.forms import outward_normal as outward_normal
     from palpate.core.touch.forms import principal_curvatures as principal_curvatures
     from palpate.core.touch.jet import Jet as Jet
     from palpate.core.touch.jet import fit_jet as fit_jet

@@ -8,7 +8,8 @@ from palpate.core.touch.filters import (
     neighbourhoods,
     wiener_then_median,
 )
-from palpate.core.touch.forms import curvature_along, principal_curvatures, shape_operator
+from palpate.core.touch.forms import curvature_along, principal_curvatures
+from tests.core.touch.parametric import shape_operator
 
 RADIUS = 2.0
 U, V = 0.3, 0.9

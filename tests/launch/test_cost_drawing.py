@@ -3,7 +3,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from palpate.launch.cost_drawing import ERROR, PANEL, chart_of, draw_svg, draw_text, scale
+from palpate.launch.exchange_rate import ERROR, PANEL, chart_of, draw_svg, draw_text, scale
 from palpate.launch.printing import TEXT_WIDTH, TITLE_WIDTH
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -127,7 +127,7 @@ def _off_poles(v: ArrayLike) -> Floats:
 def curvatures_of(
     by_v: Floats, by_t: Floats, by_vv: Floats, by_vt: Floats, by_tt: Floats
 ) -> Curvatures:
-    """By derivatives (n, 3), not parallel: `palpate.core.touch.shape_operator` for many."""
+    """By derivatives (n, 3), not parallel: L^-1 II L^-T, with L by Gram-Schmidt."""
     a = np.linalg.norm(by_v, axis=1)
     along = by_v / a[:, None]
     normals = unit_normals(by_v, by_t)

@@ -8,8 +8,8 @@ from palpate.core.touch.forms import (
     graph_errors,
     graph_shape_operator,
     principal_curvatures,
-    shape_operator,
 )
+from tests.core.touch.parametric import shape_operator
 
 
 def on_an_ellipsoid(a, b, c, u, v):

@@ -18,7 +18,8 @@ from palpate.core.rebuild.surface.closed import (
     sampled_patch,
 )
 from palpate.core.shapes.superquadrics import Superquadric, regular_points
-from palpate.core.touch.forms import principal_curvatures, shape_operator
+from palpate.core.touch.forms import principal_curvatures
+from tests.core.touch.parametric import shape_operator
 
 Make = Callable[..., Any]
 SIZE = np.array([0.05, 0.04, 0.03])
