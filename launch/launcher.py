@@ -28,34 +28,15 @@ def launch(
 ) -> Ending:
     """Run a graph until it ends, and leave nothing behind.
 
-    Parameters
-    ----------
-    wirings, ends : sequence of Wiring, str
-        The nodes, and the name of the one whose `Finished` ends the graph.
-    watch, watcher : sequence of str, Watcher
-        Topics of which the watcher is told every message. What it raises ends the graph, and is
-        raised again.
-    name, run_dir : str, Path
-        What tools call the run, and the folder where nodes put what they have no memory for.
-    work_dir : Path, optional
-        Where the private folder of the sockets is made; by default where such folders belong.
-    depth : int
-        Most messages in a queue between two nodes.
-    before : EarlierRun, optional
-        An earlier run, with which this one goes on.
-
-    Returns
-    -------
-    Ending
-        How it ended. A Ctrl-C, SIGTERM or SIGHUP ends it as ``interrupted``.
-
-    Raises
-    ------
-    ValueError
-        If the wirings do not fit together, the folder cannot be made or has too long a path, or
-        another machine gives no answer; no process has been started then.
-    RuntimeError
-        If this is not the main thread.
+    `ends`: name of the node whose `Finished` ends the graph. `watch`: topics of which the `watcher`
+    is told every message; what it raises ends the graph, and is raised again. `name`, `run_dir`:
+    what tools call the run, and the folder where nodes put what they have no memory for.
+    `work_dir`: where the private folder of the sockets is made; by default where such folders
+    belong. `depth`: most messages in a queue between two nodes. `before`: an earlier run, with
+    which this one goes on. Returns how it ended; a Ctrl-C, SIGTERM or SIGHUP ends it as
+    ``interrupted``. Raises ValueError if the wirings do not fit together, the folder cannot be
+    made or has too long a path, or another machine gives no answer, and no process has been started
+    then; RuntimeError if this is not the main thread.
     """
     began = time.monotonic()
     _check(wirings, ends)

@@ -16,17 +16,9 @@ from typing import Any
 
 
 def lazy(room: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """``__getattr__`` and ``__dir__`` of a room.
+    """``__getattr__`` and ``__dir__`` of a room, whose exports stand under ``if TYPE_CHECKING:``.
 
-    Parameters
-    ----------
-    room : str
-        Name of the module, whose exports stand under ``if TYPE_CHECKING:``.
-
-    Raises
-    ------
-    AttributeError
-        By what is returned, if the room exports no such name.
+    What is returned raises AttributeError if the room exports no such name.
     """
     module = sys.modules[room]
     homes: dict[str, str] = {}

@@ -55,19 +55,8 @@ AXES = "stu"
 def save(solid: Solid, path: str | Path) -> None:
     """Write everything that there is to a solid, as `palpate.reconstruct` returned it.
 
-    Parameters
-    ----------
-    solid : Solid
-        The solid.
-    path : str or Path
-        A name that ends in ``.npz``. It is replaced as a whole.
-
-    Raises
-    ------
-    InputError
-        If the name ends otherwise, or the file cannot be written.
-    TypeError
-        If it is no solid.
+    `path`: a name that ends in ``.npz``; it is replaced as a whole. Raises InputError if it ends
+    otherwise, or the file cannot be written; TypeError if it is no solid.
     """
     if not isinstance(solid, Solid):
         raise TypeError(f"solid must be a Solid, as reconstruct returns it, got {solid!r:.60}")
@@ -87,15 +76,8 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
 def load(path: str | Path) -> Solid:
     """The solid that `save` wrote, or that a run left in its ``model.npz``.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file. It may be from anybody: nothing in it is ever run.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or holds no solid, or one of another version.
+    The file may be from anybody: nothing in it is ever run. Raises InputError if it cannot be read,
+    or holds no solid, or one of another version.
     """
     path = Path(path)
     arrays = read_arrays(path)

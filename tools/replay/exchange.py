@@ -76,13 +76,7 @@ class MessageExchange:
             self._take(player.begin())
 
     def receive(self, kept: RecordedMessage) -> None:
-        """Take the next recorded message.
-
-        Raises
-        ------
-        ValueError
-            If it is of another version than the nodes are.
-        """
+        """Take the next recorded message; ValueError if it is of another version than the nodes."""
         for player in self._players:
             player.check(kept)
             player.record_published(kept)
@@ -149,13 +143,7 @@ class MessageExchange:
 
 
 class ReplayedNode:
-    """A node under replay.
-
-    Raises
-    ------
-    ValueError
-        If it was recorded with topics that it has no more.
-    """
+    """A node under replay; ValueError if it was recorded with topics that it has no more."""
 
     def __init__(self, chosen: ReplayNode) -> None:
         node, wiring = chosen
@@ -188,13 +176,7 @@ class ReplayedNode:
         return [] if self.failure else self._run(lambda: self._work.take(arrival))
 
     def check(self, kept: RecordedMessage) -> None:
-        """Refuse a recorded message of a topic of its own that is of another version.
-
-        Raises
-        ------
-        ValueError
-            If its schema is not that of today.
-        """
+        """Refuse a message of a topic of its own that is of another version, by a ValueError."""
         cls = self._types.get(kept.topic)
         if cls is not None and kept.schema != schema_hash(cls):
             raise ValueError(
@@ -244,13 +226,9 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
     """Load the named nodes; all that can be replayed exactly if none is named.
 
     A node that received one publisher beside its needs is replayed exactly: of two publishers it
-    may have received the other one first.
-
-    Raises
-    ------
-    ValueError
-        If the recording does not describe its graph, a node is unknown, a sink, cannot be
-        loaded or has other parameters by now, or none can be replayed exactly.
+    may have received the other one first. Raises ValueError if the recording does not describe its
+    graph, a node is unknown, a sink, cannot be loaded or has other parameters by now, or none can
+    be replayed exactly.
     """
     if not recording.graph:
         raise ValueError(f"recording {recording.path} does not say which nodes made it")
@@ -285,12 +263,8 @@ def _is_exact(place: runtime.RecordedNode, node: runtime.Node, recording: Record
 def in_order_of_sending(recording: Recording) -> Iterator[RecordedMessage]:
     """Messages by the time at which they were sent; those of one time as they were received.
 
-    Processes of one machine share the clock, so no effect comes before its cause.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be read, or loses messages while it is read.
+    Processes of one machine share the clock, so no effect comes before its cause. Raises ValueError
+    if it cannot be read, or loses messages while it is read.
     """
     sent = np.fromiter((kept.sent_ns for kept in recording.messages()), np.uint64)
     turns = iter(np.argsort(sent, kind="stable").tolist())
