@@ -24,10 +24,7 @@ SERIES_BELOW = 0.1  # Angle, rad, below which the Jacobian's last coefficient co
 
 
 def rotation_matrix(quaternion: Floats) -> Floats:
-    """Rotation matrix (3, 3) of a quaternion x, y, z, w.
-
-    Raises ValueError if the quaternion is not of unit length within 1e-6.
-    """
+    """Rotation matrix (3, 3) of a quaternion x, y, z, w; ValueError if 1e-6 off unit length."""
     length = math.sqrt(float(quaternion @ quaternion))
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         raise ValueError(f"a rotation must be a quaternion of length 1, got length {length:g}")

@@ -24,10 +24,7 @@ LIFTED = -1.0  # Length of the way along the surface where there was none
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotPreset:
-    """How fast an arm is.
-
-    Raises ValueError if a speed or the acceleration is not positive, or a duration is negative.
-    """
+    """How fast an arm is; ValueError if a speed or acceleration is not positive, or a time < 0."""
 
     speed: float  # Of free travel, m/s
     acceleration: float  # Of free travel, m/s2
@@ -149,10 +146,7 @@ class SlidingPreset:
 
 
 def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
-    """Durations of moves, as this robot would make them.
-
-    With the preset of which a recording was made they add up to its robot times.
-    """
+    """Durations of moves by a robot; by that of a recording they add up to its robot times."""
     if isinstance(robot, SlidingPreset):
         return _slid(moves, robot)
     return MoveDurations(

@@ -304,10 +304,7 @@ def shipped_scenes() -> tuple[str, ...]:
 
 
 def find_scene(scene: str | Path) -> Path:
-    """Path of a scene given by name or path.
-
-    Raises InputError if there is no such file and no shipped scene of this name.
-    """
+    """Path of a scene by name or path; InputError if there is no such file or shipped scene."""
     path = Path(scene)
     if path.is_file():
         return path
@@ -333,10 +330,7 @@ class CalibrationFile(specs.CalibrationSpec, frozen=True, kw_only=True, forbid_u
 
 
 def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> None:
-    """Write a calibration whole, or not at all.
-
-    Raises InputError if the file is there already, or cannot be written.
-    """
+    """Write a calibration whole, or not at all; InputError if there is the file, or none can be."""
 
     def table(flat: Floats) -> list[list[float | None]]:
         rows = flat.reshape(pad.rows, pad.cols).tolist()

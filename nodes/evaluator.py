@@ -23,10 +23,7 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class TrueSurface:
-    """The truth, made ready to be compared with when the first model is.
-
-    Raises ValueError if it is no surface, or has no volume.
-    """
+    """The truth, made ready with the first model; ValueError if no surface, or without volume."""
 
     def __init__(self, truth: Truth) -> None:
         self._truth, self.height = truth, truth.height

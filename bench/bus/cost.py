@@ -91,10 +91,7 @@ def ring_seconds(graph: Sequence[Wiring]) -> float:
 
 
 def ring_times(graph: Sequence[Wiring]) -> tuple[float, float]:
-    """Time until a ring that is launched is up, and between its first and its last mark, s.
-
-    Raises RuntimeError if it does not finish.
-    """
+    """Times until a launched ring is up, and from first mark to last, s; else RuntimeError."""
     watcher = _Times()
     finished(launch(graph, ends="source", watch=["/source/mark"], watcher=watcher), "the ring")
     first, last = watcher.times

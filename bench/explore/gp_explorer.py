@@ -301,10 +301,7 @@ class GpSurface:
 
 
 def covariance_block(kernel: Kernel, one: Floats, other: Floats, gradients: bool) -> Floats:
-    """Covariance between places (n, 3) and (m, 3).
-
-    Returns (4 n, 4 m), of each place first the value and then the gradient.
-    """
+    """Covariance (4 n, 4 m) of places (n, 3) and (m, 3): of each the value, then the gradient."""
     away = one[:, None] - other[None]
     r = np.sqrt(np.einsum("nmi,nmi->nm", away, away))
     k, g, h = kernel(r)

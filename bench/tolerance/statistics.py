@@ -129,9 +129,6 @@ def held_share(pairs: Floats) -> float:
 
 
 def dominated_at(ours: Mapping[str, Floats], other: Mapping[str, Floats]) -> bool:
-    """Whether at no cost more of the other's entries reach a target than of ours.
-
-    Costs (seeds, 1) by object, of the same objects.
-    """
+    """Whether at no cost more of the other's entries (seeds, 1) reach a target, by object."""
     mine, theirs = (np.sort(np.concatenate([*one.values()]).ravel()) for one in (ours, other))
     return bool((mine <= theirs).all())

@@ -94,10 +94,7 @@ class FusionScore(NamedTuple):
 
 
 def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionScore:
-    """Walk over a surface of `WALKS` several times and compare.
-
-    `noise`: standard deviation of one taxel, m. `seed`: of noise and leaning.
-    """
+    """Walk over a surface of `WALKS` and compare; `noise` of one taxel, m, `seed` of all chance."""
     rng = np.random.default_rng(seed)
     errors, surprises = [], []
     for _ in range(walks):

@@ -76,10 +76,7 @@ def surface_patch(
 
 
 class Patch(NamedTuple):
-    """A touched patch of surface, in the pad's frame.
-
-    Curvatures and their errors are 0 unless the patch is smooth.
-    """
+    """A touched patch in the pad's frame; curvatures and errors are 0 unless it is smooth."""
 
     kind: PatchKind  # What it is
     jet: Jet | None = None  # The fitted jet; None if too few taxels were touched for any

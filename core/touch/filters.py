@@ -86,10 +86,7 @@ def clean(
 
 
 def _filled(image: Floats, lost: Bools) -> Floats:
-    """The image with the mean of their trusted neighbours in place of lost taxels.
-
-    A taxel without any is 0.
-    """
+    """The image with the mean of trusted neighbours, or 0 without any, in place of lost taxels."""
     trusted = neighbourhoods((~lost).astype(np.float64))[lost]
     values = (neighbourhoods(image)[lost] * trusted).sum(axis=-1)
     filled = image.copy()

@@ -209,10 +209,7 @@ class JetDesign(NamedTuple):
 
 @lru_cache(maxsize=KEPT_DESIGNS)
 def jet_design(rows: int, cols: int, pitch: float, touched: bytes) -> JetDesign | None:
-    """The design of the touched taxels of an array, given as the bytes of their mask.
-
-    None if they are fewer than 8, or lie on a line.
-    """
+    """The design of touched taxels, by the bytes of their mask; None of fewer than 8, or a line."""
     places = np.flatnonzero(np.frombuffer(touched, np.bool_)).astype(np.int32)
     degree = supported_degree(len(places))
     if degree == 0:

@@ -63,10 +63,7 @@ def contact_points_of(
 
 
 def slice_cloud(points: Floats) -> MeasuredContours:
-    """Contours from points (n, 3) in no order.
-
-    Raises ValueError if the points do not lie at repeated heights.
-    """
+    """Contours from points (n, 3) in no order; ValueError unless they lie at repeated heights."""
     slice_of, spread = slices_by_height(points[:, 2])
     count = int(slice_of.max()) + 1
     contours, toured = [], 0

@@ -113,10 +113,7 @@ def own_address(towards: str) -> str:
 
 
 def read_host(text: str) -> tuple[str, int]:
-    """Address and port of a machine, as ``192.168.1.5`` or ``lab2:7447``.
-
-    Raises InputError if it is no such address.
-    """
+    """Address and port of a machine, ``192.168.1.5`` or ``lab2:7447``; InputError if none."""
     found = _HOST.fullmatch(text)
     port = int(found[2] or PORT) if found else 0
     if found is None or not 0 < port < 1 << 16:
@@ -125,10 +122,7 @@ def read_host(text: str) -> tuple[str, int]:
 
 
 def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
-    """An endpoint for each name, at ports of this machine that are free now.
-
-    Raises ValueError if the address is none of this machine's.
-    """
+    """An endpoint for each name at ports that are free now; ValueError if not of this machine."""
     endpoints = {}
     with ExitStack() as held:
         for name in names:

@@ -31,10 +31,7 @@ LAUNCHER_GAP = 0.5
 
 
 class ProcessTable:
-    """The processes of one graph.
-
-    `ahead_ns` tells how far this machine's clock is ahead of that of a node's machine, ns.
-    """
+    """The processes of one graph; `ahead_ns`: this machine's clock less that of a node's, ns."""
 
     def __init__(
         self,
@@ -63,10 +60,7 @@ class ProcessTable:
         return self._hosts.of(name).pid(name)
 
     def spawn(self, name: str, *, going: bool = False) -> None:
-        """Start the process of a node, again if the graph is going.
-
-        Raises ChildProcessError if it cannot be started.
-        """
+        """Start a node's process, again if the graph is going; ChildProcessError if it can not."""
         epoch, ahead_ns = self.restarts.counts[name], self._ahead_ns(name)
         place = replace(self._addresses, epoch=epoch, going=going, ahead_ns=ahead_ns)
         packed = msgspec.msgpack.encode(place)

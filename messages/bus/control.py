@@ -76,10 +76,7 @@ class ControlClient:
         self.socket.send(msgpack.packb({"kind": kind, **fields}))
 
     def receive(self) -> ControlMessage | None:
-        """Return the launcher's next message, or None if there is none.
-
-        Raises ValueError if what arrived is none of those.
-        """
+        """The launcher's next message, or None; ValueError if what arrived is none of those."""
         data = received(self.socket)
         return None if data is None else read_control(data, self._accepts)
 
@@ -155,10 +152,7 @@ class ControlServer:
         return True
 
     def receive(self) -> tuple[str, ControlMessage] | None:
-        """Name of a node and its next message; None if there is none.
-
-        Raises ValueError if what arrived is none of those.
-        """
+        """Name of a node and its next message, or None; ValueError if what arrived is no such."""
         try:
             parts = self.socket.recv_multipart(zmq.DONTWAIT)
         except zmq.Again:
@@ -173,10 +167,7 @@ class ControlServer:
 
 
 def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
-    """Message in a frame.
-
-    Raises ValueError if the frame holds none that may be sent, or one that lacks a field.
-    """
+    """Message in a frame; ValueError if it holds none that may be sent, or one without a field."""
     if len(data) > language.max_bytes:
         raise ValueError(f"a word has at most {language.max_bytes} bytes, got {len(data)}")
     count = nesting_limit(MAX_CONTROL_ITEMS)

@@ -40,10 +40,7 @@ class Cause(NamedTuple):
 
 
 class MessageLog:
-    """What a node has published on its topics.
-
-    Raises OSError if the file cannot be read or written.
-    """
+    """What a node has published on its topics; OSError if the file cannot be read or written."""
 
     def __init__(
         self,
@@ -242,10 +239,7 @@ class Journal:
             raise
 
     def note(self, publisher: str, topic: str, seq: int) -> None:
-        """Put down that a message is about to be handled.
-
-        Raises OSError if there is no more room for it.
-        """
+        """Put down that a message is about to be handled; OSError if there is no more room."""
         entry = _ENTRY.pack(self._numbers[publisher, topic], seq)
         if os.write(self._file, entry) < len(entry):
             raise OSError(errno.ENOSPC, "the journal of what was consumed has no more room")
@@ -270,10 +264,7 @@ class Journal:
 
 
 class SourceProgress:
-    """How much a source has published, beyond its death.
-
-    Raises OSError if the file cannot be read or written.
-    """
+    """How much a source has published, beyond its death; OSError if its file is of no use."""
 
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, _FLAGS, 0o600)

@@ -86,10 +86,7 @@ class TapReader:
             connect(self.socket, endpoint)
 
     def receive(self) -> tuple[str, Header, bytes] | None:
-        """Topic, header and body of the next message; None if there is none.
-
-        Raises ValueError if what arrived is not a frame.
-        """
+        """Topic, header and body of the next message, or None; ValueError if it is no frame."""
         frame = received(self.socket)
         return None if frame is None else split_frame(frame)
 
@@ -107,10 +104,7 @@ LINGER_MS = 1000  # At the end, messages that are still queued have this long to
 
 
 class NodeSockets:
-    """The sockets of one node.
-
-    Raises zmq.ZMQError if an address cannot be bound, or there are no more files to be had.
-    """
+    """The sockets of one node; zmq.ZMQError if an address cannot be bound, or files run out."""
 
     def __init__(
         self,
@@ -223,10 +217,7 @@ class NodeSockets:
         self._inbox.extendleft(reversed(list(arrivals)))
 
     def send(self, topic: str, body: bytes, robot_time: float, schema: int) -> None:
-        """Publish a message, with a copy for the tap.
-
-        Raises BlockedError if a subscriber's queue stays full for too long.
-        """
+        """Publish, with a copy for the tap; BlockedError if a queue stays full for too long."""
         self.tap.mirror(self.publisher.send(topic, body, robot_time, schema))
 
     def answer(self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:

@@ -68,10 +68,7 @@ def bind(socket: Socket, endpoint: str) -> None:
 
 
 def connect(socket: Socket, endpoint: str) -> None:
-    """Connect a socket; beyond the files of this machine only with a key.
-
-    Raises ValueError if others could read what is published.
-    """
+    """Connect a socket; beyond this machine's files ValueError without a key: others could read."""
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)
     socket.connect(endpoint)
@@ -148,10 +145,7 @@ def make_key(path: Path) -> None:
 
 
 def read_key(path: Path) -> tuple[bytes, bytes]:
-    """Public and secret key of a file.
-
-    Raises ValueError if it cannot be read or holds no key pair, or others may read it.
-    """
+    """Public and secret key of a file; ValueError if it is unreadable, none, or open to others."""
     from zmq.auth import load_certificate
 
     try:

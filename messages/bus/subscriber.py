@@ -108,10 +108,7 @@ class Subscriber:
         return None
 
     def close(self) -> None:
-        """Close at once.
-
-        Without a linger: subscriptions to a publisher that has gone would be waited for.
-        """
+        """Close at once: a linger would wait for subscriptions to a publisher that has gone."""
         self.socket.close(0)
 
     def _judge(self, frame: bytes) -> Received | None:

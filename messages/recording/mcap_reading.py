@@ -111,10 +111,7 @@ def placed_records(path: Path) -> Iterator[PlacedRecord]:
 
 
 def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
-    """Place, opcode and content of each record, and the checksum of all bytes before it.
-
-    The content is empty where it is of no use.
-    """
+    """Place, opcode, content (where of use) of each record, and checksum of all bytes before it."""
     magic = file.read(len(MAGIC))
     if not magic:
         raise RecordFault("is empty", 0)

@@ -253,10 +253,7 @@ def counts_of(path: Path) -> dict[str, int]:
 
 
 class RecordingCopy:
-    """A recording that is being copied undecoded, its parts into one new file.
-
-    Raises OSError if the file exists or cannot be written.
-    """
+    """A recording copied undecoded, its parts into one new file; OSError if it cannot be."""
 
     def __init__(self, path: Path, library: str) -> None:
         self.counts: Counter[str] = Counter()  # Messages by topic, as far as taken

@@ -195,10 +195,7 @@ def lone_wiring(
 
 
 def load_node(module: str) -> AnyNode:
-    """The node that a module holds.
-
-    Raises ValueError if there is no such module or it holds no node.
-    """
+    """The node that a module holds; ValueError if there is no such module or it holds none."""
     if not all(part.isidentifier() for part in module.split(".")):
         raise ValueError(f"{module!r} is no name of a module")
     try:
@@ -225,10 +222,7 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
     on_exit: OnExit = "restart"
 
     def wiring(self, params: type) -> Wiring:
-        """The node's wiring, given the type of its parameters.
-
-        Raises ValueError if the recorded parameters are not of that type.
-        """
+        """The node's wiring, with parameters of this type; ValueError if they are of another."""
         try:
             value: Any = msgspec.json.decode(self.params, type=params)
         except msgspec.DecodeError as error:

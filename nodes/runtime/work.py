@@ -45,10 +45,7 @@ class ContractError(RuntimeError):
 
 
 class NodeWork:
-    """One node in the course of its run.
-
-    Raises ContractError if the wiring names an input or output that the node does not declare.
-    """
+    """One node in its run; ContractError if the wiring names a topic that it does not declare."""
 
     def __init__(self, node: Node, params: Any, wiring: Wiring) -> None:
         unknown = [one.local for one in wiring.inputs if one.local not in node.inputs]
@@ -170,10 +167,7 @@ class NodeWork:
 
 
 def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:
-    """Refuse what a node publishes on a topic that it does not declare, or of another type.
-
-    Raises ContractError.
-    """
+    """Raise ContractError if a node publishes on a topic, or a type, that it does not declare."""
     if local not in declared:
         known = ", ".join(declared) or "nothing"
         raise ContractError(

@@ -204,10 +204,7 @@ def _numbers(cells: list[str], where: str) -> Floats:
 
 
 def unit_pose(pose: Floats, where: str) -> Floats:
-    """The pose with a quaternion of length 1.
-
-    Raises ValueError if its length is another one, and not by rounding.
-    """
+    """The pose with a quaternion of length 1; ValueError if it is off by more than rounding."""
     length = float(np.linalg.norm(pose[3:]))
     if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
         raise ValueError(f"{where}: the quaternion has length {length:.3g}; expected 1")
