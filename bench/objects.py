@@ -35,8 +35,7 @@ TAPER, BEND = shapes.Taper(0.25, 0.15, HALF), shapes.Bend(0.006)
 ROUND_HEIGHT = 2.0  # Of every object that is measured; its contours lie from -1 to 1
 SLOPE_STEP = 1e-5  # Over which slopes are taken
 EXPLORED_HEIGHT = 0.09  # Of every object that is given by its radius, m
-# Radius of the rounding where a side meets a flat end, over the height.
-ROUNDING = 4e-3 / EXPLORED_HEIGHT
+ROUNDING = 4e-3 / EXPLORED_HEIGHT  # Radius where a side meets a flat end, over the height
 BLUNT = 2.0  # Roundings: an end that is narrower comes to a point by itself, and is not rounded
 RINGS, TURNS = 400, 288  # Of a mesh: its facets are off by 2 um, a tenth of what a touch tells
 MARCH_STEP = 0.4e-3  # Of the march along a ray, m: nothing thinner is met for certain

@@ -32,8 +32,7 @@ SIZE = np.array([0.035, 0.03, 0.045])
 AXES = np.column_stack([np.diag(1.0 / SIZE), np.zeros(3)])
 MOST_RATIO = 40.0  # Of a superquadric's cast
 MOST_ERROR = 1e-12  # m
-# Rays along which the function falls less than this share of the steepest say little.
-GRAZING = 0.05
+GRAZING = 0.05  # Rays along which the function falls less than this of the steepest say little
 FAR = 0.15  # Rays start this far before the solid, m
 POINTS = 10_000
 LOOPED, QUICK_LOOPED = 200, 40  # Points that are inverted one at a time

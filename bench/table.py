@@ -38,8 +38,7 @@ class Figure:
     value: float | None  # None where it is not finite
     unit: str = ""
     kind: Kind  # A time, a count that is exact, or any other size
-    # Half of what repeats differ by, or half of the last digit where only that is known.
-    spread: float = 0.0
+    spread: float = 0.0  # Half of what repeats differ by, or, without, half of the last digit
     repeated: bool = False  # Whether the spread is of repeats
     name: str = ""  # Which of several figures of its line
 

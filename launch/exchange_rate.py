@@ -33,8 +33,7 @@ LEAST_SPAN = 1.5  # Of a scale, highest over lowest, and what it leaves free at 
 FREE = 1.12
 FLOOR_REACH = 20.0  # A floor that is farther than so many times below all errors is not drawn
 STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
-# Of the drawing in text: its rows, its columns, and those before them.
-ROWS, COLUMNS, LABEL = 9, 58, 10
+ROWS, COLUMNS, LABEL = 9, 58, 10  # Of the drawing in text: rows, columns, and those before them
 # Of that in SVG, in pixels.
 WIDE, MARGIN, LEFT, PANEL, HIGH, APART = 980, 24.0, 62.0, 270.0, 250.0, 30.0
 TOP, LINE, BAR = 108.0, 20.0, 190.0

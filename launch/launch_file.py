@@ -47,8 +47,7 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     nice: Annotated[int, Meta(ge=0, le=19)] = 0
     # What is done when its process dies: restart, stop (the run) or ignore.
     on_exit: OnExit = "restart"
-    # False leaves the node out; written ``if`` in the file.
-    wanted: bool = field(default=True, name="if")
+    wanted: bool = field(default=True, name="if")  # False leaves it out; written ``if`` in the file
 
 
 class LaunchSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -38,18 +38,15 @@ class Entry:
     # A module of ``palpate.nodes``, ``module:NODE`` (or SINK, SOURCE) or a dotted module of one's
     # own; the name if empty.
     kind: str = ""
-    # Map of plain values, or an instance of the node's own parameter type.
-    params: Any = field(default_factory=dict)
+    params: Any = field(default_factory=dict)  # Map of plain values, or the node's own parameters
     # Topic as the node calls it, to the topic on the wire; a namespace does not touch it.
     remap: Mapping[str, str] = field(default_factory=dict)
     # Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``, except of those that
     # the node shares with the other fingers'.
     namespace: str = ""
-    # Address of the machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this.
-    host: str = ""
+    host: str = ""  # Machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
-    # When its process dies: start it again, stop the run, or go on without it.
-    on_exit: OnExit = "restart"
+    on_exit: OnExit = "restart"  # When its process dies: start it again, stop, or go on without it
     source: str = ""  # ``file:line`` of the description
     # ``file:line``, or the option, of single parameters.
     places: Mapping[KeyPath, str] = field(default_factory=dict)

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 # Types of the messages that are gathered.
 GATHERED_TYPES = (Contour, GraspContacts, PlanDone, PlanEstimate, Probe, Score, ShapeModel)
 TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
-# Levels of the log that a user sees; the rest is in log.jsonl.
-LEVELS_SHOWN = frozenset({"warning", "error"})
+LEVELS_SHOWN = frozenset({"warning", "error"})  # That a user sees; the rest is in log.jsonl
 
 
 @dataclass(slots=True)

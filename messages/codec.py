@@ -31,8 +31,7 @@ from palpate.messages.fields import (
     field_rule,
 )
 
-# Bodies up to so many bytes are unpacked without counting their lists: a MB at the most.
-UNCOUNTED_BYTES = 1 << 14
+UNCOUNTED_BYTES = 1 << 14  # Bodies of so many are unpacked without counting lists: a MB at the most
 MAX_BYTES = 1 << 20  # Largest body of a type that does not set its own ``MAX_BYTES``
 MAX_SHOWN_FIELDS = 8  # Most unknown fields that are named
 Message = TypeVar("Message")
@@ -280,8 +279,7 @@ def _difference(one: Any, other: Any) -> tuple[str, str, str] | None:
         return ".shape", str(one.shape), str(other.shape)
     if one.tobytes() == other.tobytes():
         return None
-    # Bytes, not values: a zero that changed its sign is a difference.
-    width = one.dtype.itemsize
+    width = one.dtype.itemsize  # Bytes, not values: a zero of another sign is a difference
     bits = [np.frombuffer(a.tobytes(), np.uint8).reshape(-1, width) for a in (one, other)]
     first = int((bits[0] != bits[1]).any(axis=1).argmax())
     place = np.unravel_index(first, one.shape)

@@ -21,8 +21,7 @@ MAX_TEXT = 4096  # Longest text, bytes of UTF-8
 MAX_ITEMS = 4096  # Longest tuple
 FEW_ELEMENTS = 16  # Elements up to which an array is summed up faster without numpy
 MAX_FIELDS = 64  # Most fields of a message, and entries of a table
-# Most lists and maps of a message, in all: an array is a map with a list, its shape.
-MAX_NESTED = 2 * MAX_FIELDS + 1
+MAX_NESTED = 2 * MAX_FIELDS + 1  # Lists and maps of a message: an array is a map with a list
 Convert = Callable[[Any], Any]
 
 

@@ -28,8 +28,7 @@ TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to wh
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
 COARSE_TOLERANCE = 5e-4  # Of the meshes on the way, of the size
-# Heights at which the uncertainty is given, and turns over which it is averaged.
-BANDS, BAND_TURNS = 25, 8
+BANDS, BAND_TURNS = 25, 8  # Heights of the uncertainty, and turns over which it is averaged
 NO_ARCHIVE = np.zeros(0, np.uint8)
 _NONE = np.zeros(0)
 # Of a model of nothing.

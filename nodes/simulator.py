@@ -15,8 +15,7 @@ from palpate.messages import derive, types
 from palpate.nodes import specs
 from palpate.nodes.runtime import Finger, Node, Outputs
 
-# Number of the hand's first finger: it chooses other random numbers than the exploring ones.
-FIRST_HAND_FINGER = 1001
+FIRST_HAND_FINGER = 1001  # Of the hand: it chooses other random numbers than the exploring ones
 NO_SURFACE_PATH = -1.0  # Way along the surface where there was none
 TRUTH_LEVEL, FLOOR_LEVEL = 6, 5  # 82k and 20k faces
 
@@ -54,8 +53,7 @@ class LastContact(NamedTuple):
 class HandState(NamedTuple):
     """The hand, and what its fingertips remember."""
 
-    # With the effects of the scene, each with its own random numbers; the palm is last.
-    fingers: tuple[Pipeline, ...]
+    fingers: tuple[Pipeline, ...]  # With the scene's effects, own random numbers each; palm last
     remembered: tuple[StageStates, ...]  # What their stages remember of the closings before
     closings: int  # Closings made
     resting: Floats | None  # Pose of the hand at the last of them
@@ -71,8 +69,7 @@ class State:
     remembered: StageStates  # What the stages remember of the touches before
     touches: int = 0  # Touches made
     clock: float = 0.0  # Robot time, s
-    # Pose from which the last touch started: the finger returns to it.
-    resting: Floats | None = None
+    resting: Floats | None = None  # Where the last touch started: the finger returns to it
     met: LastContact | None = None  # Where the last touch ended, if it met the object
     hand: HandState | None = None  # The hand, once it was used
     platform: float = 0.0  # Height on which the object stands, m

@@ -34,14 +34,11 @@ BALL_RADIUS = 0.03  # Radius of the known ball, m
 TILTS = 7  # Ways to lean along each axis
 DEPTHS = (0.4 * TOUCH_DEPTH, 0.7 * TOUCH_DEPTH, TOUCH_DEPTH)
 FREE_FRAMES = 40
-# The pad's middle starts this high over what is pressed, and goes this far at most, m.
-HEIGHT, REACH = 0.03, 0.05
-# Least compression that counts as touched, m: what the filter takes.
-CONTACT = filter.Params().contact
+HEIGHT, REACH = 0.03, 0.05  # The pad's middle starts so high over it, and goes this far, m
+CONTACT = filter.Params().contact  # Least compression that counts as touched, m: the filter's
 PAUSE = 3.0  # Between two presses, s: a pad that creeps has come to rest
 CalibrationProgress = Callable[[str], None]
-# Share of taxels that may be lost or not reached before the calibration is doubted.
-MAX_LOST_SHARE = 0.35
+MAX_LOST_SHARE = 0.35  # Of taxels lost or not reached before the calibration is doubted
 MIN_SOUND_SPEED, MAX_SOUND_SPEED = 100.0, 5000.0
 MAX_GAIN = 10.0
 MAX_POSE_ERROR = 0.6e-3  # m
@@ -55,8 +52,7 @@ class KnownPress(NamedTuple):
 
     pose: Floats  # Where the arm believed the pad, (7,)
     read: Floats  # What the data sheet makes of the signal, (rows, cols), m
-    # Compression that the known shape makes there, (rows, cols), m; 0 where it does not press.
-    known: Floats
+    known: Floats  # Compression that the known shape makes there, (rows, cols), m; 0 where none
 
 
 class Calibrated(NamedTuple):

@@ -32,10 +32,8 @@ from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame
 from palpate.nodes.runtime import recorded_nodes
 
-# Of a time, in the order in which they are told.
-PARTS = ("travel", "approach", "dwell", "retract", "wait")
-# What a move was for; other where the recording has no goal for it.
-Phase = Literal["grasp", "contours", "probes", "other"]
+PARTS = ("travel", "approach", "dwell", "retract", "wait")  # Of a time, in the order told
+Phase = Literal["grasp", "contours", "probes", "other"]  # What a move was for; other without a goal
 PHASES: tuple[Phase, ...] = get_args(Phase)
 Costs = dict[str, Any]
 TIME_TOLERANCE = 1e-9  # Times that differ by less of themselves are one: sums are rounded

@@ -26,8 +26,7 @@ from palpate.launch import Graph
 from palpate.launch.files import InputError, write_atomically
 from palpate.tools.graph_sketch import Box, Sketch, Wire, dot_text, joined, mermaid_text, sketch_of
 
-# Sizes in pixels: letters of names, of what stands under them, and of topics.
-NAME, SMALL, TOPIC = 14.0, 10.5, 12.0
+NAME, SMALL, TOPIC = 14.0, 10.5, 12.0  # Sizes in pixels: of names, of what is under them, of topics
 MARGIN, PAD, GAP = 16.0, 9.0, 26.0  # Around all, within a box, between two boxes of a column
 LINE, UNDER = 14.0, 4.0  # From one topic to the next, and from the last to its line
 PORT, SLOT, LANE = 13.0, 8.0, 11.0  # Between lines that enter a box, that are upright, in lanes
@@ -180,8 +179,7 @@ def _strands(wires: Sequence[Wire], column_of: Mapping[int, int]) -> list[Strand
         gutters = sorted({*reach.values(), column + 1}) if reach else []
         strands.append(Strand(wire, column, reach, tuple(gutters)))
     taken: dict[tuple[bool, int], list[Strand]] = {}
-    # The shortest first: what goes far arches over what does not.
-    lanes = [one for one in strands if one.far]
+    lanes = [one for one in strands if one.far]  # The shortest first: what goes far arches over
     for one in sorted(lanes, key=lambda one: one.gutters[-1] - one.gutters[0]):
         while any(
             one.gutters[0] <= other.gutters[-1] and other.gutters[0] <= one.gutters[-1]

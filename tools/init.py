@@ -18,8 +18,7 @@ from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES
 
 MAX_NAME_LENGTH = 32  # Letters of a node's name in a graph
-# Working examples, each with one class called Template.
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = Path(__file__).parent / "templates"  # Working examples, one class Template each
 _WORD = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 

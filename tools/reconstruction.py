@@ -23,19 +23,15 @@ from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import SurfaceMesh
 from palpate.launch import files, titled
 
-# Ending of a file whose unit is known; a folder is that of a run, which holds such a file.
-RECORDING_SUFFIX = ".mcap"
-# A contour by its place among those that were read.
-CONTOUR_NUMBER = re.compile(r"\bcontour (\d+)\b")
+RECORDING_SUFFIX = ".mcap"  # Of a file whose unit is known; a run's folder holds such a file
+CONTOUR_NUMBER = re.compile(r"\bcontour (\d+)\b")  # By its place among those that were read
 ProgressText = Callable[[str], None]
 MAX_PLAUSIBLE_SIZE, MIN_PLAUSIBLE_SIZE = 10.0, 1e-3  # Sizes, m, beyond which the unit is doubted
-# Share of the width by which the side leaves the contours, from which it is doubtful.
-MAX_OVERSHOOT = 0.05
+MAX_OVERSHOOT = 0.05  # Of the width: how far the side may leave the contours without doubt
 # Of the height: less that is not covered, or that a touched end is missed by, is not worth a
 # warning.
 MIN_UNCOVERED = 1e-3
-# Times the widest step between contours by which an end lies beyond them: a guess.
-FAR_END_STEPS = 3.0
+FAR_END_STEPS = 3.0  # Times the widest step between contours by which an end beyond is a guess
 MOST_NAMED = 4  # Most contours that one sentence names
 # Figures of the health that say something if they are not 0, in words, for one and for more.
 COUNT_WARNINGS: Mapping[str, tuple[str, str]] = {
@@ -121,8 +117,7 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
             say("meshing")
             mesh = _meshed(solid, wanted.tolerance, unit)
     except ValueError as error:
-        # Contours are called as in the file, where each has a number and lines.
-        places = dict(enumerate(found.places))
+        places = dict(enumerate(found.places))  # As in the file, with number and lines
         text = CONTOUR_NUMBER.sub(lambda match: places.get(int(match[1]), match[0]), str(error))
         raise files.InputError(f"{points}: {text}") from None
     return RebuildResult(solid, mesh, found, unit, assumed)

@@ -15,8 +15,7 @@ from palpate.launch import files, millimetres, titled
 
 MAX_SIZE_RATIO = 5.0  # Times as large or as small: one of the units is probably wrong
 ScoreRecord = Mapping[str, Any]
-# Unit of a format if the user does not say, where it is not the metre: as palpate writes it.
-OWN_UNITS = {".stl": "mm"}
+OWN_UNITS = {".stl": "mm"}  # Of a format if the user does not say, where it is not m: as written
 POINT_SUFFIXES = (".csv", ".xyz", ".txt")  # Formats that hold points alone
 MIN_POINTS = 6  # Points, so that they say anything
 MAX_COORDINATE = 1e30  # Coordinate, m, of which powers are still numbers

@@ -45,15 +45,13 @@ CLEAR = 8e-3  # The pad starts this far before the surface, and two standard dev
 FARTHER = 0.02  # And so much farther if it began inside, m
 BEYOND = 0.012  # How far behind the expected surface a touch may go, m
 MARGIN = 6e-3  # Around the object's box, m
-# Of the points and of the normals of an exact finger, m and 1.
-POINT_ERROR, SLOPE_ERROR = 2e-5, 0.03
+POINT_ERROR, SLOPE_ERROR = 2e-5, 0.03  # Of points and normals of an exact finger, m and 1
 EMPTY, EMPTY_ERROR = 4e-3, 3e-3  # What a miss tells of the place where it ended, m
 LEAST_UP = -0.7  # Of a normal's z: the finger comes from no farther below
 TOUCH_POINTS = 9  # Of each touch
 AT_ONCE = 4096  # Places that are evaluated together
 UNKNOWN = 1e3  # Standard deviation of a gradient that nobody measured
-# Of the grid whose cubic interpolation the mesh is made of, m: far below the kernel's length.
-CELL = 2e-3
+CELL = 2e-3  # Of the grid whose cubic interpolation the mesh is made of, m: far below the kernel's
 LEVEL = 7  # Of the mesh: cells of 0.8 mm, with their corners on the surface
 STEP = 1e-3  # Of a way along a cell's edge, over which the slope is taken
 FIRST_ROWS = 256  # Rows for which there is room at first

@@ -165,8 +165,7 @@ class Demand(NamedTuple):
     planner: str = "predicted"  # Name of the rule
     tolerance: float = 0.002 * EXPLORED_HEIGHT  # Root mean square error, m
     settings: Mapping[str, Any] = {}  # The rule's numbers
-    # Along which it is sliced; None for the object's own axis.
-    axis: tuple[float, float, float] | None = None
+    axis: tuple[float, float, float] | None = None  # Along which it is sliced; None: the object's
     feature: float | None = FEATURE  # What may stay untouched, m; None if the tolerance says
 
 

@@ -23,8 +23,7 @@ FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.
 DOMED = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=1.0 / 0.015, saturation=0.8)
 PADS = {"flat": FLAT, "domed": DOMED}
 WIDTHS = (5e-3, 40e-3)  # Of the narrowest and the widest array that are tried, m
-# Heights of the slices, as shares of half the object's height.
-SHARES = (-0.9, -0.6, -0.25, 0.0, 0.3, 0.6, 0.93)
+SHARES = (-0.9, -0.6, -0.25, 0.0, 0.3, 0.6, 0.93)  # Heights of slices over half the object's
 SMOOTH = ("sphere", "egg", "cylinder", "pear")
 MOST_SMOOTH = {"flat": 20, "domed": 26}
 MOST = (

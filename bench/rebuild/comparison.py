@@ -46,8 +46,7 @@ BAND_SEEDS, QUICK_BAND_SEEDS = 13, 2
 BEYOND = 0.04  # By which the ends lie beyond the contours, where no pole is known
 POLE = float(np.sqrt(1.04))  # Height at which the lobed zig-zag closes
 NORMAL_95 = 1.96
-# Places at which a surface is compared with the truth, from contour to contour.
-ROWS, COLUMNS = 181, 97
+ROWS, COLUMNS = 181, 97  # Places of a surface that are compared with the truth, between contours
 LAST = 0.99  # Height of the last contours, on either side
 WIDE, NARROW, AT = 0.6, 0.36, 0.12  # Radii of a cylinder that steps, and where
 STEPS = 16  # Random stacks of its contours

@@ -43,8 +43,7 @@ class TrueSurface(NamedTuple):
 
     surface: geometry.PreparedSurface
     volume: float  # In the mesh's unit, cubed
-    # What its own facets are off by on average, in the truth's unit: less cannot be told.
-    floor: float
+    floor: float  # Mean error of its own facets, in the truth's unit: less cannot be told
     unit: float  # Length in which errors are told
 
     def errors_of(self, mesh: Mesh) -> MeshErrors:
@@ -73,8 +72,7 @@ class Peer(NamedTuple):
     """Another way of rebuilding."""
 
     name: str  # What it is called in tables
-    # From contours (m, n, 3) whose points correspond by number, upwards, to a closed mesh.
-    build: Callable[[Floats], Mesh]
+    build: Callable[[Floats], Mesh]  # From contours (m, n, 3), upwards, points by number
 
 
 def loft(contours: Floats) -> Mesh:

@@ -41,12 +41,10 @@ from palpate.messages.types import Truth
 from palpate.tools import single_threaded
 
 EXAMPLE_NOISE = 0.005  # Of the object's height, along x and y
-# Height of both examples; all figures are over it, so that its unit does not matter.
-EXAMPLE_HEIGHT = 2.0
+EXAMPLE_HEIGHT = 2.0  # Of both examples; all figures are over it, so its unit does not matter
 MESH_ROWS, MESH_COLUMNS = 161, 240  # Of the meshes that are compared
 TRUE_ROWS, TRUE_COLUMNS = 401, 720
-# Of the truth, and of the other mesh of it that shows what measuring alone adds.
-FLOOR_ROWS, FLOOR_COLUMNS = 301, 541
+FLOOR_ROWS, FLOOR_COLUMNS = 301, 541  # Of the truth, and of its other mesh: what measuring adds
 COLUMNS = ("chamfer", "rms", "side", "normals", "volume", "time")
 HEAD = f"{'':<48}" + "".join(f"{one:>10}" for one in COLUMNS)
 SCENES, QUICK_SCENES = ("egg", "vase", "notched"), ("vase",)  # Plain, featured, sharp

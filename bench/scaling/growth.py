@@ -41,8 +41,7 @@ SIZES: Mapping[str, tuple[int, ...]] = {
 SHAPES, QUICK_SHAPES = ("vase", "lobed zig-zag", "rounded box"), ("vase",)
 SEEDS, TURNS, LAPS = 2, 3, 200
 AROUND, STACKED = 80, 12  # Points of a contour where contours grow, contours where points do
-# Heights about a contour's at which a pad touches, mm, and pads around it.
-BAND, PADS = np.linspace(-4.0, 4.0, 5), 16
+BAND, PADS = np.linspace(-4.0, 4.0, 5), 16  # Heights about a contour's, mm, and pads around it
 POSE_NOISE, TAXEL_NOISE, MARGIN = 0.1, 0.01, 0.5  # mm; the last contours lie that far inside
 TOLERANCE = 0.01  # Of the meshes that are compared, mm
 BALL, WIDTH, FRAMES = 0.03, 15e-3, 60  # Radius and width of the array, m; touches of a turn
@@ -93,8 +92,7 @@ class Growth(NamedTuple):
 
     name: str  # What grows, and how it is measured
     sizes: tuple[int, ...]
-    # Figures (n,) or (n, k) of k repeats by name; the unit is part of that
-    errors: Mapping[str, ArrayLike]
+    errors: Mapping[str, ArrayLike]  # Figures (n,) or (n, k) of k repeats by name with unit
     costs: Mapping[str, ArrayLike]
     floor: float = 0.0  # Sampling floor of the errors, in their unit; 0 if they are not sampled
     holds: bool = True

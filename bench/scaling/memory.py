@@ -31,8 +31,7 @@ SIDES, EACH = 60, 20  # Different touches, and touches of a goal
 SCENE, MIDDLE = "vase", 0.05  # What is touched, and how high its middle is, m
 WARM = 0.2  # Share of the touches before memory is looked at: caches fill
 MOST_GROWTH = 1.0  # MB per 1,000 touches
-# Of a touched taxel: its place and normal, and the number of its touch.
-TAXEL_BYTES = 3 * 8 + 3 * 8 + 4
+TAXEL_BYTES = 3 * 8 + 3 * 8 + 4  # Of a touched taxel: place, normal, and number of its touch
 MB = float(1 << 20)
 FEEDER = "tracer"  # In whose place it stands
 SIDE_GOALS = list(touch_goals(SIDES))

@@ -77,8 +77,7 @@ class Problem:
         return explore.GuardedFinger(self.scene)
 
 
-# Of a problem, the error that is asked for, m, and a seed.
-Method = Callable[[Problem, float, int], Iterable[Model]]
+Method = Callable[[Problem, float, int], Iterable[Model]]  # Of a problem, an error, m, and a seed
 
 
 def predicted(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
@@ -208,8 +207,7 @@ CONTENDERS: Mapping[str, Contender] = {
         endless=True,
     ),
 }
-# Of one exploration: made one after the other in one process.
-TOGETHER = (OURS, "contours alone", POISSON)
+TOGETHER = (OURS, "contours alone", POISSON)  # Of one exploration: made in turn in one process
 
 
 class TrueObject(NamedTuple):

@@ -32,8 +32,7 @@ LEAST_GAIN = 20.0  # Over the thesis's chain, in each column
 MOST_PARTIAL = 0.05  # Share of the curvature that may be wrong with 32 touched taxels or more
 LEAST_RIGHT = 0.95  # Share of each kind that must be called by its name
 MOST_FUSED = 1.1  # Error of fused touches over that of single ones, on any surface
-# Of the columns: noise in pitches, then share of impulses.
-HEADS = ("0", ".01", ".05", "+2 %", "+8 %")
+HEADS = ("0", ".01", ".05", "+2 %", "+8 %")  # Of the columns: noise in pitches, then impulses
 VERDICTS: tuple[touch.PatchKind, ...] = ("smooth", "edge", "corner", "insufficient", "miss")
 BALL = 20.0  # Radius of the ball that is touched in part, pitches
 FUSED_NOISE = 20e-6  # m
@@ -46,8 +45,7 @@ LEAST_DEVIATION = 1e-3
 # Principal curvatures, the larger first, 1/pitch, not numbers if none were found; and where, from
 # the pad's middle, pitches.
 Curvatures = tuple[float, float, tuple[float, float]]
-# Takes a frame of heights and the noise's deviation, both in pitches.
-Estimator = Callable[[Floats, float], Curvatures]
+Estimator = Callable[[Floats, float], Curvatures]  # Of a frame of heights and its noise, in pitches
 HeightMap = Callable[[Floats, Floats], Floats]  # Heights at places x, y
 
 
@@ -254,8 +252,7 @@ class EstimatorErrors(NamedTuple):
     """One estimator."""
 
     name: str  # What it does
-    # Root mean square error of k1 and k2, mean over the shapes, for each column; 1/pitch.
-    errors: tuple[float, ...]
+    errors: tuple[float, ...]  # Rms error of k1 and k2, mean over the shapes, by column; 1/pitch
     lost: int  # Frames for which it gave no number
     micros: tuple[float, float]  # Cost of a frame with noise, and of one with impulses, us
 
@@ -264,8 +261,7 @@ class PartialContact(NamedTuple):
     """A ball that touches only the middle of the pad."""
 
     taxels: int  # How many it touches
-    # Root mean square error as a share of the curvature, by method; None if 'insufficient'.
-    errors: Mapping[str, float | None]
+    errors: Mapping[str, float | None]  # Rms error over the curvature, by method; None if unknown
 
 
 def noise_variance(frame: Floats) -> float:

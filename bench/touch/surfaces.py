@@ -89,8 +89,7 @@ class FusionScore(NamedTuple):
 
     single: float  # Root mean square error of one touch, 1/m
     fused: float  # The same, fused with the touches before it; from the fourth touch on
-    # Mean normalised squared innovation; 3 if the errors are what they are claimed to be.
-    surprise: float
+    surprise: float  # Mean normalised squared innovation; 3 if the errors are what is claimed
 
 
 def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionScore:

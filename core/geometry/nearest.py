@@ -148,8 +148,7 @@ def nearest_on(triangles: Triangles, faces: Indices, points: Floats) -> Floats:
     edges = triangles.edges[faces]
     offset = points - start
     s, t = np.einsum("nij,nj->in", triangles.dual[faces], offset)
-    # A sliver has s = t = 0 everywhere, which is no interior.
-    inside = (s > 0.0) & (t > 0.0) & (s + t < 1.0)
+    inside = (s > 0.0) & (t > 0.0) & (s + t < 1.0)  # A sliver has s = t = 0: no interior
     along = np.stack([s, t], axis=1)
     outside = np.flatnonzero(~inside)
     along[outside] = _along_edges(edges[outside], offset[outside])
@@ -163,8 +162,7 @@ def _along_edges(edges: Floats, offset: Floats) -> Floats:
     on_u = _share(_dot(offset, u), _dot(u, u))
     on_v = _share(_dot(offset, v), _dot(v, v))
     on_w = _share(_dot(offset - u, w), _dot(w, w))
-    # Distances from differences of points: from products they would be right to 1e-8 only.
-    to_u = offset - on_u[:, None] * u
+    to_u = offset - on_u[:, None] * u  # From differences: products are right to 1e-8 only
     to_v = offset - on_v[:, None] * v
     to_w = offset - u - on_w[:, None] * w
     best = np.stack([_dot(to_u, to_u), _dot(to_v, to_v), _dot(to_w, to_w)]).argmin(axis=0)
@@ -417,8 +415,7 @@ def _on_line(pairs: _Pairs, line: Floats, along: Floats) -> Floats:
     origin = pairs.corners[pairs.one, 0]
     one, other = pairs.normals[pairs.one], pairs.normals[pairs.other]
     height = np.einsum("pi,pi->p", pairs.corners[pairs.other, 0] - origin, other)
-    # Within the first plane, across the line, the second plane rises as the sine.
-    across = np.cross(line, one)
+    across = np.cross(line, one)  # In the first plane the second rises as the sine
     slope = np.einsum("pi,pi->p", across, other)
     return np.asarray(origin + along[:, None] * line + (height / slope)[:, None] * across)
 

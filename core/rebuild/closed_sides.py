@@ -67,10 +67,8 @@ class ContourSolid:
     loft: ContourLoft
     bottom: End
     top: End
-    # How everything that was touched was fitted, where that took the place of the contours.
-    radial: RadialFit | None = None
-    # All this is seen from the space in which both ends are level, if they are not.
-    shear: Shear | None = None
+    radial: RadialFit | None = None  # How all that was touched was fitted, if it was
+    shear: Shear | None = None  # All this is seen where both ends are level, if they are not
 
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
         """As `ContourLoft.deviation`; of a radial spline, at each height the mean around."""
@@ -115,8 +113,7 @@ def close_contours(
             f"heights must be at least 2 unless both ends were touched, got {len(heights)}"
         )
     with step("cross-validation"):  # it smooths the loft, too
-        # An end can be told from contours only as far as their noise lets one see.
-        known = noise
+        known = noise  # An end can be told from contours only as far as their noise allows
         if known is None:
             known = noise_of(heights, grid) if len(heights) > 1 else 0.0
         with step("ends"):
@@ -172,8 +169,7 @@ class RadialRows(NamedTuple):
     grid: Floats  # (m, k, 2), m
     ends: tuple[End, End]  # Below and above
     fit: RadialFit  # How the loft was fitted
-    # All this is seen from the space in which both ends are level, if they are not.
-    shear: Shear | None
+    shear: Shear | None  # All this is seen where both ends are level, if they are not
 
 
 def radial_rows(
@@ -190,8 +186,7 @@ def radial_rows(
     """
     levels = np.column_stack([[area_centroid(fine) for fine in slices.fine], slices.heights])
     axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
-    # Normals tell more surely than curves, which noise may turn back at an edge.
-    normals = contacts.normals is not None
+    normals = contacts.normals is not None  # Surer than curves, which noise may turn back
     starlike = not looks_inward(contacts, axis_curve) if normals else slices.star.all()
     if not starlike or len(contacts.points) < FEWEST:
         return None

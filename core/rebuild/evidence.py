@@ -29,17 +29,14 @@ from palpate.core.rebuild.contours import (
     stack_curves,
 )
 
-# Places around a contour that are matched: as many as it has points, within these.
-FEWEST, MOST = 24, 160
+FEWEST, MOST = 24, 160  # Places around a contour that are matched: as many as its points
 POINT = 0.03  # Of the widest contour: one at an end that is no wider, and meets itself, is a point
 PASSES = 3  # Of looking for points that are wrong: contours are judged by those beside them
-# Of the square of its perimeter: a contour that meets itself around less has no inside.
-NO_AREA = 1e-6
+NO_AREA = 1e-6  # Of its squared perimeter: a contour that meets itself around less has no inside
 # Contours from which on one that differs from its neighbours in size alone is left out: a wrong one
 # costs more then than a groove that is missed. Of fewer, far apart, each says more.
 MANY = 12
-# Of what is rebuilt: the fifth power of a length, as in an inertia, must be a number.
-LEAST_SIZE, MOST_SIZE = 1e-50, 1e50
+LEAST_SIZE, MOST_SIZE = 1e-50, 1e50  # Of what is rebuilt: its fifth power must be a number
 
 
 class Evidence(NamedTuple):
@@ -54,10 +51,8 @@ class Evidence(NamedTuple):
     # Each contour by itself, as it was given: what more evidence is added to.
     given: tuple[ContourCurve | DroppedContour, ...] = ()
     tops: Floats | None = None  # (k, 3): where single touches found the ends
-    # Contours that are used, though they are unlike their neighbours.
-    feature_candidates: tuple[FeatureCandidate, ...] = ()
-    # Pose (7,) of the slicing frame in the world; None if it is the world's own.
-    frame: Floats | None = None
+    feature_candidates: tuple[FeatureCandidate, ...] = ()  # Used, though unlike their neighbours
+    frame: Floats | None = None  # Pose (7,) of the slicing frame; None: the world's own
 
     @property
     def outliers(self) -> int:

@@ -54,10 +54,8 @@ from palpate.core.thesis import ThesisSolid, rebuild_thesis
 
 LEAST, WIDEST = 4, 64  # Control points of a lattice: the fewest each way, and the most across
 MOST_POINTS = 600  # More are thinned out: a superquadric has 15 parameters
-# Of which fits the best is taken: neither tapered nor bent, tapered, both.
-WARPS = ((False, False), (True, False), (True, True))
-# A fit with one of these warnings is taken only if there is no other.
-USELESS = frozenset({"folded", "not converged"})
+WARPS = ((False, False), (True, False), (True, True))  # Neither tapered nor bent, tapered, both
+USELESS = frozenset({"folded", "not converged"})  # Warnings of fits that are a last resort
 
 
 def reconstruct(

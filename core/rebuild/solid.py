@@ -53,11 +53,9 @@ from palpate.core.splines import (
 from palpate.core.thesis import ThesisSolid
 
 Method = Literal["lattice", "skin", "thesis", "coarse"]
-# Places of the side at which it is seen whether it swings out.
-OVERSHOOT_ROWS, OVERSHOOT_TURNS = 97, 160
+OVERSHOOT_ROWS, OVERSHOOT_TURNS = 97, 160  # Places of the side where it may swing out
 NOISE_SHARE = 0.2  # Of the noise: the tolerance of a mesh where none is asked for
-# Places of the side, and of each piece of an end, at which areas are taken.
-SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16
+SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16  # Of the side, and of each end piece: areas are taken
 # Of the height of an edge that nobody touched: what its rounding may be wrong by, root mean square
 # over the edge and as much of the end. With noise, a superellipse taken for an arc errs by that.
 HIDES = 0.15
@@ -80,16 +78,13 @@ class Solid:
     sheared, over its middle. How it came about is seen from that frame: evidence, loft, lattice.
     """
 
-    # Exact at every place: points, normals, curvatures, in no resolution. In the world.
-    surface: Surface
+    surface: Surface  # Exact everywhere: points, normals, curvatures. In the world.
     method: Method  # How it was rebuilt
     evidence: Evidence  # From what
     closed: ContourSolid | None = None  # Skin and ends, with the methods "lattice" and "skin"
-    # Control lattice and what it deforms, with the method "lattice"; see `control_lattice`.
-    lattice: LatticeFit | None = None
+    lattice: LatticeFit | None = None  # With the method "lattice"; see `control_lattice`
     model: ThesisSolid | Recovery | None = None  # What the methods "thesis" and "coarse" found
-    # Rebuilds it in the same way from other evidence.
-    rebuilder: Callable[[Evidence], Solid] | None = None
+    rebuilder: Callable[[Evidence], Solid] | None = None  # In the same way, from other evidence
 
     @property
     def slices(self) -> Slices:

@@ -107,8 +107,7 @@ class BooleanShape(ImplicitShape):
         leaf, turn = leaf[order], turn[order]
         states = (np.cumsum(np.where(leaf == n, turn, 0), axis=1) > 0 for n in range(len(spans)))
         inside = tree_membership(self._tree, iter(states))
-        # Of ends in one place only the last says what comes then.
-        last = np.ones_like(inside)
+        last = np.ones_like(inside)  # Of ends in one place the last says what comes then
         last[:, :-1] = places[:, 1:] > places[:, :-1]
         return places, inside & last & (places < np.inf)
 

@@ -185,8 +185,7 @@ def p_norm(x: Floats, y: Floats, e: Floats) -> PNorm:
     total = 1.0 + part
     value = larger * total ** (1.0 / p)
     log_part = p * np.log(np.maximum(ratio, SMALLEST))
-    # The entropy of the two parts: by_exponent is half of it, times the norm.
-    entropy = np.log1p(part) - part / total * log_part
+    entropy = np.log1p(part) - part / total * log_part  # Half of it, times the norm, is by_exponent
     share_x, share_y = x / value, y / value
     return PNorm(
         value, share_x ** (p - 1.0), share_y ** (p - 1.0), 0.5 * value * entropy, share_x, share_y

@@ -332,8 +332,7 @@ class DeformedShape:
         )
         ranges = hits.ranges
         ranges[met[done]] += exact[done]
-        # A ray that starts between the facets and the exact surface starts inside.
-        started = met[done & (ranges[met] < 0.0)]
+        started = met[done & (ranges[met] < 0.0)]  # Between facets and exact surface: inside
         ranges = np.where(ranges <= reach, ranges, MISS)
         ranges[started] = INSIDE
         return Polished(ranges, len(met), int(np.count_nonzero(~done)))

@@ -255,8 +255,7 @@ def order_closed_points(points: Floats) -> ClosedPoints:
         raise ValueError(f"points must have at least one finite row, got {len(points)} rows")
     found = points[rows]
     low, high = found.min(axis=0), found.max(axis=0)
-    # The middle of the box: a mean would round differently in another order.
-    middle = 0.5 * low + 0.5 * high
+    middle = 0.5 * low + 0.5 * high  # Of the box: a mean would round otherwise in another order
     size = 2.0 * float(np.max(0.5 * high - 0.5 * low))
     if size == np.inf:
         raise ValueError(f"points must spread less than {LARGEST:g} m, got {low} to {high} m")

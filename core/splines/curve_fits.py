@@ -81,8 +81,7 @@ def closed_curve_points(
     control: Floats, knots: Floats, turns: Floats, derivative: int = 0
 ) -> Floats:
     """Points (k, d) of a closed cubic, or derivatives, at parameters (k,) from 0 to 1."""
-    # About its middle, so that little is rounded where the curve is small and far away.
-    middle = control.mean(axis=0)
+    middle = control.mean(axis=0)  # So that little is rounded where a curve is small and far away
     wound = np.vstack([control, control[:CUBIC]]) - middle
     values: Floats = Basis(knots, CUBIC).matrix(turns, derivative) @ wound
     return values if derivative else values + middle

@@ -87,11 +87,9 @@ class Patch(NamedTuple):
     residual: float = 0.0  # Root mean square misfit of the jet, m
     gaussian: float = 0.0  # Product of the principal curvatures, 1/m^2
     mean: float = 0.0  # Their mean, 1/m
-    # Unit tangent along which the curvature is k1, (3,); zero unless the patch is smooth.
-    principal_direction: Floats = NOWHERE
+    principal_direction: Floats = NOWHERE  # Unit tangent of k1, (3,); zero unless it is smooth
     umbilic: bool = True  # Whether k1 and k2 are alike within their errors: no direction counts
-    # Standard deviation of the normal's angle, rad; pi if nothing is known of it.
-    normal_error: float = math.pi
+    normal_error: float = math.pi  # Deviation of the normal's angle, rad; pi if it is unknown
     # Standard deviations of the principal curvatures by noise alone, 1/m: what a quartic cannot
     # follow, on balls below 20 pitches, comes on top.
     principal_error: tuple[float, float] = (0.0, 0.0)
@@ -100,8 +98,7 @@ class Patch(NamedTuple):
     shape: forms.ShapeOperator | None = (
         None  # The shape operator there; None unless the patch is smooth
     )
-    # Covariance of its three parts, (3, 3), 1/m^2; None unless the patch is smooth.
-    shape_covariance: Floats | None = None
+    shape_covariance: Floats | None = None  # Of its parts, (3, 3), 1/m^2; None unless smooth
 
 
 def fit_patch(
@@ -269,8 +266,7 @@ def _carried(place: LocalCurvature, there: forms.ShapeOperator) -> tuple[Floats,
     """Parts and covariance in the tangents of another place: parallel transport."""
     one, other = place.shape.normal, there.normal
     axis, cosine = np.cross(one, other), float(one @ other)
-    # The shortest turn from normal to normal, applied to the first tangent: Rodrigues.
-    tangent = place.shape.tangents[0]
+    tangent = place.shape.tangents[0]  # Turned by the shortest way to the normal: Rodrigues
     turned = cosine * tangent + np.cross(axis, tangent)
     turned = turned + axis * (float(axis @ tangent) / max(1.0 + cosine, 1e-9))
     # The tangents of both may be of either hand.

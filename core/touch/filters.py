@@ -28,8 +28,7 @@ WINDOW = 3  # Taxels along a side of the neighbourhood
 UNEVEN = 0.25
 STANDS_OFF = 0.5  # In pitches: what stands off by more is looked at, however badly the jet fits
 FAR = 6.0  # In between, robust deviations from the jet
-# Deviations of a taxel by which noise alone may bend a line of three: two of its own.
-BEND_DEVIATIONS = 2.0 * math.sqrt(6.0)
+BEND_DEVIATIONS = 2.0 * math.sqrt(6.0)  # By which noise alone may bend a line of three: two its own
 OWN_MISFIT = 0.5  # A line supports a taxel if it bends by less than this share of its misfit
 # Even lines of a taxel that can support others: the outermost of a step's corner has three, and so
 # has the middle of five in a row. Impulses are seldom that many in a row.
@@ -174,8 +173,7 @@ def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> Re
         return RepairedImage(image, ~supported)
     touched = image > contact
     if np.count_nonzero(touched & supported) < LEAST_TAXELS:
-        # Three touched taxels or more, side by side, are a tip.
-        middle = touched & (_beside(touched) >= 2)
+        middle = touched & (_beside(touched) >= 2)  # Three touched taxels side by side are a tip
         impulses = touched & ~supported & ~(middle | (_beside(middle) > 0))
         off = image
     else:

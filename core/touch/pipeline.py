@@ -182,10 +182,8 @@ class Stage(NamedTuple):
     # otherwise: the same touch and state give the same again.
     apply: Callable[[SimulatedTouch, Any], Any]
     state: Any = None  # The state in which the finger begins; None if there is nothing to remember
-    # What it adds to the standard deviation of one taxel, as a calibration would find it, m.
-    noise: float = 0.0
-    # How it lets the pad's face yield beside a contact; None if it leaves that as it was.
-    face: FaceModel | None = None
+    noise: float = 0.0  # What it adds to the deviation of one taxel, as a calibration finds it, m
+    face: FaceModel | None = None  # How the pad's face yields beside a contact; None: as it was
 
 
 class Effect(Protocol):

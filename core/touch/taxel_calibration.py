@@ -22,8 +22,7 @@ from palpate.core.arrays import Bools, Floats, scaled_mad
 from palpate.core.touch.pad import Calibration
 
 LEAST_PRESSES = 4  # A taxel needs this many presses for a gain and an offset of its own
-# Compressions below this are left out, m: an error of pose could have lifted the pad off.
-LEAST_KNOWN = 0.15e-3
+LEAST_KNOWN = 0.15e-3  # Compressions below are left out, m: an error of pose may have lifted it
 DEAD_GAIN = 0.3  # A taxel that answers with less of what it is pressed by is not trusted
 STUCK = 0.2e-3  # Nor is one that reads more than this beside the others when nothing is touched, m
 SWEEPS = 8
@@ -32,8 +31,7 @@ LEAST_REACHED = 16
 FAR = 6.0  # Free readings farther off than this many scales are impulses
 OUTLIER = 4.5  # Readings farther off than this many standard deviations are left out
 FIRST_POSE, FIRST_TILT = 0.1e-3, 2e-3  # First spread of the pose's error, m and rad
-# Likewise of the taxels' departures from the common gain and offset, 1 and m.
-FIRST_GAIN, FIRST_OFFSET = 0.03, 10e-6
+FIRST_GAIN, FIRST_OFFSET = 0.03, 10e-6  # Likewise of departures from common gain and offset, 1, m
 UNIT = 1e-3  # Compressions are in mm where gains are solved for: all columns are alike
 TaxelIndices = NDArray[np.signedinteger]
 LEAST_SPREAD = 1e-9  # m

@@ -23,8 +23,7 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attrib
 _CORNER = re.compile(rb"^[ \t]*vertex[ \t]([^\r\n]*)", re.MULTILINE)
 _OFF_START = re.compile(rb"\s*(?:ST)?C?N?OFF\b")
 MAX_TRIANGLES = 2_000_000  # Of a mesh
-# Of a face; it is cut into triangles about its first one, which suits no rounder ones.
-MAX_FACE_CORNERS = 1024
+MAX_FACE_CORNERS = 1024  # Of a face; cut into triangles about its first: no rounder ones
 MAX_VERTICES = 3 * MAX_TRIANGLES  # Of a mesh: STL repeats each corner for each triangle
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -255,8 +255,7 @@ class Property(NamedTuple):
 
     name: str
     kind: str  # Of the number, or of a list's items
-    # Of the number before a list that tells its length; None for a single number.
-    length: str | None
+    length: str | None  # Of the number before a list that tells its length; None without one
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,7 @@ from palpate.core.rebuild.contours import ContactPoints
 
 MIN_CONTOUR_POINTS = 3  # Of a contour
 GAP_RATIO = 3.0  # Times as large as any step within a slice is the least step from one to the next
-# Times as long as the tour: a way around by azimuth zigzags, so the section is not star-shaped.
-AZIMUTH_TOLERANCE = 1.02
+AZIMUTH_TOLERANCE = 1.02  # Times as long as the tour: else the section is not star-shaped
 MAX_TOUR_POINTS = 1500  # Points up to which a tour is shortened; its cost grows with their square
 MAX_SWEEPS = 30  # Most rounds of shortening
 MIN_GAIN = 1e-9  # Of the tour's length
@@ -26,11 +25,9 @@ class MeasuredContours(NamedTuple):
     """What a file of points holds, in the file's own unit until `scaled`."""
 
     contours: tuple[Floats, ...]  # (n, 3) each
-    # What each is called in messages: its number, and its lines where the file has any.
-    places: tuple[str, ...]
+    places: tuple[str, ...]  # What each is called in messages: its number, and its lines if any
     normals: tuple[Floats, ...] | None = None  # (n, 3) each, outwards, or none
-    # Everything that was touched with the number of its touch, if that is known.
-    taxels: ContactPoints | None = None
+    taxels: ContactPoints | None = None  # All that was touched, by number of touch, if known
     tops: Floats | None = None  # (k, 3): where the ends were touched
     # Pose (7,) of the slicing frame, around whose z axis the contours run, in that of the points;
     # the same if None.

@@ -26,8 +26,7 @@ from palpate.launch.files.source_map import InputError
 SOLID_SUFFIX = ".npz"
 MAX_SOLID_BYTES = 512 << 20  # Largest file
 ALWAYS_ALLOWED_BYTES = 32 << 20  # Bytes to which any file may unpack
-# Times its own size to which a larger one may: numbers that were measured do not pack better.
-MAX_RATIO = 16
+MAX_RATIO = 16  # Times its own size to which a larger one may: measured numbers do not pack better
 MAX_ARRAYS = 4096  # Arrays of a file
 MAX_AXIS_LENGTH = 1 << 40  # Along an axis
 Arrays = dict[str, NDArray[np.generic]]

@@ -27,8 +27,7 @@ class SourceMapped:
 
     value: Any  # Plain maps, lists, texts and numbers
     source: str  # The file, or the option, that it came from
-    # ``file:line`` of values, where known.
-    places: Mapping[KeyPath, str] = field(default_factory=dict)
+    places: Mapping[KeyPath, str] = field(default_factory=dict)  # ``file:line``, where known
 
     def place(self, path: KeyPath = ()) -> str:
         """``file:line`` of a value, or of the nearest thing around it that has one."""

@@ -41,8 +41,7 @@ from palpate.launch.files.source_map import (
 )
 
 MAX_DEPTH = 16  # Deepest nesting; a scene has 5
-# Keys and values; a scene has some 30, the largest polyhedron 12,300; each takes some 30 us.
-MAX_VALUES = 12_500
+MAX_VALUES = 12_500  # Of 30 us each; a scene has some 30 keys and values, a polyhedron 12,300
 BYTES_PER_VALUE = 16  # Most bytes of a file, for each of its values, comments and all
 MAX_BITS = 1024  # Of a whole number: what is larger is larger than all floats
 Target = TypeVar("Target")

@@ -94,8 +94,7 @@ class MessageCounts:
     sent: dict[str, int]  # Messages sent on each topic
     consumed: dict[tuple[str, str], int]  # Messages consumed, by publisher and topic
     waits: tuple[str, ...] = ()  # Topics without whose first message the node handles nothing else
-    # Whether it may still publish something of its own: then nothing need move for long.
-    can_publish: bool = False
+    can_publish: bool = False  # Whether it may publish of its own yet: nothing need move for long
 
 
 class TerminationDetector:

@@ -20,8 +20,7 @@ from palpate.nodes.runtime import enter_process
 GRACE = 2.5  # A process that is asked to end is killed after this long, s
 _CONTEXT = multiprocessing.get_context("forkserver")
 HOST_PATIENCE = 10.0  # A machine has this long for its first answer, s
-# How often each side gives a sign of life, and after how long without one the other is lost, s.
-HEARTBEAT, HOST_LOST = 0.5, 6.0
+HEARTBEAT, HOST_LOST = 0.5, 6.0  # How often each side shows life, and when the other is lost, s
 
 
 class ProcessHosts:

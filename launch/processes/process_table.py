@@ -22,12 +22,9 @@ from palpate.launch.processes.process_hosts import ProcessHosts, exit_text
 from palpate.messages.bus import Addresses
 from palpate.nodes.runtime import OnExit, Wiring
 
-# So often may a node be started again within so many s: more is a storm.
-MAX_RESTARTS, RESTART_WINDOW = 3, 10.0
-# Signs of life come four times a second; after so long without one a node is looked at, s.
-SILENCE_LIMIT = 1.2
-# If the launcher itself had not run for so long, nobody is blamed for his silence, s.
-LAUNCHER_GAP = 0.5
+MAX_RESTARTS, RESTART_WINDOW = 3, 10.0  # Starts of a node within so many s: more is a storm
+SILENCE_LIMIT = 1.2  # Signs of life come four a second; a node without one so long is looked at, s
+LAUNCHER_GAP = 0.5  # If the launcher had not run for so long, nobody is blamed for silence, s
 
 
 class ProcessTable:
@@ -145,8 +142,7 @@ class RestartPolicy:
 class ProcessState(NamedTuple):
     """What a process is doing, as the system has it."""
 
-    # R: it runs, or waits for the processor; T: it is stopped; others: it waits for something.
-    state: str
+    state: str  # R: it runs, or waits for the processor; T: it is stopped; others: it waits
     used: float  # Processor time so far, s
 
 

@@ -27,8 +27,7 @@ from palpate.nodes.runtime import RecordedNode, Wiring
 
 FOLDER_PREFIX = "palpate-run-"
 CARD_FILE, LOCK_FILE = "run.json", "lock"
-# Folder in the run directory for what nodes have published and have no memory for.
-MESSAGE_LOG_FOLDER = ".published"
+MESSAGE_LOG_FOLDER = ".published"  # In the run directory, for what is published and not remembered
 # What a private folder may hold: one that holds anything else is somebody's own.
 OWN_FILES = re.compile(r"[jnpst]\d+|control|tools|lock|\.?run\.json")
 GRACE_AGE = 60.0  # A folder without a card may just be coming up until it is so old, s

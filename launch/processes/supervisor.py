@@ -87,8 +87,7 @@ class Supervisor:
         self._hosts.end()
         self._receive_reports()
         if verdict.status == "died" and self._interrupts.came and not self._reports.failed:
-            # The signal reached the whole group, and a node was faster than the launcher.
-            verdict = self._interrupted()
+            verdict = self._interrupted()  # It reached the whole group; a node was faster than this
         statuses, subscriber = self._reports.statuses, self._sockets.subscriber
         return Ending(
             status=verdict.status,

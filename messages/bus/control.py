@@ -25,8 +25,7 @@ FieldCheck = Callable[[Any], bool]
 class ControlProtocol(NamedTuple):
     """What somebody may send."""
 
-    # Kind of the message to its fields, and what they can be.
-    kinds: Mapping[str, Mapping[str, FieldCheck]]
+    kinds: Mapping[str, Mapping[str, FieldCheck]]  # Kind of message to its fields and their checks
     max_bytes: int = MAX_CONTROL_BYTES
 
 

@@ -22,8 +22,7 @@ from palpate.messages.bus.sockets import Socket, bind, received
 from palpate.messages.codec import Header, pack_frame
 
 SEND_TIMEOUT = 10.0  # A sender gives up after its queue has been full for this long, s
-# Frames of this many bytes are handed over without a copy; below, a copy is cheaper.
-ZERO_COPY_BYTES = 1 << 16
+ZERO_COPY_BYTES = 1 << 16  # Frames of so many bytes are handed over without a copy
 
 
 class BlockedError(RuntimeError):

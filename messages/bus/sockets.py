@@ -90,13 +90,10 @@ class Addresses:
     taps: Mapping[str, str]  # Name of the node to the address of its tap
     control: str  # Address at which the launcher listens to the nodes
     tools: str  # Address at which the launcher answers tools
-    # Name of the node to the file in which it puts down what it consumes.
-    journals: Mapping[str, str]
+    journals: Mapping[str, str]  # Node to the file in which it puts down what it consumes
     times: Mapping[str, str]  # Name of the node to the file of the times at which it published
-    # Name of the node to the file in which it keeps what it published and has no memory for.
-    pasts: Mapping[str, str]
-    # File of the secret key with which all sockets are locked; empty within one machine.
-    key: str = ""
+    pasts: Mapping[str, str]  # Node to the file of what it published and does not remember
+    key: str = ""  # File of the secret key that locks all sockets; empty within one machine
     ahead_ns: int = 0  # How far the launcher's clock is ahead of this machine's, ns
     going: bool = False  # Whether the graph had been started when this node was started again
 

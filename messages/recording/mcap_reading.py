@@ -22,8 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 
 MAGIC = b"\x89MCAP0\r\n"
-# Of a chunk, packed or not: the largest message, and what a writer puts before it.
-MAX_CHUNK_BYTES = (256 << 20) + (1 << 20)
+MAX_CHUNK_BYTES = (256 << 20) + (1 << 20)  # Of a chunk: the largest message, and what stands before
 # Most bytes of those records that are held in memory.
 MAX_HELD_BYTES: Mapping[int, int] = {
     Opcode.CHUNK: MAX_CHUNK_BYTES,
@@ -49,12 +48,10 @@ LZ4_RATIO = 255  # No byte packed by lz4 becomes more
 # can be a part of one repetition.
 MIN_PACKED_BYTES = 3
 MAX_DECLARED_BYTES = 1 << 20  # Of all schemas and channels of a file
-# Packed bytes that are unpacked at once, to at most 4 MiB and what lz4 holds back of one block.
-_UNPACK_BYTES = 1 << 14
+_UNPACK_BYTES = 1 << 14  # Packed bytes unpacked at once, to at most 4 MiB and lz4's last block
 _MESSAGE = struct.Struct("<HIQQ")
 _INSIDE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-# Of one table of texts: each costs a hundred times the bytes that it may take in a file.
-MAX_TABLE_ENTRIES = 4096
+MAX_TABLE_ENTRIES = 4096  # Of one table of texts: each costs a hundred times its bytes in a file
 MAX_NAME_CHARS = 256  # Characters of a topic or a type
 _U16 = struct.Struct("<H")
 _U32 = struct.Struct("<I")

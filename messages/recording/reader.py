@@ -51,8 +51,7 @@ class Recording:
     version: str  # Version of palpate that wrote it
     graph: bytes  # Description of the graph that ran; empty if it has none
     counts: Mapping[str, int]  # Messages by topic
-    # Topic to the name of its message type and the hash of that type's schema.
-    types: Mapping[str, tuple[str, int]]
+    types: Mapping[str, tuple[str, int]]  # Topic to its message type and the hash of its schema
     about: Mapping[str, str]  # All that the recording says of itself, text by name
     closed: bool  # False if the recorder was killed: then the last messages may be missing
 

@@ -220,8 +220,7 @@ class Ending:
     # ``finished``: the ending node said so and every message was consumed. ``died``: a node failed.
     # ``stalled``: all quiet without an end. ``interrupted``: somebody pressed Ctrl-C.
     status: Literal["finished", "died", "stalled", "interrupted"]
-    # One sentence: the reason of Finished, or which node died of what, or who waits for whom.
-    reason: str
+    reason: str  # One sentence: the reason of Finished, who died of what, or who waits for whom
     # The last counters of each node.
     statuses: Mapping[str, NodeStatus] = field(default_factory=dict)
     gaps: int = 0  # Missing messages over all reliable topics

@@ -34,8 +34,7 @@ FAILED = 3  # Exit code of a node that has told the launcher why it failed
 HEARTBEAT_PERIOD = 0.25  # A node gives a sign of life this often, s
 IDLE_MS = int(HEARTBEAT_PERIOD * 500)
 FLUSH_MS = 20  # A sink to which nothing comes for so long puts away what it holds
-# A sink that is told to end still writes what has arrived, for at most this long, s.
-DRAIN_TIME = 1.0
+DRAIN_TIME = 1.0  # A sink that is told to end still writes what has arrived, for so long, s
 MAX_TRACE_CHARS = 20_000  # Longest trace that is sent to the launcher, characters
 # Takes what is to be called when the process is asked to end, instead of dying at once.
 OnTerminate = Callable[[Callable[[], None]], None]

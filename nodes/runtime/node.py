@@ -39,8 +39,7 @@ class Deferred:
     """
 
     cls: type  # Its type
-    # Makes it, and names the steps of that; of what it is bound to nothing may change
-    make: Callable[[Steps], object]
+    make: Callable[[Steps], object]  # Makes it, naming its steps; nothing it is bound to may change
 
 
 def resolved(message: object) -> object:
@@ -48,8 +47,7 @@ def resolved(message: object) -> object:
     return message.make(no_steps) if isinstance(message, Deferred) else message
 
 
-# Topic and message each, or `Deferred`, in the order in which they are published.
-Outputs = list[tuple[str, object] | Finished]
+Outputs = list[tuple[str, object] | Finished]  # Topic and message, or `Deferred`, in their order
 # ``(params, state, message) -> (state, outputs)``; changes none of its arguments.
 Handler = Callable[[Any, Any, Any], tuple[Any, Outputs]]
 
@@ -59,8 +57,7 @@ class Node:
     """What a node subscribes to, publishes and does."""
 
     params: type  # Type of the parameters: a frozen ``msgspec.Struct``
-    # ``params -> (state, outputs)``, called once before any input.
-    start: Callable[[Any], tuple[Any, Outputs]]
+    start: Callable[[Any], tuple[Any, Outputs]]  # ``params -> (state, outputs)``, before any input
     inputs: Mapping[str, tuple[type, Handler]]  # Topic to message type and handler
     outputs: Mapping[str, type]  # Topic to message type
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
@@ -68,8 +65,7 @@ class Node:
     # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
     # that of the first finger alone subscribes to and publishes them.
     shared: tuple[str, ...] = ()
-    # Longest time that a handler may take, s: after it, a node that is at work hangs.
-    handler_timeout: float = HANDLER_TIMEOUT
+    handler_timeout: float = HANDLER_TIMEOUT  # Longest time of a handler, s: then the node hangs
     step: str = ""  # What its work is called where time is told by steps; its name if left out
     # It acts on the world: when it is started again it is not handed once more what it has handled,
     # and begins with a fresh state; what it has published is kept in a file.
@@ -128,8 +124,7 @@ class Sink:
     """A node that receives every reliable topic, undecoded, and publishes nothing: the recorder."""
 
     params: type  # Type of the parameters: a frozen ``msgspec.Struct``
-    # ``(params, {topic: name of its message type}) -> writer``.
-    open: Callable[[Any, Mapping[str, str]], SinkWriter]
+    open: Callable[[Any, Mapping[str, str]], SinkWriter]  # ``(params, {topic: type}) -> writer``
     # The same after it was killed, with the messages of each topic that it has kept; without it the
     # sink cannot be started again.
     resume: Callable[[Any, Mapping[str, str]], tuple[SinkWriter, Mapping[str, int]]] | None = None
@@ -173,15 +168,12 @@ class Wiring:
     inputs: tuple[Input, ...]  # What it subscribes to
     outputs: Mapping[str, str]  # The topic as the node calls it, to the topic on the wire
     subscribers: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of its subscribers
-    # Topic on the wire to the name of its message type.
-    types: Mapping[str, str] = field(default_factory=dict)
+    types: Mapping[str, str] = field(default_factory=dict)  # Topic on the wire to its message type
     host: str = ""  # Address of the machine on which it runs; empty for the launcher's
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
     on_exit: OnExit = "restart"  # What is done when it dies
-    # Longest time for which it may give no sign of life though it works, s.
-    handler_timeout: float = HANDLER_TIMEOUT
-    # Whether what it publishes is kept beyond its death, for it could not publish it again.
-    persistent: bool = False
+    handler_timeout: float = HANDLER_TIMEOUT  # Longest time without a sign of life at work, s
+    persistent: bool = False  # Whether what it publishes is kept beyond its death: it cannot again
 
 
 def lone_wiring(

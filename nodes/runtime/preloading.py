@@ -16,8 +16,7 @@ from contextlib import suppress
 from importlib import import_module
 from types import CodeType, FunctionType, ModuleType
 
-# Variable of the environment with the names of the modules, between blanks.
-PRELOAD_VARIABLE = "PALPATE_PRELOAD"
+PRELOAD_VARIABLE = "PALPATE_PRELOAD"  # Of the environment: names of modules between blanks
 _PR_SET_PDEATHSIG = 1
 _WHOLE: set[str] = set()  # Modules that are imported with all that they take
 

@@ -13,8 +13,7 @@ from palpate.nodes.runtime import work
 from palpate.nodes.runtime.node import Finished, Source, Timed, Wiring
 
 POLL_PERIOD = 0.01  # A source that has nothing to publish is asked again after this long, s
-# The last of a wait is not spent on the sockets, s: a poll is no more exact than that.
-SPIN_TIME = 1.5e-3
+SPIN_TIME = 1.5e-3  # The last of a wait is not spent on the sockets, s: a poll is no more exact
 SLEEP_OVERSHOOT = 3e-4  # A sleep may be late by so much, s
 BATCH = 64  # Messages that are published before others are received again
 _END: Any = object()

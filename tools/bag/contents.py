@@ -51,8 +51,7 @@ class BagInfo(TypedDict):
     duration_s: float  # From the first message to the last, by the time at which they were sent
     messages: int
     topics: list[BagTopic]
-    # By record and name, the value, or the number of its characters if it is long.
-    metadata: dict[str, dict[str, str | int]]
+    metadata: dict[str, dict[str, str | int]]  # By record and name, the value, or how long it is
     nodes: list[str]
 
 

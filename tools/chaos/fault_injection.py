@@ -46,8 +46,7 @@ BESIDE = ("flood", "late")
 FAULT_KINDS = (*ONE, *SEVERAL, *BESIDE, *ENDING)
 PHASES = ("start", "grasp", "tracing", "models", "end")
 RECORDER_NAME = "recorder"
-# Faults that one node meets in a run: more within 10 s would be a storm, which ends it.
-MAX_PER_NODE = 3
+MAX_PER_NODE = 3  # Faults that one node meets in a run: more within 10 s would be a storm
 # What is published in each phase; the second where a graph publishes nothing of the first.
 _MARKS = {
     "grasp": ("/hand/goal",),
@@ -73,8 +72,7 @@ class InjectionLog:
     """What was done to one run."""
 
     faults: list[Fault] = field(default_factory=list)  # Those that found somebody to hit
-    # Nodes that were hit while the graph ran, and came back.
-    back: list[NodeRecovery] = field(default_factory=list)
+    back: list[NodeRecovery] = field(default_factory=list)  # Were hit while the graph ran
     ended_by: str = ""  # Kind of the fault that was to end the run, if it was still running
     session: int = 0  # Number of the session of its processes
 

@@ -22,8 +22,7 @@ from mcap.stream_reader import StreamReader
 
 MAX_RECORD_BYTES = 512 << 20  # Of one record
 _TOUCH = ("goal", "touch")
-# Published by one for all fingers: their namespaces do not count.
-_SHARED = ("/contour/goal", "/probe/goal")
+_SHARED = ("/contour/goal", "/probe/goal")  # Published by one for all: namespaces do not count
 Key = tuple[str, tuple[str, ...], tuple[int, ...]]
 
 

@@ -31,8 +31,7 @@ from palpate.tools.chaos.fault_injection import (
 from palpate.tools.chaos.history import causality_violations, digests, read_history, violations_in
 
 FAULTS_PER_RUN = 8  # Of one run, unless one of them ends it
-# A run may take so many times as long as the undisturbed one, and so many s more.
-SLOWER, LONGEST = 20.0, 120.0
+SLOWER, LONGEST = 20.0, 120.0  # Times the undisturbed run, and s more, that one may take
 INTERRUPTED = 130
 EXIT_GRACE = 5.0  # Processes are gone so soon after their launcher, s
 FLOODED_LAUNCH_FILE = """# Another graph with a source beside it that floods the recorder.

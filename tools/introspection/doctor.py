@@ -23,8 +23,7 @@ from palpate.launch.processes import FOLDER_PREFIX, SILENCE, RunCard, runtime_fo
 from palpate.tools.introspection.requests import StatusSample, request, sample_status
 from palpate.tools.introspection.topics import is_running
 
-# Free space on a disk that makes a long recording doubtful, and any, bytes.
-LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24
+LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24  # Free bytes of a disk: doubtful for long recordings, any
 MIN_OPEN_FILES = 256  # Open files that a process needs, at the least
 LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # In a private folder, named at random
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -35,8 +34,7 @@ ENVIRONMENT_VARIABLES = ("XDG_RUNTIME_DIR", "TMPDIR", *THREADS)
 class Finding(NamedTuple):
     """One thing that was looked at."""
 
-    # ``WARN``: it works, but worse. ``FAIL``: it does not work.
-    level: Literal["ok", "WARN", "FAIL"]
+    level: Literal["ok", "WARN", "FAIL"]  # ``WARN``: it works, but worse. ``FAIL``: it does not
     text: str  # What was found, and what to do about it, in one sentence
 
     def __str__(self) -> str:

@@ -187,5 +187,4 @@ def _window(rates: Rates) -> str:
     return f"window: {rates.received}" + (f" ({missed} sent, but not received)" if missed else "")
 
 
-# Some lines about one publisher; None if too little has come to say anything.
-RateText = Callable[[Rates], str | None]
+RateText = Callable[[Rates], str | None]  # Lines about one publisher; None if too little has come

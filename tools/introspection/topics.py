@@ -34,8 +34,7 @@ class TapMessage(NamedTuple):
     publisher: str  # Name of the node that sent it
     header: Header
     body: bytes
-    # Messages of this publisher and topic that were sent since the last copy, and not received.
-    lost: int
+    lost: int  # Messages of this publisher and topic sent since the last copy, and not received
     came_ns: int  # Monotonic clock when the tool took it, ns
 
 
@@ -148,8 +147,7 @@ class Topic(NamedTuple):
 
     name: str  # As it is on the wire
     type: str  # Name of its message type; empty if the graph does not say
-    # The nodes that publish it: one, but all of them where nodes speak of themselves.
-    publishers: tuple[str, ...]
+    publishers: tuple[str, ...]  # Who publish it: one, or all where nodes speak of themselves
     subscribers: tuple[str, ...]  # The nodes that receive it
 
 

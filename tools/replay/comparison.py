@@ -15,8 +15,7 @@ from palpate.messages import CodecError, decode, first_difference, schema, short
 # What is not measured but counted: arrays of another shape, tables with other keys, elements of a
 # mask, texts and the like, and bodies that differ though their values do not.
 ChangeKind = Literal["shape", "keys", "element", "value", "byte"]
-# Units of single numbers, where a field names fewer than it has numbers: a pose.
-POSE_UNITS = {"m, 1": ("m",) * 3 + ("1",) * 4}
+POSE_UNITS = {"m, 1": ("m",) * 3 + ("1",) * 4}  # Of single numbers, where a field names fewer
 
 
 class TopicComparison:

@@ -22,8 +22,7 @@ from palpate.messages.recording import RecordedMessage, Recording
 from palpate.nodes import runtime
 from palpate.tools.replay.comparison import TopicComparison
 
-# A recording names modules to import; others than ours only if the user names the node.
-OWN_PACKAGE = "palpate."
+OWN_PACKAGE = "palpate."  # Others' modules are imported only if the user names the node
 
 
 class Shortage(NamedTuple):

@@ -36,8 +36,7 @@ class SweepSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     )  # A shipped scene's name or a file, as on the command line; or several
     # So many, from 0, or which ones; the scene's own if left out.
     seeds: Annotated[int, Meta(ge=1, le=MOST_RUNS)] | Several[Seed] | None = None
-    # Values by parameter, ``node.param`` or ``scene.path``; every combination is run.
-    grid: dict[str, Several[Any]] = {}
+    grid: dict[str, Several[Any]] = {}  # By ``node.param`` or ``scene.path``; all combinations run
     # Or these combinations, one after the other, each with all of the grid.
     combinations: list[dict[str, Any]] = field(default_factory=list, name="list")
 

@@ -36,8 +36,7 @@ DropReason = (
 FINE = 512  # Places along each curve at which it is compared with others
 LEAST_CURVE_POINTS = 3
 EVEN_CONDITION = 3.0  # Of the system for even steps: its eigenvalues lie between 1/3 and 1
-# So many times farther along the contour than across is more than noise: the steps are uneven.
-ISOTROPIC = 1.6
+ISOTROPIC = 1.6  # So many times farther along the contour than across is no noise: it is uneven
 CLEAR = 8.0  # Chords so many times longer than the noise tell how even the steps are
 WIDEST = 6  # Of the points, one in so many is the longest such chord: a sixth of a turn
 CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))  # Of noise, from the cubic through two on each side

@@ -106,8 +106,7 @@ def point_outliers(loops: tuple[ContourCurve, ...], places: Floats) -> PointOutl
             break
         outlier |= new
         mended[new] = course.predicted(bent)[new]
-    # Those stay that are off as well once their neighbours have been mended.
-    beside = mended[all_.near]
+    beside = mended[all_.near]  # Those stay that are off once their neighbours are mended
     off = neighbour_deviation(beside, all_.ahead).off - common
     allowed = _allowed(off, nearby, least, all_)
     allowed[:, 0] += SLACK * all_.slack
@@ -136,8 +135,7 @@ def _in_a_row(loops: tuple[ContourCurve, ...]) -> _Points:
     before, after = away[:, :REACH], away[:, REACH + 1 :]
     ahead = np.hstack([before - (before > 0.0), 0.0 * away[:, :1], after + (after < 0.0)])
     judged = counts[owner] >= LEAST_POINTS
-    # Among few points some are neighbours on both sides; they are not judged.
-    ahead = np.where(judged[:, None], ahead, reach)
+    ahead = np.where(judged[:, None], ahead, reach)  # Some of few are on both sides: not judged
     slack = [
         0.0 if same_steps(loop.curve.parameters) else loop.perimeter / len(loop.points)
         for loop in loops
@@ -322,8 +320,7 @@ def _gain(
         near = bad[max(row - PAIRED[-1], 0) : row + PAIRED[-1] + 1].any()
         allowed = UNEXPLAINED_NEAR if near or len(rows) > 1 else UNEXPLAINED
         allowed = UNEXPLAINED_END if row in (1, len(errors) - 2) else allowed
-        # What is left along the way in which this contour is off, over that way's length.
-        share = shares[:, row]
+        share = shares[:, row]  # What is left along the way in which this contour is off
         seen = np.flatnonzero(share)
         rest = left[seen] @ one / (one @ one)
         if (rest**2).sum() > allowed * ((rest + share[seen]) ** 2).sum():

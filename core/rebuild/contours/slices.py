@@ -251,8 +251,7 @@ def _places(slices: Slices, count: int, methods: tuple[CorrespondenceMethod, ...
     shapes = slices.fine - slices.middles[:, None]
     rays = start_ray(shapes)
     steps = minimum_twist(shapes)
-    # In the middle of the stack, so that what is wrong in a step moves few slices.
-    middle = len(shapes) // 2
+    middle = len(shapes) // 2  # So that what is wrong in a step moves few slices
     around = np.arange(count) / count
     found: dict[CorrespondenceMethod, Callable[[], Floats]] = {
         "twist": lambda: begin_turns(steps, middle, rays[middle])[:, None] + around,

@@ -255,8 +255,7 @@ def choose_profile(
     kind = next(name for name, miss in misses.items() if miss <= enough)
     if kind not in LEVEL or not dense:
         return kind, profiles[kind], misses
-    # A sharp edge, or what follows the rows clearly better: a shoulder, or an arc.
-    rows = depths, radii, end, beyond
+    rows = depths, radii, end, beyond  # A sharp edge, or what follows the rows clearly better
     by_edge, by_shoulder = (_misfit(profiles[name], *rows) for name in LEVEL)
     most = min(CLEARLY * by_shoulder, CLOSELY * float(radii[-1]) + TOGETHER * scatter)
     if kind == "flat":

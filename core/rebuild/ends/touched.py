@@ -189,8 +189,7 @@ def end_from_contacts(
         )
         return with_touched_middle(ends[0 if inwards > 0.0 else 1], row, contacts)
 
-    # By how much the middles of the rows move aside along the height.
-    away = heights - heights.mean()
+    away = heights - heights.mean()  # By how much the rows' middles move aside with the height
     middles = np.array([area_centroid(ring) for ring in grid])
     ahead = away @ middles / float(away @ away) * (0.0 if end is None else end - rim)
     first = closed(ahead)
@@ -409,8 +408,7 @@ def _end_contact(touch: int, points: Floats) -> EndContact:
     place = points.mean(axis=0)
     away, z = (points - place)[:, :2], points[:, 2] - place[2]
     width = float(np.sqrt(np.mean((away**2).sum(axis=1))))
-    # In its own width, so that the unit of length does not matter.
-    x, y = away.T / (width or 1.0)
+    x, y = away.T / (width or 1.0)  # In its own width: the unit does not matter
     rows = quadric_terms(x, y)
     plane, bent = (np.linalg.lstsq(rows[:, :count], z, rcond=None)[0] for count in (3, 6))
     off = float(np.sqrt(np.mean((z - rows[:, :3] @ plane) ** 2)))

@@ -36,21 +36,18 @@ from palpate.core.rebuild.side import ContourSurface
 SIDES = (7, 9, 11, 13, 17, 21)  # Control points across a section each way that are tried
 FILLS: tuple[SectionFill, ...] = ("bending", "rings", "cones")
 FURTHER = 1  # How many larger sides are tried once the skin is met, if the inside folds
-# Of the size: a misfit that matters to nobody, and one that does however little is known.
-PRECISE, POOR = 1e-5, 1e-3
+PRECISE, POOR = 1e-5, 1e-3  # Of the size: a misfit that matters to nobody, and one that always
 TURNS_EACH = 2  # Places around for each coefficient of the skin
 LEAST_TURNS = 96
 BLOCK = 4096  # Turns for which columns of layers are laid out at a time
 _CHOOSE = ((1, 0, 0), (1, 1, 0), (1, 2, 1))
-# Places at which folds are looked for: across a section, and for each layer.
-RADII, TURNS, LAYERS = 7, 24, 3
+RADII, TURNS, LAYERS = 7, 24, 3  # Places where folds are looked for: across, and by layer
 # Of refinement.
 STEPS = 16  # Steps at most
 # Damping of a step, over the mean weight of the points: each leaves a tenth of what is left of one
 # that stands alone, and takes up little of what neighbours contradict each other by.
 CAREFUL = 0.1
-# A step that leaves more than this of the distances is the last: points contradict each other.
-GAIN = 0.9
+GAIN = 0.9  # A step that leaves more of the distances is the last: points contradict each other
 ENOUGH = 1e-10  # Of the size: what the points are passed to
 PLACE_STEPS = 3  # Steps towards the nearest places, after each change
 WIDEST = 0.05  # Of the side, along and around: the widest of those steps
@@ -72,8 +69,7 @@ class Refinement(NamedTuple):
     """How a lattice was changed so that its side passes further points; lengths in m."""
 
     points: int  # Points that it was to pass
-    # Further ones, nearest to an end of the solid, which no control point of the side moves.
-    beyond: int
+    beyond: int  # Further ones, nearest to an end of the solid, which no control point moves
     before: float  # Root mean square distance of the points from the side, m
     after: float  # The same afterwards
     most: float  # The largest distance afterwards, m
@@ -467,8 +463,7 @@ def _report(
     before: LatticeFit, after: LatticeFit, first: Floats, last: Floats, steps: int
 ) -> Refinement:
     moved = np.linalg.norm(after.lattice.control - before.lattice.control, axis=-1)
-    # Folds are sampled in the whole prism: layers need not be level.
-    places, weights = after.section.inside()
+    places, weights = after.section.inside()  # In the whole prism: layers need not be level
     layers = after.lattice.volume.bases[2].count
     along = (np.arange(layers) + 0.5) / layers
     local = np.column_stack([np.repeat(places, layers, axis=0), np.tile(along, len(places))])

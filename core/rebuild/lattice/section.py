@@ -56,11 +56,9 @@ RINGS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.88)
 # corner is a turned one; a sharper one would turn its corners between two places.
 ROUNDEST, SHARPEST = 1.0, 0.2
 EXPONENTS = np.array([1.0, 0.8, 0.6, 0.45, 0.33, 0.25, SHARPEST])
-# Directions of the axes that are tried within a quarter turn, besides those of the ellipse.
-ANGLES = 12
+ANGLES = 12  # Directions of the axes that are tried within a quarter turn, and the ellipse's
 CLEARLY = 0.8  # Of the misfit of an ellipse along its own axes: another section must leave less
-# Of a curve's first harmonic: less of the backward one is none, and no direction the longer.
-SECTION_EVEN = 1e-6
+SECTION_EVEN = 1e-6  # Of a curve's first harmonic: less of the backward one is none
 LEADS = 64  # Coefficients of the azimuths' lead
 SLOWEST = 0.25  # Of the mean: least speed of the azimuth, so that no place is taken twice
 THIN = 1e-3  # Least aspect of a section: a line cannot be a box
@@ -190,8 +188,7 @@ def solve_section(
     bending, drawn, fading = STRENGTHS[fill]
     form = system.form + bending * system.bending + HELD * np.eye(side**2)
     box = (2.0 * system.rim - 1.0) @ section.axes
-    # The undeformed lattice is a map, too: what is solved for is how it must move.
-    moves = curves - section.middle - box
+    moves = curves - section.middle - box  # The undeformed lattice is a map: how it must move
     right = system.seen.T @ _layers_last(moves) / _mean(system.seen)
     if drawn:
         inner = [section_matrix(system.basis, 0.5 + q * (system.rim - 0.5)) for q in RINGS]
@@ -255,8 +252,7 @@ def _resembling(mean: Complexes, middle: complex) -> Section:
     own = 0.0 if even else 0.5 * float(np.angle(forwards * backwards))
     angles = np.concatenate([[own], 0.5 * np.pi * np.arange(ANGLES) / ANGLES])
     tried = [_boxed(mean, float(angle)) for angle in angles]
-    # How far the curve is from the superellipse of each exponent, as a length.
-    misfits = np.empty((len(angles), len(EXPONENTS)))
+    misfits = np.empty((len(angles), len(EXPONENTS)))  # From the superellipse of each exponent
     for row, (places, half, _) in enumerate(tried):
         azimuth, radius = np.angle(places), np.abs(places)
         off = [radius - np.abs(rim_of(float(e), azimuth)[0]) for e in EXPONENTS]
@@ -318,8 +314,7 @@ class Section:
     """A superellipse in the plane."""
 
     middle: Floats  # (2,), m
-    # Rows are the semi-axes, (2, 2), m; the second lies counter-clockwise of the first.
-    axes: Floats
+    axes: Floats  # Rows are the semi-axes, (2, 2), m; the second counter-clockwise of the first
     exponent: float  # 1 is an ellipse, towards 0 it becomes a rectangle
     # By how much the azimuth runs ahead of the turn, in turns: coefficients of a closed spline,
     # (k,).

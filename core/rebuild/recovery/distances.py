@@ -27,8 +27,7 @@ from palpate.core.shapes import PNorm, PNormCurvature, p_norm, p_norm_curvature
 RIGID = 11
 LEAST_SLOPE = 1e-12
 LEAST_CURVATURE = 1e-150  # Below it, a bend is none: its square would underflow
-# Nearer to the centre of curvature, as a share of the radius, slopes are taken as there.
-LEAST_STRETCH = 1e-3
+LEAST_STRETCH = 1e-3  # Nearer to the centre of curvature, of the radius, slopes are as there
 # Of the half height: beyond the ends, the widths go over to constants within about that, without
 # the sudden stop that would make derivatives jump where the top's own points lie.
 SOFT_END = 0.05
@@ -295,8 +294,7 @@ def unbend(bent: Triple, bend: Floats) -> Unbent:
     up, level = k * z, 1.0 - k * inwards
     stretch = np.maximum(np.hypot(up, level), LEAST_STRETCH)
     angle = np.arctan2(up, level)
-    # Less digits are lost in 1 - cos and t - sin below by their series than by themselves.
-    small = np.abs(angle) < 0.3
+    small = np.abs(angle) < 0.3  # By their series 1 - cos and t - sin lose fewer digits
     safe_angle, square = np.where(small, 1.0, angle), angle * angle
     chord = np.sinc(angle / np.pi)
     half = np.sinc(angle / (2.0 * np.pi))
@@ -382,8 +380,6 @@ class Untapered(NamedTuple):
     width: tuple[Floats, Floats]  # Of the section, as a share
     share: Floats  # Height as a share of the half height, held near 1 beyond the ends
     hold: tuple[Floats, Floats]  # Its first and second derivative by the height in half heights
-    # Logarithmic derivative of the width by the height in half heights.
-    narrowing: tuple[Floats, Floats]
-    # Second derivative of the width by that height, as a share of the width.
-    easing: tuple[Floats, Floats]
+    narrowing: tuple[Floats, Floats]  # Of the width by the height in half heights, logarithmic
+    easing: tuple[Floats, Floats]  # Second derivative of the width by that height, over the width
     scale: Triple  # Reciprocals of the semi-axes, (b, 1), the first two over the width

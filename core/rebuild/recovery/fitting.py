@@ -26,15 +26,13 @@ from palpate.core.rebuild.recovery.distances import Warps, distances_alone, norm
 
 FARTHEST = 1e150  # m: squares beyond it overflow
 FIRST_STEPS, SECOND_STEPS, NEXT_STEPS, LAST_STEPS = 4, 6, 60, 200
-# One in so many starts goes on after the first steps, but at least this many.
-DROPPED, FEWEST = 3, 48
+DROPPED, FEWEST = 3, 48  # Of starts that go on after the first steps: one in so many, at least
 KEPT, KEPT_ROBUST = 4, 8  # Starts that are solved to the end
 TURN = slice(5, 8)  # Where the rotation vector is among the parameters
 MANY = 200  # Points among which the best start is found; all of them end it
 ROUGH, FINE = 1e-6, 1e-9  # Tolerances: see `levenberg_marquardt`
 SCALES = (0.02, 0.01)  # Of the points' diameter: distances beyond which a robust loss grows slowly
-# Shares of the outlying points that the extents of starts may leave out.
-TRIMMED = (0.15, 0.3, 0.45)
+TRIMMED = (0.15, 0.3, 0.45)  # Shares of outlying points that the extents may leave out
 FAR = 3.0  # Standard deviations beyond which a point is an outlier
 ALIKE = 1e-6  # Share of its cost by which a fit must be worse than another to be another
 LEEWAY = 1.1  # Times the least cost: no more than chance makes of it with some fifty points
@@ -167,8 +165,7 @@ def _starts_along(
     half, middle = np.maximum(0.5 * (high - low), LEAST_EXTENT), 0.5 * (low + high)
     tapers, bends = _guesses((places - middle) / half, half, warps)
     count = len(bends)
-    # The extents of a bent solid show its sag, half of it to each side of its middle.
-    sag = 0.5 * bends * half[2] ** 2
+    sag = 0.5 * bends * half[2] ** 2  # A bent solid shows its sag, half to each side
     size, place = np.tile(half, (count, 1)), np.tile(middle, (count, 1))
     size[:, :2] = np.maximum(size[:, :2] - 0.5 * np.abs(sag), WARPED_SIZES[0] * half[:2])
     place[:, :2] -= 0.5 * sag

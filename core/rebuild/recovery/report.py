@@ -64,8 +64,7 @@ THINNEST = 1e-3  # Of the largest extent: no ellipsoid is given thinner than thi
 MEDIAN_STEPS = 30
 WEIGHT_STEPS = 10
 FULL_WEIGHT = 1.45  # Of the median distance: what is nearer counts fully
-# Of the variance, added in every direction, so that flat points have distances too.
-LEAST_SPREAD = 1e-9
+LEAST_SPREAD = 1e-9  # Of the variance, added in every direction: flat points have distances too
 
 
 class Scaled(NamedTuple):
@@ -184,8 +183,7 @@ def certainty(jacobian: Floats, noise: float, free: Bools) -> tuple[Floats, int,
     singular = np.linalg.svd(columns[:, kept] / length[kept], compute_uv=False)
     rank = int((singular > NEGLIGIBLE * singular[0]).sum())
     condition = float(singular[0] / max(singular[-1], NEGLIGIBLE**2 * singular[0]))
-    # By the triangle of Jacobian and prior together: no square of either is formed.
-    noise = max(noise, NEGLIGIBLE**2)
+    noise = max(noise, NEGLIGIBLE**2)  # Of Jacobian and prior together: no square is formed
     prior = noise / PRIOR * np.eye(len(length))
     triangle = np.linalg.qr(np.concatenate([columns, prior]), mode="r")
     root = np.linalg.solve(triangle, noise * np.eye(len(length)))
@@ -236,8 +234,7 @@ class SearchResult(NamedTuple):
     inliers: Bools  # (n,)
     converged: bool
     folded: bool  # True if no start led to a solid that its bend does not fold; this one does
-    # True if a size, the place, a widening or the bend is at the end of what its start allows.
-    bounded: bool
+    bounded: bool  # Whether a size, the place, a widening or the bend is at its limit
     starts: int  # Starts tried
     steps: int  # Steps tried by the fit that was taken, those of its first stage left out
 
@@ -259,15 +256,13 @@ class Recovery(shapes.FittedSuperquadric):
     # Largest over smallest singular value of the Jacobian, its columns scaled to length 1 and those
     # that are nothing left out; 0 if nothing was fitted.
     condition: float = 0.0
-    # Share of the surface with no inlier as near as the spacing of the points explains.
-    uncovered: float = 1.0
+    uncovered: float = 1.0  # Of the surface with no inlier as near as the points' spacing explains
     # Standard deviation of the surface along its normals, root mean square over it, m: how far off
     # the scatter of the points lets it be.
     looseness: float
     converged: bool = False
     warnings: tuple[RecoveryWarning, ...]
-    # Name of the shape that was chosen, where the exponents were given a choice.
-    choice: str | None = None
+    choice: str | None = None  # Name of the chosen shape, where exponents were given a choice
     starts: int = 0  # Fits that were started
     steps: int = 0  # Steps of the one that was taken
 

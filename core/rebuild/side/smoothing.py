@@ -64,8 +64,7 @@ class Smoothed:
     spare: float  # Values less degrees of freedom, of each component
     freedom: float  # Degrees of freedom spent on each component
     sigma: float  # Estimate of the noise: standard deviation of one component
-    # By which the strengths were chosen; the least is the best among fits of the same values.
-    score: float
+    score: float  # By which the strengths were chosen; the least is best for the same values
 
     @property
     def coefficients(self) -> Floats:

@@ -54,8 +54,7 @@ class Surface:
     seams: Floats  # v at which they begin and end, (pieces + 1,), from 0 to 1
     middle: Floats  # About the middle of its box, (3,)
     size: float  # Diagonal of its box, about
-    # Pose (7,) of the frame in which the pieces are; None if they are where the surface is.
-    frame: Floats | None = None
+    frame: Floats | None = None  # Pose (7,) of the pieces' frame; None: where the surface is
     shear: Shear | None = None  # How the pieces are sheared before
 
     def at(self, v: ArrayLike, turns: ArrayLike, by: Orders = (0, 0)) -> Floats:

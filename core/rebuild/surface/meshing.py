@@ -36,8 +36,7 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 WIDEST_TURN = 0.1  # Of a step around
 ACROSS = 0.02  # Of the piece: how far from a pole the other side is tried
 BELOW = 1e-9  # v below a seam at which the lower piece answers
-# Tolerances of the mesh: nearer than this the surface's own normal says which side it is.
-CLOSE = 4.0
+CLOSE = 4.0  # Tolerances of the mesh: nearer, the surface's own normal says which side it is
 
 
 class SurfaceMesh(NamedTuple):
@@ -64,8 +63,7 @@ def mesh_surface(surface: Surface, tolerance: float | None = None) -> SurfaceMes
             break
         rows, columns = _split(rows, short_rows), _split(columns, short_columns)
         _check_count(len(rows) * len(columns), wanted)
-    # The widest steps are split until rings can be halved often enough.
-    missing = -(len(columns) - 1) % (1 << HALVINGS)
+    missing = -(len(columns) - 1) % (1 << HALVINGS)  # So that rings can be halved often enough
     widest = np.zeros(len(columns) - 1, bool)
     widest[np.argsort(-np.diff(columns), kind="stable")[:missing]] = True
     columns = _split(columns, widest)

@@ -13,11 +13,9 @@ from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pad import FaceModel, half_space_influence
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
-# Largest error of the face within the contact, as a share of the deepest indentation.
-TOLERANCE = 1e-7
+TOLERANCE = 1e-7  # Largest error of the face within the contact, over the deepest indentation
 MOST_STEPS = 1000  # Thirty are usual at 16 by 16 taxels, a hundred at 32 by 32
-# Length of a projected step, over the largest stiffness of the scaled problem: below 2.
-EXPANSION = 1.9
+EXPANSION = 1.9  # Of a projected step, over the largest stiffness of the scaled problem: below 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,8 +49,7 @@ class HalfSpace(Ranged):
 
         def apply(touch: SimulatedTouch, state: None) -> None:
             indentation = touch.indentation.ravel()
-            # Where the surface does not enter the face it can only be too far from it.
-            near = np.flatnonzero(indentation > 0.0)
+            near = np.flatnonzero(indentation > 0.0)  # Elsewhere it can only be too far from it
             if not near.size:
                 return
             columns, deepest = kernel[near], float(indentation.max())

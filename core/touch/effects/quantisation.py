@@ -11,8 +11,7 @@ import numpy as np
 from palpate.core.plugins import Range, check_ranges
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
-# Of a scene that says neither, Hz: 5 um at 1000 m/s. 20 MHz, an array of the 1990s, are 25.
-CLOCK = 100e6
+CLOCK = 100e6  # Of a scene that says neither, Hz: 5 um at 1000 m/s. 20 MHz, of the 1990s, are 25.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
