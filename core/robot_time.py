@@ -97,8 +97,7 @@ class MoveGeometry(NamedTuple):
     travel: Floats  # From the last start pose to this one, (n,), m
     turn: Floats  # Angle between the two, (n,), rad
     approach: Floats  # From start pose to end of the move, (n,), m; the finger goes back as far
-    # From the last contact to this one, where the finger could have slid, (n,), m; `LIFTED` where
-    # one of the two was none, or they belong to different goals.
+    # From the last contact, if the finger could slide, (n,), m; `LIFTED` where it could not
     along: Floats
 
     @classmethod

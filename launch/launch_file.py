@@ -34,9 +34,7 @@ RESERVED = {"out": "the run directory", "finger": "the number of a finger"}
 class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One node of a launch file."""
 
-    # A module of palpate.nodes, ``module:NODE`` or a dotted module of one's own; the node's name if
-    # left out.
-    kind: str = ""
+    kind: str = ""  # A module of palpate.nodes, ``module:NODE``, or one's own; else the name
     params: dict[str, Any] = {}  # Its parameters
     remap: dict[str, str] = {}  # Topic as the node calls it, to the topic on the wire
     # One such node for each of so many fingers, whose number is ``$(finger)``.

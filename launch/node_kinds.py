@@ -35,14 +35,11 @@ class Entry:
     """A node's name, kind, parameters and place, not yet checked."""
 
     name: str  # Name in the graph: lower case, digits and ``_``
-    # A module of ``palpate.nodes``, ``module:NODE`` (or SINK, SOURCE) or a dotted module of one's
-    # own; the name if empty.
-    kind: str = ""
+    kind: str = ""  # A module of ``palpate.nodes``, ``module:NODE``, or one's own; else the name
     params: Any = field(default_factory=dict)  # Map of plain values, or the node's own parameters
     # Topic as the node calls it, to the topic on the wire; a namespace does not touch it.
     remap: Mapping[str, str] = field(default_factory=dict)
-    # Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``, except of those that
-    # the node shares with the other fingers'.
+    # Before its topics: ``finger_1`` makes ``/finger_1/touch/raw``, but of shared ones
     namespace: str = ""
     host: str = ""  # Machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19

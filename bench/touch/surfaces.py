@@ -18,9 +18,7 @@ CONTACT = 50e-6  # Least compression that counts as touched, m, and in deviation
 CONTACT_SPREADS = 5.0
 COUNTS_FROM = 8  # Touched taxels from which a face counts
 LEAST_TAXELS = 12  # Touched taxels below which a touch tells nothing of curvature
-# In pitches: a face whose taxels scatter less than this across their longest direction is a line of
-# taxels, and no plane can be told from it.
-THINNEST = 0.4
+THINNEST = 0.4  # In pitches: taxels that scatter less across are a line, and tell no plane
 # Height over the pad and number of the face at places x, y.
 PadSurface = Callable[[Floats, Floats], tuple[Floats, Floats]]
 Vector = tuple[float, float, float]

@@ -139,9 +139,7 @@ class Alignment(NamedTuple):
     pose: Floats  # Of the points' frame in the surface's, (7,), w not negative
     rms: float  # Root mean square distance of the moved points from the surface, m
     converged: bool  # No small step lowers it
-    # A motion turned by more than 5 degrees leaves no more than 1.1 times as much: the surface
-    # looks alike from several sides.
-    ambiguous: bool
+    ambiguous: bool  # Turned by over 5 degrees it leaves at most 1.1 times as much: it looks alike
 
 
 class _Scaled(NamedTuple):

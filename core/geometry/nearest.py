@@ -206,8 +206,7 @@ class Triangles(NamedTuple):
 class BoxTree:
     """Boxes about things, boxes about four of those, and so on."""
 
-    # Centres and half extents (n, 3, 4) of the boxes of each level, four of one parent together, m;
-    # the root's children come last.
+    # Centres and half extents (n, 3, 4) of each level's boxes, four of one parent, m; root's last
     levels: tuple[tuple[Floats, Floats], ...]
     order: Indices  # The thing in each box of the first level
 

@@ -24,9 +24,7 @@ from palpate.core.shapes.protocol import INSIDE, MISS, CsgSolid, ImplicitShape, 
 
 CHECK_LEVEL = 3
 LEAST_VOLUME = 1e-9  # Of the box about it; what has less is rounding
-# Of so many solids and more, each is meshed a level coarser, and again for four times as many:
-# together they have no more facets than a few.
-MANY_LEAVES = 8
+MANY_LEAVES = 8  # From so many solids on each is meshed a level coarser, again at four times these
 MOST_PARTS = 64  # Solids and combinations of a tree
 Leaf = CsgSolid | HalfSpace
 ROOM = 3.0  # All that is unbounded is cut to a box this many times as large as the whole

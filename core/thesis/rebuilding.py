@@ -257,13 +257,9 @@ class ThesisSolid:
     """
 
     lattice: splines.Lattice  # Over the contours' box, m; a layer of control points a contour
-    # s, t, u (m, n, 3) of the model's points that were matched with the contours': upwards, then
-    # around from azimuth -pi, the first again at the end.
-    parameters: Floats
+    parameters: Floats  # s, t, u (m, n, 3) of matched model points, upwards, then from azimuth -pi
     triples: ModelTriples | TripleSpline  # Parameters of the whole surface
-    # How far beyond its first and last row the surface is closed by a point, m; None if it ends in
-    # points of its own.
-    cap: float | None
+    cap: float | None  # How far beyond its rows a point closes the surface, m; None: by its own
     order: Ints  # (m,): which of the given contours each layer is
     health: ThesisHealth
 

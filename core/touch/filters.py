@@ -23,16 +23,12 @@ from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad, contact_mask
 # Which filters, and which of two comes first.
 FilterOrder = Literal["auto", "none", "wiener", "median", "median-first", "wiener-first"]
 WINDOW = 3  # Taxels along a side of the neighbourhood
-# In pitches: what bends a line of three by less, or stands off a jet by less, is left to the fit.
-# It is half of what the tightest curve that has a curvature bends.
-UNEVEN = 0.25
+UNEVEN = 0.25  # In pitches: less is left to the fit; half of what the tightest curve bends
 STANDS_OFF = 0.5  # In pitches: what stands off by more is looked at, however badly the jet fits
 FAR = 6.0  # In between, robust deviations from the jet
 BEND_DEVIATIONS = 2.0 * math.sqrt(6.0)  # By which noise alone may bend a line of three: two its own
 OWN_MISFIT = 0.5  # A line supports a taxel if it bends by less than this share of its misfit
-# Even lines of a taxel that can support others: the outermost of a step's corner has three, and so
-# has the middle of five in a row. Impulses are seldom that many in a row.
-CORE_LINES = 3
+CORE_LINES = 3  # Even lines of a taxel that supports others: a step's corner has three
 STRAIGHT = 0.05  # In pitches: what a line of three may bend, beside noise, to count as straight
 # What holds a suspect is itself off by this share of what makes one: the rest of a ridge that the
 # jet misses. From the even surface beside it an impulse gets no support.

@@ -29,9 +29,7 @@ class MeasuredContours(NamedTuple):
     normals: tuple[Floats, ...] | None = None  # (n, 3) each, outwards, or none
     taxels: ContactPoints | None = None  # All that was touched, by number of touch, if known
     tops: Floats | None = None  # (k, 3): where the ends were touched
-    # Pose (7,) of the slicing frame, around whose z axis the contours run, in that of the points;
-    # the same if None.
-    frame: Floats | None = None
+    frame: Floats | None = None  # Pose (7,) of the slicing frame in that of the points; None: same
     notes: tuple[str, ...] = ()  # What was done that a user should know, in sentences
 
     def scaled(self, metres: float) -> MeasuredContours:

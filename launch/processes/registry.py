@@ -252,8 +252,7 @@ class EarlierRun:
     started anew, and what comes is to follow it without a gap.
     """
 
-    # What each node had handled, in its order: it goes through it once more, unheard. Those that
-    # act on the world do not.
+    # What each node had handled, in order: it does so again, unheard, unless it acts on the world
     consumed: Mapping[str, Sequence[Consumed]]
     published: Mapping[str, Sequence[SentMessage]]  # What those had published that act on the world
     # Topics and times, ns, of what the others had published: they do so again with these.

@@ -163,8 +163,7 @@ class Publisher:
                 handshake.greeting(request.call, self.epoch), "the greeting of a joining node"
             )
             return
-        # A subscriber that reconnects says its old cursors again; those of an earlier start
-        # of this node carry that start's epoch.
+        # Who reconnects says old cursors again; those of an earlier start have its epoch
         if request.epoch != self.epoch or request.topic not in self._subscribers:
             return
         for frame in self._past.since(request.topic, request.wanted):

@@ -177,8 +177,7 @@ def _records(
     match opcode:
         case Opcode.CHUNK:
             yield from chunk_records(content, declared)
-        # What says nothing is read all the same: a chunk whose kind was damaged must not go missing
-        # as one of these.
+        # What says nothing is read all the same: a chunk must not go missing as one of these
         case Opcode.SCHEMA:
             yield declared.schema(memoryview(content))
         case Opcode.CHANNEL:

@@ -128,9 +128,7 @@ class RecordingEnd(NamedTuple):
 
     part: Path  # The file in which they end
     byte: int  # So many bytes of it are whole
-    # Why they end there, as the rest of a sentence that begins with the file; empty if the
-    # recording was closed.
-    why: str
+    why: str  # Rest of a sentence that begins with the file; empty if closed
 
 
 class ReadablePrefix:

@@ -149,8 +149,7 @@ def _die_with_parent(number: signal.Signals) -> None:
 class NodeLoop:
     """A node's loop over its station."""
 
-    # `going`: whether the graph had been started before. The node then goes through what it had
-    # done, and that is sent only to those who lack something of it.
+    # `going`: whether the graph had been started before; what is done again goes to who lacks it
     def __init__(self, name: str, station: bus.NodeSockets, *, going: bool = False) -> None:
         self.work: Work | None = None  # What the node does; None until it is loaded
         # Where it puts down what it handles; only of nodes that could do it again

@@ -38,9 +38,7 @@ class FrameSequence(NamedTuple):
     """Frames of one array, in the order in which they were taken."""
 
     images: Floats  # What the taxels sent, (n, rows, cols)
-    # Poses of the pad: x, y, z in m, a quaternion x, y, z, w; its z axis points into the object;
-    # (n, 7).
-    poses: Floats
+    poses: Floats  # (n, 7): x, y, z in m, quaternion x, y, z, w; z into the object
     times: Floats | None  # When each was taken, (n,), s; None if the file does not say
 
 
