@@ -104,8 +104,7 @@ class MoveGeometry(NamedTuple):
     def of_rows(cls, rows: ArrayLike) -> MoveGeometry:
         """Moves from rows of (wait, travel, turn, approach, along), as messages carry them.
 
-        Raises ValueError if they are no finite (n, 5) array, or a length, angle or time is
-        negative.
+        ValueError if they are no finite (n, 5) array, or a length, angle or time is negative.
         """
         table = finite_array("moves", rows, (None, COLUMNS))
         if (table[:, :4] < 0.0).any():

@@ -43,9 +43,8 @@ class Graph:
         """Refuse a graph that could not run.
 
         Raises InputError, with file and line where known: a name given twice, an unknown kind or
-        parameter, a parameter of the wrong type or out of range, an input that nobody publishes, a
-        topic with two publishers, types that differ, a node that may not know the truth, an unknown
-        `ends`.
+        parameter, a parameter of the wrong type or range, an input that nobody publishes, a topic
+        with two publishers, two types, a node that may not know the truth, an unknown `ends`.
         """
         self.wirings()
 

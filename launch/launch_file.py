@@ -69,8 +69,7 @@ def describe(path: Path, args: Mapping[str, SourceMapped], out: Path) -> LaunchD
     """The graph of a ``.yaml`` file, or of a ``.py`` file with ``describe(**args) -> Graph``.
 
     An argument ``scene.sensor.pitch`` is laid over what the scene's file says. `out` is the run
-    directory, ``$(out)``, which need not exist. Raises InputError if the file or an argument cannot
-    be used.
+    directory, ``$(out)``, which need not exist. InputError if either cannot be used.
     """
     if path.suffix == ".py":
         plain = {name: value.value for name, value in args.items()}
@@ -150,8 +149,7 @@ def describe_python(path: Path, args: Mapping[str, SourceMapped], out: Path) -> 
     """The graph that the file's ``describe`` returns.
 
     The run directory is handed over if ``describe`` has a parameter ``out``. Raises InputError if
-    there is no such file or function, an argument is unknown or missing, or what comes back is no
-    Graph.
+    there is no such file or function, an argument is unknown or missing, or it gives no Graph.
     """
     function = load_describe(path)
     signature = inspect.signature(function)

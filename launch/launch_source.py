@@ -28,8 +28,7 @@ Places = Mapping[KeyPath, str]
 def prestart_fork_server(path: Path) -> None:
     """Wake the server of the nodes' processes, while the launch file is still to be checked.
 
-    Of a launch file in Python, or one that cannot be used, nothing is known yet: then nothing is
-    done.
+    Of a launch file in Python, or one that cannot be used, nothing is known yet, and done.
     """
     if modules := named_modules(path):
         start_fork_server(modules)

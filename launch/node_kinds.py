@@ -1,7 +1,6 @@
 """One node as a launch file describes it, and the kinds of node that there are.
 
-A user's own modules are found where Python looks, and in the folder in which palpate is started.
-Imports little.
+A user's own modules are found where Python looks, and where palpate is started. Imports little.
 """
 
 from __future__ import annotations

@@ -46,8 +46,7 @@ def text_table(
 def titled(title: str, *parts: str, width: int = TITLE_WIDTH) -> list[str]:
     """Parts behind a title, in lines of 80 columns that break between parts where they can.
 
-    A part that is longer than a line is broken between its words; `width` columns stand before
-    them.
+    A part longer than a line is broken between its words; `width` columns stand before them.
     """
     lines = [""]
     for part in parts:

@@ -206,8 +206,7 @@ def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
     """0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
 
     The goal is missed where a planner says that the tolerance was not met, whatever the budget that
-    ended it; and in a graph that rebuilds, by a run without a final, watertight model, or that left
-    a part of the object untraced.
+    ended it; and where it rebuilds, without a final, watertight model, or a part untraced.
     """
     if summary["status"] == "interrupted":
         return 130

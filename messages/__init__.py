@@ -1,9 +1,8 @@
 """What is published (`types`), how it is packed (`codec`, `fields`).
 
-How it travels (`bus`) and how it is kept (`recording`). To be touched: the field types in
-`fields`, of which anybody makes message types of their own; the limits of a body are in `codec`,
-and changing one changes what is refused. Rests on numpy and msgpack; knows nothing of
-`palpate.core`.
+How it travels (`bus`) and how it is kept (`recording`). To be touched: the field types in `fields`,
+of which anybody makes message types of their own; the limits of a body are in `codec`, and changing
+one changes what is refused. Rests on numpy and msgpack; knows nothing of `palpate.core`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,11 +1,10 @@
 """Messages to bytes and back, with the same checks at both ends.
 
 A body is one msgpack map by field name; an array is a map of dtype, shape and bytes. A body is
-measured before it is unpacked, and unpacked within fixed limits, lists and maps counted, so
-that no input can ask for more memory than it brings. No extension type, no pickle. On the wire:
-topic, zero byte, fixed header, body, in one part, since each further part of a multipart
-message costs as much as the message. Own codec: msgspec and pydantic check no array shapes or
-units.
+measured before it is unpacked, and unpacked within fixed limits, lists and maps counted, so that no
+input can ask for more memory than it brings. No extension type, no pickle. On the wire: topic, zero
+byte, fixed header, body, in one part, since each further part of a multipart message costs as much
+as the message. Own codec: msgspec and pydantic check no array shapes or units.
 """
 
 from __future__ import annotations
@@ -220,8 +219,7 @@ def pack_frame(topic: str, header: Header, body: bytes) -> bytes:
 def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     """Topic, header and body of a frame.
 
-    Raises ValueError if the frame is too short to hold a topic and a header, or the topic is no
-    text.
+    ValueError if the frame is too short to hold a topic and a header, or the topic is no text.
     """
     end = frame.find(b"\0")
     if end < 0 or len(frame) < end + 1 + HEADER_SIZE:
@@ -250,8 +248,7 @@ def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str
     """Where two bodies of the same type differ first; None if they are identical.
 
     Returns the field, with the place within it if it is an array, and what is there in each body;
-    the field ``bytes`` if the bodies differ though the values do not, or if one of them is no such
-    message.
+    the field ``bytes`` if the bodies differ though the values do not, or one is no such message.
     """
     if one == other:
         return None

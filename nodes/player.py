@@ -45,8 +45,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 def outputs(params: Params) -> Mapping[str, type]:
     """Topics of the recording that are played, and their types.
 
-    Raises ValueError if the recording cannot be read, has no such topic, or its types are of
-    another version.
+    ValueError if it cannot be read, has no such topic, or types of another version.
     """
     recording = open_recording(Path(params.path))
     for topic in params.topics:

@@ -52,8 +52,7 @@ def parse_address(address: str) -> tuple[str, int]:
 def listen(params: Params) -> Iterator[Timed | Finished | None]:
     """The sensor, and each frame as it comes, until the other side closes the connection.
 
-    Raises ValueError if nobody answers at the address, the connection breaks, or a line is no
-    frame.
+    ValueError if nobody answers at the address, the connection breaks, or a line is no frame.
     """
     yield Timed(0.0, "/touch/info", specs.sensor_info(params))
     touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True

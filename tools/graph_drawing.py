@@ -254,8 +254,7 @@ def layers_of(edges: Edges) -> list[list[int]]:
     """Columns of boxes from left to right: a subscriber stands right of its publishers.
 
     Edges that go back to where they came from are not asked. The column is the length of the
-    longest way to a box; within it, boxes are ordered by the mean place of their neighbours,
-    which lessens crossings.
+    longest way to a box; within it, boxes are ordered by their neighbours' mean place.
     """
     back = back_edges(edges)
     onward = {box: [t for t in targets if (box, t) not in back] for box, targets in edges.items()}

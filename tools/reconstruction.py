@@ -1,7 +1,6 @@
 """From a file of points to a solid, its files and a report, as ``palpate rebuild`` does it.
 
-Linear algebra runs on one processor: small systems gain nothing from more, and lose much on a busy
-computer.
+Linear algebra runs on one processor: small systems lose by more on a busy computer.
 """
 
 from __future__ import annotations
@@ -82,8 +81,7 @@ class RebuildResult(NamedTuple):
 def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildResult:
     """Read points and rebuild a solid from them; `say` is told what is being done.
 
-    Raises InputError if a file cannot be read, or no solid can be made of it: the sentence says
-    why.
+    InputError if a file cannot be read, or no solid can be made of it: the sentence says why.
     """
     # Heavy, and not needed by those who ask for help.
     from palpate.core.rebuild import reconstruct

@@ -1,8 +1,7 @@
 """How long seven nodes take to be ready, beside seven fresh interpreters with the same imports.
 
-Each launch is a process of its own that goes the way of ``palpate run``, up to the moment at
-which all nodes are ready. This module imports nothing heavy: what it would import is what it
-measures.
+Each launch is a process of its own that goes the way of ``palpate run``, up to the moment at which
+all nodes are ready. This module imports nothing heavy: what it would import is what it measures.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Explorations.
 
-Slices traced, grasps judged, planners counted, several fingers and other axes compared; and a
-Gaussian process that explores by greatest variance with the same finger.
-`harness` makes one exploration in this process and keeps what was published; a measurement is a
-loop over objects around it. It rests on launch (a scene file is written and planned as a user's
-is) and on bench.objects.
+Slices traced, grasps judged, planners counted, several fingers and other axes compared; a Gaussian
+process that explores by greatest variance with the same finger. `harness` makes one exploration in
+this process and keeps what it published; a measurement is a loop over objects around it. It rests
+on launch (a scene file is planned as a user's is) and on bench.objects.
 """
 
 from typing import TYPE_CHECKING

@@ -168,8 +168,7 @@ class GuardedFinger:
     def touch(self, place: Floats, normal: Floats, standoff: float, beyond: float) -> TouchResult:
         """Come along an outward unit normal to a place where the surface is expected.
 
-        `standoff` and `beyond`: how far before it the pad starts, and how far behind it the way
-        ends, m.
+        `standoff` and `beyond`: how far before it the pad starts and behind it the way ends, m.
         """
         upward = max(float(normal[2]), LEAST_UP)
         heading = float(np.arctan2(normal[1], normal[0]))
@@ -257,8 +256,7 @@ class GpSurface:
     def deviations(self, places: Floats) -> Floats:
         """Standard deviations (n,) of the values at places (n, 3), by the values observed, m.
 
-        Gradients are left out: with them it would take sixteen times as long, and the order of
-        the places is the same.
+        Gradients are left out: it would take sixteen times as long, and order places alike.
         """
         half = self._bare.half(covariance_block(self._kernel, self._places, places, False))
         prior, _, _ = self._kernel(np.zeros(1))

@@ -1,8 +1,7 @@
 """Solids from contours and from taxels.
 
-Against the truth and against what an engineer would do without palpate. Another method is added
-as a `Peer`; demands are ratios to the first peer of a case. It rests on core.rebuild and
-bench.objects.
+Against the truth and what an engineer would do without palpate. Another method is a `Peer`; demands
+are ratios to the first peer of a case. It rests on core.rebuild and bench.objects.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,6 @@
 """``palpate bench``: what it measures, by name; and the shipped scenes from start to exit.
 
-Each scene is run as a user runs it, in a fresh interpreter. The command line finds the verb by
-name.
+Each scene is run as a user runs it, in a new interpreter. The verb is found by name.
 """
 
 from __future__ import annotations

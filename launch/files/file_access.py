@@ -23,8 +23,7 @@ FileWriter = Callable[[Path], object]  # Writes one file at a path
 def read_bounded(path: Path, most: int, what: str = "") -> bytes:
     """The bytes of a file of at most `most`; `what` is its kind for complaints, ``the mesh ``.
 
-    Raises InputError if it cannot be read, is larger, or is no plain file: a pipe would be waited
-    for.
+    InputError if it cannot be read, is larger, or is no plain file: a pipe would be waited for.
     """
     try:
         told = path.stat()

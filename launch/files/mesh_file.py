@@ -1,8 +1,7 @@
 """Mesh files: read with distrust and checked whole, and written for other programs.
 
 Readers of our own: on 400 damaged meshes trimesh ran over 10 s twice, took 161 MB for a file of 1
-MB, and raised RecursionError and ModuleNotFoundError. STL is written in mm, GLB with y up, all
-others in m.
+MB, and raised RecursionError. STL is written in mm, GLB with y up, all others in m.
 """
 
 from __future__ import annotations
@@ -115,8 +114,7 @@ def _check_size(path: Path, vertices: Vertices, unit: str) -> None:
 def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
     """The surface in a file, closed or not, of any size; arguments and arrays as of `read_mesh`.
 
-    GLB files have y up, and are turned so that z is. Raises InputError if the file cannot be read
-    or holds no triangles.
+    GLB files have y up, and are turned so that z is. InputError if unreadable or without triangles.
     """
     found = _load(path)
     if not len(found.faces) and len(found.vertices):
@@ -183,9 +181,8 @@ def _load(path: Path) -> mesh_formats.RawMesh:
 def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
     """Write the solid into a folder; without a surface, only what there is to say about it.
 
-    There will be ``mesh.ply`` (m), ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz``
-    (everything that the model holds, and the solid itself for `palpate.load`); the names are
-    returned.
+    There will be ``mesh.ply`` (m), ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz`` (all
+    that the model holds, and the solid for `palpate.load`); the names are returned.
     """
     archived = arrays_from_bytes(model.archive) if len(model.archive) else {}
     np.savez(folder / "model.npz", allow_pickle=False, **_model_arrays(model), **archived)

@@ -43,8 +43,7 @@ Vector = tuple[float, float, float]
 def read_stl(data: bytes) -> RawMesh:
     """The triangles of an STL file; those of several solids are put together.
 
-    Raises ValueError if it is neither text with whole facets nor binary of the length that it
-    states.
+    ValueError if it is neither text with whole facets nor binary of the length that it states.
     """
     if len(data) >= _STL_HEADER.size:
         (count,) = _STL_HEADER.unpack_from(data)
@@ -277,8 +276,7 @@ class Gltf(msgspec.Struct, frozen=True, rename="camel"):
 def read_glb(data: bytes) -> RawMesh:
     """The one mesh in a GLB file, in its own directions: y is up.
 
-    Raises ValueError if the file has not what it states, or holds not exactly one mesh of one
-    piece.
+    ValueError if the file has not what it states, or holds not exactly one mesh of one piece.
     """
     described, held = _chunks(data)
     try:

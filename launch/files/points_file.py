@@ -114,8 +114,7 @@ def _read_text(path: Path) -> MeasuredContours:
 def read_table(path: Path) -> Table:
     """The columns of a text file in UTF-8, parted by commas, semicolons, tabs or blanks.
 
-    ``#`` begins a comment. Raises InputError if the file cannot be read, lacks x, y or z, or a line
-    is no row of it.
+    ``#`` begins a comment. InputError if it cannot be read, lacks x, y or z, or a line is no row.
     """
     rows = list(_rows(path))
     if not rows:

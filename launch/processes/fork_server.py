@@ -34,8 +34,7 @@ def start_fork_server(modules: Iterable[str]) -> None:
 
     It goes on by itself, and is ready when the first node can be forked. One that runs already
     stays as it is: nodes import what it lacks. What must not reach a node is blocked while it is
-    started, and stays so in all that is forked from it. Blocked, not ignored: a Ctrl-C in this
-    moment still reaches us.
+    started, and stays so in all that is forked from it. Blocked, not ignored: a Ctrl-C still comes.
     """
     multiprocessing.get_context("forkserver").set_forkserver_preload([_PRELOADING])
     blocked = {signal.SIGINT, signal.SIGHUP, signal.SIGTERM}

@@ -1,8 +1,7 @@
 """The processes of a graph while it runs: started, watched for hanging, started again.
 
 A node gives signs of life from its own loop, so that a handler that never ends is seen. How long
-one may take is the node's own parameter and is counted in processor time: a busy machine makes no
-node hang.
+one may take is the node's parameter, in processor time: a busy machine makes no node hang.
 """
 
 from __future__ import annotations

@@ -224,8 +224,7 @@ class Consumed(NamedTuple):
 class Journal:
     """The journal of one node; what an earlier start of it has written is gone on with.
 
-    Raises OSError if the file cannot be read or written; ValueError if it speaks of what the node
-    does not subscribe to.
+    Raises OSError as its file does; ValueError if it has what the node does not subscribe to.
     """
 
     # `edges`: all that the node subscribes to, in an order that is the same at every start

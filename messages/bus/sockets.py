@@ -58,8 +58,7 @@ def received(socket: Socket) -> bytes | None:
 def bind(socket: Socket, endpoint: str) -> None:
     """Bind a socket; beyond the files of this machine only with a key.
 
-    Raises ValueError if others could reach it without a key; zmq.ZMQError if the address is taken
-    or cannot be had.
+    ValueError if others could reach it without a key; zmq.ZMQError if the address is not free.
     """
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)

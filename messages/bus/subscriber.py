@@ -95,8 +95,7 @@ class Subscriber:
     def receive(self) -> Received | None:
         """Return the next message, or None if none has arrived; never waits.
 
-        Raises ValueError if a frame is malformed, of another run, or on a topic that was not asked
-        for.
+        ValueError if a frame is malformed, of another run, or on a topic that was not asked for.
         """
         while (frame := received(self.socket)) is not None:
             own = (

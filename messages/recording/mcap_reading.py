@@ -1,11 +1,10 @@
 """The records of an MCAP file, read with every length and checksum doubted.
 
-A file may be cut off, damaged, or made to burst: nothing is unpacked before its size is known,
-and what is of no use here, an attachment say, is passed over in pieces. What bounds memory: a
-chunk unpacks to at most `FEW_BYTES`, or `LARGE_RATIO` times what it takes in the file; its
-records are given one by one; and what has to be remembered of a file, its schemas and channels,
-is at most `DECLARED_BYTES`. Own reader: the stock one leaves files unreadable that were cut
-off.
+A file may be cut off, damaged, or made to burst: nothing is unpacked before its size is known, and
+what is of no use here, an attachment say, is passed over in pieces. What bounds memory: a chunk
+unpacks to at most `FEW_BYTES`, or `LARGE_RATIO` times what it takes in the file; its records are
+given one by one; and what has to be remembered of a file, its schemas and channels, is at most
+`DECLARED_BYTES`. Own reader: the stock one leaves files unreadable that were cut off.
 """
 
 from __future__ import annotations

@@ -88,8 +88,7 @@ def recorded_message(channel: Channel, schema: Schema, message: Message) -> Reco
 def open_recording(path: Path) -> Recording:
     """Check a recording from end to end, with the parts in which its recorder went on.
 
-    Raises ValueError if it is missing, empty, no MCAP file, cut off, damaged, or not written by
-    palpate.
+    ValueError if it is missing, empty, no MCAP file, cut off, damaged, or not written by palpate.
     """
     about: Mapping[str, str] | None = None
     schemas: dict[tuple[Path, int], str] = {}

@@ -174,8 +174,7 @@ class RecordingWriter:
 class AtomicFile:
     """A new file, without a buffer of its own.
 
-    Raises FileExistsError if there is such a file already: recordings are not overwritten; OSError
-    if it cannot be made.
+    FileExistsError if there is one: recordings are not overwritten; OSError if it cannot be made.
     """
 
     def __init__(self, path: Path) -> None:

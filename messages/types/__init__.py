@@ -1,8 +1,7 @@
 """Every message type, one file a subject; `TYPES` finds one by its name.
 
-A new type is a frozen dataclass in the file of its subject; changing a field changes the
-schema's hash, and recordings of before are then refused by name. Rests on the field types of
-`palpate.messages` alone.
+A new type is a frozen dataclass in the file of its subject; changing a field changes the schema's
+hash, and old recordings are refused by name. Rests on the field types of `palpate.messages` alone.
 """
 
 from typing import TYPE_CHECKING

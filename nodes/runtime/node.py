@@ -1,8 +1,7 @@
 """A node as a value: ports, parameters and pure functions, with no socket in sight.
 
-The same value runs as a process of its own, composed with others in one process, and under test
-as plain calls. Its wiring is its place in a graph: its publishers and subscribers, and how a
-recording keeps it.
+The same value runs as a process of its own, composed with others in one process, and under test as
+plain calls. Its wiring is its place in a graph: its publishers and subscribers, and recorded.
 """
 
 from __future__ import annotations

@@ -117,8 +117,7 @@ class SourceWork:
     def obey(self, word: ControlMessage) -> list[work.Outgoing | Finished]:
         """Do what a tool asks for: pause, resume, step, or publish a message.
 
-        A message that is not the topic's is refused by the tool and the launcher: here it is a
-        fault.
+        A message that is not the topic's is refused by tool and launcher: here it is a fault.
         """
         now = time.monotonic()
         match word["kind"]:

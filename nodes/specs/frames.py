@@ -1,7 +1,6 @@
 """Tactile frames from a file or a line of text, and as the messages that drivers publish.
 
-A line holds maybe a time, then the pad's pose x, y, z, qx, qy, qz, qw, then the taxels' values
-row by row.
+A line holds maybe a time, then the pad's pose x, y, z, qx, qy, qz, qw, then the taxels row by row.
 """
 
 from __future__ import annotations
@@ -51,8 +50,7 @@ def read_frames(
     time before them, maybe under a header. An ``.npz`` has ``frames`` (n, rows, cols), ``poses``
     (n, 7) and maybe ``times`` (n,).
 
-    Raises ValueError with file and line, if the file cannot be read, is too large, or a frame is
-    none.
+    ValueError with file and line, if it cannot be read, is too large, or a frame is none.
     """
     place = Path(path)
     if place.suffix not in (".csv", ".npz"):

@@ -1,7 +1,6 @@
 """The object of a scene as data: a solid, a tree of solids or a mesh, perhaps deformed.
 
-The structures check what they are given; `build_shape` turns an object into something that can
-be touched.
+The structures check what they are given; `build_shape` makes of an object what can be touched.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Recordings as files: what they hold, recovery, differences, export and playback.
 
-Formats of export may be added in `FORMATS`. Rests on palpate.messages.recording, and for playing
-on palpate.launch.
+Formats of export may be added in `FORMATS`. Rests on messages.recording and, to play, on launch.
 """
 
 from typing import TYPE_CHECKING

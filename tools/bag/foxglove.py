@@ -43,8 +43,7 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
     """Write a new file; returns the number of messages.
 
     Models, the truth and log lines become Foxglove's own messages; contours, patches and the poses
-    of fingers have them beside what was recorded. All else is JSON with the schema of our message,
-    arrays as lists within lists.
+    of fingers have them beside what was recorded. All else is JSON, arrays as lists.
     """
     with path.open("xb") as file:
         writer = Writer(file, compression=CompressionType.LZ4)

@@ -121,8 +121,7 @@ def run_trials(
 ) -> Tally:
     """Run an exploration undisturbed, then with faults, seed by seed, until the minutes are over.
 
-    Once at least. `echo` takes lines about the progress. Raises ValueError if the undisturbed run
-    fails.
+    Once at least. `echo` takes lines about the progress. ValueError if the first fails.
     """
     work = Path(tempfile.mkdtemp(prefix="chaos-"))
     tally = Tally(seed)

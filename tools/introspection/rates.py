@@ -1,8 +1,7 @@
 """How often and how much publishers send, and how long it takes to arrive.
 
 Copies may be lost on the way to a tool. The number and the time that a message carries are its
-publisher's, so a lost one makes no rate wrong; arrival counts for delays alone. Printed as `ros2
-topic` prints them.
+publisher's, so a lost one makes no rate wrong; arrival counts for delays alone. Printed as by ros2.
 """
 
 from __future__ import annotations

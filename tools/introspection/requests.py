@@ -224,8 +224,7 @@ def publish(
 ) -> None:
     """Publish a message, its fields in YAML, on a console's topic, so many times or until Ctrl-C.
 
-    Raises InputError if no such graph runs, the topic is not a console's, or the body is no such
-    message.
+    InputError if no such graph runs, the topic is not a console's, or the body is no such message.
     """
     if not rate > 0.0:
         raise InputError(f"--rate must be positive, got {rate:g}")

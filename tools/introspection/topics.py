@@ -41,8 +41,7 @@ class TapMessage(NamedTuple):
 class SequenceTracker:
     """The order of one publisher's messages on one topic, of which some are missing.
 
-    A publisher that is started again counts `anew`, or goes on after repeating what it had
-    published, which is no news.
+    A publisher that is started again counts `anew`, or goes on after repeating itself.
     """
 
     def __init__(self, *, anew: bool) -> None:

@@ -2,8 +2,7 @@
 
 A sweep file names scenes, parameters and seeds; each run is checked before the first one starts,
 depends on its own resolved parameters alone, and keeps its folder. `workers` is where they are
-made, here or on a cluster; `results` and `page` are what a user gets of them. Rests on
-palpate.launch.
+made, here or on a cluster; `results` is what a user gets of them. Rests on palpate.launch.
 """
 
 from typing import TYPE_CHECKING

@@ -1,8 +1,7 @@
 """What a sweep came to: a row for each run, the Pareto front, the CSV file, the table and the page.
 
 The page is one file without network or library, drawn by hand, a dot a run; without a script the
-fronts over touches, robot seconds and compute seconds stand below each other, with one they take
-turns.
+fronts over touches, robot seconds and compute seconds stand below each other, else take turns.
 """
 
 from __future__ import annotations
