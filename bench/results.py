@@ -69,10 +69,7 @@ class Results:
 
 
 class ResultsFile:
-    """Results as they come in, written anew after each group if there is a place for them.
-
-    `peers`: packages by name, with what is measured of each where it is installed.
-    """
+    """Results as they come in, written after each group if there is a place; `peers` by name."""
 
     def __init__(self, path: Path | None, *, quick: bool, peers: Mapping[str, str]) -> None:
         self._path = path

@@ -174,10 +174,7 @@ def _sources(
     published: Mapping[str, Publisher],
     placed: Iterable[ResolvedNode],
 ) -> list[str]:
-    """Topics on the wire of an input: in the node's own namespace first, then outside.
-
-    An input that is `fan_in` subscribes to the topic in every namespace.
-    """
+    """Topics of an input: in its own namespace first, then outside; of `fan_in` in all."""
     if local in entry.remap:
         candidates = [entry.remap[local]]
     elif local in node.fan_in:

@@ -217,10 +217,7 @@ def _pair(wires: SocketContext, endpoint: str, other: str, key: str) -> tuple[An
 
 
 def introspection_rows(quick: bool, turns: int = TURNS) -> Iterator[Row]:
-    """How fast a ring of two nodes turns while a tool subscribes to all that one publishes.
-
-    A share is the median of those in each turn, for the machine's other work comes and goes.
-    """
+    """How fast a ring of two turns while a tool subscribes: median shares of each turn's rate."""
     alone, beside, stopped = [], [], []
     with _ring() as (card, folder):
         for _ in range(2 if quick else turns):

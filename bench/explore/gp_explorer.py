@@ -254,10 +254,7 @@ class GpSurface:
         return value, gradient
 
     def deviations(self, places: Floats) -> Floats:
-        """Standard deviations (n,) of the values at places (n, 3), by the values observed, m.
-
-        Gradients are left out: it would take sixteen times as long, and order places alike.
-        """
+        """Deviations (n,) of values at places (n, 3) by values alone, m: sixteen times as fast."""
         half = self._bare.half(covariance_block(self._kernel, self._places, places, False))
         prior, _, _ = self._kernel(np.zeros(1))
         return np.asarray(np.sqrt(np.maximum(prior - np.einsum("ij,ij->j", half, half), 0.0)))

@@ -85,10 +85,7 @@ class Spread(NamedTuple):
 
 
 def work_precision(entries: Mapping[Entry, Sequence[Run]], which: str) -> list[Spread]:
-    """One for each tolerance, the loosest first; without tolerances, one for each model made.
-
-    A method that takes none is ended by its user: each model on its way is a setting.
-    """
+    """One for each tolerance, the loosest first; without tolerances, one for each model made."""
     runs = [run for some in entries.values() for run in some if run.curve]
     pairs: dict[float, list[tuple[float, float]]] = defaultdict(list)
     for run in runs:

@@ -91,10 +91,7 @@ class BooleanShape(ImplicitShape):
         return volume <= LEAST_VOLUME * float(np.prod(self._box[1] - self._box[0]))
 
     def _sections(self, origins: Floats, direction: Floats) -> tuple[Floats, Bools]:
-        """Places at which rays pass a leaf's surface, (n, e) in order, and what follows each.
-
-        That is whether the ray is inside from there to the next place.
-        """
+        """Places of rays on a leaf's surface, (n, e) in order, and whether they are inside then."""
         spans = [leaf.spans(origins, direction) for leaf in self._leaves]
         places = np.concatenate([one.reshape(len(origins), -1) for one in spans], axis=1)
         order = places.argsort(axis=1, kind="stable")

@@ -255,10 +255,7 @@ def _misfit(
 
 
 def _in_squares(marked: Bools, image: Floats, most: float) -> Bools:
-    """Which marked taxels belong to a square of four marked ones that differ by less than that.
-
-    So do the four at the top of a cone, and hardly ever impulses.
-    """
+    """Marked taxels in squares of four alike, as on a cone's top; hardly ever impulses."""
     corners = (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[:-1, 1:], np.s_[1:, 1:])
     high = np.maximum.reduce([image[corner] for corner in corners])
     low = np.minimum.reduce([image[corner] for corner in corners])

@@ -169,10 +169,7 @@ def _laplacian(image: Floats) -> Floats:
 
 @lru_cache(maxsize=KEPT_OPERATORS)
 def _half_space_loads(pad: Pad) -> tuple[Floats, float, float]:
-    """Operator from the face's shape to its load, (n, n), and what it does to extremes.
-
-    These are the least load of an even shape, and the factor by which noise is magnified.
-    """
+    """From the face's shape to its load, (n, n); an even shape's least load, noise's growth."""
     kernel = half_space_influence(pad)
     loads = np.linalg.inv(kernel / kernel[0, 0])
     return (
