@@ -149,10 +149,7 @@ def rotation_angle(first: Floats, second: Floats) -> float:
 
 
 def rotations_from_vectors(vectors: Floats) -> Floats:
-    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), in rad.
-
-    Rodrigues's formula by sinc, so that no turn at all is nothing special.
-    """
+    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), rad: Rodrigues's formula by sinc."""
     cross = _cross_matrices(vectors)
     angle = np.sqrt(np.einsum("bi,bi->b", vectors, vectors))[:, None, None]
     half = np.sinc(angle / (2.0 * np.pi))

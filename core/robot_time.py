@@ -61,10 +61,7 @@ def move_between(before: Floats | None, pose: Floats) -> tuple[float, float]:
 
 
 def longest_seconds(preset: RobotPreset, travel: float, turn: float, reach: float) -> float:
-    """Robot time of a touch that meets something at the end of its reach, s; lengths in m, rad.
-
-    It presses no deeper than `DEEPEST` beyond.
-    """
+    """Robot time of a touch at the end of its reach, no deeper than `DEEPEST`, s; m, rad."""
     return free_seconds(preset, travel, turn) + contact_seconds(preset, reach + DEEPEST)
 
 
@@ -129,10 +126,7 @@ class MoveDurations(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlidingPreset:
-    """An arm that stays on the surface between two touches of one goal.
-
-    Raises ValueError if a speed or the time of a frame is not positive.
-    """
+    """An arm that slides between touches of a goal; ValueError unless its numbers are positive."""
 
     arm: RobotPreset  # How it moves otherwise
     speed: float  # Along the surface, m/s

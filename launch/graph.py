@@ -319,10 +319,7 @@ def _with_parameter(entry: Entry, param: str, value: files.SourceMapped) -> Entr
 
 
 def read_settings(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
-    """Settings as typed on the command line, ``node.param=value`` each; later ones win.
-
-    Raises InputError if one has no ``=``, or a value that is not YAML.
-    """
+    """Settings typed as ``node.param=value``, later ones winning; InputError if one is none."""
     found = {}
     for text in texts:
         target, equals, value = text.partition("=")
@@ -333,10 +330,7 @@ def read_settings(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
 
 
 def read_arguments(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
-    """Arguments of a launch file as typed on the command line, ``name:=value`` each.
-
-    Raises InputError if one has no ``:=``, or a value that is not YAML.
-    """
+    """A launch file's arguments, typed as ``name:=value``; InputError if one is none."""
     found = {}
     for text in texts:
         name, sign, value = text.partition(":=")
@@ -351,10 +345,7 @@ def _parsed(text: str, source: str) -> files.SourceMapped:
 
 
 def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
-    """The graph as YAML, every reference replaced and every default filled in.
-
-    A mesh within a parameter is named by its size and SHA-256.
-    """
+    """The graph as YAML, with all defaults; a mesh by its size and SHA-256."""
     entries = {entry.name: entry for entry in graph.entries}
     nodes = {}
     for wiring in wirings:

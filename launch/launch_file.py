@@ -194,10 +194,7 @@ def _python_rows(path: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def load_describe(path: Path) -> Callable[..., Any]:
-    """The function ``describe`` of a launch file, which is run up to its end.
-
-    Raises InputError if there is no such file or function, or running the file fails.
-    """
+    """``describe`` of a launch file, which is run; InputError if that fails, or there is none."""
     spec = spec_from_file_location("palpate_launch_file", path)
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(f"{path}: the launch file does not exist")

@@ -90,10 +90,7 @@ def _holds_node(module: str) -> bool:
 
 
 def load_entry(entry: Entry) -> AnyNode:
-    """The node that an entry asks for.
-
-    Raises InputError if there is no such kind, or its module holds no node, or cannot be imported.
-    """
+    """The node that an entry asks for; InputError if there is none, or it cannot be imported."""
     kind = entry.kind or entry.name
     _, mark, held = kind.partition(":")
     if mark and held not in NODE_ATTRIBUTES:
@@ -136,10 +133,7 @@ def describe_kind(name: str) -> str:
 
 
 def search_current_folder(name: str) -> None:
-    """Have the module of ``module:Class`` looked for in the current folder, too, after all others.
-
-    Processes that are started later inherit it.
-    """
+    """Look for ``module:Class`` in the current folder, too, at last; later processes do as well."""
     here = str(Path.cwd())
     if ":" in name and here not in sys.path:
         sys.path.append(here)

@@ -198,10 +198,7 @@ def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
 
 
 def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
-    """The scene with the calibration file that its sensor names read into it.
-
-    Raises InputError if the file is not in the scene's folder, or cannot be used.
-    """
+    """The scene with its sensor's calibration file read; InputError if it cannot be used."""
     sensor = given.value.get("sensor")
     name = sensor.get("calibration") if isinstance(sensor, dict) else None
     if name is None:

@@ -52,10 +52,7 @@ def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outpu
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Measure one model; one without faces has no score.
-
-    Raises ValueError if the truth has not been received, or the model is no surface.
-    """
+    """Measure a model, if it has faces; ValueError without the truth, or if it is no surface."""
     if state is None:
         raise ValueError(f"model {model.number} came before the truth")
     if not len(model.faces):

@@ -78,10 +78,7 @@ def prepare_surface(vertices: ArrayLike, faces: ArrayLike) -> PreparedSurface:
 
 
 def compare_surfaces(one: PreparedSurface, other: PreparedSurface) -> SurfaceDistances:
-    """Distances between two surfaces, from the samples of each to the other's triangles.
-
-    Both ways count alike: ``compare(a, b) == compare(b, a)``.
-    """
+    """Distances both ways, alike: from the samples of each to the other's triangles."""
     (there, there_angles), (back, back_angles) = _one_way(one, other), _one_way(other, one)
     mean_square = 0.5 * (float(np.mean(there**2)) + float(np.mean(back**2)))
     angles = 0.5 * (float(there_angles.mean()) + float(back_angles.mean()))

@@ -107,10 +107,7 @@ def _longest(corners: Floats) -> tuple[Floats, Indices]:
 
 
 def nearest_points(search: NearestSearch, queries: Floats) -> Nearest:
-    """Nearest point of the surface to each query (n, 3).
-
-    Where several faces are equally near, which of them is named is fixed but arbitrary.
-    """
+    """Nearest point of the surface to each query (n, 3); of faces equally near any one."""
     faces = search.face[search.centres.query(queries)[1]]
     distances, points = _measure(search.triangles, faces, queries)
     best = Nearest(distances, points, faces)

@@ -263,10 +263,7 @@ class ThesisSolid:
     health: ThesisHealth
 
     def surface(self, eta: Floats, nu: Floats) -> Floats:
-        """Points of the surface on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3), m.
-
-        Raises ValueError if a number is not finite or outside 0 to 1.
-        """
+        """Points (a, b, 3) on a grid of numbers, m; ValueError if they are not from 0 to 1."""
         eta, nu = (_unit(name, places) for name, places in (("eta", eta), ("nu", nu)))
         triples = self.triples.at(eta, nu)
         return self.lattice.volume.at(triples.reshape(-1, 3)).reshape(triples.shape)

@@ -118,10 +118,7 @@ def median_filter(image: Floats) -> Floats:
 
 
 def wiener_then_median(image: Floats, noise_variance: float) -> Floats:
-    """Both filters in the order that Fung, 1999, prefers (figure 3.5).
-
-    Impulses reach the Wiener filter, which takes them for signal and smears them.
-    """
+    """Both in the order that Fung, 1999, prefers (figure 3.5): Wiener's smears impulses."""
     return median_filter(adaptive_wiener(image, noise_variance))
 
 

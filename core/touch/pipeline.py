@@ -215,10 +215,7 @@ class Fingertip:
 
 @dataclass(slots=True, eq=False)
 class SimulatedTouch:
-    """One touch, as far as it has come. Stages write into it, one after the other.
-
-    Arrays are replaced, never written into: they may be shared.
-    """
+    """One touch so far: stages write into it in turn, and replace arrays, which may be shared."""
 
     shape: Shape  # What may be met
     number: int  # Counts the finger's touches from 0; chooses the random draws

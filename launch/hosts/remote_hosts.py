@@ -138,10 +138,7 @@ def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
 
 
 class HostedRun:
-    """One launcher's nodes on this machine, whose greeting names them and their modules.
-
-    `now` is monotonic time, s; `key` is the file of the key.
-    """
+    """One launcher's nodes here, by its greeting; `now`: monotonic, s, `key`: the key's file."""
 
     def __init__(self, address: str, key: str, word: ControlMessage, now: float) -> None:
         self.last = now  # Monotonic time of its last word, s

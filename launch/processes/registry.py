@@ -141,10 +141,7 @@ def _read_card(folder: Path) -> RunCard | None:
 
 
 def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
-    """The running graph that is meant: by the beginning of its number, by name, or the latest.
-
-    Raises ValueError if there is none, or several are meant.
-    """
+    """The running graph by its number's beginning, name, or the latest; ValueError unless one."""
     cards = running_graphs(parent)
     if not cards:
         raise ValueError("no graph of yours is running; start one with palpate run or launch")

@@ -98,10 +98,7 @@ class MessageLog:
             self._hold(topic, frame if len(frame) <= self._room else place)
 
     def promise(self, topic: str, make: Callable[[], bytes]) -> None:
-        """Keep what makes a frame: it had been sent, and is made once more if somebody lacks it.
-
-        Raises KeyError if there is no such topic.
-        """
+        """Keep what makes a frame again if somebody lacks it; KeyError without the topic."""
         self._hold(topic, make)
 
     def since(self, topic: str, wanted: int) -> Iterator[bytes]:
@@ -201,10 +198,7 @@ class SendTimes:
         return published[seq] if seq < len(published) else None
 
     def note(self, topic: str, sent_ns: int) -> None:
-        """Put down the time of a topic's next message, before it is sent; of other topics nothing.
-
-        Raises OSError if there is no more room for it.
-        """
+        """Put down a topic's next time, before it is sent; OSError if there is no more room."""
         if topic in self._before:
             self._journal.note(self._name, topic, sent_ns)
 

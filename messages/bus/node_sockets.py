@@ -189,10 +189,7 @@ class NodeSockets:
         return bool(self._inbox)
 
     def wait(self, timeout_ms: int) -> tuple[bool, bool]:
-        """Wait until something arrives; answer those who join.
-
-        Returns whether messages, and words of the launcher, are there to be taken.
-        """
+        """Wait until something arrives, answering joiners; whether messages and words are there."""
         received = told = False
         for socket, _ in self._poller.poll(timeout_ms):
             if socket is self.subscriber.socket:

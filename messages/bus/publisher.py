@@ -97,10 +97,7 @@ class Publisher:
     def answer(
         self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause
     ) -> list[bytes]:
-        """Send all that answers one message, in its order, once all is kept; returns the frames.
-
-        Raises KeyError, BlockedError as `send` does.
-        """
+        """Send all that answers a message, once kept; the frames. Errors as of `send`."""
         counts, frames = Counter[str](), []
         for topic, body, robot_time, schema in published:
             seq = self._past.count(topic) + counts[topic]
@@ -117,10 +114,7 @@ class Publisher:
         return self._times.before(topic, self._past.count(topic)) is not None
 
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
-        """Have a message made and sent if it is a new one, or if somebody lacks it, now or later.
-
-        Raises KeyError, BlockedError as `send` does.
-        """
+        """Make and send a message if it is new, or somebody lacks it; errors as of `send`."""
         seq = self._past.count(topic)
         lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]
         if not self.was_published(topic) or any(seq >= wanted for wanted in lacked):

@@ -18,10 +18,7 @@ LAUNCHER = "launcher"  # Name under which the launcher subscribes; no node may b
 
 
 class SocketContext:
-    """Where sockets are made, closed in the end; with the key of a file, if one is named.
-
-    Raises ValueError if the file holds no key that could be used.
-    """
+    """Where sockets are made, and closed, with a file's key if named; ValueError if it is none."""
 
     def __init__(self, key: str = "") -> None:
         # Where sockets are made; those that connect have the key already
@@ -98,10 +95,7 @@ class Addresses:
 
 
 class CurveAuthenticator:
-    """Gives sockets that are made from now on the key of a file, and lets nobody in without it.
-
-    Raises ValueError if the file holds no key that could be used.
-    """
+    """Locks sockets made from now on with a file's key; ValueError if it holds none of use."""
 
     def __init__(self, context: zmq.Context[Socket], key: str) -> None:
         from zmq.auth.thread import ThreadAuthenticator

@@ -42,10 +42,7 @@ Publication = Outgoing | Promise | Finished
 
 
 def enter_process(wiring: bytes, place: bytes) -> None:
-    """Run one node in this process, and leave the process.
-
-    Given are a `Wiring` (its parameters once more as bytes) and `Addresses`, in msgpack.
-    """
+    """Run one node in this process, and leave it: by `Wiring` and `Addresses` in msgpack."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})

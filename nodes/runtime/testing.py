@@ -166,10 +166,7 @@ def assert_same(
     published: Sequence[tuple[str, object] | Finished],
     expected: Sequence[tuple[str, object] | Finished],
 ) -> None:
-    """Compare what was published with what is expected, bit by bit.
-
-    Raises AssertionError with the first message, and the first field in it, that differs.
-    """
+    """Compare bit by bit what was published; AssertionError with the first difference."""
     for number, (one, other) in enumerate(zip(published, expected, strict=False)):
         if _named(one) != _named(other):
             raise AssertionError(f"{number}: published {_named(one)}, expected {_named(other)}")

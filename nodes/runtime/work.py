@@ -180,10 +180,7 @@ def check_declared(name: str, declared: Mapping[str, type], local: str, cls: typ
 
 
 class SinkWork:
-    """A sink in the course of its run: it writes all that it receives.
-
-    Raises ContractError if it has, and the sink cannot go on with that.
-    """
+    """A sink in its run, writing all it receives; ContractError if it cannot go on with that."""
 
     def __init__(
         self,
