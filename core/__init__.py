@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from palpate.core.poses import inverse_pose as inverse_pose
     from palpate.core.poses import pad_rotation as pad_rotation
     from palpate.core.poses import pose_of as pose_of
-    from palpate.core.poses import rotation_angle as rotation_angle
     from palpate.core.poses import rotation_matrix as rotation_matrix
     from palpate.core.poses import rotations_from_vectors as rotations_from_vectors
     from palpate.core.poses import split_pose as split_pose

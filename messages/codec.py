@@ -146,35 +146,31 @@ def schema_hash(cls: type) -> int:
 def codec_of(cls: type) -> Codec:
     """Checks of a message type, compiled at its first use."""
     if cls not in _CODECS:
-        _CODECS[cls] = _compile(cls)
+        if not dataclasses.is_dataclass(cls):
+            raise CodecError(f"{cls.__name__} is not a message type")
+        hints = get_type_hints(cls, include_extras=True)
+        names = tuple(field.name for field in dataclasses.fields(cls))
+        rules = [field_rule(hints[name]) for name in names]
+        described = {
+            "title": cls.__name__,
+            "type": "object",
+            "required": list(names),
+            "additionalProperties": False,
+            "properties": {name: rule.schema for name, rule in zip(names, rules, strict=True)},
+        }
+        digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).digest()
+        _CODECS[cls] = Codec(
+            cls=cls,
+            names=names,
+            known=frozenset(names),
+            values=attrgetter(*names) if len(names) > 1 else _only(names[0]),
+            pack=tuple(rule.pack for rule in rules),
+            unpack=tuple((name, rule.unpack) for name, rule in zip(names, rules, strict=True)),
+            max_bytes=getattr(cls, "MAX_BYTES", MAX_BYTES),
+            schema={"$schema": "https://json-schema.org/draft/2020-12/schema", **described},
+            hash=int.from_bytes(digest[:4], "little"),
+        )
     return _CODECS[cls]
-
-
-def _compile(cls: type) -> Codec:
-    if not dataclasses.is_dataclass(cls):
-        raise CodecError(f"{cls.__name__} is not a message type")
-    hints = get_type_hints(cls, include_extras=True)
-    names = tuple(field.name for field in dataclasses.fields(cls))
-    rules = [field_rule(hints[name]) for name in names]
-    described = {
-        "title": cls.__name__,
-        "type": "object",
-        "required": list(names),
-        "additionalProperties": False,
-        "properties": {name: rule.schema for name, rule in zip(names, rules, strict=True)},
-    }
-    digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).digest()
-    return Codec(
-        cls=cls,
-        names=names,
-        known=frozenset(names),
-        values=attrgetter(*names) if len(names) > 1 else _only(names[0]),
-        pack=tuple(rule.pack for rule in rules),
-        unpack=tuple((name, rule.unpack) for name, rule in zip(names, rules, strict=True)),
-        max_bytes=getattr(cls, "MAX_BYTES", MAX_BYTES),
-        schema={"$schema": "https://json-schema.org/draft/2020-12/schema", **described},
-        hash=int.from_bytes(digest[:4], "little"),
-    )
 
 
 def _only(name: str) -> Callable[[Any], tuple[Any, ...]]:

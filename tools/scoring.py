@@ -73,7 +73,16 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     elif kind == ".ply":
         points = files.read_cloud(path, taken)
     if points is not None:
-        vertices, faces = _checked_points(path, points), np.zeros((0, 3), np.int32)
+        if len(points) < MIN_POINTS:
+            raise files.InputError(
+                f"{path}: holds {len(points)} points; at least {MIN_POINTS} are needed"
+            )
+        if not np.isfinite(points).all():
+            bad = int(np.argmin(np.isfinite(points).all(axis=1)))
+            raise files.InputError(f"{path}: point {bad} is not finite")
+        if not np.ptp(points, axis=0).any():
+            raise files.InputError(f"{path}: all {len(points)} points are in one place")
+        vertices, faces = points, np.zeros((0, 3), np.int32)
     elif kind == ".npz":
         vertices, faces = _read_model(path)
         vertices = vertices * files.METRES_PER_UNIT[taken]
@@ -85,19 +94,6 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
             f"{path}: reaches {size:g} m from the origin; at most {MAX_COORDINATE:g} m can"
         )
     return MeshOrPoints(vertices, faces, taken)
-
-
-def _checked_points(path: Path, points: Floats) -> Floats:
-    if len(points) < MIN_POINTS:
-        raise files.InputError(
-            f"{path}: holds {len(points)} points; at least {MIN_POINTS} are needed"
-        )
-    if not np.isfinite(points).all():
-        bad = int(np.argmin(np.isfinite(points).all(axis=1)))
-        raise files.InputError(f"{path}: point {bad} is not finite")
-    if not np.ptp(points, axis=0).any():
-        raise files.InputError(f"{path}: all {len(points)} points are in one place")
-    return points
 
 
 def _read_csv(path: Path) -> Floats:

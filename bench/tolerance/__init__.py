@@ -14,6 +14,5 @@ if TYPE_CHECKING:
     from palpate.bench.tolerance.methods import Problem as Problem
     from palpate.bench.tolerance.options import ToleranceOptions as ToleranceOptions
     from palpate.bench.tolerance.options import tolerance_options as tolerance_options
-    from palpate.bench.tolerance.runs import read_runs as read_runs
 else:
     __getattr__, __dir__ = lazy(__name__)

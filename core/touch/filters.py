@@ -129,18 +129,13 @@ def median_then_wiener(image: Floats, noise_variance: float) -> Floats:
 
 def neighbourhoods(image: Floats) -> Floats:
     """The taxels around each taxel, (rows, cols, 9); reflected at the borders."""
-    windows = sliding_window_view(_reflected(image), (WINDOW, WINDOW))
-    return windows.reshape(*image.shape, WINDOW * WINDOW)
-
-
-def _reflected(image: Floats) -> Floats:
-    """The image with one taxel more on each side, mirrored about the border taxels."""
     rows, cols = image.shape
     padded = np.empty((rows + 2, cols + 2))
     padded[1:-1, 1:-1] = image
     padded[0, 1:-1], padded[-1, 1:-1] = image[1], image[-2]
     padded[:, 0], padded[:, -1] = padded[:, 2], padded[:, -3]
-    return padded
+    windows = sliding_window_view(padded, (WINDOW, WINDOW))
+    return windows.reshape(*image.shape, WINDOW * WINDOW)
 
 
 class RepairedImage(NamedTuple):

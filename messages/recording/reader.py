@@ -62,27 +62,23 @@ class Recording:
         for part, _, record in checked_records(self.path):
             if isinstance(record, Message):
                 channel = channels[part, record.channel_id]
-                yield recorded_message(channel, schemas[part, channel.schema_id], record)
+                schema = schemas[part, channel.schema_id]
+                about = channel.metadata
+                yield RecordedMessage(
+                    topic=channel.topic,
+                    publisher=about.get("publisher", ""),
+                    type=schema.name,
+                    run=int(about["run"], 16),
+                    epoch=int(about["epoch"]),
+                    seq=record.sequence,
+                    sent_ns=record.publish_time,
+                    schema=int(about["schema_hash"], 16),
+                    body=record.data,
+                )
             elif isinstance(record, Channel):
                 channels[part, record.id] = record
             elif isinstance(record, Schema):
                 schemas[part, record.id] = record
-
-
-def recorded_message(channel: Channel, schema: Schema, message: Message) -> RecordedMessage:
-    """One message with what its channel says of it."""
-    about = channel.metadata
-    return RecordedMessage(
-        topic=channel.topic,
-        publisher=about.get("publisher", ""),
-        type=schema.name,
-        run=int(about["run"], 16),
-        epoch=int(about["epoch"]),
-        seq=message.sequence,
-        sent_ns=message.publish_time,
-        schema=int(about["schema_hash"], 16),
-        body=message.data,
-    )
 
 
 def open_recording(path: Path) -> Recording:

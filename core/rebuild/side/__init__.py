@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.side.lofting import fit_contour_loft as fit_contour_loft
     from palpate.core.rebuild.side.lofting import noise_of as noise_of
     from palpate.core.rebuild.side.radial import POSE_LEFT as POSE_LEFT
-    from palpate.core.rebuild.side.radial import SECTORS as SECTORS
     from palpate.core.rebuild.side.radial import Coverage as Coverage
     from palpate.core.rebuild.side.radial import RadialFit as RadialFit
     from palpate.core.rebuild.side.radial import RadialSpline as RadialSpline
