@@ -28,7 +28,7 @@ from palpate.core.geometry import area_centroid, winding_number
 
 # Largest height that may stay untouched, over the tolerance, where nobody says how large: an arc so
 # long bows by the tolerance where it turns by 9 degrees.
-FEATURE_SHARE = 50.0
+FEATURE_SHARE = 100.0
 APART = 1.5  # Height between the slices of two fingers, in widths of a pad
 AZIMUTHS = 48  # At which a contour is seen
 LEAST_POINTS = 8  # A contour of fewer points is of no use

@@ -369,12 +369,26 @@ def _of_end(
     scatter = closed.loft.health.sigma
     if closed.radial is not None:
         reached = closed.radial.lows if way < 0.0 else closed.radial.highs
-        untouched = np.maximum(way * (end.height - reached), 0.0)
+        untouched = widest_untouched(np.maximum(way * (end.height - reached), 0.0), around)
         scatter = float(np.hypot(closed.radial.sigma, closed.radial.pose_sigma))
     hidden = around * float(np.mean(2.0 * untouched * np.square(HIDES * untouched)))
     off = 0.0 if contacts is None or end.round else _misfit(end, way, ring, contacts)
     level = (POSE_LEFT * scatter) ** 2 + max(off**2 - scatter**2, 0.0)
     return hidden + area * level, 0.0
+
+
+def widest_untouched(lengths: Floats, around: float) -> Floats:
+    """Width of what fits between touches at even places (n,) of a rim `around` long, (n,), m.
+
+    `lengths` (n,): how far nothing was touched there, across the rim, m. What is wider than twice
+    the way to another place lies there, too, and is no longer than what is untouched of it.
+    """
+    count = len(lengths)
+    steps = np.minimum(np.arange(count), count - np.arange(count))
+    # A place stands for all of its sector; the widths are of both sides.
+    wide = 2.0 * (steps + (steps > 0)) * around / count
+    shifted = lengths[(np.arange(count)[:, None] + np.arange(count)) % count]
+    return np.asarray(np.maximum(wide, shifted).min(axis=1))
 
 
 def _misfit(end: End, way: float, ring: Floats, contacts: ContactPoints) -> float:

@@ -112,7 +112,7 @@ def fit_object_frame(
         raise ValueError("points must hold at least one contact, got none")
     if not found.fitted or len(points) < FEWEST:
         return _about_contacts(points, platform, axis)
-    solid = _on_platform(found, points, platform, noise)
+    solid = solid_on_platform(found, points, platform, noise)
     if not solid.mass.sound:
         return _about_contacts(points, platform, axis)
     if axis is not None:
@@ -148,14 +148,21 @@ def _is_vertical(axis: Floats) -> bool:
     return math.atan2(math.hypot(axis[0], axis[1]), axis[2]) <= EXACT
 
 
-def _on_platform(
+def solid_on_platform(
     found: FittedSuperquadric, points: Floats, platform: float, noise: float
 ) -> CorrectedSolid:
-    """The solid through its contacts, the lowest of which it has with the platform."""
+    """The solid through its contacts, one of which it has with the platform.
+
+    That one is below the middle of all that is about as low: a corner of a level foot that leans a
+    little would draw the solid aside with it.
+    """
     mesh = found.shape().mesh(LEVEL)
-    lowest = int(mesh.vertices[:, 2].argmin())
-    points = np.vstack([points, mesh.vertices[lowest]])
-    residuals = np.append(found.residuals, mesh.vertices[lowest, 2] - platform)
+    heights = mesh.vertices[:, 2]
+    lowest = float(heights.min())
+    foot = heights <= lowest + FITS * float(np.ptp(mesh.vertices, axis=0).max())
+    middle = np.average(mesh.vertices[foot, :2], axis=0, weights=_areas(*mesh)[0][foot])
+    points = np.vstack([points, [*middle, lowest]])
+    residuals = np.append(found.residuals, lowest - platform)
     return correct_solid(mesh, points, residuals, found.rms, noise)
 
 

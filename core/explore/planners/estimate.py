@@ -112,18 +112,25 @@ class ErrorPrediction(NamedTuple):
         return math.hypot(self.curve, self.noise.all)
 
     def wants_refinement(self, tolerance: float) -> bool:
-        """Whether further slices would bring down what too few slices leave, and have to."""
+        """Whether further slices would bring down what too few slices leave, and have to.
+
+        Ends are known the better the more is known of the sides that lead to them: only what is
+        noise in the slices themselves settles for more than is asked for.
+        """
         if self.noise.touched < tolerance:
             return self.rms_bound_95 > tolerance
-        return math.hypot(self.curve, self.noise.between) > SETTLED * self.noise.touched
+        settled = SETTLED * max(self.noise.slices, tolerance)
+        return math.hypot(self.curve, self.noise.between) > settled
 
     def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
         """Whether noise is too large, but so many slices would average it away, and there is room.
 
         Of a solid rebuilt from all that was touched, noise falls with the root of their number.
         """
-        touched = self.noise.touched / DEVIATION  # the bound's margin is no noise
-        return self.noise.touched > tolerance and touched * math.sqrt(slices / room) <= tolerance
+        noise = self.noise
+        fading = (noise.touched**2 - noise.lasting**2) / DEVIATION**2  # its margin is no noise
+        left = fading * slices / room + noise.lasting**2
+        return noise.touched > tolerance and left <= tolerance**2
 
     def slices_to(self, target: float, slices: int) -> int | None:
         """Slices beyond those so far that bring the bound to a target; None if none do."""
@@ -143,6 +150,7 @@ class Noise(NamedTuple):
     all: float  # Of the whole surface
     touched: float  # Of it, what was touched, and the ends
     lasting: float  # Of that, what no further slice takes away
+    slices: float  # What was touched in slices
 
     @property
     def between(self) -> float:
@@ -175,14 +183,15 @@ def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats
     resolution = observation.resolution / extent
     if not observation.all_taxels or observation.deviation is None:
         noise = NOISE * math.sqrt(float((shares * indicators.noise**2).sum()))
-        return Noise(*[math.hypot(noise, resolution)] * 3)
+        return Noise(*[math.hypot(noise, resolution)] * 4)
     deviations = [one.deviation for one in observation.slices if one.usable]
     band = math.sqrt(float(np.mean(np.square(deviations))))
     ends = ENDS * observation.ends_deviation
     side = math.sqrt(max(observation.deviation**2 - observation.ends_deviation**2, 0.0))
     lasting = math.hypot(DEVIATION * ends / extent, resolution, LEFT)
     every = math.hypot(DEVIATION * side / extent, lasting)
-    return Noise(every, min(math.hypot(DEVIATION * band / extent, lasting), every), lasting)
+    slices = DEVIATION * band / extent
+    return Noise(every, min(math.hypot(slices, lasting), every), lasting, slices)
 
 
 def parts_needed(variances: Floats, target: float, order: float) -> Ints:

@@ -49,6 +49,7 @@ BANDS, BAND_TURNS = 25, 4  # Heights at which the deviation is given, turns of i
 # alone. Measured on shipped scenes with 5 and 9 contours, where it makes the 95 % band true.
 POSE_LEFT = 0.4
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
+FINE_SECTORS = 96  # Those in which the outermost heights are told
 TINY = 0.02  # Of the height that was touched: a stretch without a point that is lower is none
 AROUND = 96  # Coefficients around
 # Strength of bending along, where the side was touched all around and where it was not: there so
@@ -155,8 +156,9 @@ class RadialFit(NamedTuple):
     condition: float  # Estimate of the system's condition number, to 2 digits
     untouched_gap: float  # The highest stretch of the side that was not touched on some azimuth
     stretched: bool  # Whether the side had to be drawn higher than it was touched
-    lows: Floats  # Lowest height that was touched in each of 24 even sectors, (24,)
-    highs: Floats  # Highest one, (24,)
+    # Lowest height that was touched in each of 96 even sectors, (96,); infinity if nothing was.
+    lows: Floats
+    highs: Floats  # Highest one, (96,); -infinity likewise
     gaps: Floats  # Heights of the stretches that were not touched, in any of the sectors, (n,)
     band_heights: Floats  # (25,)
     band: Floats  # Standard deviation of the surface at those heights, (25,)
@@ -209,26 +211,33 @@ class Coverage(NamedTuple):
     low: float  # Height from which on it was touched all around
     high: float  # Height up to which it was
     gap: float  # The highest stretch between them in which nothing was touched on some azimuth
-    lows: Floats  # Lowest height that was touched in each sector, (24,)
-    highs: Floats  # Highest one, (24,)
+    lows: Floats  # Lowest height that was touched in each fine sector, (96,), or infinity
+    highs: Floats  # Highest one, (96,), or -infinity
     gaps: Floats  # Heights of stretches not touched, in any sector, (n,); tiny ones are left out
 
 
 def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:
     """Coverage of points at heights (n,) and turns (n,); None if a sector has no point."""
-    sector = (np.mod(turns, 1.0) * SECTORS).astype(np.int32) % SECTORS
+    turns = np.mod(turns, 1.0)
+    sector = (turns * SECTORS).astype(np.int32) % SECTORS
     if len(np.unique(sector)) < SECTORS:
         return None
-    lows, highs = np.full(SECTORS, np.inf), np.full(SECTORS, -np.inf)
-    np.minimum.at(lows, sector, heights)
-    np.maximum.at(highs, sector, heights)
     order = np.lexsort((heights, sector))
     step = np.diff(heights[order])
     same = np.diff(sector[order]) == 0
     step = step[same]
     gaps = step[step > TINY * float(np.ptp(heights))]
     gap = float(step.max(initial=0.0))
-    return Coverage(float(lows.max()), float(highs.min()), gap, lows, highs, gaps)
+    low, high = (float(one.max()) for one in (_lowest(heights, sector), _lowest(-heights, sector)))
+    fine = (turns * FINE_SECTORS).astype(np.int32) % FINE_SECTORS
+    lows, highs = _lowest(heights, fine, FINE_SECTORS), -_lowest(-heights, fine, FINE_SECTORS)
+    return Coverage(low, -high, gap, lows, highs, gaps)
+
+
+def _lowest(heights: Floats, sector: Ints, count: int = SECTORS) -> Floats:
+    lowest = np.full(count, np.inf)
+    np.minimum.at(lowest, sector, heights)
+    return lowest
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,12 @@ from palpate.core.poses import transform_points
 from palpate.core.rebuild.contours.contacts import ContactPoints
 from palpate.core.rebuild.ends.touched import Shear
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.solid import Solid, moved_lattice, sheared_volume
+from palpate.core.rebuild.solid import (
+    Solid,
+    moved_lattice,
+    sheared_volume,
+    widest_untouched,
+)
 from palpate.core.splines.bases import clamped_basis
 from palpate.core.splines.lattices import Lattice
 from palpate.core.splines.spline_volumes import SplineVolume
@@ -60,6 +65,16 @@ def test_what_is_not_deformed_is_not_slanted(volume):
     found = moved_lattice(lattice, None, SHEAR)
     assert found.undeformed is volume
     assert moved_lattice(lattice, None) is lattice
+
+
+def test_between_two_touches_of_a_rim_lies_nothing_wider_than_their_gap():
+    lengths = np.full(100, 1e-3)
+    lengths[40:44] = np.inf  # 4 mm of 100 in which nothing was touched
+    found = widest_untouched(lengths, 0.1)
+    assert (found[lengths == 1e-3] == 1e-3).all()
+    np.testing.assert_allclose(found[40:44], [4e-3, 6e-3, 6e-3, 4e-3])
+    assert (widest_untouched(lengths, 10.0)[40:44] >= 0.4).all()
+    assert (widest_untouched(np.full(100, 0.02), 0.1) == 0.02).all()
 
 
 Make = Callable[..., Any]

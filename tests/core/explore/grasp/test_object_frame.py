@@ -10,6 +10,7 @@ from palpate.core.explore.grasp.object_frame import (
     extent_along,
     fit_object_frame,
     mass_properties,
+    solid_on_platform,
 )
 from palpate.core.poses import pose_of, split_pose
 from palpate.core.rebuild.reconstruction import fit_coarse
@@ -243,6 +244,27 @@ def test_a_solid_that_fits_tells_where_its_untouched_ends_are():
     *given, _, error = extent_along(pose_of(np.zeros(3), np.eye(3)), solid, found, seen, -0.042)
     assert given == pytest.approx([-0.042, 0.042], abs=2e-4)
     assert error < 1.5e-3
+
+
+@pytest.mark.parametrize("degrees", range(0, 360, 45))
+def test_a_level_foot_that_leans_a_little_draws_no_solid_aside(degrees):
+    shape = Superquadric(np.array([0.024, 0.028, 0.032]), np.array([0.02, 1.0]))
+    vertices = shape.mesh(3).vertices
+    side = vertices[np.abs(vertices[:, 2]) < 0.03][::12]
+    lean = math.radians(0.2)
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    spun = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    found = replace(
+        fit_coarse(side, NOISE),
+        size=shape.size,
+        exponents=shape.exponents,
+        pose=pose_of(np.zeros(3), spun @ about_x(lean) @ spun.T),
+        residuals=np.zeros(len(side)),
+        rms=1e-3,
+    )
+    solid = solid_on_platform(found, side, -0.048, NOISE)
+    axis = solid.mass.axes[:, 2]
+    assert abs(axis[2]) > math.cos(math.radians(3.0))
 
 
 def test_a_box_is_recovered_as_a_box(box, grasped):

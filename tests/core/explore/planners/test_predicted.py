@@ -326,6 +326,15 @@ def test_noise_is_that_of_touched_bands_of_what_lies_between_and_of_the_ends(sli
     assert told.between == pytest.approx(math.sqrt(told.all**2 - told.touched**2), rel=1e-9)
 
 
+def test_ends_that_are_uncertain_do_not_end_the_refinement_of_the_side(slice_of, observation):
+    slices = [slice_of(wavy, share, deviation=2e-6) for share in np.linspace(0.03, 0.97, 4)]
+    stated = observation(slices, all_taxels=True, deviation=2e-3, ends_deviation=2e-3)
+    told = predict_error(stated, profile_of(stated), untouched_spans(stated))
+    assert told.curve < 0.5 * told.noise.touched
+    assert told.wants_refinement(told.curve)
+    assert not told.wants_refinement(3.0 * told.curve)
+
+
 def test_what_lies_between_touched_bands_is_refined_though_it_counts_as_noise(
     slice_of, observation
 ):
@@ -356,7 +365,10 @@ def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(slice_of, 
     slices = [slice_of(wavy, share, deviation=4e-4) for share in np.linspace(0.03, 0.97, 6)]
     noisy = observation(slices, all_taxels=True, deviation=4e-4)
     told = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
-    touched = told.noise.touched / DEVIATION
-    assert not told.wants_averaging(0.99 * touched / 2.0, 6, 24)
-    assert told.wants_averaging(1.01 * touched / 2.0, 6, 24)
-    assert not told.wants_averaging(1.01 * told.noise.touched, 6, 24)
+    noise = told.noise
+    left = math.hypot(0.5 * noise.slices / DEVIATION, noise.lasting)
+    assert not told.wants_averaging(0.99 * left, 6, 24)
+    assert told.wants_averaging(1.01 * left, 6, 24)
+    assert not told.wants_averaging(1.01 * noise.touched, 6, 24)
+    lasting = told._replace(noise=noise._replace(touched=1.2 * left, lasting=1.1 * left))
+    assert not lasting.wants_averaging(1.01 * left, 6, 10**6)

@@ -11,6 +11,7 @@ from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points
 from palpate.core.rebuild.side import radial as along
 from palpate.core.rebuild.side.equations import AxisCurve, fit_axis_curve
 from palpate.core.rebuild.side.radial import (
+    FINE_SECTORS,
     HALVED,
     LEAST,
     SECTORS,
@@ -290,8 +291,13 @@ def test_the_side_reaches_as_far_as_every_sector_was_touched():
     seen = coverage_of(heights, turns)
     assert seen is not None
     assert (seen.low, seen.high, seen.gap) == pytest.approx((0.01, 0.03, 0.04))
-    assert (seen.lows[3], seen.highs[5]) == pytest.approx((0.01, 0.03))
-    assert np.count_nonzero(seen.lows) == 1
+    finer = FINE_SECTORS // SECTORS
+    touched = np.isfinite(seen.lows)
+    assert np.count_nonzero(touched) == SECTORS
+    assert (seen.lows[3 * finer + finer // 2], seen.highs[5 * finer + finer // 2]) == pytest.approx(
+        (0.01, 0.03)
+    )
+    assert np.count_nonzero(seen.lows[touched]) == 1
 
 
 def test_every_stretch_without_a_point_is_listed():
