@@ -385,8 +385,8 @@ def widest_untouched(lengths: Floats, around: float) -> Floats:
     """
     count = len(lengths)
     steps = np.minimum(np.arange(count), count - np.arange(count))
-    # A place stands for all of its sector; the widths are of both sides.
-    wide = 2.0 * (steps + (steps > 0)) * around / count
+    # From the middle of a sector to the far border of another, on both sides.
+    wide = 2.0 * np.where(steps > 0, steps + 0.5, 0.0) * around / count
     shifted = lengths[(np.arange(count)[:, None] + np.arange(count)) % count]
     return np.asarray(np.maximum(wide, shifted).min(axis=1))
 

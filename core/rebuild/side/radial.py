@@ -49,7 +49,7 @@ BANDS, BAND_TURNS = 25, 4  # Heights at which the deviation is given, turns of i
 # alone. Measured on shipped scenes with 5 and 9 contours, where it makes the 95 % band true.
 POSE_LEFT = 0.4
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
-FINE_SECTORS = 96  # Those in which the outermost heights are told
+FINE_SECTORS = 360  # Those in which the outermost heights are told
 TINY = 0.02  # Of the height that was touched: a stretch without a point that is lower is none
 AROUND = 96  # Coefficients around
 # Strength of bending along, where the side was touched all around and where it was not: there so
@@ -156,9 +156,9 @@ class RadialFit(NamedTuple):
     condition: float  # Estimate of the system's condition number, to 2 digits
     untouched_gap: float  # The highest stretch of the side that was not touched on some azimuth
     stretched: bool  # Whether the side had to be drawn higher than it was touched
-    # Lowest height that was touched in each of 96 even sectors, (96,); infinity if nothing was.
+    # Lowest height that was touched in each of 360 even sectors, (360,); infinity if nothing was.
     lows: Floats
-    highs: Floats  # Highest one, (96,); -infinity likewise
+    highs: Floats  # Highest one, (360,); -infinity likewise
     gaps: Floats  # Heights of the stretches that were not touched, in any of the sectors, (n,)
     band_heights: Floats  # (25,)
     band: Floats  # Standard deviation of the surface at those heights, (25,)
@@ -211,8 +211,8 @@ class Coverage(NamedTuple):
     low: float  # Height from which on it was touched all around
     high: float  # Height up to which it was
     gap: float  # The highest stretch between them in which nothing was touched on some azimuth
-    lows: Floats  # Lowest height that was touched in each fine sector, (96,), or infinity
-    highs: Floats  # Highest one, (96,), or -infinity
+    lows: Floats  # Lowest height that was touched in each fine sector, (360,), or infinity
+    highs: Floats  # Highest one, (360,), or -infinity
     gaps: Floats  # Heights of stretches not touched, in any sector, (n,); tiny ones are left out
 
 
