@@ -23,7 +23,7 @@ from palpate.core.arrays import Floats, finite_array
 from palpate.core.geometry import self_intersection, solidity
 from palpate.core.poses import split_pose
 from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
-from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame
+from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
 from palpate.core.rebuild.ends import End, Shear, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit
@@ -369,7 +369,9 @@ def _of_end(
     scatter = closed.loft.health.sigma
     if closed.radial is not None:
         reached = closed.radial.lows if way < 0.0 else closed.radial.highs
-        untouched = widest_untouched(np.maximum(way * (end.height - reached), 0.0), around)
+        pitch = 0.0 if contacts is None else taxel_pitch(contacts)
+        untouched = np.maximum(way * (end.height - reached), 0.0)
+        untouched = widest_untouched(untouched, around, pitch)
         scatter = float(np.hypot(closed.radial.sigma, closed.radial.pose_sigma))
     hidden = around * float(np.mean(2.0 * untouched * np.square(HIDES * untouched)))
     off = 0.0 if contacts is None or end.round else _misfit(end, way, ring, contacts)
@@ -377,16 +379,17 @@ def _of_end(
     return hidden + area * level, 0.0
 
 
-def widest_untouched(lengths: Floats, around: float) -> Floats:
+def widest_untouched(lengths: Floats, around: float, pitch: float) -> Floats:
     """Width of what fits between touches at even places (n,) of a rim `around` long, (n,), m.
 
-    `lengths` (n,): how far nothing was touched there, across the rim, m. What is wider than twice
-    the way to another place lies there, too, and is no longer than what is untouched of it.
+    `lengths` (n,): how far nothing was touched there, across the rim, m. `pitch`: of the taxels, m;
+    each stands for a cell of its width. What is wider than twice the way to the cell of another
+    place lies there, too, and is no longer than what is untouched of it.
     """
     count = len(lengths)
     steps = np.minimum(np.arange(count), count - np.arange(count))
     # From the middle of a sector to the far border of another, on both sides.
-    wide = 2.0 * np.where(steps > 0, steps + 0.5, 0.0) * around / count
+    wide = np.where(steps > 0, 2.0 * (steps + 0.5) * around / count - pitch, 0.0)
     shifted = lengths[(np.arange(count)[:, None] + np.arange(count)) % count]
     return np.asarray(np.maximum(wide, shifted).min(axis=1))
 

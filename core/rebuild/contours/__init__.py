@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.contacts import normals_as_points as normals_as_points
     from palpate.core.rebuild.contours.contacts import slicing_pose as slicing_pose
     from palpate.core.rebuild.contours.contacts import stack_points as stack_points
+    from palpate.core.rebuild.contours.contacts import taxel_pitch as taxel_pitch
     from palpate.core.rebuild.contours.curves import CUBIC_GAIN as CUBIC_GAIN
     from palpate.core.rebuild.contours.curves import ContourCurve as ContourCurve
     from palpate.core.rebuild.contours.curves import DroppedContour as DroppedContour

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.poses import IDENTITY_POSE, rotation_matrix, split_pose
@@ -36,6 +37,15 @@ class ContactPoints(NamedTuple):
     points: Floats  # (n, 3), m
     normals: Floats | None  # Outward unit normals, (n, 3); None where nobody measured them
     touch: Ints  # Of each point, (n,), from 0 on: those of one touch share the error of its pose
+
+
+def taxel_pitch(contacts: ContactPoints) -> float:
+    """Median distance of the nearest two taxels in the touch that has most of them, m; 0 if one."""
+    most = int(np.bincount(contacts.touch).argmax())
+    points = contacts.points[contacts.touch == most]
+    if len(points) < 2:
+        return 0.0
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
 
 
 def contact_points_of(

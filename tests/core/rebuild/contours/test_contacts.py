@@ -13,6 +13,7 @@ from palpate.core.rebuild.contours.contacts import (
     edge_slopes,
     normals_as_points,
     stack_points,
+    taxel_pitch,
 )
 from palpate.core.touch.jet import fit_jet
 from palpate.core.touch.pad import guarded_move
@@ -218,3 +219,11 @@ def test_normals_that_do_not_fit_their_contours_are_refused():
         normals_as_points([points, points], [normals])
     with pytest.raises(ValueError, match=r"normals of contour 0 must have shape \(12, 3\), got"):
         normals_as_points([points], [normals[:5]])
+
+
+def test_the_pitch_is_that_of_the_touch_with_most_taxels():
+    grid = np.stack(np.meshgrid(np.arange(6.0), np.arange(5.0), [0.0]), axis=-1).reshape(-1, 3)
+    points = np.vstack([0.1e-3 * grid[:9], 0.8e-3 * grid])
+    touch = np.repeat([0, 1], [9, len(grid)]).astype(np.int32)
+    assert taxel_pitch(ContactPoints(points, None, touch)) == pytest.approx(0.8e-3)
+    assert taxel_pitch(ContactPoints(points[:1], None, touch[:1])) == 0.0
