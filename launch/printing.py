@@ -89,7 +89,9 @@ def summary_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path)
     lines = [*_result(summary), *_promise(summary)]
     lines += [*_cost(summary), *_time(summary), *_node_table(summary["nodes"])]
     lines += _steps(summary["steps"])
-    lines += titled("numerics", *[f"{k} {v:.3g}" for k, v in summary["numerics"].items()])
+    if summary["numerics"]:
+        figures = (f"{name} {value:.3g}" for name, value in summary["numerics"].items())
+        lines += titled("numerics", *figures)
     lines += titled("outputs", *files)
     lines += titled("missed", *summary["missed"]) if summary["missed"] else []
     lines += titled(ENDED[summary["status"]], summary["reason"])
