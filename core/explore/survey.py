@@ -112,6 +112,7 @@ class Survey:
             all_taxels=True,
             deviation=None if self.uncertainty is None else self.uncertainty.whole,
             ends_deviation=0.0 if self.uncertainty is None else self.uncertainty.ends,
+            pose_deviation=0.0 if self.uncertainty is None else self.uncertainty.pose,
         )
 
     @property

@@ -42,7 +42,7 @@ ORDER = 3.0  # An interval cut into m parts errs by m to this power less
 # the part that its ends make, whose untouched edges vary most; and what edges leave that no
 # deviation states, over the extent. From explorations of drawn objects and of the shipped scenes,
 # half of them with noise.
-DEVIATION, ENDS, LEFT = 1.25, 2.0, 2.0e-4
+DEVIATION, ENDS, LEFT = 1.25, 1.5, 1.0e-4
 # Where noise alone is beyond the tolerance, slices stop when they add less than this of it.
 SETTLED = 0.5
 NEAR = 1e-6  # Values that differ by less of themselves are alike
@@ -105,6 +105,7 @@ class ErrorPrediction(NamedTuple):
     shares: Floats  # Of the side's area; (m - 1,)
     curve: float  # Bound of the error of the whole that comes of too few slices, in 95 of 100 runs
     noise: Noise  # Bound of that which comes of noise, and that of the ends
+    untouched: float  # Share of the height that nothing has touched, root mean square
 
     @property
     def rms_bound_95(self) -> float:
@@ -114,13 +115,15 @@ class ErrorPrediction(NamedTuple):
     def wants_refinement(self, tolerance: float) -> bool:
         """Whether further slices would bring down what too few slices leave, and have to.
 
-        Ends are known the better the more is known of the sides that lead to them: only what is
-        noise in the slices themselves settles for more than is asked for.
+        They do while the tolerance is within their reach; and else while they bring the error down
+        by much, for ends are known the better the more is known of the sides that lead to them.
         """
-        if self.noise.touched < tolerance:
-            return self.rms_bound_95 > tolerance
-        settled = SETTLED * max(self.noise.slices, tolerance)
-        return math.hypot(self.curve, self.noise.between) > settled
+        if self.rms_bound_95 <= tolerance:
+            return False
+        falling = math.hypot(self.curve, self.untouched * self.noise.between)
+        if self.rms_bound_95**2 - falling**2 <= tolerance**2:
+            return True
+        return falling > SETTLED * max(self.noise.slices, tolerance)
 
     def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
         """Whether noise is too large, but so many slices would average it away, and there is room.
@@ -164,10 +167,12 @@ def predict_error(
     """The errors that at least two slices predict, and untouched spans between them."""
     indicators = error_indicators(profile)
     errors = np.hypot(HIGHER * indicators.quintic_gap, CLASH * indicators.rise_mismatch)
+    untouched = np.ones(len(errors))
     if observation.all_taxels:
         heights = (observation.low + observation.extent * profile.heights).tolist()
-        untouched = np.array([longest_untouched(spans, *pair) for pair in pairwise(heights)])
-        errors *= (untouched / (observation.extent * indicators.width)) ** UNTOUCHED_ORDER
+        longest = np.array([longest_untouched(spans, *pair) for pair in pairwise(heights)])
+        untouched = longest / (observation.extent * indicators.width)
+    errors *= untouched**UNTOUCHED_ORDER
     wide = profile.radii.mean(axis=1)
     long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
     areas = indicators.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
@@ -175,7 +180,8 @@ def predict_error(
     errors *= SAFETY * (1.0 + FEW / len(errors) ** 3)
     curve = math.sqrt(float((shares * errors**2).sum()))
     noise = _noise(observation, indicators, shares)
-    return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise)
+    left = math.sqrt(float((shares * untouched**2).sum()))
+    return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise, left)
 
 
 def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats) -> Noise:
@@ -186,6 +192,8 @@ def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats
         return Noise(*[math.hypot(noise, resolution)] * 4)
     deviations = [one.deviation for one in observation.slices if one.usable]
     band = math.sqrt(float(np.mean(np.square(deviations))))
+    # What the surface misses of its taxels by more than their places err is no noise.
+    band = min(band, math.hypot(observation.pose_deviation, observation.resolution))
     ends = ENDS * observation.ends_deviation
     side = math.sqrt(max(observation.deviation**2 - observation.ends_deviation**2, 0.0))
     lasting = math.hypot(DEVIATION * ends / extent, resolution, LEFT)

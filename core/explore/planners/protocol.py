@@ -137,6 +137,7 @@ class Observation:
     # Standard deviation of the whole surface of that solid, ends included, m; None without one.
     deviation: float | None = None
     ends_deviation: float = 0.0  # Of it, the part that the ends make, m
+    pose_deviation: float = 0.0  # Standard deviation of a touch's place, m; 0 if none is seen
 
     def __post_init__(self) -> None:
         if not -math.inf < self.low < self.high < math.inf:
@@ -158,7 +159,8 @@ class Observation:
             not_negative(name, getattr(self, name), "m")
         if self.deviation is not None:
             not_negative("deviation", self.deviation, "m")
-        not_negative("ends_deviation", self.ends_deviation, "m")
+        for name in ("ends_deviation", "pose_deviation"):
+            not_negative(name, getattr(self, name), "m")
         counts = {len(one.radii) for one in self.slices if one.usable}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")

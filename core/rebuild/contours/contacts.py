@@ -45,7 +45,8 @@ def taxel_pitch(contacts: ContactPoints) -> float:
     points = contacts.points[contacts.touch == most]
     if len(points) < 2:
         return 0.0
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    distances, _ = cKDTree(points).query(points, k=2)
+    return float(np.median(np.asarray(distances)[:, 1]))
 
 
 def contact_points_of(

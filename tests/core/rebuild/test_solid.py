@@ -158,9 +158,7 @@ def test_a_touched_end_hides_more_the_farther_the_last_contour_is():
 
 def test_fewer_contours_touched_alone_are_trusted_less(oracle):
     true = oracle(*EGG)
-    few, many = (
-        true.rebuilt(np.linspace(-0.9, 0.9, count)).whole_deviation() for count in (3, 9)
-    )
+    few, many = (true.rebuilt(np.linspace(-0.9, 0.9, count)).whole_deviation() for count in (3, 9))
     assert few.ends == pytest.approx(many.ends, rel=0.2)  # which lie as far from the last contours
     assert few.whole**2 - few.ends**2 > 1.2 * (many.whole**2 - many.ends**2)
 

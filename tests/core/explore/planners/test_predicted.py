@@ -318,7 +318,9 @@ def test_a_solid_of_all_that_was_touched_states_its_own_deviation(slice_of, obse
 
 def test_noise_is_that_of_touched_bands_of_what_lies_between_and_of_the_ends(slice_of, observation):
     slices = [slice_of(wavy, share, deviation=3e-5) for share in np.linspace(0.03, 0.97, 4)]
-    stated = observation(slices, all_taxels=True, deviation=9e-5, ends_deviation=2e-5)
+    stated = observation(
+        slices, all_taxels=True, deviation=9e-5, ends_deviation=2e-5, pose_deviation=1e-4
+    )
     told = predict_error(stated, profile_of(stated), untouched_spans(stated)).noise
     lasting = math.hypot(DEVIATION * ENDS * 2e-5 / 0.09, 1e-5 / 0.09, LEFT)
     assert told.lasting == pytest.approx(lasting, rel=1e-9)
@@ -333,6 +335,25 @@ def test_ends_that_are_uncertain_do_not_end_the_refinement_of_the_side(slice_of,
     assert told.curve < 0.5 * told.noise.touched
     assert told.wants_refinement(told.curve)
     assert not told.wants_refinement(3.0 * told.curve)
+
+
+def test_what_a_surface_misses_by_more_than_poses_err_is_refined_and_not_noise(
+    slice_of, observation
+):
+    given = {"all_taxels": True, "deviation": 1e-3, "tolerance": 5e-4}
+
+    def told(count, pose):
+        shares = np.linspace(0.03, 0.97, count)
+        slices = [slice_of(wavy, share, deviation=1e-3) for share in shares]
+        one = observation(slices, pose_deviation=pose, **given)
+        return predict_error(one, profile_of(one), untouched_spans(one))
+
+    missed, noisy = told(5, 1e-5), told(5, 1e-3)
+    assert missed.rms_bound_95 == pytest.approx(noisy.rms_bound_95, rel=1e-9)
+    assert missed.noise.touched < 5e-4 / 0.09 < missed.rms_bound_95
+    assert missed.wants_refinement(5e-4 / 0.09) and not noisy.wants_refinement(5e-4 / 0.09)
+    # Where all was touched, no further slice tells more.
+    assert told(9, 1e-5).untouched == 0.0 and not told(9, 1e-5).wants_refinement(5e-4 / 0.09)
 
 
 def test_what_lies_between_touched_bands_is_refined_though_it_counts_as_noise(
@@ -363,7 +384,7 @@ def test_halving_takes_the_slices_that_are_predicted_to(slice_of, observation):
 
 def test_noise_is_averaged_only_where_there_is_room_for_enough_slices(slice_of, observation):
     slices = [slice_of(wavy, share, deviation=4e-4) for share in np.linspace(0.03, 0.97, 6)]
-    noisy = observation(slices, all_taxels=True, deviation=4e-4)
+    noisy = observation(slices, all_taxels=True, deviation=4e-4, pose_deviation=4e-4)
     told = predict_error(noisy, profile_of(noisy), untouched_spans(noisy))
     noise = told.noise
     left = math.hypot(0.5 * noise.slices / DEVIATION, noise.lasting)
