@@ -105,7 +105,7 @@ class ErrorPrediction(NamedTuple):
     shares: Floats  # Of the side's area; (m - 1,)
     curve: float  # Bound of the error of the whole that comes of too few slices, in 95 of 100 runs
     noise: Noise  # Bound of that which comes of noise, and that of the ends
-    untouched: float  # Share of the height that nothing has touched, root mean square
+    untouched: Floats  # Share of each interval's height that nothing has touched, (m - 1,)
 
     @property
     def rms_bound_95(self) -> float:
@@ -120,7 +120,8 @@ class ErrorPrediction(NamedTuple):
         """
         if self.rms_bound_95 <= tolerance:
             return False
-        falling = math.hypot(self.curve, self.untouched * self.noise.between)
+        untouched = math.sqrt(float((self.shares * self.untouched**2).sum()))
+        falling = math.hypot(self.curve, untouched * self.noise.between)
         if self.rms_bound_95**2 - falling**2 <= tolerance**2:
             return True
         return falling > SETTLED * max(self.noise.slices, tolerance)
@@ -139,7 +140,7 @@ class ErrorPrediction(NamedTuple):
         """Slices beyond those so far that bring the bound to a target; None if none do."""
         variances = self.shares * self.errors**2
         noise, total = self.noise, max(float(variances.sum()), np.finfo(float).tiny)
-        for more, (_, curve) in enumerate(cut_further(variances, ORDER)):
+        for more, (_, curve) in enumerate(cut_further(variances, ORDER, self.untouched)):
             between = noise.between**2 * curve / total
             fading = (noise.touched**2 - noise.lasting**2) * slices / (slices + more)
             if curve + between + fading + noise.lasting**2 <= target**2:
@@ -180,8 +181,7 @@ def predict_error(
     errors *= SAFETY * (1.0 + FEW / len(errors) ** 3)
     curve = math.sqrt(float((shares * errors**2).sum()))
     noise = _noise(observation, indicators, shares)
-    left = math.sqrt(float((shares * untouched**2).sum()))
-    return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise, left)
+    return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise, untouched)
 
 
 def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats) -> Noise:
@@ -208,14 +208,23 @@ def parts_needed(variances: Floats, target: float, order: float) -> Ints:
     return next((parts for parts, left in cuts if left <= target**2), cuts[-1][0])
 
 
-def cut_further(variances: Floats, order: float) -> Iterator[tuple[Ints, float]]:
+def cut_further(
+    variances: Floats, order: float, untouched: Floats | None = None
+) -> Iterator[tuple[Ints, float]]:
     """Parts of each interval and the variance then left, with no cut, one, two, ...
 
-    Each cut goes where it takes most.
+    Each cut goes where it takes most. `untouched` (n,): what share of each interval a slice's band
+    leaves untouched, which the bands of more slices make smaller; all of it if left out.
     """
-    parts = np.ones(len(variances), dtype=np.int32)
+    share = np.ones(len(variances)) if untouched is None else untouched
+
+    def left(parts: Floats) -> Floats:
+        shrunk = np.maximum(1.0 - parts * (1.0 - share), 0.0) / np.maximum(share, NEAR)
+        return np.asarray(variances * parts ** (-2.0 * order) * shrunk ** (2.0 * UNTOUCHED_ORDER))
+
+    parts = np.ones(len(variances))
     for _ in range(MOST_CUTS + 1):
-        now = variances * parts ** (-2.0 * order)
-        yield parts.copy(), float(now.sum())
-        gain = now - variances * (parts + 1.0) ** (-2.0 * order)
-        parts[int(np.argmax(gain >= gain.max() * (1.0 - NEAR)))] += 1
+        now = left(parts)
+        yield parts.astype(np.int32), float(now.sum())
+        gain = now - left(parts + 1.0)
+        parts[int(np.argmax(gain >= gain.max() * (1.0 - NEAR)))] += 1.0

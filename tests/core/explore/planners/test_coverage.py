@@ -14,7 +14,7 @@ from palpate.core.explore.planners.coverage import (
     untouched_spans,
     untraceable_height,
 )
-from palpate.core.explore.planners.predicted import parts_needed
+from palpate.core.explore.planners.estimate import cut_further, parts_needed
 from palpate.core.explore.planners.protocol import Observation, ObservedSlice, SliceOutcome
 
 
@@ -88,6 +88,18 @@ def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts():
     variances = np.array([1.0, 1e-3, 0.1])
     assert (variances * parts**-4.0).sum() <= 0.05**2
     assert parts[0] > parts[2] > parts[1]
+
+
+def test_bands_that_are_touched_leave_less_of_a_cut_interval_than_its_parts():
+    variances, touched = np.array([1.0, 1.0]), np.array([0.0, 0.3])
+    cuts = list(cut_further(variances, 3.0, 1.0 - touched))
+    assert cuts[0][1] == 2.0 and cuts[1][0].tolist() == [1, 2]
+    assert cuts[1][1] == pytest.approx(1.0 + 2.0**-6 * (0.4 / 0.7) ** 4)
+    whole = [left for _, left in cut_further(variances, 3.0)]
+    assert all(left <= other for (_, left), other in zip(cuts, whole, strict=True))
+    # What three bands cover is touched.
+    covered = list(cut_further(variances[1:], 3.0, 1.0 - np.array([0.4])))
+    assert covered[2][1] == 0.0
 
 
 @pytest.mark.parametrize("order", [1.0, 3.0])
