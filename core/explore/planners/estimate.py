@@ -43,8 +43,9 @@ ORDER = 3.0  # An interval cut into m parts errs by m to this power less
 # deviation states, over the extent. From explorations of drawn objects and of the shipped scenes,
 # half of them with noise.
 DEVIATION, ENDS, LEFT = 1.25, 1.5, 1.0e-4
-# Where noise alone is beyond the tolerance, slices stop when they add less than this of it.
-SETTLED = 0.5
+# Where the tolerance is out of reach, slices stop when what they would bring down is less than this
+# of their noise, and of the tolerance.
+SETTLED, HARDLY = 0.5, 0.2
 NEAR = 1e-6  # Values that differ by less of themselves are alike
 MOST_CUTS = 64  # Slices that are planned ahead
 
@@ -124,7 +125,7 @@ class ErrorPrediction(NamedTuple):
         falling = math.hypot(self.curve, untouched * self.noise.between)
         if self.rms_bound_95**2 - falling**2 <= tolerance**2:
             return True
-        return falling > SETTLED * max(self.noise.slices, tolerance)
+        return falling > max(SETTLED * self.noise.slices, HARDLY * tolerance)
 
     def wants_averaging(self, tolerance: float, slices: int, room: int) -> bool:
         """Whether noise is too large, but so many slices would average it away, and there is room.

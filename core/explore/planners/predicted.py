@@ -238,4 +238,9 @@ def _reason(observation: Observation, estimate: Estimate) -> str:
         )
     if noise.touched * observation.extent > observation.tolerance:
         return "the noise of the slices is beyond the tolerance, and no further slice takes it away"
+    if not estimate.prediction.wants_refinement(observation.tolerance / observation.extent):
+        return (
+            "the surface does not follow what was touched to within the tolerance, and further "
+            "slices would hardly help"
+        )
     return "the slices lie as close as they may, and the error is not within tolerance"

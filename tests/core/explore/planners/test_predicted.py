@@ -334,7 +334,7 @@ def test_ends_that_are_uncertain_do_not_end_the_refinement_of_the_side(slice_of,
     told = predict_error(stated, profile_of(stated), untouched_spans(stated))
     assert told.curve < 0.5 * told.noise.touched
     assert told.wants_refinement(told.curve)
-    assert not told.wants_refinement(3.0 * told.curve)
+    assert not told.wants_refinement(6.0 * told.curve)
 
 
 def test_what_a_surface_misses_by_more_than_poses_err_is_refined_and_not_noise(
@@ -342,10 +342,13 @@ def test_what_a_surface_misses_by_more_than_poses_err_is_refined_and_not_noise(
 ):
     given = {"all_taxels": True, "deviation": 1e-3, "tolerance": 5e-4}
 
-    def told(count, pose):
+    def seen(count, pose):
         shares = np.linspace(0.03, 0.97, count)
         slices = [slice_of(wavy, share, deviation=1e-3) for share in shares]
-        one = observation(slices, pose_deviation=pose, **given)
+        return observation(slices, pose_deviation=pose, **given)
+
+    def told(count, pose):
+        one = seen(count, pose)
         return predict_error(one, profile_of(one), untouched_spans(one))
 
     missed, noisy = told(5, 1e-5), told(5, 1e-3)
@@ -354,6 +357,8 @@ def test_what_a_surface_misses_by_more_than_poses_err_is_refined_and_not_noise(
     assert missed.wants_refinement(5e-4 / 0.09) and not noisy.wants_refinement(5e-4 / 0.09)
     # Where all was touched, no further slice tells more.
     assert not told(9, 1e-5).untouched.any() and not told(9, 1e-5).wants_refinement(5e-4 / 0.09)
+    end = Predicted().next(seen(9, 1e-5))
+    assert isinstance(end, Stop) and "does not follow what was touched" in end.reason
 
 
 def test_what_lies_between_touched_bands_is_refined_though_it_counts_as_noise(
