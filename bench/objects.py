@@ -21,7 +21,8 @@ from palpate.core.explore.planners import HELD_OUT, TUNED
 from palpate.core.geometry import close_rings
 
 Radius = Callable[[Floats, Floats], Floats]  # Distance from the axis, by height and azimuth
-# As a scene describes it, by its radius, both over the height from 0 to 1, or its mesh; on z = 0
+# What is explored: as a scene describes it, or by its radius, heights from 0 to 1 and both over
+# the object's height, or by its mesh in m; each stands on z = 0.
 ExploreObject = Mapping[str, Any] | Radius | shapes.Mesh
 SHAPE_HEIGHT = 100.0  # Of every rebuilt object, mm; it lies from -50 to 50, the bent one nearly
 HALF = 0.5 * SHAPE_HEIGHT

@@ -69,7 +69,10 @@ class Results:
 
 
 class ResultsFile:
-    """Results as they come in, written after each group if there is a place; `peers` by name."""
+    """Results as they come in, written anew after each group if there is a place for them.
+
+    `peers`: packages by name, with what is measured of each where it is installed.
+    """
 
     def __init__(self, path: Path | None, *, quick: bool, peers: Mapping[str, str]) -> None:
         self._path = path

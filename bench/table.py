@@ -168,7 +168,10 @@ def _bound(value: float, form: str) -> str:
 
 
 def run_scene(scene: str, out: Path) -> float:
-    """Run a scene as a user does; seconds from start to exit, RuntimeError if it does not end."""
+    """Run a scene as a user does, in a process of its own; seconds from start to exit.
+
+    Raises RuntimeError, with what it printed, if it does not come to its end.
+    """
     command = [sys.executable, "-m", "palpate", "run", scene, "--out", str(out), "--quiet"]
     began = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, timeout=MOST_SECONDS)

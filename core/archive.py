@@ -197,7 +197,10 @@ class _Reader:
 
 
 def class_named(name: str) -> type:
-    """The class of a name; ValueError if there is none, or archives do not hold it."""
+    """The class of a name.
+
+    Raises ValueError if there is no such class, or archives do not hold it.
+    """
     found: list[type] = [
         kind
         for module in _homes().get(name, ())
@@ -248,14 +251,20 @@ def declared_types(kind: type) -> dict[str, Any]:
 
 
 def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
-    """Bytes (n,) that hold a tree, the same for the same tree; errors as of `tree_to_arrays`."""
+    """Bytes (n,) that hold a tree; the same for the same tree.
+
+    Raises ValueError as `tree_to_arrays`.
+    """
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **tree_to_arrays(tree))
     return np.frombuffer(data.getvalue(), np.uint8)
 
 
 def arrays_from_bytes(data: NDArray[np.uint8]) -> Arrays:
-    """The arrays in bytes (n,) of `tree_to_bytes`, for `from_arrays`; ValueError if none."""
+    """The arrays in bytes (n,) that `tree_to_bytes` returned, for `from_arrays`.
+
+    Raises ValueError if they are no such bytes.
+    """
     try:
         with np.load(io.BytesIO(data.tobytes()), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}

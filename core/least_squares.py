@@ -167,7 +167,10 @@ def _moves(
 def _bounded_step(
     system: Floats, slope: Floats, held: Bools, room: tuple[Floats, Floats]
 ) -> Floats:
-    """Steps (b, p) to the solution as far as there is room; the others then solved anew."""
+    """Steps (b, p) that solve the systems as far as there is room.
+
+    A parameter that would pass its bound is put there, and the others are solved for anew.
+    """
     moves, which = np.zeros_like(slope), np.arange(slope.shape[1])
     for _ in range(PASSES):
         free = ~held

@@ -24,7 +24,10 @@ SERIES_BELOW = 0.1  # Angle, rad, below which the Jacobian's last coefficient co
 
 
 def rotation_matrix(quaternion: Floats) -> Floats:
-    """Rotation matrix (3, 3) of a quaternion x, y, z, w; ValueError if 1e-6 off unit length."""
+    """Rotation matrix (3, 3) of a quaternion x, y, z, w.
+
+    Raises ValueError if the quaternion is not of unit length within 1e-6.
+    """
     length = math.sqrt(float(quaternion @ quaternion))
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         raise ValueError(f"a rotation must be a quaternion of length 1, got length {length:g}")
@@ -149,7 +152,10 @@ def rotation_angle(first: Floats, second: Floats) -> float:
 
 
 def rotations_from_vectors(vectors: Floats) -> Floats:
-    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), rad: Rodrigues's formula by sinc."""
+    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), in rad.
+
+    Rodrigues's formula by sinc, so that no turn at all is nothing special.
+    """
     cross = _cross_matrices(vectors)
     angle = np.sqrt(np.einsum("bi,bi->b", vectors, vectors))[:, None, None]
     half = np.sinc(angle / (2.0 * np.pi))

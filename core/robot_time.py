@@ -24,7 +24,10 @@ LIFTED = -1.0  # Length of the way along the surface where there was none
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotPreset:
-    """How fast an arm is; ValueError if a speed or acceleration is not positive, or a time < 0."""
+    """How fast an arm is.
+
+    Raises ValueError if a speed or the acceleration is not positive, or a duration is negative.
+    """
 
     speed: float  # Of free travel, m/s
     acceleration: float  # Of free travel, m/s2
@@ -61,7 +64,10 @@ def move_between(before: Floats | None, pose: Floats) -> tuple[float, float]:
 
 
 def longest_seconds(preset: RobotPreset, travel: float, turn: float, reach: float) -> float:
-    """Robot time of a touch at the end of its reach, no deeper than `DEEPEST`, s; m, rad."""
+    """Robot time of a touch that meets something at the end of its reach, s; lengths in m, rad.
+
+    It presses no deeper than `DEEPEST` beyond.
+    """
     return free_seconds(preset, travel, turn) + contact_seconds(preset, reach + DEEPEST)
 
 
@@ -94,7 +100,8 @@ class MoveGeometry(NamedTuple):
     travel: Floats  # From the last start pose to this one, (n,), m
     turn: Floats  # Angle between the two, (n,), rad
     approach: Floats  # From start pose to end of the move, (n,), m; the finger goes back as far
-    # From the last contact, if the finger could slide, (n,), m; `LIFTED` where it could not
+    # From the last contact to this one, where the finger could have slid, (n,), m; `LIFTED` where
+    # one of the two was none, or they belong to different goals.
     along: Floats
 
     @classmethod
@@ -126,7 +133,10 @@ class MoveDurations(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlidingPreset:
-    """An arm that slides between touches of a goal; ValueError unless its numbers are positive."""
+    """An arm that stays on the surface between two touches of one goal.
+
+    Raises ValueError if a speed or the time of a frame is not positive.
+    """
 
     arm: RobotPreset  # How it moves otherwise
     speed: float  # Along the surface, m/s
@@ -138,7 +148,10 @@ class SlidingPreset:
 
 
 def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
-    """Durations of moves by a robot; by that of a recording they add up to its robot times."""
+    """Durations of moves, as this robot would make them.
+
+    With the preset of which a recording was made they add up to its robot times.
+    """
     if isinstance(robot, SlidingPreset):
         return _slid(moves, robot)
     return MoveDurations(

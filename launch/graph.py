@@ -174,7 +174,10 @@ def _sources(
     published: Mapping[str, Publisher],
     placed: Iterable[ResolvedNode],
 ) -> list[str]:
-    """Topics of an input: in its own namespace first, then outside; of `fan_in` in all."""
+    """Topics on the wire of an input: in the node's own namespace first, then outside.
+
+    An input that is `fan_in` subscribes to the topic in every namespace.
+    """
     if local in entry.remap:
         candidates = [entry.remap[local]]
     elif local in node.fan_in:
@@ -319,7 +322,10 @@ def _with_parameter(entry: Entry, param: str, value: files.SourceMapped) -> Entr
 
 
 def read_settings(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
-    """Settings typed as ``node.param=value``, later ones winning; InputError if one is none."""
+    """Settings as typed on the command line, ``node.param=value`` each; later ones win.
+
+    Raises InputError if one has no ``=``, or a value that is not YAML.
+    """
     found = {}
     for text in texts:
         target, equals, value = text.partition("=")
@@ -330,7 +336,10 @@ def read_settings(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
 
 
 def read_arguments(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
-    """A launch file's arguments, typed as ``name:=value``; InputError if one is none."""
+    """Arguments of a launch file as typed on the command line, ``name:=value`` each.
+
+    Raises InputError if one has no ``:=``, or a value that is not YAML.
+    """
     found = {}
     for text in texts:
         name, sign, value = text.partition(":=")
@@ -345,7 +354,10 @@ def _parsed(text: str, source: str) -> files.SourceMapped:
 
 
 def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
-    """The graph as YAML, with all defaults; a mesh by its size and SHA-256."""
+    """The graph as YAML, every reference replaced and every default filled in.
+
+    A mesh within a parameter is named by its size and SHA-256.
+    """
     entries = {entry.name: entry for entry in graph.entries}
     nodes = {}
     for wiring in wirings:

@@ -34,7 +34,9 @@ RESERVED = {"out": "the run directory", "finger": "the number of a finger"}
 class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One node of a launch file."""
 
-    kind: str = ""  # A module of palpate.nodes, ``module:NODE``, or one's own; else the name
+    # A module of palpate.nodes, ``module:NODE`` or a dotted module of one's own; the node's name if
+    # left out.
+    kind: str = ""
     params: dict[str, Any] = {}  # Its parameters
     remap: dict[str, str] = {}  # Topic as the node calls it, to the topic on the wire
     # One such node for each of so many fingers, whose number is ``$(finger)``.
@@ -194,7 +196,10 @@ def _python_rows(path: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def load_describe(path: Path) -> Callable[..., Any]:
-    """``describe`` of a launch file, which is run; InputError if that fails, or there is none."""
+    """The function ``describe`` of a launch file, which is run up to its end.
+
+    Raises InputError if there is no such file or function, or running the file fails.
+    """
     spec = spec_from_file_location("palpate_launch_file", path)
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(f"{path}: the launch file does not exist")

@@ -52,7 +52,10 @@ def named_modules(path: Path) -> tuple[str, ...]:
 
 
 def find_launch_file(path: Path) -> Path:
-    """A launch file by path, or a shipped one by name; InputError unless YAML or Python."""
+    """A launch file given by path, or by name if it is a shipped one.
+
+    Raises InputError if there is no such file, or it is neither YAML nor Python.
+    """
     shipped = SHIPPED_LAUNCH_FILES / f"{path.name.removesuffix('.yaml')}.yaml"
     if not path.is_file() and path.parent == Path() and shipped.is_file():
         return shipped

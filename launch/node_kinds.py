@@ -34,11 +34,14 @@ class Entry:
     """A node's name, kind, parameters and place, not yet checked."""
 
     name: str  # Name in the graph: lower case, digits and ``_``
-    kind: str = ""  # A module of ``palpate.nodes``, ``module:NODE``, or one's own; else the name
+    # A module of ``palpate.nodes``, ``module:NODE`` (or SINK, SOURCE) or a dotted module of one's
+    # own; the name if empty.
+    kind: str = ""
     params: Any = field(default_factory=dict)  # Map of plain values, or the node's own parameters
     # Topic as the node calls it, to the topic on the wire; a namespace does not touch it.
     remap: Mapping[str, str] = field(default_factory=dict)
-    # Before its topics: ``finger_1`` makes ``/finger_1/touch/raw``, but of shared ones
+    # Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``, except of those that
+    # the node shares with the other fingers'.
     namespace: str = ""
     host: str = ""  # Machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
@@ -90,7 +93,10 @@ def _holds_node(module: str) -> bool:
 
 
 def load_entry(entry: Entry) -> AnyNode:
-    """The node that an entry asks for; InputError if there is none, or it cannot be imported."""
+    """The node that an entry asks for.
+
+    Raises InputError if there is no such kind, or its module holds no node, or cannot be imported.
+    """
     kind = entry.kind or entry.name
     _, mark, held = kind.partition(":")
     if mark and held not in NODE_ATTRIBUTES:
@@ -133,7 +139,10 @@ def describe_kind(name: str) -> str:
 
 
 def search_current_folder(name: str) -> None:
-    """Look for ``module:Class`` in the current folder, too, at last; later processes do as well."""
+    """Have the module of ``module:Class`` looked for in the current folder, too, after all others.
+
+    Processes that are started later inherit it.
+    """
     here = str(Path.cwd())
     if ":" in name and here not in sys.path:
         sys.path.append(here)

@@ -56,7 +56,10 @@ class Progress:
 
     @property
     def touches_per_s(self) -> float | None:
-        """Touches per second from the first report, when the scene is built, to the last."""
+        """Touches per second between the first report and the last.
+
+        Before, the scene is built; after, models are measured.
+        """
         if len(self.reports) < 2:
             return None
         (began, before), (ended, after) = self.reports[0], self.reports[-1]

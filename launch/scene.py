@@ -198,7 +198,10 @@ def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
 
 
 def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
-    """The scene with its sensor's calibration file read; InputError if it cannot be used."""
+    """The scene with the calibration file that its sensor names read into it.
+
+    Raises InputError if the file is not in the scene's folder, or cannot be used.
+    """
     sensor = given.value.get("sensor")
     name = sensor.get("calibration") if isinstance(sensor, dict) else None
     if name is None:
@@ -301,7 +304,10 @@ def shipped_scenes() -> tuple[str, ...]:
 
 
 def find_scene(scene: str | Path) -> Path:
-    """Path of a scene by name or path; InputError if there is no such file or shipped scene."""
+    """Path of a scene given by name or path.
+
+    Raises InputError if there is no such file and no shipped scene of this name.
+    """
     path = Path(scene)
     if path.is_file():
         return path
@@ -327,7 +333,10 @@ class CalibrationFile(specs.CalibrationSpec, frozen=True, kw_only=True, forbid_u
 
 
 def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> None:
-    """Write a calibration whole, or not at all; InputError if there is the file, or none can be."""
+    """Write a calibration whole, or not at all.
+
+    Raises InputError if the file is there already, or cannot be written.
+    """
 
     def table(flat: Floats) -> list[list[float | None]]:
         rows = flat.reshape(pad.rows, pad.cols).tolist()

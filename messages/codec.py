@@ -74,7 +74,10 @@ def encode(message: object) -> bytes:
 
 
 def decode(cls: type[Message], body: bytes) -> Message:
-    """Message of type `cls` from its bytes, arrays read-only; CodecError if not exactly one."""
+    """Message of type `cls` from its bytes; its arrays are read-only.
+
+    Raises CodecError if the bytes are not exactly one message of this type.
+    """
     codec = codec_of(cls)
     fields = _unpack_map(codec, body)
     if fields.keys() != codec.known:
@@ -179,7 +182,10 @@ def _only(name: str) -> Callable[[Any], tuple[Any, ...]]:
 
 
 def nesting_limit(number: int) -> Callable[[Any], Any]:
-    """A hook for unpacking one value: ValueError after so many lists and maps."""
+    """A hook for one value to unpack, which lets through so many lists and maps and no more.
+
+    It raises ValueError then, in the midst of unpacking.
+    """
     left = iter(range(number))
 
     def count(found: Any) -> Any:

@@ -23,7 +23,10 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class TrueSurface:
-    """The truth, made ready with the first model; ValueError if no surface, or without volume."""
+    """The truth, made ready to be compared with when the first model is.
+
+    Raises ValueError if it is no surface, or has no volume.
+    """
 
     def __init__(self, truth: Truth) -> None:
         self._truth, self.height = truth, truth.height
@@ -52,7 +55,10 @@ def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outpu
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Measure a model, if it has faces; ValueError without the truth, or if it is no surface."""
+    """Measure one model; one without faces has no score.
+
+    Raises ValueError if the truth has not been received, or the model is no surface.
+    """
     if state is None:
         raise ValueError(f"model {model.number} came before the truth")
     if not len(model.faces):

@@ -83,7 +83,10 @@ class State:
 
 
 def common_frame(contours: Sequence[types.Contour]) -> Floats:
-    """Pose (7,) of the frame in which all contours were traced; ValueError if in several."""
+    """Pose (7,) of the frame in which all contours were traced.
+
+    Raises ValueError if they were not all traced in the same.
+    """
     first = contours[0]
     for other in contours[1:]:
         if not np.array_equal(other.frame, first.frame):
@@ -337,7 +340,10 @@ def rebuild_set(
     platform: float,  # Height on which the object stands, m
     step: Steps = no_steps,  # Told which step begins
 ) -> rebuild.Solid:
-    """The solid of a set; ValueError as of `common_frame` and `reconstruct`."""
+    """The solid of a set.
+
+    Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
+    """
     frame = common_frame(contours)
     points = [each for of_goal in touched.values() for each in of_goal]
     return rebuild.reconstruct(

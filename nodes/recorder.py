@@ -32,7 +32,10 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 def start_recording(params: Params, types: Mapping[str, str]) -> RecordingWriter:
-    """Create the file; ValueError if a type is unknown, OSError if it exists or cannot be made."""
+    """Create the file.
+
+    Raises ValueError if a topic's type is unknown; OSError if the file exists or cannot be written.
+    """
     further = part_path(Path(params.path), 1)
     if further.exists():
         raise FileExistsError(

@@ -25,7 +25,9 @@ from palpate.messages import derive, types
 from palpate.nodes.runtime import Finger, Node, Outputs
 from palpate.nodes.specs import pad_of_info
 
-BACK_OFF = 14.0 / 15.0  # Widths of the pad: how much farther a touch that began inside repeats
+# A touch that started inside the object is repeated from this much farther away, in widths of the
+# pad.
+BACK_OFF = 14.0 / 15.0
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

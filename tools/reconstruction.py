@@ -27,7 +27,9 @@ CONTOUR_NUMBER = re.compile(r"\bcontour (\d+)\b")  # By its place among those th
 ProgressText = Callable[[str], None]
 MAX_PLAUSIBLE_SIZE, MIN_PLAUSIBLE_SIZE = 10.0, 1e-3  # Sizes, m, beyond which the unit is doubted
 MAX_OVERSHOOT = 0.05  # Of the width: how far the side may leave the contours without doubt
-MIN_UNCOVERED = 1e-3  # Of the height: less uncovered, or missed by an end, is no warning
+# Of the height: less that is not covered, or that a touched end is missed by, is not worth a
+# warning.
+MIN_UNCOVERED = 1e-3
 FAR_END_STEPS = 3.0  # Times the widest step between contours by which an end beyond is a guess
 MOST_NAMED = 4  # Most contours that one sentence names
 # Figures of the health that say something if they are not 0, in words, for one and for more.

@@ -91,7 +91,10 @@ def ring_seconds(graph: Sequence[Wiring]) -> float:
 
 
 def ring_times(graph: Sequence[Wiring]) -> tuple[float, float]:
-    """Times until a launched ring is up, and from first mark to last, s; else RuntimeError."""
+    """Time until a ring that is launched is up, and between its first and its last mark, s.
+
+    Raises RuntimeError if it does not finish.
+    """
     watcher = _Times()
     finished(launch(graph, ends="source", watch=["/source/mark"], watcher=watcher), "the ring")
     first, last = watcher.times
@@ -217,7 +220,10 @@ def _pair(wires: SocketContext, endpoint: str, other: str, key: str) -> tuple[An
 
 
 def introspection_rows(quick: bool, turns: int = TURNS) -> Iterator[Row]:
-    """How fast a ring of two turns while a tool subscribes: median shares of each turn's rate."""
+    """How fast a ring of two nodes turns while a tool subscribes to all that one publishes.
+
+    A share is the median of those in each turn, for the machine's other work comes and goes.
+    """
     alone, beside, stopped = [], [], []
     with _ring() as (card, folder):
         for _ in range(2 if quick else turns):

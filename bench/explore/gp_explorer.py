@@ -254,7 +254,10 @@ class GpSurface:
         return value, gradient
 
     def deviations(self, places: Floats) -> Floats:
-        """Deviations (n,) of values at places (n, 3) by values alone, m: sixteen times as fast."""
+        """Standard deviations (n,) of the values at places (n, 3), by the values observed, m.
+
+        Gradients are left out: it would take sixteen times as long, and order places alike.
+        """
         half = self._bare.half(covariance_block(self._kernel, self._places, places, False))
         prior, _, _ = self._kernel(np.zeros(1))
         return np.asarray(np.sqrt(np.maximum(prior - np.einsum("ij,ij->j", half, half), 0.0)))
@@ -294,7 +297,10 @@ class GpSurface:
 
 
 def covariance_block(kernel: Kernel, one: Floats, other: Floats, gradients: bool) -> Floats:
-    """Covariance (4 n, 4 m) of places (n, 3) and (m, 3): of each the value, then the gradient."""
+    """Covariance between places (n, 3) and (m, 3).
+
+    Returns (4 n, 4 m), of each place first the value and then the gradient.
+    """
     away = one[:, None] - other[None]
     r = np.sqrt(np.einsum("nmi,nmi->nm", away, away))
     k, g, h = kernel(r)

@@ -90,7 +90,11 @@ def explore_object(
     fingers: int = 1,
     moved: Floats | None = None,
 ) -> Explored:
-    """Explore an object as `write_scene` makes it; RuntimeError if it ends without a score."""
+    """Explore an object, all nodes in this process, nothing recorded.
+
+    Arguments as of `write_scene`; `fingers` is the launch file's. Raises RuntimeError if the
+    exploration does not come to its end with a model that could be measured.
+    """
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
         scene = write_scene(Path(folder), target, noise, demand, seed, moved)
         return explore_scene(scene, fingers)
@@ -214,7 +218,10 @@ class LoopNode(NamedTuple):
 
 
 class InProcessLoop:
-    """Nodes as plain calls, no codec between: each hears its finger's and shared topics."""
+    """Nodes as plain calls, without a codec between them: the time of their handlers alone.
+
+    `nodes`: what each publishes reaches the nodes of its finger, a shared topic those of all.
+    """
 
     def __init__(self, nodes: Sequence[LoopNode]) -> None:
         self._nodes = tuple(nodes)

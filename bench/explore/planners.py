@@ -307,7 +307,10 @@ def plan_count(rule: rules.Thesis, trial: rules.PlannerTrial) -> int:
 
 
 def finding(kind: str, found: Mapping[str, Chosen]) -> Row:
-    """Which template, with which rates, steps and power, is best on objects that did not choose."""
+    """Which template is best on objects that did not choose it, with its constants, and the worst.
+
+    Constants are the rates of curvature and change, smallest and largest step, and the power.
+    """
     ranked = sorted(found.items(), key=lambda item: item[1].judged)
     (first, best), (last, worst), rule = ranked[0], ranked[-1], ranked[0][1].rule
     constants = f"{rule.bend_rate:g}, {rule.change_rate:g}, {rule.least:g} to {rule.most:g}"

@@ -192,7 +192,10 @@ def ratio_of(
     size: tuple[int, int] = DISORDERED[0],
     shapes: Mapping[str, RoundObject] = REBUILT_SHAPES,
 ) -> float:
-    """Mean error from disordered contours over that from plain ones, the ends touched."""
+    """Mean error over objects from disordered contours, over that from plain ones.
+
+    The ends are touched, lest what nobody can know of them hides the rest.
+    """
     plain, other = 0.0, 0.0
     for name, shape in shapes.items():
         tops = _ends(shape)

@@ -112,7 +112,10 @@ def _loft_rings(contours: Floats, rows: int, columns: int) -> Floats:
 
 
 def loft_rings(contours: Floats, heights: Floats, rows: int, columns: int) -> Floats:
-    """Cubic splines through points (m, n, 3) of one number, around, then up: (rows, columns, 3)."""
+    """Cubic splines through points of one number, around and then upwards, (rows, columns, 3).
+
+    `contours` (m, n, 3): upwards, the first point of each again at its end.
+    """
     turns = np.arange(contours.shape[1]) / (contours.shape[1] - 1)
     around = CubicSpline(turns, contours[..., :2], axis=1, bc_type="periodic")
     along = CubicSpline(heights, around(np.arange(columns) / columns), axis=0)
@@ -143,7 +146,11 @@ def shell_and_core(contours: Floats) -> Mesh:
 
 
 def poisson_surface(contours: Floats, normals: Floats | None = None) -> Mesh:
-    """A Poisson surface of points (m, n, 3), by normals or neighbours; else ImportError."""
+    """A Poisson surface of points (m, n, 3); its ends are what it makes them.
+
+    `normals` (m, n, 3): outward, else from differences between neighbours. Raises ImportError if
+    the package is not installed.
+    """
     import pymeshlab
 
     normals = _normals(contours) if normals is None else normals

@@ -227,7 +227,10 @@ def _smooth(height: Floats, azimuth: Floats) -> Floats:
 
 
 def recorded_rows(quick: bool, runs: Sequence[Path] = ()) -> Iterator[ThesisFigures | Row | str]:
-    """Both ways on the same recordings, or a few made here; InputError if one is of no use."""
+    """The thesis's way and ours on the same recordings; a few are made here if none are given.
+
+    Raises InputError if one cannot be read, holds too little, or does not hold the truth.
+    """
     for run in runs:
         find_bag(run)
     yield HEAD

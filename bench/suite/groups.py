@@ -291,7 +291,10 @@ def scene_rows(quick: bool) -> Iterator[SceneFigures | str]:
 
 
 def explore_shipped(scene: str, repeats: int) -> SceneFigures:
-    """Run one scene in processes, so often; RuntimeError, with what it printed, if a run fails."""
+    """Run one scene as separate processes, `repeats` times.
+
+    Raises RuntimeError if a run fails; with what it printed.
+    """
     runs = sorted((_run(scene) for _ in range(repeats)), key=lambda run: run[0]["touches_per_s"])
     summaries, walls = [run[0] for run in runs], [run[1] for run in runs]
     rates, hashes = ([one[key] for one in summaries] for key in ("touches_per_s", "mesh_sha256"))

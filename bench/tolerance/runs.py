@@ -113,7 +113,10 @@ def read_runs(path: Path) -> Runs:
 
 
 class RunsFile:
-    """Runs as they are made, beside those that are there; InputError if of other sources."""
+    """Runs as they are made, written anew after each few; those that are there already are kept.
+
+    Raises InputError if what is there was explored by other sources of palpate.
+    """
 
     def __init__(self, path: Path, methods: Mapping[str, str], absent: Iterable[str]) -> None:
         self.path = path

@@ -85,7 +85,10 @@ class Spread(NamedTuple):
 
 
 def work_precision(entries: Mapping[Entry, Sequence[Run]], which: str) -> list[Spread]:
-    """One for each tolerance, the loosest first; without tolerances, one for each model made."""
+    """One for each tolerance, the loosest first; without tolerances, one for each model made.
+
+    A method that takes none is ended by its user: each model on its way is a setting.
+    """
     runs = [run for some in entries.values() for run in some if run.curve]
     pairs: dict[float, list[tuple[float, float]]] = defaultdict(list)
     for run in runs:
@@ -126,6 +129,9 @@ def held_share(pairs: Floats) -> float:
 
 
 def dominated_at(ours: Mapping[str, Floats], other: Mapping[str, Floats]) -> bool:
-    """Whether at no cost more of the other's entries (seeds, 1) reach a target, by object."""
+    """Whether at no cost more of the other's entries reach a target than of ours.
+
+    Costs (seeds, 1) by object, of the same objects.
+    """
     mine, theirs = (np.sort(np.concatenate([*one.values()]).ravel()) for one in (ours, other))
     return bool((mine <= theirs).all())

@@ -42,7 +42,8 @@ QUADRIC_REACH = 6.0  # Half the width of the window of a local quadric, pitches
 SMOOTHING_REACH = 3.6  # The same of a Savitzky-Golay filter of 8 by 8 taxels
 FLAGGED = 6.0  # Robust deviations from the median beyond which a taxel is flagged
 LEAST_DEVIATION = 1e-3
-# Principal curvatures, larger first, 1/pitch, NaN if none; and their place about the middle
+# Principal curvatures, the larger first, 1/pitch, not numbers if none were found; and where, from
+# the pad's middle, pitches.
 Curvatures = tuple[float, float, tuple[float, float]]
 Estimator = Callable[[Floats, float], Curvatures]  # Of a frame of heights and its noise, in pitches
 HeightMap = Callable[[Floats, Floats], Floats]  # Heights at places x, y

@@ -228,7 +228,10 @@ def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
 def frame_costs(
     sets: Mapping[str, specs.EffectSpecs], frames: int, repeats: int
 ) -> dict[str, tuple[float, float, float]]:
-    """Ideal frame, what each set of effects adds, s, and ratio: medians over pairs in turns."""
+    """Time of an ideal frame, what each set of effects adds, s, and the ratio of both times.
+
+    Medians over pairs measured in turns.
+    """
     ideal = _pipeline({})
 
     def pair(pipeline: touch.Pipeline) -> tuple[float, float, float]:

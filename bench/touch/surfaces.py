@@ -18,7 +18,9 @@ CONTACT = 50e-6  # Least compression that counts as touched, m, and in deviation
 CONTACT_SPREADS = 5.0
 COUNTS_FROM = 8  # Touched taxels from which a face counts
 LEAST_TAXELS = 12  # Touched taxels below which a touch tells nothing of curvature
-THINNEST = 0.4  # In pitches: taxels that scatter less across are a line, and tell no plane
+# In pitches: a face whose taxels scatter less than this across their longest direction is a line of
+# taxels, and no plane can be told from it.
+THINNEST = 0.4
 # Height over the pad and number of the face at places x, y.
 PadSurface = Callable[[Floats, Floats], tuple[Floats, Floats]]
 Vector = tuple[float, float, float]
@@ -91,7 +93,10 @@ class FusionScore(NamedTuple):
 
 
 def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionScore:
-    """Walk over a surface of `WALKS` and compare; `noise` of one taxel, m, `seed` of all chance."""
+    """Walk over a surface of `WALKS` several times and compare.
+
+    `noise`: standard deviation of one taxel, m. `seed`: of noise and leaning.
+    """
     rng = np.random.default_rng(seed)
     errors, surprises = [], []
     for _ in range(walks):

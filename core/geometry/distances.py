@@ -78,7 +78,10 @@ def prepare_surface(vertices: ArrayLike, faces: ArrayLike) -> PreparedSurface:
 
 
 def compare_surfaces(one: PreparedSurface, other: PreparedSurface) -> SurfaceDistances:
-    """Distances both ways, alike: from the samples of each to the other's triangles."""
+    """Distances between two surfaces, from the samples of each to the other's triangles.
+
+    Both ways count alike: ``compare(a, b) == compare(b, a)``.
+    """
     (there, there_angles), (back, back_angles) = _one_way(one, other), _one_way(other, one)
     mean_square = 0.5 * (float(np.mean(there**2)) + float(np.mean(back**2)))
     angles = 0.5 * (float(there_angles.mean()) + float(back_angles.mean()))
@@ -134,7 +137,9 @@ class Alignment(NamedTuple):
     pose: Floats  # Of the points' frame in the surface's, (7,), w not negative
     rms: float  # Root mean square distance of the moved points from the surface, m
     converged: bool  # No small step lowers it
-    ambiguous: bool  # Turned by over 5 degrees it leaves at most 1.1 times as much: it looks alike
+    # A motion turned by more than 5 degrees leaves no more than 1.1 times as much: the surface
+    # looks alike from several sides.
+    ambiguous: bool
 
 
 class _Scaled(NamedTuple):

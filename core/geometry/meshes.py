@@ -105,7 +105,10 @@ def is_closed(faces: Ints) -> bool:
 
 
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:
-    """Whether faces (m, 3), seen from the middle of vertices (n, 3), look inwards more than out."""
+    """Whether the faces, seen from the mesh's middle, look inwards more than outwards.
+
+    `vertices` (n, 3), m. `faces` (m, 3): corners, by number.
+    """
     return signed_volume((vertices - vertices.mean(axis=0))[faces]) < 0.0
 
 
@@ -120,7 +123,10 @@ def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
 
 
 def checked_faces(faces: ArrayLike, vertices: int) -> Indices:
-    """Faces (m, 3) whose corners are among so many vertices; ValueError if none, or not there."""
+    """Faces (m, 3), all of whose corners are among this many vertices.
+
+    Raises ValueError if there is no face, or a face names a vertex that is not there.
+    """
     rows = np.asarray(faces)
     if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows) or rows.dtype.kind not in "iu":
         raise ValueError(

@@ -107,7 +107,10 @@ def _longest(corners: Floats) -> tuple[Floats, Indices]:
 
 
 def nearest_points(search: NearestSearch, queries: Floats) -> Nearest:
-    """Nearest point of the surface to each query (n, 3); of faces equally near any one."""
+    """Nearest point of the surface to each query (n, 3).
+
+    Where several faces are equally near, which of them is named is fixed but arbitrary.
+    """
     faces = search.face[search.centres.query(queries)[1]]
     distances, points = _measure(search.triangles, faces, queries)
     best = Nearest(distances, points, faces)
@@ -203,7 +206,8 @@ class Triangles(NamedTuple):
 class BoxTree:
     """Boxes about things, boxes about four of those, and so on."""
 
-    # Centres and half extents (n, 3, 4) of each level's boxes, four of one parent, m; root's last
+    # Centres and half extents (n, 3, 4) of the boxes of each level, four of one parent together, m;
+    # the root's children come last.
     levels: tuple[tuple[Floats, Floats], ...]
     order: Indices  # The thing in each box of the first level
 

@@ -241,7 +241,9 @@ class AzimuthMatch(NamedTuple):
     # rise by less than a turn give turns that do as well, but for the seam.
     turns: Floats
     one_to_one: bool  # Each ray from the middle meets the contour once: the radial match
-    inside: bool  # Whether it goes once round the middle; if not, the match is by length alone
+    # The contour goes once round the middle, counter-clockwise. If not, the azimuth says nothing,
+    # and the match is by length alone.
+    inside: bool
 
 
 def azimuth_match(polygon: Floats, middle: Floats, azimuths: Floats) -> AzimuthMatch:

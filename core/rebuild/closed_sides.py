@@ -212,7 +212,8 @@ def _rows_between(
     step: Steps,
 ) -> RadialRows | None:
     """The rows about an axis, from the heights (n,) of the contours' middles."""
-    # All contact points lie between them, but what seems beyond an end known from elsewhere
+    # All contact points lie between them, but for what seems to lie beyond an end that is known
+    # from elsewhere, as a platform is.
     low, high = (
         _reached(contacts, float(last), way, end)
         for end, last, way in ((bottom, levels[0], -1.0), (top, levels[-1], 1.0))

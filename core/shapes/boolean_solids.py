@@ -24,7 +24,9 @@ from palpate.core.shapes.protocol import INSIDE, MISS, CsgSolid, ImplicitShape, 
 
 CHECK_LEVEL = 3
 LEAST_VOLUME = 1e-9  # Of the box about it; what has less is rounding
-MANY_LEAVES = 8  # From so many solids on each is meshed a level coarser, again at four times these
+# Of so many solids and more, each is meshed a level coarser, and again for four times as many:
+# together they have no more facets than a few.
+MANY_LEAVES = 8
 MOST_PARTS = 64  # Solids and combinations of a tree
 Leaf = CsgSolid | HalfSpace
 ROOM = 3.0  # All that is unbounded is cut to a box this many times as large as the whole
@@ -91,7 +93,10 @@ class BooleanShape(ImplicitShape):
         return volume <= LEAST_VOLUME * float(np.prod(self._box[1] - self._box[0]))
 
     def _sections(self, origins: Floats, direction: Floats) -> tuple[Floats, Bools]:
-        """Places of rays on a leaf's surface, (n, e) in order, and whether they are inside then."""
+        """Places at which rays pass a leaf's surface, (n, e) in order, and what follows each.
+
+        That is whether the ray is inside from there to the next place.
+        """
         spans = [leaf.spans(origins, direction) for leaf in self._leaves]
         places = np.concatenate([one.reshape(len(origins), -1) for one in spans], axis=1)
         order = places.argsort(axis=1, kind="stable")

@@ -226,7 +226,9 @@ class InsideOutside(NamedTuple):
     """log F and its derivatives."""
 
     value: Floats  # (n,): negative inside, 0 on the surface, positive outside; -1381 at the centre
-    by_log: Floats  # By the coordinates' logarithms, (n, 3): 0 to 2; of semi-axes the negative
+    # By the logarithms of the coordinates, (n, 3): between 0 and 2, and 2 in sum, but 0 at the
+    # centre. By the logarithms of the semi-axes it is the negative.
+    by_log: Floats
     by_place: Floats  # By the scaled coordinates, (n, 3)
     by_exponents: Floats  # By e1 and e2, (n, 2)
 

@@ -376,7 +376,10 @@ def polish(
 
 
 def _solved(matrices: Floats, first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Solutions (n, 3) for two right-hand sides by Cramer's rule: matrices are near rotations."""
+    """Solutions (n, 3) of n systems of three equations for two right-hand sides.
+
+    By Cramer's rule: the matrices are near to rotations, for no part of a solid is flattened.
+    """
     x, y, z = matrices.transpose(2, 0, 1)
     rows = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
     volume = np.einsum("ni,ni->n", rows[:, 0], x)[:, None]

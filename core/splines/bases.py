@@ -69,7 +69,10 @@ class Basis:
         return local_basis(self.knots, self.degree, inside, derivatives)
 
     def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
-        """Functions, or a derivative, at places (m,): sparse (m, count); errors as of `nonzero`."""
+        """Functions, or a derivative of them, at places (m,): sparse (m, count).
+
+        Raises ValueError as `nonzero` does.
+        """
         local = self.nonzero(x, derivative)
         return _rows(local, derivative, local.columns(), self.count)
 
@@ -174,7 +177,10 @@ class PeriodicBasis:
         return self._wound.nonzero(turns, derivatives)
 
     def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
-        """Functions, or a derivative, at turns (m,): sparse (m, count); errors as of `nonzero`."""
+        """Functions, or a derivative of them, at places (m,), in turns: sparse (m, count).
+
+        Raises ValueError as `nonzero` does.
+        """
         local = self.nonzero(x, derivative)
         # The columns that hang over the seam are those at the beginning.
         return _rows(local, derivative, local.columns() % self.count, self.count)

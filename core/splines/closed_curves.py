@@ -24,7 +24,9 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 SAME = 1e-12  # Points nearer to each other, as a share of the curve's size, are one
 ROUNDING = 64 * float(np.finfo(float).eps)  # Of the coordinates: points that spread less are one
 LARGEST = float(np.finfo(float).max)
-LEAST_POINTS = 25  # With fewer, noise and shape are one: a square's corner takes five
+# With fewer points noise and shape cannot be told apart: each of a square's corners shows in five
+# of them.
+LEAST_POINTS = 25
 OPPOSED = -0.5  # Cosine between neighbouring deviations below which they alternate. Noise has -0.8.
 
 

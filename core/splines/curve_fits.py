@@ -97,13 +97,15 @@ def interpolate_closed(points: Floats, parameters: Floats) -> CurveFit:
 
     count = len(points)
     around = np.append(parameters, 1.0)
-    # Alternating signs as a coordinate: they take control points farthest, and show the condition
+    # One more coordinate: with signs that alternate the control points are the farthest off,
+    # and so show the condition in the maximum norm.
     signs = np.where(np.arange(count) % 2, -1.0, 1.0)
     wanted = np.column_stack([points, signs])
     spline = CubicSpline(around, np.vstack([wanted, wanted[:1]]), bc_type="periodic")
     knots = closed_knots(parameters)
     before, after = knots[2 : count + 2] - knots[1 : count + 1], np.diff(knots)[2 : count + 2]
-    # The control point of knot t between t - a and t + b is the blossom f(t - a, t, t + b)
+    # The control point of the knot t between its neighbours t - a and t + b is the blossom
+    # f(t - a, t, t + b). The first belongs to the last parameter.
     order = (np.arange(count) - 1) % count
     value, slope, bend = (spline(parameters[order], derivative) for derivative in range(3))
     control = value + ((after - before) / 3.0)[:, None] * slope

@@ -257,7 +257,9 @@ class Pulled(NamedTuple):
     """A lattice after its points were pulled."""
 
     lattice: Lattice  # With its control points moved
-    residual: Floats  # Of each point from its target, (n,), m: large if targets contradict
+    # How far each point stays from its target, (n,), m: more than rounding where targets contradict
+    # each other, as for one point pulled two ways.
+    residual: Floats
     rank: int  # Independent points: fewer than there are where some follow from others
     condition: float  # Of those: largest over smallest singular value used; 1 without points
 

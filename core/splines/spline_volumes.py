@@ -332,7 +332,10 @@ def _combine(columns: list[Floats], matrix: Floats) -> Floats:
 
 
 def upright_parallelepiped(low: Floats, extent: Floats) -> Parallelepiped:
-    """Frame of an upright box: least coordinates and edges (3,), m; ValueError unless positive."""
+    """Frame of an upright box: smallest coordinates (3,) and edge lengths (3,), m.
+
+    Raises ValueError if a length is not positive.
+    """
     extent = finite_array("extent", extent, (3,))
     if not (extent > 0.0).all():
         raise ValueError(f"extent must be positive, got {extent.tolist()} m")

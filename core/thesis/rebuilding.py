@@ -256,14 +256,21 @@ class ThesisSolid:
     """
 
     lattice: splines.Lattice  # Over the contours' box, m; a layer of control points a contour
-    parameters: Floats  # s, t, u (m, n, 3) of matched model points, upwards, then from azimuth -pi
+    # s, t, u (m, n, 3) of the model's points that were matched with the contours': upwards, then
+    # around from azimuth -pi, the first again at the end.
+    parameters: Floats
     triples: ModelTriples | TripleSpline  # Parameters of the whole surface
-    cap: float | None  # How far beyond its rows a point closes the surface, m; None: by its own
+    # How far beyond its first and last row the surface is closed by a point, m; None if it ends in
+    # points of its own.
+    cap: float | None
     order: Ints  # (m,): which of the given contours each layer is
     health: ThesisHealth
 
     def surface(self, eta: Floats, nu: Floats) -> Floats:
-        """Points (a, b, 3) on a grid of numbers, m; ValueError if they are not from 0 to 1."""
+        """Points of the surface on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3), m.
+
+        Raises ValueError if a number is not finite or outside 0 to 1.
+        """
         eta, nu = (_unit(name, places) for name, places in (("eta", eta), ("nu", nu)))
         triples = self.triples.at(eta, nu)
         return self.lattice.volume.at(triples.reshape(-1, 3)).reshape(triples.shape)

@@ -76,7 +76,10 @@ def surface_patch(
 
 
 class Patch(NamedTuple):
-    """A touched patch in the pad's frame; curvatures and errors are 0 unless it is smooth."""
+    """A touched patch of surface, in the pad's frame.
+
+    Curvatures and their errors are 0 unless the patch is smooth.
+    """
 
     kind: PatchKind  # What it is
     jet: Jet | None = None  # The fitted jet; None if too few taxels were touched for any
@@ -90,7 +93,8 @@ class Patch(NamedTuple):
     principal_direction: Floats = NOWHERE  # Unit tangent of k1, (3,); zero unless it is smooth
     umbilic: bool = True  # Whether k1 and k2 are alike within their errors: no direction counts
     normal_error: float = math.pi  # Deviation of the normal's angle, rad; pi if it is unknown
-    # Deviations of both by noise alone, 1/m; what a quartic cannot follow comes on top
+    # Standard deviations of the principal curvatures by noise alone, 1/m: what a quartic cannot
+    # follow, on balls below 20 pitches, comes on top.
     principal_error: tuple[float, float] = (0.0, 0.0)
     across_error: float = 0.0  # Standard deviation of `across`, 1/m
     place: Floats = NOWHERE  # Where all this holds: over the middle of the contact, (3,), m
@@ -206,7 +210,9 @@ class FusedCurvature(NamedTuple):
     place: LocalCurvature  # Curvature there
     changed: float  # Squared changes of curvature beyond noise, weighted, 1/m^2; may be negative
     travelled: float  # Squared distances over which they came about, likewise weighted, m^2
-    surprise: float  # Normalised squared innovation of the last touch: 3 on average, 0 at first
+    # Normalised squared innovation of the last touch: 3 on average if all is well; 0 for the first
+    # touch.
+    surprise: float
     touches: int  # How many touches went into it
 
     @property

@@ -18,11 +18,15 @@ from palpate.core.touch.jet import JetFit, fit_robust_jet, monomials
 from palpate.core.touch.pad import Pad
 
 SurfaceKind = Literal["smooth", "edge", "corner"]
-QUIET = 0.008  # In pitches: a quartic leaves that of a ball of eight: no second look at less
+# In pitches: what a quartic leaves over on a ball of eight pitches pressed deeply. Less than this
+# beyond the noise needs no second look.
+QUIET = 0.008
 # In pitches: what a quartic leaves over on a ball of five. More than this beyond the noise is not
 # smooth, whatever it is: a step has no faces that differ in slope.
 UNEXPLAINED = 0.03
-SHARPEST = 0.5  # In 1 / pitches: what curves within two pitches is an edge, whatever passes it
+# In 1 / pitches: what curves within two pitches is an edge to this array, however well a polynomial
+# passes through the few taxels that touch it.
+SHARPEST = 0.5
 PIECES_WIN = 0.5  # Flat faces that leave less than this share of what the jet does are there
 # A third and fourth face are there if they leave less than this share of what two leave, flat or
 # curved. Two curved ones are the rim of a cylinder: an edge.

@@ -23,12 +23,16 @@ from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad, contact_mask
 # Which filters, and which of two comes first.
 FilterOrder = Literal["auto", "none", "wiener", "median", "median-first", "wiener-first"]
 WINDOW = 3  # Taxels along a side of the neighbourhood
-UNEVEN = 0.25  # In pitches: less is left to the fit; half of what the tightest curve bends
+# In pitches: what bends a line of three by less, or stands off a jet by less, is left to the fit.
+# It is half of what the tightest curve that has a curvature bends.
+UNEVEN = 0.25
 STANDS_OFF = 0.5  # In pitches: what stands off by more is looked at, however badly the jet fits
 FAR = 6.0  # In between, robust deviations from the jet
 BEND_DEVIATIONS = 2.0 * math.sqrt(6.0)  # By which noise alone may bend a line of three: two its own
 OWN_MISFIT = 0.5  # A line supports a taxel if it bends by less than this share of its misfit
-CORE_LINES = 3  # Even lines of a taxel that supports others: a step's corner has three
+# Even lines of a taxel that can support others: the outermost of a step's corner has three, and so
+# has the middle of five in a row. Impulses are seldom that many in a row.
+CORE_LINES = 3
 STRAIGHT = 0.05  # In pitches: what a line of three may bend, beside noise, to count as straight
 # What holds a suspect is itself off by this share of what makes one: the rest of a ridge that the
 # jet misses. From the even surface beside it an impulse gets no support.
@@ -80,7 +84,10 @@ def clean(
 
 
 def _filled(image: Floats, lost: Bools) -> Floats:
-    """The image with the mean of trusted neighbours, or 0 without any, in place of lost taxels."""
+    """The image with the mean of their trusted neighbours in place of lost taxels.
+
+    A taxel without any is 0.
+    """
     trusted = neighbourhoods((~lost).astype(np.float64))[lost]
     values = (neighbourhoods(image)[lost] * trusted).sum(axis=-1)
     filled = image.copy()
@@ -118,7 +125,10 @@ def median_filter(image: Floats) -> Floats:
 
 
 def wiener_then_median(image: Floats, noise_variance: float) -> Floats:
-    """Both in the order that Fung, 1999, prefers (figure 3.5): Wiener's smears impulses."""
+    """Both filters in the order that Fung, 1999, prefers (figure 3.5).
+
+    Impulses reach the Wiener filter, which takes them for signal and smears them.
+    """
     return median_filter(adaptive_wiener(image, noise_variance))
 
 
@@ -247,7 +257,10 @@ def _misfit(
 
 
 def _in_squares(marked: Bools, image: Floats, most: float) -> Bools:
-    """Marked taxels in squares of four alike, as on a cone's top; hardly ever impulses."""
+    """Which marked taxels belong to a square of four marked ones that differ by less than that.
+
+    So do the four at the top of a cone, and hardly ever impulses.
+    """
     corners = (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[:-1, 1:], np.s_[1:, 1:])
     high = np.maximum.reduce([image[corner] for corner in corners])
     low = np.minimum.reduce([image[corner] for corner in corners])

@@ -77,7 +77,10 @@ def principal_curvatures(shape: ShapeOperator) -> PrincipalCurvatures:
 
 
 def curvature_along(shape: ShapeOperator, direction: Floats) -> float:
-    """Normal curvature along a direction (3,), by its part in the tangent plane, else 0; 1/m."""
+    """Normal curvature along a direction (3,), by its part in the tangent plane; 1/m.
+
+    0 for a direction without such a part.
+    """
     step = tangent_components(shape, direction)
     if step is None:
         return 0.0

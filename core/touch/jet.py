@@ -39,11 +39,15 @@ class JetFit(NamedTuple):
     jet: Jet  # The polynomial
     middle: tuple[float, float, float]  # Mean x, y of touched taxels, the jet's height there, m
     derivatives: Floats  # z_x, z_y, z_xx, z_xy, z_yy at the middle, (5,); second derivatives in 1/m
-    derivative_factor: Floats  # Root of their covariance for unit noise, (5, m): ``f @ f.T``
+    # Square root of the derivatives' covariance for unit noise, (5, m): the covariance is
+    # ``deviation**2 * factor @ factor.T``.
+    derivative_factor: Floats
     factor: Floats  # Likewise of the coefficients, (m, m)
     misfit: Floats  # Height less jet at the touched taxels, in the order of the mask, (n,), m
     residual: float  # Root mean square misfit of the taxels that count, m
-    deviation: float  # Noise of a taxel of weight 1 by the misfit, of freedom left, m
+    # Noise of a taxel of weight 1 as the misfit shows it, m: what the coefficients took up is given
+    # back.
+    deviation: float
     weights: Floats | None  # From 0 to 1 for each touched taxel, (n,); None if all count alike
 
 
@@ -204,7 +208,10 @@ class JetDesign(NamedTuple):
 
 @lru_cache(maxsize=KEPT_DESIGNS)
 def jet_design(rows: int, cols: int, pitch: float, touched: bytes) -> JetDesign | None:
-    """The design of touched taxels, by the bytes of their mask; None of fewer than 8, or a line."""
+    """The design of the touched taxels of an array, given as the bytes of their mask.
+
+    None if they are fewer than 8, or lie on a line.
+    """
     places = np.flatnonzero(np.frombuffer(touched, np.bool_)).astype(np.int32)
     degree = supported_degree(len(places))
     if degree == 0:

@@ -22,7 +22,8 @@ from palpate.core.shapes import Shape
 
 TouchOutcome = Literal["hit", "miss", "inside", "bottomed"]
 HITS = ("hit", "bottomed")  # Outcomes that tell where the surface is
-# What the face does beside a contact: nothing, or slope like a membrane, or a deep elastic body
+# What the face does beside a contact: nothing, or it slopes back like a membrane on springs, or
+# like the surface of a deep elastic body.
 FaceKind = Literal["springs", "membrane", "half_space"]
 CONTACT = 50e-6  # Least compression that counts as touched, m
 # A taxel counts as touched from 5 standard deviations of its noise on: at 3, one in a thousand
@@ -97,7 +98,9 @@ class GuardedMove(NamedTuple):
     pose: Floats  # Pose of the pad at its end, (7,)
     compression: Floats  # Compression of the pad, (rows, cols), m
     advance: float  # Way travelled, m
-    indentation: Floats  # How far the surface would enter the pad, (rows, cols), m; -inf if none
+    # How far the rigid surface would enter the undeformed pad, (rows, cols), m: negative over a
+    # gap, -inf where there is nothing.
+    indentation: Floats
 
 
 def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> GuardedMove:
@@ -169,7 +172,10 @@ def _laplacian(image: Floats) -> Floats:
 
 @lru_cache(maxsize=KEPT_OPERATORS)
 def _half_space_loads(pad: Pad) -> tuple[Floats, float, float]:
-    """From the face's shape to its load, (n, n); an even shape's least load, noise's growth."""
+    """Operator from the face's shape to its load, (n, n), and what it does to extremes.
+
+    These are the least load of an even shape, and the factor by which noise is magnified.
+    """
     kernel = half_space_influence(pad)
     loads = np.linalg.inv(kernel / kernel[0, 0])
     return (

@@ -178,7 +178,8 @@ class Phase(IntEnum):
 class Stage(NamedTuple):
     """One stage, ready for one finger."""
 
-    # Changes the touch; from the stage's state to its next. Pure otherwise
+    # Takes the touch, which it changes, and the stage's state; gives its next state. Pure
+    # otherwise: the same touch and state give the same again.
     apply: Callable[[SimulatedTouch, Any], Any]
     state: Any = None  # The state in which the finger begins; None if there is nothing to remember
     noise: float = 0.0  # What it adds to the deviation of one taxel, as a calibration finds it, m
@@ -215,11 +216,16 @@ class Fingertip:
 
 @dataclass(slots=True, eq=False)
 class SimulatedTouch:
-    """One touch so far: stages write into it in turn, and replace arrays, which may be shared."""
+    """One touch, as far as it has come. Stages write into it, one after the other.
+
+    Arrays are replaced, never written into: they may be shared.
+    """
 
     shape: Shape  # What may be met
     number: int  # Counts the finger's touches from 0; chooses the random draws
-    believed: Floats  # Where the arm believes the pad, (7,): at the start, then at the end
+    # Pose in which the arm believes the pad to be, (7,): first where the move starts, then where it
+    # ended.
+    believed: Floats
     actual: Floats  # Pose in which the pad is, (7,)
     reach: float  # Longest way to first contact, m
     depth: float  # Compression at which the move stops, m

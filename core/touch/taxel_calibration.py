@@ -230,7 +230,10 @@ class TaxelFit:
         )
 
     def _solve(self, at: TaxelIndices, pressed: Floats, system: csr_array, left: Floats) -> None:
-        """Eliminate the taxels; then Cholesky: priors, and offsets at rest, keep both definite."""
+        """Eliminate the taxels; then Cholesky. Priors keep both definite.
+
+        The offsets at rest, the mean of the free frames, are readings as well.
+        """
         frames, rows = len(self.presses.free), np.arange(len(at))
         gain, offset = (self.noise / self.own_spread) ** 2
         ones = np.ones(len(at))

@@ -217,7 +217,10 @@ def mesh_sha256(model: ShapeModel) -> str:
 
 
 def write_mesh(path: Path, vertices: Floats, faces: NDArray[np.int32]) -> None:
-    """Write vertices (n, 3), m, z up, and outward triangles (m, 3); suffix of `MESH_UNITS`."""
+    """Write vertices (n, 3), m, z up, and triangles (m, 3), counter-clockwise from outside.
+
+    The suffix is one of `MESH_UNITS`.
+    """
     import trimesh
 
     kind = path.suffix.lower()

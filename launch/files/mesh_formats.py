@@ -113,7 +113,10 @@ def _obj_corners(text: bytes, vertices: int) -> list[int]:
 
 
 def read_off(data: bytes) -> RawMesh:
-    """The mesh of an OFF file, without colours; ValueError if it does not hold what it states."""
+    """The mesh of an OFF file; colours and normals are passed over.
+
+    Raises ValueError if it does not begin with OFF, or has not what it states.
+    """
     start = _OFF_START.match(data)
     if start is None:
         raise ValueError("does not begin with OFF")
@@ -271,7 +274,10 @@ class Gltf(msgspec.Struct, frozen=True, rename="camel"):
 
 
 def read_glb(data: bytes) -> RawMesh:
-    """The one mesh in a GLB file, y up; ValueError if it does not hold just that, as stated."""
+    """The one mesh in a GLB file, in its own directions: y is up.
+
+    ValueError if the file has not what it states, or holds not exactly one mesh of one piece.
+    """
     described, held = _chunks(data)
     try:
         gltf = msgspec.json.decode(described, type=Gltf)

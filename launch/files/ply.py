@@ -39,7 +39,10 @@ _STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
 
 
 def read_ply(data: bytes) -> mesh_formats.RawMesh:
-    """Vertices and faces of a PLY file; ValueError if it does not hold what its header states."""
+    """The vertices and faces of a PLY file; all else in it is passed over.
+
+    Raises ValueError if the header is none, or the file has not what it states.
+    """
     header = read_header(data)
     elements, rows, at = header.elements, memoryview(data), header.size
     order: ByteOrder = header.order or "="
@@ -127,7 +130,10 @@ def _of_doubles(element: Element) -> Element:
 
 
 def read_rows(data: memoryview, at: int, element: Element, order: ByteOrder) -> tuple[Columns, int]:
-    """Columns of an element from a byte on, and the byte after; ValueError if it is not whole."""
+    """Columns of an element that begins at a byte, and the byte after it.
+
+    Raises ValueError if the data end before the element does, or a list's length is none.
+    """
     if not element.properties or not element.count:
         return {}, at
     least = sum(_size(one.length or one.kind) for one in element.properties)

@@ -29,7 +29,9 @@ class MeasuredContours(NamedTuple):
     normals: tuple[Floats, ...] | None = None  # (n, 3) each, outwards, or none
     taxels: ContactPoints | None = None  # All that was touched, by number of touch, if known
     tops: Floats | None = None  # (k, 3): where the ends were touched
-    frame: Floats | None = None  # Pose (7,) of the slicing frame in that of the points; None: same
+    # Pose (7,) of the slicing frame, around whose z axis the contours run, in that of the points;
+    # the same if None.
+    frame: Floats | None = None
     notes: tuple[str, ...] = ()  # What was done that a user should know, in sentences
 
     def scaled(self, metres: float) -> MeasuredContours:
@@ -58,7 +60,10 @@ def contact_points_of(
 
 
 def slice_cloud(points: Floats) -> MeasuredContours:
-    """Contours from points (n, 3) in no order; ValueError unless they lie at repeated heights."""
+    """Contours from points (n, 3) in no order.
+
+    Raises ValueError if the points do not lie at repeated heights.
+    """
     slice_of, spread = slices_by_height(points[:, 2])
     count = int(slice_of.max()) + 1
     contours, toured = [], 0

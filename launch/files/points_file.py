@@ -346,7 +346,10 @@ def _array(
 
 
 def read_recording(path: Path) -> MeasuredContours:
-    """Closed contours of a recording, all taxels, m; InputError without any, or if unreadable."""
+    """Closed contours of a recording with all taxels of their touches, in m.
+
+    Raises InputError if it cannot be read, or holds no closed contour.
+    """
     # Not for those who read a CSV file: mcap is imported with it.
     from palpate.messages.recording import open_recording
 

@@ -51,7 +51,10 @@ class SourceMapped:
 
 
 def set_within(holder: Any, path: KeyPath, setting: SourceMapped, name: str = "it") -> Any:
-    """Maps and lists with a value at a path, made on the way; InputError if that cannot be."""
+    """Maps and lists with the setting's value at a path; what is missing on the way is a map.
+
+    Raises InputError if something on the way can hold no such key.
+    """
     if not path:
         return setting.value
     key, rest = path[0], path[1:]

@@ -83,7 +83,10 @@ def _kind(value: Any) -> str:
 
 
 def parse_yaml(text: str, source: str, most: int = MAX_VALUES) -> SourceMapped:
-    """The document in a text, named `source`; InputError if not one of at most `most` values."""
+    """The document in a text; `source` names it in complaints.
+
+    Raises InputError if it is not exactly one YAML document of at most `most` plain values.
+    """
     yaml = YAML(typ="safe", pure=True)
     reader = _Reader(yaml, source, most)
     try:

@@ -113,7 +113,10 @@ def own_address(towards: str) -> str:
 
 
 def read_host(text: str) -> tuple[str, int]:
-    """Address and port of a machine, ``192.168.1.5`` or ``lab2:7447``; InputError if none."""
+    """Address and port of a machine, as ``192.168.1.5`` or ``lab2:7447``.
+
+    Raises InputError if it is no such address.
+    """
     found = _HOST.fullmatch(text)
     port = int(found[2] or PORT) if found else 0
     if found is None or not 0 < port < 1 << 16:
@@ -122,7 +125,10 @@ def read_host(text: str) -> tuple[str, int]:
 
 
 def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
-    """An endpoint for each name at ports that are free now; ValueError if not of this machine."""
+    """An endpoint for each name, at ports of this machine that are free now.
+
+    Raises ValueError if the address is none of this machine's.
+    """
     endpoints = {}
     with ExitStack() as held:
         for name in names:
@@ -138,7 +144,10 @@ def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
 
 
 class HostedRun:
-    """One launcher's nodes here, by its greeting; `now`: monotonic, s, `key`: the key's file."""
+    """One launcher's nodes on this machine, whose greeting names them and their modules.
+
+    `now` is monotonic time, s; `key` is the file of the key.
+    """
 
     def __init__(self, address: str, key: str, word: ControlMessage, now: float) -> None:
         self.last = now  # Monotonic time of its last word, s

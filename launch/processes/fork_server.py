@@ -40,7 +40,8 @@ def start_fork_server(modules: Iterable[str]) -> None:
     blocked = {signal.SIGINT, signal.SIGHUP, signal.SIGTERM}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
     try:
-        # First, for it unblocks the signals that it ignores; a hangup it does not
+        # Started first, for it unblocks the signals that it ignores, behind our back; it does
+        # not ignore a hangup.
         resource_tracker.ensure_running()
         signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
         with (

@@ -30,7 +30,10 @@ class NodeStatusTable:
         self._mentioned: set[str] = set()
 
     def receive(self, name: str, word: bus.ControlMessage) -> list[LogRecord]:
-        """Take a node's report; lines worth the log. ValueError if its counters are unreadable."""
+        """Take a node's report about itself; returns what is worth a line in the log.
+
+        Raises ValueError if the node's counters cannot be read.
+        """
         kind = word["kind"]
         if name not in self._alive:
             raise ValueError(f"{name!r} reported, which is not in the graph")

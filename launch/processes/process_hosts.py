@@ -63,7 +63,10 @@ class ForkServer:
         self.end()
 
     def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
-        """Start a node's process and return its sentinel; ChildProcessError if it cannot be."""
+        """Start the process of a node, and return its sentinel.
+
+        Raises ChildProcessError if it cannot be started.
+        """
         child = _CONTEXT.Process(target=enter_process, args=(wiring, place), name=name, daemon=True)
         try:
             with without_main_module():

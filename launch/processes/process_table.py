@@ -27,7 +27,10 @@ LAUNCHER_GAP = 0.5  # If the launcher had not run for so long, nobody is blamed 
 
 
 class ProcessTable:
-    """The processes of one graph; `ahead_ns`: this machine's clock less that of a node's, ns."""
+    """The processes of one graph.
+
+    `ahead_ns` tells how far this machine's clock is ahead of that of a node's machine, ns.
+    """
 
     def __init__(
         self,
@@ -56,7 +59,10 @@ class ProcessTable:
         return self._hosts.of(name).pid(name)
 
     def spawn(self, name: str, *, going: bool = False) -> None:
-        """Start a node's process, again if the graph is going; ChildProcessError if it can not."""
+        """Start the process of a node, again if the graph is going.
+
+        Raises ChildProcessError if it cannot be started.
+        """
         epoch, ahead_ns = self.restarts.counts[name], self._ahead_ns(name)
         place = replace(self._addresses, epoch=epoch, going=going, ahead_ns=ahead_ns)
         packed = msgspec.msgpack.encode(place)

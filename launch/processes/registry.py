@@ -141,7 +141,10 @@ def _read_card(folder: Path) -> RunCard | None:
 
 
 def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
-    """The running graph by its number's beginning, name, or the latest; ValueError unless one."""
+    """The running graph that is meant: by the beginning of its number, by name, or the latest.
+
+    Raises ValueError if there is none, or several are meant.
+    """
     cards = running_graphs(parent)
     if not cards:
         raise ValueError("no graph of yours is running; start one with palpate run or launch")
@@ -249,7 +252,8 @@ class EarlierRun:
     started anew, and what comes is to follow it without a gap.
     """
 
-    # What each node had handled, in order: it does so again, unheard, unless it acts on the world
+    # What each node had handled, in its order: it goes through it once more, unheard. Those that
+    # act on the world do not.
     consumed: Mapping[str, Sequence[Consumed]]
     published: Mapping[str, Sequence[SentMessage]]  # What those had published that act on the world
     # Topics and times, ns, of what the others had published: they do so again with these.

@@ -75,7 +75,10 @@ class ControlClient:
         self.socket.send(msgpack.packb({"kind": kind, **fields}))
 
     def receive(self) -> ControlMessage | None:
-        """The launcher's next message, or None; ValueError if what arrived is none of those."""
+        """Return the launcher's next message, or None if there is none.
+
+        Raises ValueError if what arrived is none of those.
+        """
         data = received(self.socket)
         return None if data is None else read_control(data, self._accepts)
 
@@ -151,7 +154,10 @@ class ControlServer:
         return True
 
     def receive(self) -> tuple[str, ControlMessage] | None:
-        """Name of a node and its next message, or None; ValueError if what arrived is no such."""
+        """Name of a node and its next message; None if there is none.
+
+        Raises ValueError if what arrived is none of those.
+        """
         try:
             parts = self.socket.recv_multipart(zmq.DONTWAIT)
         except zmq.Again:
@@ -166,7 +172,10 @@ class ControlServer:
 
 
 def read_control(data: bytes, language: ControlProtocol) -> ControlMessage:
-    """Message in a frame; ValueError if it holds none that may be sent, or one without a field."""
+    """Message in a frame.
+
+    Raises ValueError if the frame holds none that may be sent, or one that lacks a field.
+    """
     if len(data) > language.max_bytes:
         raise ValueError(f"a word has at most {language.max_bytes} bytes, got {len(data)}")
     count = nesting_limit(MAX_CONTROL_ITEMS)

@@ -37,7 +37,10 @@ class JoinReply(NamedTuple):
 
 
 def check_node_name(name: str) -> str:
-    """A node's name, for a request; ValueError if empty, unprintable, or with space or ``@``."""
+    """Return the name of a node, if it can stand in a request.
+
+    Raises ValueError if the name is empty, not printable, or holds a space or an ``@``.
+    """
     if not name or not name.isprintable() or " " in name or "@" in name:
         raise ValueError(f"a node's name must be printable, without space or '@', got {name!r}")
     return name

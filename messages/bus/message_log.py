@@ -40,7 +40,10 @@ class Cause(NamedTuple):
 
 
 class MessageLog:
-    """What a node has published on its topics; OSError if the file cannot be read or written."""
+    """What a node has published on its topics.
+
+    Raises OSError if the file cannot be read or written.
+    """
 
     def __init__(
         self,
@@ -98,7 +101,10 @@ class MessageLog:
             self._hold(topic, frame if len(frame) <= self._room else place)
 
     def promise(self, topic: str, make: Callable[[], bytes]) -> None:
-        """Keep what makes a frame again if somebody lacks it; KeyError without the topic."""
+        """Keep what makes a frame: it had been sent, and is made once more if somebody lacks it.
+
+        Raises KeyError if there is no such topic.
+        """
         self._hold(topic, make)
 
     def since(self, topic: str, wanted: int) -> Iterator[bytes]:
@@ -198,7 +204,10 @@ class SendTimes:
         return published[seq] if seq < len(published) else None
 
     def note(self, topic: str, sent_ns: int) -> None:
-        """Put down a topic's next time, before it is sent; OSError if there is no more room."""
+        """Put down the time of a topic's next message, before it is sent; of other topics nothing.
+
+        Raises OSError if there is no more room for it.
+        """
         if topic in self._before:
             self._journal.note(self._name, topic, sent_ns)
 
@@ -232,7 +241,10 @@ class Journal:
             raise
 
     def note(self, publisher: str, topic: str, seq: int) -> None:
-        """Put down that a message is about to be handled; OSError if there is no more room."""
+        """Put down that a message is about to be handled.
+
+        Raises OSError if there is no more room for it.
+        """
         entry = _ENTRY.pack(self._numbers[publisher, topic], seq)
         if os.write(self._file, entry) < len(entry):
             raise OSError(errno.ENOSPC, "the journal of what was consumed has no more room")
@@ -257,7 +269,10 @@ class Journal:
 
 
 class SourceProgress:
-    """How much a source has published, beyond its death; OSError if its file is of no use."""
+    """How much a source has published, beyond its death.
+
+    Raises OSError if the file cannot be read or written.
+    """
 
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, _FLAGS, 0o600)

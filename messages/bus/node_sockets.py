@@ -86,7 +86,10 @@ class TapReader:
             connect(self.socket, endpoint)
 
     def receive(self) -> tuple[str, Header, bytes] | None:
-        """Topic, header and body of the next message, or None; ValueError if it is no frame."""
+        """Topic, header and body of the next message; None if there is none.
+
+        Raises ValueError if what arrived is not a frame.
+        """
         frame = received(self.socket)
         return None if frame is None else split_frame(frame)
 
@@ -104,7 +107,10 @@ LINGER_MS = 1000  # At the end, messages that are still queued have this long to
 
 
 class NodeSockets:
-    """The sockets of one node; zmq.ZMQError if an address cannot be bound, or files run out."""
+    """The sockets of one node.
+
+    Raises zmq.ZMQError if an address cannot be bound, or there are no more files to be had.
+    """
 
     def __init__(
         self,
@@ -189,7 +195,10 @@ class NodeSockets:
         return bool(self._inbox)
 
     def wait(self, timeout_ms: int) -> tuple[bool, bool]:
-        """Wait until something arrives, answering joiners; whether messages and words are there."""
+        """Wait until something arrives; answer those who join.
+
+        Returns whether messages, and words of the launcher, are there to be taken.
+        """
         received = told = False
         for socket, _ in self._poller.poll(timeout_ms):
             if socket is self.subscriber.socket:
@@ -214,7 +223,10 @@ class NodeSockets:
         self._inbox.extendleft(reversed(list(arrivals)))
 
     def send(self, topic: str, body: bytes, robot_time: float, schema: int) -> None:
-        """Publish, with a copy for the tap; BlockedError if a queue stays full for too long."""
+        """Publish a message, with a copy for the tap.
+
+        Raises BlockedError if a subscriber's queue stays full for too long.
+        """
         self.tap.mirror(self.publisher.send(topic, body, robot_time, schema))
 
     def answer(self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:

@@ -97,7 +97,10 @@ class Publisher:
     def answer(
         self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause
     ) -> list[bytes]:
-        """Send all that answers a message, once kept; the frames. Errors as of `send`."""
+        """Send all that answers one message, in its order, once all is kept; returns the frames.
+
+        Raises KeyError, BlockedError as `send` does.
+        """
         counts, frames = Counter[str](), []
         for topic, body, robot_time, schema in published:
             seq = self._past.count(topic) + counts[topic]
@@ -114,7 +117,10 @@ class Publisher:
         return self._times.before(topic, self._past.count(topic)) is not None
 
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
-        """Make and send a message if it is new, or somebody lacks it; errors as of `send`."""
+        """Have a message made and sent if it is a new one, or if somebody lacks it, now or later.
+
+        Raises KeyError, BlockedError as `send` does.
+        """
         seq = self._past.count(topic)
         lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]
         if not self.was_published(topic) or any(seq >= wanted for wanted in lacked):
@@ -157,7 +163,8 @@ class Publisher:
                 handshake.greeting(request.call, self.epoch), "the greeting of a joining node"
             )
             return
-        # Who reconnects says old cursors again; those of an earlier start have its epoch
+        # A subscriber that reconnects says its old cursors again; those of an earlier start
+        # of this node carry that start's epoch.
         if request.epoch != self.epoch or request.topic not in self._subscribers:
             return
         for frame in self._past.since(request.topic, request.wanted):

@@ -18,7 +18,10 @@ LAUNCHER = "launcher"  # Name under which the launcher subscribes; no node may b
 
 
 class SocketContext:
-    """Where sockets are made, and closed, with a file's key if named; ValueError if it is none."""
+    """Where sockets are made, closed in the end; with the key of a file, if one is named.
+
+    Raises ValueError if the file holds no key that could be used.
+    """
 
     def __init__(self, key: str = "") -> None:
         # Where sockets are made; those that connect have the key already
@@ -64,7 +67,10 @@ def bind(socket: Socket, endpoint: str) -> None:
 
 
 def connect(socket: Socket, endpoint: str) -> None:
-    """Connect a socket; beyond this machine's files ValueError without a key: others could read."""
+    """Connect a socket; beyond the files of this machine only with a key.
+
+    Raises ValueError if others could read what is published.
+    """
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)
     socket.connect(endpoint)
@@ -95,7 +101,10 @@ class Addresses:
 
 
 class CurveAuthenticator:
-    """Locks sockets made from now on with a file's key; ValueError if it holds none of use."""
+    """Gives sockets that are made from now on the key of a file, and lets nobody in without it.
+
+    Raises ValueError if the file holds no key that could be used.
+    """
 
     def __init__(self, context: zmq.Context[Socket], key: str) -> None:
         from zmq.auth.thread import ThreadAuthenticator
@@ -135,7 +144,10 @@ def make_key(path: Path) -> None:
 
 
 def read_key(path: Path) -> tuple[bytes, bytes]:
-    """Public and secret key of a file; ValueError if it is unreadable, none, or open to others."""
+    """Public and secret key of a file.
+
+    Raises ValueError if it cannot be read or holds no key pair, or others may read it.
+    """
     from zmq.auth import load_certificate
 
     try:

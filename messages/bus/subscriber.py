@@ -107,7 +107,10 @@ class Subscriber:
         return None
 
     def close(self) -> None:
-        """Close at once: a linger would wait for subscriptions to a publisher that has gone."""
+        """Close at once.
+
+        Without a linger: subscriptions to a publisher that has gone would be waited for.
+        """
         self.socket.close(0)
 
     def _judge(self, frame: bytes) -> Received | None:

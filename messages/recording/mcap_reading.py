@@ -107,7 +107,10 @@ def placed_records(path: Path) -> Iterator[PlacedRecord]:
 
 
 def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
-    """Place, opcode, content (where of use) of each record, and checksum of all bytes before it."""
+    """Place, opcode and content of each record, and the checksum of all bytes before it.
+
+    The content is empty where it is of no use.
+    """
     magic = file.read(len(MAGIC))
     if not magic:
         raise RecordFault("is empty", 0)
@@ -176,7 +179,8 @@ def _records(
     match opcode:
         case Opcode.CHUNK:
             yield from chunk_records(content, declared)
-        # What says nothing is read all the same: a chunk must not go missing as one of these
+        # What says nothing is read all the same: a chunk whose kind was damaged must not go missing
+        # as one of these.
         case Opcode.SCHEMA:
             yield declared.schema(memoryview(content))
         case Opcode.CHANNEL:

@@ -123,7 +123,9 @@ class RecordingEnd(NamedTuple):
 
     part: Path  # The file in which they end
     byte: int  # So many bytes of it are whole
-    why: str  # Rest of a sentence that begins with the file; empty if closed
+    # Why they end there, as the rest of a sentence that begins with the file; empty if the
+    # recording was closed.
+    why: str
 
 
 class ReadablePrefix:
@@ -245,7 +247,10 @@ def counts_of(path: Path) -> dict[str, int]:
 
 
 class RecordingCopy:
-    """A recording copied undecoded, its parts into one new file; OSError if it cannot be."""
+    """A recording that is being copied undecoded, its parts into one new file.
+
+    Raises OSError if the file exists or cannot be written.
+    """
 
     def __init__(self, path: Path, library: str) -> None:
         self.counts: Counter[str] = Counter()  # Messages by topic, as far as taken

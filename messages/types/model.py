@@ -109,7 +109,10 @@ class Superquadric:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShapeModel:
-    """A closed solid, a prism in a B-spline lattice, and its ends. Latched on ``/model/shape``."""
+    """A closed solid: a prism deformed by a B-spline control lattice, and its ends.
+
+    Latched on ``/model/shape``.
+    """
 
     MAX_BYTES = 32 << 20
 

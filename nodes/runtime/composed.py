@@ -32,7 +32,10 @@ SubscriberT = TypeVar("SubscriberT")
 
 
 class MessageQueue(Generic[TopicT, SubscriberT]):
-    """Edges under way in one process, first in, first out; the next as sent, or drawn."""
+    """What is under way in one process: each edge, a topic to a subscriber, first in, first out.
+
+    Which edge comes next is the order of sending, or drawn.
+    """
 
     def __init__(
         self, subscribers: Mapping[TopicT, Sequence[SubscriberT]], draw: random.Random | None = None

@@ -42,7 +42,10 @@ Publication = Outgoing | Promise | Finished
 
 
 def enter_process(wiring: bytes, place: bytes) -> None:
-    """Run one node in this process, and leave it: by `Wiring` and `Addresses` in msgpack."""
+    """Run one node in this process, and leave the process.
+
+    Given are a `Wiring` (its parameters once more as bytes) and `Addresses`, in msgpack.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
@@ -146,7 +149,8 @@ def _die_with_parent(number: signal.Signals) -> None:
 class NodeLoop:
     """A node's loop over its station."""
 
-    # `going`: whether the graph had been started before; what is done again goes to who lacks it
+    # `going`: whether the graph had been started before. The node then goes through what it had
+    # done, and that is sent only to those who lack something of it.
     def __init__(self, name: str, station: bus.NodeSockets, *, going: bool = False) -> None:
         self.work: Work | None = None  # What the node does; None until it is loaded
         # Where it puts down what it handles; only of nodes that could do it again
@@ -389,7 +393,10 @@ class JournalOrder:
         self._come.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
 
     def take(self) -> bus.Received | None:
-        """What was handled next, if it has come; ValueError if a publisher now sends another."""
+        """What was handled next, if it has come.
+
+        Raises ValueError if a publisher sends something else than it had sent before.
+        """
         wanted = self._before[0]
         come = self._come.get((wanted.publisher, wanted.topic))
         if not come:

@@ -61,11 +61,13 @@ class Node:
     outputs: Mapping[str, type]  # Topic to message type
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
     fan_in: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
-    # Outside the fingers' namespaces: of several such nodes the first finger's alone has them
+    # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
+    # that of the first finger alone subscribes to and publishes them.
     shared: tuple[str, ...] = ()
     handler_timeout: float = HANDLER_TIMEOUT  # Longest time of a handler, s: then the node hangs
     step: str = ""  # What its work is called where time is told by steps; its name if left out
-    # It acts on the world: started again, it begins fresh and handles nothing twice; all is kept
+    # It acts on the world: when it is started again it is not handed once more what it has handled,
+    # and begins with a fresh state; what it has published is kept in a file.
     has_side_effects: bool = False
 
 
@@ -83,9 +85,12 @@ class Source:
 
     params: type  # Type of the parameters: a frozen ``msgspec.Struct``
     outputs: Callable[[Any], Mapping[str, type]]  # ``params -> {topic: message type}``
-    # ``params -> what it publishes``; None: nothing yet, ask again soon. Never waits over 0.1 s
+    # ``params -> what it publishes``, one after the other; None says that there is nothing yet
+    # and wants to be asked again soon. It never waits for longer than 0.1 s.
     open: Callable[[Any], Iterator[Timed | Finished | None]]
-    repeats: bool = True  # Whether it publishes the same when opened again, as a file does
+    # Whether it publishes the same when it is opened again, as a file does, and goes on behind
+    # that; what comes from the world comes once.
+    repeats: bool = True
     # ``params ->`` whether it stands still at the beginning until a tool has it go on.
     paused: Callable[[Any], bool] = lambda params: False
     outside: bool = False  # Whether tools may publish its topics
@@ -119,7 +124,8 @@ class Sink:
 
     params: type  # Type of the parameters: a frozen ``msgspec.Struct``
     open: Callable[[Any, Mapping[str, str]], SinkWriter]  # ``(params, {topic: type}) -> writer``
-    # The same after it was killed, with what each topic has kept; without it, it is not restarted
+    # The same after it was killed, with the messages of each topic that it has kept; without it the
+    # sink cannot be started again.
     resume: Callable[[Any, Mapping[str, str]], tuple[SinkWriter, Mapping[str, int]]] | None = None
     handler_timeout: float = 10 * HANDLER_TIMEOUT  # Longest time that writing may take, s
     step: str = "recording"  # As of a node
@@ -180,7 +186,10 @@ def lone_wiring(
 
 
 def load_node(module: str) -> AnyNode:
-    """The node that a module holds; ValueError if there is no such module or it holds none."""
+    """The node that a module holds.
+
+    Raises ValueError if there is no such module or it holds no node.
+    """
     if not all(part.isidentifier() for part in module.split(".")):
         raise ValueError(f"{module!r} is no name of a module")
     try:
@@ -207,7 +216,10 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
     on_exit: OnExit = "restart"
 
     def wiring(self, params: type) -> Wiring:
-        """The node's wiring, with parameters of this type; ValueError if they are of another."""
+        """The node's wiring, given the type of its parameters.
+
+        Raises ValueError if the recorded parameters are not of that type.
+        """
         try:
             value: Any = msgspec.json.decode(self.params, type=params)
         except msgspec.DecodeError as error:

@@ -38,7 +38,10 @@ def preload(names: Iterable[str]) -> None:
 
 
 def import_whole(name: str) -> None:
-    """Import a module and what its functions take from rooms when asked; raises as imports do."""
+    """Import a module, and what its functions take from rooms, which import only when asked.
+
+    Raises what the imports raise.
+    """
     if name in _WHOLE:
         return
     module = import_module(name)

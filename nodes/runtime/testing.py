@@ -106,7 +106,10 @@ def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
 
 
 def params_of(node: Node | Source, params: object) -> Any:
-    """The parameters on their way to a process, and back; ValueError if not the node's."""
+    """The parameters on their way to a process, and back.
+
+    Raises ValueError if they are not the node's.
+    """
     try:
         data = msgspec.msgpack.encode({} if params is None else params)
         return msgspec.msgpack.decode(data, type=node.params)
@@ -166,7 +169,10 @@ def assert_same(
     published: Sequence[tuple[str, object] | Finished],
     expected: Sequence[tuple[str, object] | Finished],
 ) -> None:
-    """Compare bit by bit what was published; AssertionError with the first difference."""
+    """Compare what was published with what is expected, bit by bit.
+
+    Raises AssertionError with the first message, and the first field in it, that differs.
+    """
     for number, (one, other) in enumerate(zip(published, expected, strict=False)):
         if _named(one) != _named(other):
             raise AssertionError(f"{number}: published {_named(one)}, expected {_named(other)}")

@@ -45,7 +45,10 @@ class ContractError(RuntimeError):
 
 
 class NodeWork:
-    """One node in its run; ContractError if the wiring names a topic that it does not declare."""
+    """One node in the course of its run.
+
+    Raises ContractError if the wiring names an input or output that the node does not declare.
+    """
 
     def __init__(self, node: Node, params: Any, wiring: Wiring) -> None:
         unknown = [one.local for one in wiring.inputs if one.local not in node.inputs]
@@ -167,7 +170,10 @@ class NodeWork:
 
 
 def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:
-    """Raise ContractError if a node publishes on a topic, or a type, that it does not declare."""
+    """Refuse what a node publishes on a topic that it does not declare, or of another type.
+
+    Raises ContractError.
+    """
     if local not in declared:
         known = ", ".join(declared) or "nothing"
         raise ContractError(
@@ -180,7 +186,10 @@ def check_declared(name: str, declared: Mapping[str, type], local: str, cls: typ
 
 
 class SinkWork:
-    """A sink in its run, writing all it receives; ContractError if it cannot go on with that."""
+    """A sink in the course of its run: it writes all that it receives.
+
+    Raises ContractError if it has, and the sink cannot go on with that.
+    """
 
     def __init__(
         self,

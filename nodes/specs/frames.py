@@ -37,7 +37,9 @@ class FrameSequence(NamedTuple):
     """Frames of one array, in the order in which they were taken."""
 
     images: Floats  # What the taxels sent, (n, rows, cols)
-    poses: Floats  # (n, 7): x, y, z in m, quaternion x, y, z, w; z into the object
+    # Poses of the pad: x, y, z in m, a quaternion x, y, z, w; its z axis points into the object;
+    # (n, 7).
+    poses: Floats
     times: Floats | None  # When each was taken, (n,), s; None if the file does not say
 
 
@@ -200,7 +202,10 @@ def _numbers(cells: list[str], where: str) -> Floats:
 
 
 def unit_pose(pose: Floats, where: str) -> Floats:
-    """The pose with a quaternion of length 1; ValueError if it is off by more than rounding."""
+    """The pose with a quaternion of length 1.
+
+    Raises ValueError if its length is another one, and not by rounding.
+    """
     length = float(np.linalg.norm(pose[3:]))
     if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
         raise ValueError(f"{where}: the quaternion has length {length:.3g}; expected 1")

@@ -169,7 +169,10 @@ def build_pipeline(
     finger: int = 1,
     seed: int = 0,
 ) -> touch.Pipeline:
-    """A finger with its effects; ValueError if one cannot be had, or not with this sensor."""
+    """A finger with its effects.
+
+    Raises ValueError if an effect cannot be had, or not with this sensor.
+    """
     owner = touch.Fingertip(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
     return touch.assemble(owner, tuple(describe_effects(listed).values()))
 

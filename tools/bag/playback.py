@@ -43,7 +43,10 @@ def player_entry(bag: Path, params: Mapping[str, Any], remap: Mapping[str, str])
 
 
 def play_recording(entry: Entry, *, quiet: bool) -> int:
-    """Play until the end, or Ctrl-C; the exit code. InputError if it cannot be: none started."""
+    """Play until the end of the recording, or Ctrl-C; returns the exit code.
+
+    Raises InputError if it cannot be played; nothing has been started.
+    """
     wirings = Graph((entry,), ends=PLAYER_NAME).wirings()
     with Keyboard() as keys:
         watcher = PlaybackWatcher(wirings[0], quiet=quiet, keys=keys)

@@ -170,7 +170,10 @@ class Answer(NamedTuple):
 
 
 def causality_violations(history: History, *, whole: bool) -> Iterator[Violation]:
-    """Messages that answer what was not published; if not `whole`, it may be unrecorded."""
+    """Messages that answer what was not published, or not yet.
+
+    Without an end (`whole` false) a cause may just have had no time to be recorded.
+    """
     first = _first_sent(history)
     for event in history.events:
         space, topic = _split(event.topic)

@@ -386,7 +386,10 @@ class _Reader:
 
 
 def read_path(text: str, cls: type) -> FieldPath:
-    """A path in messages of a type, after ``m.`` or without; ValueError if there is no field."""
+    """A path in messages of one type; ``m.`` before it means the message and may be left out.
+
+    Raises ValueError if it cannot be read, or the type has no such field.
+    """
     wanted = text.removeprefix("m.")
     if not re.fullmatch(PATH_PATTERN, wanted):
         raise ValueError(f"{text!r} is no field; expected something like pose[2] or robot_time")

@@ -111,7 +111,10 @@ def sample_status(
 
 
 def dump_params(card: RunCard, name: str | None = None) -> str:
-    """Parameters of one node or all, ``node: {params: ...}``; ValueError without the node."""
+    """Parameters of one node or of all, ``node: {params: ...}``; bytes by their size and SHA-256.
+
+    Raises ValueError if the graph has no such node.
+    """
     nodes = card.nodes if name is None else (find_node(card, name),)
     return "\n".join(yaml_lines({one.name: {"params": params_of(one)} for one in nodes}))
 
@@ -194,7 +197,10 @@ def _control_line(card: RunCard) -> Iterator[bus.ControlClient]:
 
 
 def control_player(run: str | None, kind: str, **fields: Any) -> None:
-    """Ask the player of a running graph; InputError if there is not just one, or it refuses."""
+    """Send a request to the player of a running graph.
+
+    Raises InputError if no such graph runs, it has no player or several, or the request is refused.
+    """
     try:
         card = find_run(run)
         players = [one.name for one in card.nodes if one.module == PLAYER_MODULE]

@@ -95,7 +95,10 @@ def run_sweep(
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Make the folder, or take a sweep's, and keep others out; InputError if that cannot be."""
+    """Make the folder, or take one of a sweep, and keep others from working there.
+
+    Raises InputError if it cannot be written, holds something else, or a sweep is at work there.
+    """
     if folder.is_dir() and any(folder.iterdir()) and not (folder / ASKED).is_file():
         raise InputError(f"{folder}: holds no sweep; choose a new or an empty folder, or a sweep's")
     RunDirectory(folder, linked=False).create()

@@ -25,7 +25,9 @@ SIDE = 3  # Taxels along the side of a square
 # An edge is where a smooth surface leaves the taxels of a square by so many times more than its
 # plane does, and by this share of the pitch besides, which is more than their noise.
 WORSE, LEAST = 3.0, 0.02
-UNLIKE = 6.0  # Times what planes leave of most taxels, and of the pitch: more tells no slope
+# How a taxel leans is unknown if neither plane nor smooth surface follows it to within so many
+# times what planes leave of most taxels, and the same share of the pitch.
+UNLIKE = 6.0
 STEP = 0.02  # Of the mean distance of contours: how far above and below the further points lie
 ALONE = 1e-3  # The same of the width, where there is but one contour
 LEVEL = 0.05  # Level part of a normal, of 1, below which it tells nothing of the side

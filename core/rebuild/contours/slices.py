@@ -53,7 +53,9 @@ LEAST_RELIEF = 0.02  # Deviation of a signature, over the mean distance, that te
 LEAST_ALIKE = 0.5  # Correlation of two signatures below which they are not of one shape
 CHANGE = 15.0  # Cost of a change of the step between pairs, squared, in turns, in correlation
 TWIST = 1.5  # What a departure from the least twist, squared, in turns, costs
-APART = 10.0  # Times the width of all that slices are set apart: none is near another's place
+# Slices are set apart by so many times the width of everything, so that no place is nearest to a
+# point of another slice.
+APART = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -64,7 +64,9 @@ POLE_FEWEST = 4  # Contours: three for the quadratic, one to test it
 POLE_MISS = 0.03  # Of the squared radius: most that the fourth contour may be missed by
 POLE_NOISES = 4.0  # The same in standard deviations of its mean radius, as a share of it
 FARTHEST = 2.0  # Spacings of the last contours: most that the pole may lie beyond them
-NARROWED = 0.75  # Squared radius of the last over the fourth's: an end is near if contours narrow
+# Squared radius of the last contour, as a share of the fourth's: a pole or an end is near only if
+# the contours have begun to narrow.
+NARROWED = 0.75
 NEARLY_REAL = 0.15  # Imaginary over real part of a root that noise has lifted off the axis
 SHOULDER_FEWEST = 12  # Contours: with fewer they lie too far apart to show how an edge is rounded
 WAYS = np.geomspace(0.02, 1.0, 48)  # Heights over the last contour that are tried, in spacings
@@ -88,8 +90,12 @@ class End:
     uncovered: float
     profile: Profile  # Radius over the last contour's, by the share of the way from rim to height
     middle: Floats  # Place of the axis at `height`, (2,)
-    starlike: bool  # Whether the last contour is seen whole from its middle; else the end folds
-    apart: bool = False  # Whether it is a piece of its own though it closes in a point
+    # Whether the last contour is seen whole from its middle; where it is not, an end that is drawn
+    # from the rim to the middle folds over itself.
+    starlike: bool
+    # Whether it is a piece of its own though it closes in a point, for the side would have run
+    # through its own axis on the way there.
+    apart: bool = False
 
     @property
     def unseen(self) -> float:

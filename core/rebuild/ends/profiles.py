@@ -18,18 +18,24 @@ import numpy as np
 from palpate.core.arrays import Floats
 
 ROUNDS = 60  # Most steps of Newton's method; from its start it converges from one side
-LEAST_SHARE = 1e-6  # Radius from which curvatures are as there: some tips have no bound
+# Radius below which a curvature is told as it is there: at the tip of some superellipses it has no
+# bound.
+LEAST_SHARE = 1e-6
 TREND_CONTOURS = 3  # Contours through which the squared radius is carried on
 WIDEST = 0.5  # A flat end's wall flares by no more than this share
 CONE = 1e-6  # A conic that is nearer to a cone than this is one: its tip is sharp
 SHOULDER_CONTOURS = 6  # Contours to which a superellipse is fitted
 SHOULDER_REACH = 10  # The contour, counted from the end, at which a superellipse is widest
-EXPONENTS = np.geomspace(1.0, 32.0, 41)  # That are tried, eight to each double, those of a ball too
+# Exponents of superellipses that are tried, along the height and across: eight from each to its
+# double, so that those of a ball are among them.
+EXPONENTS = np.geomspace(1.0, 32.0, 41)
 FLARED = np.geomspace(1.0, 128.0, 57)  # Where close contours show sharper edges
 LEAST_TREND, MOST_TREND = -0.9, 2.0  # Of a wall: it must be there when the end comes
 NEAR_END = 1e-9  # A contour lies at least this share before the end
 ROWS = 9  # Rows of the side to which it is fitted
-LARGEST = 12.0  # Of the arc's radius over the last way to the end, at most; at least it is 1
+# Radius of the arc over the way from the last row to the end, at most; at least it is 1: a smaller
+# arc would begin where nothing was seen.
+LARGEST = 12.0
 TRIED = 49  # Radii that are tried
 LEAST_DISC = 0.05  # Of the last row's radius: a smaller disc is none
 

@@ -46,7 +46,9 @@ FEWEST_TAXELS = 24  # Taxels of a touch: fewer met but an edge
 # by the third: else it lies across an edge.
 FLAT, BENT, WORSE = 2e-4, 1.4, 2.0
 ALIKE = math.radians(2.0)  # How much otherwise than the outermost touches of a plane may lean
-CONTACT_LEVEL = math.radians(0.5)  # Flat touches that lean less are level, else their tops count
+# A flat touch that leans less is level; of those that lean more each is as high as its highest
+# taxel.
+CONTACT_LEVEL = math.radians(0.5)
 THIN = 0.1  # Of its width: what a touch must be wide at least, the other way, to lean in some way
 LEAST_STRETCH = 0.25  # How far heights may be pressed together; farther aside both ends would meet
 By = tuple[int, int]  # How often a surface is differentiated, by each of its two parameters
@@ -57,7 +59,9 @@ UPRIGHT = 0.9  # Part of a normal along the axis from which on a taxel lies on a
 NOISES, LEVEL_NOISES = 3.0, 4.0
 ROWS = 14  # Rows from which an end is told
 STRETCH = 0.15  # Share of the side over which they lie
-LEANS = 0.15  # Of the last row's radius: an end farther aside is seen about its own axis
+# Of the last row's radius: an end whose middle lies farther aside of where the rows lead is seen
+# about its own axis.
+LEANS = 0.15
 FACING = 0.995  # Part of a normal along the axis from which on a taxel belongs to the dome
 DEEP = 0.01  # Of the extent: how far below the farthest taxel it still does
 FEWEST_TOUCHES = 3  # Touches: of fewer, the highest is as good
@@ -69,7 +73,9 @@ BINS = 12  # Heights between the last row and the end at which points are averag
 LEAST_FACING = 0.2  # Radial part of a normal: a point on a level face tells nothing of the radius
 SECTORS, FEWEST_SECTORS = 12, 4  # Of a turn, and those with points: one alone may be a feature
 REACH = 0.6  # Of the way to the end: nearer touches tell the same of all ends, which begin alike
-NEARLY = 0.95  # Of the way to the end: what is farther lies on it, not on a sharp edge's rounding
+# Of the way to the end: what was touched farther lies on it. A row of taxels over a sharp edge has
+# normals between both sides, and would pass for a rounding.
+NEARLY = 0.95
 WALL = 0.4  # Mean radial part of the normals: where they lean over the end, nothing is an edge
 TURNS = 192  # At which the last row is taken
 
@@ -361,7 +367,9 @@ class EndContact(NamedTuple):
     slopes: Floats  # (2,)
     off: float  # How far its taxels lie off a plane, root mean square, m
     width: float  # Of its taxels, root mean square from their middle, m
-    kind: ContactKind  # flat: in a plane; bent: a smooth surface is better; edge: neither
+    # flat: they lie in a plane; bent: a smooth surface follows them better; edge: neither, or they
+    # lie in a line.
+    kind: ContactKind
 
     def misses(self, other: EndContact) -> float:
         """How far another touch lies off its plane, along the axis, m."""

@@ -36,7 +36,8 @@ ENOUGH = 1e-6  # Of the height between the ends: how closely heights are followe
 MOST_LAYERS = 400
 STEPS = 4  # Places between knots at which the height is compared
 SAMPLES = 3  # Places for each layer to which a given number of layers is fitted
-# What settles the inside: bending alone, rings on which lobes fade, or straight ways, unfolded
+# What settles the inside: bending alone; rings on which lobes fade with the square of the way to
+# the middle; or straight with the way, which folds no star.
 SectionFill = Literal["bending", "rings", "cones"]
 # Strengths of the bending energy, which if weaker meets the skin hardly better and folds far more,
 # and of the rings, over the mean weight of the rim; and the power of the way from the middle with
@@ -46,7 +47,9 @@ STRENGTHS: dict[SectionFill, tuple[float, float, float]] = {
     "rings": (1e-5, 2e-2, 2.0),
     "cones": (1e-4, 2e-2, 1.0),
 }
-EVEN = 1e-3  # Of second differences over the bending, where neither rim nor section is
+# Of second differences of the control points, over the bending: for those that lie where neither
+# the rim nor the section is.
+EVEN = 1e-3
 HELD = 1e-13  # Weight of the displacements themselves: bounds the condition
 RINGS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.88)
 # Exponents: beyond 1 the rim bends without bound where it crosses the axes, and a square on its
@@ -312,7 +315,9 @@ class Section:
     middle: Floats  # (2,), m
     axes: Floats  # Rows are the semi-axes, (2, 2), m; the second counter-clockwise of the first
     exponent: float  # 1 is an ellipse, towards 0 it becomes a rectangle
-    lead: Floats  # How far the azimuth runs ahead of the turn, turns: a closed spline's, (k,)
+    # By how much the azimuth runs ahead of the turn, in turns: coefficients of a closed spline,
+    # (k,).
+    lead: Floats
 
     @property
     def half_extent(self) -> Floats:

@@ -22,7 +22,9 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import right_jacobians, rotations_from_vectors
 from palpate.core.shapes import PNorm, PNormCurvature, p_norm, p_norm_curvature
 
-RIGID = 11  # Parameters: 3 of size, 2 exponents, 3 turns, 3 places; then 2 for taper, 2 for bend
+# Parameters: 3 logarithms of the size, 2 exponents, 3 of the rotation vector, 3 of the position; 2
+# more if tapered, then 2 more if bent (curvature times direction).
+RIGID = 11
 LEAST_SLOPE = 1e-12
 LEAST_CURVATURE = 1e-150  # Below it, a bend is none: its square would underflow
 LEAST_STRETCH = 1e-3  # Nearer to the centre of curvature, of the radius, slopes are as there

@@ -48,7 +48,8 @@ MOST_ANGLE = 2.2  # Rad, by which a bend may turn an end
 FIRST_ANGLE = 0.7  # Rad, by which the bends that are tried besides the estimated one turn an end
 STEEPEST_GUESS = 0.8  # Largest widening to start from
 Exponents = tuple[tuple[float, float], ...]
-# Near a box slopes vanish, near an octahedron there are creases: from round neither is missed
+# Near a box the exponents' slopes vanish, near an octahedron there are creases: from round neither
+# is always found.
 FREE_EXPONENTS: Exponents = ((1.0, 1.0), (0.2, 0.2), (1.8, 1.8))
 BENT_EXPONENTS = FREE_EXPONENTS[:2]  # Where each is started with six bends
 SWEEPS = 6  # Of plane rotations; each is exact, and three or four end it

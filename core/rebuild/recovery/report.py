@@ -252,9 +252,13 @@ class Recovery(shapes.FittedSuperquadric):
     # axes; position, m; widenings; curvature of the bend times its direction, 1/m.
     names: tuple[str, ...]
     rank: int = 0  # Parameters that the points determine to first order
-    condition: float = 0.0  # Of the Jacobian with columns of length 1; 0 if nothing was fitted
+    # Largest over smallest singular value of the Jacobian, its columns scaled to length 1 and those
+    # that are nothing left out; 0 if nothing was fitted.
+    condition: float = 0.0
     uncovered: float = 1.0  # Of the surface with no inlier as near as the points' spacing explains
-    looseness: float  # Root mean square deviation of the surface along its normals, m
+    # Standard deviation of the surface along its normals, root mean square over it, m: how far off
+    # the scatter of the points lets it be.
+    looseness: float
     converged: bool = False
     warnings: tuple[RecoveryWarning, ...]
     choice: str | None = None  # Name of the chosen shape, where exponents were given a choice

@@ -24,7 +24,9 @@ from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
 LEAST_FACING = 0.05  # Least radial part of a normal: level faces tell nothing of the distance
-INWARD, MOST_INWARD = -0.2, 0.03  # Radial part that looks inwards, and the most such points
+# Radial part of a normal below which a point looks towards the axis, and the share of such points
+# above which sections are not star-shaped about it.
+INWARD, MOST_INWARD = -0.2, 0.03
 RIDGE = 1e-10  # Bounds the condition of the system, over its mean diagonal
 STEPS = 30  # Of the iterations that estimate a condition number
 MOST_DEGREE = 3

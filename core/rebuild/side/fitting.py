@@ -31,11 +31,17 @@ MOST_AROUND = 128  # Coefficients around
 LEAST_ROWS = 5  # With fewer rows and poles only ends with a pole can be round
 CAUTION = 1.2  # Of the choice of strengths, where residuals of rows do not resemble each other
 MANY_ROWS, ALIKE = 12, 0.25  # Rows from which on that is told, correlation above which they do
-SWINGS, CALMER = 0.5, 0.5  # Swing from which rows are tried in another parameter, and what may stay
-POWERS = (1.0, 0.5, 0.25)  # Of the way along the surface: less is calmer on uneven steps: Lee, 1989
+# Swing from which on rows are tried in another parameter, and how much of it may be left then. Of
+# smooth objects it stays below a quarter or so, however few rows there are.
+SWINGS, CALMER = 0.5, 0.5
+# Of the way along the surface; less of it is calmer where steps are of many lengths: Lee, *Choosing
+# nodes in parametric curve interpolation*, 1989.
+POWERS = (1.0, 0.5, 0.25)
 SLIGHT = 0.05  # Of the size: swings below half of that are noise
 STILL = 1e-9  # Slope around, over the size, of a contour that is a point
-LEAST_PACED, FAR_BETTER = 8, 0.72  # Rows from which that is tried without need, and its gain
+# Rows from which on the way along the surface is tried as the parameter without need, and how much
+# better it must predict rows.
+LEAST_PACED, FAR_BETTER = 8, 0.72
 PREDICTED = 0.01  # Of the size: rows that are predicted as well as this lie close enough together
 LEAST_TURNS = 4
 SAME_HEIGHT = 1e-3  # Of the mean spacing: rows at heights nearer to each other are one

@@ -65,7 +65,9 @@ PROBES = 2  # Random signs by which the freedom is estimated
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
 SPANS = 45  # Even spans
 HALVED = 4  # Times that the first and the last of them are halved
-WIDTHS = 3  # Power of a span's width in its bending: roots that begin there are not flattened
+# Power of a span's width by which its bending counts: a root that begins there bends each half of a
+# span more than the whole, and is not flattened.
+WIDTHS = 3
 
 
 def fit_shifted_spline(

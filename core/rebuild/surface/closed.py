@@ -24,7 +24,9 @@ from palpate.core.rebuild.contours import are_star_shaped
 from palpate.core.rebuild.ends import End, ProfileCurve, Shear, StraightCurve, profile_curves
 from palpate.core.shapes import MassMoments
 
-POLE = 1e-5  # Of the way from pole to pole: nearer, normals and curvatures are those at this place
+# Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
+# at this distance, where the tangents do not vanish.
+POLE = 1e-5
 OPEN = 1e-6  # Of the size: a ring at a pole that is wider than this leaves a hole
 LENGTH_ROWS, LENGTH_TURNS = 17, 24  # Grid on which a piece's length is taken
 LEAST_PIECE = 0.02  # Least share of v that a piece gets
@@ -36,7 +38,9 @@ RIM = 720  # Points of a rim from which its middle is taken
 ROWS, TURNS = 161, 256  # Points along and around
 FINER = 8  # Times as many places tell how to set them evenly,
 FEW = 31  # each on so many lines across
-SPREAD = 0.05  # Share of the steps by the parameter: what has no length still has places
+# Share of the steps that goes with the parameter and not with the length: what has no length still
+# has places.
+SPREAD = 0.05
 # Points (a, b, 3) at places (a,) along, from 0 to 1, and turns (b,), from 0 to 1.
 Grid = Callable[[Floats, Floats], Floats]
 Orders = tuple[int, int]  # Times it is differentiated by v and by turns; together up to 2

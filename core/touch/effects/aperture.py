@@ -31,7 +31,8 @@ class Aperture:
 
     # Side of an element, as a share of the pitch: elements need a gap between them.
     width: Annotated[float, Range(0.05, 1.0, "1")] = 0.8
-    # Rays along a side: three see what lies between taxels, for the cost of nine casts
+    # Rays along a side: three see what lies between two taxels at a bearable cost, that of nine
+    # casts.
     rays: Annotated[int, Range(2, 8, "1")] = 3
     # The echo of an element's whole area is nearest to its mean; the first echo to arrive is that
     # of its largest compression.

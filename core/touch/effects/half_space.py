@@ -38,7 +38,10 @@ class HalfSpace(Ranged):
     poisson: Annotated[float, Range(0.0, 0.5, "1")] = 0.49
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage; its act raises ArithmeticError if no contact is found within `MOST_STEPS`."""
+        """The stage for one finger.
+
+        Its act raises `ArithmeticError` if the contact is not found within `MOST_STEPS`.
+        """
         size = (finger.pad.rows, finger.pad.cols)
         kernel = half_space_influence(finger.pad)
         # No part of a matrix of positive numbers has a larger norm than its largest row sum.

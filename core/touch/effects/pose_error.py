@@ -28,7 +28,8 @@ class PoseError(Ranged):
     sigma: Annotated[float, Range(0.0, 5e-3, "m")] = 0.1e-3
     # Standard deviation of the turn about each axis: 0.1 mm over an arm's last link.
     rotation: Annotated[float, Range(0.0, 10.0, "deg")] = 0.05
-    # Deviation, on each axis, of a shift drawn once; 0 if the fingertip's place is known
+    # Standard deviation, on each axis, of the shift that is drawn once; 0 for a fingertip whose
+    # place on the arm is known.
     bias: Annotated[float, Range(0.0, 5e-3, "m")] = 0.0
 
     def prepare(self, finger: Fingertip) -> Stage:

@@ -23,7 +23,8 @@ class Saturation(Ranged):
 
     phase: ClassVar = Phase.PAD
 
-    # Largest measured compression, over the thickness: rubber cannot be squeezed to nothing
+    # Largest compression that is measured, as a share of the thickness: rubber cannot be squeezed
+    # to nothing.
     share: Annotated[float, Range(0.1, 0.95, "1")] = 0.8
 
     def prepare(self, finger: Fingertip) -> Stage:

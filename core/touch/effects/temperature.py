@@ -32,7 +32,10 @@ class Temperature(Ranged):
     rezeroed: bool = False
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage; ValueError if the array sends no times, or sound would lose half its speed."""
+        """The stage for one finger.
+
+        Raises ValueError if the array sends no times, or sound would lose half its speed or more.
+        """
         calibration = finger.calibration
         if calibration.signal != "time":
             raise ValueError(
