@@ -3,7 +3,8 @@
 The tree's form is one text, which names the class of each node; every array lies beside it under
 its path, ``solid/evidence/noise``. What is read may be from anybody: only dataclasses and named
 tuples of `palpate.core` are built, by their own constructors, and nothing is ever run. A class goes
-by its own name, wherever in core it stands, so that modules may move.
+by its own name, wherever in core it stands, so that a module may move and every archive is still
+read.
 """
 
 from __future__ import annotations

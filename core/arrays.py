@@ -1,8 +1,9 @@
 """Array types, the checks that public functions start with, and the spread of errors.
 
 Half of the errors may be gross before their median follows them (Hampel, *The influence curve and
-its role in robust estimation*, 1974). The constant of normal noise stands here both ways, rounded
-as in textbooks: multiplying by the one differs from dividing by the other in the fifth digit.
+its role in robust estimation*, 1974). The constant of normal noise stands here both ways, each
+rounded as textbooks have it: multiplying by the one differs from dividing by the other in the fifth
+digit.
 """
 
 from __future__ import annotations

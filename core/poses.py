@@ -166,7 +166,8 @@ def rotations_from_vectors(vectors: Floats) -> Floats:
 def right_jacobians(vectors: Floats) -> Floats:
     """How small changes of rotation vectors turn the body, (b, 3, 3).
 
-    With R the rotation of v and J this matrix, that of v + dv is R times J dv's, to first order.
+    With R the rotation of v and J this matrix, that of v + dv is R times that of J dv, to first
+    order.
     """
     cross = _cross_matrices(vectors)
     square = np.einsum("bi,bi->b", vectors, vectors)[:, None, None]

@@ -108,7 +108,8 @@ class MoveGeometry(NamedTuple):
     def of_rows(cls, rows: ArrayLike) -> MoveGeometry:
         """Moves from rows of (wait, travel, turn, approach, along), as messages carry them.
 
-        ValueError if they are no finite (n, 5) array, or a length, angle or time is negative.
+        Raises ValueError if they are no finite (n, 5) array, or a length, angle or time is
+        negative.
         """
         table = finite_array("moves", rows, (None, COLUMNS))
         if (table[:, :4] < 0.0).any():

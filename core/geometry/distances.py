@@ -66,7 +66,8 @@ def prepare_surface(vertices: ArrayLike, faces: ArrayLike) -> PreparedSurface:
     """Sample a surface and prepare it for the search.
 
     `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Faces without area are left out.
-    Raises ValueError if a vertex is not finite or not there, or the surface has no area.
+    Raises ValueError if a vertex is not finite, a face names a vertex that is not there, or the
+    surface has no area.
     """
     corners = triangle_corners(vertices, faces)
     areas, normals = areas_and_normals(corners)
@@ -116,7 +117,8 @@ def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> Sur
 
     Stratified: the faces are laid end to end by area, the line is cut into `count` equal pieces,
     and each gets one point: means stay unbiased, but scatter as those of a much larger plain
-    sample. Within a face: Osada et al., *Shape distributions*, 2002, (1). ValueError without area.
+    sample. Within a face: Osada et al., *Shape distributions*, 2002, (1). Raises ValueError if the
+    triangles have no area.
     """
     line = np.cumsum(areas_and_normals(corners)[0])
     if not line[-1] > 0.0:

@@ -115,8 +115,9 @@ def is_inside_out(vertices: Floats, faces: Ints) -> bool:
 def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
     """Corners of each face.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Returns (m, 3, 3). Raises ValueError
-    if a vertex is not finite, or there is no face, or not its vertex.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Returns (m, 3, 3), face, corner,
+    coordinate. Raises ValueError if a vertex is not finite, there is no face, or a face names a
+    vertex that is not there.
     """
     places = finite_array("vertices", vertices, (None, 3))
     return places[checked_faces(faces, len(places))]

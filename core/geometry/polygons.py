@@ -93,8 +93,9 @@ def area_centroid(contour: Floats) -> Floats:
     """Centroid (2,) of the area that a closed contour encloses, m.
 
     Of the area, because the mean of unevenly measured points lies nearer to where they are dense;
-    where there is no area, that mean. `contour` (n, 2) or (n, 3): around it, either way, m; a third
-    coordinate is ignored. ValueError if it has no point, or is not finite (n, 2) or (n, 3).
+    where there is no area, that mean. `contour` (n, 2) or (n, 3): around it, in either direction,
+    m; a third coordinate is ignored. Raises ValueError if the contour has no point, or is not
+    finite (n, 2) or (n, 3).
     """
     polygon = closed_polygon(np.asarray(contour)[..., :2])
     return np.asarray(area_centroids(polygon[None])[0])

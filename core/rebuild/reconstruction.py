@@ -80,9 +80,10 @@ def reconstruct(
     each begun anywhere, in either direction, of any number of points and in any unit. Rows that are
     not finite are left out, and single points that stick out. `normals` (n, 3) at their points are
     outward, of any length. `patches` are everything that touched, as points with the numbers of
-    their touches. `tops` (k, 3) are where touches found the ends: those above the middle of the
-    contours, along the slicing axis, the upper one, those below it the lower one. An end that
-    nobody touched is closed where the contours say where, else level there; see `Solid.uncovered`.
+    their touches. `tops` (k, 3) are where single touches found the ends: those above the middle of
+    the contours, along the slicing axis, the upper one, those below it the lower one. An end that
+    nobody touched is closed where the contours say where, else level on the last contour; see
+    `Solid.uncovered`.
 
     Methods: "skin": a smooth surface through what was touched. "lattice": the same as a control
     lattice that deforms a prism, which can be edited and refined; of `size` control points across a
@@ -255,9 +256,10 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
 
     Contacts of a hand, or points of contours; `noise` is the standard deviation of a coordinate, if
     it is known: what is less explains nothing. Tapered and bent where that pays; of points too few,
-    or all in a plane, an ellipsoid in their extents, which says so in its warnings. ValueError if
-    points are not finite, or the noise is not positive. Fung, 1999, 3.2.2, step 1, with pose,
-    taper, bend and free exponents. Chosen by Schwarz, *Estimating the dimension of a model*, 1978.
+    or all in a plane, an ellipsoid in their extents, which says so in its warnings. Raises
+    ValueError if the points are not finite, or the noise is not positive. Fung, 1999, 3.2.2, step
+    1, with pose, taper, bend and free exponents. Chosen by Schwarz, *Estimating the dimension of a
+    model*, 1978.
     """
     places = finite_array("points", points, (None, 3))
     if noise is not None:

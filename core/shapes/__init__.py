@@ -5,7 +5,8 @@ One protocol (bounds, rays cast at it, a mesh), and a chapter a kind of solid.
 A user adds a solid by writing a class that answers `Shape`, or `ImplicitShape` if it is to be
 deformed, or `CsgSolid` if it is to be combined; nothing has to be registered here. Casting is
 exact: the constants are tolerances and limits of work, not parameters. It rests on numpy and
-`palpate.core.geometry`; Embree and the manifold library are imported when asked for.
+`palpate.core.geometry`; Embree and the manifold library are imported only by those who ask for
+them.
 """
 
 from typing import TYPE_CHECKING

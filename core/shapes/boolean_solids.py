@@ -39,7 +39,8 @@ class BooleanShape(ImplicitShape):
 
     `tree`: of `Union`, `Intersection`, `difference` and `complement_of`. Raises ValueError if the
     tree has more than 64 parts, or the whole is unbounded or empty. Fung, 1999, (2.31) to (2.35).
-    It is regularised: what has no inside, such as the face in which two solids touch, is left out.
+    The combination is regularised: what has no inside, such as the face in which two solids touch,
+    is left out.
     """
 
     def __init__(self, tree: Tree):

@@ -51,7 +51,8 @@ class GeneralisedCylinder(ImplicitShape):
     `scales` (n,): scale of the section there, positive; at the ends it may be 0 (an apex), 1.
     `smooth`: whether the scale is the natural cubic spline through these, not straight lines.
     `tilt` and `tilt_direction`: angle between the axis and z, less than 75 degrees, and the axis's
-    azimuth, rad. Raises ValueError if heights do not increase, or a scale between is not positive.
+    azimuth, rad. Raises ValueError if heights do not increase, or the scale is not positive between
+    the ends.
 
     Fung, 1999, (2.26) and (2.27); with two straight heights the linear cylinder (1.4).
     """

@@ -22,7 +22,8 @@ class HalfSpace:
     """The points p with normal p <= offset.
 
     `normal` (3,): outward normal of any length but 0. `offset`: distance of the plane from the
-    origin along the normal, m. ValueError if a number is not finite or the normal 0.
+    origin along the normal, m. Raises ValueError if a number is not finite or the normal has no
+    length.
     """
 
     def __init__(self, normal: Floats, offset: float):

@@ -32,10 +32,11 @@ LARGEST = 1e3  # Beyond it a quantity counts as this: its power would say no mor
 class Hyperquadric(ImplicitShape):
     """The points p = (x, y, z) with H(p) = sum |a x + b y + c z + d|^g + dents <= 1.
 
-    `planes` (n, 4): a, b, c in 1/m, and d, of each term, 24 at most. `exponents` (n,): g of each
-    term, 0.1 to 100. If none is below 1, a solid without dents is convex. `dents`: exponential
+    `planes` (n, 4): a, b, c in 1/m, and d, of each term; 24 terms at most. `exponents` (n,): g of
+    each term, 0.1 to 100. If none is below 1, a solid without dents is convex. `dents`: exponential
     terms. Raises ValueError if a number is not finite or out of range, the strips leave a direction
-    unbounded, or the solid is empty. Fung, 1999, (2.28) to (2.30). Rays pass nothing thin.
+    unbounded, or the solid is empty. Fung, 1999, (2.28) to (2.30). Rays are followed exactly:
+    nothing thin is passed.
     """
 
     def __init__(self, planes: Floats, exponents: Floats, dents: tuple[Dent, ...] = ()):

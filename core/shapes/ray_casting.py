@@ -2,9 +2,10 @@
 
 If the second derivative of f is nowhere below -dip, then f lies above the parabola through its
 value and slope at any place, and the parabola's first root is a step that cannot pass a root of f,
-however thin the part below zero (`first_roots`). Where only bounds are known, the caller gives such
-a parabola for a stretch; stretches grow while they prove free, and shrink to where the parabola
-failed (`guaranteed_first_roots`). Spans: Roth, *Ray casting for modeling solids*, 1982.
+however thin the part below zero (`first_roots`). Where only bounds over intervals are known, the
+caller gives such a parabola for the stretch that is asked about; stretches grow while they prove
+free, and shrink to where the parabola failed (`guaranteed_first_roots`). Spans: Roth, *Ray casting
+for modeling solids*, 1982.
 """
 
 from __future__ import annotations

@@ -36,7 +36,8 @@ class Superquadric(ImplicitShape):
     `size` (3,): semi-axes, m. `exponents` (2,): e1 along z and e2 across, from 0.02 (nearly a box)
     over 1 (ellipsoid) to 2 (octahedron). Raises ValueError if a semi-axis is not positive or an
     exponent is out of its range. Fung, 1999, (2.1) and (2.6), with powers of absolute values and
-    scaled by the largest coordinate, so that none overflows. The text's F is the gauge squared.
+    scaled by the largest coordinate, so that no exponent can overflow. The text's F is the gauge
+    squared.
     """
 
     size: Floats
@@ -130,7 +131,8 @@ class Superquadric(ImplicitShape):
         """Gauge and its derivative along directions, in coordinates divided by the semi-axes.
 
         `scaled` (3, n): points, by coordinate, 1. `direction` (3, n) or (3, 1): directions, scaled
-        likewise. Returns `gauge`, `slope` (n,): at a crease a slope between both sides.
+        likewise. Returns `gauge`, `slope` (n,): a slope where the gauge has a crease is one of
+        those between its two sides.
         """
         p, q = 2.0 / float(self.exponents[1]), 2.0 / float(self.exponents[0])
         x, y, z = np.abs(scaled)
@@ -305,7 +307,8 @@ def _power(value: Floats, exponent: float) -> Floats:
 def regular_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
     """Points of (2.4) and (2.5): where the radii of the scaled solid meet its surface.
 
-    Parameters, errors and units as for `trigonometric_points`. Across a crease: the mean of both.
+    Parameters, errors and units as for `trigonometric_points`. Normals across a crease are the mean
+    of its two sides.
     """
     cos_eta, sin_eta, cos_omega, sin_omega = _cosines(eta, omega)
     radii = np.column_stack([cos_eta * cos_omega, cos_eta * sin_omega, sin_eta])

@@ -293,7 +293,8 @@ class DeformedShape:
     """A solid of which every point is moved.
 
     `base`: what is deformed. `deformation`: how; it must fold nothing. `exact`: whether rays are
-    taken from the facets to the exact surface, at six times the cost. Rays past facets still miss.
+    taken from the facets to the exact surface, at some six times the cost. Rays that pass a facet
+    by still miss.
     """
 
     def __init__(self, base: ImplicitShape, deformation: Deformation, exact: bool = False):

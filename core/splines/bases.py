@@ -152,7 +152,8 @@ def _overlaid(falling: Floats, rising: Floats) -> Floats:
 class PeriodicBasis:
     """The B-splines of uniform knots around a circle, whose turn is 1.
 
-    `count`: functions; more than the degree. `degree`: at least 1. ValueError if there are too few.
+    `count`: functions; more than the degree. `degree`: at least 1. Raises ValueError if there are
+    too few functions.
     """
 
     count: int
@@ -363,8 +364,9 @@ def interpolate_grid(
 ) -> Interpolant:
     """The spline that takes given values on a grid.
 
-    ValueError if a basis has not as many sites as functions, if the values (n_1, ..., n_d, c) do
-    not fit them or are not finite, or the sites of an axis determine no spline.
+    Raises ValueError if there are not sites for each basis, as many as it has functions, if the
+    values (n_1, ..., n_d, c) do not fit them or are not finite, or the sites of an axis determine
+    no spline.
     """
     if len(sites) != len(bases):
         raise ValueError(f"sites must be given for {len(bases)} axes, got {len(sites)}")

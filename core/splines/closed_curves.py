@@ -108,7 +108,7 @@ def fit_closed_curve(
 ) -> ClosedCurve:
     """Closed cubic through or near points around a contour.
 
-    `points` (m, 2) or (m, 3): around the contour, m: begun anywhere, in either direction, first
+    `points` (m, 2) or (m, 3): around the contour, m: begun anywhere, in either direction, the first
     again at the end or not. Rows that are not finite are dropped and counted; neighbours in one
     place are one point. `count`: control points, at least 4, with even knots. None: as many as
     points, through all of them, if nothing is smoothed; otherwise half as many, at most 100.
@@ -120,7 +120,8 @@ def fit_closed_curve(
     they cannot follow the shape, and all points are passed. Returns the same one however the points
     were begun or directed. Of points in one place it is that place, of points on a line it goes
     there and back; both are flagged. Raises ValueError if the shape of `points` is another, no row
-    is finite, the count is below 4, the smoothing is negative or not finite, or a word is no such.
+    is finite, the count is below 4, the smoothing is negative or not finite, or a word is none of
+    those above.
     """
     _check(count, parameters, smoothing)
     ring = order_closed_points(np.asarray(points, np.float64))
@@ -288,7 +289,8 @@ def _canonical(points: Floats) -> Ints:
 def _begin(rank: NDArray[np.int64]) -> int:
     """Where to begin so that the ranks (m,), read around, come last in alphabetical order.
 
-    Several places are told apart by what follows, and by twice as much of it each time.
+    Where several places may do, they are told apart by what follows, and by twice as much of it
+    each time.
     """
     reach = 1
     while reach < len(rank) and np.count_nonzero(rank == rank.max()) > 1:

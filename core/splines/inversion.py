@@ -1,7 +1,8 @@
 """Point inversion: which parameters of a spline volume belong to a point of space.
 
 The closed form where the control points are an affine image of the Greville abscissae, three
-inversions of one variable where they lie on parallel planes, else small least squares side by side.
+inversions of one variable where they lie on parallel planes, else small least-squares problems side
+by side.
 """
 
 from __future__ import annotations

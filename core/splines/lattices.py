@@ -234,7 +234,8 @@ class LatticeLayer(NamedTuple):
 def layered_lattice(box: Floats, layers: Sequence[LatticeLayer]) -> Lattice:
     """A control lattice over a box, each layer scaled, turned, then shifted.
 
-    `box` (2, 3): smallest and largest coordinates, m. `layers`: from the bottom on; at least 4.
+    `box` (2, 3): smallest and largest coordinates, m. `layers`: from the bottom to the top; at
+    least 4.
     """
     lattice = box_lattice(box[0], box[1] - box[0], (SIDE, SIDE, len(layers)))
     control = lattice.control.copy()

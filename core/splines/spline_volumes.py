@@ -44,8 +44,9 @@ class SplineVolume:
 
     `control` (l, m, n, 3): control points along s, t, u, m. `bases`: one for each axis, with as
     many functions as there are control points, over [0, 1]. `weights` (l, m, n): positive weights
-    of the control points; else all alike. ValueError if shapes do not fit, something is not finite,
-    or a weight not positive. Fung, 1999, (2.20), (2.22), and with weights (2.24), (2.25).
+    of the control points; without them all are alike. Raises ValueError if shapes do not fit,
+    something is not finite, or a weight is not positive. Fung, 1999, (2.20), (2.22), and with
+    weights (2.24), (2.25).
     """
 
     control: Floats

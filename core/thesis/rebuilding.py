@@ -252,7 +252,8 @@ class ThesisHealth(NamedTuple):
 class ThesisSolid:
     """A superquadric's surface, deformed by a control lattice.
 
-    Its surface is given over eta, from 0 at the bottom to 1 at the top, and nu, 0 to 1 once around.
+    Its surface is given over eta, from 0 at the bottom to 1 at the top, and nu, from 0 to 1 once
+    around.
     """
 
     lattice: splines.Lattice  # Over the contours' box, m; a layer of control points a contour
@@ -364,9 +365,10 @@ def interpolated_parameters(parameters: Floats) -> TripleSpline:
     """The spline surface through a grid of parameter triples: (4.17) to (4.21).
 
     `parameters` (m, n, 3): upwards and around, the first again at the end; ValueError if there are
-    not 2 rows and 4 columns, or neighbours are the same throughout. Cubic, or less where there are
-    fewer than 4 rows. Sites by square roots of the chords (4.18), averaged over all rows that have
-    a length; knots by (4.19), with the sum from its first site. The seam is passed, not smoothly.
+    not 2 rows and 4 columns, or neighbours are the same throughout. Cubic, of a lower degree where
+    there are fewer than 4 rows. Sites by square roots of the chords (4.18), averaged over all rows
+    that have a length; knots by (4.19), with the sum from its first site. The seam is passed, not
+    smoothly.
     """
     parameters = finite_array("parameters", parameters, (None, None, 3))
     rows, columns = parameters.shape[:2]

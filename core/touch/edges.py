@@ -91,8 +91,9 @@ def fit_faces(pad: Pad, height: Floats, touched: Bools, cells: Cells, count: int
     """Two to four planes whose envelope is nearest to the touched taxels.
 
     None if there are fewer cells than faces. A convex body is the upper envelope of its faces over
-    the pad, a hollow one the lower; the better beginning is taken. Planes are fitted to the taxels
-    for which they stand out, in turn, as Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
+    the pad, a hollow one the lower; the envelope that begins better is taken. Planes are fitted to
+    the taxels for which they stand out, by turns, as Magnani and Boyd, *Convex piecewise-linear
+    fitting*, 2009.
     """
     if len(cells.slopes) < count:
         return None

@@ -69,7 +69,8 @@ def clean(
     is fitted to it next averages noise better than any filter, and without its bias; in one with
     impulses a joint robust fit finds them, and what they hid is put in their place. The others are
     the filters of Fung, 1999, section 3.4.2, alone or in either order. `lost` (rows, cols) of bool:
-    taxels that a calibration does not trust: they read as neighbours do, and count as untouched.
+    taxels that a calibration does not trust: they read what their neighbours do, and count as
+    untouched.
     """
     if lost is not None:
         cleaned = clean(pad, _filled(compression, lost), noise, contact, order)

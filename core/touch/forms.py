@@ -171,7 +171,8 @@ def _how_it_changes_along(
 ) -> Floats:
     """Derivatives of the curvature along a direction by the turned derivatives, (5,).
 
-    The shape operator changes, and so does the direction's part in the plane as that leans.
+    The shape operator changes, and so does the direction's part in the tangent plane as that plane
+    leans.
     """
     part = tangent_components(shape, direction)
     if part is None:

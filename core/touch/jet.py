@@ -2,7 +2,8 @@
 
 Cazals and Pouget, *Estimating differential quantities using polynomial fitting*, 2005. The
 monomials are ordered by degree, so that one factorisation holds those of all lower degrees as its
-leading blocks. It depends on which taxels are touched and on nothing else: full pads are done once.
+leading blocks. It depends on which taxels are touched and on nothing else: a full pad is factorised
+once.
 """
 
 from __future__ import annotations

@@ -117,7 +117,8 @@ def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
     """Put curves in order.
 
     Of contours at one height one stays: the better of two that repeat each other or cross, the
-    outer one of nested ones, the larger of two that lie side by side. ValueError if none.
+    outer one of nested ones, the larger of two that lie side by side. Raises ValueError if there
+    is none.
     """
     dropped = [one for one in given if isinstance(one, DroppedContour)]
     loops = [one for one in given if isinstance(one, ContourCurve)]

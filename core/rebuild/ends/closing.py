@@ -175,7 +175,8 @@ def _end(
 def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
     """How far beyond the last contour the solid closes; None where nobody can know.
 
-    By ascending outward coordinates (n,), mean radii there, and deviation `scatter` of one.
+    By ascending outward coordinates (n,), mean radii there, and a mean radius's deviation
+    `scatter`.
     """
     if len(depths) < POLE_FEWEST:
         return None

@@ -210,7 +210,8 @@ def edge_samples(
     """Mean radii between the last row and the end; None where too little was touched.
 
     From contacts as measured, for shifts that fit the smooth side would hide the edge. `rim` and
-    `end` are heights, `radius` the row's mean one, `lean` (2,) how far aside the end lies, m.
+    `end` are heights, `radius` the row's mean one, `lean` (2,) how far aside the end's middle lies,
+    m.
     """
     assert contacts.normals is not None
     sign = 1.0 if end > rim else -1.0

@@ -346,7 +346,8 @@ def refine_lattice(
     `places` (n, 2) are where the side is nearest to them: from 0 to 1 along it, and the turn. With
     `sigma` (n,), the points' standard deviations, m, the side is drawn towards them only as far as
     those let it; else they are passed exactly. `weights` may change besides the control points.
-    ValueError if shapes do not fit, a number is not finite, or a deviation is not positive.
+    Raises ValueError if shapes do not fit, a number is not finite, or a standard deviation is not
+    positive.
 
     Gauss-Newton with damping: each change is the least one that brings the places where the side is
     nearest to the points nearer to them. Hsu, Hughes and Kaufman, *Direct manipulation of free-form

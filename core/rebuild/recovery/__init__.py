@@ -1,8 +1,9 @@
 """Recovery of a superquadric from points.
 
-Size, exponents, pose, taper and bend, with covariance and doubts. Starts, trimming and the
-thresholds of each warning may be tuned; distances and their derivatives are closed forms. It rests
-on `palpate.core.shapes` and the batched least squares of core; nothing here knows of contours.
+Size, exponents, pose, taper and bend, with covariance and reasons for doubt. Starts, trimming
+and the thresholds of each warning may be tuned; distances and their derivatives are closed
+forms. It rests on `palpate.core.shapes` and on the batched least squares of core; nothing here
+knows of contours.
 """
 
 from typing import TYPE_CHECKING

@@ -1,12 +1,13 @@
 """Recovery of a superquadric from points, the best of many fits: Fung, 1999, (2.10).
 
-The text minimises the root of the volume times (F - 1). That has the unit of a length to the power
-1.5, weighs points by the square of their distance, and prefers small solids only as long as it
-matters least; here the first-order distance along the normal is minimised, within bounds that the
-extents of the points set. The text starts once, from the moments; here all orders of the axes, and
-more, are started. All starts take a few steps; those that have come farthest are solved to their
-ends; the smallest solid of those that fit best is polished. With outliers, a robust loss leads to
-the neighbourhood, and plain least squares over the points near the solid end it.
+The text minimises the root of the volume times (F - 1). That has the unit of a length to the
+power 1.5, weighs points by the square of their distance, and prefers small solids only as long
+as it matters least; here the first-order distance along the normal is minimised, within bounds
+that the extents of the points set. The text starts once, from the moments; here all orders of
+the axes, and more, are started. All starts take a few steps; those that have come farthest are
+solved to their ends; the smallest solid of those that fit best is polished. With outliers, a
+robust loss leads to the neighbourhood, and plain least squares over the points near the solid
+end it.
 """
 
 from __future__ import annotations

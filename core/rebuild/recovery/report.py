@@ -3,7 +3,8 @@
 Parameters may be open and the surface yet be certain, as the turn of a ball is: looseness says how
 far the surface may be off. What no point has been near is another matter, and told by itself. Of
 the descriptions that mean the same (half turns about the axes; a quarter turn about z with the
-widths exchanged) one is given. Points in one place, on a line or in a plane get an ellipsoid.
+widths exchanged) one is given. Points in one place, on a line or in a plane get an ellipsoid about
+them and the reason.
 """
 
 from __future__ import annotations

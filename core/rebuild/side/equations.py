@@ -1,8 +1,9 @@
 """Contact points as equations for the squared distance from an axis curve, and their banded system.
 
-Each point counts by its distance along its own normal: at first order the misfit of the squared
-distance, times the radial part of the normal, over twice the distance from the axis. Coefficients
-are numbered around first, so that each row of the normal equations ends within four rings.
+Each point counts by its distance along its own normal: to first order that is the misfit of the
+squared distance, times the radial part of the normal, over twice the distance from the axis.
+Coefficients are numbered around first, so that each row of the normal equations ends within four
+rings.
 """
 
 from __future__ import annotations

@@ -268,7 +268,8 @@ def contour_rows(
     """Rows of a grid, sorted by height; those at one height are averaged.
 
     Raises ValueError if shapes do not fit, a number is not finite, there is no contour or fewer
-    than 4 points around, or a contour lies outside `low` to `high`, or at an end that is a pole.
+    than 4 points around, or a contour lies outside `low` to `high`, or at an end that is to be a
+    pole.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))

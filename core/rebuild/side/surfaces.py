@@ -46,7 +46,8 @@ class ContourSurface:
 
         Beyond its reach its section is carried on. `by` says how often to differentiate by the
         height, once at most, and by the turn. At a round end the slope by the height grows without
-        limit: see `places`. ValueError if a number is not finite, or a derivative not offered.
+        limit: see `places`. Raises ValueError if a number is not finite, or a derivative is
+        negative or not offered.
         """
         if by[0] not in (0, 1):
             raise ValueError(f"by must be 0 or 1 in the height, got {by[0]}")

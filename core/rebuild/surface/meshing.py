@@ -2,9 +2,10 @@
 
 A triangle whose corners lie on the surface leaves it by at most (|X_vv| dv^2 + 2 |X_vt| dv dt +
 |X_tt| dt^2) / 8, of which the part along the normal counts. Rows and columns are laid by that, then
-checked there and split where they do not suffice. Towards the poles rings get fewer points. The
-nearest point of a mesh says where Newton's method on (v, turn) begins. It is run within one piece
-at a time; a point that ends at a seam is tried on from the other side, at a pole from across.
+checked on the surface and split where they do not suffice. Towards the poles rings get fewer
+points. The nearest point of a mesh says where Newton's method on (v, turn) begins. It is run within
+one piece at a time; a point that ends at a seam is tried on from the other side, and one at a pole
+from across.
 """
 
 from __future__ import annotations

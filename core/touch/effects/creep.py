@@ -22,7 +22,8 @@ class Creep(Ranged):
     constant rate, as long in every taxel as in the deepest, held, let go at once, and free on its
     way back. A free face reads nothing, never less. The pressure falls in the same proportion.
     Christensen, *Theory of viscoelasticity*, 1982; the values are engineering values. It matters
-    after short rests and short dwells: a tenth of the depth is an error second to the arm's.
+    after short rests and short dwells: a tenth of the depth is the largest error of a contour next
+    to the arm's.
     """
 
     phase: ClassVar = Phase.PAD

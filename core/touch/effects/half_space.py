@@ -27,7 +27,8 @@ class HalfSpace(Ranged):
     the displacement under uniformly loaded squares (Love, 1929; Johnson, *Contact mechanics*, 1985,
     3.3). On a sphere this is Hertz's contact, whose radius is 0.71 of that of a bed of springs. It
     replaces the springs' pressures, so it matters for forces, which then no longer tell the
-    compression by (1.2), and for what is touched around a contact; a thin bonded pad lies between.
+    compression by (1.2), and for what is touched around a contact; the truth for a thin bonded pad
+    lies between the two.
     """
 
     phase: ClassVar = Phase.PAD

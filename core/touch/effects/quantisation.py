@@ -21,7 +21,8 @@ class Quantisation:
     A clock of ``f`` Hz times the echo, so what is left of the thickness is rounded to ``v / (2
     f)``, (1.1). A converter of ``n`` bits rounds the compression to ``D / 2^n``, its full scale
     being the thickness. Either adds an error of ``step / sqrt(12)`` (Widrow, 1956), as long as the
-    noise before it is not much smaller than a step. Give one of the two; else it is one of 100 MHz.
+    noise before it is not much smaller than a step. Give one of the two; with neither it is a clock
+    of 100 MHz.
     """
 
     phase: ClassVar = Phase.SIGNAL

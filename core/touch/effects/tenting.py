@@ -76,7 +76,8 @@ def _tent(
     """Height of the membrane, (rows, cols), m, if it is held at the rim.
 
     Loads at the rim alone lift it there to its height: beyond the rim nothing else holds it, so
-    this is the solution outside the contact (inside it means nothing). They are as many as the rim.
+    this is the solution outside the contact (inside it means nothing). Their number is that of the
+    rim, not of the free taxels.
     """
     modes = down[rim[0], :, None] * across[rim[1], None, :]
     flat = modes.reshape(heights.size, -1)
