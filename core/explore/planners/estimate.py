@@ -141,8 +141,9 @@ class ErrorPrediction(NamedTuple):
         """Slices beyond those so far that bring the bound to a target; None if none do."""
         variances = self.shares * self.errors**2
         noise, total = self.noise, max(float(variances.sum()), np.finfo(float).tiny)
-        for more, (_, curve) in enumerate(cut_further(variances, ORDER, self.untouched)):
-            between = noise.between**2 * curve / total
+        for more, (_, left) in enumerate(cut_further(variances, ORDER, self.untouched)):
+            between = noise.between**2 * left / total
+            curve = left * (_margin(len(variances) + more) / _margin(len(variances))) ** 2
             fading = (noise.touched**2 - noise.lasting**2) * slices / (slices + more)
             if curve + between + fading + noise.lasting**2 <= target**2:
                 return more
@@ -179,10 +180,14 @@ def predict_error(
     long = np.sqrt(1.0 + (profile.slopes**2).mean(axis=1))
     areas = indicators.width * (wide[:-1] * long[:-1] + wide[1:] * long[1:])
     shares = areas / areas.sum()
-    errors *= SAFETY * (1.0 + FEW / len(errors) ** 3)
+    errors *= _margin(len(errors))
     curve = math.sqrt(float((shares * errors**2).sum()))
     noise = _noise(observation, indicators, shares)
     return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise, untouched)
+
+
+def _margin(intervals: int) -> float:
+    return SAFETY * (1.0 + FEW / intervals**3)
 
 
 def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats) -> Noise:
