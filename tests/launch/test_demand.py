@@ -84,7 +84,7 @@ def test_what_is_asked_is_told_with_its_reason_and_what_it_is_expected_to_cost(t
     _, wirings = resolved(settings, tmp_path)
     text = " ".join(demand_text(wirings, settings, 0.08).split())
     assert "tolerance 0.4 mm (--tolerance 0.4mm)" in text
-    assert "untouched at most 20 mm (50 times the tolerance)" in text
+    assert "untouched at most 40 mm (100 times the tolerance)" in text
     assert "at most 300 s (--budget 300s)" in text
     assert "quality fine (--quality fine)" in text
     assert "expected about" in text and "for 0.5 % of 80 mm" in text

@@ -22,7 +22,10 @@ LEAST_AZIMUTHS = 4
 # Of the object's height: finer than any pad touches, and than what was touched could be counted.
 LEAST_FEATURE = 1e-4
 LEAST_SPACING = 0.03  # Of the height: slices that are nearer tell hardly more than one
-END_SHARE = 0.03  # The first and the last slice lie this share of the height inside the ends
+# The first and the last slice lie this share of the height inside the ends, or, where little error
+# is asked for, so many times the tolerance, but no less than the nearer share: what lies between a
+# slice and an edge is unknown, and a slice near a pole is small.
+END_SHARE, NEAR_END_SHARE, END_TOLERANCES = 0.03, 0.02, 20.0
 END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
 SAME = 1e-9  # Of the height: heights that differ by less are one
 PLANNER_NAMES = ("predicted", "uniform", "thesis", "fuzzy")  # The default first
@@ -205,7 +208,8 @@ class Planner(Protocol):
 
 def first_and_last(observation: Observation) -> tuple[float, float]:
     """Heights of the lowest and the highest slice, m."""
-    inside = END_SHARE * observation.extent
+    wanted = max(END_TOLERANCES * observation.tolerance, NEAR_END_SHARE * observation.extent)
+    inside = min(wanted, END_SHARE * observation.extent)
     low = observation.low + max(inside, END_DEVIATIONS * observation.low_deviation)
     high = observation.high - max(inside, END_DEVIATIONS * observation.high_deviation)
     middle = 0.5 * (observation.low + observation.high)

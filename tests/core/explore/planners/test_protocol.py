@@ -16,6 +16,7 @@ from palpate.core.explore.planners.protocol import (
     Stop,
     Wait,
     check_choice,
+    first_and_last,
     make_planner,
     planner_type,
 )
@@ -35,6 +36,7 @@ from palpate.core.explore.planners.uniform import Uniform
         ({"low_deviation": -1e-3}, "low_deviation must be 0 or more"),
         ({"high_deviation": math.nan}, "high_deviation must be 0 or more"),
         ({"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
+        ({"pose_deviation": -1.0}, "pose_deviation must be 0 or more"),
     ],
 )
 def test_what_no_planner_can_work_with_is_refused(observation, changes, words):
@@ -219,3 +221,11 @@ def test_the_examples_of_the_page_are_right():
     outcome = doctest.testfile(str(PAGE), module_relative=False)
     assert outcome.failed == 0
     assert outcome.attempted >= 10
+
+
+@pytest.mark.parametrize(("tolerance", "inside"), [(1e-2, 0.03), (1.25e-3, 0.025), (2e-4, 0.02)])
+def test_the_first_and_the_last_slice_are_nearer_to_the_ends_where_less_error_is_asked_for(
+    observation, tolerance, inside
+):
+    asked = observation(tolerance=tolerance * 0.09)
+    assert first_and_last(asked) == pytest.approx((inside * 0.09, (1.0 - inside) * 0.09))
