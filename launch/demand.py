@@ -82,11 +82,11 @@ class ExpectedCost(NamedTuple):
 
 # By the tolerance over the object's height, %: `palpate bench explore --only tolerances`.
 COSTS: Mapping[float, ExpectedCost] = {
-    1.0: ExpectedCost((48, 60, 79), (161, 180, 204)),
-    0.5: ExpectedCost((81, 85, 107), (200, 214, 245)),
-    0.2: ExpectedCost((141, 150, 186), (276, 303, 327)),
-    0.1: ExpectedCost((183, 200, 234), (334, 361, 407)),
-    0.05: ExpectedCost((231, 286, 297), (407, 464, 515)),
+    1.0: ExpectedCost((45, 65, 94), (156, 190, 238)),
+    0.5: ExpectedCost((55, 76, 99), (172, 194, 248)),
+    0.2: ExpectedCost((89, 98, 132), (212, 226, 292)),
+    0.1: ExpectedCost((138, 144, 164), (274, 284, 318)),
+    0.05: ExpectedCost((185, 198, 241), (344, 366, 395)),
 }
 # Processor time of a whole run over that of quality normal.
 QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}

@@ -70,7 +70,7 @@ SCENES = (
 RECORDED = "sphere"  # the run that replay, cost and score look at; a quick one
 RECORD = ("run", RECORDED, "--out", RECORDED, "--json")
 REPLAY = ("replay", RECORDED, "--nodes", "filter,curvature")
-RESUME = ("replay", RECORDED, "--from", "contour=6", "--out", "resumed", "--json")
+RESUME = ("replay", RECORDED, "--from", "contour=3", "--out", "resumed", "--json")
 SCORE = ("score", f"{RECORDED}/model.npz", f"{RECORDED}/mesh.stl", "--json")  # STL rounds
 METHODS = ("lattice", "skin", "thesis", "coarse")
 VOLATILE = frozenset(
@@ -333,7 +333,7 @@ GOLDENS = (
     Golden(f"run/{RECORDED}", partial(run, name=RECORDED), quick=True),
     Golden("cost", lambda shop: of_recorded(shop, "cost", RECORDED, "--json"), quick=True),
     Golden("replay/nodes", lambda shop: of_recorded(shop, *REPLAY)),
-    Golden("replay/from_contour_6", resume),
+    Golden("replay/from_contour_3", resume),
     Golden("score/mesh", lambda shop: of_recorded(shop, *SCORE)),
     Golden("score/points", score_points),
     Golden("calibrate", calibrate),
