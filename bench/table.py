@@ -127,7 +127,7 @@ class Row(NamedTuple):
         return (self.number,) if self.number is not None else printed_figures(self.value)
 
     def __str__(self) -> str:
-        line = f"{self.name:<{WIDTH}}{self.value:>14}  {self.target}"
+        line = f"{self.name:<{WIDTH - 1}} {self.value:>14}  {self.target}"
         return line.rstrip() if self.holds else f"{line}   MISSED"
 
 
