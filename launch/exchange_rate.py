@@ -1,10 +1,10 @@
 """What accuracy cost a run: error and bound of each model against touches, robot and compute time.
 
-What the next halving of the error was foretold to cost stands beside what it then did cost; and
+What the next halving of the bound was foretold to cost stands beside what it then did cost; and
 where the processor's time went, by step of the work. Drawn, as a small curve in text and as a page
 of SVG: costs and errors on log scales, a mark for each model, its true error where the truth is
 known, and the bound that the run states itself; what lies below the sampling floor cannot be
-measured. The dashed line leads to where the next halving of the error is foretold.
+measured. The dashed line leads to where the next halving of the bound is foretold.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from palpate.messages.types import NodeStatus, PlanEstimate, Score
 REST = "rest"  # Step of all that is none: starting, receiving and sending
 COSTS = ("touches", "robot_time_s")  # What is foretold of a halving
 Entry = dict[str, Any]
+# The latter halves: a run knows it, whether anybody knows the truth or not.
 ERROR, BOUND = "rms_m", "rms_bound_95_m"
 # What a model has cost, by its key: how it is called, and in short.
 AXES = {
@@ -55,9 +56,8 @@ def cost_curve(progress: Progress, compute: float | None) -> list[Entry]:
     ]
     if curve and compute is not None and progress.done is not None:
         curve[-1]["compute_s"] = compute
-    measure = measure_of(curve)
     for place, one in enumerate(curve):
-        halved = _halved(one, curve[place + 1 :], measure)
+        halved = _halved(one, curve[place + 1 :])
         foretold = one["forecast"]
         one["halved"], one["ratio"] = halved, None
         if halved is not None and foretold is not None and all(halved.values()):
@@ -90,21 +90,14 @@ def _entry(
     }
 
 
-def measure_of(curve: Sequence[Mapping[str, Any]]) -> str:
-    """Key of the error by which a curve is judged: the bound where nobody knows the truth."""
-    scored = any(one["rms_m"] is not None for one in curve)
-    return "rms_m" if scored else "rms_bound_95_m"
-
-
-def _halved(one: Entry, later: Sequence[Entry], measure: str) -> dict[str, float] | None:
-    """What it took, from one model on, until the error was half as large; None if it never was."""
-    error = one[measure]
-    if error is None:
+def _halved(one: Entry, later: Sequence[Entry]) -> dict[str, float] | None:
+    """What it took, from one model on, until the bound was half as large; None if it never was."""
+    if one[BOUND] is None:
         return None
     for other in later:
         # The final mesh is finer than those before, and costs no touch.
-        found = other[measure] is not None and other["touches"] > one["touches"]
-        if found and other[measure] <= 0.5 * error:
+        found = other[BOUND] is not None and other["touches"] > one["touches"]
+        if found and other[BOUND] <= 0.5 * one[BOUND]:
             return {key: other[key] - one[key] for key in COSTS}
     return None
 
@@ -120,16 +113,16 @@ def time_by_step(statuses: Mapping[str, NodeStatus]) -> dict[str, float]:
 
 
 def halving_lines(curve: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What the next halving of the error will cost, and what the last one did, in words."""
+    """What the next halving of the bound will cost, and what the last one did, in words."""
     if not curve:
         return []
-    told = ["no further slice halves the error, as far as can be told"]
+    told = ["no further slice halves the bound, as far as can be told"]
     if (forecast := curve[-1]["forecast"]) is not None:
-        told = [f"next halving: about {_cost_text(forecast)}"]
+        told = [f"next halving of the bound: about {_cost_text(forecast)}"]
     kept = [one for one in curve if one["ratio"] is not None]
     if kept:
         before, after = (_cost_text(kept[-1][key]) for key in ("forecast", "halved"))
-        told.append(f"last halving: foretold {before}; took {after}")
+        told.append(f"last halving of the bound: foretold {before}; took {after}")
     return told
 
 
@@ -190,9 +183,9 @@ def chart_of(summary: Mapping[str, Any], axis: str) -> Chart | None:
     }
     if not any(series.values()):
         return None
-    measure, forecast = series[measure_of(curve)], None
-    if measure and axis in COSTS and curve[-1]["forecast"] is not None:
-        cost, error = measure[-1]
+    bounds, forecast = series[BOUND], None
+    if bounds and axis in COSTS and curve[-1]["forecast"] is not None:
+        cost, error = bounds[-1]
         forecast = (cost, error), (cost + curve[-1]["forecast"][axis], 0.5 * error)
     floor = summary["sampling_floor_m"]
     least = min(error for points in series.values() for _, error in points)
@@ -313,7 +306,7 @@ def _legend(chart: Chart | None) -> list[str]:
             parts += [*_sample(name, left, words), _mark(name, left + 13.0, 76.0)]
             left += 172.0
     if chart.forecast:
-        parts += _sample("forecast", left, "next halving, foretold")
+        parts += _sample("forecast", left, "next halving of the bound")
         left += 182.0
     if chart.floor is not None:
         parts += _sample("floor", left, f"sampling floor {1e3 * chart.floor:.3f} mm")

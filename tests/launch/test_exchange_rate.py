@@ -69,10 +69,12 @@ def test_what_halving_cost_stands_beside_what_was_foretold(scored):
         {"touches": 0.5, "robot_time_s": 0.75},
         None,
     ]
-    # Where the truth is known, it counts; and not what the finer final mesh brings.
-    scores = [scored(2, 20, 4e-4), scored(3, 40, 3e-4), scored(4, 60, 2e-4), scored(5, 60, 1e-4)]
-    curve = cost_curve(progress([*estimates, estimate(5, 60, 1e-4)], scores), None)
+    # The bound was foretold to halve, whatever the truth; and what the finer final mesh brings, or
+    # a model of which nothing is stated, is no halving.
+    scores = [scored(2, 20, 4e-4), scored(3, 40, 1e-4), scored(5, 60, 1e-5)]
+    curve = cost_curve(progress([*estimates, estimate(5, 60, 4e-5)], scores), None)
     assert [one["halved"] and one["halved"]["touches"] for one in curve] == [40, 20, None, None]
+    assert cost_curve(progress([], scores), None)[0]["halved"] is None
 
 
 def test_a_robot_without_a_clock_has_no_ratio():
@@ -116,10 +118,10 @@ def test_processor_time_is_added_up_by_steps_and_what_is_none_is_rest():
 def test_the_next_halving_is_foretold_in_words_and_the_last_told():
     estimates = [estimate(2, 20, 1e-3, 16.0), estimate(3, 40, 4e-4, 12.3)]
     assert halving_lines(cost_curve(progress(estimates), None)) == [
-        "next halving: about 12 touches, 37 s",
-        "last halving: foretold 16 touches, 48 s; took 20 touches, 40 s",
+        "next halving of the bound: about 12 touches, 37 s",
+        "last halving of the bound: foretold 16 touches, 48 s; took 20 touches, 40 s",
     ]
     assert halving_lines(cost_curve(progress([estimate(2, 20, 1e-3)]), None)) == [
-        "no further slice halves the error, as far as can be told"
+        "no further slice halves the bound, as far as can be told"
     ]
     assert halving_lines([]) == []
