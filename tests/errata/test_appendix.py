@@ -174,7 +174,7 @@ def test_the_caps_depend_on_the_unit_of_length():
     # Slices at 3 and 97 % of the height leave 3 % of it, in either unit.
     left = []
     for top in (100.0, 0.1):
-        share = 1e-3 * top
+        share = 2e-3 * top
         known = Observation(low=0.0, high=top, tolerance=share, resolution=share, feature=share)
         left.append(1.0 - first_and_last(known)[1] / top)
     assert left == pytest.approx([0.03, 0.03])
