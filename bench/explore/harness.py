@@ -100,10 +100,10 @@ def explore_object(
         return explore_scene(scene, fingers)
 
 
-def explore_shipped(name: str, settings: Mapping[str, Any]) -> Explored:
+def explore_shipped(name: str, settings: Mapping[str, Any], fingers: int = 1) -> Explored:
     """Explore a shipped scene with settings by ``node.param``; as `explore_object`."""
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
-        return explore_scene(find_scene(name), settings=settings, out=Path(folder) / "run")
+        return explore_scene(find_scene(name), fingers, settings, out=Path(folder) / "run")
 
 
 def explore_scene(

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.bench.bus import ring_times, token_ring
-from palpate.bench.explore import NOISY, Demand, InProcessLoop, explore_object, touching_nodes
-from palpate.bench.objects import EXPLORED_OBJECTS, REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
+from palpate.bench.explore import NOISY, InProcessLoop, explore_shipped, touching_nodes
+from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
 from palpate.bench.rebuild import truth_of
 from palpate.bench.table import Figure, best_seconds, figure_of, in_turns
 from palpate.bench.touch import touch_goals
@@ -35,7 +35,7 @@ SIZES: Mapping[str, tuple[int, ...]] = {
     "points": (20, 50, 120, 300, 800, 2000),
     "lattice": (5, 8, 12, 20, 30, 40),
     "taxels": (8, 12, 16, 24, 32, 48, 64),
-    "fingers": (1, 2, 3, 4),  # There is no room for more beside an object of 90 mm
+    "fingers": (1, 2, 3, 4, 5),  # There is no room for more beside an object of 100 mm
     "nodes": (2, 4, 8, 16, 28, 40),
 }
 SHAPES, QUICK_SHAPES = ("vase", "lobed zig-zag", "rounded box"), ("vase",)
@@ -252,12 +252,14 @@ def taxel_growth(quick: bool) -> tuple[Growth, ...]:
 
 @cache
 def finger_growth(quick: bool) -> tuple[Growth, ...]:
-    """Fingers of whole explorations."""
-    sizes, runs, target = _sizes("fingers", quick), [], EXPLORED_OBJECTS[FINGERED]
+    """Fingers of whole explorations of a shipped scene, with the default noise."""
+    sizes, runs = _sizes("fingers", quick), []
+    effects = {name: numbers for effect in NOISY for name, numbers in effect.items()}
     for size in sizes:
         for seed in range(1 if quick else SEEDS):
             began = time.process_time()
-            one = explore_object(target, NOISY, Demand(), seed=seed, fingers=size)
+            settings = {"simulator.effects": effects, "simulator.seed": seed}
+            one = explore_shipped(FINGERED, settings, size)
             used = time.process_time() - began
             runs.append((one.percent, one.touches, one.score.robot_time, used))
     error, *costs = np.moveaxis(np.reshape(runs, (len(sizes), -1, 4)), 2, 0)
