@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pytest
+
 from palpate.bench.explore import planners
 from palpate.bench.explore.planners import (
     MOST_MILLISECONDS,
@@ -12,6 +14,7 @@ from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, Pl
 from palpate.core.explore.planners.uniform import Uniform
 
 
+@pytest.mark.slow
 def test_every_demand_on_planners_that_needs_no_clock_is_met(monkeypatch):
     monkeypatch.setattr(planners, "DRAWN", 21)
     rows = list(planner_rows(True))
