@@ -70,7 +70,9 @@ def _entry(
     judged: tuple[float, PlanEstimate] | None,
     scored: tuple[float, Score] | None,
 ) -> Entry:
-    wall, model = scored or judged  # type: ignore[misc]  # one of them is there
+    known_by = scored or judged
+    assert known_by is not None
+    wall, model = known_by
     wall = progress.made.get(model.number, wall)  # others may come long after it
     score, known = scored and scored[1], judged and judged[1]
     forecast = None

@@ -20,7 +20,7 @@ from palpate.bench.bus import ring_times, token_ring
 from palpate.bench.explore import NOISY, InProcessLoop, explore_shipped, touching_nodes
 from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
 from palpate.bench.rebuild import truth_of
-from palpate.bench.table import Figure, best_seconds, figure_of, in_turns
+from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
 from palpate.bench.touch import touch_goals
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
@@ -116,9 +116,10 @@ class Growth(NamedTuple):
         """The means, and the powers."""
         found = []
         for what, values in self.means().items():
-            kind, law = "time" if what in self.costs else "error", self.law(what)
+            law = self.law(what)
+            kind: Kind = "time" if what in self.costs else "error"
             for size, value in zip(self.sizes, values.tolist(), strict=True):
-                found.append(figure_of(value, kind=kind, name=f"{what} at {size}"))  # type: ignore[arg-type]
+                found.append(figure_of(value, kind=kind, name=f"{what} at {size}"))
             if law is not None:
                 found.append(figure_of(law[0], repeats=law[1:], name=f"{what}, power"))
         return found
