@@ -31,7 +31,7 @@ from palpate.core.explore.planners.protocol import END_DEVIATIONS, Observation
 
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
 # Bound of 95 % over the predicted error of the whole; with few intervals by so much more, over the
-# cube of their number, as two tell little of how an object errs.
+# cube of their number, as two tell little of how an object errs, nor of how it deviates.
 SAFETY, FEW = 1.1, 6.0
 NOISE = 0.87  # Of a slice's deviation that is left in the surface between two, with its own margin
 # An interval errs by its untouched share to this power less: smooth ones by a higher one, but sharp
@@ -186,12 +186,12 @@ def predict_error(
     return ErrorPrediction(profile.heights, indicators, errors, shares, curve, noise, untouched)
 
 
-def _margin(intervals: int) -> float:
-    return SAFETY * (1.0 + FEW / intervals**3)
+def _margin(intervals: int, safety: float = SAFETY) -> float:
+    return safety * (1.0 + FEW / intervals**3)
 
 
 def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats) -> Noise:
-    extent = observation.extent
+    extent, margin = observation.extent, _margin(len(shares), DEVIATION)
     resolution = observation.resolution / extent
     if not observation.all_taxels or observation.deviation is None:
         noise = NOISE * math.sqrt(float((shares * indicators.noise**2).sum()))
@@ -202,9 +202,9 @@ def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats
     band = min(band, math.hypot(observation.pose_deviation, observation.resolution))
     ends = ENDS * observation.ends_deviation
     side = math.sqrt(max(observation.deviation**2 - observation.ends_deviation**2, 0.0))
-    lasting = math.hypot(DEVIATION * ends / extent, resolution, LEFT)
-    every = math.hypot(DEVIATION * side / extent, lasting)
-    slices = DEVIATION * band / extent
+    lasting = math.hypot(margin * ends / extent, resolution, LEFT)
+    every = math.hypot(margin * side / extent, lasting)
+    slices = margin * band / extent
     return Noise(every, min(math.hypot(slices, lasting), every), lasting, slices)
 
 
