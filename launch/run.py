@@ -20,7 +20,7 @@ from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
 from palpate.launch.node_kinds import Entry
-from palpate.launch.printing import summary_text
+from palpate.launch.printing import summary_text, titled
 from palpate.launch.processes import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
 from palpate.launch.run_directory import (
@@ -53,7 +53,7 @@ def explore(
     Parameters
     ----------
     scene : str or Path
-        Name of a shipped scene, or path of a scene file.
+        Name of a shipped scene, or path of a scene file or of a mesh.
     seed : int, optional
         Overrides the scene's seed.
     fingers : int, optional
@@ -174,7 +174,7 @@ def _check_budget(asked: planner.Params, place: Entry, hand: simulator.Params) -
     """Refuse a robot time in which the hand cannot even close twice."""
     if asked.most_seconds is None:
         return
-    least = planning.shortest_grasp(ROBOT_PRESETS[hand.robot], hand.reach)
+    least = planning.shortest_grasp(ROBOT_PRESETS[hand.robot], hand.reach_of_finger)
     if asked.most_seconds < least:
         raise place.settings.error(
             ("most_seconds",),
@@ -218,9 +218,11 @@ def plan_run(
     described, wirings = check_run(path, args, settings, folder.path)
     about = _about(described, resolved_text(described.graph, wirings))
     told = with_description(wirings, about)
-    height = None if described.scene is None else described.scene.size[2]
-    asked = demand_text(wirings, settings, height)
-    return Plan(name, told, described.graph.ends, about, folder, asked=asked)
+    scene = described.scene
+    asked = [demand_text(wirings, settings, None if scene is None else scene.size[2])]
+    if scene is not None and scene.told:
+        asked = [*titled("mesh", scene.told), *asked]
+    return Plan(name, told, described.graph.ends, about, folder, asked="\n".join(asked))
 
 
 def _about(described: LaunchDescription, resolved: str) -> dict[str, str]:

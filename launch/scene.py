@@ -10,12 +10,11 @@ import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, Struct, field, to_builtins
+from msgspec import Meta, Struct, field, structs, to_builtins
 from ruamel.yaml import YAML
 
 from palpate.core import ROBOT_PRESETS, Floats
@@ -30,6 +29,7 @@ from palpate.launch.files import (
     convert,
     file_within,
     hint,
+    is_mesh_file,
     read_mesh,
     read_yaml,
     set_within,
@@ -40,7 +40,6 @@ from palpate.launch.node_kinds import search_current_folder
 from palpate.nodes import specs
 
 LEAST_EXTENT = 5.0e-3  # Smallest extent of an object, m
-CHECK_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
 SHIPPED_SCENES = Path(__file__).parent / "scenes"  # Folder of the scenes that come with palpate
 DIGITS = 6  # Significant digits of what is written: far more than any of it is sure of
 MAX_CALIBRATION_VALUES = 20_000  # Four tables of 64 by 64, and what belongs to them
@@ -50,8 +49,8 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a robot knows before it touches anything."""
 
     # The finger reaches this far sideways from the axis and up from the platform on which the
-    # object stands, m.
-    reach: Annotated[float, Meta(gt=0, le=10)] = 0.15
+    # object stands, m; as far as the object asks for if left out.
+    reach: Annotated[float, Meta(gt=0, le=10)] | None = None
     robot: str = "modern"  # Preset of the robot's speeds: modern or puma
 
     def __post_init__(self) -> None:
@@ -80,28 +79,36 @@ class Scene:
     spec: SceneSpec  # What it holds, with defaults filled in and the mesh read
     located: SourceMapped  # The same as plain values, with file and line
     size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
+    told: str = ""  # A sentence on what was guessed and mended of its mesh; empty if nothing was
 
 
 def load_scene(name: str | Path, changes: Mapping[KeyPath, SourceMapped] = {}) -> Scene:
     """The scene in a YAML file, given by its path, or one that comes with palpate, by name.
 
+    A mesh file is a scene in which nothing but its solid stands.
     `changes` are values in place of the file's, by their paths; of an effect it is that of its
     parameters, ``effects.gaussian_noise.sigma``. Raises InputError, which names file, line, key,
     value and what would be right.
     """
     path = find_scene(name)
-    given = read_yaml(path)
+    is_mesh = is_mesh_file(path)
+    alone = SourceMapped({"object": {"mesh": {"file": path.name}}}, str(path))
+    given = alone if is_mesh else read_yaml(path)
     for key, value in changes.items():
         given = _changed(given, key, value)
-    text = yaml_text(given.value) if changes else path.read_text(encoding="utf-8")
-    given = with_effects(_with_mesh(given, path))
+    text = yaml_text(given.value) if changes or is_mesh else path.read_text(encoding="utf-8")
+    given, told = _with_mesh(given, path)
+    given = with_effects(given)
     given = with_calibration(given, path.resolve().parent)
     check_planner(given)
     spec = convert(given, SceneSpec)
+    if spec.world.reach is None:
+        reach = specs.fitted_reach(spec.object)
+        spec = structs.replace(spec, world=structs.replace(spec.world, reach=reach))
     located = SourceMapped(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
     _check_finger(spec, located)
     size = _check_reach(spec, located)
-    return Scene(path.stem, path, text, spec, located, size)
+    return Scene(path.stem, path, text, spec, located, size, told)
 
 
 def _changed(given: SourceMapped, path: KeyPath, value: SourceMapped) -> SourceMapped:
@@ -181,20 +188,34 @@ def _checked_effect(parameters: SourceMapped, name: str) -> type[Effect]:
     return kind
 
 
-def _with_mesh(given: SourceMapped, scene: Path) -> SourceMapped:
+def _with_mesh(given: SourceMapped, scene: Path) -> tuple[SourceMapped, str]:
+    """The scene with the mesh that it names read into it, and what is to be told of that.
+
+    A mesh without a pose that stands beside the axis is set on it.
+    """
     try:
         part = given.part(("object", "mesh"))
     except (KeyError, TypeError):
-        return given
+        return given, ""
     mesh = convert(part, MeshFile, "object.mesh")
     folder = scene.resolve().parent
     try:
         path = file_within(folder, mesh.file, "object.mesh.file")
-        data = specs.encode_mesh(*read_mesh(path, mesh.unit))
+        vertices, faces, told = read_mesh(path, mesh.unit)
     except ValueError as error:
+        if is_mesh_file(scene):  # the sentence names it already
+            raise
         raise part.error(("file",), str(error)) from None
-    kept = {**given.value["object"], "mesh": to_builtins(data, builtin_types=(bytes,))}
-    return replace(given, value={**given.value, "object": kept})
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    if "pose" not in given.value["object"] and ((low > 0.0) | (high < 0.0))[:2].any():
+        shift = 0.0 - np.array([*0.5 * (low + high)[:2], low[2]])
+        vertices = vertices + shift
+        way = ", ".join(f"{1e3 * x:.4g}" for x in shift)
+        told = f"{told}; moved" if told else f"{path.name}: moved"
+        told += f" by {way} mm, from beside the axis onto it"
+    data = to_builtins(specs.encode_mesh(vertices, faces), builtin_types=(bytes,))
+    kept = {**given.value["object"], "mesh": data}
+    return replace(given, value={**given.value, "object": kept}), told
 
 
 def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
@@ -273,7 +294,7 @@ def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
 
 
 def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
-    size, aside = _extents(spec.object)
+    size, aside = specs.object_extents(spec.object)
     if min(size) < LEAST_EXTENT:
         raise located.error(
             ("object",),
@@ -281,21 +302,14 @@ def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, 
             f"smaller than {LEAST_EXTENT} m",
         )
     height, reach = size[2], spec.world.reach
-    if max(aside, height) > reach:
+    if reach is not None and max(aside, height) > reach:
         raise located.error(
             ("object",),
             f"the object reaches {aside:.3g} m sideways and is {height:.3g} m high, but the "
-            f"finger reaches {reach:g} m; enlarge world.reach, or move or shrink the object",
+            f"finger reaches {reach:g} m; enlarge world.reach or leave it out, or move or shrink "
+            "the object",
         )
     return size
-
-
-@lru_cache(maxsize=64)
-def _extents(shape: specs.ObjectSpec) -> tuple[tuple[float, float, float], float]:
-    """Extents along x, y and z, and the largest distance from the z axis, m."""
-    vertices = specs.build_shape(shape).mesh(CHECK_LEVEL).vertices
-    x, y, z = np.ptp(vertices, axis=0).tolist()
-    return (x, y, z), float(np.linalg.norm(vertices[:, :2], axis=1).max())
 
 
 def shipped_scenes() -> tuple[str, ...]:
@@ -316,7 +330,7 @@ def find_scene(scene: str | Path) -> Path:
         return SHIPPED_SCENES / f"{scene}.yaml"
     if len(path.parts) > 1 or path.suffix:
         kind = "is a folder" if path.is_dir() else "does not exist"
-        raise InputError(f"{path}: the scene {kind}; a scene is a YAML file")
+        raise InputError(f"{path}: the scene {kind}; a scene is a YAML file, or a mesh")
     raise InputError(f"there is no scene {str(scene)!r}; {hint(str(scene), known)}")
 
 

@@ -27,8 +27,9 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     sensor: specs.SensorSpec = specs.SensorSpec()  # What touches it
     # What disturbs it: parameters by the effect's name; nothing else is simulated.
     effects: specs.EffectSpecs = {}
-    # The finger reaches this far sideways from the axis and up from the platform, m.
-    reach: specs.Length = 0.15
+    # The finger reaches this far sideways from the axis and up from the platform, m; as far as the
+    # object asks for if left out.
+    reach: specs.Length | None = None
     robot: str = "modern"  # Preset of the robot's speeds: modern or puma
     seed: specs.Seed = 0  # The run's seed
     # The finger that it moves; the first has the hand as well, and tells what all may know.
@@ -41,6 +42,11 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if self.robot not in ROBOT_PRESETS:
             raise ValueError(f"robot must be one of {sorted(ROBOT_PRESETS)}, got {self.robot!r}")
         specs.build_pipeline(self.sensor, self.effects, ROBOT_PRESETS[self.robot])
+
+    @property
+    def reach_of_finger(self) -> float:
+        """The reach, fitted to the object if none is given, m."""
+        return specs.fitted_reach(self.object) if self.reach is None else self.reach
 
 
 class LastContact(NamedTuple):
@@ -86,7 +92,9 @@ def start(params: Params) -> tuple[State, Outputs]:
     if params.finger > 1:
         return state, []
     robot = ROBOT_PRESETS[params.robot].array
-    world = derive(types.World, params, platform=platform, robot=robot)
+    world = derive(
+        types.World, params, platform=platform, robot=robot, reach=params.reach_of_finger
+    )
     return state, [
         ("/world", world),
         ("/touch/info", specs.info_of(params.sensor, pipeline.noise, specs.sensed_face(pipeline))),

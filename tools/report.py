@@ -45,7 +45,8 @@ def check_scene(scene: str) -> str:
     assert described.scene is not None
     size = " x ".join(f"{1000.0 * side:.1f}" for side in described.scene.size)
     text = f"{path}: can be explored; the object measures {size} mm"
-    return f"{text}\n{simulation_text(described.scene.spec)}"
+    told = f"\n{described.scene.told}" * bool(described.scene.told)
+    return f"{text}{told}\n{simulation_text(described.scene.spec)}"
 
 
 def simulation_text(scene: launch.SceneSpec) -> str:

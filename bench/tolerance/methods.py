@@ -226,7 +226,7 @@ def object_of(name: str, meshes: Path | None) -> ExploreObject:
         return EXPLORED_OBJECTS[name]
     assert meshes is not None
     path = meshes / name
-    vertices, faces = read_mesh(path, MESH_UNITS[path.suffix.lower()].partition(",")[0])
+    vertices, faces, _ = read_mesh(path, MESH_UNITS[path.suffix.lower()].partition(",")[0])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return Mesh(vertices - [*(0.5 * (low + high)[:2]), low[2]], faces)
 

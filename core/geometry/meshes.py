@@ -97,11 +97,8 @@ def is_closed(faces: Ints) -> bool:
 
     `faces` (m, 3): corners, by number. Corners that only lie in the same place are not the same.
     """
-    begin = faces.ravel().astype(np.int64)
-    end = faces[:, [1, 2, 0]].ravel().astype(np.int64)
-    count = int(faces.max(initial=-1)) + 1
-    there, back = np.sort(begin * count + end), np.sort(end * count + begin)
-    return len(there) > 0 and bool((np.diff(there) > 0).all()) and np.array_equal(there, back)
+    rows = faces.astype(np.intp)
+    return len(rows) > 0 and _opposite_edges(rows, int(rows.max()) + 1) is not None
 
 
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.half_spaces import HalfSpace as HalfSpace
     from palpate.core.shapes.hyperquadrics import Dent as Dent
     from palpate.core.shapes.hyperquadrics import Hyperquadric as Hyperquadric
+    from palpate.core.shapes.mending import mend_mesh as mend_mesh
     from palpate.core.shapes.polyhedra import Polyhedron as Polyhedron
     from palpate.core.shapes.polyhedra import WingedEdges as WingedEdges
     from palpate.core.shapes.protocol import INSIDE as INSIDE

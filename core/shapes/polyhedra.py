@@ -225,7 +225,7 @@ def triangulate_polygons(vertices: Floats, begins: Ints, corners: Ints, normals:
     found = [corners[np.column_stack([first, first + step + 1, first + step + 2])]]
     for face in np.flatnonzero(~convex):
         own = corners[begins[face] : begins[face + 1]]
-        found.append(own[_by_ears(vertices[own], normals[face], int(face))])
+        found.append(own[by_ears(vertices[own], normals[face], int(face))])
     return np.concatenate(found).astype(np.int32)
 
 
@@ -243,7 +243,7 @@ def _convex(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> B
     return np.asarray(lefts & (turn < 3.0 * np.pi))
 
 
-def _by_ears(places: Floats, normal: Floats, face: int) -> Ints:
+def by_ears(places: Floats, normal: Floats, face: int) -> Ints:
     """Triangles (n - 2, 3) of one polygon by its own corners' numbers."""
     import manifold3d
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from palpate.launch.files.mesh_file import MIN_EXTENT as MIN_EXTENT
     from palpate.launch.files.mesh_file import MeshFile as MeshFile
     from palpate.launch.files.mesh_file import export_model as export_model
+    from palpate.launch.files.mesh_file import is_mesh_file as is_mesh_file
     from palpate.launch.files.mesh_file import mesh_sha256 as mesh_sha256
     from palpate.launch.files.mesh_file import read_cloud as read_cloud
     from palpate.launch.files.mesh_file import read_mesh as read_mesh

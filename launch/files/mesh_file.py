@@ -10,14 +10,14 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from palpate.core import Floats, arrays_from_bytes
-from palpate.core.geometry import solidity
+from palpate.core.shapes import mend_mesh
 from palpate.launch.files import mesh_formats
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.ply import read_ply
@@ -52,52 +52,59 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a scene names a mesh file."""
 
     file: str  # Path, relative to the scene's folder
-    unit: Literal["m", "cm", "mm"]  # Unit of the file's coordinates; the file itself does not tell
+    # Unit of the file's coordinates, which it does not tell; guessed where only one is likely.
+    unit: Literal["m", "cm", "mm"] | None = None
 
 
-def read_mesh(path: Path, unit: str) -> tuple[Vertices, Faces]:
-    """The one closed surface in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
+class SolidMesh(NamedTuple):
+    """One closed surface as a file holds it, or mended."""
 
-    Returns its vertices (n, 3), each once, in m, and its triangles (m, 3), counter-clockwise seen
-    from outside. Raises InputError if the file cannot be read or is not one closed, outward-facing
-    surface of fitting size.
+    vertices: Vertices  # (n, 3), each once, m
+    faces: Faces  # (m, 3), counter-clockwise seen from outside
+    told: str  # A sentence on what was guessed and mended; empty if the file was taken as it is
+
+
+def is_mesh_file(path: Path) -> bool:
+    """Whether a file, by its suffix, is a mesh."""
+    return path.suffix.lower().lstrip(".") in READERS
+
+
+def read_mesh(path: Path, unit: str | None = None) -> SolidMesh:
+    """The one solid in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
+
+    It may be of any genus; small faults are mended (`palpate.shapes.mend_mesh`). Raises InputError
+    if the file cannot be read, is not one solid of fitting size, or might be in several units.
     """
-    vertices, faces = read_surface(path, unit)
-    _check_closed(path, faces)
+    vertices, faces = read_surface(path, "m")
+    told = []
+    if unit is None:
+        unit = _likely_unit(path, vertices)
+        size = " x ".join(
+            f"{1e3 * METRES_PER_UNIT[unit] * x:.3g}" for x in np.ptp(vertices, axis=0)
+        )
+        told.append(f"taken to be in {unit}, {size} mm")
+    vertices = vertices * METRES_PER_UNIT[unit]
     _check_size(path, vertices, unit)
-    found = solidity(vertices, faces)
-    if not found.volume > 0.0:
-        raise InputError(f"{path}: is inside out: its volume is negative; flip the faces")
-    if found.components != 1:
-        raise InputError(
-            f"{path}: is made of {found.components} separate surfaces; there must be exactly one"
-        )
-    if found.genus:
-        raise InputError(
-            f"{path}: has {found.genus} hole{'s' * (found.genus > 1)} through it; only objects "
-            "without can be rebuilt"
-        )
-    return vertices, faces
+    try:
+        found = mend_mesh(vertices, faces)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    told += found.mends
+    return SolidMesh(*found[:2], f"{path.name}: {'; '.join(told)}" if told else "")
 
 
-def _check_closed(path: Path, faces: Faces) -> None:
-    """Each edge must be walked exactly once each way."""
-    start, end = faces.T.reshape(-1).astype(np.int64), faces[:, [1, 2, 0]].T.reshape(-1)
-    keys = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
-    _, number, count = np.unique(keys, return_inverse=True, return_counts=True)
-    odd = int((count != 2).sum())
-    if odd:
+def _likely_unit(path: Path, vertices: Vertices) -> str:
+    """The unit in which the largest extent is one that hands grip, if there is just one."""
+    extent = float(np.ptp(vertices, axis=0).max())
+    likely = [unit for unit in ("m", "mm") if 0.02 <= METRES_PER_UNIT[unit] * extent <= 1.0]
+    if path.suffix.lower() == ".glb":
+        return "m"
+    if len(likely) != 1:
         raise InputError(
-            f"{path}: is not watertight: {odd} of its {len(count)} edges do not have exactly "
-            "two triangles; close the holes"
+            f"{path}: measures {extent:.3g}, in a unit that the file does not tell and that cannot "
+            "be guessed; give the unit: m, cm or mm"
         )
-    forwards = np.bincount(number, start < end, len(count))
-    turned = int((forwards != 1).sum())
-    if turned:
-        raise InputError(
-            f"{path}: neighbouring triangles face opposite ways at {turned} of its {len(count)} "
-            "edges; make them agree"
-        )
+    return likely[0]
 
 
 def _check_size(path: Path, vertices: Vertices, unit: str) -> None:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from palpate.nodes.specs.objects import SuperquadricSpec as SuperquadricSpec
     from palpate.nodes.specs.objects import build_shape as build_shape
     from palpate.nodes.specs.objects import encode_mesh as encode_mesh
+    from palpate.nodes.specs.objects import fitted_reach as fitted_reach
+    from palpate.nodes.specs.objects import object_extents as object_extents
     from palpate.nodes.specs.sensors import CONTACT_ERROR as CONTACT_ERROR
     from palpate.nodes.specs.sensors import CalibrationSpec as CalibrationSpec
     from palpate.nodes.specs.sensors import EffectSpecs as EffectSpecs

@@ -42,6 +42,11 @@ WorldCoordinate = Annotated[float, Meta(ge=-1000, le=1000, description="m")]
 QuaternionPart = Annotated[float, Meta(ge=-10, le=10)]
 
 
+EXTENT_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
+LEAST_REACH = 0.15  # Of a finger whose reach fits the object, m
+REACH_OVER_EXTENT = 1.25  # The hand opens to 0.8 of the reach
+
+
 class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the object's own frame stands in the world."""
 
@@ -283,6 +288,20 @@ def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:
 def build_shape(spec: ObjectSpec) -> shapes.Shape:
     """The solid that a description stands for, where it stands."""
     return shapes.PosedShape(_shape_in_its_frame(spec), spec.pose.array())
+
+
+@lru_cache(maxsize=64)
+def object_extents(spec: ObjectSpec) -> tuple[tuple[float, float, float], float]:
+    """Extents along x, y and z, to 0.1 mm or so, and the largest distance from the z axis, m."""
+    vertices = build_shape(spec).mesh(EXTENT_LEVEL).vertices
+    x, y, z = np.ptp(vertices, axis=0).tolist()
+    return (x, y, z), float(np.linalg.norm(vertices[:, :2], axis=1).max())
+
+
+def fitted_reach(spec: ObjectSpec) -> float:
+    """The finger's reach that an object asks for, m: the hand, which opens less, goes around it."""
+    size, aside = object_extents(spec)
+    return max(LEAST_REACH, REACH_OVER_EXTENT * max(aside, size[2]))
 
 
 def _shape_in_its_frame(spec: ObjectSpec) -> shapes.Shape:

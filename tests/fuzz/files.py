@@ -348,7 +348,7 @@ def read_meshes(path: Path) -> None:
         assert points.ndim == 2 and points.shape[1] == 3, "points without three coordinates"
     else:
         _check(*files.read_surface(path, "mm"))
-    vertices, faces = files.read_mesh(path, "mm")
+    vertices, faces, _ = files.read_mesh(path, "mm")
     _check(vertices, faces)
     found, extents = solidity(vertices, faces), np.ptp(vertices, axis=0)
     assert found.watertight and found.components == 1 and found.volume > 0.0, "is not one solid"

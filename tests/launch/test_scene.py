@@ -63,7 +63,7 @@ def test_a_scene_fills_in_its_defaults_and_reads_its_mesh_in_metres(write):
     (BALL + "world: {reach: 0.05}", "but the finger reaches 0.05 m; enlarge world.reach"),
     ("object:\n  mesh: {file: none.ply, unit: mm}",
      "none.ply: the mesh cannot be read: No such file"),
-    ("object:\n  mesh: {file: x.ply}", "bad.yaml:2: object.mesh lacks the key 'unit'"),
+    ("object:\n  mesh: {unit: mm}", "bad.yaml:2: object.mesh lacks the key 'file'"),
     ("object:\n  mesh: {file: x.ply, unit: inch}",
      "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, m, mm"),
     ("object:\n  mesh: {file: ../x.ply, unit: mm}",
@@ -90,6 +90,64 @@ def test_a_bad_scene_is_refused_in_one_sentence(write, text, words):
     with pytest.raises(InputError, match=re.escape(words)) as caught:
         load_scene(write("bad.yaml", text))
     assert "\n" not in str(caught.value)
+
+
+def test_the_reach_fits_the_object_unless_the_scene_says_otherwise(write):
+    assert load_scene(write("ball.yaml", BALL)).spec.world.reach == 0.15
+    large = BALL.replace("0.04, 0.04, 0.04", "0.04, 0.04, 0.1")
+    scene = load_scene(write("large.yaml", large))
+    assert scene.spec.world.reach == pytest.approx(1.25 * 0.2)
+    assert scene.located.value["world"]["reach"] == scene.spec.world.reach
+    aside = BALL + "  pose: {position: [0.2, 0.0, 0.0]}\n"
+    assert load_scene(write("aside.yaml", aside)).spec.world.reach == pytest.approx(1.25 * 0.24)
+    told = load_scene(write("told.yaml", large + "world: {reach: 0.3}\n"))
+    assert told.spec.world.reach == 0.3
+    with pytest.raises(
+        InputError, match=r"the finger reaches 0\.15 m; enlarge world\.reach or lea"
+    ):
+        load_scene(write("short.yaml", large + "world: {reach: 0.15}\n"))
+
+
+def box_file(folder, x=0.0, holes=0):
+    import trimesh
+
+    mesh = trimesh.creation.box([60.0, 50.0, 40.0]).apply_translation([x, 0.0, 0.0])
+    mesh = mesh.subdivide().subdivide().subdivide().subdivide()
+    mesh.update_faces(np.arange(len(mesh.faces)) >= holes)
+    mesh.export(folder / "box.ply")
+    return folder / "box.ply"
+
+
+def test_a_mesh_is_a_scene_of_its_own(tmp_path):
+    scene = load_scene(box_file(tmp_path, holes=1))
+    assert (scene.name, scene.size) == ("box", pytest.approx((0.06, 0.05, 0.04)))
+    assert scene.told.startswith("box.ply: taken to be in mm, 60 x 50 x 40 mm; 1 hole of up to ")
+    assert load_scene(box_file(tmp_path)).told == "box.ply: taken to be in mm, 60 x 50 x 40 mm"
+    (tmp_path / "again.yaml").write_text(scene.text, encoding="utf-8")
+    again = load_scene(tmp_path / "again.yaml")
+    assert again.spec == load_scene(tmp_path / "box.ply").spec
+    unit = {("object", "mesh", "unit"): SourceMapped("cm", "--unit")}
+    assert load_scene(box_file(tmp_path), unit).told == ""
+    assert load_scene(box_file(tmp_path), unit).size == pytest.approx((0.6, 0.5, 0.4))
+
+
+def test_a_mesh_beside_the_axis_is_set_on_it_unless_it_has_a_pose(tmp_path, write):
+    def middle(scene):
+        mesh = scene.spec.object.mesh
+        assert mesh is not None
+        vertices = np.frombuffer(mesh.vertices, "<f8").reshape(-1, 3)
+        return [*(0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))[:2], vertices[:, 2].min()]
+
+    box_file(tmp_path, x=31.0)
+    text = "object:\n  mesh: {file: box.ply, unit: mm}\n"
+    scene = load_scene(write("s.yaml", text))
+    assert middle(scene) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert scene.told == "box.ply: moved by -31, 0, 20 mm, from beside the axis onto it"
+    kept = load_scene(write("s.yaml", text + "  pose: {position: [0.0, 0.0, 0.0]}\n"))
+    assert (middle(kept), kept.told) == (pytest.approx([0.031, 0.0, -0.02]), "")
+    near = load_scene(box_file(tmp_path, x=29.0))
+    assert middle(near) == pytest.approx([0.029, 0.0, -0.02])
+    assert "moved" not in near.told
 
 
 def test_a_link_out_of_the_folder_does_not_lead_out_and_a_folder_is_no_scene(write, tmp_path):

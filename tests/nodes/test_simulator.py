@@ -25,7 +25,7 @@ from palpate.messages.types.touch import TactileFrame
 from palpate.nodes import simulator
 from palpate.nodes.runtime.testing import example
 from palpate.nodes.simulator import NODE, Params, State, start, take_grasp, touch
-from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec
 from palpate.nodes.specs.sensors import SensorSpec
 
 Pose = Callable[[float], Floats]
@@ -51,6 +51,14 @@ def test_it_tells_where_the_object_stands_and_how_high_it_is(ball: ObjectSpec):
     assert published["/world"].platform == pytest.approx(0.0, abs=1e-12)
     assert published["/truth"].height == pytest.approx(0.06, rel=1e-9)
     assert published["/touch/info"].dome == pytest.approx(1 / 0.015)
+
+
+def test_its_reach_fits_the_object_unless_one_is_given(ball: ObjectSpec):
+    wide = msgspec.structs.replace(ball, pose=PoseSpec(position=(0.3, 0.0, 0.0)))
+    fitted = dict(start(Params(object=wide))[1])  # type: ignore[arg-type]
+    assert fitted["/world"].reach == pytest.approx(1.25 * 0.33)
+    given = dict(start(Params(object=wide, reach=0.2))[1])  # type: ignore[arg-type]
+    assert given["/world"].reach == 0.2
 
 
 def test_everything_it_publishes_can_be_sent(ball: ObjectSpec, sideways: Pose):
@@ -144,7 +152,7 @@ import sys
 import numpy as np
 from palpate.core.poses import pad_rotation, pose_of
 from palpate.messages.types.motion import TouchGoal
-from palpate.nodes.specs.objects import ObjectSpec
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec
 from palpate.nodes.specs.objects import SuperquadricSpec
 from palpate.nodes.runtime.testing import example
 from palpate.nodes.simulator import Params, start, touch

@@ -56,6 +56,9 @@ docs/sweep.md says more.
 @click.argument("scene", default="vase")
 @command_line.RUN_FOLDER
 @click.option("--seed", type=command_line.SEED, help="Overrides the scene's seed.")
+@click.option(
+    "--unit", type=click.Choice(["m", "cm", "mm"]), help="Of a mesh: its file tells none."
+)
 @click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
 @click.option("--tolerance", metavar="LENGTH", help="Error asked for, as 0.2mm: rms of the solid.")
 @click.option("--feature", metavar="LENGTH", help="Largest height that may stay untouched, as 5mm.")
@@ -75,6 +78,7 @@ def run_command(
     scene: str,
     out: Path | None,
     seed: int | None,
+    unit: str | None,
     fingers: int | None,
     settings: tuple[str, ...],
     composed: bool,
@@ -83,7 +87,7 @@ def run_command(
     quiet: bool,
     **demand: Any,
 ) -> int:
-    """Explore SCENE, a shipped scene's name or a YAML file, and rebuild its object.
+    """Explore SCENE, a shipped scene's name, a YAML file or a mesh, and rebuild its object.
 
     It ends once the error is within --tolerance in 95 of 100 runs, and nothing higher than
     --feature is untouched, which follows the tolerance if it is left out; or once --budget or
@@ -91,17 +95,23 @@ def run_command(
     """
     if not composed:
         launch.prestart_fork_server(launch.EXPLORE)
-    from palpate.launch.files import SourceMapped
+    from palpate.launch.files import SourceMapped, is_mesh_file
     from palpate.tools.report import perform_and_print
 
     path = launch.find_scene(scene)
+    if unit is not None and not is_mesh_file(path):
+        raise InputError(f"--unit {unit}: {scene} is no mesh; a scene has object.mesh.unit")
     args = {
         "scene": SourceMapped(str(path), ""),
         "record": SourceMapped(not no_record, "--no-record"),
     }
-    for name, value in (("seed", seed), ("fingers", fingers)):
+    for option, name, value in (
+        ("--seed", "seed", seed),
+        ("--fingers", "fingers", fingers),
+        ("--unit", "scene.object.mesh.unit", unit),
+    ):
         if value is not None:
-            args[name] = SourceMapped(value, f"--{name}")
+            args[name] = SourceMapped(value, option)
     given = {**launch.read_settings(settings), **launch.read_demand(**demand)}
     plan = launch.plan_run(launch.EXPLORE, args, given, name=path.stem, out=out)
     return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet)

@@ -132,16 +132,14 @@ BAD_SCENES = {
     ),
     "mesh missing": ("object: {mesh: {file: no.ply, unit: mm}}", "no.ply: the mesh cannot be read"),
     "mesh empty": ("object: {mesh: {file: empty.ply, unit: mm}}", "the mesh file is empty"),
-    "mesh open": ("object: {mesh: {file: open.off, unit: mm}}", "is not watertight"),
-    "mesh inside out": ("object: {mesh: {file: turned.off, unit: mm}}", "is inside out"),
+    "mesh open": ("object: {mesh: {file: open.off, unit: mm}}", "is open: it has a hole"),
+    "mesh without unit": ("object: {mesh: {file: whole.off}}", "in a unit that the file does not"),
     "mesh not finite": ("object: {mesh: {file: nan.off, unit: mm}}", "vertex 0 is not finite"),
 }
 
 
-def off(first, turned, closed):
+def off(first, closed):
     faces = ["3 0 2 1", "3 0 1 3", "3 0 3 2", "3 1 2 3"][: 4 if closed else 3]
-    if turned:
-        faces = [f"3 {' '.join(face.split()[:0:-1])}" for face in faces]
     return "\n".join(["OFF", f"4 {len(faces)} 0", first, "10 0 0", "0 10 0", "0 0 10", *faces, ""])
 
 
@@ -152,9 +150,9 @@ def test_a_bad_scene_ends_with_2_and_one_sentence_and_leaves_nothing(
 ):
     text, words = BAD_SCENES[name]
     write("empty.ply", "")
-    write("open.off", off("0 0 0", turned=False, closed=False))
-    write("turned.off", off("0 0 0", turned=True, closed=True))
-    write("nan.off", off("nan 0 0", turned=False, closed=True))
+    write("open.off", off("0 0 0", closed=False))
+    write("whole.off", off("0 0 0", closed=True))
+    write("nan.off", off("nan 0 0", closed=True))
     write("bad.yaml", text)
     before = sorted(home.iterdir())
     assert cli.run([*verb, "bad.yaml"]) == 2

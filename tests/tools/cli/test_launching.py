@@ -1,7 +1,9 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 
 from palpate.tools.chaos.fault_injection import Fault, InjectionLog, NodeRecovery
 from palpate.tools.chaos.trials import Tally
@@ -81,3 +83,32 @@ def test_a_sweep_that_cannot_be_is_refused_in_a_sentence(swept, tmp_path, capsys
     text = capsys.readouterr().err
     assert text.startswith("palpate: ") and words in text
     assert swept == []
+
+
+def test_a_mesh_is_explored_as_it_is_and_what_is_mended_is_told_first(tmp_path, capsys):
+    box = trimesh.creation.box([0.06, 0.05, 0.04]).subdivide().subdivide().subdivide().subdivide()
+    box.update_faces(np.arange(len(box.faces)) > 0)
+    box.export(tmp_path / "box.stl")
+    asked = ["run", str(tmp_path / "box.stl"), "--touches", "3", "--composed", "--no-record"]
+    assert run([*asked, "--unit", "m", "--out", str(tmp_path / "run")]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("mesh       box.stl: 1 hole of up to 4.5 mm closed\nasked ")
+    assert "unit: m" in (tmp_path / "run" / "scene.yaml").read_text()
+    assert run(["scene", "check", str(tmp_path / "box.stl")]) == 0
+    assert "\nbox.stl: taken to be in m, 60 x 50 x 40 mm; 1 hole" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("more", "words"), [
+    (["vase", "--unit", "mm"], "--unit mm: vase is no mesh; a scene has object.mesh.unit"),
+    (["box.off"], "box.off: measures 5, in a unit that the file does not tell"),
+    (["box.off", "--unit", "cm"], "box.off: is open: it has a hole of "),
+    (["none.stl"], "none.stl: the scene does not exist; a scene is a YAML file, or a mesh"),
+])  # fmt: skip
+def test_what_is_no_mesh_to_explore_is_refused(here, capsys, more, words):
+    box = trimesh.creation.box([5.0, 4.0, 3.0])
+    box.update_faces(np.arange(12) > 1)
+    box.export(here / "box.off")
+    assert run(["run", *more]) == 2
+    text = capsys.readouterr().err
+    assert words in text and text.count("\n") == 1
+    assert [path.name for path in here.iterdir()] == ["box.off"]
