@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import signed_volume
 from palpate.core.shapes.half_spaces import HalfSpace, polytope_box
+from palpate.core.shapes.mending import arrays_of, as_manifold
 from palpate.core.shapes.protocol import INSIDE, MISS, CsgSolid, ImplicitShape, Mesh
 
 CHECK_LEVEL = 3
@@ -246,14 +247,11 @@ def combined_mesh(tree: Tree, box: Floats, level: int) -> Mesh:
     extent = float(np.linalg.norm(box[1] - box[0]))
     solid = _combined(tree, box.mean(axis=0), ROOM * extent, level)
     # A plane needs few facets, but not if it is bent afterwards.
-    mesh = solid.refine_to_length(extent / 2**level).to_mesh64()
-    return Mesh(
-        np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int32)
-    )
+    return Mesh(*arrays_of(solid.refine_to_length(extent / 2**level)))
 
 
 def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
-    from manifold3d import Error, Manifold, Mesh64, OpType
+    from manifold3d import Manifold, OpType
 
     def joined(parts: Sequence[Tree], kind: Any) -> Any:
         return Manifold.batch_boolean(
@@ -274,13 +272,9 @@ def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
         return solid - joined(taken, OpType.Add)
     if isinstance(tree, HalfSpace):
         return cube.trim_by_plane(tuple(-tree.normal), -tree.offset)
-    vertices, faces = tree.mesh(level)
-    mesh = Mesh64(
-        np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64)
-    )
-    solid = Manifold(mesh)
-    if solid.status() != Error.NoError:
-        raise ValueError(f"a leaf's tessellation is not closed: {solid.status()}")
+    solid = as_manifold(*tree.mesh(level))
+    if solid is None:
+        raise ValueError("a leaf's tessellation is not closed")
     return solid
 
 

@@ -23,12 +23,14 @@ if TYPE_CHECKING:
 HOLE_SHARE = 0.1  # Of the largest extent: what lies behind a wider hole cannot be told
 SPECK_SHARE = 0.01  # Of the largest extent: what is loose and smaller is no part of the object
 STITCH_SHARE = 1e-4  # Of the largest extent: corners of open edges so near to one another are one
+EDGE_SHARE = 0.1  # Of the median edge: so near at most, that no face is stitched to itself
 CROSSED = 1e-5  # Of the largest extent: an edge that goes no deeper through a face only touches it
 CONTAINED = 1e-6  # Of its volume: what of a hollow may stand out of the object around it
 MOST_ROUNDS = 4  # Times that a patch of crossings is cut out, each time a ring wider
 MOST_CUTS = 6  # Planes one after the other that part a piece which crosses itself
+PLANES = 6  # Places along each axis at which a plane is tried
+MOST_PARTED = 100_000  # Faces of a piece for which planes are tried: more take minutes
 NO_SOLID = "bounds no solid: its faces enclose nothing, or meet as those of no solid do"
-PLANES = 8  # Places along each axis at which a plane is tried
 
 
 class MendedMesh(NamedTuple):
@@ -53,14 +55,14 @@ def mend_mesh(vertices: Floats, faces: Ints) -> MendedMesh:
     faces = _stitched(vertices, faces, size, mends)
     crossed = 0
     for _ in range(MOST_ROUNDS):
-        solid = _manifold(vertices, faces)
+        solid = as_manifold(vertices, faces)
         if solid is None:
-            solid = _manifold(*_closed(vertices, faces, size, mends, own=crossed > 0))
+            solid = as_manifold(*_closed(vertices, faces, size, mends, own=crossed > 0))
         if solid is None:
             raise ValueError(NO_SOLID)
         crossed = crossed or len(np.unique(_crossings(solid).through))
         found = _crossings(_united(_without_specks(solid, size, mends), size, mends))
-        if _widest(found.vertices, found.without_them()) > HOLE_SHARE * size:
+        if _widest(found.vertices, _loops(found.without_them())) > HOLE_SHARE * size:
             found = _crossings(_united(_parted(found), size, []))
         vertices, faces = found.vertices, found.without_them()
         if not len(found.through):
@@ -72,24 +74,22 @@ def mend_mesh(vertices: Floats, faces: Ints) -> MendedMesh:
 
 def _is_sound(vertices: Floats, faces: Ints) -> bool:
     found = solidity(vertices, faces)
-    if not (found.watertight and found.components == 1 and found.volume > 0.0):
-        return False
-    solid = _manifold(vertices, faces)
+    one = found.watertight and found.components == 1 and found.volume > 0.0
+    solid = as_manifold(vertices, faces) if one else None
     return solid is not None and not len(_crossings(solid).through)
 
 
-def _manifold(vertices: Floats, faces: Ints) -> Manifold | None:
+def as_manifold(vertices: Floats, faces: Ints) -> Manifold | None:
     """The mesh as the library has it; None if it is not closed, or neighbours differ in side."""
     from manifold3d import Error, Manifold, Mesh64
 
-    if not len(faces):
-        return None
-    corners = np.ascontiguousarray(vertices, np.float64)
-    solid = Manifold(Mesh64(corners, np.ascontiguousarray(faces, np.uint64)))
+    rows = np.ascontiguousarray(faces, np.uint64)
+    solid = Manifold(Mesh64(np.ascontiguousarray(vertices, np.float64), rows))
     return solid if solid.status() == Error.NoError and not solid.is_empty() else None
 
 
-def _arrays(solid: Manifold) -> tuple[Floats, Ints]:
+def arrays_of(solid: Manifold) -> tuple[Floats, Ints]:
+    """The vertices (n, 3), m, and faces (m, 3) of what the library has."""
     mesh = solid.to_mesh64()
     vertices = np.array(mesh.vert_properties[:, :3], np.float64)
     return vertices, np.array(mesh.tri_verts, np.int32)
@@ -109,9 +109,11 @@ class Crossings(NamedTuple):
 
 
 def _crossings(solid: Manifold) -> Crossings:
-    again = _manifold(*_arrays(solid))  # after a boolean, rays number faces otherwise than arrays
+    again = as_manifold(
+        *arrays_of(solid)
+    )  # after a boolean, rays number faces otherwise than arrays
     solid = solid if again is None else again
-    vertices, faces = _arrays(solid)
+    vertices, faces = arrays_of(solid)
     _, same = np.unique(vertices, axis=0, return_inverse=True)  # fans that touch in a corner
     ends = np.unique(_edges(faces), axis=0)
     met = [
@@ -133,10 +135,13 @@ def _crossings(solid: Manifold) -> Crossings:
 
 def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> Ints:
     """Faces once each, corners of open edges that are one place made one."""
-    opened = np.unique(_open_edges(faces))
+    ends, count = np.unique(_edges(faces), axis=0, return_counts=True)
+    opened = np.unique(ends[count == 1])
     from scipy.spatial import cKDTree
 
-    near = cKDTree(vertices[opened]).query_pairs(STITCH_SHARE * size, output_type="ndarray")
+    lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    least = min(STITCH_SHARE * size, EDGE_SHARE * float(np.median(lengths)))
+    near = cKDTree(vertices[opened]).query_pairs(least, output_type="ndarray")
     if len(near):
         group = linked_groups(len(vertices), *opened[near].T)
         _, first = np.unique(group, return_index=True)
@@ -166,7 +171,7 @@ def _closed(
     faces, turned = _turned_alike(faces)
     _tell(mends, turned, "face", "turned like the others")
     loops = _loops(faces)
-    widest = _widest(vertices, faces)
+    widest = _widest(vertices, loops)
     if widest > HOLE_SHARE * size:
         what = "crosses itself over" if own else "is open: it has a hole of"
         raise ValueError(
@@ -226,15 +231,13 @@ def _loops(faces: Ints) -> list[Ints]:
         path = [next(iter(onwards))]
         place = {path[0]: 0}
         while path[-1] in onwards:
-            ways = onwards[path[-1]]
-            corner = ways.pop()
-            if not ways:
+            corner = onwards[path[-1]].pop()
+            if not onwards[path[-1]]:
                 del onwards[path[-1]]
-            if corner in place:
-                loops.append(np.array(path[place[corner] :], np.int32))
-                for left in path[place[corner] + 1 :]:
-                    del place[left]
-                del path[place[corner] + 1 :]
+            at = place.get(corner, len(path))
+            if path[at : at + 1] == [corner]:  # on this path still
+                loops.append(np.array(path[at:], np.int32))
+                del path[at + 1 :]
             else:
                 place[corner] = len(path)
                 path.append(corner)
@@ -254,14 +257,10 @@ def _open_edges(faces: Ints) -> Ints:
     return np.stack([start[opened], end[opened]], axis=1)
 
 
-def _widest(vertices: Floats, faces: Ints) -> float:
-    """How wide the widest hole is, m; 0 without any."""
-    return max((_across(vertices[loop]) for loop in _loops(faces)), default=0.0)
-
-
-def _across(places: Floats) -> float:
-    """How wide a hole is: twice the way from its middle to the farthest of its corners (n, 3)."""
-    return 2.0 * float(np.linalg.norm(places - places.mean(axis=0), axis=1).max())
+def _widest(vertices: Floats, loops: list[Ints]) -> float:
+    """How wide holes are, m: twice the way from the middle of one to its farthest corner."""
+    rims = [vertices[loop] - vertices[loop].mean(axis=0) for loop in loops]
+    return max((2.0 * float(np.linalg.norm(rim, axis=1).max()) for rim in rims), default=0.0)
 
 
 def _patch(vertices: Floats, loop: Ints) -> tuple[Ints, Floats]:
@@ -321,8 +320,8 @@ def _without_specks(solid: Manifold, size: float, mends: list[str]) -> list[Mani
 
 
 def _turned(solid: Manifold) -> Manifold:
-    vertices, faces = _arrays(solid)
-    found = _manifold(vertices, faces[:, ::-1])
+    vertices, faces = arrays_of(solid)
+    found = as_manifold(vertices, faces[:, ::-1])
     assert found is not None  # closed one way, closed the other
     return found
 
@@ -332,17 +331,20 @@ def _parted(found: Crossings, cuts: int = MOST_CUTS) -> list[Manifold]:
 
     What no plane parts stays as it is.
     """
-    solid = _manifold(found.vertices, found.faces)
+    solid = as_manifold(found.vertices, found.faces)
     assert solid is not None  # crossings are looked for in solids
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
+    margin = STITCH_SHARE * float((high - low).max())
     best, least = [found], len(found.through)
-    for axis, normal in enumerate(np.eye(3)) if cuts and least else ():
-        for level in np.linspace(low[axis], high[axis], PLANES + 2)[1:-1]:
-            if np.abs(found.places[:, axis] - level).min() > STITCH_SHARE * (high - low).max():
-                halves = solid.split_by_plane(tuple(normal), float(level))
-                parts = [_crossings(part) for half in halves for part in half.decompose()]
-                left = sum(len(part.through) for part in parts)
-                best, least = (parts, left) if left < least else (best, least)
+    tried = PLANES if cuts and len(found.faces) <= MOST_PARTED else 0
+    for axis, normal in enumerate(np.eye(3)):
+        for level in np.linspace(low[axis], high[axis], tried + 2)[1:-1]:
+            if not least or np.abs(found.places[:, axis] - level).min() < margin:
+                continue
+            halves = solid.split_by_plane(tuple(normal), float(level))
+            parts = [_crossings(part) for half in halves for part in half.decompose()]
+            left = sum(len(part.through) for part in parts)
+            best, least = (parts, left) if left < least else (best, least)
     return [solid] if len(best) == 1 else [one for part in best for one in _parted(part, cuts - 1)]
 
 

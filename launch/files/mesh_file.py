@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from msgspec import Struct
@@ -56,24 +56,18 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     unit: Literal["m", "cm", "mm"] | None = None
 
 
-class SolidMesh(NamedTuple):
-    """One closed surface as a file holds it, or mended."""
-
-    vertices: Vertices  # (n, 3), each once, m
-    faces: Faces  # (m, 3), counter-clockwise seen from outside
-    told: str  # A sentence on what was guessed and mended; empty if the file was taken as it is
-
-
 def is_mesh_file(path: Path) -> bool:
     """Whether a file, by its suffix, is a mesh."""
     return path.suffix.lower().lstrip(".") in READERS
 
 
-def read_mesh(path: Path, unit: str | None = None) -> SolidMesh:
+def read_mesh(path: Path, unit: str | None = None) -> tuple[Vertices, Faces, str]:
     """The one solid in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
 
-    It may be of any genus; small faults are mended (`palpate.shapes.mend_mesh`). Raises InputError
-    if the file cannot be read, is not one solid of fitting size, or might be in several units.
+    It may be of any genus; small faults are mended (`palpate.shapes.mend_mesh`). Returns its
+    vertices (n, 3), each once, in m, its triangles (m, 3), counter-clockwise seen from outside, and
+    a sentence on what was guessed and mended. Raises InputError if the file cannot be read, is not
+    one solid of fitting size, or might be in several units.
     """
     vertices, faces = read_surface(path, "m")
     told = []
@@ -90,7 +84,7 @@ def read_mesh(path: Path, unit: str | None = None) -> SolidMesh:
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     told += found.mends
-    return SolidMesh(*found[:2], f"{path.name}: {'; '.join(told)}" if told else "")
+    return found.vertices, found.faces, f"{path.name}: {'; '.join(told)}" if told else ""
 
 
 def _likely_unit(path: Path, vertices: Vertices) -> str:

@@ -162,8 +162,7 @@ def test_a_piece_that_crosses_itself_is_cut_where_it_does(monkeypatch):
     tube = looped_tube()
     words = told(tube, 0.94 * volume_of(tube), 1, within=0.02)
     assert words.endswith(" faces that crossed others cut where they did; 1 handle kept")
-    monkeypatch.setattr(mending, "MOST_CUTS", 0)
-    monkeypatch.setattr(mending._parted, "__defaults__", (0,))
+    monkeypatch.setattr(mending, "MOST_PARTED", 0)
     with pytest.raises(ValueError, match=r"crosses itself over \d+.* mm, and no more than 10%"):
         mend_mesh(*tube)
 
