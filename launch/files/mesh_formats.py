@@ -8,6 +8,7 @@ and raised RecursionError.
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 import warnings
@@ -17,6 +18,8 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+from palpate.core import rotation_matrix
 
 _STL_HEADER = struct.Struct("<80xI")
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -35,6 +38,7 @@ _CHUNK = struct.Struct("<II")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _INDICES = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 _FLOAT = 5126
+UNIT_ERROR = 1e-3  # By which a quaternion's length may differ from 1: files round
 Part = TypeVar("Part")
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
@@ -400,21 +404,13 @@ def _node_matrix(node: GltfNode) -> Floats:
         if len(node.matrix) != 16:
             raise ValueError(f"has a node with a matrix of {len(node.matrix)} numbers")
         return np.array(node.matrix, np.float64).reshape(4, 4).T
+    length = math.hypot(*node.rotation)
+    if not abs(length - 1.0) <= UNIT_ERROR:
+        raise ValueError(f"has a node whose rotation has the length {length:g}, not 1")
     motion = np.eye(4)
-    motion[:3, :3] = _rotation_matrix(node.rotation) * np.array(node.scale)
+    motion[:3, :3] = rotation_matrix(np.array(node.rotation) / length) * np.array(node.scale)
     motion[:3, 3] = node.translation
     return motion
-
-
-def _rotation_matrix(rotation: Quaternion) -> Floats:
-    x, y, z, w = rotation
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 class GltfNode(msgspec.Struct, frozen=True):

@@ -86,6 +86,11 @@ def stl(old, new):
 
 REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
     (
+        "glb",
+        lambda: changed(nodes=[{"mesh": 0, "rotation": [0.0, 0.0, 2.0, 0.0]}]),
+        "has a node whose rotation has the length 2, not 1",
+    ),
+    (
         "ply",
         lambda: b"ply\n" + b"comment x\n" * 9999,
         "a header without an end, or of more than 64",
