@@ -28,14 +28,6 @@ from palpate.bench.rebuild.comparison import CONTOUR_NOISE
 from palpate.bench.rebuild.peers import loft
 from palpate.bench.rebuild.thesis import EXAMPLES, Example
 from palpate.bench.scaling.growth import GROWTHS, Growth
-from palpate.bench.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
-from palpate.bench.touch.curvature import (
-    HEADS,
-    TRIALS,
-    EstimatorErrors,
-    estimator_rows,
-    noise_variance,
-)
 from palpate.core import Floats, touch
 from palpate.core.geometry import nearest_points
 from palpate.core.shapes import Mesh
@@ -43,6 +35,18 @@ from palpate.core.splines import ClosedCurve, Lattice, fit_closed_curve
 from palpate.core.thesis import fit_closed_curve_thesis, rebuild_thesis
 from palpate.launch import load_scene
 from palpate.nodes.specs import build_shape
+
+if __name__ == "__main__":  # Not this folder: its modules are named as the tests name them
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from tests.studies.curvature import (
+    HEADS,
+    TRIALS,
+    EstimatorErrors,
+    estimator_rows,
+    noise_variance,
+)
+from tests.studies.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
 
 FRAME_PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 FRAME_NOISE = 40e-6  # m

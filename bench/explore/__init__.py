@@ -1,7 +1,7 @@
 """Explorations.
 
-Slices traced, grasps judged, planners counted, several fingers and other axes compared; a Gaussian
-process that explores by greatest variance with the same finger. `harness` makes one exploration in
+Several fingers and other axes compared; a Gaussian process that explores by greatest variance with
+the same finger. `harness` makes one exploration in
 this process and keeps what it published; a measurement is a loop over objects around it. It rests
 on launch (a scene file is planned as a user's is) and on bench.objects.
 """

@@ -50,11 +50,8 @@ BENCHES: Mapping[str, Bench] = {
         {"scenes": "suite.groups:scene_rows"},
     ),
     "explore": Bench(
-        "tracing, grasps and planners; objects that lean, other axes, several fingers",
+        "whole explorations: objects that lean, other axes, several fingers, and tolerances",
         {
-            "tracing": "explore.tracing:tracing_rows",
-            "grasp": "explore.grasping:grasp_rows",
-            "planners": "explore.planners:planner_rows",
             "tilted": "explore.explorations:tilted_rows",
             "directions": "explore.explorations:direction_rows",
             "fingers": "explore.explorations:finger_rows",
@@ -80,19 +77,6 @@ BENCHES: Mapping[str, Bench] = {
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch.frames:effect_rows"},
     ),
-    "curvature": Bench(
-        "filters and estimators against noise and impulses",
-        {"curvature": "touch.curvature:curvature_rows"},
-    ),
-    "shapes": Bench(
-        "superquadrics, splines and other models: exactness, recoveries, costs",
-        {
-            "recovery": "shapes:recovery_rows",
-            "splines": "shapes:spline_rows",
-            "curves": "shapes:curve_rows",
-            "models": "shapes:model_rows",
-        },
-    ),
     "rebuild": Bench(
         "solids from contours: errors over those of lofts, radial functions and the thesis on "
         "eight objects, disorder, outliers, confidence and costs",
@@ -104,12 +88,10 @@ BENCHES: Mapping[str, Bench] = {
     ),
     "thesis": Bench(
         "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
-        "rebuilt its way and ours, its free-form deformation, and its step templates by kind of "
-        "object",
+        "rebuilt its way and ours, and its free-form deformation",
         {
             "examples": "rebuild.thesis:thesis_rows",
             "deformation": "rebuild.thesis:deformation_rows",
-            "templates": "explore.planners:template_rows",
             "recorded": "rebuild.thesis:recorded_rows",
         },
     ),

@@ -1,9 +1,7 @@
 """One touch.
 
-Frames per second, the exactness of a cast, what each effect costs and does, and what each way
-from a tactile frame to curvature is worth against noise and impulses. Estimators and surfaces
-may be added to their tables; the thesis's own chain is the first estimator and ours the last. It
-rests on core.touch and on the simulator, filter and curvature nodes as plain calls.
+Frames per second, the exactness of a cast, and what each effect costs and does. It rests on
+core.touch and on the simulator, filter and curvature nodes as plain calls.
 """
 
 from typing import TYPE_CHECKING

@@ -66,7 +66,7 @@ def test_each_missed_demand_is_named(changes, fault):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["explore", "--only", "whale"], "there is no group 'whale'; there are tracing"),
+        (["explore", "--only", "whale"], "there is no group 'whale'; there are tilted"),
         (["bus", "--only", "whole"], "there is no group 'whole'; there are losses, hops,"),
         (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, "),
         (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
@@ -87,7 +87,7 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
         return 1
 
     monkeypatch.setattr(verb, "run_groups", run)
-    for what in ("explore", "shapes"):
+    for what in ("explore", "bus"):
         only, place = next(iter(verb.BENCHES[what].groups.items()))
         wanted = {f"{what}/{only}": f"palpate.bench.{place}"}
         for bench, group in ((what, only), ("all", f"{what}/{only}")):

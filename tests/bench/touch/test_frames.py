@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from palpate.bench.touch import frames
-from palpate.bench.touch.curvature import estimator_demands, estimator_rows, partial_rows
 from palpate.bench.touch.frames import (
     WORN,
     exactness_rows,
@@ -15,6 +14,7 @@ from palpate.bench.touch.frames import (
 from palpate.core.arrays import Floats
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES
+from tests.studies.curvature import estimator_demands, estimator_rows, partial_rows
 
 
 def test_casts_are_as_exact_as_is_demanded():

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from palpate.bench.touch.surfaces import score_fusion
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.shapes.superquadrics import Superquadric
@@ -18,6 +17,7 @@ from palpate.core.touch.curvature import (
 from palpate.core.touch.filters import remove_impulses
 from palpate.core.touch.forms import ShapeOperator, principal_curvatures
 from palpate.core.touch.pad import guarded_move
+from tests.studies.surfaces import score_fusion
 
 PITCH = 1e-3
 

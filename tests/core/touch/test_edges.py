@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.bench.touch.curvature import VERDICTS, confusion, right_share
 from palpate.core.touch.curvature import fit_patch
 from palpate.core.touch.edges import (
     curved_faces_deviation,
@@ -12,6 +11,7 @@ from palpate.core.touch.edges import (
     slopes_of_cells,
 )
 from palpate.core.touch.jet import fit_jet
+from tests.studies.curvature import VERDICTS, confusion, right_share
 
 ALL = np.ones((16, 16), bool)
 ACROSS = np.array([0.0, 1.0, 0.0])

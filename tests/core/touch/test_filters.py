@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from palpate.bench.touch.surfaces import SURFACES, draw_touch
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.filters import (
@@ -15,6 +14,7 @@ from palpate.core.touch.filters import (
     wiener_then_median,
 )
 from palpate.core.touch.pad import Pad, guarded_move
+from tests.studies.surfaces import SURFACES, draw_touch
 
 NOISE = 10e-6
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.touch.curvature import (
+from tests.figures import draw_estimators, draw_filters, filtered
+from tests.studies.curvature import (
     ESTIMATORS,
     HEADS,
     OURS,
@@ -24,10 +25,9 @@ from palpate.bench.touch.curvature import (
     partial_rows,
     verdict_demands,
 )
-from palpate.bench.touch.surfaces import SURFACES, FusionScore, draw_touch
-from tests.figures import draw_estimators, draw_filters, filtered
+from tests.studies.surfaces import SURFACES, FusionScore, draw_touch
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 IN_THE_DOCS = (ROOT / "docs" / "touch.md").read_text(encoding="utf-8")
 
 

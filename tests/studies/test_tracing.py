@@ -5,8 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from palpate.bench.explore import tracing as bench_tracing
-from palpate.bench.explore.tracing import (
+from palpate.core.explore.tracing.contour_path import Gap
+from palpate.core.poses import pose_of
+from palpate.core.touch.pad import guarded_move
+from tests.studies import tracing as bench_tracing
+from tests.studies.objects import TRACED_OBJECTS, carved
+from tests.studies.tracing import (
     DOMED,
     FLAT,
     TouchNoise,
@@ -14,10 +18,6 @@ from palpate.bench.explore.tracing import (
     trace_figures,
     unreachable_chord,
 )
-from palpate.bench.objects import TRACED_OBJECTS, carved
-from palpate.core.explore.tracing.contour_path import Gap
-from palpate.core.poses import pose_of
-from palpate.core.touch.pad import guarded_move
 
 
 @pytest.mark.parametrize("name", sorted(TRACED_OBJECTS))

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.objects import HOLLOWS, TRACED_OBJECTS, TracedSolid
 from palpate.bench.table import Row
 from palpate.core import Bools, Floats, pad_rotation, pose_of, rotations_from_vectors, split_pose
 from palpate.core.explore import tracing
 from palpate.core.touch import HITS, Pad, fit_patch, guarded_move
+from tests.studies.objects import HOLLOWS, TRACED_OBJECTS, TracedSolid
 
 FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 DOMED = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=1.0 / 0.015, saturation=0.8)

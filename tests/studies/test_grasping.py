@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from palpate.bench.explore import grasping as bench_grasp
-from palpate.bench.explore.grasping import grasp, grasp_rows, judge_frame
-from palpate.bench.objects import GRASPED_OBJECTS
 from palpate.core.explore.grasp.object_frame import mass_properties
+from tests.studies import grasping as bench_grasp
+from tests.studies.grasping import grasp, grasp_rows, judge_frame
+from tests.studies.objects import GRASPED_OBJECTS
 
 
 @pytest.mark.parametrize("name", GRASPED_OBJECTS)

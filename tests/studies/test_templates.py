@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.explore import planners
-from palpate.bench.explore.planners import (
+from palpate.core.explore.planners import Thesis
+from palpate.core.explore.planners.trial import HELD_OUT, MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
+from tests.studies import planners
+from tests.studies.planners import (
     KINDS,
     Chosen,
     best_by_form,
@@ -14,8 +16,6 @@ from palpate.bench.explore.planners import (
     rule_sets,
     template_rows,
 )
-from palpate.core.explore.planners import Thesis
-from palpate.core.explore.planners.trial import HELD_OUT, MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
 
 
 def test_the_kind_of_an_object_follows_from_its_curvature():

@@ -2,16 +2,16 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.explore import planners
-from palpate.bench.explore.planners import (
+from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
+from palpate.core.explore.planners.uniform import Uniform
+from tests.studies import planners
+from tests.studies.planners import (
     MOST_MILLISECONDS,
     errors_of,
     first_counts,
     plan_claim,
     planner_rows,
 )
-from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
-from palpate.core.explore.planners.uniform import Uniform
 
 
 @pytest.mark.slow

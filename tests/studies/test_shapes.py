@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.bench import shapes
-from palpate.bench.shapes import (
+from tests.figures import closed_curves, draw_curves, draw_models
+from tests.studies import shapes
+from tests.studies.shapes import (
     KINDS,
     RecoveryOutcome,
     curve_rows,
@@ -16,7 +17,6 @@ from palpate.bench.shapes import (
     recovery_rows,
     spline_rows,
 )
-from tests.figures import closed_curves, draw_curves, draw_models
 
 ROOT = Path(__file__).parents[2]
 TRIALS = 30

@@ -1,0 +1,63 @@
+"""Study the parts of palpate one by one: what each is worth, how exact it is and what it costs.
+
+    python tests/studies                          all of them
+    python tests/studies shapes                   superquadrics, splines and other models
+    python tests/studies curvature                filters and estimators against noise and impulses
+    python tests/studies tracing                  slices of known solids, and what no pad can touch
+    python tests/studies grasp                    what a few contacts tell of an object's frame
+    python tests/studies planners                 contours that each planner needs
+    python tests/studies templates                step templates of the thesis, by kind of object
+
+Whole explorations, rebuilt solids and the bus are measured by ``palpate bench``. Exits with 1 if a
+demand is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+# ``module:function`` by name, within this folder.
+STUDIES: Mapping[str, Mapping[str, str]] = {
+    "shapes": {
+        "recovery": "shapes:recovery_rows",
+        "splines": "shapes:spline_rows",
+        "curves": "shapes:curve_rows",
+        "models": "shapes:model_rows",
+    },
+    "curvature": {"curvature": "curvature:curvature_rows"},
+    "tracing": {"tracing": "tracing:tracing_rows"},
+    "grasp": {"grasp": "grasping:grasp_rows"},
+    "planners": {"planners": "planners:planner_rows"},
+    "templates": {"templates": "planners:template_rows"},
+}
+
+
+def main(argv: Sequence[str]) -> int:
+    from palpate.bench.table import run_groups
+
+    parser = argparse.ArgumentParser(
+        prog="python tests/studies",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(STUDIES))
+    parser.add_argument("--quick", action="store_true", help="fewer trials")
+    told = parser.parse_args(argv)
+    unknown = [name for name in told.names if name not in STUDIES]
+    if unknown:
+        parser.error(f"there is no study {unknown[0]!r}; there are {', '.join(STUDIES)}")
+    groups = {
+        f"{name}/{group}": f"tests.studies.{place}"
+        for name in told.names or STUDIES
+        for group, place in STUDIES[name].items()
+    }
+    return run_groups(groups, quick=told.quick, strict=True)
+
+
+if __name__ == "__main__":
+    # Not this folder: its modules are named as the tests name them.
+    sys.path[0] = str(Path(__file__).resolve().parents[2])
+    sys.exit(main(sys.argv[1:]))
