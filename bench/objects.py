@@ -30,8 +30,6 @@ ROUGH_LEVEL = 6  # Of that in which the middles of its sections are looked for
 HALVINGS = 60  # Steps that find a radius to the last bit
 SOLID = shapes.Superquadric(np.array([32.0, 26.0, HALF]), np.array([0.7, 0.8]))
 TAPER, BEND = shapes.Taper(0.25, 0.15, HALF), shapes.Bend(0.006)
-ROUND_HEIGHT = 2.0  # Of every object that is measured; its contours lie from -1 to 1
-SLOPE_STEP = 1e-5  # Over which slopes are taken
 EXPLORED_HEIGHT = 0.09  # Of every object that is given by its radius, m
 ROUNDING = 4e-3 / EXPLORED_HEIGHT  # Radius where a side meets a flat end, over the height
 BLUNT = 2.0  # Roundings: an end that is narrower comes to a point by itself, and is not rounded
@@ -91,29 +89,6 @@ class RoundObject(NamedTuple):
         pointed = ends < 1e-9 * (self.high - self.low)
         kept = heights[int(pointed[0]) : len(heights) - int(pointed[1])]
         return closed_mesh(self.rings(kept, angles), low, high)
-
-    def distances(self, places: Floats, heights: Floats) -> tuple[Floats, Floats]:
-        """Normal distances (m, k) of places (m, k, 2) at heights (m,), and area elements.
-
-        To first order: how far outside, over its slope.
-        """
-        z = np.broadcast_to(heights[:, None], places.shape[:2])
-        outside = self._outside(places, z)
-        slopes = [
-            (self._outside(places + step, z) - self._outside(places - step, z)) / (2.0 * SLOPE_STEP)
-            for step in SLOPE_STEP * np.eye(2)
-        ]
-        low, high = np.maximum(z - SLOPE_STEP, -1.0), np.minimum(z + SLOPE_STEP, 1.0)
-        slopes.append((self._outside(places, high) - self._outside(places, low)) / (high - low))
-        level = np.hypot(slopes[0], slopes[1])
-        whole = np.hypot(level, slopes[2])
-        around = np.linalg.norm(np.roll(places, -1, 1) - places, axis=-1)
-        return outside / whole, around * whole / level
-
-    def _outside(self, places: Floats, z: Floats) -> Floats:
-        away = places - self.axis(z)
-        angle = np.arctan2(away[..., 1], away[..., 0])
-        return np.asarray(np.hypot(away[..., 0], away[..., 1]) - self.radius(z, angle))
 
 
 def _bent() -> RoundObject:
@@ -209,16 +184,6 @@ def _zigzag(half: float, z: Floats, t: Floats) -> Floats:
     return np.asarray(half * outline * lobes)
 
 
-def _tile(z: Floats, t: Floats) -> Floats:
-    square = (np.abs(np.cos(t)) ** 6.0 + np.abs(np.sin(t) / 0.7) ** 6.0) ** (-1.0 / 6.0)
-    return np.asarray(0.6 * square * (1.0 - 0.2 * z) * (1.08 - z**4) ** 0.25)
-
-
-def bent_axis(z: Floats) -> Floats:
-    """An axis that leans and bends sideways by a third of the height."""
-    return np.stack([0.6 * z**2 + 0.2 * z, 0.15 * np.sin(2.0 * z)], axis=-1)
-
-
 _tall = partial(RoundObject, low=-HALF, high=HALF)
 REBUILT_SHAPES: Mapping[str, RoundObject] = {
     "sphere": _tall(lambda z, t: np.sqrt(np.maximum(HALF**2 - z**2, 0.0)) + 0.0 * t),
@@ -231,25 +196,6 @@ REBUILT_SHAPES: Mapping[str, RoundObject] = {
     "step": _tall(lambda z, t: 29.0 - 7.0 * np.tanh((z + 6.0) / 3.0)),
 }
 WAVY = RoundObject(partial(_zigzag, 1.0))  # On which lattices and skins were compared
-ROUND_OBJECTS: Mapping[str, RoundObject] = {
-    "barrel": RoundObject(lambda z, t: (0.62 - 0.2 * z**2) * (1.0 + 0.06 * np.cos(2.0 * t))),
-    "pear": RoundObject(lambda z, t: np.sqrt(1.1 - z**2) * (0.5 - 0.22 * np.tanh(2.5 * z))),
-    "hourglass": RoundObject(
-        lambda z, t: np.sqrt(0.1 + 0.25 * z**2) * (1.0 + 0.1 * np.sin(4.0 * t + z))
-    ),
-    "screw": RoundObject(lambda z, t: (0.5 - 0.08 * z) * (1.0 + 0.12 * np.cos(3.0 * t - 2.2 * z))),
-    "tile": RoundObject(_tile),
-    "bent tube": RoundObject(
-        lambda z, t: (
-            0.4 * (1.0 / np.sqrt(np.cos(t) ** 2 + (np.sin(t) / 0.7) ** 2)) * (1.0 - 0.25 * z**2)
-        ),
-        bent_axis,
-    ),
-    "ogive": RoundObject(
-        lambda z, t: np.sqrt(2.1**2 - (z + 1.0) ** 2) - 0.35 + 0.04 * np.cos(5.0 * t)
-    ),
-    "rings": RoundObject(lambda z, t: 0.55 + 0.06 * np.cos(7.0 * z + 0.5 * np.sin(t)) - 0.1 * z),
-}
 LATTICE: Mapping[str, Any] = {
     **described(0.029, 0.025, 0.045, 0.4, 0.8),
     "lattice": [

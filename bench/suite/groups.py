@@ -79,12 +79,8 @@ BENCHES: Mapping[str, Bench] = {
     ),
     "rebuild": Bench(
         "solids from contours: errors over those of lofts, radial functions and the thesis on "
-        "eight objects, disorder, outliers, confidence and costs",
-        {
-            "peers": "rebuild.comparison:peer_rows",
-            "disorder": "rebuild.comparison:disorder_rows",
-            "band": "rebuild.comparison:band_rows",
-        },
+        "eight objects",
+        {"peers": "rebuild.comparison:peer_rows"},
     ),
     "thesis": Bench(
         "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
