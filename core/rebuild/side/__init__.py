@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.side.radial import RadialSpline as RadialSpline
     from palpate.core.rebuild.side.radial import coverage_of as coverage_of
     from palpate.core.rebuild.side.radial import fit_radial_spline as fit_radial_spline
-    from palpate.core.rebuild.side.radial import fit_shifted_spline as fit_shifted_spline
     from palpate.core.rebuild.side.radial import radial_fit as radial_fit
     from palpate.core.rebuild.side.radial import with_normals as with_normals
+    from palpate.core.rebuild.side.shifts import fit_shifted_spline as fit_shifted_spline
     from palpate.core.rebuild.side.surfaces import ContourSurface as ContourSurface
     from palpate.core.rebuild.side.surfaces import SidePatch as SidePatch
 else:

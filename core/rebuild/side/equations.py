@@ -124,10 +124,10 @@ class SideSystem:
         """Coefficients (n,) or (n, k) for a right-hand side."""
         return cho_solve_banded((self.factor, True), right, check_finite=False)
 
-    def spread(self, rows: Floats) -> Floats:
-        """Standard deviations (k,) of rows (k, n) of the basis, over the noise."""
-        half, _ = dtbtrs(self.factor, np.asfortranarray(rows.T), uplo="L")
-        return np.asarray(np.linalg.norm(half, axis=0))
+    def half(self, right: Floats) -> Floats:
+        """Half of the solution for right-hand sides (n, k): their products are covariances."""
+        half, _ = dtbtrs(self.factor, np.asfortranarray(right), uplo="L")
+        return np.asarray(half)
 
     @property
     def condition(self) -> float:

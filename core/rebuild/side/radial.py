@@ -1,13 +1,10 @@
-"""The side surface as a radial spline, fitted to every touched taxel, and a shift of each touch.
+"""The side surface as a radial spline, fitted to every touched taxel.
 
 The squared distance q from the axis is a tensor product of a spline along the height and a periodic
 one around: squared, because q of an ellipsoid is a parabola with finite slope at the poles, where
 the distance itself rises with an infinite one. Along the height spans are even and halved towards
-both ends, where q too may rise with an infinite slope. A pose that is believed a tenth of a
-millimetre off moves a whole patch. Neighbouring patches overlap, so that the surface and one small
-shift of each touch can be found in one system: least squares with a block of correlated errors for
-each touch. Sharp edges look like shifts to a smooth surface; so the shifts are only believed if
-they explain most of what the surface alone leaves.
+both ends, where q too may rise with an infinite slope. Where whole touches err by their poses, so
+does the surface between them: its deviation holds both, and is taken all around.
 """
 
 from __future__ import annotations
@@ -17,7 +14,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, kron
+from scipy.linalg import solve_triangular
+from scipy.sparse import kron
 
 from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.rebuild.contours import ContactPoints
@@ -32,21 +30,9 @@ from palpate.core.rebuild.side.equations import (
 from palpate.core.rebuild.side.lofting import SAFE_MOST, SAFE_RMS, Uncertainty
 from palpate.core.rebuild.side.smoothing import bending_along
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
-from palpate.core.steps import Steps, no_steps
 
-SWEEPS = 2  # Fits, each about the points as the shifts before have moved them
-# How many taxels weigh as much as the belief that a touch is not shifted. The taxels' own noise
-# over the poses' would be a hundredth; but a smooth surface errs by more than the taxels do.
-STRICTNESS = 0.3
-EXPLAINED = 0.7  # Of the median misfit: shifts are believed if they leave no more of it
-# Of the height: what is less noise is neither looked into nor smoothed. Edges leave half as much
-# without any noise, and shifts ten times as large seem to explain it.
-WORTHWHILE = 1e-4
-FEWEST_TOUCHES, FEWEST_TAXELS = 8, 12  # Fewer, or as few in half of them, tell no shifts
-ITERATIONS, ENOUGH = 60, 1e-6  # Of the conjugate gradients, and the residual at which they end
-BANDS, BAND_TURNS = 25, 4  # Heights at which the deviation is given, turns of its average
-# Of the touches' pose error: what it leaves in the surface, for shifts are known against each other
-# alone. Measured on shipped scenes with 5 and 9 contours, where it makes the 95 % band true.
+BANDS, BAND_TURNS = 25, 24  # Heights at which the deviation is given, turns of its average
+# Of the touches' pose error: what it leaves at least where the side turns level, and in ends.
 POSE_LEFT = 0.4
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
 FINE_SECTORS = 360  # Those in which the outermost heights are told
@@ -68,83 +54,6 @@ HALVED = 4  # Times that the first and the last of them are halved
 # Power of a span's width by which its bending counts: a root that begins there bends each half of a
 # span more than the whole, and is not flattened.
 WIDTHS = 3
-
-
-def fit_shifted_spline(
-    contacts: ContactPoints, plain: RadialSpline, step: Steps = no_steps
-) -> tuple[RadialSpline, float | None]:
-    """The plain spline's contacts fitted again with a shift of each touch, if that explains more.
-
-    And the poses' standard deviation along the normals, from the median shift, m; None without.
-    """
-    used = np.bincount(plain.rows.touch)
-    used = used[used > 0]
-    before = plain.sigma
-    if not before > WORTHWHILE * (plain.high - plain.low):
-        return plain, None
-
-    def smoothed(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
-        with step("cross-validation"):
-            return stiffened(contacts, spline)
-
-    if len(used) < FEWEST_TOUCHES or np.median(used) < FEWEST_TAXELS:
-        return smoothed(contacts, plain), None
-    shifts = np.zeros((int(contacts.touch.max()) + 1, 3))
-    spline = plain
-    for _ in range(SWEEPS):
-        shifts += _more_shifts(spline, shifts)
-        moved = contacts._replace(points=contacts.points - shifts[contacts.touch])
-        spline = fit_radial_spline(moved, plain.axis_curve, plain.low, plain.high)
-    if spline.sigma < EXPLAINED * before:
-        spline = smoothed(moved, spline)
-        along = np.einsum("ni,ni->n", spline.rows.normals, shifts[spline.rows.touch])
-        return spline, probable_error_sigma(along)
-    return smoothed(contacts, plain), None
-
-
-def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
-    """The spline as stiff as its points ask for: at least as stiff as it is."""
-    for _ in range(MOST_STIFFER):
-        stiffer = fit_radial_spline(
-            contacts, spline.axis_curve, spline.low, spline.high, STIFFER * spline.stiffness
-        )
-        if not stiffer.score < spline.score:
-            break
-        spline = stiffer
-    return spline
-
-
-def _more_shifts(spline: RadialSpline, believed: Floats) -> Floats:
-    """Shifts (k, 3) on top of those believed, whose points have been moved back by them."""
-    rows, count = spline.rows, len(believed)
-    # From shifts (3 count,) to distances along the normals (n,).
-    shape, columns = (len(rows.touch), 3 * count), (3 * rows.touch[:, None] + np.arange(3)).ravel()
-    pointers = 3 * np.arange(len(rows.touch) + 1)
-    blocks = csr_array((rows.normals.ravel(), columns, pointers), shape=shape)
-    own = np.zeros((count, 3, 3))  # Each touch's block of the system
-    np.add.at(own, rows.touch, rows.normals[:, :, None] * rows.normals[:, None, :])
-    inverse = np.linalg.inv(own + STRICTNESS * np.eye(3))
-
-    def system(shifts: Floats) -> Floats:
-        moved = blocks @ shifts.ravel()
-        smooth = rows.matrix @ spline.system.solve(rows.matrix.T @ moved)
-        return np.asarray((blocks.T @ (moved - smooth)).reshape(-1, 3) + STRICTNESS * shifts)
-
-    right = (blocks.T @ spline.misfits()).reshape(-1, 3) - STRICTNESS * believed
-    found = np.zeros_like(right)
-    rest = right
-    ahead = direction = np.einsum("kij,kj->ki", inverse, rest)
-    size = start = float(np.vdot(rest, ahead))
-    for _ in range(ITERATIONS):
-        if not size > ENOUGH**2 * start:
-            break
-        image = system(direction)
-        step = size / float(np.vdot(direction, image))
-        found, rest = found + step * direction, rest - step * image
-        ahead = np.einsum("kij,kj->ki", inverse, rest)
-        size, before = float(np.vdot(rest, ahead)), size
-        direction = ahead + size / before * direction
-    return found
 
 
 class RadialFit(NamedTuple):
@@ -203,7 +112,7 @@ def radial_fit(
         highs=seen.highs,
         gaps=seen.gaps,
         band_heights=heights,
-        band=np.sqrt(np.mean(deviation**2, axis=1) + (POSE_LEFT * (pose or 0.0)) ** 2),
+        band=np.sqrt(np.mean(deviation**2, axis=1)),
     )
 
 
@@ -243,6 +152,20 @@ def _lowest(heights: Floats, sector: Ints, count: int = SECTORS) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Drift:
+    """What the shifts of touches, known against each other alone, leave in a spline."""
+
+    sigma: float  # Deviation of a point that counts as one beside the shifts, m
+    along: Floats  # Half the system, towards the shifts (coefficients, shifts)
+    factor: Floats  # Cholesky factor of the shifts' own system (shifts, shifts), lower
+
+    def variance(self, half: Floats) -> Floats:
+        """Of the places whose half of the system is given, (coefficients, n): (n,)."""
+        seen = solve_triangular(self.factor, self.along.T @ half, lower=True, check_finite=False)
+        return np.asarray(self.sigma**2 * np.square(seen).sum(axis=0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RadialSpline:
     """A fitted side surface."""
 
@@ -254,6 +177,7 @@ class RadialSpline:
     rows: SideEquations  # What it was fitted to
     system: SideSystem  # The system it solves
     stiffness: float  # Times the strengths of bending
+    drift: Drift | None = None  # What shifts of the touches leave in it, if they were estimated
 
     def squared(self, heights: Floats, turns: Floats) -> Floats:
         """Squared distance from the axis on a grid, (heights, turns), m^2."""
@@ -299,18 +223,26 @@ class RadialSpline:
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
         """Standard deviation of the surface across its rings on a grid, (heights, turns), m.
 
-        The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983): noise and
-        what the penalty lets move, not features narrower than the knots.
+        The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983): noise,
+        what the penalty lets move and the drift of the touches' shifts, not features narrower than
+        the knots.
         """
         along = along_basis().matrix(self._local(heights))
         rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
-        spread = self.system.spread(rows).reshape(len(heights), len(turns))
-        square = np.mean(self.misfits() ** 2) / self._spare
+        half = self.system.half(rows.T)
+        variance = self.square * np.square(half).sum(axis=0)
+        if self.drift is not None:
+            variance += self.drift.variance(half)
         # What one standard deviation more of the squared distance adds: spread over twice the
         # distance, but finite where the surface runs through the axis.
         squared = self.squared(heights, turns)
-        more = np.sqrt(square) * spread
+        more = np.sqrt(variance).reshape(squared.shape)
         return np.asarray(more / (np.sqrt(squared + more) + np.sqrt(squared)))
+
+    @property
+    def square(self) -> float:
+        """Mean squared misfit of a point, with the freedom spent counted out, m^2."""
+        return float(np.mean(self.misfits() ** 2)) / self._spare
 
     @property
     def _spare(self) -> float:

@@ -16,17 +16,14 @@ from palpate.core.rebuild.side.radial import (
     LEAST,
     SECTORS,
     SPANS,
-    RadialSpline,
     along_basis,
     bending_root,
     coverage_of,
     even_spans,
     fit_radial_spline,
-    fit_shifted_spline,
-    radial_fit,
-    stiffened,
     with_normals,
 )
+from palpate.core.rebuild.side.shifts import stiffened
 from palpate.core.rebuild.side.smoothing import bending_along
 
 Make = Callable[..., Any]
@@ -200,85 +197,6 @@ def test_halved_spans_follow_a_blunt_end_where_even_ones_swing(oracle, monkeypat
     for table in tables:
         table.cache_clear()
     assert halved < 2e-6 < 1e-5 < even
-
-
-POSE, TAXEL = 1e-4, 1e-5
-
-
-def patches(seed: int, touches: int = 120, pose: float = POSE) -> ContactPoints:
-    """Patches of 15 mm of a ball of 60 mm, each shifted as a whole, with noise on each taxel."""
-    rng = np.random.default_rng(seed)
-    centre = np.array([0.0, 0.0, 0.03])
-    out = rng.normal(size=(touches, 3))
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    aside = rng.uniform(-0.25, 0.25, (touches, 80, 3))
-    normals = out[:, None] + aside
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    shifts = pose * rng.normal(size=(touches, 1, 3))
-    points = centre + 0.03 * normals + shifts + TAXEL * rng.normal(size=(touches, 80, 1)) * normals
-    touch = np.repeat(np.arange(touches, dtype=np.int32), 80)
-    return ContactPoints(points.reshape(-1, 3), normals.reshape(-1, 3), touch)
-
-
-def error(spline: RadialSpline) -> float:
-    heights = np.linspace(0.008, 0.052, 30)
-    wanted = np.sqrt(0.03**2 - (heights - 0.03) ** 2)[:, None]
-    off: Floats = (np.sqrt(spline.squared(heights, TURNS)) - wanted) * wanted / 0.03
-    return float(np.sqrt(np.mean(off**2)))
-
-
-def test_shifts_of_touches_are_found_with_the_surface():
-    contacts = patches(0)
-    plain = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
-    shifted, sigma = fit_shifted_spline(contacts, plain)
-    assert error(shifted) < 0.7 * error(plain)
-    assert shifted.sigma < 2.0 * TAXEL
-    assert 0.6 * POSE < sigma < 1.3 * POSE
-
-
-@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.slow)])
-def test_the_band_of_a_shifted_spline_holds_the_surface(seeds):
-    within = []
-    for seed in range(seeds):
-        contacts = patches(seed)
-        plain = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
-        shifted, sigma = fit_shifted_spline(contacts, plain)
-        x, y, z = contacts.points.T
-        seen = coverage_of(z, np.arctan2(y, x) / (2 * np.pi))
-        assert seen is not None
-        fit = radial_fit(shifted, seen, sigma, (0.008, 0.052), False)
-        wanted = np.sqrt(0.03**2 - (fit.band_heights - 0.03) ** 2)[:, None]
-        off = np.sqrt(shifted.squared(fit.band_heights, TURNS)) - wanted
-        within.append(np.abs(off * wanted / 0.03) < 1.96 * fit.band[:, None])
-    assert 0.9 < np.mean(within) <= 1.0
-
-
-def test_without_noise_no_shift_is_looked_for():
-    contacts = patches(1, pose=0.0)
-    exact = contacts._replace(
-        points=np.array([0.0, 0.0, 0.03]) + 0.03 * np.asarray(contacts.normals)
-    )
-    plain = fit_radial_spline(exact, upright(), 0.0, HEIGHT)
-    shifted, sigma = fit_shifted_spline(exact, plain)
-    assert shifted is plain and sigma is None
-
-
-def test_edges_are_not_taken_for_shifts() -> None:
-    # What a spline leaves of edges is no shift: waves within each touch.
-    contacts = patches(2, pose=0.0)
-    normals = np.asarray(contacts.normals)
-    waves = 1e-4 * np.sin(4000.0 * contacts.points @ np.array([1.0, 0.3, 0.7]))
-    rough = contacts._replace(points=contacts.points + waves[:, None] * normals)
-    plain = fit_radial_spline(rough, upright(), 0.0, HEIGHT)
-    assert fit_shifted_spline(rough, plain)[1] is None
-
-
-def test_a_few_touches_are_not_shifted_but_smoothed():
-    contacts = patches(3, touches=120)
-    one = contacts._replace(touch=np.zeros(len(contacts.points), np.int32))
-    plain = fit_radial_spline(one, upright(), 0.0, HEIGHT)
-    shifted, sigma = fit_shifted_spline(one, plain)
-    assert sigma is None and shifted.stiffness >= plain.stiffness
 
 
 COVERAGE_TURNS = (np.arange(SECTORS) + 0.5) / SECTORS
