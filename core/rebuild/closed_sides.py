@@ -36,6 +36,7 @@ from palpate.core.rebuild.side import (
     RadialSpline,
     SidePatch,
     Uncertainty,
+    bridged,
     coverage_of,
     fit_axis_curve,
     fit_contour_loft,
@@ -224,6 +225,7 @@ def _rows_between(
         seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
         if len(plain.rows.heights) < FEWEST or seen is None:
             return None
+        plain = bridged(contacts, plain)
         spline, pose = fit_shifted_spline(contacts, plain, step)
     with step("ends"):
         bottom = touched_end(contacts, float(levels[0]), -1.0, pose, bottom)

@@ -141,13 +141,18 @@ class SideSystem:
 
 
 def side_system(
-    rows: csr_array, turns: int, along: tuple[Floats, Floats], around: float
+    rows: csr_array,
+    turns: int,
+    along: tuple[Floats, Floats],
+    around: float,
+    tension: csr_array | None = None,
 ) -> SideSystem:
     """Least squares of rows (n, along * around), penalised, with `turns` coefficients around.
 
     `along` is the strength of the bending along, from knot to knot, (spans,), with the root of the
-    bending, (r, along); `around` the strength of the bending around. Of strength 1, a penalty has
-    the mean diagonal of the equations.
+    bending, (r, along); `around` the strength of the bending around. `tension` is the root of one
+    more penalty, (m, along * around). Of strength 1, a penalty has the mean diagonal of the
+    equations.
     """
     normal = csr_array(rows.T @ rows)
     band = banded(normal, _width(turns))
@@ -157,6 +162,8 @@ def side_system(
     weighted = np.repeat(np.sqrt(strengths), len(root) // len(strengths))[:, None] * root
     form = csr_array(weighted.T @ weighted / (np.square(root).sum() / root.shape[1]))
     band += mean * banded(csr_array(kron(form, eye_array(turns))), _width(turns))
+    if tension is not None:
+        band += mean * banded(csr_array(tension.T @ tension), _width(turns))
     band[0] += mean * RIDGE
     sums = np.abs(band).sum(axis=0)
     norm = float(2.0 * sums.max())

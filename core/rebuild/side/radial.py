@@ -9,16 +9,18 @@ does the surface between them: its deviation holds both, and is taken all around
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.sparse import kron
+from scipy.sparse import csr_array, kron
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from palpate.core.arrays import Floats, Ints, probable_error_sigma
-from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.contours import ContactPoints, taxel_pitch
 from palpate.core.rebuild.side.equations import (
     AxisCurve,
     SideEquations,
@@ -32,8 +34,10 @@ from palpate.core.rebuild.side.smoothing import bending_along
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
 BANDS, BAND_TURNS = 25, 24  # Heights at which the deviation is given, turns of its average
+GAP_ROWS = 4  # Rows about each of those heights in which gaps are looked for
 # Of the touches' pose error: what it leaves at least where the side turns level, and in ends.
 POSE_LEFT = 0.4
+FEWEST_TAXELS = 12  # Taxels of a touch: of fewer in half of them, they tell no shifts and no gaps
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
 FINE_SECTORS = 360  # Those in which the outermost heights are told
 TINY = 0.02  # Of the height that was touched: a stretch without a point that is lower is none
@@ -42,6 +46,10 @@ AROUND = 96  # Coefficients around
 # strong that what lies farther off bridges the gap, not the last points before it alone.
 TOUCHED, UNTOUCHED = 1e-3, 1e-2
 BESIDE = 2  # Spans on either side of one that was not touched for which the same holds
+# Of gaps, in pitches of the taxels: how near to one a place was touched, and the radius of a circle
+# without one from which on it is a gap; and the share of a ring that must be touched for it.
+NEAR, WIDE, MOSTLY = 1.0, 3.5, 0.8
+TENSION = 0.03  # Strength with which gaps are bridged
 HOLES = 0.1  # Share of them that may be without a point in a span that was touched
 BENDING_AROUND = 1e-2  # Strength of bending around
 LEAST = 1e-6  # Smallest squared distance ever given, over that of the median
@@ -99,6 +107,10 @@ def radial_fit(
     """What is kept of a spline between two heights, the `reach`, m."""
     heights = np.linspace(*reach, BANDS)
     deviation = spline.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
+    # No gap may lie between places: those of the gaps are closer together than a gap is wide.
+    beside = (heights[1] - heights[0]) * (np.arange(GAP_ROWS) + 0.5 - 0.5 * GAP_ROWS) / GAP_ROWS
+    rows = np.clip((heights[:, None] + beside).ravel(), *reach)
+    gaps = gap_widths(spline, rows, np.arange(AROUND) / AROUND).reshape(BANDS, -1)
     return RadialFit(
         points=len(spline.rows.touch),
         rms=float(np.sqrt(np.mean(spline.misfits() ** 2))),
@@ -112,7 +124,7 @@ def radial_fit(
         highs=seen.highs,
         gaps=seen.gaps,
         band_heights=heights,
-        band=np.sqrt(np.mean(deviation**2, axis=1)),
+        band=np.sqrt(np.mean(deviation**2, axis=1) + np.mean(gaps**2, axis=1)),
     )
 
 
@@ -177,6 +189,7 @@ class RadialSpline:
     rows: SideEquations  # What it was fitted to
     system: SideSystem  # The system it solves
     stiffness: float  # Times the strengths of bending
+    tension: csr_array | None = None  # Root of what bridges gaps, if there are any
     drift: Drift | None = None  # What shifts of the touches leave in it, if they were estimated
 
     def squared(self, heights: Floats, turns: Floats) -> Floats:
@@ -239,6 +252,12 @@ class RadialSpline:
         more = np.sqrt(variance).reshape(squared.shape)
         return np.asarray(more / (np.sqrt(squared + more) + np.sqrt(squared)))
 
+    def refitted(self, contacts: ContactPoints, stiffness: float = 1.0) -> RadialSpline:
+        """To other contact points, over the same heights and gaps."""
+        return fit_radial_spline(
+            contacts, self.axis_curve, self.low, self.high, stiffness, self.tension
+        )
+
     @property
     def square(self) -> float:
         """Mean squared misfit of a point, with the freedom spent counted out, m^2."""
@@ -253,12 +272,18 @@ class RadialSpline:
 
 
 def fit_radial_spline(
-    contacts: ContactPoints, axis_curve: AxisCurve, low: float, high: float, stiffness: float = 1.0
+    contacts: ContactPoints,
+    axis_curve: AxisCurve,
+    low: float,
+    high: float,
+    stiffness: float = 1.0,
+    tension: csr_array | None = None,
 ) -> RadialSpline:
     """Fit the side surface between two heights, m, to contact points with normals.
 
     Those outside the heights, or on level faces, are left out. `stiffness` is how much more bending
-    costs than it does without noise. Raises ValueError if no point is left.
+    costs than it does without noise; `tension` see `bridged`. Raises ValueError if no point is
+    left.
     """
     along, around = along_basis(), PeriodicBasis(AROUND)
     rows = side_equations(contacts, axis_curve, low, high, along, around)
@@ -271,9 +296,62 @@ def fit_radial_spline(
     near = np.convolve(untouched, np.ones(2 * BESIDE + 1), mode="same") > 0.5
     strengths = np.where(near, UNTOUCHED, TOUCHED)[even_spans()]
     bending = stiffness * strengths, bending_root()
-    system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND)
+    system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND, tension)
     found = system.solve(rows.matrix.T @ rows.target).reshape(along.count, AROUND)
-    return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness)
+    return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness, tension)
+
+
+def bridged(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
+    """The spline, drawn over gaps as a skin is: from all their borders, not on from any slope.
+
+    What the touches beside a gap slope to would else be carried on, to the axis and beyond.
+    """
+    heights = spline.low + (spline.high - spline.low) * along_basis().greville()
+    gaps = gap_widths(spline, heights, PeriodicBasis(AROUND).greville()) > 0.0
+    if not gaps.any():
+        return spline
+    numbers = np.arange(gaps.size).reshape(gaps.shape)
+    beside = numbers, np.roll(numbers, -1, axis=1)
+    above = numbers[:-1], numbers[1:]
+    pairs = np.concatenate([np.stack(each, axis=-1).reshape(-1, 2) for each in (beside, above)])
+    pairs = pairs[gaps.ravel()[pairs].any(axis=1)]
+    values = np.broadcast_to(np.sqrt(TENSION) * np.array([-1.0, 1.0]), pairs.shape)
+    pointers = np.arange(0, pairs.size + 1, 2)
+    tension = csr_array((values.ravel(), pairs.ravel(), pointers), shape=(len(pairs), gaps.size))
+    return replace(spline, tension=tension).refitted(contacts, spline.stiffness)
+
+
+def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
+    """How wide gaps are at places on a grid: twice the way to a taxel, (heights, turns), m.
+
+    What hides there may be as deep as it is wide. A gap is a circle without a taxel, wide enough,
+    about a place in a ring of which most was touched: what lies between such rings is told by
+    curves. 0 beside gaps.
+    """
+    rows = spline.rows
+    nowhere = np.zeros((len(heights), len(turns)))
+    if np.median(np.bincount(rows.touch)) < FEWEST_TAXELS:
+        return nowhere
+    rings = np.linspace(spline.low, spline.high, 2 * SPANS)
+    around = np.arange(AROUND) / AROUND
+    middles = np.sqrt(np.median(spline.squared(rings, around), axis=1))
+
+    def unrolled(heights: Floats, turns: Floats) -> Floats:
+        """On rings as wide as those of the spline are on average: its own may plunge in gaps."""
+        radius, angle = np.interp(heights, rings, middles), 2.0 * np.pi * turns
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), heights])
+
+    taxels = ContactPoints(unrolled(rows.heights, rows.places[:, 1]), None, rows.touch)
+    pitch, tree = taxel_pitch(taxels), cKDTree(taxels.points)
+    centres = unrolled(np.repeat(rings, AROUND), np.tile(around, len(rings)))
+    radii = np.asarray(tree.query(centres)[0])
+    touched = np.mean(radii.reshape(len(rings), -1) < NEAR * pitch, axis=1) > MOSTLY
+    wide = (radii > WIDE * pitch) & np.repeat(touched, AROUND)
+    if not wide.any():
+        return nowhere
+    places = unrolled(np.repeat(heights, len(turns)), np.tile(turns, len(heights)))
+    inside = (cdist(places, centres[wide]) < radii[wide]).any(axis=1)
+    return np.where(inside, 2.0 * np.asarray(tree.query(places)[0]), 0.0).reshape(nowhere.shape)
 
 
 @lru_cache(maxsize=1)

@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 
 from palpate.core.arrays import Floats, probable_error_sigma
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.side.radial import Drift, RadialSpline, fit_radial_spline
+from palpate.core.rebuild.side.radial import FEWEST_TAXELS, Drift, RadialSpline
 from palpate.core.steps import Steps, no_steps
 
 SWEEPS = 3  # Fits, each about the points as the shifts before have moved them
@@ -27,7 +27,7 @@ SWEEPS = 3  # Fits, each about the points as the shifts before have moved them
 STRICTNESS, TOGETHER = 0.1, 8.0
 # Of the height: less noise, or smaller shifts, are not looked into; nothing is smoothed for them.
 WORTHWHILE = 3e-5
-FEWEST_TOUCHES, FEWEST_TAXELS = 8, 12  # Fewer, or as few in half of them, tell no shifts
+FEWEST_TOUCHES = 8  # Fewer tell no shifts
 ITERATIONS, ENOUGH = 60, 1e-4  # Of the conjugate gradients, and the residual at which they end
 STIFFER, MOST_STIFFER = 10.0, 5  # Steps of stiffness where there is noise, and their number
 MOST_WHOLE = 400  # Touches whose drift is told in all directions; of more, along their normals
@@ -51,27 +51,24 @@ def fit_shifted_spline(
     for _ in range(0 if few else SWEEPS):
         shifts += _more_shifts(spline, shifts, strictness)
         moved = contacts._replace(points=contacts.points - shifts[contacts.touch])
-        spline = fit_radial_spline(moved, plain.axis_curve, plain.low, plain.high)
+        spline = plain.refitted(moved)
         pose = probable_error_sigma(
             np.einsum("ni,ni->n", spline.rows.normals, shifts[spline.rows.touch])
         )
         if not pose > least:
             break
         strictness = TOGETHER * spline.square / pose**2
-    shifted = pose > least
     with step("cross-validation"):
-        spline = stiffened(moved, spline) if shifted else stiffened(contacts, plain)
-    if not shifted:
-        return spline, None
+        if not pose > least:
+            return stiffened(contacts, plain), None
+        spline = stiffened(moved, spline)
     return replace(spline, drift=_drift(spline, len(shifts), strictness, pose)), pose
 
 
 def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
     """The spline as stiff as its points ask for: at least as stiff as it is."""
     for _ in range(MOST_STIFFER):
-        stiffer = fit_radial_spline(
-            contacts, spline.axis_curve, spline.low, spline.high, STIFFER * spline.stiffness
-        )
+        stiffer = spline.refitted(contacts, STIFFER * spline.stiffness)
         if not stiffer.score < spline.score:
             break
         spline = stiffer

@@ -23,7 +23,7 @@ from palpate.bench.scaling.ablation import (
 from palpate.bench.scaling.growth import touched_contours
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.side import radial
+from palpate.core.rebuild.side import shifts
 from palpate.core.rebuild.solid import Solid
 from palpate.core.touch.curvature import ALONG_ROWS
 from palpate.core.touch.pad import Pad
@@ -122,7 +122,7 @@ def test_without_cross_validation_noise_is_followed():
     contours = list(noisy_contours(CASE, (12, 48), 0.5, np.random.default_rng(0)))
     smooth = reconstruct(contours, method="skin").health()["sigma"]
     with without(NAMED["cross-validation"]):
-        assert radial.stiffened(None, "as it is") == "as it is"
+        assert shifts.stiffened(None, "as it is") == "as it is"
         assert reconstruct(contours, method="skin").health()["sigma"] < 0.2 * smooth
 
 

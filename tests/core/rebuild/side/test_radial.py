@@ -18,9 +18,12 @@ from palpate.core.rebuild.side.radial import (
     SPANS,
     along_basis,
     bending_root,
+    bridged,
     coverage_of,
     even_spans,
     fit_radial_spline,
+    gap_widths,
+    radial_fit,
     with_normals,
 )
 from palpate.core.rebuild.side.shifts import stiffened
@@ -197,6 +200,82 @@ def test_halved_spans_follow_a_blunt_end_where_even_ones_swing(oracle, monkeypat
     for table in tables:
         table.cache_clear()
     assert halved < 2e-6 < 1e-5 < even
+
+
+PITCH = 1e-3
+
+
+def with_gap(width: float, height: float = 0.03, turn: float = 0.02) -> ContactPoints:
+    """A ball of 60 mm, touched every mm all around but in a circle of a width, m, on its side.
+
+    Next to that its surface falls into a pit.
+    """
+    angle, level = 2 * np.pi * np.arange(188) / 188, np.arcsin(np.linspace(-0.97, 0.97, 61))
+    at = np.stack(np.meshgrid(level, angle), axis=-1).reshape(-1, 2)
+    out = np.column_stack(
+        [np.cos(at[:, 0]) * np.cos(at[:, 1]), np.cos(at[:, 0]) * np.sin(at[:, 1]), np.sin(at[:, 0])]
+    )
+    points = np.array([0.0, 0.0, 0.03]) + 0.03 * out
+    azimuth, rise = 2 * np.pi * turn, (height - 0.03) / 0.03
+    level = np.sqrt(1 - rise**2)
+    centre = np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise])
+    towards = centre - out * (out @ centre)[:, None]
+    away = np.linalg.norm(towards, axis=1)
+    apart = 0.03 * np.arccos(np.clip(out @ centre, -1, 1))
+    into = np.clip(1 - (apart - 0.5 * width) / 1.5e-3, 0, 1) * (width > 0.0)
+    normals = out + (2.0 * into / np.maximum(away, 1e-9))[:, None] * towards
+    points -= (1.5e-3 * into**2)[:, None] * out
+    kept = apart >= 0.5 * width
+    touch = (np.arange(len(points)) // 100)[kept]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return ContactPoints(points[kept], normals[kept], np.unique(touch, return_inverse=True)[1])
+
+
+@pytest.mark.parametrize(("height", "turn"), [(0.03, 0.02), (0.0313, 0.479), (0.02, 0.6)])
+def test_a_gap_has_a_deviation_of_its_size_wherever_it_lies(height: float, turn: float) -> None:
+    told = {}
+    for width in (0.0, 0.012):
+        contacts = with_gap(width, height, turn)
+        spline = bridged(contacts, fit_radial_spline(contacts, upright(), 0.0, HEIGHT))
+        seen = coverage_of(spline.rows.heights, spline.rows.places[:, 1])
+        assert seen is not None
+        fit = radial_fit(spline, seen, None, (0.004, 0.056), False)
+        told[width] = np.sqrt(np.interp(height, fit.band_heights, fit.band**2))
+    # The share of the ring that it takes, and what a cone of its width has on average across.
+    ring = 2 * np.pi * np.sqrt(0.03**2 - (height - 0.03) ** 2)
+    expected = 0.012 * np.sqrt(0.012 / ring / 3)
+    assert told[0.0] < 1e-5
+    assert told[0.012] == pytest.approx(expected, rel=0.4)
+
+
+def test_gaps_are_bridged_and_not_carried_on_to_the_axis() -> None:
+    contacts = with_gap(0.014)
+    plain = fit_radial_spline(contacts, upright(), 0.0, HEIGHT)
+    across = np.linspace(-0.04, 0.08, 25)
+    plunging, skin = (
+        np.sqrt(one.squared(np.array([0.03]), across)).min()
+        for one in (plain, bridged(contacts, plain))
+    )
+    assert skin > 0.02
+    assert plunging < 0.5 * skin
+
+
+def test_what_lies_between_touched_rings_is_no_gap() -> None:
+    contacts = with_gap(0.0)
+    z = contacts.points[:, 2]
+    apart = contacts._replace(
+        **{name: getattr(contacts, name)[np.abs(z - 0.03) > 0.006] for name in contacts._fields}
+    )
+    spline = fit_radial_spline(apart, upright(), 0.0, HEIGHT)
+    assert not gap_widths(spline, np.linspace(0.004, 0.056, 27), TURNS).any()
+    assert bridged(apart, spline) is spline
+
+
+def test_single_points_tell_of_no_gaps() -> None:
+    contacts = with_gap(0.012)
+    each = contacts._replace(touch=np.arange(len(contacts.points)))
+    spline = fit_radial_spline(each, upright(), 0.0, HEIGHT)
+    assert not gap_widths(spline, np.array([0.03]), TURNS).any()
 
 
 COVERAGE_TURNS = (np.arange(SECTORS) + 0.5) / SECTORS
