@@ -6,6 +6,7 @@ A filter like ``touch > 3 and outcome == 'hit'`` compares fields with values, jo
 
 from __future__ import annotations
 
+import ast
 import csv
 import io
 import json
@@ -36,23 +37,17 @@ QUIET_TIME = 3.0  # If nothing has come for so long, that is told, s
 Echo = Callable[[str], None]
 MessageFilter = Callable[[Mapping[str, Any]], bool]  # Whether a message, by its fields, is wanted
 MAX_FILTER_LENGTH = 1000  # Longest filter, characters
-MAX_FILTER_DEPTH = 20  # Most brackets within brackets
-_OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<=": operator.le,
-    ">=": operator.ge,
-    "<": operator.lt,
-    ">": operator.gt,
+_OPERATORS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.LtE: operator.le,
+    ast.GtE: operator.ge,
+    ast.Lt: operator.lt,
+    ast.Gt: operator.gt,
 }
-_WORDS = {"true": True, "True": True, "false": False, "False": False, "null": None, "None": None}
-_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_WORDS = {"true": True, "false": False, "null": None}
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 PATH_PATTERN = rf"{_NAME}(?:\.{_NAME}|\[[0-9]+\])*"  # Pattern of a path
-_TOKEN = re.compile(
-    rf"\s*(?:(?P<op>[=!<>]=|[<>])|(?P<bracket>[()])|(?P<number>{_NUMBER}(?![\w.]))"
-    rf"|(?P<text>'[^']*'|\"[^\"]*\")|(?P<word>{PATH_PATTERN}))\s*"
-)
 _SHAPE = "a filter looks like touch > 3 and (outcome == 'hit' or pose[2] < 0.01)"
 _STEP = re.compile(rf"\.?({_NAME})|\[([0-9]{{1,9}})\]")
 
@@ -295,94 +290,43 @@ def read_filter(text: str, cls: type) -> MessageFilter:
     """A filter for messages of one type; raises ValueError if it is none, or lacks a field."""
     if len(text) > MAX_FILTER_LENGTH:
         raise ValueError(f"a filter has at most {MAX_FILTER_LENGTH} characters, got {len(text)}")
-    reader = _Reader(_tokens(text), cls)
-    wanted = reader.either()
-    if reader.next()[0]:
-        raise ValueError(f"--filter: {reader.next()[1]!r} is one too many; {_SHAPE}")
-    return wanted
+    source = text.strip()
+    try:
+        tree = ast.parse(source, mode="eval")  # read, and never run
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ValueError(f"--filter: cannot read {source!r:.60}; {_SHAPE}") from None
+    return _filter_of(source, tree.body, cls)
 
 
-def _tokens(text: str) -> list[tuple[str, str]]:
-    found, at = [], len(text) - len(text.lstrip())
-    while at < len(text):
-        match = _TOKEN.match(text, at)
-        if match is None:
-            raise ValueError(f"--filter: cannot read {text[at : at + 20]!r}; {_SHAPE}")
-        kind = str(match.lastgroup)
-        found.append((kind, match[kind]))
-        at = match.end()
-    return found
+def _filter_of(source: str, node: ast.expr, cls: type) -> MessageFilter:
+    """What one part of a filter wants: comparisons, joined by ``and`` or ``or``."""
+    match node:
+        case ast.BoolOp(op=op, values=values):
+            parts = [_filter_of(source, one, cls) for one in values]
+            joined = all if isinstance(op, ast.And) else any
+            return lambda fields: joined(part(fields) for part in parts)
+        case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _OPERATORS:
+            path = read_path(_written(source, left), cls)
+            return _comparison(path, _OPERATORS[type(op)], _constant(source, right))
+    raise ValueError(f"--filter: {_written(source, node)!r:.60} is no comparison; {_SHAPE}")
 
 
-class _Reader:
-    """Reads a filter from left to right; ``and`` binds more tightly than ``or``."""
+def _constant(source: str, node: ast.expr) -> Any:
+    match node:
+        case ast.Name(id=word) if word in _WORDS:
+            return _WORDS[word]
+        case ast.Constant(value=None | int() | float() | str() as value):
+            return value
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
+            return -value
+        case ast.UnaryOp(op=ast.UAdd(), operand=ast.Constant(value=int() | float() as value)):
+            return value
+    got = _written(source, node)
+    raise ValueError(f"--filter: expected a number, 'text', true, false or null; got {got!r:.60}")
 
-    def __init__(self, tokens: list[tuple[str, str]], cls: type) -> None:
-        self._tokens, self._cls, self._at, self._depth = tokens, cls, 0, 0
 
-    def next(self) -> tuple[str, str]:
-        """Kind and text of what is read next; empty at the end."""
-        return self._tokens[self._at] if self._at < len(self._tokens) else ("", "")
-
-    def either(self) -> MessageFilter:
-        """Parts joined by ``or``."""
-        parts = [self._all()]
-        while self._took("word", "or"):
-            parts.append(self._all())
-        return lambda fields: any(part(fields) for part in parts)
-
-    def _all(self) -> MessageFilter:
-        parts = [self._one()]
-        while self._took("word", "and"):
-            parts.append(self._one())
-        return lambda fields: all(part(fields) for part in parts)
-
-    def _one(self) -> MessageFilter:
-        if self._took("bracket", "("):
-            return self._bracket()
-        path = read_path(self._take("word", "a field"), self._cls)
-        compare = _OPERATORS[self._take("op", f"one of {' '.join(_OPERATORS)}")]
-        return _comparison(path, compare, self._value())
-
-    def _bracket(self) -> MessageFilter:
-        self._depth += 1
-        if self._depth > MAX_FILTER_DEPTH:
-            raise ValueError(
-                f"--filter: more than {MAX_FILTER_DEPTH} brackets within brackets; {_SHAPE}"
-            )
-        inner = self.either()
-        if not self._took("bracket", ")"):
-            raise ValueError(f"--filter: a bracket is not closed; {_SHAPE}")
-        self._depth -= 1
-        return inner
-
-    def _value(self) -> Any:
-        kind, text = self.next()
-        if kind == "number":
-            self._at += 1
-            return int(text) if text.lstrip("+-").isdigit() else float(text)
-        if kind == "text":
-            self._at += 1
-            return text[1:-1]
-        if kind == "word" and text in _WORDS:
-            self._at += 1
-            return _WORDS[text]
-        got = f"got {text!r}" if kind else "it ends there"
-        raise ValueError(f"--filter: expected a number, 'text', true, false or null; {got}")
-
-    def _take(self, kind: str, what: str) -> str:
-        got, text = self.next()
-        if got != kind:
-            came = f"got {text!r}" if got else "it ends there"
-            raise ValueError(f"--filter: expected {what}; {came}; {_SHAPE}")
-        self._at += 1
-        return text
-
-    def _took(self, kind: str, text: str) -> bool:
-        if self.next() != (kind, text):
-            return False
-        self._at += 1
-        return True
+def _written(source: str, node: ast.expr) -> str:
+    return ast.get_source_segment(source, node) or ""
 
 
 def read_path(text: str, cls: type) -> FieldPath:
