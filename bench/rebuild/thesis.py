@@ -1,16 +1,10 @@
-"""The thesis's reconstruction and ours, on its two examples and on recordings; its deformation.
+"""The thesis's reconstruction and ours, on its two examples and on recordings.
 
 The examples stand in for the two objects that the thesis only draws: one turned and lobed, with
 27 contours of 81 points at even heights, one smoother, with 24 contours of 41 points. The first
 point of each contour comes again at its end, and each begins at azimuth -pi, as the thesis's
 program needs. Errors are over the height, of the whole solid; `side` counts from the first contour
 to the last alone, for nobody has told the thesis where an end is.
-
-Free-form deformation is that of section 5.3.1: an ellipsoid in a lattice that is bent to a zig-zag.
-What the thesis shows by one picture each is counted here as the lattice grows: how well the body
-follows the lattice with a Bernstein basis and with cubic NURBS (their weights one, for the thesis
-names none), and what each costs. The zig-zag's layers are shifted in turn; below, the lattice is
-drawn out and gets narrower linearly. Lengths are over the half height of the ellipsoid.
 """
 
 from __future__ import annotations
@@ -26,13 +20,13 @@ import numpy as np
 
 from palpate.bench.objects import WAVY, RoundObject, closed_mesh
 from palpate.bench.rebuild.peers import MeshErrors, TrueSurface, loft_rings, truth_of_mesh
-from palpate.bench.table import Figure, Row, best_seconds, figure, figure_of, run_scene
-from palpate.core import Floats, splines, thesis, transform_points
+from palpate.bench.table import Figure, best_seconds, figure_of, run_scene
+from palpate.core import Floats, thesis, transform_points
 from palpate.core.explore.planners import EXTENT, PlannerTrial, Thesis, run_planner
 from palpate.core.geometry import nearest_points, prepare_surface, solidity
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.contours import into_frame
-from palpate.core.shapes import Mesh, Superquadric
+from palpate.core.shapes import Mesh
 from palpate.launch import find_bag
 from palpate.launch.files import InputError, MeasuredContours, read_points
 from palpate.messages import decode
@@ -53,15 +47,6 @@ ROUNDS = 2  # The better of which is the time
 STEPS = np.geomspace(0.03, 0.3, 400)  # Largest steps among which the 24 contours are looked for
 ANY_ERROR = 0.5  # The thesis's rule does not look at what is asked for
 LEAST_SHARE = 0.25  # Of the largest step: the smallest
-SIZES = ((4, 4, 10), (6, 6, 20), (8, 8, 40))  # Control points along x, y and z
-LEVEL, QUICK_LEVEL = 5, 4  # Of the ellipsoid's mesh
-HALVES = np.array([0.5, 0.4, 1.0])  # Of the ellipsoid
-MARGIN = 1.1  # Of the lattice's box over the ellipsoid's
-CORNERS = np.array([-1.1, -0.3, 0.0, 0.3, 0.6, 0.9, 1.1])  # Heights of the zig-zag's corners
-SHIFTS = np.array([0.0, 0.0, 0.3, -0.3, 0.3, -0.3, 0.0])  # Along x
-DRAWN, NARROW = 1.6, 0.5  # Below the zig-zag: times as long, and so wide at the bottom
-HEIGHTS = 400  # Of the middle line at which it is compared with the lattice's
-DEFORM_ROUNDS = 3
 
 
 class ThesisFigures(NamedTuple):
@@ -108,7 +93,7 @@ class ThesisVariant(NamedTuple):
     most: float = np.inf  # Chamfer distance that is demanded; infinite for comparison only
 
 
-def thesis_rows(quick: bool) -> Iterator[ThesisFigures | Row | str]:
+def thesis_rows(quick: bool) -> Iterator[ThesisFigures | str]:
     """Errors and times of both examples, of the second with its own steps, and with noise."""
     yield HEAD
     with single_threaded():
@@ -226,7 +211,7 @@ def _smooth(height: Floats, azimuth: Floats) -> Floats:
     return np.asarray(outline * (1.0 + 0.15 * np.cos(2.0 * azimuth)))
 
 
-def recorded_rows(quick: bool, runs: Sequence[Path] = ()) -> Iterator[ThesisFigures | Row | str]:
+def recorded_rows(quick: bool, runs: Sequence[Path] = ()) -> Iterator[ThesisFigures | str]:
     """The thesis's way and ours on the same recordings; a few are made here if none are given.
 
     Raises InputError if one cannot be read, holds too little, or does not hold the truth.
@@ -319,90 +304,3 @@ SECOND = Example(
     "example 2", RoundObject(_smooth), np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 24)), 41
 )
 EXAMPLES = (FIRST, SECOND)
-
-
-class Deformed(NamedTuple):
-    """A lattice before and after, and how parameters of points (n, 3) are found in the first."""
-
-    before: splines.SplineVolume
-    after: splines.SplineVolume
-    invert: Callable[[splines.SplineVolume, Floats], Floats]
-
-    def points(self, points: Floats) -> Floats:
-        """Points (n, 3) that were deformed."""
-        return self.after.at(self.invert(self.before, points))
-
-
-def deformation_rows(quick: bool) -> Iterator[Row]:
-    """How far the middle line is from the zig-zag, and times; a coarser mesh if quick."""
-    points = Superquadric(HALVES, np.ones(2)).mesh(QUICK_LEVEL if quick else LEVEL).vertices
-    yield Row("points that are deformed", str(len(points)))
-    with single_threaded():
-        for size in SIZES:
-            head, times = " x ".join(map(str, size)), dict[tuple[str, str], float]()
-            for basis, whose in INVERSIONS:
-                way = zigzagged(size, basis, whose)
-                if whose == "palpate":
-                    title = f"{head}, {basis}: middle line off the zig-zag"
-                    yield figure(title, straying(way), ".1%", " of amplitude")
-                seconds = times[basis, whose] = best_seconds(
-                    partial(way.points, points), DEFORM_ROUNDS
-                )
-                yield figure(f"{head}, {basis}, {whose}", 1e3 * seconds, ".1f", " ms")
-            for whose in ("thesis", "palpate"):
-                ratio = times["NURBS", whose] / times["Bernstein", whose]
-                title = f"{head}, {whose}: NURBS over Bernstein"
-                yield figure(title, ratio, ".2f", " x", kind="time")
-
-
-def straying(way: Deformed) -> float:
-    """Root mean square distance along x of the middle line from the zig-zag, over its amplitude."""
-    heights = np.linspace(CORNERS[1], 1.0, HEIGHTS)
-    line = np.column_stack([np.zeros(HEIGHTS), np.zeros(HEIGHTS), heights])
-    found = way.points(line)
-    wanted = np.interp(found[:, 2], CORNERS, SHIFTS)
-    return float(np.sqrt(((found[:, 0] - wanted) ** 2).mean()) / SHIFTS.max())
-
-
-def zigzag(control: Floats) -> Floats:
-    """Control points (..., 3) moved to the zig-zag and drawn out below it."""
-    moved, height = control.copy(), control[..., 2]
-    below = np.clip((CORNERS[1] - height) / (CORNERS[1] - CORNERS[0]), 0.0, 1.0)
-    moved[..., :2] *= (1.0 - (1.0 - NARROW) * below)[..., None]
-    moved[..., 0] += np.interp(height, CORNERS, SHIFTS)
-    moved[..., 2] -= (DRAWN - 1.0) * np.maximum(CORNERS[1] - height, 0.0)
-    return moved
-
-
-def zigzagged(size: tuple[int, int, int], basis: str, whose: str) -> Deformed:
-    """A lattice with control points at even steps, (2.19), as the thesis has it, or as Greville."""
-    degrees = [count - 1 if basis == "Bernstein" else splines.CUBIC for count in size]
-    s, t, u = (splines.clamped_basis(*pair) for pair in zip(size, degrees, strict=True))
-    even = whose == "thesis"
-    control = BOX.even_control(size) if even else BOX.greville_control((s, t, u))
-    weights = None if basis == "Bernstein" else np.ones(size)
-    before, after = (
-        splines.SplineVolume(places, (s, t, u), weights) for places in (control, zigzag(control))
-    )
-    return Deformed(before, after, INVERSIONS[basis, whose])
-
-
-def _closed_form(volume: splines.SplineVolume, points: Floats) -> Floats:
-    return BOX.local(points)  # (2.18): even steps are a Bernstein basis' Greville abscissae
-
-
-def _newton(volume: splines.SplineVolume, points: Floats) -> Floats:
-    return thesis.invert_thesis(volume, points).parameters
-
-
-def _exact(volume: splines.SplineVolume, points: Floats) -> Floats:
-    return splines.invert_points(volume, points).parameters
-
-
-BOX = splines.upright_parallelepiped(-MARGIN * HALVES, 2.0 * MARGIN * HALVES)
-INVERSIONS: dict[tuple[str, str], Callable[[splines.SplineVolume, Floats], Floats]] = {
-    ("Bernstein", "thesis"): _closed_form,
-    ("NURBS", "thesis"): _newton,
-    ("Bernstein", "palpate"): _exact,
-    ("NURBS", "palpate"): _exact,
-}

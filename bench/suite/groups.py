@@ -84,10 +84,9 @@ BENCHES: Mapping[str, Bench] = {
     ),
     "thesis": Bench(
         "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
-        "rebuilt its way and ours, and its free-form deformation",
+        "rebuilt its way and ours",
         {
             "examples": "rebuild.thesis:thesis_rows",
-            "deformation": "rebuild.thesis:deformation_rows",
             "recorded": "rebuild.thesis:recorded_rows",
         },
     ),

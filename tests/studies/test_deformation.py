@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.rebuild import thesis as deformation
-from palpate.bench.rebuild.thesis import (
+from tests.studies import deformation
+from tests.studies.deformation import (
     CORNERS,
     DRAWN,
     INVERSIONS,
