@@ -1,9 +1,8 @@
-"""What the bus loses, which is nothing, and what a message, the lock between machines.
+"""What the bus loses, which is nothing, and what a message and the lock between machines cost.
 
-A tool that listens and a start cost. Numbers of messages, stalls and laps may be changed; the
-two nodes (`toy_node`, `stalling_node`) are modules by themselves, since a process imports a node
-by its module's name, and `start` imports nothing heavy, since it measures that. It rests on the
-launcher and on messages.bus, and is one of the few rooms that open sockets.
+Numbers of messages, stalls and laps may be changed; the two nodes (`toy_node`, `stalling_node`) are
+modules by themselves, since a process imports a node by its module's name. It rests on the launcher
+and on messages.bus, and is one of the few rooms that open sockets.
 """
 
 from typing import TYPE_CHECKING

@@ -60,14 +60,12 @@ BENCHES: Mapping[str, Bench] = {
     ),
     "bus": Bench(
         "the message bus alone: losses, latency, a million messages among stalls and deaths, "
-        "start, lock between machines, and tools",
+        "and lock between machines",
         {
             "losses": "bus.losses:loss_rows",
             "hops": "bus.cost:hop_rows",
             "reliability": "bus.losses:reliability_rows",
-            "start": "bus.start:start_rows",
             "locked": "bus.cost:lock_rows",
-            "introspection": "bus.cost:introspection_rows",
         },
     ),
     "touch": Bench(

@@ -12,12 +12,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from palpate.bench.table import Row, SilentWatcher, at_most
 
 MOST = 0.2  # Of the time of fresh interpreters
 _DEADLINE = 60.0
+ROOT = Path(__file__).parents[2]  # Where a new process begins, and finds this module
 _FRESH = "import {modules}\nprint('ready', flush=True)"
 
 
@@ -124,9 +126,9 @@ class _UntilReady(SilentWatcher):
 
 def _in_new_process(*, early: bool) -> Started:
     start = f"print(json.dumps(start_once(early={early})))"
-    script = f"import json; from palpate.bench.bus.start import start_once; {start}"
+    script = f"import json; from tests.studies.starts import start_once; {start}"
     command = [sys.executable, "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_DEADLINE)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_DEADLINE, cwd=ROOT)
     if done.returncode != 0:
         raise RuntimeError(f"the launch failed: {done.stderr.strip()[-500:]}")
     modules, checked, ready = json.loads(done.stdout)

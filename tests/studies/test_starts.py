@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.bus import start as bench_start
-from palpate.bench.bus.start import Started, seconds_of_fresh, start_rows
 from palpate.bench.table import Row
+from tests.studies import starts as bench_start
+from tests.studies.starts import Started, seconds_of_fresh, start_rows
 
 MODULES = ("palpate.nodes.filter", "palpate.nodes.tracer")
 
