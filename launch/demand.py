@@ -80,7 +80,7 @@ class ExpectedCost(NamedTuple):
     seconds: tuple[float, float, float]  # Robot time, one finger of the preset ``modern``, s
 
 
-# By the tolerance over the object's height, %: `palpate bench explore --only tolerances`.
+# By the tolerance over the object's height, %: `python tests/studies tolerances`.
 COSTS: Mapping[float, ExpectedCost] = {
     1.0: ExpectedCost((45, 65, 94), (156, 190, 238)),
     0.5: ExpectedCost((55, 76, 99), (172, 194, 248)),

@@ -50,12 +50,11 @@ BENCHES: Mapping[str, Bench] = {
         {"scenes": "suite.groups:scene_rows"},
     ),
     "explore": Bench(
-        "whole explorations: objects that lean, other axes, several fingers, and tolerances",
+        "whole explorations: objects that lean, other axes, several fingers",
         {
             "tilted": "explore.explorations:tilted_rows",
             "directions": "explore.explorations:direction_rows",
             "fingers": "explore.explorations:finger_rows",
-            "tolerances": "suite.tolerances:tolerance_rows",
         },
     ),
     "bus": Bench(

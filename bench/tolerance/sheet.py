@@ -13,6 +13,7 @@ from palpate.bench.tolerance import statistics
 from palpate.bench.tolerance.runs import Run
 from palpate.core import Floats
 from palpate.launch.files import write_atomically
+from palpate.tools.sweep import pareto_front
 
 COSTS = {
     "touches": "touches (grasp apart)",
@@ -102,7 +103,8 @@ def _draw_work(
             **{"lw": 1.5, "elinewidth": 0.6, "ms": 6.0, **look},
         )
     if medians:
-        front = statistics.pareto_front(np.concatenate(medians))
+        every = np.concatenate(medians)
+        front = np.unique(every[pareto_front(*every.T)], axis=0)  # from the cheapest on
         axes.plot(*front.T, color="black", lw=5.0, alpha=0.25, zorder=2.0, label="Pareto front")
     floors = [
         run.sampling_floor_m / run.size_m

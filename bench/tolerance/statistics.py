@@ -107,15 +107,6 @@ def work_precision(entries: Mapping[Entry, Sequence[Run]], which: str) -> list[S
     return found
 
 
-def pareto_front(points: Floats) -> Floats:
-    """Of points (n, 2) those than which none is better in both, by the first, (m, 2)."""
-    kept: list[Floats] = []
-    for point in points[np.lexsort(points.T[::-1])]:
-        if not kept or point[1] < kept[-1][1]:
-            kept.append(point)
-    return np.array(kept).reshape(-1, 2)
-
-
 def stated_and_true(entries: Mapping[Entry, Sequence[Run]]) -> Floats:
     """Bounds and errors of the last models that have a bound, over the height, (n, 2)."""
     lasts = [(run.curve[-1], run.size_m) for some in entries.values() for run in some if run.curve]

@@ -11,7 +11,6 @@ from palpate.bench.tolerance.statistics import (
     cost_to_reach,
     dominated_at,
     held_share,
-    pareto_front,
     reached_share,
     run_for,
     stated_and_true,
@@ -83,12 +82,6 @@ def test_work_is_told_by_tolerance_and_without_one_by_model():
     free["cube", 0] = [run_of(curve=curve[:1])]
     [only] = work_precision(free, "touches")  # the second model is of one run in three
     assert only.cost[1] == 10.0
-
-
-def test_on_the_front_nothing_is_better_in_both():
-    points = np.array([[3.0, 1.0], [1.0, 3.0], [2.0, 3.0], [2.0, 2.0], [4.0, 1.0]])
-    assert pareto_front(points).tolist() == [[1.0, 3.0], [2.0, 2.0], [3.0, 1.0]]
-    assert pareto_front(np.zeros((0, 2))).shape == (0, 2)
 
 
 def test_a_bound_is_held_against_the_last_model():
