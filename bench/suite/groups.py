@@ -67,9 +67,7 @@ BENCHES: Mapping[str, Bench] = {
             "locked": "bus.cost:lock_rows",
         },
     ),
-    "touch": Bench(
-        "one touch: frames a second, and the error of a cast", {"frames": "touch.frames:touch_rows"}
-    ),
+    "touch": Bench("one touch: frames a second", {"frames": "touch.frames:touch_rows"}),
     "effects": Bench(
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch.frames:effect_rows"},

@@ -1,6 +1,6 @@
 """One touch.
 
-Frames per second, the exactness of a cast, and what each effect costs and does. It rests on
+Frames per second, and what each effect costs and does. It rests on
 core.touch and on the simulator, filter and curvature nodes as plain calls.
 """
 

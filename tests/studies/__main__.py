@@ -2,6 +2,7 @@
 
     python tests/studies                          all of them
     python tests/studies shapes                   superquadrics, splines and other models
+    python tests/studies casts                    the error of a cast
     python tests/studies curvature                filters and estimators against noise and impulses
     python tests/studies deformation              the zig-zag of the thesis, by its way and ours
     python tests/studies lofts                    their 95 % band, disorder and outliers, steps
@@ -32,6 +33,7 @@ STUDIES: Mapping[str, Mapping[str, str]] = {
         "curves": "shapes:curve_rows",
         "models": "shapes:model_rows",
     },
+    "casts": {"casts": "casts:cast_rows"},
     "curvature": {"curvature": "curvature:curvature_rows"},
     "deformation": {"deformation": "deformation:deformation_rows"},
     "lofts": {"disorder": "lofts:disorder_rows", "band": "lofts:band_rows"},

@@ -87,6 +87,17 @@ def test_what_palpate_does_meets_its_targets(estimators):
             assert error < 0.05
 
 
+def test_curvatures_are_as_good_as_is_demanded():
+    errors = list(estimator_demands(estimator_rows(5), partial_rows(5)))
+    assert [row.target for row in errors] == [
+        "<= 0.5e-3 /pitch",
+        "<= 1.6e-3 /pitch",
+        ">= 20",
+        "< 5 %",
+    ]
+    assert all(row.holds for row in errors)
+
+
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_estimator_is_right_on_a_clean_tilted_plane(name):
     k1, k2, _ = ESTIMATORS[name](PAD_SURFACES["tilted plane"](*PAD.grid()), 0.0)

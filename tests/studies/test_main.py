@@ -14,4 +14,4 @@ def test_every_study_is_where_its_name_says(name):
 def test_a_study_that_there_is_not_is_refused(capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["whale"])
-    assert "there is no study 'whale'; there are shapes, curvature," in capsys.readouterr().err
+    assert "there is no study 'whale'; there are shapes, casts," in capsys.readouterr().err

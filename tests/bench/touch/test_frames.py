@@ -1,47 +1,15 @@
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from palpate.bench.touch import frames
 from palpate.bench.touch.frames import (
     WORN,
-    exactness_rows,
     frame_costs,
     speed_rows,
     trace_contour,
 )
-from palpate.core.arrays import Floats
-from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES
-from tests.studies.curvature import estimator_demands, estimator_rows, partial_rows
-
-
-def test_casts_are_as_exact_as_is_demanded():
-    rows = list(exactness_rows(frames=4))
-    assert [row.name.partition(" of ")[0] for row in rows] == ["error", "error"]
-    assert all(row.holds for row in rows)
-
-
-def test_a_cast_that_is_a_nanometre_off_is_found_out(monkeypatch):
-    cast = Superquadric.cast
-
-    def off(self: Superquadric, origins: Floats, direction: Floats, reach: float) -> Floats:
-        return cast(self, origins, direction, reach) + 2e-9
-
-    monkeypatch.setattr(Superquadric, "cast", off)
-    assert not next(iter(exactness_rows(frames=2))).holds
-
-
-def test_curvatures_are_as_good_as_is_demanded():
-    errors = list(estimator_demands(estimator_rows(5), partial_rows(5)))
-    assert [row.target for row in errors] == [
-        "<= 0.5e-3 /pitch",
-        "<= 1.6e-3 /pitch",
-        ">= 20",
-        "< 5 %",
-    ]
-    assert all(row.holds for row in errors)
 
 
 def test_each_speed_has_its_demand():
@@ -55,13 +23,6 @@ def test_each_speed_has_its_demand():
         "<= 2000 us",
     ]
     assert all(row.value for row in rows)
-
-
-def test_the_oracle_tells_inside_from_outside():
-    shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.5, 0.7]))
-    start, along = np.zeros((2, 3)), np.array([0.0, 0.0, 1.0])
-    way = np.array([0.0399999, 0.0400001])
-    assert (frames._outside(shape, start, along, way) > 0.0).tolist() == [False, True]
 
 
 def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor(monkeypatch):
