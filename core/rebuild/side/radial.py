@@ -40,7 +40,6 @@ POSE_LEFT = 0.4
 FEWEST_TAXELS = 12  # Taxels of a touch: of fewer in half of them, they tell no shifts and no gaps
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
 FINE_SECTORS = 360  # Those in which the outermost heights are told
-TINY = 0.02  # Of the height that was touched: a stretch without a point that is lower is none
 AROUND = 96  # Coefficients around
 # Strength of bending along, where the side was touched all around and where it was not: there so
 # strong that what lies farther off bridges the gap, not the last points before it alone.
@@ -78,7 +77,6 @@ class RadialFit(NamedTuple):
     # Lowest height that was touched in each of 360 even sectors, (360,); infinity if nothing was.
     lows: Floats
     highs: Floats  # Highest one, (360,); -infinity likewise
-    gaps: Floats  # Heights of the stretches that were not touched, in any of the sectors, (n,)
     band_heights: Floats  # (25,)
     band: Floats  # Standard deviation of the surface at those heights, (25,)
 
@@ -122,7 +120,6 @@ def radial_fit(
         stretched=stretched,
         lows=seen.lows,
         highs=seen.highs,
-        gaps=seen.gaps,
         band_heights=heights,
         band=np.sqrt(np.mean(deviation**2, axis=1) + np.mean(gaps**2, axis=1)),
     )
@@ -136,7 +133,6 @@ class Coverage(NamedTuple):
     gap: float  # The highest stretch between them in which nothing was touched on some azimuth
     lows: Floats  # Lowest height that was touched in each fine sector, (360,), or infinity
     highs: Floats  # Highest one, (360,), or -infinity
-    gaps: Floats  # Heights of stretches not touched, in any sector, (n,); tiny ones are left out
 
 
 def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:
@@ -146,15 +142,12 @@ def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:
     if len(np.unique(sector)) < SECTORS:
         return None
     order = np.lexsort((heights, sector))
-    step = np.diff(heights[order])
     same = np.diff(sector[order]) == 0
-    step = step[same]
-    gaps = step[step > TINY * float(np.ptp(heights))]
-    gap = float(step.max(initial=0.0))
+    gap = float(np.diff(heights[order])[same].max(initial=0.0))
     low, high = (float(one.max()) for one in (_lowest(heights, sector), _lowest(-heights, sector)))
     fine = (turns * FINE_SECTORS).astype(np.int32) % FINE_SECTORS
     lows, highs = _lowest(heights, fine, FINE_SECTORS), -_lowest(-heights, fine, FINE_SECTORS)
-    return Coverage(low, -high, gap, lows, highs, gaps)
+    return Coverage(low, -high, gap, lows, highs)
 
 
 def _lowest(heights: Floats, sector: Ints, count: int = SECTORS) -> Floats:

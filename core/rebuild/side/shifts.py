@@ -28,7 +28,7 @@ STRICTNESS, TOGETHER = 0.1, 8.0
 # Of the height: less noise, or smaller shifts, are not looked into; nothing is smoothed for them.
 WORTHWHILE = 3e-5
 FEWEST_TOUCHES = 8  # Fewer tell no shifts
-ITERATIONS, ENOUGH = 60, 1e-4  # Of the conjugate gradients, and the residual at which they end
+ITERATIONS, ENOUGH = 35, 1e-3  # Of the conjugate gradients, and the residual at which they end
 STIFFER, MOST_STIFFER = 10.0, 5  # Steps of stiffness where there is noise, and their number
 MOST_WHOLE = 400  # Touches whose drift is told in all directions; of more, along their normals
 
@@ -40,8 +40,7 @@ def fit_shifted_spline(
 
     And the poses' standard deviation along the normals, from the median shift, m; None without.
     """
-    used = np.bincount(plain.rows.touch)
-    used = used[used > 0]
+    used = np.unique(plain.rows.touch, return_counts=True)[1]
     least = WORTHWHILE * (plain.high - plain.low)
     if not plain.sigma > least:
         return plain, None

@@ -297,13 +297,6 @@ def test_the_side_reaches_as_far_as_every_sector_was_touched():
     assert np.count_nonzero(seen.lows[touched]) == 1
 
 
-def test_every_stretch_without_a_point_is_listed():
-    levels = np.array([0.0, 0.01, 0.0101, 0.03])
-    seen = coverage_of(np.repeat(levels, SECTORS), np.tile(COVERAGE_TURNS, 4))
-    assert seen is not None
-    assert np.sort(seen.gaps) == pytest.approx(np.repeat([0.01, 0.0199], SECTORS))
-
-
 def test_the_gap_is_the_highest_stretch_that_a_sector_misses():
     levels = np.array([0.0, 0.01, 0.02, 0.03])
     heights, turns = np.repeat(levels, SECTORS), np.tile(COVERAGE_TURNS, 4)
