@@ -26,7 +26,7 @@ SWEEPS = 3  # Fits, each about the points as the shifts before have moved them
 # itself; but what a smooth surface leaves, neighbours share.
 STRICTNESS, TOGETHER = 0.1, 8.0
 # Of the height: less noise, or smaller shifts, are not looked into; nothing is smoothed for them.
-WORTHWHILE = 3e-5
+WORTHWHILE = 6e-5
 FEWEST_TOUCHES = 8  # Fewer tell no shifts
 ITERATIONS, ENOUGH = 35, 1e-3  # Of the conjugate gradients, and the residual at which they end
 STIFFER, MOST_STIFFER = 10.0, 5  # Steps of stiffness where there is noise, and their number
