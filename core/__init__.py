@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from palpate.core.plugins import ranges_of as ranges_of
     from palpate.core.poses import FACING_DOWN as FACING_DOWN
     from palpate.core.poses import IDENTITY_POSE as IDENTITY_POSE
+    from palpate.core.poses import advanced_pose as advanced_pose
     from palpate.core.poses import compose_poses as compose_poses
     from palpate.core.poses import inverse_pose as inverse_pose
     from palpate.core.poses import pad_rotation as pad_rotation

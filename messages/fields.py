@@ -274,6 +274,7 @@ SignalImage = Annotated[Floats, Array("<f8", (None, None), "s or N")]
 RatioImage = Annotated[Floats, Array("<f8", (None, None), "1")]
 LengthImage = Annotated[Floats, Array("<f8", (None, None), "m")]
 Mask = Annotated[NDArray[np.bool_], Array("|b1", (None, None), "1")]
+Voxels = Annotated[NDArray[np.uint8], Array("|u1", (None, None, None), "1")]
 ControlPoints = Annotated[Floats, Array("<f8", (None, None, None, 3), "m")]
 # Bytes that mean something only to who packed them.
 PackedBytes = Annotated[NDArray[np.uint8], Array("|u1", (None,), "1")]

@@ -14,6 +14,8 @@ from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime import Node, Outputs
 from palpate.nodes.specs import calibration_of_info, pad_of_info
 
+ADVANCE = 3  # Of the parts of a move, the way towards the object
+
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
@@ -56,7 +58,8 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
         order=params.order,
         lost=state.lost,
     )
-    image = derive(TactileImage, frame, cleaned, mask=cleaned.touched)
+    advance = float(frame.move[ADVANCE])
+    image = derive(TactileImage, frame, cleaned, mask=cleaned.touched, advance=advance)
     return replace(state, last=(frame.goal, frame.touch)), [("/touch/image", image)]
 
 

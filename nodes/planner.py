@@ -12,18 +12,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Floats, explore
+from palpate.core import Floats, explore, inverse_pose, transform_points
 from palpate.core.explore.planners import (
     Estimate,
     Height,
     Observation,
+    ObservedSurface,
     Planner,
     Stop,
+    Touch,
     check_choice,
     estimate_error,
     make_planner,
     untraceable_height,
 )
+from palpate.core.shapes import Mesh
 from palpate.messages import derive
 from palpate.messages.types import (
     Contour,
@@ -43,11 +46,11 @@ from palpate.messages.types import (
 )
 from palpate.nodes import planning
 from palpate.nodes.runtime import Node, Outputs
-from palpate.nodes.specs import resolution_of_info
+from palpate.nodes.specs import pad_of_info, resolution_of_info
 
 if TYPE_CHECKING:
     from palpate.core.explore import Demand
-    from palpate.nodes.planning import State, Task
+    from palpate.nodes.planning import Allowance, State, Task
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
@@ -114,7 +117,8 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
             f"{resolution:g} m"
         )
     width = info.pitch * max(info.rows, info.cols)
-    return replace(state, pad_width=width, resolution=resolution), []
+    pad = pad_of_info(info)
+    return replace(state, pad_width=width, resolution=resolution, pad=pad), []
 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
@@ -168,10 +172,34 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         traced=tuple(one._replace(dropped=number in dropped) for number, one in pairs),
         uncertainty=_uncertainty(model) if len(model.faces) else None,
     )
-    state = replace(state, survey=survey, asked=False)
+    state = replace(
+        state,
+        survey=survey,
+        asked=False,
+        surface=_surface(state, model),
+        general=model.method == "general",
+        aimed=(),
+    )
     estimate = estimate_error(_observation(params.demand, state))
     state, outputs = decide(params.demand, params.rule, state)
     return state, [_published(model, estimate), *outputs]
+
+
+def _surface(state: State, model: ShapeModel) -> ObservedSurface | None:
+    """The model as planners of single touches are told of it; None if nothing tells of errors."""
+    assert state.world is not None and state.pad is not None
+    if not len(model.vertex_errors):
+        return None
+    return ObservedSurface(
+        mesh=Mesh(model.vertices, model.faces),
+        errors=model.vertex_errors,
+        bounds=model.vertex_bounds,
+        distances=model.vertex_distances,
+        pad=state.pad,
+        platform=state.world.platform,
+        reach=state.world.reach,
+        refused=np.reshape(state.refused, (-1, 3)),
+    )
 
 
 def _published(model: ShapeModel | PlanDone, estimate: Estimate) -> tuple[str, object]:
@@ -183,6 +211,8 @@ def _published(model: ShapeModel | PlanDone, estimate: Estimate) -> tuple[str, o
         contours=len(model.contours),
         halving_touches=halving and halving.touches,
         halving_seconds=halving and halving.seconds,
+        open_share=estimate.open_area and estimate.open_area.share,
+        open_width=estimate.open_area and estimate.open_area.width,
     )
     return "/plan/estimate", told
 
@@ -218,13 +248,16 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     )
     if not result.touches:
         return decide(demand, rule, state)
+    if task.touch is not None:
+        assert isinstance(result, Probe)
+        return decide(demand, rule, planning.with_single(state, task, result))
     if isinstance(result, Probe):
         return decide(demand, rule, planning.with_probe(state, task, result))
     assert state.survey is not None
-    if result.status == "budget":
+    traced = explore.widened(planning.traced_of(result, task.begun), demand.feature)
+    if not traced.usable:
         state = replace(state, arcs=(*state.arcs, result.id))
     assert state.survey is not None
-    traced = explore.widened(planning.traced_of(result, task.begun), demand.feature)
     survey = state.survey.with_slice(traced)
     state = replace(state, survey=survey, contours=(*state.contours, result.id))
     return decide(demand, rule, state)
@@ -252,18 +285,25 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
     """Something to do for an idle finger, if there is anything; or a model, to decide by."""
     allowed = planning.allowance(demand, state)
     touch = None
-    if allowed and not state.cut:
+    if state.again is not None and allowed and not state.cut:
+        return _touched(state, finger, state.again, allowed)
+    if allowed and not state.cut and not state.general:
         last = bool(state.usable) and not planning.fits_contour(demand, state)
         touch = planning.next_touch(state, demand.tolerance, last=last)
     if touch is None:
         if state.is_searching:
             return state, []
         if state.is_stale:  # ask for a model of all that there is, and wait for it
-            models = state.models + 1
-            state = replace(state, models=models, modelled=state.evidence, asked=True)
-            return state, [("/model/goal", planning.model_goal(state))]
-        observation = _observation(demand, state)
+            return _ask(state)
+        observation = _observation(demand, state, finger)
         choice = check_choice(rule, observation)
+        if isinstance(choice, Stop) and state.aimed and not observation.budget.spent:
+            return _ask(state)
+        if isinstance(choice, Touch) and allowed:
+            task = planning.Task(
+                state.goals, state.clock, _height(state, choice), allowed, touch=choice
+            )
+            return _touched(state, finger, task, allowed)
         if isinstance(choice, Height) and allowed:
             task = planning.Task(state.goals, state.clock, choice.height, allowed)
             goal = planning.contour_goal(state, finger, choice, demand.feature, allowed)
@@ -280,6 +320,27 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
     return _with_task(state, finger, task), [("/probe/goal", probe)]
 
 
+def _ask(state: State) -> tuple[State, Outputs]:
+    state = replace(state, models=state.models + 1, modelled=state.evidence, asked=True)
+    return state, [("/model/goal", planning.model_goal(state))]
+
+
+def _height(state: State, touch: Touch) -> float:
+    """Of a touch's target, in the slicing frame, m."""
+    assert state.frame is not None
+    return float(transform_points(inverse_pose(state.frame.pose), touch.target[None])[0, 2])
+
+
+def _touched(state: State, finger: int, task: Task, allowed: Allowance) -> tuple[State, Outputs]:
+    """A single touch is asked for."""
+    assert task.touch is not None
+    touch = task.touch
+    allowed = allowed._replace(most_touches=1)
+    task = task._replace(goal=state.goals, begun=state.clock, allowed=allowed)
+    goal = planning.touch_goal(state, finger, touch, allowed)
+    return _with_task(replace(state, again=None), finger, task), [("/probe/goal", goal)]
+
+
 def _with_task(state: State, finger: int, task: Task) -> State:
     return replace(state, tasks={**state.tasks, finger: task}, goals=state.goals + 1)
 
@@ -293,11 +354,18 @@ def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     return done(state, stop.reason + _shape(state), observation)
 
 
-def _observation(demand: Demand, state: State) -> Observation:
+def _observation(demand: Demand, state: State, finger: int = 1) -> Observation:
     assert state.survey is not None
-    busy = tuple(task.height for task in state.tasks.values())
     return state.survey.observation(
-        demand, touches=state.touches, seconds=state.clock, busy_heights=busy, cut=state.cut
+        demand,
+        touches=state.touches,
+        seconds=state.clock,
+        busy_heights=tuple(task.height for task in state.tasks.values()),
+        cut=state.cut,
+        surface=state.surface,
+        general=state.general,
+        tried=state.aimed,
+        resting=state.resting.get(finger),
     )
 
 
@@ -313,7 +381,13 @@ def done(
             ("/plan/done", derive(PlanDone, goal, reason=reason, uncovered=0.0, **nothing))
         ]
     estimate, uncovered = estimate_error(observation), untraceable_height(observation)
-    plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered)
+    told: dict[str, Any] = {}
+    if estimate.open_area is not None:
+        found = estimate.open_area
+        place = np.zeros((0, 3)) if found.place is None else found.place[None]
+        told = {"open_share": found.share, "open_width": found.width, "open_place": place}
+        told["under_share"] = found.under
+    plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered, **told)
     return state, [_published(plan_done, estimate), ("/plan/done", plan_done)]
 
 

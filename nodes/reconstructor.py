@@ -15,20 +15,36 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import IDENTITY_POSE, Floats, Steps, no_steps, rebuild, split_pose, tree_to_bytes
+from palpate.core import (
+    IDENTITY_POSE,
+    Floats,
+    Steps,
+    advanced_pose,
+    no_steps,
+    rebuild,
+    split_pose,
+    tree_to_bytes,
+)
+from palpate.core.explore import Longs, SpaceMap, empty_map, swept_places
+from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points
+from palpate.core.rebuild.general import COARSE, FEW_FOLDS, FINE, FOLDS, touch_squares
 from palpate.core.touch import Jet, Pad
 from palpate.messages import derive, types
 from palpate.nodes.runtime import Deferred, Node, Outputs
 from palpate.nodes.specs import CONTACT_ERROR, pad_of_info
 
+Goal = types.ModelGoal | types.PlanDone
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
 COARSE_TOLERANCE = 5e-4  # Of the meshes on the way, of the size
 BANDS, BAND_TURNS = 25, 8  # Heights of the uncertainty, and turns over which it is averaged
+LEAST_SLICES = 4  # Fewer tell of no solid between them that could be believed
+SETS = 3  # By how the last so many were predicted a method is chosen
+KEPT = 4  # Fitted solids that are kept: the last ones
 NO_ARCHIVE = np.zeros(0, np.uint8)
 _NONE = np.zeros(0)
 # Of a model of nothing.
@@ -47,13 +63,14 @@ class Quality(NamedTuple):
 
     faces: int  # Triangles, about, if it takes as many
     tolerance: float  # Of the size: distance of the mesh from the surface, at least
+    parts: int  # Pieces of a general solid's cell along each of its edges
 
 
 # Faces cost computing here, in scoring and in files; they do not change the surface.
 QUALITIES: Mapping[str, Quality] = {
-    "draft": Quality(6_000, 5e-4),
-    "normal": Quality(45_000, 5e-5),
-    "fine": Quality(180_000, 1e-5),
+    "draft": Quality(6_000, 5e-4, 1),
+    "normal": Quality(45_000, 5e-5, 2),
+    "fine": Quality(180_000, 1e-5, 4),
 }
 
 
@@ -61,6 +78,38 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
     quality: Literal["draft", "normal", "fine"] = "normal"  # Of the final model's mesh
+
+
+class Candidates(NamedTuple):
+    """The solids of one set, one of each method."""
+
+    sliced: rebuild.Solid | None  # With its control lattice; None where slices make no solid
+    general: rebuild.GeneralSolid | None  # None where nothing was touched
+    why: str = ""  # Why slices make no solid, if they should
+
+    def predicted(self, touched: ContactPoints) -> dict[str, Floats]:
+        """Mean square distance of each touch from the solids, by method, m^2."""
+        found = {}
+        if self.sliced is not None:
+            mesh = _mesh(self.sliced, None)
+            search = nearest_search(mesh.vertices[mesh.faces])
+            off = nearest_points(search, touched.points).distances
+            found["lattice"] = touch_squares(touched, off)
+        if self.general is not None:
+            found["general"] = touch_squares(touched, self.general.residuals(touched.points))
+        return found
+
+    def better(
+        self, predicted: Mapping[str, Floats]
+    ) -> rebuild.Solid | rebuild.GeneralSolid | None:
+        """The general solid if it surely predicted the same touches better, else slices."""
+        if self.sliced is None or self.general is None:
+            return self.sliced or self.general
+        sliced, general = (predicted.get(name, _NONE) for name in ("lattice", "general"))
+        if not len(general) or len(sliced) != len(general):
+            return self.sliced
+        gain = sliced - general
+        return self.general if gain.mean() > gain.std() / np.sqrt(len(gain)) else self.sliced
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,14 +121,20 @@ class State:
     pad: Pad | None = None  # The sensor's array
     # Every touch; goals are numbered for all fingers together.
     touches: TouchesByGoal = field(default_factory=lambda: MappingProxyType({}))
-    # Where the hand met the object, by the number of the closing.
-    contacts: Mapping[int, Floats] = field(default_factory=lambda: MappingProxyType({}))
+    # Where the hand met the object, by the number of the closing; each contact is a touch.
+    contacts: Mapping[int, ContactPoints] = field(default_factory=lambda: MappingProxyType({}))
+    space: SpaceMap | None = None  # Of all that a finger reaches, empty
+    # Voxels that the touches of a goal have swept.
+    swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=lambda: MappingProxyType({}))
     # By number.
     contours: Mapping[int, types.Contour] = field(default_factory=lambda: MappingProxyType({}))
     probes: Mapping[int, types.Probe] = field(
         default_factory=lambda: MappingProxyType({})
     )  # By number
-    asked: tuple[types.ModelGoal | types.PlanDone, ...] = ()  # Models still to be fitted, in order
+    asked: tuple[Goal, ...] = ()  # Models still to be fitted, in order
+    history: tuple[Goal, ...] = ()  # Those that were fitted, in order
+    # What was fitted last, by number, lest it is fitted twice: no model differs for it.
+    fitted: dict[int, Candidates] = field(default_factory=dict)
 
 
 def common_frame(contours: Sequence[types.Contour]) -> Floats:
@@ -145,7 +200,8 @@ def _probed(
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
     """Remember the platform."""
-    return replace(state, platform=world.platform), []
+    space = empty_map(world.reach, world.platform)
+    return replace(state, platform=world.platform, space=space), []
 
 
 def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
@@ -155,18 +211,28 @@ def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[S
 
 def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
     """Keep what a touch measured."""
-    assert state.pad is not None
+    assert state.pad is not None and state.space is not None
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
     points = contact_points_of(state.pad, patch.pose, patch.height, patch.mask, jet)
     of_goal = {**state.touches.get(patch.goal, {}), patch.touch: points}
-    return _fit_ready(replace(state, touches={**state.touches, patch.goal: of_goal}))
+    swept = state.swept
+    if patch.outcome != "inside":
+        start = advanced_pose(patch.pose, -patch.advance)
+        met = patch.outcome in TOUCHED_OUTCOMES
+        places = swept_places(state.pad, start, patch.pose, state.space.step, touched=met)
+        freed = (*swept.get(patch.goal, ()), state.space.numbers(places))
+        swept = {**swept, patch.goal: freed}
+    touches = {**state.touches, patch.goal: of_goal}
+    return _fit_ready(replace(state, touches=touches, swept=swept))
 
 
 def take_contacts(
     params: Params, state: State, received: types.GraspContacts
 ) -> tuple[State, Outputs]:
     """Keep what the hand met."""
-    contacts = {**state.contacts, received.number: received.points}
+    each = np.arange(len(received.points), dtype=np.int32)
+    met = ContactPoints(received.points, received.normals, each)
+    contacts = {**state.contacts, received.number: met}
     return _fit_ready(replace(state, contacts=contacts))
 
 
@@ -180,9 +246,7 @@ def take_probe(params: Params, state: State, probe: types.Probe) -> tuple[State,
     return _fit_ready(replace(state, probes={**state.probes, probe.id: probe}))
 
 
-def take_goal(
-    params: Params, state: State, goal: types.ModelGoal | types.PlanDone
-) -> tuple[State, Outputs]:
+def take_goal(params: Params, state: State, goal: Goal) -> tuple[State, Outputs]:
     """Fit a set, at once or when all of it has been received."""
     return _fit_ready(replace(state, asked=(*state.asked, goal)))
 
@@ -198,29 +262,37 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
                 ("/model/coarse", Deferred(types.Superquadric, partial(_coarse, state, goal)))
             )
         else:
-            outputs.append(("/model/shape", Deferred(types.ShapeModel, partial(_fit, state, goal))))
+            space = Deferred(types.SpaceMap, partial(_space, state, goal))
+            shape = Deferred(types.ShapeModel, partial(_fit, state, goal))
+            outputs += [("/model/space", space), ("/model/shape", shape)]
+            state = replace(state, history=(*state.history, goal))
     return replace(state, asked=tuple(asked)), outputs
 
 
-def _is_complete(state: State, goal: types.ModelGoal | types.PlanDone) -> bool:
+def _is_complete(state: State, goal: Goal) -> bool:
     """Whether all of a set is there."""
     if _is_coarse(goal):
         return all(number in state.contacts for number in range(goal.closings))
     contours = (*goal.contours, *goal.arcs)
     wanted: list[types.Contour | types.Probe | None] = [state.contours.get(id_) for id_ in contours]
-    wanted += [state.probes.get(id_) for id_ in goal.probes]
-    return all(
+    wanted += [state.probes.get(id_) for id_ in (*goal.probes, *goal.missed)]
+    return all(number in state.contacts for number in range(goal.closings)) and all(
         one is not None and len(state.touches.get(one.id, {})) == one.touches for one in wanted
     )
 
 
-def _is_coarse(goal: types.ModelGoal | types.PlanDone) -> TypeGuard[types.ModelGoal]:
+def _is_coarse(goal: Goal) -> TypeGuard[types.ModelGoal]:
     """Whether a superquadric is asked for."""
-    return isinstance(goal, types.ModelGoal) and not (goal.contours or goal.probes)
+    return isinstance(goal, types.ModelGoal) and not touched_goals(goal)
+
+
+def touched_goals(goal: Goal) -> tuple[int, ...]:
+    """Numbers of all goals whose touches count for a model."""
+    return (*goal.contours, *goal.probes, *goal.arcs)
 
 
 def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquadric:
-    contacts = [state.contacts[number] for number in range(goal.closings)]
+    contacts = [state.contacts[number].points for number in range(goal.closings)]
     with step("superquadric"):
         return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
 
@@ -238,43 +310,159 @@ def coarse_model(number: int, contacts: Floats) -> types.Superquadric:
     )
 
 
-def _fit(state: State, goal: types.ModelGoal | types.PlanDone, step: Steps) -> types.ShapeModel:
-    if not goal.contours:
-        return shape_model(goal, None)
-    try:
-        return shape_model(goal, _rebuild(state, goal, step), quality=state.quality, step=step)
-    except ValueError as why:  # what was touched is no solid: a result to be told, not a fault
-        return shape_model(goal, None, str(why))
+def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
+    """The map that goes with a model."""
+    assert state.space is not None
+    with step("space"):
+        space = _marked(state, goal)
+    return derive(types.SpaceMap, space, number=goal.number)
+
+
+def _marked(state: State, goal: Goal) -> SpaceMap:
+    assert state.space is not None
+    none = np.zeros(0, np.int64)
+    ids = (*touched_goals(goal), *goal.missed)
+    free = [voxels for id_ in ids for voxels in state.swept.get(id_, ())]
+    points = [one.points for one in _touched(state, goal)]
+    touched = state.space.numbers(np.concatenate([np.zeros((0, 3)), *points]))
+    return state.space.marked(np.concatenate([none, *free]), touched)
+
+
+def _touched(state: State, goal: Goal) -> list[ContactPoints]:
+    ids = touched_goals(goal)
+    return [state.touches[id_][n] for id_ in ids for n in sorted(state.touches.get(id_, {}))]
+
+
+def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
+    final = isinstance(goal, types.PlanDone)
+    candidates = _candidates(state, goal, step, final=final)
+    with step("prediction"):
+        predicted = _predicted(state, goal, step)
+    state.fitted[goal.number] = candidates
+    for number in sorted(state.fitted)[:-KEPT]:
+        del state.fitted[number]
+    quality = state.quality if final else None
+    return shape_model(goal, candidates, predicted, quality, step)
+
+
+def _predicted(state: State, goal: Goal, step: Steps) -> dict[str, Floats]:
+    """Mean square distance of each of the last touches from the solids before it, by method, m^2.
+
+    Those of the last `SETS` different sets, each by the solids of the one before it.
+    """
+    squares: dict[str, list[Floats]] = {"lattice": [], "general": []}
+    later, sets = goal, 0
+    for before in reversed(state.history):
+        touched = _since(state, before, later)
+        if not len(touched.points):
+            continue
+        fitted = state.fitted.get(before.number) or _candidates(state, before, step, final=False)
+        found = fitted.predicted(touched)
+        if fitted.sliced is None or len(fitted.sliced.slices.heights) >= LEAST_SLICES:
+            for method in squares:
+                squares[method] += [found[method]] if method in found else []
+        later, sets = before, sets + 1
+        if sets == SETS:
+            break
+    return {method: np.concatenate(found) for method, found in squares.items() if found}
+
+
+def _since(state: State, before: Goal, goal: Goal) -> ContactPoints:
+    """What was touched between two goals."""
+    known = set(touched_goals(before))
+    ids = [id_ for id_ in touched_goals(goal) if id_ not in known]
+    found = [state.touches[id_][n] for id_ in ids for n in sorted(state.touches.get(id_, {}))]
+    return stack_points([one for one in found if len(one.points)])
+
+
+def _candidates(state: State, goal: Goal, step: Steps, *, final: bool) -> Candidates:
+    sliced, why = None, ""
+    if goal.contours:
+        try:
+            sliced = _rebuild(state, goal, step)
+        except ValueError as error:  # what was touched is no solid: a result, not a fault
+            why = str(error)
+    touched = [one for one in _touched(state, goal) if len(one.points)]
+    grasped = [state.contacts[number] for number in range(goal.closings)]
+    general = None
+    if touched:
+        general = rebuild.rebuild_general(
+            stack_points([one for one in grasped if len(one.points)] + touched),
+            free=_marked(state, goal).free_places(),
+            platform=state.platform,
+            cell=FINE if final else COARSE,
+            folds=FOLDS if final else FEW_FOLDS,
+            step=step,
+        )
+    return Candidates(sliced, general, why)
 
 
 def shape_model(
-    goal: types.ModelGoal | types.PlanDone,  # Who asked for it
-    solid: rebuild.Solid | None,  # None if there was nothing to rebuild: the model is empty
-    why: str = "",  # Why nothing could be rebuilt of contours that are there
-    quality: Quality = QUALITIES["normal"],  # Of the mesh, if it is the final one
+    goal: Goal,  # Who asked for it
+    candidates: Candidates,  # What was fitted; neither if there was nothing to rebuild
+    predicted: Mapping[str, Floats],  # Mean square distances of new touches, by method, m^2
+    quality: Quality | None = None,  # Of the mesh, if it is the final one
     step: Steps = no_steps,  # Told which step begins
 ) -> types.ShapeModel:
-    """The message for a solid."""
-    if solid is not None:
-        dropped: dict[int, str] = {one.which: one.why for one in solid.slices.dropped}
-    else:
-        dropped = dict.fromkeys(range(len(goal.contours)) if why else (), why)
+    """The message for the solid that predicts better."""
+    solid = candidates.better(predicted)
+    dropped: dict[int, str] = {}
+    if candidates.sliced is not None:
+        dropped = {one.which: one.why for one in candidates.sliced.slices.dropped}
+    elif candidates.why:
+        dropped = dict.fromkeys(range(len(goal.contours)), candidates.why)
     final = isinstance(goal, types.PlanDone)
-    parts = EMPTY_MODEL if solid is None else _parts(solid, quality if final else None, step)
-    with step("bound"):
-        deviation = None if solid is None else solid.whole_deviation()
+    parts, frame = EMPTY_MODEL, IDENTITY_POSE
+    deviation = None
+    if isinstance(solid, rebuild.Solid):
+        parts = _parts(solid, quality, step)
+        frame = IDENTITY_POSE if solid.frame is None else solid.frame
+        with step("bound"):
+            deviation = solid.whole_deviation()
+    elif solid is not None:
+        parts = _general_parts(solid, quality, step)
     return derive(
         types.ShapeModel,
         goal,
+        method="lattice" if solid is candidates.sliced else "general",
+        predicted={name: float(np.sqrt(found.mean())) for name, found in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
-        frame=IDENTITY_POSE if solid is None or solid.frame is None else solid.frame,
+        frame=frame,
         deviation=0.0 if deviation is None else deviation.whole,
         ends_deviation=0.0 if deviation is None else deviation.ends,
         **parts,
+        **_errors(parts["vertices"], candidates.general, step),
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
     )
+
+
+def _errors(vertices: Floats, general: rebuild.GeneralSolid | None, step: Steps) -> dict[str, Any]:
+    """Distance from touch at each vertex, and the error that it lets expect."""
+    if general is None or not len(vertices):
+        return {}
+    with step("bound"):
+        distances = general.touch_distances(vertices)
+        return {
+            "vertex_distances": distances,
+            "vertex_errors": general.predicted.at(distances),
+            "vertex_bounds": general.predicted.at(distances, upper=True),
+        }
+
+
+def _general_parts(
+    solid: rebuild.GeneralSolid, quality: Quality | None, step: Steps
+) -> dict[str, Any]:
+    with step("mesh"):
+        mesh = solid.mesh(1 if quality is None else quality.parts)
+    told = {"vertices": mesh.vertices, "faces": mesh.faces}
+    return EMPTY_MODEL | told | {"health": _rounded(solid.health())}
+
+
+def _rounded(health: Mapping[str, float]) -> dict[str, float]:
+    """To digits that do not depend on the machine, so that bodies do not."""
+    return {name: float(f"{value:.2g}") for name, value in health.items()}
 
 
 def _parts(solid: rebuild.Solid, quality: Quality | None, step: Steps) -> dict[str, Any]:
@@ -293,8 +481,7 @@ def _parts(solid: rebuild.Solid, quality: Quality | None, step: Steps) -> dict[s
         "faces": mesh.faces,
         "uncertainty_height": heights,
         "uncertainty": deviation,
-        # To digits that do not depend on the machine, so that bodies do not
-        "health": {name: float(f"{value:.2g}") for name, value in solid.health().items()},
+        "health": _rounded(solid.health()),
     }
 
 
@@ -318,7 +505,7 @@ def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
     return heights, np.sqrt(np.mean(deviation**2, axis=1))
 
 
-def _rebuild(state: State, goal: types.ModelGoal | types.PlanDone, step: Steps) -> rebuild.Solid:
+def _rebuild(state: State, goal: Goal, step: Steps) -> rebuild.Solid:
     touched = {
         id_: [state.touches[id_][touch] for touch in sorted(state.touches.get(id_, {}))]
         for id_ in (*goal.contours, *goal.probes, *goal.arcs)
@@ -370,7 +557,11 @@ NODE = Node(
         "/model/goal": (types.ModelGoal, take_goal),
         "/plan/done": (types.PlanDone, take_goal),
     },
-    outputs={"/model/coarse": types.Superquadric, "/model/shape": types.ShapeModel},
+    outputs={
+        "/model/coarse": types.Superquadric,
+        "/model/shape": types.ShapeModel,
+        "/model/space": types.SpaceMap,
+    },
     needs=("/world", "/touch/info"),
     fan_in=("/touch/patch", "/contour/traced", "/probe/traced"),
 )

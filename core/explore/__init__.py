@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.core.explore.free_space import Longs as Longs
+    from palpate.core.explore.free_space import SpaceMap as SpaceMap
+    from palpate.core.explore.free_space import empty_map as empty_map
+    from palpate.core.explore.free_space import swept_places as swept_places
     from palpate.core.explore.survey import APART as APART
     from palpate.core.explore.survey import FEATURE_SHARE as FEATURE_SHARE
     from palpate.core.explore.survey import Demand as Demand

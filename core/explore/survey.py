@@ -21,6 +21,7 @@ from palpate.core.explore.planners import (
     Budget,
     Observation,
     ObservedSlice,
+    ObservedSurface,
     SliceOutcome,
     slice_without_contour,
 )
@@ -84,11 +85,16 @@ class Survey:
         seconds: float,
         busy_heights: tuple[float, ...] = (),
         cut: bool = False,
+        surface: ObservedSurface | None = None,
+        general: bool = False,
+        tried: Sequence[Floats] = (),
+        resting: Floats | None = None,
     ) -> Observation:
         """What a rule is told.
 
         `touches`, `seconds`: what is spent; robot time in s. `busy_heights`: heights at which
-        fingers are at work, m. `cut`: whether not even one touch more fits into what is left.
+        fingers are at work, m. `cut`: whether not even one touch more fits into what is left. The
+        others are those of `Observation`.
         """
         budget = Budget(
             most_touches=demand.most_touches,
@@ -113,6 +119,10 @@ class Survey:
             deviation=None if self.uncertainty is None else self.uncertainty.whole,
             ends_deviation=0.0 if self.uncertainty is None else self.uncertainty.ends,
             pose_deviation=0.0 if self.uncertainty is None else self.uncertainty.pose,
+            surface=surface,
+            general=general,
+            tried=np.reshape(tried, (-1, 3)),
+            resting=resting,
         )
 
     @property

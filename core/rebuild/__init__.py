@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.core.rebuild.general import GeneralSolid as GeneralSolid
+    from palpate.core.rebuild.general import rebuild_general as rebuild_general
     from palpate.core.rebuild.reconstruction import fit_coarse as fit_coarse
     from palpate.core.rebuild.reconstruction import reconstruct as reconstruct
     from palpate.core.rebuild.solid import Method as Method

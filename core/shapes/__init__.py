@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.superquadrics import p_norm_curvature as p_norm_curvature
     from palpate.core.shapes.superquadrics import regular_points as regular_points
     from palpate.core.shapes.superquadrics import trigonometric_points as trigonometric_points
+    from palpate.core.shapes.tessellations import grid_surface as grid_surface
     from palpate.core.shapes.tessellations import isosurface as isosurface
     from palpate.core.shapes.triangle_meshes import DeformedShape as DeformedShape
     from palpate.core.shapes.triangle_meshes import TriangleShape as TriangleShape

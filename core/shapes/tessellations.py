@@ -112,6 +112,32 @@ def isosurface(inside_out: InsideOut, box: Floats, level: int) -> Mesh:
     return Mesh(last + share[:, None] * way, faces)
 
 
+def grid_surface(values: Floats, *, level_bottom: bool = False) -> Mesh:
+    """The surface on which values (a, b, c) on an even grid are 0, negative inside.
+
+    Vertices in steps of the grid, interpolated. It is closed if no border node is inside; with
+    `level_bottom` those of the lowest layer may be: there it is closed along that layer, exactly.
+    """
+    if level_bottom:
+        values = np.concatenate([np.full_like(values[..., :1], np.inf), values], axis=2)
+    tetrahedra, within = _crossed(values < 0.0)
+    lines, faces = _cut(tetrahedra, within)
+    flat = values.ravel()[lines]
+    with np.errstate(invalid="ignore"):
+        share = flat[:, 0] / (flat[:, 0] - flat[:, 1])  # 0 before an infinite one
+    first, last = (np.column_stack(np.unravel_index(one, values.shape)) for one in lines.T)
+    vertices = first + share[:, None] * (last - first)
+    if not level_bottom:
+        return Mesh(vertices, faces)
+    vertices[:, 2] -= 1.0
+    # All edges down from a node of the lowest layer end in it.
+    own = np.where(np.isinf(flat[:, 1]), lines[:, 0], -1 - np.arange(len(lines)))
+    _, first_of, merged = np.unique(own, return_index=True, return_inverse=True)
+    joined = merged[faces].astype(np.int32)
+    whole = (joined != np.roll(joined, 1, axis=1)).all(axis=1)
+    return Mesh(vertices[first_of], joined[whole])
+
+
 def _crossed(inside: Bools) -> tuple[Longs, Bools]:
     """Tetrahedra that the surface may cross: nodes (n, 4), and which of them are inside."""
     counts = np.array(inside.shape)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from palpate.messages.types.touch import TactileFrame as TactileFrame
     from palpate.messages.types.touch import TactileImage as TactileImage
     from palpate.messages.types.world import SensorInfo as SensorInfo
+    from palpate.messages.types.world import SpaceMap as SpaceMap
     from palpate.messages.types.world import Truth as Truth
     from palpate.messages.types.world import World as World
 else:

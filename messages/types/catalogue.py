@@ -61,6 +61,7 @@ LATCHED = ALL_KEPT | {
     model.ShapeModel,
     model.Superquadric,
     world.SensorInfo,
+    world.SpaceMap,
     world.Truth,
     world.World,
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class ModelGoal:
     probes: Ids  # Probes in the order in which the planner took them
     # Contours that were not finished: what their touches met counts, their curves do not
     arcs: Ids = ()
+    missed: Ids = ()  # Probes that met nothing: what they swept is free
     # Closings of the hand that there were; without contours and probes, the coarse model is fitted
     # to their contacts
     closings: Count
@@ -66,6 +67,8 @@ class PlanEstimate:
     # Touches after which the error is expected to be half as large; null if no slice brings that
     halving_touches: Annotated[float, Unit("#")] | None
     halving_seconds: Seconds | None  # Robot time that they are expected to take
+    open_share: Ratio | None = None  # Share of the surface that lies far from every touch
+    open_width: Metres | None = None  # Width of the largest opening in what was touched
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -76,6 +79,8 @@ class PlanDone:
     contours: Ids  # Contours of the final model
     probes: Ids  # Probes of the final model
     arcs: Ids = ()  # Unfinished contours of the final model
+    missed: Ids = ()  # Probes that met nothing: what they swept is free
+    closings: Count = 0  # Closings of the hand that there were
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent
     reason: str  # Why it is over
@@ -87,6 +92,12 @@ class PlanDone:
     # Height of the largest stretch of the side that nothing has touched; null where nobody looked
     largest_untouched: Metres | None
     uncovered: Metres  # Height of stretches of the side that no touch could reach
+    # Share of the surface that lies far from every touch, the underside apart; null where nobody
+    # looked
+    open_share: Ratio | None = None
+    open_width: Metres | None = None  # Width of the largest opening in what was touched
+    open_place: Points = field(default_factory=lambda: np.zeros((0, 3)))  # Its middle, if any
+    under_share: Ratio | None = None  # Share of the surface on which the object stands
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -109,14 +120,19 @@ class Superquadric:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShapeModel:
-    """A closed solid: a prism deformed by a B-spline control lattice, and its ends.
+    """A closed solid of one of two methods. Latched on ``/model/shape``.
 
-    Latched on ``/model/shape``.
+    A prism deformed by a B-spline control lattice, and its ends; or a general solid, where an
+    implicit spline is negative: it has no lattice of columns, rows and layers, and no heights.
     """
 
     MAX_BYTES = 32 << 20
 
     number: Count  # Number of the goal that asked for it
+    method: Literal["lattice", "general"] = "lattice"  # What it is
+    # By method, root mean square distance at which touches were predicted before they were used,
+    # m; none where there was nothing to predict, or nothing to predict it by
+    predicted: dict[str, float] = field(default_factory=dict)
     contours: Ids  # Contours used
     probes: Ids  # Probes used
     dropped: Ids  # Contours asked for but not used
@@ -129,6 +145,12 @@ class ShapeModel:
     # Vertices of the closed surface, world frame; none if nothing could be rebuilt
     vertices: Points
     faces: Triangles  # Triangles, counter-clockwise seen from outside
+    # Error that is expected at each vertex, of touches that were left out, by their distance from
+    # the others; none where there were too few
+    vertex_errors: Lengths = field(default_factory=lambda: np.zeros(0))
+    vertex_bounds: Lengths = field(default_factory=lambda: np.zeros(0))  # Its bound of 95 %
+    # Distance of each vertex from the nearest touched point
+    vertex_distances: Lengths = field(default_factory=lambda: np.zeros(0))
     frame: Pose  # Slicing frame in the world, along whose z axis heights count
     # Standard deviation of the surface, root mean square over all of it, ends included
     deviation: Metres

@@ -66,6 +66,7 @@ class TactileImage:
     direction: Direction  # Direction across the contour, world frame
     pose: Pose  # Believed pose of the pad
     outcome: Outcome  # How the guarded move ended
+    advance: Metres = 0.0  # Way of the guarded move, along the pad's z axis
     compression: LengthImage  # Compression of the pad under each taxel
     mask: Mask  # Where the pad touches
     impulses: Count  # Taxels that stood out like impulses, and were replaced or left out
@@ -82,6 +83,7 @@ class SurfacePatch:
     direction: Direction  # Direction across the contour, world frame
     pose: Pose  # Believed pose of the pad
     outcome: Outcome  # How the guarded move ended
+    advance: Metres = 0.0  # Way of the guarded move, along the pad's z axis
     height: LengthImage  # Surface over the plane of the pad's face, pad frame; 0 where untouched
     mask: Mask  # Where the pad touches
     # Coefficients of the local jet over x and y in units of `jet_scale`; m; maybe empty

@@ -19,6 +19,8 @@ from palpate.messages.fields import (
     RatioImage,
     RobotSpeeds,
     Triangles,
+    Vector,
+    Voxels,
 )
 
 
@@ -47,6 +49,18 @@ class Truth:
     floor_vertices: Points
     floor_faces: Triangles  # Triangles of the second tessellation
     height: Metres  # True height of the object
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SpaceMap:
+    """What is known of the space about the object. Latched on ``/model/space``."""
+
+    MAX_BYTES = 64 << 20
+
+    number: Count  # Number of the model with which it goes
+    low: Vector  # Middle of the first voxel, world frame
+    step: Metres  # Edge of a voxel
+    states: Voxels  # 0: nothing is known, 1: a finger has swept it and it is free, 2: touched
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.rooms import lazy
 
 if TYPE_CHECKING:
+    from palpate.nodes.planning.budget import Allowance as Allowance
     from palpate.nodes.planning.budget import allowance as allowance
     from palpate.nodes.planning.budget import fits_contour as fits_contour
     from palpate.nodes.planning.budget import shortest_grasp as shortest_grasp
@@ -20,9 +21,11 @@ if TYPE_CHECKING:
     from palpate.nodes.planning.phases import model_goal as model_goal
     from palpate.nodes.planning.phases import next_touch as next_touch
     from palpate.nodes.planning.phases import probe_goal as probe_goal
+    from palpate.nodes.planning.phases import touch_goal as touch_goal
     from palpate.nodes.planning.phases import traced_of as traced_of
     from palpate.nodes.planning.phases import with_coarse as with_coarse
     from palpate.nodes.planning.phases import with_contacts as with_contacts
     from palpate.nodes.planning.phases import with_probe as with_probe
+    from palpate.nodes.planning.phases import with_single as with_single
 else:
     __getattr__, __dir__ = lazy(__name__)

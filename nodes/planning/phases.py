@@ -9,7 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats, compose_poses, inverse_pose, split_pose, transform_points
+from palpate.core import (
+    Floats,
+    advanced_pose,
+    compose_poses,
+    inverse_pose,
+    split_pose,
+    transform_points,
+)
 from palpate.core.explore import Demand, Survey, TracedContour
 from palpate.core.explore.grasp import (
     Hand,
@@ -21,7 +28,7 @@ from palpate.core.explore.grasp import (
     search_places,
     search_pose,
 )
-from palpate.core.explore.planners import Height
+from palpate.core.explore.planners import Height, ObservedSurface, Touch
 from palpate.core.explore.probing import (
     End,
     EndObservation,
@@ -31,7 +38,7 @@ from palpate.core.explore.probing import (
     next_probe,
 )
 from palpate.core.shapes import Bend, FittedSuperquadric
-from palpate.core.touch import HITS
+from palpate.core.touch import HITS, Pad
 from palpate.messages import derive
 from palpate.messages.types import (
     Contour,
@@ -57,6 +64,8 @@ class Task(NamedTuple):
     allowed: Allowance  # What it may take
     # The end that is probed, and how; None for a slice.
     probing: tuple[End, ProbeCommand] | None = None
+    touch: Touch | None = None  # The single touch that is made; None for a slice or an end
+    backed: int = 0  # Times that it was begun anew from farther off
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +89,7 @@ class State:
     world: World | None = None  # Where the object stands
     pad_width: float = 0.0  # Of a finger, m
     resolution: float = 0.0  # Smallest difference that the sensor tells, m
+    pad: Pad | None = None  # Of a finger
     grasped: HandContacts = field(default_factory=HandContacts)  # By the hand
     frame: ObjectFrame | None = None  # Once the object has been grasped
     survey: Survey | None = None  # What is known since
@@ -96,7 +106,16 @@ class State:
     # Numbers of all slices, in the order in which they were taken up.
     contours: tuple[int, ...] = ()
     probes: tuple[int, ...] = ()  # Numbers of the probes that hit
-    arcs: tuple[int, ...] = ()  # Of the contours that a limit has cut short
+    arcs: tuple[int, ...] = ()  # Of the contours that are of no use: their touches count
+    missed: tuple[int, ...] = ()  # Numbers of the single touches that met nothing
+    surface: ObservedSurface | None = None  # Of the last model
+    general: bool = False  # Whether that is a general solid
+    aimed: tuple[Floats, ...] = ()  # What single touches were aimed at since, (3,) each
+    refused: tuple[Floats, ...] = ()  # What single touches were aimed at in vain
+    singles: int = 0  # Single touches that hit
+    again: Task | None = None  # The single touch that is to be begun anew from farther off
+    # Finger to where its last single touch began, (3,), m.
+    resting: Mapping[int, Floats] = field(default_factory=lambda: MappingProxyType({}))
     # Whether a goal came back without a touch: what is left of the budget is too little for one.
     cut: bool = False
     # Usable contours, probes and arcs of the last model.
@@ -117,8 +136,8 @@ class State:
 
     @property
     def evidence(self) -> tuple[int, int, int]:
-        """Usable contours, probes and arcs that there are."""
-        return len(self.usable), len(self.probes), len(self.arcs)
+        """Usable contours, probes of ends and arcs that there are."""
+        return len(self.usable), len(self.probes) - self.singles, len(self.arcs)
 
     @property
     def is_searching(self) -> bool:
@@ -129,9 +148,16 @@ class State:
     @property
     def is_stale(self) -> bool:
         """Whether there is more than the last model knows, and enough for another."""
-        return bool(self.usable) and self.evidence != self.modelled
+        if self.usable or self.arcs:
+            batch = max(BATCH, int(BATCH_SHARE * self.touches))
+            return self.evidence != self.modelled or len(self.aimed) >= batch
+        return False
 
 
+# Single touches after which there is another model, or this share of all touches, if it is more.
+BATCH, BATCH_SHARE = 8, 0.06
+BACK_OFF, MOST_BACK = 15.0e-3, 2  # A touch that began inside is begun so much farther off, m
+ASIDE = 6.0e-3  # A contact so far from where it was aimed at was in vain, m
 # What may stay untouched between two touches of a contour, of the pad's width: so much at most, for
 # a pad that goes farther misses the contour, and nothing where only features of the other share
 # may. Touches that overlap tell how far their poses are off: finer work needs that.
@@ -171,6 +197,40 @@ def probe_goal(state: State, finger: int, probing: ProbeCommand, allowed: Allowa
     )
 
 
+def touch_goal(state: State, finger: int, touch: Touch, allowed: Allowance) -> ProbeGoal:
+    """A single touch of the solid as it is known."""
+    return ProbeGoal(
+        id=state.goals,
+        finger=finger,
+        pose=touch.pose,
+        reach=touch.reach,
+        not_before=state.clock,
+        not_after=allowed.not_after,
+    )
+
+
+def with_single(state: State, task: Task, probe: Probe) -> State:
+    """The state, knowing what a single touch has found."""
+    touch = task.touch
+    assert touch is not None
+    resting = {**state.resting, probe.finger: touch.pose[:3]}
+    state = replace(state, resting=resting, again=None)
+    if probe.outcome == "inside" and task.backed < MOST_BACK:
+        pose = advanced_pose(touch.pose, -BACK_OFF)
+        farther = touch._replace(pose=pose, reach=touch.reach + BACK_OFF)
+        return replace(state, again=task._replace(touch=farther, backed=task.backed + 1))
+    state = replace(state, aimed=(*state.aimed, touch.target))
+    if probe.outcome not in HITS:
+        refused = (*state.refused, touch.target)
+        missed = state.missed
+        if probe.outcome == "miss":
+            missed = (*missed, probe.id)
+        return replace(state, refused=refused, missed=missed)
+    if np.linalg.norm(probe.point - touch.target) > ASIDE:
+        state = replace(state, refused=(*state.refused, touch.target))
+    return replace(state, probes=(*state.probes, probe.id), singles=state.singles + 1)
+
+
 def model_goal(state: State) -> ModelGoal:
     """A model of all that there is."""
     return ModelGoal(
@@ -178,6 +238,7 @@ def model_goal(state: State) -> ModelGoal:
         contours=() if state.survey is None else state.usable,
         probes=state.probes,
         arcs=state.arcs,
+        missed=state.missed,
         closings=state.grasped.closings,
         touches=state.touches,
         robot_time=state.clock,

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.protocol import Planner as Planner
     from palpate.core.explore.planners.protocol import SliceOutcome as SliceOutcome
     from palpate.core.explore.planners.protocol import Stop as Stop
+    from palpate.core.explore.planners.protocol import Touch as Touch
     from palpate.core.explore.planners.protocol import Wait as Wait
     from palpate.core.explore.planners.protocol import check_choice as check_choice
     from palpate.core.explore.planners.protocol import exhausted_budget as exhausted_budget
@@ -42,8 +43,13 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.protocol import (
         slice_without_contour as slice_without_contour,
     )
+    from palpate.core.explore.planners.surface import ObservedSurface as ObservedSurface
+    from palpate.core.explore.planners.surface import OpenArea as OpenArea
+    from palpate.core.explore.planners.surface import TouchOffer as TouchOffer
     from palpate.core.explore.planners.thesis import TEMPLATES as TEMPLATES
     from palpate.core.explore.planners.thesis import Thesis as Thesis
+    from palpate.core.explore.planners.touches import Touches as Touches
+    from palpate.core.explore.planners.touches import next_touch as next_touch
     from palpate.core.explore.planners.trial import AROUND as AROUND
     from palpate.core.explore.planners.trial import EXTENT as EXTENT
     from palpate.core.explore.planners.trial import HELD_OUT as HELD_OUT

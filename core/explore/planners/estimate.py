@@ -28,6 +28,8 @@ from palpate.core.explore.planners.coverage import (
     untouched_spans,
 )
 from palpate.core.explore.planners.protocol import END_DEVIATIONS, Observation
+from palpate.core.explore.planners.surface import OpenArea
+from palpate.core.explore.planners.touches import MOST_OPEN, is_known
 
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
 # Bound of 95 % over the predicted error of the whole; with few intervals by so much more, over the
@@ -66,12 +68,17 @@ class Estimate(NamedTuple):
     largest_untouched: float
     # What bringing the error to its half is expected to take; None where no slice does.
     halving: Cost | None
-    tolerance_met: bool  # Whether both are as small as is asked for
+    tolerance_met: bool  # Whether all that is as small as is asked for
     prediction: ErrorPrediction | None  # Of what the bound is made; None likewise
+    open_area: OpenArea | None = None  # What lies far from every touch; None where nobody looked
 
 
 def estimate_error(observation: Observation) -> Estimate:
     """The bound, what is untouched, and what the next halving takes."""
+    surface = observation.surface
+    if surface is not None and observation.general:
+        known, hole = is_known(observation, surface), surface.open_area
+        return Estimate(surface.rms_bound_95, hole.width, None, known, None, hole)
     profile, spans = profile_of(observation), untouched_spans(observation)
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
     untouched = max([span.length for span in spans] + [loose])
@@ -82,9 +89,14 @@ def estimate_error(observation: Observation) -> Estimate:
         return Estimate(bound, untouched, None, False, None)
     prediction = predict_error(observation, profile, spans)
     bound = prediction.rms_bound_95 * observation.extent
+    opened = None
+    if surface is not None:
+        bound, opened = math.hypot(bound, surface.hidden), surface.open_area
     met = bound <= observation.tolerance and untouched <= observation.feature
+    if met and surface is not None:
+        met = surface.reachable(observation.tried) <= MOST_OPEN
     halving = halving_cost(observation, prediction)
-    return Estimate(bound, untouched, halving, met, prediction)
+    return Estimate(bound, untouched, halving, met, prediction, opened)
 
 
 def halving_cost(observation: Observation, prediction: ErrorPrediction) -> Cost | None:

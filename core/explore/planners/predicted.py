@@ -41,6 +41,7 @@ from palpate.core.explore.planners.protocol import (
     exhausted_budget,
     first_and_last,
 )
+from palpate.core.explore.planners.touches import LEAST_GAIN, next_touch
 from palpate.core.plugins import Range, check_ranges
 
 # Reasons of slices that no error has asked for.
@@ -73,9 +74,14 @@ class Predicted:
         over = exhausted_budget(observation)
         if over is not None:
             return Stop(over)
-        height = self._covering(observation)
+        surface = observation.surface
+        height = None
+        if surface is None or all(one.usable for one in observation.slices):
+            height = self._covering(observation)
         if height is not None:
             return Height(height, COVERING)
+        if surface is not None and observation.general:
+            return next_touch(observation, surface, LEAST_GAIN)
         estimate = estimate_error(observation)
         prediction = estimate.prediction
         if prediction is not None:
@@ -84,6 +90,8 @@ class Predicted:
                 return found
         if observation.busy_heights:
             return Wait("other fingers are at work where there is something left to do")
+        if surface is not None and not estimate.tolerance_met:
+            return next_touch(observation, surface, LEAST_GAIN, estimate.rms_bound_95)
         return Stop(_reason(observation, estimate))
 
     def _refining(self, observation: Observation, prediction: ErrorPrediction) -> Height | None:

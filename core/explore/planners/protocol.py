@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol, cast
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
+from palpate.core.explore.planners.surface import ObservedSurface
 from palpate.core.plugins import class_by_name
 
 LEAST_AZIMUTHS = 4
@@ -28,7 +29,7 @@ LEAST_SPACING = 0.03  # Of the height: slices that are nearer tell hardly more t
 END_SHARE, NEAR_END_SHARE, END_TOLERANCES = 0.03, 0.02, 20.0
 END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
 SAME = 1e-9  # Of the height: heights that differ by less are one
-PLANNER_NAMES = ("predicted", "uniform", "thesis", "fuzzy")  # The default first
+PLANNER_NAMES = ("predicted", "touches", "uniform", "thesis", "fuzzy")  # The default first
 
 
 class SliceOutcome(StrEnum):
@@ -141,6 +142,12 @@ class Observation:
     deviation: float | None = None
     ends_deviation: float = 0.0  # Of it, the part that the ends make, m
     pose_deviation: float = 0.0  # Standard deviation of a touch's place, m; 0 if none is seen
+    # The solid as it is known, for single touches; None while there is none.
+    surface: ObservedSurface | None = None
+    # Whether that is a general solid, which predicts touches better than slices do.
+    general: bool = False
+    tried: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # What was aimed at since, m
+    resting: Floats | None = None  # Where the finger is that asks, (3,), world frame, m
 
     def __post_init__(self) -> None:
         if not -math.inf < self.low < self.high < math.inf:
@@ -183,6 +190,15 @@ class Height(NamedTuple):
     """Trace this slice next."""
 
     height: float  # m
+    reason: str  # Why there, in words
+
+
+class Touch(NamedTuple):
+    """Make this single touch next."""
+
+    pose: Floats  # From which the pad moves along its z axis, (7,), world frame
+    reach: float  # Longest way, m
+    target: Floats  # Where the surface is expected, (3,), m
     reason: str  # Why there, in words
 
 
@@ -267,11 +283,31 @@ def _wrong(observation: Observation, choice: object) -> str:
     match choice:
         case Height():
             return _wrong_height(observation, choice.height)
+        case Touch():
+            return _wrong_touch(observation, choice)
         case Wait():
             return "" if observation.busy_heights else "it waits, but no finger is at work"
         case Stop():
             return ""
-    return f"it must answer with a Height, a Wait or a Stop, got {choice!r:.60}"
+    return f"it must answer with a Height, a Touch, a Wait or a Stop, got {choice!r:.60}"
+
+
+def _wrong_touch(observation: Observation, choice: Touch) -> str:
+    surface = observation.surface
+    pose = np.asarray(choice.pose, float)
+    if pose.shape != (7,) or not np.isfinite(pose).all() or not 0.0 < choice.reach < math.inf:
+        return f"a touch must have a finite pose (7,) and a reach, got {choice!r:.60}"
+    if surface is None:
+        return "a touch asks for a solid that is known, and there is none"
+    if float(np.hypot(*pose[:2])) > surface.reach:
+        place = ", ".join(f"{one:.3g}" for one in pose[:3])
+        return f"a touch must begin within {surface.reach:g} m of the axis, got ({place}) m"
+    if surface.platform is not None and pose[2] < surface.platform:
+        return f"a touch must begin over the platform, got {pose[2]:g} m"
+    if surface.is_inside(pose[:3]):
+        place = ", ".join(f"{one:.3g}" for one in pose[:3])
+        return f"a touch must begin outside the object, got ({place}) m"
+    return ""
 
 
 def _wrong_height(observation: Observation, height: float) -> str:
@@ -322,4 +358,4 @@ def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
         raise ValueError(f"the planner {name!r} cannot be made: {error}") from None
 
 
-Choice = Height | Wait | Stop
+Choice = Height | Touch | Wait | Stop

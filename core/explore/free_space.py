@@ -1,0 +1,77 @@
+"""What is known of the space about an object: free, touched, or nothing.
+
+A map of even voxels over all that a finger reaches. A guarded move frees what the face of the pad
+has swept; where it touched, the voxels are touched, and what was touched once is never freed again,
+for poses err. The rest is unknown, the inside of the object with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core.arrays import Floats
+from palpate.core.poses import split_pose
+from palpate.core.touch import Pad
+
+UNKNOWN, FREE, TOUCHED = 0, 1, 2  # States of a voxel
+VOXEL = 2.5e-3  # Edge of one, m: a sixth of a pad
+MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
+PRESSED = 1.5e-3  # By how much, m
+EVERY = 2  # Taxels along rows and columns: places of the face that are swept
+States = NDArray[np.uint8]
+Longs = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpaceMap:
+    """A three-state map."""
+
+    low: Floats  # Place of the first voxel's middle, (3,), m
+    step: float  # Edge of a voxel, m
+    states: States  # (a, b, c)
+
+    def numbers(self, places: Floats) -> Longs:
+        """Numbers (k,) of the voxels that hold places (n, 3), each once; none beyond the map."""
+        at = np.round((places - self.low) / self.step).astype(np.int64)
+        at = at[((at >= 0) & (at < self.states.shape)).all(axis=1)]
+        return np.unique(np.ravel_multi_index(tuple(at.T), self.states.shape))
+
+    def marked(self, free: Longs, touched: Longs) -> SpaceMap:
+        """With voxels, by their numbers, that are free or touched; touched is what was both."""
+        states = self.states.copy()
+        flat = states.reshape(-1)
+        flat[free] = np.maximum(flat[free], FREE)
+        flat[touched] = TOUCHED
+        return replace(self, states=states)
+
+    def free_places(self) -> Floats:
+        """Middles of the free voxels, (k, 3), m."""
+        return np.argwhere(self.states == FREE) * self.step + self.low
+
+
+def empty_map(reach: float, platform: float, step: float = VOXEL) -> SpaceMap:
+    """A map of all that a finger reaches, so far sideways and up from the platform, m."""
+    low = np.array([-reach, -reach, platform])
+    shape = [int(np.ceil(side / step)) + 1 for side in (2.0 * reach, 2.0 * reach, reach)]
+    return SpaceMap(low, step, np.zeros(shape, np.uint8))
+
+
+def swept_places(pad: Pad, start: Floats, pose: Floats, step: float, *, touched: bool) -> Floats:
+    """Places (n, 3) that the face of a pad has passed on its way, so close together, m.
+
+    `start` and `pose` (7,): of the pad, before and after the move. `touched`: whether it met
+    something at its end.
+    """
+    position, axes = split_pose(start)
+    length = float((split_pose(pose)[0] - position) @ axes[:, 2])
+    if touched:
+        length -= MARGIN * step + PRESSED
+    if length <= 0.0:
+        return np.zeros((0, 3))
+    ways = np.arange(0.0, length, 0.5 * step)
+    x, y = (axis[::EVERY, ::EVERY].ravel() for axis in pad.grid())
+    face = np.column_stack([x, y, -pad.sag()[::EVERY, ::EVERY].ravel()]) @ axes.T + position
+    return np.asarray((face + ways[:, None, None] * axes[:, 2]).reshape(-1, 3))

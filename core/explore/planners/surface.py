@@ -1,0 +1,320 @@
+"""Single touches of a solid of any shape: where they can be made, and what each is worth.
+
+A planner is told of the solid by its triangles and the error that is expected at each vertex.
+Places of it are drawn by area; those with the largest expected error are approached along their
+normals and along directions about them, and rays from the face of the pad tell what a touch would
+meet there, and whether the finger is free on its way: the finger is a prism behind the pad. A touch
+is worth the squared errors, times area, of the places that it would meet or come near to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.poses import pose_of
+from palpate.core.shapes import Mesh, TriangleShape
+from palpate.core.touch import Pad
+
+PLACES = 4000  # Of the surface at which errors are told
+TRIED = 32  # Places to which touches are tried: the worst, not too close together
+APART = 0.75  # Widths of the pad between two of these
+TILTS = np.radians([0.0, 25.0, 45.0, 65.0])  # Of the approach from the normal
+AROUND = 8  # Directions of each tilt
+RAYS = 6  # Along each side of the pad's face
+NEAR = 0.33  # Of the pad's width: what lies so near to a contact is known afterwards
+BODY = 10.0e-3  # Length of the finger behind the pad's face that must be free, m
+LEAST_START, MOST_START = 4.0e-3, 20.0e-3  # Of the face over the place where it is expected, m
+DEVIATIONS = 3.0  # Expected errors that a start lies farther off
+BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
+CLEARANCE = 1.0e-3  # Of the finger over the platform, m
+SAME = 1e-9  # Targets that differ by less are one, m
+OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
+# Error of a place that was left open over that of a touched one at the same distance: what is left
+# open is what is hard to reach.
+OPEN_FACTOR = 2.5
+TOUCHED_AREA = 1.0e-4  # That one touch covers, m^2
+FAR = 1.0  # Rays that meet nothing end here, m
+
+
+class TouchOffer(NamedTuple):
+    """A touch that can be made."""
+
+    pose: Floats  # From which the pad moves along its z axis, (7,), world frame
+    reach: float  # Longest way, m
+    target: Floats  # Where the surface is expected, (3,), m
+    places: Ints  # Numbers of the places that are known afterwards
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedSurface:
+    """A solid as a planner is told of it; world frame, m."""
+
+    mesh: Mesh  # Closed, turned outwards
+    errors: Floats  # Expected at each vertex, (n,)
+    bounds: Floats  # Below which they are in 95 of 100 runs, (n,)
+    distances: Floats  # Of each vertex from what was touched, (n,)
+    pad: Pad  # What touches
+    platform: float | None  # Height on which the object stands
+    reach: float  # Of the finger, sideways from the axis and up from the platform
+    refused: Floats  # Where touches in vain were aimed at before, (j, 3)
+
+    def __post_init__(self) -> None:
+        count = len(finite_array("mesh.vertices", self.mesh.vertices, (None, 3)))
+        for name in ("errors", "bounds", "distances"):
+            finite_array(name, getattr(self, name), (count,))
+
+    @cached_property
+    def places(self) -> SurfacePlaces:
+        """Places drawn by area, and what is known there."""
+        return _places(self)
+
+    @cached_property
+    def offers(self) -> tuple[TouchOffer, ...]:
+        """Touches that can be made where errors are largest."""
+        return tuple(_offers(self))
+
+    @cached_property
+    def squares(self) -> Floats:
+        """Squared errors at the places, (n,); 0 where nobody can touch, or did in vain."""
+        places, squares = self.places, np.square(self.places.errors)
+        if len(self.refused):
+            near = cKDTree(self.refused).query(places.points)[0] < 0.5 * NEAR * pad_width(self.pad)
+            squares = np.where(near, 0.0, squares)
+        return np.where(places.under, 0.0, squares)
+
+    @cached_property
+    def open_area(self) -> OpenArea:
+        """What lies far from every touch, the underside apart."""
+        places = self.places
+        far = self.far
+        known = np.count_nonzero(~places.under)
+        widest = np.where(places.under, 0.0, places.distances)
+        most = int(widest.argmax())
+        return OpenArea(
+            float(far.sum()) / max(int(known), 1),
+            2.0 * float(widest[most]) if far.any() else 0.0,
+            places.points[most] if far.any() else None,
+            float(places.under.mean()),
+            float(far.sum()) / PLACES * self.area / TOUCHED_AREA,
+        )
+
+    @cached_property
+    def area(self) -> float:
+        """Of the whole surface, m^2."""
+        corners = self.mesh.vertices[self.mesh.faces]
+        crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return 0.5 * float(np.linalg.norm(crossed, axis=1).sum())
+
+    @cached_property
+    def rms_bound_95(self) -> float:
+        """Below which the root mean square error is in 95 of 100 runs, the underside apart, m."""
+        known = ~self.places.under
+        return float(np.sqrt(np.mean(np.square(self.places.bounds)[known]) + self.hidden**2))
+
+    @cached_property
+    def hidden(self) -> float:
+        """What the open area may hide beyond that, root mean square over the whole surface, m."""
+        places = self.places
+        square = (OPEN_FACTOR**2 - 1.0) * np.square(places.bounds) * self.far
+        return float(np.sqrt(square.sum() / max(int(np.count_nonzero(~places.under)), 1)))
+
+    @cached_property
+    def far(self) -> Bools:
+        """Which places, the underside apart, lie far from every touch, (n,)."""
+        return (self.places.distances > OPEN) & ~self.places.under
+
+    def reachable(self, tried: Floats) -> float:
+        """Share of the surface that lies far from every touch and that a touch can reach."""
+        met = np.zeros(PLACES, np.bool_)
+        left = self.left(tried) > 0.0
+        for offer in self.offers:
+            met[offer.places] = True
+        known = max(int(np.count_nonzero(~self.places.under)), 1)
+        return float((met & left & self.far).sum()) / known
+
+    def is_inside(self, place: Floats) -> bool:
+        """Whether a place (3,) lies within the solid."""
+        shape = TriangleShape(self.mesh.vertices, self.mesh.faces)
+        return bool(np.isneginf(shape.cast(place[None], np.array([0.0, 0.0, 1.0]), FAR))[0])
+
+    def left(self, tried: Floats) -> Floats:
+        """The same, 0 where touches were aimed at since, (k, 3)."""
+        squares = self.squares.copy()
+        for offer in self.offers if len(tried) else ():
+            if np.abs(tried - offer.target).max(axis=1).min() <= SAME:
+                squares[offer.places] = 0.0
+        return squares
+
+
+class OpenArea(NamedTuple):
+    """What lies so far from every touch that nobody knows what is there."""
+
+    share: float  # Of the surface, the underside apart
+    width: float  # Of the largest opening, m; 0 if there is none
+    place: Floats | None  # Its middle, (3,), m
+    under: float  # Share of the surface on which the object stands
+    touches: float  # That it would take, if all of it can be reached
+
+
+class SurfacePlaces(NamedTuple):
+    """Places of a surface that each stand for the same area."""
+
+    points: Floats  # (n, 3), m
+    normals: Floats  # Outward, (n, 3)
+    errors: Floats  # (n,), m
+    bounds: Floats  # Their bounds of 95 %, (n,), m
+    distances: Floats  # From what was touched, (n,), m
+    under: Bools  # Whether the object stands on it, (n,): nobody can touch it there
+
+
+def pad_width(pad: Pad) -> float:
+    """Of its longer side, m."""
+    return pad.pitch * max(pad.rows, pad.cols)
+
+
+def _places(surface: ObservedSurface) -> SurfacePlaces:
+    corners = surface.mesh.vertices[surface.mesh.faces]
+    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(crossed, axis=1)
+    rng = np.random.default_rng(len(corners))
+    cumulated = np.cumsum(doubled)
+    at = (np.arange(PLACES) + rng.random(PLACES)) / PLACES * cumulated[-1]
+    face = np.searchsorted(cumulated, at).clip(max=len(corners) - 1)
+    root, second = np.sqrt(rng.random(PLACES)), rng.random(PLACES)
+    shares = np.column_stack([1.0 - root, root * (1.0 - second), root * second])
+    known = surface.mesh.faces[face]
+    points = np.einsum("nk,nki->ni", shares, corners[face])
+    under = np.zeros(PLACES, np.bool_)
+    if surface.platform is not None:
+        under = points[:, 2] < surface.platform + CLEARANCE
+    return SurfacePlaces(
+        points,
+        crossed[face] / np.maximum(doubled[face], np.finfo(float).tiny)[:, None],
+        np.einsum("nk,nk->n", shares, surface.errors[known]),
+        np.einsum("nk,nk->n", shares, surface.bounds[known]),
+        np.einsum("nk,nk->n", shares, surface.distances[known]),
+        under,
+    )
+
+
+def _offers(surface: ObservedSurface) -> list[TouchOffer]:
+    places, width = surface.places, pad_width(surface.pad)
+    shape = TriangleShape(surface.mesh.vertices, surface.mesh.faces)
+    tree = cKDTree(places.points)
+    found: list[TouchOffer] = []
+    for number in _worst(surface, tree, width):
+        normal = places.normals[tree.query_ball_point(places.points[number], 0.2 * width)].mean(
+            axis=0
+        )
+        offer = _best_approach(surface, shape, tree, number, normal)
+        if offer is not None:
+            found.append(offer)
+    return found
+
+
+def _worst(surface: ObservedSurface, tree: cKDTree, width: float) -> list[int]:
+    """Places at which the squared errors about them are largest, from the largest on."""
+    places, worth = surface.places, surface.squares
+    about = tree.query_ball_point(places.points, NEAR * width)
+    sums = np.array([worth[one].sum() for one in about])
+    sums[worth == 0.0] = 0.0
+    chosen: list[int] = []
+    while len(chosen) < TRIED and sums.max(initial=0.0) > 0.0:
+        chosen.append(int(sums.argmax()))
+        sums[tree.query_ball_point(places.points[chosen[-1]], APART * width)] = 0.0
+    return chosen
+
+
+def _best_approach(
+    surface: ObservedSurface, shape: TriangleShape, tree: cKDTree, number: int, normal: Floats
+) -> TouchOffer | None:
+    """The approach of a place by which most of the squared errors are met; None if none is free."""
+    left = surface.squares
+    best, most = None, 0.0
+    length = float(np.linalg.norm(normal))
+    if not length > 0.0:
+        return None
+    for tilt, outward in approach_directions(normal / length):
+        offer = _approach(surface, shape, tree, number, outward)
+        if offer is None:
+            continue
+        worth = float(left[offer.places].sum())
+        if worth > most:
+            best, most = offer, worth
+        if tilt == 0.0 and best is not None and number in best.places:
+            break  # straight on is best where it is free
+    return best
+
+
+def approach_directions(normal: Floats) -> list[tuple[float, Floats]]:
+    """Unit directions (3,) out of which a place may be approached, with their tilt, rad."""
+    aside = np.eye(3)[int(np.abs(normal).argmin())]
+    first = np.cross(normal, aside)
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    found = [(0.0, normal)]
+    for tilt in TILTS[1:].tolist():
+        for turn in 2.0 * np.pi * np.arange(AROUND) / AROUND:
+            level = math.cos(turn) * first + math.sin(turn) * second
+            found.append((tilt, math.cos(tilt) * normal + math.sin(tilt) * level))
+    return found
+
+
+def _approach(
+    surface: ObservedSurface, shape: TriangleShape, tree: cKDTree, number: int, outward: Floats
+) -> TouchOffer | None:
+    """A touch of a place out of a direction; None where finger or start are not free."""
+    places, pad = surface.places, surface.pad
+    axes = pad_axes(-outward)
+    across = np.abs(axes[2, :2]) @ np.full(2, 0.5 * pad_width(pad))
+    target = places.points[number]
+    if surface.platform is not None:
+        low = surface.platform + CLEARANCE + across
+        if target[2] < low:  # as low as the pad can go
+            target = target + np.array([0.0, 0.0, low - target[2]])
+    start = min(
+        max(LEAST_START, DEVIATIONS * float(places.errors[number]) + LEAST_START), MOST_START
+    )
+    face = _face(pad) @ axes.T
+    away = start + 2.0 * LEAST_START + BODY
+    ranges = shape.cast(target + away * outward + face, -outward, FAR)
+    nearest = float(ranges.min())
+    if nearest < start + BODY:  # the finger would meet something, or begin inside
+        return None
+    if nearest > away + BEYOND:
+        return None
+    met = ranges <= nearest + 1.0e-3
+    points = target + away * outward + face[met] - ranges[met, None] * outward
+    known = np.unique(np.concatenate(tree.query_ball_point(points, NEAR * pad_width(pad))))
+    contact = target + (away - nearest) * outward
+    begin = contact + start * outward
+    if math.hypot(*begin[:2]) > surface.reach:
+        return None
+    if surface.platform is not None and begin[2] < surface.platform + CLEARANCE + across:
+        return None
+    pose = pose_of(begin, axes)
+    return TouchOffer(pose, start + BEYOND, points.mean(axis=0), known.astype(np.int32))
+
+
+def pad_axes(inward: Floats) -> Floats:
+    """Axes (3, 3) of a pad that moves along a direction, its x axis level."""
+    level = np.cross([0.0, 0.0, 1.0], inward)
+    if np.linalg.norm(level) < 0.05:
+        level = np.cross([0.0, 1.0, 0.0], inward)
+    level /= np.linalg.norm(level)
+    return np.column_stack([level, np.cross(inward, level), inward])
+
+
+def _face(pad: Pad) -> Floats:
+    """Places (n, 3) of the pad's face, in its own frame, m."""
+    half = 0.5 * pad_width(pad)
+    x, y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-half, half, RAYS)] * 2))
+    sag = 0.5 * pad.dome * (x**2 + y**2)
+    return np.column_stack([x, y, -sag])

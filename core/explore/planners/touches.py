@@ -1,0 +1,121 @@
+"""Single touches alone: each where it takes most of the expected error for its robot time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.planners.protocol import (
+    Choice,
+    Observation,
+    Stop,
+    Touch,
+    Wait,
+    exhausted_budget,
+)
+from palpate.core.explore.planners.surface import ObservedSurface, TouchOffer
+from palpate.core.plugins import Range, check_ranges
+
+LEAST_GAIN = 1e-3  # Of the squared error that is asked for, over the whole surface
+TOUCH_SECONDS = 1.5  # Of a touch without the way to it
+TRAVEL_SPEED = 0.1  # m/s
+NEARLY = 0.6  # Of the largest gain: touches that are worth less wait
+MOST_OPEN = 0.01  # Of the surface: so much of it may lie far from every touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Touches:
+    """The planner of single touches."""
+
+    # A touch must take this share of the squared error that is asked for, over the whole surface.
+    least_gain: Annotated[float, Range(0.0, 1.0, "1")] = LEAST_GAIN
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def next(self, observation: Observation) -> Choice:
+        """The next touch, or that the demand is met, or that no touch would bring it nearer."""
+        over = exhausted_budget(observation)
+        if over is not None:
+            return Stop(over)
+        surface = observation.surface
+        if surface is None:
+            return Stop("there is no solid whose surface could be touched")
+        choice = next_touch(observation, surface, self.least_gain)
+        if isinstance(choice, Stop) and observation.busy_heights:
+            return Wait("other fingers are at work")
+        return choice
+
+
+def next_touch(
+    observation: Observation,
+    surface: ObservedSurface,
+    least_gain: float,
+    bound: float | None = None,
+) -> Touch | Stop:
+    """The touch of a surface that takes most of its squared error for its time.
+
+    Where the error is within tolerance, what lies far from every touch. `bound`: of the error, m;
+    if left out, that of the surface.
+    """
+    if bound is None:
+        bound = surface.rms_bound_95
+    left = surface.left(observation.tried)
+    if bound > observation.tolerance:
+        wanted = least_gain * observation.tolerance**2 * len(left)
+        found = _best(observation, surface, left, wanted)
+        if found is not None:
+            return Touch(*found[:3], "the expected error is largest there")
+    if surface.reachable(observation.tried) > MOST_OPEN:
+        found = _best(observation, surface, (surface.far & (left > 0.0)).astype(float), 1.0)
+        if found is not None:
+            return Touch(*found[:3], "nothing near to it was touched")
+    elif bound <= observation.tolerance:
+        return Stop("the error is within tolerance, and nothing larger than a feature is untouched")
+    return Stop(_reason(observation, surface))
+
+
+def _best(
+    observation: Observation, surface: ObservedSurface, left: Floats, wanted: float
+) -> TouchOffer | None:
+    """The offer that takes most of what is left at the places, (n,), for its time."""
+    gains = [float(left[offer.places].sum()) for offer in surface.offers]
+    least = max(wanted, NEARLY * max(gains, default=0.0))
+    best, most = None, 0.0
+    for offer, gain in zip(surface.offers, gains, strict=True):
+        if gain < least:
+            continue
+        way = 0.0
+        if observation.resting is not None:
+            way = float(np.linalg.norm(offer.pose[:3] - observation.resting))
+        rate = gain / (TOUCH_SECONDS + way / TRAVEL_SPEED)
+        if rate > most:
+            best, most = offer, rate
+    return best
+
+
+def is_known(observation: Observation, surface: ObservedSurface) -> bool:
+    """Whether a general solid is known as well as is asked for."""
+    within = surface.rms_bound_95 <= observation.tolerance
+    return within and surface.reachable(observation.tried) <= MOST_OPEN
+
+
+def _reason(observation: Observation, surface: ObservedSurface) -> str:
+    """Why it is over, where no touch is left that would help."""
+    if surface.open_area.share > MOST_OPEN:
+        return f"{describe_opening(surface)}, and no touch reaches it"
+    return "no further touch would bring the error within tolerance"
+
+
+def describe_opening(surface: ObservedSurface) -> str:
+    """What of a surface is not known, where, and how wide."""
+    found = surface.open_area
+    assert found.place is not None
+    place = ", ".join(f"{1e3 * one:.0f}" for one in found.place)
+    return (
+        f"{found.share:.1%} of the surface is not known, the largest opening of it "
+        f"{1e3 * found.width:.0f} mm wide at ({place}) mm"
+    )

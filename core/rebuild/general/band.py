@@ -1,0 +1,129 @@
+"""Cubic tensor B-splines on the cells of a narrow band: the control lattice of a general solid.
+
+A cell is a cube of a grid through the origin; over it a spline has 64 control values. Only cells
+near the surface are kept, so that the number of control values grows with the area of an object and
+not with its volume. Positions are in cells throughout, and so are values: the gradient of a
+distance has length 1 in any unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from palpate.core.arrays import Bools, Floats, Ints
+
+ORDER = 4  # Of the splines along each axis: cubics
+LOCAL = ORDER**3  # Control values over a cell
+REACH = 1 << 19  # Cells from the origin, at most
+GAUSS = 5  # Points along an axis: products of second derivatives of cubics are integrated exactly
+CORNERS = np.stack(np.meshgrid(*[np.arange(ORDER)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Band:
+    """Cells, and the control values over them."""
+
+    cells: Ints  # Lowest corners, (m, 3), in the order of their keys
+    control: Ints  # Grid places of the control values, (n, 3)
+    local: Ints  # Numbers of the control values over each cell, (m, 64)
+
+    def find(self, cells: Ints) -> Ints:
+        """Numbers (k,) of cells (k, 3); -1 for those outside the band."""
+        keys, wanted = cell_keys(self.cells), cell_keys(cells)
+        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        return np.where(keys[at] == wanted, at, -1).astype(np.int32)
+
+    def locate(self, places: Floats) -> tuple[Ints, Floats]:
+        """Number of the cell (k,) of each place (k, 3), -1 outside, and where in it, (k, 3)."""
+        corners = np.floor(places)
+        return self.find(corners.astype(np.int32)), places - corners
+
+    def evaluate(self, values: Floats, places: Floats) -> tuple[Floats, Floats]:
+        """The spline of control values (n,) and its gradient at places (k, 3): (k,) and (k, 3).
+
+        NaN outside the band.
+        """
+        number, within = self.locate(places)
+        inside = number >= 0
+        value, gradient = np.full(len(places), np.nan), np.full((len(places), 3), np.nan)
+        control = values[self.local[number[inside]]]
+        rows = basis_rows(within[inside])
+        value[inside] = np.einsum("kl,kl->k", rows[0], control)
+        gradient[inside] = np.einsum("akl,kl->ka", rows[1:], control)
+        return value, gradient
+
+
+def make_band(cells: Ints) -> Band:
+    """The band of cells (k, 3), given in any order and more than once.
+
+    Raises ValueError if there is none, or one lies too far from the origin.
+    """
+    if not len(cells) or np.abs(cells).max() >= REACH:
+        raise ValueError(f"a band must have cells within {REACH} of the origin, got {len(cells)}")
+    cells = cells[np.unique(cell_keys(cells), return_index=True)[1]].astype(np.int32)
+    spread = (cells[:, None] + CORNERS).reshape(-1, 3)
+    _, first, inverse = np.unique(cell_keys(spread), return_index=True, return_inverse=True)
+    local = inverse.reshape(-1, LOCAL)
+    control = spread[first] - 1  # a control value stands one cell inside its support
+    return Band(cells, control.astype(np.int32), local.astype(np.int32))
+
+
+def cell_keys(cells: Ints) -> Ints:
+    """One number (k,) for each cell (k, 3), ascending along x, then y, then z."""
+    shifted = cells.astype(np.int64) + REACH
+    return np.asarray((shifted[:, 0] * 2 * REACH + shifted[:, 1]) * 2 * REACH + shifted[:, 2])
+
+
+def basis_rows(within: Floats) -> Floats:
+    """Values and gradients of the 64 splines at places (k, 3) in a cell, (4, k, 64)."""
+    values, slopes = (_cubics(within, order) for order in range(2))  # (k, 3, 4)
+    return np.stack(
+        [_products(values, values, values)]
+        + [
+            _products(*(slopes if axis == other else values for other in range(3)))
+            for axis in range(3)
+        ]
+    )
+
+
+def _products(along_x: Floats, along_y: Floats, along_z: Floats) -> Floats:
+    planes = along_x[:, 0, :, None] * along_y[:, 1, None, :]
+    return np.asarray((planes[..., None] * along_z[:, 2, None, None, :]).reshape(-1, LOCAL))
+
+
+def _cubics(t: Floats, order: int) -> Floats:
+    """The four uniform cubic B-splines over [0, 1], or a derivative of them, (..., 4)."""
+    s = 1.0 - t
+    if order == 0:
+        middle = 3.0 * t**3 - 6.0 * t**2 + 4.0, 3.0 * s**3 - 6.0 * s**2 + 4.0
+        return np.stack([s**3, *middle, t**3], axis=-1) / 6.0
+    if order == 1:
+        middle = 9.0 * t**2 - 12.0 * t, 12.0 * s - 9.0 * s**2
+        return np.stack([-3.0 * s**2, *middle, 3.0 * t**2], axis=-1) / 6.0
+    return np.stack([s, 3.0 * t - 2.0, 3.0 * s - 2.0, t], axis=-1)
+
+
+@cache
+def cell_integrals() -> tuple[Floats, Floats]:
+    """Over one cell: of all squared second derivatives, and of the square, (64, 64) each."""
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS)
+    at = 0.5 * (nodes + 1.0)
+    mass, slope, bend = (
+        np.einsum("gi,gj,g->ij", _cubics(at, order), _cubics(at, order), 0.5 * weights)
+        for order in range(3)
+    )
+
+    def kron(x: Floats, y: Floats, z: Floats) -> Floats:
+        return np.asarray(np.kron(np.kron(x, y), z))
+
+    pure = kron(bend, mass, mass) + kron(mass, bend, mass) + kron(mass, mass, bend)
+    mixed = kron(slope, slope, mass) + kron(slope, mass, slope) + kron(mass, slope, slope)
+    return pure + 2.0 * mixed, kron(mass, mass, mass)
+
+
+def cells_between(mask: Bools, corner: Ints) -> Ints:
+    """Cells (k, 3) where a mask of cells whose first is `corner` is set."""
+    return (np.column_stack(np.nonzero(mask)) + corner).astype(np.int32)

@@ -1,0 +1,134 @@
+"""How far a general solid is off, as a function of the distance from what was touched.
+
+Touches are left out in turn, and predicted from the others: what the solid is off by at a place
+that lies so far from everything touched is what it was off by where a touch then came. A touch that
+is left out is itself displaced by its pose error, which is taken off again. Beyond the farthest of
+these distances nothing was ever checked: there the error is taken to grow with the distance itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.general.dissection import Dissection
+from palpate.core.rebuild.general.fitting import (
+    ImplicitFit,
+    TouchedPoints,
+    Weights,
+    fit_implicit,
+)
+
+FOLDS, FEW_FOLDS = 4, 2  # Of the touches; and how many of these are left out on the way
+# Distances from touched points, in cells, between which errors are averaged.
+EDGES = np.array([0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0])
+LEAST_TOUCHES = 6  # In a class, for its mean to be believed
+SURE = 1.64  # Standard errors added to a mean: 95 of 100 are below
+GROWTH = 0.5  # Error over distance where nothing was checked
+LEAST_SLOPE = 0.3  # Of the gradient
+FARTHEST = 15.0e-3  # m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceErrors:
+    """Root mean square errors by distance from touched points; in one unit of length."""
+
+    distances: Floats  # Middles of the classes that were checked, ascending, (k,)
+    errors: Floats  # Never falling, (k,)
+    upper: Floats  # Their upper bounds of 95 %, (k,)
+    alarm: float  # Root mean square error of all touches that were left out
+
+    def at(self, distances: Floats, *, upper: bool = False) -> Floats:
+        """Expected errors (n,) at distances (n,), or upper bounds of them."""
+        errors = self.upper if upper else self.errors
+        if not len(errors):
+            return np.asarray(GROWTH * distances)
+        beyond = np.maximum(distances - self.distances[-1], 0.0)
+        return np.asarray(np.interp(distances, self.distances, errors) + GROWTH * beyond)
+
+
+def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
+    """Of each touch, the mean square (t,) of the distances (n,) of its points from a solid, m^2.
+
+    What is farther off than `FARTHEST` counts as that: how much farther says nothing.
+    """
+    found = np.minimum(distances, FARTHEST) ** 2
+    _, touch, counts = np.unique(touched.touch, return_inverse=True, return_counts=True)
+    return np.asarray(np.bincount(touch, found) / counts)
+
+
+def held_out_errors(
+    fit: ImplicitFit,
+    points: TouchedPoints,
+    coarse: Floats,
+    weights: Weights,
+    cell: float,
+    *,
+    folds: int = FOLDS,
+    dissection: Dissection | None = None,
+) -> DistanceErrors:
+    """Errors by distance, m, of a fit; arguments as of `fit_implicit`.
+
+    `cell`: edge of a cell, m. `folds`: how many quarters of the touches are left out in turn.
+    """
+    touches = len(fit.displacements)
+    rng = np.random.default_rng(touches)
+    fold = rng.permutation(touches) % FOLDS
+    away, squares = np.full(len(points.places), np.nan), np.full(len(points.places), np.nan)
+    for turn in range(folds):
+        out = fold[points.touch] == turn
+        if not out.any() or out.all():
+            continue
+        kept = points.only(~out)
+        start = ImplicitFit(
+            fit.band, fit.control, fit.displacements, fit.weights[~out], fit.residuals[~out]
+        )
+        other = fit_implicit(
+            fit.band,
+            kept,
+            coarse,
+            weights,
+            touches=touches,
+            rounds=1,
+            start=start,
+            dissection=dissection,
+        )
+        value, gradient = fit.band.evaluate(other.control, points.places[out])
+        slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
+        squares[out] = (value / slope) ** 2
+        away[out] = cKDTree(kept.places).query(points.places[out])[0]
+    return _by_distance(points, away, squares, _pose_variance(fit, points), cell)
+
+
+def _pose_variance(fit: ImplicitFit, points: TouchedPoints) -> float:
+    """Of displacements along the normals, as far as overlaps tell."""
+    along = np.einsum("ij,ij->i", points.normals, fit.displacements[points.touch])
+    return float(np.mean(along**2))
+
+
+def _by_distance(
+    points: TouchedPoints, away: Floats, squares: Floats, pose: float, cell: float
+) -> DistanceErrors:
+    known = np.isfinite(squares)
+    classes = np.digitize(away[known], EDGES) - 1
+    touch, square, distance = points.touch[known], squares[known], away[known]
+    middles, means, upper = [], [], []
+    for number in range(len(EDGES)):
+        here = classes == number
+        of_touch, counts = np.unique(touch[here], return_counts=True)
+        if len(of_touch) < LEAST_TOUCHES:
+            continue
+        sums = np.bincount(np.searchsorted(of_touch, touch[here]), square[here])
+        each = sums / counts
+        mean = max(float(each.mean()) - pose, 0.0)
+        middles.append(float(distance[here].mean()))
+        means.append(mean)
+        upper.append(mean + SURE * float(each.std()) / np.sqrt(len(each)))
+    rising = np.sqrt(np.maximum.accumulate(means)) if means else np.zeros(0)
+    above = np.sqrt(np.maximum.accumulate(upper)) if upper else np.zeros(0)
+    alarm = float(np.sqrt(square.mean())) if len(square) else 0.0
+    return DistanceErrors(np.array(middles) * cell, rising * cell, above * cell, alarm * cell)

@@ -1,0 +1,320 @@
+"""A solid of any genus: where an implicit spline over a narrow band is negative.
+
+A coarse solid tells which places lie inside; the band are the cells at its surface and those that
+were touched; over them the spline is fitted. Beyond the band the coarse solid goes on. An object
+that stands is cut off at its platform. Parts that no touch supports, and hollows that none has
+reached, are nothing but ripples of the fit, and are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import label
+from scipy.spatial import ConvexHull, cKDTree
+
+from palpate.core.arrays import Bools, Floats, Ints, positive
+from palpate.core.geometry import nearest_points, nearest_search
+from palpate.core.rebuild.contours import ContactPoints, checked_contacts
+from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
+from palpate.core.rebuild.general.dissection import dissect
+from palpate.core.rebuild.general.fitting import (
+    ImplicitFit,
+    TouchedPoints,
+    Weights,
+    fit_implicit,
+)
+from palpate.core.rebuild.general.prediction import FOLDS, DistanceErrors, held_out_errors
+from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
+from palpate.core.rebuild.general.updating import refit_locally
+from palpate.core.shapes import Mesh, grid_surface
+from palpate.core.steps import Steps, no_steps
+
+FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell at the end and on the way, m
+VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
+FOLLOWED = 2  # Times that the band is widened where the surface leaves it
+FOOT = 3.0  # Cells over the platform, all of which belong to the band
+BAND = 1.0  # Cells to both sides of the coarse solid's surface
+POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
+BENDING, ANCHOR = 0.03e3, 1e7  # 1/m and 1/m^5: of the energy's last two terms
+POSE = 0.1e-3  # Of a touch's displacement, m
+SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
+AREA = 1.5  # Of the area of the hull over the number of touches: what a point may stand for
+MOST_POINTS = 30_000  # More are thinned out
+ROUNDS = 2
+PROJECTIONS = 2
+LEAST_PART = 0.02  # Of what was touched: a part with less of it is no part of the object
+LOCAL_REACH = 12.0e-3  # Of a touch: the solid is fitted anew so far about it, m
+LEAST_SLOPE = 0.2  # Of the spline's gradient: a flatter one is no distance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GeneralSolid:
+    """A solid as an implicit spline; lengths in m, places in the world."""
+
+    origin: Floats  # Of the cells, (3,), on the platform
+    cell: float  # Edge of a cell
+    fit: ImplicitFit  # In cells
+    coarse: CoarseSolid  # Beyond the band
+    contacts: ContactPoints  # What was touched
+    platform: float | None
+    predicted: DistanceErrors  # How far it is off, by the distance from touch, m
+    pose: float  # Standard deviation of the error of a touch's place
+
+    def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
+        """The spline, m, and its gradient at places (n, 3): (n,), (n, 3); NaN beyond the band."""
+        value, gradient = self.fit.band.evaluate(
+            self.fit.control, (places - self.origin) / self.cell
+        )
+        return value * self.cell, gradient
+
+    def project(self, places: Floats, flat: Bools | None = None) -> Floats:
+        """Places (n, 3) moved onto the surface along the gradient; `flat` (n,) stay level."""
+        for _ in range(PROJECTIONS):
+            value, gradient = self.evaluate(places)
+            if flat is not None:
+                gradient[flat, 2] = 0.0
+            square = np.maximum((gradient**2).sum(axis=1), LEAST_SLOPE**2)
+            step = (value / square)[:, None] * gradient
+            small = np.linalg.norm(step, axis=1) < self.cell  # false where it is NaN
+            places = np.where(small[:, None], places - step, places)
+        return places
+
+    def mesh(self, parts: int = 2) -> Mesh:
+        """Triangles, closed, with vertices on the surface; each cell is cut into `parts`."""
+        corner, values = self._volume(parts)
+        step = self.cell / parts
+        standing = self.platform is not None
+        inside = self._supported(values < 0.0, corner, step)
+        values = np.where(inside, np.minimum(values, -1e-6), np.maximum(values, 1e-6))
+        vertices, faces = grid_surface(values, level_bottom=standing)
+        flat = (vertices[:, 2] == 0.0) & standing
+        places = self.origin + (vertices + corner) * step
+        moved = self.project(places, flat)
+        near = np.linalg.norm(moved - places, axis=1) < step
+        places = np.where(near[:, None], moved, places)
+        if standing:
+            places[:, 2] = np.maximum(places[:, 2], self.origin[2])
+            places[flat, 2] = self.origin[2]
+        return Mesh(places, faces)
+
+    def distance(self, places: Floats) -> Floats:
+        """Signed distances (n,) of places (n, 3) from the surface, negative inside, m."""
+        mesh = self.mesh()
+        found = nearest_points(nearest_search(mesh.vertices[mesh.faces]), places)
+        value, _ = self.evaluate(places)
+        value = np.where(np.isfinite(value), value, self.coarse.at(places))
+        if self.platform is not None:
+            value = np.maximum(value, self.platform - places[:, 2])
+        return np.where(value < 0.0, -found.distances, found.distances)
+
+    def residuals(self, places: Floats) -> Floats:
+        """Distances (n,) of places (n, 3) from the surface, m: to first order where it is near."""
+        value, gradient = self.evaluate(places)
+        slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
+        found = np.abs(value) / slope
+        far = ~(found < self.cell)
+        if far.any():
+            mesh = self.mesh(1)
+            search = nearest_search(mesh.vertices[mesh.faces])
+            found[far] = nearest_points(search, places[far]).distances
+        return np.asarray(found)
+
+    def touch_distances(self, places: Floats) -> Floats:
+        """Distances (n,) of places (n, 3) from the nearest touched point, m."""
+        return np.asarray(cKDTree(self.contacts.points).query(places)[0])
+
+    def update(self, touched: ContactPoints) -> GeneralSolid:
+        """The solid with what one touch more has touched, fitted anew within `LOCAL_REACH` of it.
+
+        Elsewhere it stays as it is, so that a touch takes the same time however many there were.
+        Topology stays, too: what lies beyond the band counts at the next `rebuild_general`.
+        """
+        touched = checked_contacts(touched)
+        if touched.normals is None or not len(touched.points):
+            return self
+        first = len(self.fit.displacements)
+        more = touched._replace(touch=touched.touch + np.int32(first))
+        places = (more.points - self.origin) / self.cell
+        points = TouchedPoints(places, np.asarray(more.normals), more.touch)
+        weights = cell_weights(self.cell, self.pose)
+        fit = refit_locally(self.fit, self._points(), points, weights, LOCAL_REACH / self.cell)
+        contacts = ContactPoints(
+            np.concatenate([self.contacts.points, more.points]),
+            np.concatenate([np.asarray(self.contacts.normals), points.normals]),
+            np.concatenate([self.contacts.touch, more.touch]).astype(np.int32),
+        )
+        return replace(self, fit=fit, contacts=contacts)
+
+    def _points(self) -> TouchedPoints:
+        places = (self.contacts.points - self.origin) / self.cell
+        return TouchedPoints(places, np.asarray(self.contacts.normals), self.contacts.touch)
+
+    def health(self) -> dict[str, float]:
+        """Figures of the fit by name; lengths in m.
+
+        `control_values` and `touches` of it, the share of `outliers` among points (those that lost
+        half their weight), root mean square `residual` of the others and `displacement` of touches,
+        and `held_out`, the error of touches that were predicted from the others.
+        """
+        fit = self.fit
+        inlying = np.isfinite(fit.residuals) & (fit.weights**2 > 0.5)
+        residual = fit.residuals[inlying]
+        return {
+            "control_values": float(len(fit.control)),
+            "touches": float(len(fit.displacements)),
+            "outliers": float(1.0 - inlying.mean()),
+            "residual": self.cell * float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0,
+            "displacement": self.cell * float(np.sqrt((fit.displacements**2).sum(axis=1).mean())),
+            "held_out": self.predicted.alarm,
+        }
+
+    def _volume(self, parts: int) -> tuple[Ints, Floats]:
+        """First node (3,) of a grid that holds the band, and values at its nodes, cells."""
+        cells = self.fit.band.cells
+        low, high = cells.min(axis=0) - 1, cells.max(axis=0) + 2
+        if self.platform is not None:
+            low[2] = 0
+        shape = (high - low) * parts + 1
+        nodes = (np.moveaxis(np.indices(shape), 0, -1) / parts + low) * self.cell + self.origin
+        values = (self.coarse.at(nodes.reshape(-1, 3)) / self.cell).reshape(shape)
+        within = np.moveaxis(np.indices((parts + 1,) * 3), 0, -1).reshape(-1, 3)
+        found = self.fit.control[self.fit.band.local] @ basis_rows(within / parts)[0].T
+        at = (cells - low)[:, None] * parts + within
+        above = (at >= 0).all(axis=2)
+        values[tuple(at[above].T)] = found[above]
+        return low * parts, values
+
+    def _supported(self, inside: Bools, corner: Ints, step: float) -> Bools:
+        """Without parts, and without hollows, at which nothing was touched."""
+        at = np.round((self.contacts.points - self.origin) / step).astype(int) - corner
+        at = np.clip(at, 1, np.array(inside.shape) - 2)
+        touched = np.zeros(inside.shape, np.bool_)
+        for shift in np.ndindex(3, 3, 3):
+            touched[tuple((at + shift - 1).T)] = True
+        parts, _ = label(inside)
+        counts = np.bincount(parts[touched & inside], minlength=int(parts.max()) + 1)
+        counts[0] = 0
+        inside = (counts >= LEAST_PART * counts.max())[parts] & (parts > 0)
+        parts, count = label(~inside)
+        border = np.ones(inside.shape, np.bool_)
+        border[1:-1, 1:-1, 1:-1] = False
+        if self.platform is not None:
+            border[..., 0] = False
+        reached = np.isin(np.arange(count + 1), parts[border & ~inside])
+        reached[0] = False
+        return ~reached[parts]
+
+
+def rebuild_general(
+    contacts: ContactPoints,
+    *,
+    free: Floats | None = None,
+    platform: float | None = None,
+    cell: float = FINE,
+    pose: float = POSE,
+    folds: int = FOLDS,
+    step: Steps = no_steps,
+) -> GeneralSolid:
+    """The solid of touched points with normals, of whatever shape it is.
+
+    `contacts`: world frame, m. `free` (k, 3): places that a finger has swept. `platform`: height on
+    which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
+    standard deviation of the error of a touch's place. `folds`: quarters of the touches that are
+    left out in turn, to predict them from the others. Raises ValueError if there are no normals, or
+    nothing was touched.
+    """
+    contacts = checked_contacts(contacts)
+    if contacts.normals is None or not len(contacts.points):
+        raise ValueError("patches must have points and normals for a general solid, got none")
+    positive("cell", cell, "m")
+    thinned = _thinned(contacts)
+    touches = int(thinned.touch.max()) + 1
+    with step("topology"):
+        hull = _hull_area(thinned.points)
+        coarse = coarse_solid(
+            thinned.points,
+            np.asarray(thinned.normals),
+            np.zeros((0, 3)) if free is None else free,
+            step=VOXELS * cell,
+            spread=float(np.clip(SPREAD * np.sqrt(hull / touches), LEAST_SPREAD, MOST_SPREAD)),
+            most_area=AREA * hull / touches,
+            platform=platform,
+        )
+    with step("implicit spline"):
+        origin = np.zeros(3) if platform is None else np.array([0.0, 0.0, platform])
+        places = (thinned.points - origin) / cell
+        points = TouchedPoints(places, np.asarray(thinned.normals), thinned.touch)
+        weights = cell_weights(cell, pose)
+        cells = _band_cells(coarse, places, origin, cell, platform is not None)
+        for turn in range(FOLLOWED + 1):
+            band = make_band(cells)
+            control = coarse.at(band.control * cell + origin) / cell
+            order = dissect(band.cells, band.local, len(band.control))
+            terms = band, points, control, weights
+            fit = fit_implicit(*terms, touches=touches, rounds=1, dissection=order)
+            beyond = surface_neighbours(fit, standing=platform is not None)
+            if turn == FOLLOWED or not len(beyond):
+                break
+            cells = np.concatenate([band.cells, beyond])
+        fit = fit_implicit(*terms, touches=touches, rounds=ROUNDS - 1, start=fit, dissection=order)
+    with step("held-out touches"):
+        predicted = held_out_errors(
+            fit, points, control, weights, cell, folds=folds, dissection=order
+        )
+    return GeneralSolid(origin, cell, fit, coarse, thinned, platform, predicted, pose)
+
+
+def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
+    """Cells (k, 3) beside a band that the surface enters through a face of one of its cells."""
+    band = fit.band
+    corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)
+    values = fit.control[band.local] @ basis_rows(corners)[0].T
+    inside = values < 0.0
+    found = []
+    for axis in range(3):
+        for side in (0, 1):
+            face = inside[:, corners[:, axis] == side]
+            crossed = face.any(axis=1) & ~face.all(axis=1)
+            beside = band.cells[crossed].copy()
+            beside[:, axis] += 2 * side - 1
+            found.append(beside[band.find(beside) < 0])
+    beyond = np.concatenate(found)
+    return beyond[beyond[:, 2] >= -1] if standing else beyond
+
+
+def cell_weights(cell: float, pose: float) -> Weights:
+    """Weights of the energy in cells of this edge, m; `pose` in m."""
+    return Weights(POINT / cell, NORMAL, pose / cell, BENDING * cell, ANCHOR * cell**5)
+
+
+def _thinned(contacts: ContactPoints) -> ContactPoints:
+    every = -(-len(contacts.points) // MOST_POINTS)
+    if every <= 1:
+        return contacts
+    kept = np.arange(len(contacts.points)) % every == 0
+    assert contacts.normals is not None
+    return ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
+
+
+def _hull_area(points: Floats) -> float:
+    return float(ConvexHull(points).area)
+
+
+def _band_cells(
+    coarse: CoarseSolid, places: Floats, origin: Floats, cell: float, standing: bool
+) -> Ints:
+    """Cells whose middle lies near the coarse solid's surface, and those that were touched."""
+    low = np.floor((coarse.low - origin) / cell).astype(int)
+    shape = np.array(coarse.distances.shape) * coarse.step
+    high = np.ceil((coarse.low + shape - origin) / cell).astype(int)
+    if standing:
+        low[2] = -1
+    middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
+    distances = coarse.at(middles * cell + origin)
+    near = np.abs(distances) < BAND * cell
+    if standing:  # whether walls go down or turn inwards is for the spline to say
+        near |= (middles[:, 2] < FOOT) & (distances < BAND * cell)
+    found = cells_between(near.reshape(high - low), low)
+    return np.concatenate([found, np.floor(places).astype(np.int32)])

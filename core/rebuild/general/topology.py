@@ -1,0 +1,229 @@
+"""Which places lie inside an object, as far as touches and free space tell: a first coarse answer.
+
+A function of space that is 1 inside and 0 outside has a gradient that is nothing but the surface's
+inward normals: it is sought as the solution of a Poisson equation that is screened at the touched
+points (Kazhdan and Hoppe, *Screened Poisson surface reconstruction*, 2013), on an even grid, by
+conjugate gradients that a Fourier transform preconditions. We depart from them: points count by the
+area they stand for, so that stretches that were touched often do not outweigh others; what a finger
+has swept is held outside, as an inequality, for a penalty everywhere would bend the surface where
+nothing is wrong; and what nobody has passed within the hull of all points is taken to be inside,
+weakly. The platform is a mirror: where an object stands, nothing can be touched, and walls go on
+straight through it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import irfftn, next_fast_len, rfftn
+from scipy.ndimage import (
+    binary_fill_holes,
+    distance_transform_edt,
+    gaussian_filter,
+    label,
+    map_coordinates,
+)
+from scipy.sparse import csr_matrix
+from scipy.spatial import Delaunay, QhullError
+
+from palpate.core.arrays import Bools, Floats
+
+PADDING = 7  # Voxels around all points: the function has fallen to nothing there
+SCREENING = 0.5  # Weight of the points' values over that of their normals
+HULL = 0.0064  # Weight of the hull alone: it counts where no point is within a dozen voxels
+HULL_POINTS = 3000  # More say no more about the hull
+FREE_WEIGHT = 0.5  # Of a voxel that must lie outside and does not
+FREE_MARGIN, FREE_TARGET = 0.08, 0.15  # Below the level: what counts as outside, and what is asked
+ROUNDS = 4  # Of pulling free voxels out
+FEW_VOXELS = 5  # Free voxels that may stay inside
+MOST_STEPS, RESIDUAL = 60, 3e-3
+LEAST_PART = 27  # Voxels: what is smaller is no part of an object
+SMOOTHING = 0.7  # Voxels, of the distances: steps of the grid are no edges
+
+
+class CoarseSolid(NamedTuple):
+    """Signed distances on an even grid, negative inside."""
+
+    low: Floats  # Place of the first voxel, (3,), m
+    step: float  # Edge of a voxel, m
+    distances: Floats  # (a, b, c), m
+
+    def at(self, places: Floats) -> Floats:
+        """Interpolated at places (k, 3), (k,), m."""
+        grid = ((places - self.low) / self.step).T
+        return np.asarray(map_coordinates(self.distances, grid, order=1, mode="nearest"))
+
+
+def coarse_solid(
+    points: Floats,
+    normals: Floats,
+    free: Floats,
+    *,
+    step: float,
+    spread: float,
+    most_area: float,
+    platform: float | None,
+) -> CoarseSolid:
+    """The coarse solid of touched points (n, 3) with normals (n, 3), m.
+
+    `free` (k, 3): places that a finger has swept. `step`: edge of a voxel. `spread`: distance over
+    which points are taken to stand for the surface between them. `most_area`: that one point may
+    stand for, at most, m^2. `platform`: height on which the object stands, None if it is held.
+    """
+    if platform is not None:
+        points, normals = _mirrored(points, normals, platform)
+        below = free * np.array([1.0, 1.0, -1.0]) + np.array([0.0, 0.0, 2.0 * platform])
+        free = np.concatenate([free, below])
+    margin = PADDING * step
+    low = points.min(axis=0) - margin
+    extent = points.max(axis=0) + margin - low
+    shape = [next_fast_len(int(np.ceil(one / step)) + 1, real=True) for one in extent]
+    if platform is not None:  # the platform is a plane of the grid
+        low[2] = platform - step * round((platform - low[2]) / step)
+    grid = _Grid(low, step, tuple(shape))
+    chi, level = _screened(grid, points, normals, grid.mask(free), spread, most_area)
+    inside = binary_fill_holes(chi > level)
+    parts, _ = label(inside)
+    counts = np.bincount(parts.ravel())
+    counts[0] = LEAST_PART
+    inside &= counts[parts] >= LEAST_PART
+    distances = distance_transform_edt(~inside) - distance_transform_edt(inside)
+    distances = gaussian_filter(np.where(inside, distances + 0.5, distances - 0.5), SMOOTHING)
+    return CoarseSolid(low, step, distances * step)
+
+
+def _mirrored(points: Floats, normals: Floats, platform: float) -> tuple[Floats, Floats]:
+    flip = np.array([1.0, 1.0, -1.0])
+    image = points * flip + np.array([0.0, 0.0, 2.0 * platform])
+    return np.concatenate([points, image]), np.concatenate([normals, normals * flip])
+
+
+class _Grid(NamedTuple):
+    low: Floats
+    step: float
+    shape: tuple[int, ...]
+
+    def mask(self, places: Floats) -> Bools:
+        """The voxels that hold one of the places (k, 3)."""
+        found = np.zeros(self.shape, np.bool_)
+        at = np.round((places - self.low) / self.step).astype(int)
+        at = at[((at >= 0) & (at < self.shape)).all(axis=1)]
+        found[tuple(at.T)] = True
+        return found
+
+    def splat(self, places: Floats) -> csr_matrix:
+        """Trilinear weights, (places, voxels)."""
+        at = (places - self.low) / self.step
+        first = np.floor(at).astype(np.int64)
+        share = at - first
+        columns, weights = [], []
+        for corner in np.ndindex(2, 2, 2):
+            weights.append(np.prod(np.where(corner, share, 1.0 - share), axis=1))
+            node = np.clip(first + corner, 0, np.array(self.shape) - 1)
+            columns.append(np.ravel_multi_index(tuple(node.T), self.shape))
+        rows = np.tile(np.arange(len(places)), 8)
+        pairs = rows, np.concatenate(columns)
+        return csr_matrix(
+            (np.concatenate(weights), pairs), shape=(len(places), int(np.prod(self.shape)))
+        )
+
+
+def _screened(
+    grid: _Grid, points: Floats, normals: Floats, free: Bools, spread: float, most_area: float
+) -> tuple[Floats, float]:
+    """The function, and its level at the surface. Lengths in voxels from here on."""
+    splat, step = grid.splat(points), grid.step
+    width = spread / step
+    sums = np.asarray(splat.sum(axis=0)).reshape(grid.shape)
+    density = gaussian_filter(sums, width, mode="constant") * np.sqrt(2.0 * np.pi) * width
+    areas = 1.0 / np.maximum(splat @ density.ravel(), 1e-6)
+    areas = np.minimum(areas, most_area / step**2)
+    waves = np.meshgrid(
+        *(2.0 * np.pi * np.fft.fftfreq(count) for count in grid.shape[:2]),
+        2.0 * np.pi * np.fft.rfftfreq(grid.shape[2]),
+        indexing="ij",
+        sparse=True,
+    )
+    squares = waves[0] ** 2 + waves[1] ** 2 + waves[2] ** 2
+    fields = (
+        rfftn((splat.T @ (areas * normals[:, axis])).reshape(grid.shape)) for axis in range(3)
+    )
+    divergence = sum(1j * wave * field for wave, field in zip(waves, fields, strict=True))
+    right = irfftn(divergence * np.exp(-0.5 * squares), grid.shape)
+    screen = (splat.T @ (SCREENING * areas)).reshape(grid.shape)
+    right, diagonal = right + 0.5 * screen, screen + HULL
+    right = right + HULL * (_in_hull(grid, points) & ~free)
+    border = np.ones(grid.shape, np.bool_)
+    border[1:-1, 1:-1, 1:-1] = False
+    return _outside_of_free(
+        _System(squares, diagonal, right, splat, areas), border, free, grid.shape
+    )
+
+
+def _in_hull(grid: _Grid, points: Floats) -> Bools:
+    try:
+        hull = Delaunay(points[:: max(1, len(points) // HULL_POINTS)])
+    except QhullError:  # all in one plane
+        return np.zeros(grid.shape, np.bool_)
+    places = np.moveaxis(np.indices(grid.shape), 0, -1).reshape(-1, 3) * grid.step + grid.low
+    return np.asarray(hull.find_simplex(places).reshape(grid.shape) >= 0)
+
+
+class _System(NamedTuple):
+    squares: Floats  # Of the wave numbers
+    diagonal: Floats
+    right: Floats
+    splat: csr_matrix
+    areas: Floats
+
+    def level(self, chi: Floats) -> float:
+        return float(np.average(self.splat @ chi.ravel(), weights=self.areas))
+
+
+def _outside_of_free(
+    system: _System, active: Bools, free: Bools, shape: tuple[int, ...]
+) -> tuple[Floats, float]:
+    """The solution in which free voxels lie outside: only those that do not are pulled."""
+    chi, target = None, np.zeros(shape)
+    for turn in range(ROUNDS):
+        diagonal = system.diagonal + FREE_WEIGHT * active
+        right = system.right + FREE_WEIGHT * active * target
+        chi = _conjugate_gradients(system.squares, diagonal, right, chi)
+        level = system.level(chi)
+        wrong = free & (chi > level - FREE_MARGIN) & ~active
+        if turn == ROUNDS - 1 or wrong.sum() < FEW_VOXELS:
+            break
+        target = np.where(wrong, level - FREE_TARGET, target)
+        active = active | wrong
+    assert chi is not None
+    return chi, level
+
+
+def _conjugate_gradients(
+    squares: Floats, diagonal: Floats, right: Floats, start: Floats | None
+) -> Floats:
+    shape = right.shape
+    mean = float(diagonal.mean()) + 1e-9
+
+    def solve(residual: Floats) -> Floats:
+        return np.asarray(irfftn(rfftn(residual) / (squares + mean), shape))
+
+    def apply(values: Floats) -> Floats:
+        return np.asarray(irfftn(squares * rfftn(values), shape) + diagonal * values)
+
+    chi = solve(right) if start is None else start
+    residual = right - apply(chi)
+    enough = RESIDUAL * float(np.linalg.norm(right))
+    turned = solve(residual)
+    way, product = turned, float((residual * turned).sum())
+    for _ in range(MOST_STEPS):
+        if float(np.linalg.norm(residual)) <= enough:
+            break
+        image = apply(way)
+        length = product / float((way * image).sum())
+        chi, residual = chi + length * way, residual - length * image
+        turned = solve(residual)
+        product, before = float((residual * turned).sum()), product
+        way = turned + product / before * way
+    return chi
