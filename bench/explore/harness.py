@@ -19,11 +19,19 @@ from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
 from palpate.core.shapes import Mesh
 from palpate.launch import EXPLORE, find_scene, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
-from palpate.messages.types import Contour, PlanDone, Score, ShapeModel, TactileFrame, Truth
+from palpate.messages.types import (
+    Contour,
+    PlanDone,
+    PlanEstimate,
+    Score,
+    ShapeModel,
+    TactileFrame,
+    Truth,
+)
 from palpate.nodes import curvature, filter, simulator
 from palpate.nodes.runtime import Finished, MessageQueue, Node, Outputs, Watcher, run_composed
 
-KEPT_TYPES = (Contour, PlanDone, Score, ShapeModel, TactileFrame, Truth)
+KEPT_TYPES = (Contour, PlanDone, PlanEstimate, Score, ShapeModel, TactileFrame, Truth)
 Noise = tuple[Mapping[str, Any], ...]  # Effects, as scenes list them
 EXACT: Noise = ()
 # The default noise: a place that is off by 0.1 mm along each axis, taxels by 10 um.
@@ -40,6 +48,7 @@ class Explored(NamedTuple):
     contours: tuple[Contour, ...]
     models: tuple[ShapeModel, ...]
     scores: tuple[Score, ...]  # Of the models
+    estimates: tuple[PlanEstimate, ...]  # What the planner published of them
     done: PlanDone  # What the planner published in the end
     touches: int  # Of all fingers, searching and probing included
     wall: float  # Time on this computer, s
@@ -120,6 +129,7 @@ def explore_scene(
         tuple(kept[Contour]),
         tuple(kept[ShapeModel]),
         tuple(kept[Score]),
+        tuple(kept[PlanEstimate]),
         kept[PlanDone][-1],
         collector.touches,
         time.perf_counter() - began,

@@ -22,7 +22,7 @@ from palpate.bench.tolerance import ToleranceOptions, tolerance_options
 from palpate.launch.files import check_new
 
 RECORDED = "thesis/recorded"  # The group that takes recordings
-METHODS = "tolerance/methods"  # The group that takes `ToleranceOptions`
+METHODS, REAL = "tolerance/methods", "real/meshes"  # The groups that take `ToleranceOptions`
 RESULTS = click.Path(dir_okay=False, path_type=Path)
 SCENES = (
     *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
@@ -89,6 +89,11 @@ BENCHES: Mapping[str, Bench] = {
         "what accuracy costs, by every method on eighteen objects: one file, one sheet; takes "
         "hours without --quick, and goes on where it was ended (docs/benchmark.md)",
         {"methods": "tolerance.measuring:tolerance_rows"},
+    ),
+    "real": Bench(
+        "the meshes of a folder (--meshes) explored with noise, five seeds each: errors, bounds, "
+        "coverage and pictures in --sheet; goes on where it was ended",
+        {"meshes": "real.exploring:real_rows"},
     ),
     "scaling": Bench(
         "error and cost as contours, points, control points, taxels, fingers and nodes grow, with "
@@ -183,9 +188,11 @@ def _chosen(
             raise click.UsageError(f"RUN... belongs to thesis, got {', '.join(map(str, runs))}")
         return {RECORDED: partial(named(places[RECORDED]), runs=runs)}
     if options.given:
-        if METHODS not in places:
-            raise click.UsageError(f"{options.given} belongs to tolerance")
-        return {**places, METHODS: partial(named(places[METHODS]), options=options)}
+        taking = [name for name in (METHODS, REAL) if name in places]
+        if not taking:
+            raise click.UsageError(f"{options.given} belongs to tolerance and to real")
+        given = {name: partial(named(places[name]), options=options) for name in taking}
+        return {**places, **given}
     return places
 
 

@@ -14,5 +14,6 @@ if TYPE_CHECKING:
     from palpate.bench.tolerance.methods import Problem as Problem
     from palpate.bench.tolerance.options import ToleranceOptions as ToleranceOptions
     from palpate.bench.tolerance.options import tolerance_options as tolerance_options
+    from palpate.bench.tolerance.runs import sources_digest as sources_digest
 else:
     __getattr__, __dir__ = lazy(__name__)
