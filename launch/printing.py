@@ -122,7 +122,25 @@ def _promise(summary: Mapping[str, Any]) -> list[str]:
     stated, *untouched = known_texts(summary)
     if summary["rms_m"] is not None:
         stated += f", in truth {millimetres(summary['rms_m'])}"
-    return titled("promise", stated, *untouched)
+    unknown = unknown_texts(summary)
+    lines = titled("promise", stated, *untouched)
+    return [*lines, *titled("unknown", *unknown)] if unknown else lines
+
+
+def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
+    """What nobody touched, where, and what the object stands on, in words; nothing if unknown."""
+    told = []
+    if summary.get("open_share"):
+        place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_place_m"])
+        told.append(
+            f"{100.0 * summary['open_share']:.1f} % of the surface lies over 5 mm from any touch, "
+            f"the widest opening {millimetres(summary['open_width_m'])} at ({place}) mm"
+        )
+    if summary.get("under_share"):
+        told.append(
+            f"{100.0 * summary['under_share']:.1f} % stands on the platform and is taken for flat"
+        )
+    return told
 
 
 def known_texts(summary: Mapping[str, Any]) -> list[str]:

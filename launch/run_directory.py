@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 import time
@@ -15,9 +16,10 @@ from typing import Any
 from palpate import __version__
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
-from palpate.launch.printing import known_texts, millimetres
+from palpate.launch.printing import known_texts, millimetres, unknown_texts
 from palpate.launch.progress import Progress
 from palpate.messages.recording import free_bytes
+from palpate.messages.types import PlanDone
 from palpate.nodes.runtime import Ending
 
 RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
@@ -165,6 +167,9 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "rms_bound_95_m": known and known.rms_bound_95,
         "tolerance_met": done and done.tolerance_met,
         "largest_untouched_m": known and known.largest_untouched,
+        **_unknown(done),
+        "method": model and model.method,
+        "predicted_m": {} if model is None else dict(sorted(model.predicted.items())),
         "contacts": progress.contacts,
         "contours": progress.contours,
         "contours_failed": progress.failed,
@@ -187,6 +192,18 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     }
     told = done is not None and ending.status == "finished"
     return {**summary, "missed": missed_goals(summary) if told else []}
+
+
+def _unknown(done: PlanDone | None) -> dict[str, Any]:
+    """What nobody touched, as it was told at the end."""
+    place = None if done is None or not len(done.open_place) else done.open_place[0].tolist()
+    return {
+        "open_share": done and done.open_share,
+        "open_width_m": done and done.open_width,
+        "open_place_m": place,
+        "open_touches": done and done.open_touches,
+        "under_share": done and done.under_share,
+    }
 
 
 def _node_figures(ending: Ending) -> dict[str, dict[str, float]]:
@@ -226,5 +243,15 @@ def missed_goals(summary: Mapping[str, Any], *, rebuilds: bool = True) -> list[s
     if rebuilds and summary["uncovered_m"]:
         found.append(f"{millimetres(summary['uncovered_m'])} of the height could not be traced")
     if summary["tolerance_met"] is False:
-        found.append(f"the tolerance was not reached: {'; '.join(known_texts(summary))}")
+        found.append(
+            f"the tolerance was not reached: {'; '.join(known_texts(summary))}{_rest(summary)}"
+        )
     return found
+
+
+def _rest(summary: Mapping[str, Any]) -> str:
+    """What touches would be needed for what is not known, in words; nothing if none are."""
+    if not summary.get("open_share"):
+        return ""
+    unknown = unknown_texts(summary)[0]
+    return f"; {unknown}: about {math.ceil(summary['open_touches'])} touches if it can be reached"

@@ -380,13 +380,15 @@ def done(
         return state, [
             ("/plan/done", derive(PlanDone, goal, reason=reason, uncovered=0.0, **nothing))
         ]
-    estimate, uncovered = estimate_error(observation), untraceable_height(observation)
+    estimate = estimate_error(observation)
+    # Single touches of a general solid have no heights.
+    uncovered = 0.0 if state.general else untraceable_height(observation)
     told: dict[str, Any] = {}
     if estimate.open_area is not None:
         found = estimate.open_area
         place = np.zeros((0, 3)) if found.place is None else found.place[None]
         told = {"open_share": found.share, "open_width": found.width, "open_place": place}
-        told["under_share"] = found.under
+        told |= {"open_touches": found.touches, "under_share": found.under}
     plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered, **told)
     return state, [_published(plan_done, estimate), ("/plan/done", plan_done)]
 

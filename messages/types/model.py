@@ -97,6 +97,8 @@ class PlanDone:
     open_share: Ratio | None = None
     open_width: Metres | None = None  # Width of the largest opening in what was touched
     open_place: Points = field(default_factory=lambda: np.zeros((0, 3)))  # Its middle, if any
+    # Touches that it would take, if all of it could be reached
+    open_touches: Annotated[float, Unit("#")] | None = None
     under_share: Ratio | None = None  # Share of the surface on which the object stands
 
 
