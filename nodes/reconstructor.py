@@ -37,6 +37,7 @@ from palpate.nodes.runtime import Deferred, Node, Outputs
 from palpate.nodes.specs import CONTACT_ERROR, pad_of_info
 
 Goal = types.ModelGoal | types.PlanDone
+AnySolid = rebuild.Solid | rebuild.GeneralSolid
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
@@ -99,9 +100,7 @@ class Candidates(NamedTuple):
             found["general"] = touch_squares(touched, self.general.residuals(touched.points))
         return found
 
-    def better(
-        self, predicted: Mapping[str, Floats]
-    ) -> rebuild.Solid | rebuild.GeneralSolid | None:
+    def better(self, predicted: Mapping[str, Floats]) -> AnySolid | None:
         """The general solid if it surely predicted the same touches better, else slices."""
         if self.sliced is None or self.general is None:
             return self.sliced or self.general
@@ -262,9 +261,11 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
                 ("/model/coarse", Deferred(types.Superquadric, partial(_coarse, state, goal)))
             )
         else:
-            space = Deferred(types.SpaceMap, partial(_space, state, goal))
+            if state.space is not None:
+                space = Deferred(types.SpaceMap, partial(_space, state, goal))
+                outputs.append(("/model/space", space))
             shape = Deferred(types.ShapeModel, partial(_fit, state, goal))
-            outputs += [("/model/space", space), ("/model/shape", shape)]
+            outputs.append(("/model/shape", shape))
             state = replace(state, history=(*state.history, goal))
     return replace(state, asked=tuple(asked)), outputs
 
@@ -337,34 +338,38 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
     final = isinstance(goal, types.PlanDone)
     candidates = _candidates(state, goal, step, final=final)
     with step("prediction"):
-        predicted = _predicted(state, goal, step)
+        predicted, enough = _predicted(state, goal, step)
     state.fitted[goal.number] = candidates
     for number in sorted(state.fitted)[:-KEPT]:
         del state.fitted[number]
     quality = state.quality if final else None
-    return shape_model(goal, candidates, predicted, quality, step)
+    solid = candidates.better(predicted if enough else {})
+    return shape_model(goal, candidates, solid, predicted, quality, step)
 
 
-def _predicted(state: State, goal: Goal, step: Steps) -> dict[str, Floats]:
+def _predicted(state: State, goal: Goal, step: Steps) -> tuple[dict[str, Floats], bool]:
     """Mean square distance of each of the last touches from the solids before it, by method, m^2.
 
-    Those of the last `SETS` different sets, each by the solids of the one before it.
+    Those of the last `SETS` different sets, each by the solids of the one before it; and whether
+    each of these had as many slices as a solid of them needs. As soon as one had, others are left
+    out.
     """
     squares: dict[str, list[Floats]] = {"lattice": [], "general": []}
-    later, sets = goal, 0
+    later, sets, enough = goal, 0, False
     for before in reversed(state.history):
         touched = _since(state, before, later)
         if not len(touched.points):
             continue
         fitted = state.fitted.get(before.number) or _candidates(state, before, step, final=False)
-        found = fitted.predicted(touched)
-        if fitted.sliced is None or len(fitted.sliced.slices.heights) >= LEAST_SLICES:
-            for method in squares:
-                squares[method] += [found[method]] if method in found else []
-        later, sets = before, sets + 1
+        known = fitted.sliced is None or len(fitted.sliced.slices.heights) >= LEAST_SLICES
+        if enough and not known:
+            break
+        for method, found in fitted.predicted(touched).items():
+            squares[method].append(found)
+        later, sets, enough = before, sets + 1, known
         if sets == SETS:
             break
-    return {method: np.concatenate(found) for method, found in squares.items() if found}
+    return {method: np.concatenate(found) for method, found in squares.items() if found}, enough
 
 
 def _since(state: State, before: Goal, goal: Goal) -> ContactPoints:
@@ -400,12 +405,12 @@ def _candidates(state: State, goal: Goal, step: Steps, *, final: bool) -> Candid
 def shape_model(
     goal: Goal,  # Who asked for it
     candidates: Candidates,  # What was fitted; neither if there was nothing to rebuild
+    solid: AnySolid | None,  # The one of these that is published
     predicted: Mapping[str, Floats],  # Mean square distances of new touches, by method, m^2
     quality: Quality | None = None,  # Of the mesh, if it is the final one
     step: Steps = no_steps,  # Told which step begins
 ) -> types.ShapeModel:
     """The message for the solid that predicts better."""
-    solid = candidates.better(predicted)
     dropped: dict[int, str] = {}
     if candidates.sliced is not None:
         dropped = {one.which: one.why for one in candidates.sliced.slices.dropped}

@@ -118,8 +118,8 @@ def test_an_answer_that_can_be_acted_on_is_handed_on(choice, more, observation):
 @pytest.mark.parametrize(
     ("choice", "more", "words"),
     [
-        (None, {}, "must answer with a Height, a Wait or a Stop, got None"),
-        (0.045, {}, "must answer with a Height, a Wait or a Stop, got 0.045"),
+        (None, {}, "must answer with a Height, a Touch, a Wait or a Stop, got None"),
+        (0.045, {}, "must answer with a Height, a Touch, a Wait or a Stop, got 0.045"),
         (Height(math.nan, ""), {}, "must lie between 0 and 0.09 m, got nan m"),
         (Height(0.09, ""), {}, "must lie between 0 and 0.09 m, got 0.09 m"),
         (Height(-1.0, ""), {}, "must lie between 0 and 0.09 m, got -1 m"),
@@ -205,7 +205,9 @@ def test_what_is_no_planner_is_refused(name, words):
 
 
 def test_an_unknown_name_is_refused_with_those_there_are():
-    with pytest.raises(LookupError, match="no planner 'best'; there are predicted, uniform"):
+    with pytest.raises(
+        LookupError, match="no planner 'best'; there are predicted, touches, uniform"
+    ):
         planner_type("best")
 
 
