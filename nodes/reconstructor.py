@@ -45,6 +45,7 @@ COARSE_TOLERANCE = 5e-4  # Of the meshes on the way, of the size
 BANDS, BAND_TURNS = 25, 8  # Heights of the uncertainty, and turns over which it is averaged
 LEAST_SLICES = 4  # Fewer tell of no solid between them that could be believed
 SETS = 3  # By how the last so many were predicted a method is chosen
+SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
 KEPT = 4  # Fitted solids that are kept: the last ones
 NO_ARCHIVE = np.zeros(0, np.uint8)
 _NONE = np.zeros(0)
@@ -108,7 +109,8 @@ class Candidates(NamedTuple):
         if not len(general) or len(sliced) != len(general):
             return self.sliced
         gain = sliced - general
-        return self.general if gain.mean() > gain.std() / np.sqrt(len(gain)) else self.sliced
+        sure = gain.mean() > SURE * gain.std() / np.sqrt(len(gain))
+        return self.general if sure else self.sliced
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -362,6 +364,7 @@ def _predicted(state: State, goal: Goal, step: Steps) -> tuple[dict[str, Floats]
             continue
         fitted = state.fitted.get(before.number) or _candidates(state, before, step, final=False)
         known = fitted.sliced is None or len(fitted.sliced.slices.heights) >= LEAST_SLICES
+        known = known or bool(goal.arcs)  # slices that could not be traced: there may be no more
         if enough and not known:
             break
         for method, found in fitted.predicted(touched).items():
@@ -382,7 +385,7 @@ def _since(state: State, before: Goal, goal: Goal) -> ContactPoints:
 
 def _candidates(state: State, goal: Goal, step: Steps, *, final: bool) -> Candidates:
     sliced, why = None, ""
-    if goal.contours:
+    if goal.contours and not goal.general:
         try:
             sliced = _rebuild(state, goal, step)
         except ValueError as error:  # what was touched is no solid: a result, not a fault

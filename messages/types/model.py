@@ -41,6 +41,8 @@ class ModelGoal:
     # Contours that were not finished: what their touches met counts, their curves do not
     arcs: Ids = ()
     missed: Ids = ()  # Probes that met nothing: what they swept is free
+    # Whether the last model was a general solid: then slices make no solid beside it any more
+    general: bool = False
     # Closings of the hand that there were; without contours and probes, the coarse model is fitted
     # to their contacts
     closings: Count
@@ -80,6 +82,7 @@ class PlanDone:
     probes: Ids  # Probes of the final model
     arcs: Ids = ()  # Unfinished contours of the final model
     missed: Ids = ()  # Probes that met nothing: what they swept is free
+    general: bool = False  # Whether the last model was a general solid
     closings: Count = 0  # Closings of the hand that there were
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -155,7 +156,10 @@ class State:
 
 
 # Single touches after which there is another model, or this share of all touches, if it is more.
-BATCH, BATCH_SHARE = 8, 0.06
+BATCH, BATCH_SHARE = 8, 0.08
+# Of a contour's touches: at least so many, and so many times as take it once around the expected
+# perimeter where each takes this share of the pad's width.
+LEAST_LIMIT, AMPLE_TURNS, TOUCH_SHARE = 20, 1.6, 0.5
 BACK_OFF, MOST_BACK = 15.0e-3, 2  # A touch that began inside is begun so much farther off, m
 ASIDE = 6.0e-3  # A contact so far from where it was aimed at was in vain, m
 # What may stay untouched between two touches of a contour, of the pad's width: so much at most, for
@@ -179,9 +183,27 @@ def contour_goal(
         frame=state.frame.pose,
         centre=centre,
         radius=radius,
+        most_touches=contour_limit(state, allowed),
         gap=WIDEST_GAP * max(1.0 - DENSE * state.pad_width / feature, 0.0) * state.pad_width,
         not_before=state.clock,
     )
+
+
+def contour_limit(state: State, allowed: Allowance) -> int:
+    """Touches after which a contour is given up: it goes elsewhere than around the object.
+
+    From the longest contour so far, or from the radius that the first contacts let expect.
+    """
+    assert state.survey is not None
+    survey = state.survey
+    around = [_perimeter(one.points) for one in survey.traced if one.usable]
+    longest = max(around, default=2.0 * math.pi * survey.radius)
+    most = LEAST_LIMIT + math.ceil(AMPLE_TURNS * longest / (TOUCH_SHARE * state.pad_width))
+    return min(most, allowed.most_touches or most)
+
+
+def _perimeter(points: Floats) -> float:
+    return float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
 
 
 def probe_goal(state: State, finger: int, probing: ProbeCommand, allowed: Allowance) -> ProbeGoal:
@@ -239,6 +261,7 @@ def model_goal(state: State) -> ModelGoal:
         probes=state.probes,
         arcs=state.arcs,
         missed=state.missed,
+        general=state.general,
         closings=state.grasped.closings,
         touches=state.touches,
         robot_time=state.clock,
