@@ -34,6 +34,7 @@ LEAST_START, MOST_START = 4.0e-3, 20.0e-3  # Of the face over the place where it
 DEVIATIONS = 3.0  # Expected errors that a start lies farther off
 BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
 CLEARANCE = 1.0e-3  # Of the finger over the platform, m
+DOWNWARD = -0.7  # Upward part of the normals of what faces down
 SAME = 1e-9  # Targets that differ by less are one, m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 # Error of a place that was left open over that of a touched one at the same distance: what is left
@@ -118,6 +119,12 @@ class ObservedSurface:
         known = ~self.places.under
         return float(np.sqrt(np.mean(np.square(self.places.bounds)[known]) + self.hidden**2))
 
+    def touchable_bound(self, tried: Floats) -> float:
+        """The same over what was touched or can be, without what the open area may hide, m."""
+        places = self.places
+        counted = ~places.under & (~self.far | self.met(tried))
+        return float(np.sqrt(np.mean(np.square(places.bounds)[counted]))) if counted.any() else 0.0
+
     @cached_property
     def hidden(self) -> float:
         """What the open area may hide beyond that, root mean square over the whole surface, m."""
@@ -132,12 +139,15 @@ class ObservedSurface:
 
     def reachable(self, tried: Floats) -> float:
         """Share of the surface that lies far from every touch and that a touch can reach."""
+        known = max(int(np.count_nonzero(~self.places.under)), 1)
+        return float((self.met(tried) & self.far).sum()) / known
+
+    def met(self, tried: Floats) -> Bools:
+        """Places that touches can meet which have not been tried since, (n,)."""
         met = np.zeros(PLACES, np.bool_)
-        left = self.left(tried) > 0.0
         for offer in self.offers:
             met[offer.places] = True
-        known = max(int(np.count_nonzero(~self.places.under)), 1)
-        return float((met & left & self.far).sum()) / known
+        return np.asarray(met & (self.left(tried) > 0.0), np.bool_)
 
     def is_inside(self, place: Floats) -> bool:
         """Whether a place (3,) lies within the solid."""
@@ -191,12 +201,14 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     shares = np.column_stack([1.0 - root, root * (1.0 - second), root * second])
     known = surface.mesh.faces[face]
     points = np.einsum("nk,nki->ni", shares, corners[face])
+    normals = crossed[face] / np.maximum(doubled[face], np.finfo(float).tiny)[:, None]
     under = np.zeros(PLACES, np.bool_)
-    if surface.platform is not None:
-        under = points[:, 2] < surface.platform + CLEARANCE
+    if surface.platform is not None:  # no finger gets under what faces down, so near to it
+        heights = points[:, 2] - surface.platform
+        under = (heights < CLEARANCE) | ((heights < BODY) & (normals[:, 2] < DOWNWARD))
     return SurfacePlaces(
         points,
-        crossed[face] / np.maximum(doubled[face], np.finfo(float).tiny)[:, None],
+        normals,
         np.einsum("nk,nk->n", shares, surface.errors[known]),
         np.einsum("nk,nk->n", shares, surface.bounds[known]),
         np.einsum("nk,nk->n", shares, surface.distances[known]),

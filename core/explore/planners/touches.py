@@ -61,10 +61,12 @@ def next_touch(
     Where the error is within tolerance, what lies far from every touch. `bound`: of the error, m;
     if left out, that of the surface.
     """
+    left = surface.left(observation.tried)
     if bound is None:
         bound = surface.rms_bound_95
-    left = surface.left(observation.tried)
-    if bound > observation.tolerance:
+    # What no touch reaches is no reason to touch the rest more often than it takes.
+    touchable = surface.touchable_bound(observation.tried)
+    if min(bound, touchable) > observation.tolerance:
         wanted = least_gain * observation.tolerance**2 * len(left)
         found = _best(observation, surface, left, wanted)
         if found is not None:

@@ -31,6 +31,7 @@ SURE = 1.64  # Standard errors added to a mean: 95 of 100 are below
 GROWTH = 0.5  # Error over distance where nothing was checked
 LEAST_SLOPE = 0.3  # Of the gradient
 FARTHEST = 15.0e-3  # m
+LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +129,8 @@ def _by_distance(
         middles.append(float(distance[here].mean()))
         means.append(mean)
         upper.append(mean + SURE * float(each.std()) / np.sqrt(len(each)))
-    rising = np.sqrt(np.maximum.accumulate(means)) if means else np.zeros(0)
-    above = np.sqrt(np.maximum.accumulate(upper)) if upper else np.zeros(0)
+    least = (LEAST_ERROR / cell) ** 2
+    rising = np.sqrt(np.maximum.accumulate(means) + least) if means else np.zeros(0)
+    above = np.sqrt(np.maximum.accumulate(upper) + least) if upper else np.zeros(0)
     alarm = float(np.sqrt(square.mean())) if len(square) else 0.0
     return DistanceErrors(np.array(middles) * cell, rising * cell, above * cell, alarm * cell)

@@ -34,6 +34,8 @@ from palpate.core.steps import Steps, no_steps
 FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell at the end and on the way, m
 VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
 FOLLOWED = 2  # Times that the band is widened where the surface leaves it
+# Walls lower than this tell whether they turn inwards: then so much of their normals points down.
+FOOT_HEIGHT, LEANING = 8.0e-3, -0.35
 FOOT = 3.0  # Cells over the platform, all of which belong to the band
 BAND = 1.0  # Cells to both sides of the coarse solid's surface
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
@@ -247,7 +249,8 @@ def rebuild_general(
         places = (thinned.points - origin) / cell
         points = TouchedPoints(places, np.asarray(thinned.normals), thinned.touch)
         weights = cell_weights(cell, pose)
-        cells = _band_cells(coarse, places, origin, cell, platform is not None)
+        low = points.places[:, 2] < FOOT_HEIGHT / cell if platform is not None else np.zeros(0, int)
+        cells = _band_cells(coarse, places, origin, cell, round_foot=_leans(points.normals[low]))
         for turn in range(FOLLOWED + 1):
             band = make_band(cells)
             control = coarse.at(band.control * cell + origin) / cell
@@ -284,6 +287,11 @@ def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
     return beyond[beyond[:, 2] >= -1] if standing else beyond
 
 
+def _leans(normals: Floats) -> bool:
+    """Whether walls with these normals turn inwards rather than go straight down."""
+    return bool(len(normals)) and float(np.median(normals[:, 2])) < LEANING
+
+
 def cell_weights(cell: float, pose: float) -> Weights:
     """Weights of the energy in cells of this edge, m; `pose` in m."""
     return Weights(POINT / cell, NORMAL, pose / cell, BENDING * cell, ANCHOR * cell**5)
@@ -303,18 +311,16 @@ def _hull_area(points: Floats) -> float:
 
 
 def _band_cells(
-    coarse: CoarseSolid, places: Floats, origin: Floats, cell: float, standing: bool
+    coarse: CoarseSolid, places: Floats, origin: Floats, cell: float, *, round_foot: bool
 ) -> Ints:
     """Cells whose middle lies near the coarse solid's surface, and those that were touched."""
     low = np.floor((coarse.low - origin) / cell).astype(int)
     shape = np.array(coarse.distances.shape) * coarse.step
     high = np.ceil((coarse.low + shape - origin) / cell).astype(int)
-    if standing:
-        low[2] = -1
     middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
     distances = coarse.at(middles * cell + origin)
     near = np.abs(distances) < BAND * cell
-    if standing:  # whether walls go down or turn inwards is for the spline to say
+    if round_foot:  # where it ends is for the spline to say, not for the mirrored coarse solid
         near |= (middles[:, 2] < FOOT) & (distances < BAND * cell)
     found = cells_between(near.reshape(high - low), low)
     return np.concatenate([found, np.floor(places).astype(np.int32)])
