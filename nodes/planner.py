@@ -21,6 +21,7 @@ from palpate.core.explore.planners import (
     Planner,
     Stop,
     Touch,
+    Touches,
     check_choice,
     estimate_error,
     make_planner,
@@ -123,7 +124,8 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: close the hand for the first time."""
-    return _grasp_on(params, replace(state, world=world))
+    alone = isinstance(params.rule, Touches)  # there will be no slices to make a solid of
+    return _grasp_on(params, replace(state, world=world, general=alone))
 
 
 def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tuple[State, Outputs]:

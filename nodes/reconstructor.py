@@ -43,9 +43,9 @@ UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean m
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
 COARSE_TOLERANCE = 5e-4  # Of the meshes on the way, of the size
 BANDS, BAND_TURNS = 25, 8  # Heights of the uncertainty, and turns over which it is averaged
-LEAST_SLICES = 4  # Fewer tell of no solid between them that could be believed
 SETS = 3  # By how the last so many were predicted a method is chosen
 SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
+MUCH = 0.5  # Of the slices' error: what a general solid's must be below
 KEPT = 4  # Fitted solids that are kept: the last ones
 NO_ARCHIVE = np.zeros(0, np.uint8)
 _NONE = np.zeros(0)
@@ -110,7 +110,8 @@ class Candidates(NamedTuple):
             return self.sliced
         gain = sliced - general
         sure = gain.mean() > SURE * gain.std() / np.sqrt(len(gain))
-        return self.general if sure else self.sliced
+        much = general.mean() < MUCH**2 * sliced.mean()
+        return self.general if sure and much else self.sliced
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,8 +354,7 @@ def _predicted(state: State, goal: Goal, step: Steps) -> tuple[dict[str, Floats]
     """Mean square distance of each of the last touches from the solids before it, by method, m^2.
 
     Those of the last `SETS` different sets, each by the solids of the one before it; and whether
-    each of these had as many slices as a solid of them needs. As soon as one had, others are left
-    out.
+    the better one is to be published: where a slice could not be traced, or slices make no solid.
     """
     squares: dict[str, list[Floats]] = {"lattice": [], "general": []}
     later, sets, enough = goal, 0, False
@@ -363,8 +363,7 @@ def _predicted(state: State, goal: Goal, step: Steps) -> tuple[dict[str, Floats]
         if not len(touched.points):
             continue
         fitted = state.fitted.get(before.number) or _candidates(state, before, step, final=False)
-        known = fitted.sliced is None or len(fitted.sliced.slices.heights) >= LEAST_SLICES
-        known = known or bool(goal.arcs)  # slices that could not be traced: there may be no more
+        known = fitted.sliced is None or bool(goal.arcs)
         if enough and not known:
             break
         for method, found in fitted.predicted(touched).items():

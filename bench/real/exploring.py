@@ -170,7 +170,7 @@ def _run(path: Path, seed: int, folder: Path) -> RealRun:
         found = explore_object(
             Mesh(vertices, faces),
             NOISY,
-            Demand(tolerance=SHARES[-1] * size, feature=None),
+            Demand(planner="touches", tolerance=SHARES[-1] * size, feature=None),
             seed=seed,
         )
     except RuntimeError as error:

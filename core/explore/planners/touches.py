@@ -10,6 +10,7 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners.protocol import (
     Choice,
+    Height,
     Observation,
     Stop,
     Touch,
@@ -43,11 +44,19 @@ class Touches:
             return Stop(over)
         surface = observation.surface
         if surface is None:
-            return Stop("there is no solid whose surface could be touched")
+            return self._first(observation)
         choice = next_touch(observation, surface, self.least_gain)
         if isinstance(choice, Stop) and observation.busy_heights:
             return Wait("other fingers are at work")
         return choice
+
+    def _first(self, observation: Observation) -> Choice:
+        """A slice through the middle: without a solid nobody knows where to touch."""
+        if observation.busy_heights:
+            return Wait("other fingers are at work")
+        if observation.slices:
+            return Stop("there is no solid whose surface could be touched")
+        return Height(0.5 * (observation.low + observation.high), "there is no solid yet")
 
 
 def next_touch(

@@ -39,7 +39,7 @@ FOOT_HEIGHT, LEANING = 8.0e-3, -0.35
 FOOT = 3.0  # Cells over the platform, all of which belong to the band
 BAND = 1.0  # Cells to both sides of the coarse solid's surface
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
-BENDING, ANCHOR = 0.03e3, 1e7  # 1/m and 1/m^5: of the energy's last two terms
+BENDING, ANCHOR = 0.03e3, 1e8  # 1/m and 1/m^5: of the energy's last two terms
 POSE = 0.1e-3  # Of a touch's displacement, m
 SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
 AREA = 1.5  # Of the area of the hull over the number of touches: what a point may stand for
@@ -249,8 +249,7 @@ def rebuild_general(
         places = (thinned.points - origin) / cell
         points = TouchedPoints(places, np.asarray(thinned.normals), thinned.touch)
         weights = cell_weights(cell, pose)
-        low = points.places[:, 2] < FOOT_HEIGHT / cell if platform is not None else np.zeros(0, int)
-        cells = _band_cells(coarse, places, origin, cell, round_foot=_leans(points.normals[low]))
+        cells = _band_cells(coarse, points, origin, cell, standing=platform is not None)
         for turn in range(FOLLOWED + 1):
             band = make_band(cells)
             control = coarse.at(band.control * cell + origin) / cell
@@ -311,16 +310,21 @@ def _hull_area(points: Floats) -> float:
 
 
 def _band_cells(
-    coarse: CoarseSolid, places: Floats, origin: Floats, cell: float, *, round_foot: bool
+    coarse: CoarseSolid, points: TouchedPoints, origin: Floats, cell: float, *, standing: bool
 ) -> Ints:
     """Cells whose middle lies near the coarse solid's surface, and those that were touched."""
     low = np.floor((coarse.low - origin) / cell).astype(int)
     shape = np.array(coarse.distances.shape) * coarse.step
     high = np.ceil((coarse.low + shape - origin) / cell).astype(int)
+    if standing:
+        low[2] = -1
     middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
     distances = coarse.at(middles * cell + origin)
     near = np.abs(distances) < BAND * cell
-    if round_foot:  # where it ends is for the spline to say, not for the mirrored coarse solid
+    lowest = points.normals[points.places[:, 2] < FOOT_HEIGHT / cell]
+    if standing and _leans(
+        lowest
+    ):  # where it ends is for the spline to say, not for the mirrored coarse solid
         near |= (middles[:, 2] < FOOT) & (distances < BAND * cell)
     found = cells_between(near.reshape(high - low), low)
-    return np.concatenate([found, np.floor(places).astype(np.int32)])
+    return np.concatenate([found, np.floor(points.places).astype(np.int32)])
