@@ -1,0 +1,160 @@
+"""Laws of the general solid: genus, closedness, platform, prediction, updates, archives."""
+
+from __future__ import annotations
+
+import doctest
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.core.archive import tree_from_arrays, tree_to_arrays
+from palpate.core.arrays import Floats
+from palpate.core.geometry import solidity
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.general import GeneralSolid, rebuild_general
+from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
+from palpate.core.rebuild.general.dissection import dissect, factorise
+
+PAGE = Path(__file__).parents[4] / "docs" / "general.md"
+RADIUS, TUBE = 0.028, 0.011  # Of a torus, m
+CELL = 5.0e-3
+
+
+def torus_distance(points: Floats) -> Floats:
+    return np.hypot(np.hypot(points[:, 0], points[:, 1]) - RADIUS, points[:, 2]) - TUBE
+
+
+@cache
+def torus_touches(seed: int = 0, pose: float = 0.0) -> ContactPoints:
+    """Patches of 30 points all over a torus, each touch displaced."""
+    rng = np.random.default_rng(seed)
+    count = 90
+    u = 2.0 * np.pi * (np.arange(count) * 0.618 % 1.0)[:, None] + 0.12 * rng.normal(
+        size=(count, 30)
+    )
+    v = 2.0 * np.pi * (np.arange(count) / count)[:, None] + 0.35 * rng.normal(size=(count, 30))
+    normals = np.stack([np.cos(u) * np.cos(v), np.sin(u) * np.cos(v), np.sin(v)], axis=-1)
+    middles = RADIUS * np.stack([np.cos(u), np.sin(u), 0.0 * u], axis=-1)
+    points = middles + TUBE * normals + pose * rng.normal(size=(count, 1, 3))
+    touch = np.repeat(np.arange(count, dtype=np.int32), 30)
+    return ContactPoints(points.reshape(-1, 3), normals.reshape(-1, 3), touch)
+
+
+@cache
+def torus() -> GeneralSolid:
+    return rebuild_general(torus_touches(), cell=CELL, pose=1e-5)
+
+
+def test_a_torus_keeps_its_hole_and_is_closed():
+    mesh = torus().mesh()
+    body = solidity(mesh.vertices, mesh.faces)
+    assert body.watertight and body.genus == 1
+    assert np.sqrt(np.mean(torus_distance(mesh.vertices) ** 2)) < 3e-5
+
+
+def test_vertices_lie_on_the_surface_and_distances_have_signs():
+    mesh = torus().mesh()
+    value, gradient = torus().evaluate(mesh.vertices)
+    assert np.nanmax(np.abs(value)) < 2e-5 and np.nanmin(np.linalg.norm(gradient, axis=1)) > 0.5
+    places = np.array([[RADIUS, 0.0, 0.0], [0.0, 0.0, 0.0], [RADIUS + TUBE + 0.004, 0.0, 0.0]])
+    assert torus().distance(places) == pytest.approx(torus_distance(places), abs=2e-4)
+
+
+def test_displaced_touches_are_put_back():
+    moved = 2e-4
+    touched = torus_touches(1, moved)
+    plain = rebuild_general(touched, cell=CELL, pose=1e-6)
+    found = rebuild_general(touched, cell=CELL, pose=moved)
+    errors = [
+        float(np.sqrt(np.mean(torus_distance(one.mesh().vertices) ** 2))) for one in (plain, found)
+    ]
+    assert errors[1] < errors[0] and found.health()["displacement"] > 0.5 * moved
+
+
+def test_errors_of_touches_that_were_left_out_grow_with_their_distance():
+    known = torus().predicted
+    assert (np.diff(known.distances) > 0.0).all() and (np.diff(known.errors) >= 0.0).all()
+    assert (known.upper >= known.errors).all()
+    beyond = known.distances[-1] + np.array([0.0, 0.01, 0.02])
+    assert (np.diff(known.at(beyond)) > 0.0).all()
+
+
+def test_one_touch_more_is_nearly_the_whole_fit():
+    touched = torus_touches()
+    last = touched.touch == touched.touch.max()
+    most = ContactPoints(touched.points[~last], touched.normals[~last], touched.touch[~last])
+    more = ContactPoints(touched.points[last], touched.normals[last], 0 * touched.touch[last])
+    before, whole = (rebuild_general(one, cell=CELL, pose=1e-5) for one in (most, touched))
+    after = before.update(more)
+    values = [one.evaluate(more.points)[0] for one in (before, after, whole)]
+    left, was = (float(np.abs(one - values[2]).mean()) for one in (values[1], values[0]))
+    assert left < 0.3 * was
+    assert len(after.fit.displacements) == len(before.fit.displacements) + 1
+
+
+def test_what_stands_is_cut_off_level_at_its_platform():
+    rng = np.random.default_rng(3)
+    turns, heights = 2.0 * np.pi * rng.random(900), 0.002 + 0.036 * rng.random(900)
+    side = np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns])
+    points = 0.02 * side + np.array([0.0, 0.0, 1.0]) * heights[:, None]
+    disc = 0.018 * np.sqrt(rng.random(300))
+    top = np.column_stack(
+        [disc * np.cos(turns[:300]), disc * np.sin(turns[:300]), 0.04 + 0.0 * disc]
+    )
+    every = ContactPoints(
+        np.concatenate([points, top]),
+        np.concatenate([side, np.tile([0.0, 0.0, 1.0], (300, 1))]),
+        np.arange(1200, dtype=np.int32) // 12,
+    )
+    mesh = rebuild_general(every, platform=0.0, cell=CELL, pose=1e-5).mesh()
+    assert solidity(mesh.vertices, mesh.faces).watertight
+    assert mesh.vertices[:, 2].min() == 0.0
+    foot = mesh.vertices[mesh.vertices[:, 2] == 0.0]
+    assert np.hypot(foot[:, 0], foot[:, 1]).max() == pytest.approx(0.02, abs=2e-4)
+
+
+def test_it_is_kept_and_read_bit_for_bit():
+    again = tree_from_arrays(tree_to_arrays(torus()))
+    assert np.array_equal(again.mesh().vertices, torus().mesh().vertices)
+
+
+def test_without_normals_or_touches_it_is_refused():
+    touched = torus_touches()
+    for wrong in (touched._replace(normals=None), ContactPoints(*(one[:0] for one in touched))):
+        with pytest.raises(ValueError, match="must have points and normals"):
+            rebuild_general(wrong)
+    with pytest.raises(ValueError, match="cell must be positive"):
+        rebuild_general(touched, cell=0.0)
+
+
+def test_splines_add_up_to_one_and_bend_as_their_integral_says():
+    within = np.random.default_rng(0).random((20, 3))
+    rows = basis_rows(within)
+    assert rows[0].sum(axis=1) == pytest.approx(np.ones(20))
+    assert np.abs(rows[1:].sum(axis=2)).max() < 1e-12
+    bending, mass = cell_integrals()
+    corner = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    line = corner @ np.array([1.0, 2.0, 3.0])
+    assert line @ bending @ line == pytest.approx(0.0, abs=1e-9)
+    assert np.ones(64) @ mass @ np.ones(64) == pytest.approx(1.0)
+
+
+def test_dissection_solves_what_a_dense_matrix_does():
+    rng = np.random.default_rng(5)
+    cells = np.argwhere(rng.random((6, 6, 5)) < 0.6).astype(np.int32)
+    band = make_band(cells)
+    rows = rng.normal(size=(len(band.cells), 70, 64))
+    blocks = rows.transpose(0, 2, 1) @ rows
+    count = len(band.control)
+    dense = np.zeros((count, count))
+    for local, block in zip(band.local, blocks, strict=True):
+        dense[np.ix_(local, local)] += block
+    right = rng.normal(size=count)
+    found = factorise(dissect(band.cells, band.local, count), blocks).solve(right)
+    assert found == pytest.approx(np.linalg.solve(dense, right), rel=1e-5, abs=1e-9)
+
+
+def test_the_examples_of_the_page_are_right():
+    assert doctest.testfile(str(PAGE), module_relative=False).failed == 0
