@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from msgspec import Struct
+from scipy.spatial import cKDTree
 
 from palpate.core import (
     IDENTITY_POSE,
@@ -86,7 +87,8 @@ class Candidates(NamedTuple):
     """The solids of one set, one of each method."""
 
     sliced: rebuild.Solid | None  # With its control lattice; None where slices make no solid
-    general: rebuild.GeneralSolid | None  # None where nothing was touched
+    general: rebuild.GeneralSolid | None  # None where nothing was touched, or slices do
+    touched: ContactPoints  # Of what they are made
     why: str = ""  # Why slices make no solid, if they should
 
     def predicted(self, touched: ContactPoints) -> dict[str, Floats]:
@@ -392,7 +394,7 @@ def _candidates(state: State, goal: Goal, step: Steps, *, final: bool) -> Candid
     touched = [one for one in _touched(state, goal) if len(one.points)]
     grasped = [state.contacts[number] for number in range(goal.closings)]
     general = None
-    if touched:
+    if touched and (sliced is None or goal.arcs):
         general = rebuild.rebuild_general(
             stack_points([one for one in grasped if len(one.points)] + touched),
             free=_marked(state, goal).free_places(),
@@ -401,7 +403,7 @@ def _candidates(state: State, goal: Goal, step: Steps, *, final: bool) -> Candid
             folds=FOLDS if final else FEW_FOLDS,
             step=step,
         )
-    return Candidates(sliced, general, why)
+    return Candidates(sliced, general, stack_points(touched), why)
 
 
 def shape_model(
@@ -439,23 +441,24 @@ def shape_model(
         deviation=0.0 if deviation is None else deviation.whole,
         ends_deviation=0.0 if deviation is None else deviation.ends,
         **parts,
-        **_errors(parts["vertices"], candidates.general, step),
+        **_errors(parts["vertices"], candidates, step),
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
     )
 
 
-def _errors(vertices: Floats, general: rebuild.GeneralSolid | None, step: Steps) -> dict[str, Any]:
-    """Distance from touch at each vertex, and the error that it lets expect."""
-    if general is None or not len(vertices):
+def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, Any]:
+    """Distance from touch at each vertex, and the error that it lets expect, if that is known."""
+    if not len(candidates.touched.points) or not len(vertices):
         return {}
     with step("bound"):
-        distances = general.touch_distances(vertices)
-        return {
-            "vertex_distances": distances,
-            "vertex_errors": general.predicted.at(distances),
-            "vertex_bounds": general.predicted.at(distances, upper=True),
-        }
+        distances = np.asarray(cKDTree(candidates.touched.points).query(vertices)[0])
+        errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
+        if candidates.general is not None:
+            errors = candidates.general.predicted.at(distances)
+            bounds = candidates.general.predicted.at(distances, upper=True)
+        told = {"vertex_errors": errors, "vertex_bounds": bounds}
+        return {"vertex_distances": distances, **told}
 
 
 def _general_parts(

@@ -150,8 +150,8 @@ class ShapeModel:
     # Vertices of the closed surface, world frame; none if nothing could be rebuilt
     vertices: Points
     faces: Triangles  # Triangles, counter-clockwise seen from outside
-    # Error that is expected at each vertex, of touches that were left out, by their distance from
-    # the others; none where there were too few
+    # Error that is expected at each vertex of a general solid, of touches that were left out, by
+    # their distance from the others; 0 where slices tell of theirs by height
     vertex_errors: Lengths = field(default_factory=lambda: np.zeros(0))
     vertex_bounds: Lengths = field(default_factory=lambda: np.zeros(0))  # Its bound of 95 %
     # Distance of each vertex from the nearest touched point

@@ -129,7 +129,6 @@ def test_the_steps_of_a_model_are_told_one_after_the_other(inputs: Heard):
             break
     later[0].make(steps)
     wanted = {"contours", "radial spline", "ends", "loft", "lattice", "bound", "mesh"}
-    wanted |= {"topology", "implicit spline", "held-out touches", "prediction"}
     assert wanted <= set(steps.seconds)
     assert all(seconds > 0.0 for seconds in steps.seconds.values())
 
@@ -239,9 +238,9 @@ def test_a_map_goes_with_each_model_and_grows(inputs: Heard):
         assert least < away.min() and away.max() < most
 
 
-def test_touches_are_predicted_before_they_are_used_and_both_figures_are_told():
+def test_touches_are_predicted_before_they_are_used():
     first, _, last = told()
-    assert first.predicted == {} and set(last.predicted) == {"lattice", "general"}
+    assert first.predicted == {} and set(last.predicted) == {"lattice"}
     assert all(0.0 < one <= FARTHEST for one in last.predicted.values())
     assert len(last.vertex_errors) == len(last.vertex_distances) == len(last.vertices)
     assert (last.vertex_bounds >= last.vertex_errors).all()

@@ -83,8 +83,12 @@ class ObservedSurface:
 
     @cached_property
     def squares(self) -> Floats:
-        """Squared errors at the places, (n,); 0 where nobody can touch, or did in vain."""
-        places, squares = self.places, np.square(self.places.errors)
+        """Squared errors at the places, (n,); 0 where nobody can touch, or did in vain.
+
+        Where nothing tells of errors, distances from what was touched stand for them.
+        """
+        places = self.places
+        squares = np.square(places.errors if places.errors.any() else places.distances)
         if len(self.refused):
             near = cKDTree(self.refused).query(places.points)[0] < 0.5 * NEAR * pad_width(self.pad)
             squares = np.where(near, 0.0, squares)
