@@ -14,7 +14,6 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from msgspec import Struct
-from scipy.spatial import cKDTree
 
 from palpate.core import (
     IDENTITY_POSE,
@@ -31,7 +30,14 @@ from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of, stack_points
-from palpate.core.rebuild.general import COARSE, FEW_FOLDS, FINE, FOLDS, touch_squares
+from palpate.core.rebuild.general import (
+    COARSE,
+    FEW_FOLDS,
+    FINE,
+    FOLDS,
+    touch_distances,
+    touch_squares,
+)
 from palpate.core.touch import Jet, Pad
 from palpate.messages import derive, types
 from palpate.nodes.runtime import Deferred, Node, Outputs
@@ -452,7 +458,7 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
     if not len(candidates.touched.points) or not len(vertices):
         return {}
     with step("bound"):
-        distances = np.asarray(cKDTree(candidates.touched.points).query(vertices)[0])
+        distances = touch_distances(candidates.touched, vertices)
         errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
         if candidates.general is not None:
             errors = candidates.general.predicted.at(distances)

@@ -41,6 +41,7 @@ LIBRARIES = {
     "palpate.bench.bus": {"numpy", "msgspec", "zmq"},
     "palpate.bench.rebuild": {"numpy", "scipy", "pymeshlab"},
     "palpate.bench.tolerance": {"numpy", "scipy", "click", "msgspec", "matplotlib"},
+    "palpate.bench.real": {"numpy", "scipy", "msgspec", "trimesh", "matplotlib"},
     "palpate.bench.suite": {"numpy", "click"},
 }
 CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))

@@ -103,6 +103,8 @@ KEYS = {
     "palpate", "status", "reason", "scene", "seed", "chamfer_m", "rms_m", "hausdorff_m", "p95_m",
     "normal_deg", "volume_error", "sampling_floor_m", "size_m", "watertight", "genus", "contours",
     "contours_failed", "uncovered_m", "rms_bound_95_m", "tolerance_met", "largest_untouched_m",
+    "open_share", "open_width_m", "open_place_m", "open_touches", "under_share", "method",
+    "predicted_m",
     "contacts", "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s",
     "mesh_sha256", "final", "gaps", "duplicates", "restarts", "nodes", "numerics", "curve",
     "steps", "missed",

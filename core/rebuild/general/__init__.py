@@ -18,5 +18,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.general.solid import FINE as FINE
     from palpate.core.rebuild.general.solid import GeneralSolid as GeneralSolid
     from palpate.core.rebuild.general.solid import rebuild_general as rebuild_general
+    from palpate.core.rebuild.general.solid import touch_distances as touch_distances
 else:
     __getattr__, __dir__ = lazy(__name__)

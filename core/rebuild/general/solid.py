@@ -123,10 +123,6 @@ class GeneralSolid:
             found[far] = nearest_points(search, places[far]).distances
         return np.asarray(found)
 
-    def touch_distances(self, places: Floats) -> Floats:
-        """Distances (n,) of places (n, 3) from the nearest touched point, m."""
-        return np.asarray(cKDTree(self.contacts.points).query(places)[0])
-
     def update(self, touched: ContactPoints) -> GeneralSolid:
         """The solid with what one touch more has touched, fitted anew within `LOCAL_REACH` of it.
 
@@ -207,6 +203,11 @@ class GeneralSolid:
         reached = np.isin(np.arange(count + 1), parts[border & ~inside])
         reached[0] = False
         return ~reached[parts]
+
+
+def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
+    """Distances (n,) of places (n, 3) from the nearest touched point, m."""
+    return np.asarray(cKDTree(contacts.points).query(places)[0])
 
 
 def rebuild_general(

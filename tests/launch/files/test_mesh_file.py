@@ -221,8 +221,11 @@ def test_the_arrays_can_be_read_without_pickle_and_are_no_solid(tetrahedron, tmp
     health = dict(zip(arrays["health_names"], arrays["health_values"], strict=True))
     assert health == {"condition": 3.5, "fallbacks": 0.0}
     assert bool(arrays["final"]) is True
-    names = {field.name for field in dataclasses.fields(ShapeModel)} - {"health", "archive"}
-    assert names | {"health_names", "health_values"} == set(arrays)
+    tables = {
+        f"{table}_{part}" for table in ("health", "predicted") for part in ("names", "values")
+    }
+    names = {field.name for field in dataclasses.fields(ShapeModel)}
+    assert names - {"health", "predicted", "archive"} | tables == set(arrays)
     with pytest.raises(InputError, match="holds no solid"):
         palpate.load(tmp_path / "model.npz")
 
