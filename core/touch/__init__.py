@@ -6,9 +6,7 @@ pitches or standard deviations, and the effects that a scene lists; formulas fol
 sources. It rests on core arrays, frames and geometry, and on the protocol of shapes.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.touch.curvature import LocalCurvature as LocalCurvature

@@ -25,6 +25,7 @@ ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which 
 PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
 CONFIDENT = 0.04  # In pitches: such a misfit, or 4 deviations of the noise, halves the confidence
 CONFIDENT_DEVIATIONS = 4.0
+ALONE = 0.5  # Of the touched taxels: if more stand alone, what lies between them is no surface
 DIRECTED = 3.0  # Standard deviations by which k1 and k2 differ if their directions mean anything
 LEVEL = 1e-9  # In 1 / pads' widths: k1 and k2 that differ by less are equal but for rounding
 AWAY: Floats = np.array([0.0, 0.0, -1.0])  # Normal of an unknown patch: the pad's
@@ -104,37 +105,29 @@ class Patch(NamedTuple):
     shape_covariance: Floats | None = None  # Of its parts, (3, 3), 1/m^2; None unless smooth
 
 
-def fit_patch(
-    pad: Pad,
-    height: Floats,
-    touched: Bools,
-    direction: Floats,
-    noise: float,
-    weights: Floats | None = None,
-) -> Patch:
+def fit_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise: float) -> Patch:
     """Normal and curvatures of the touched surface, each with its standard error.
 
     `height` (rows, cols): surface over the plane of the pad's face, m. `touched` (rows, cols) of
     bool: where the pad touches, impulses left out. `direction` (3,): direction in which `across` is
     wanted, pad frame; its part in the tangent plane counts. `noise`: standard deviation of one
     taxel, m, as far as known. Errors are for the larger of this and what the misfit shows.
-    `weights` (rows, cols): how much each taxel counts, from 0 to 1. Fung, 1999, section 3.5, with a
-    jet in place of the interpolating spline, which turns every taxel's noise into curvature. A
-    convex surface has positive curvature, as (3.1) expects and (3.15) does not give.
+    Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every
+    taxel's noise into curvature. A convex surface has positive curvature, as (3.1) expects and
+    (3.15) does not give.
     """
     if not touched.any():
         return Patch("miss")
-    used = touched if weights is None else touched & (weights > 0.0)
-    fit = fit_jet(pad, height, used, weights, noise)
+    fit = fit_jet(pad, height, touched, noise)
     if fit is None:
         return Patch("insufficient")
-    kind, shape = _judged(pad, height, used, fit, noise)
+    kind, shape = _judged(pad, height, touched, fit, noise)
     single = None
     if kind in ("edge", "corner"):
-        single = isolated_outliers(pad, height, used, fit, noise)
+        single = isolated_outliers(pad, height, touched, fit, noise)
     if single is not None:
-        less = used & ~single
-        again = fit_jet(pad, height, less, weights, noise)
+        less = touched & ~single
+        again = fit_jet(pad, height, less, noise)
         if again is not None:
             called, there = _judged(pad, height, less, again, noise)
             if called == "smooth":
@@ -148,10 +141,17 @@ def _judged(
     """What a jet was fitted to, and the jet's shape operator at the middle of the contact."""
     by_x, by_y, by_xx, by_xy, by_yy = fit.derivatives.tolist()
     shape = forms.graph_shape_operator((by_x, by_y), (by_xx, by_xy, by_yy))
-    if fit.jet.degree < 2:
+    if fit.jet.degree < 2 or _alone(used) > ALONE:
         return "insufficient", shape
     k1, k2, *_ = forms.principal_curvatures(shape)
     return classify_surface(pad, height, used, fit, max(abs(k1), abs(k2)), noise), shape
+
+
+def _alone(touched: Bools) -> float:
+    """Share of the touched taxels beside which no other is touched, in their row or column."""
+    around = np.pad(touched, 1)
+    beside = around[:-2, 1:-1] | around[2:, 1:-1] | around[1:-1, :-2] | around[1:-1, 2:]
+    return float(np.mean(~beside[touched]))
 
 
 def _patch(
@@ -173,7 +173,7 @@ def _patch(
         kind,
         fit.jet,
         shape.normal,
-        confidence=0.0 if fit.jet.degree < 2 else confidence,
+        confidence=0.0 if kind == "insufficient" else confidence,
         residual=fit.residual,
         normal_error=min(errors.normal, math.pi),
         place=np.array(fit.middle),

@@ -52,35 +52,24 @@ class JetFit(NamedTuple):
     weights: Floats | None  # From 0 to 1 for each touched taxel, (n,); None if all count alike
 
 
-def fit_jet(
-    pad: Pad,
-    height: Floats,
-    touched: Bools,
-    weights: Floats | None = None,
-    noise: float | None = None,
-) -> JetFit | None:
+def fit_jet(pad: Pad, height: Floats, touched: Bools, noise: float | None = None) -> JetFit | None:
     """Jet of the touched taxels.
 
     `height` (rows, cols): surface over the plane of the pad's face, m. `touched` (rows, cols) of
-    bool: which taxels count. `weights` (rows, cols): how much each of them does, from 0 to 1:
-    inverse variances, up to a factor. `noise`: standard deviation of one taxel, m, or less. If
-    given, the cubic and the quartic part are shrunk by as much as noise explains them. None if
-    fewer than 8 taxels count, or they lie on a line. The degree follows the number of taxels, and
+    bool: which taxels count. `noise`: standard deviation of one taxel, m, or less. If given, the
+    cubic and the quartic part are shrunk by as much as noise explains them. None if fewer than 8
+    taxels count, or they lie on a line. The degree follows the number of taxels, and
     falls where they cannot tell the powers of one degree apart, as on two rows. A quartic follows a
     tight curve and a quadric is steadier on a flat one; shrinking by James and Stein, *Estimation
     with quadratic loss*, 1961, goes between the two whichever the surface is, and over all
     coefficients it is on average nowhere worse than the quartic.
     """
-    if weights is not None:
-        touched = touched & (weights > 0.0)
     design = jet_design(pad.rows, pad.cols, pad.pitch, touched.tobytes())
     if design is None:
         return None
     z = height.ravel()
     if design.places.size < z.size:
         z = z[design.places]
-    if weights is not None:
-        return _weighted(design, z, weights.ravel()[design.places], noise)
     inner = z @ design.basis
     misfit = z - design.basis @ inner
     squares, count, m = float(misfit @ misfit), len(z), len(inner)
@@ -139,9 +128,7 @@ def fit_robust_jet(
     return fit
 
 
-def _weighted(
-    design: JetDesign, z: Floats, weights: Floats, noise: float | None = None
-) -> JetFit | None:
+def _weighted(design: JetDesign, z: Floats, weights: Floats) -> JetFit | None:
     """By a factorisation of the weighted rows; the degree falls if the weights leave too few."""
     count = int(np.count_nonzero(weights))
     root = np.sqrt(weights)
@@ -157,24 +144,17 @@ def _weighted(
     monomial = design.monomials[:, :m]
     misfit = z - monomial @ (inverse @ inner)
     squares = float(weights @ (misfit * misfit))
-    deviation = math.sqrt(squares / max(count - m, 1))
-    factor: Floats = inverse
-    if noise is not None and m > COUNTS[2]:
-        shares = _shares(inner, max(noise, deviation))
-        inner, factor = inner * shares, inverse * np.sqrt(shares)
-        misfit = z - monomial @ (inverse @ inner)
-        squares = float(weights @ (misfit * misfit))
     coefficients = inverse @ inner
     there = design.rows[:, :m] @ coefficients
     return JetFit(
         jet=Jet(coefficients, design.scale),
         middle=(*design.middle, float(there[0])),
         derivatives=there[1:],
-        derivative_factor=design.rows[1:, :m] @ factor,
-        factor=factor,
+        derivative_factor=design.rows[1:, :m] @ inverse,
+        factor=inverse,
         misfit=misfit,
         residual=math.sqrt(squares / float(weights.sum())),
-        deviation=deviation,
+        deviation=math.sqrt(squares / max(count - m, 1)),
         weights=weights,
     )
 

@@ -1,14 +1,12 @@
-"""Effects that disturb a simulated touch, one a file.
+"""Effects that disturb a simulated touch: of the arm, the rubber, the echoes and the electronics.
 
-Nothing here is imported that no scene lists. A module of this room holds one frozen dataclass of
-the same name (``gaussian_noise``, `GaussianNoise`), whose numbers have ranges, units and defaults:
-add one beside them, or name a class of your own as ``module:Class``. It rests on
-`palpate.core.touch.pipeline`; no effect imports another.
+No file is imported of which a scene lists nothing. An effect is a frozen dataclass of its own name
+(``gaussian_noise``, `GaussianNoise`), whose numbers have ranges, units and defaults: add one beside
+them, or name a class of your own as ``module:Class``. It rests on `palpate.core.touch.pipeline`; no
+file of effects imports another.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.touch.effects.catalogue import EFFECT_NAMES as EFFECT_NAMES

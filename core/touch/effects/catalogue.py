@@ -8,28 +8,29 @@ from typing import cast
 from palpate.core.plugins import class_by_name
 from palpate.core.touch.pipeline import Effect, Phase
 
-# By phase first, as `palpate.core.touch.Phase` has them.
-EFFECT_NAMES = (
-    "pose_error",
-    "arm_backlash",
-    "aperture",
-    "half_space",
-    "hardening",
-    "saturation",
-    "tenting",
-    "creep",
-    "arm_compliance",
-    "temperature",
-    "echo_loss",
-    "crosstalk",
-    "gain_offset",
-    "drift",
-    "gaussian_noise",
-    "salt_and_pepper",
-    "dead_taxels",
-    "quantisation",
-    "transport",
-)
+# Each with its module; by phase first, as `palpate.core.touch.Phase` has them.
+MODULES = {
+    "pose_error": "arm",
+    "arm_backlash": "arm",
+    "aperture": "echoes",
+    "half_space": "rubber",
+    "hardening": "rubber",
+    "saturation": "rubber",
+    "tenting": "rubber",
+    "creep": "rubber",
+    "arm_compliance": "arm",
+    "temperature": "echoes",
+    "echo_loss": "echoes",
+    "crosstalk": "echoes",
+    "gain_offset": "electronics",
+    "drift": "electronics",
+    "gaussian_noise": "electronics",
+    "salt_and_pepper": "electronics",
+    "dead_taxels": "electronics",
+    "quantisation": "electronics",
+    "transport": "electronics",
+}
+EFFECT_NAMES = tuple(MODULES)
 
 
 def effect_type(name: str) -> type[Effect]:
@@ -38,7 +39,10 @@ def effect_type(name: str) -> type[Effect]:
     Raises LookupError if there is no such effect. Raises ValueError if the module cannot be
     imported, or holds no such effect.
     """
-    found = class_by_name(name, what="effect", names=EFFECT_NAMES, package=str(__package__))
+    place = name
+    if name in MODULES:
+        place = f"{__package__}.{MODULES[name]}:{name.title().replace('_', '')}"
+    found = class_by_name(place, what="effect", names=EFFECT_NAMES, package="")
     wanted = name.rpartition(":")[2]
     if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
         raise ValueError(f"{name!r} is no effect: {wanted!r} must be a dataclass with prepare()")

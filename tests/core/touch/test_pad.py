@@ -8,8 +8,7 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of, split_pose
 from palpate.core.shapes.protocol import PosedShape
 from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.touch.effects.half_space import HalfSpace
-from palpate.core.touch.effects.tenting import Tenting
+from palpate.core.touch.effects.rubber import HalfSpace, Tenting
 from palpate.core.touch.pad import Calibration, FaceModel, Pad, contact_mask, guarded_move
 
 # A pad 20 mm over the ball's pole, looking down.

@@ -3,7 +3,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of, split_pose
-from palpate.core.touch.effects.aperture import Aperture
+from palpate.core.touch.effects.echoes import Aperture
 from palpate.core.touch.pad import Pad
 from palpate.core.touch.pipeline import cast_single_rays
 

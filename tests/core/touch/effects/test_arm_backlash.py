@@ -1,7 +1,7 @@
 import numpy as np
 
 from palpate.core.poses import FACING_DOWN, pose_of
-from palpate.core.touch.effects.arm_backlash import ArmBacklash
+from palpate.core.touch.effects.arm import ArmBacklash
 
 WIDTH = 0.2e-3
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from palpate.core.poses import pose_of, split_pose
-from palpate.core.touch.effects.arm_compliance import ArmCompliance
+from palpate.core.touch.effects.arm import ArmCompliance
 from palpate.core.touch.pipeline import assemble
 
 

@@ -4,7 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.creep import Creep
+from palpate.core.touch.effects.rubber import Creep
 from palpate.core.touch.pipeline import assemble
 
 SHARE, TAU = 0.2, 0.5

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.crosstalk import Crosstalk
+from palpate.core.touch.effects.echoes import Crosstalk
 
 
 @pytest.fixture

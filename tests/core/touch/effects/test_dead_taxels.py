@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.dead_taxels import DeadTaxels
+from palpate.core.touch.effects.electronics import DeadTaxels
 
 
 def test_dead_and_stuck_taxels_come_at_their_rates(make_finger, readings):

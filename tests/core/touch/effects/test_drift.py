@@ -1,6 +1,6 @@
 import numpy as np
 
-from palpate.core.touch.effects.drift import Drift
+from palpate.core.touch.effects.electronics import Drift
 from palpate.core.touch.pipeline import KeyedRandom
 
 

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.echo_loss import EchoLoss
+from palpate.core.touch.effects.echoes import EchoLoss
 
 
 def plane(slope, direction):

@@ -13,7 +13,7 @@ import pytest
 
 from palpate.core.plugins import ranges_of
 from palpate.core.touch import effects
-from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
+from palpate.core.touch.effects.catalogue import EFFECT_NAMES, MODULES, effect_type, rank
 from palpate.core.touch.pipeline import Phase, assemble
 
 FOLDER = Path(effects.__file__ or "").parent
@@ -52,10 +52,17 @@ def series(make_touch):
     return starts
 
 
-def test_every_file_of_the_package_is_in_the_catalogue_and_the_other_way_round():
-    assert {path.stem for path in FOLDER.glob("*.py")} - {"__init__", "catalogue"} == set(
-        EFFECT_NAMES
-    )
+def test_every_effect_of_the_package_is_in_the_catalogue_and_the_other_way_round():
+    files = {path.stem: path for path in FOLDER.glob("*.py")}
+    assert files.keys() - {"__init__", "catalogue"} == set(MODULES.values())
+    classes = {
+        (module, node.name)
+        for module in set(MODULES.values())
+        for node in ast.parse(files[module].read_text()).body
+        if isinstance(node, ast.ClassDef)
+    }
+    kinds = [effect_type(name) for name in EFFECT_NAMES]
+    assert classes == {(one.__module__.rpartition(".")[2], one.__name__) for one in kinds}
 
 
 def test_the_catalogue_is_in_order_of_phase():
@@ -80,7 +87,7 @@ def test_an_effect_is_a_frozen_value_with_defaults(name):
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_an_effect_and_each_of_its_parameters_are_described(name):
-    source = (FOLDER / f"{name}.py").read_text()
+    source = (FOLDER / f"{MODULES[name]}.py").read_text()
     (described,) = [
         node
         for node in ast.parse(source).body
@@ -181,8 +188,8 @@ def test_effect_without_strength_changes_nothing(name, make_finger, make_touch, 
         assert values_of(touch) == values_of(expected)
 
 
-@pytest.mark.parametrize("name", EFFECT_NAMES)
-def test_no_effect_imports_another_or_more_than_numpy(name):
+@pytest.mark.parametrize("name", sorted(set(MODULES.values())))
+def test_no_file_of_effects_imports_another_or_more_than_numpy(name):
     source = ast.parse((FOLDER / f"{name}.py").read_text())
     for node in ast.walk(source):
         if isinstance(node, ast.ImportFrom):
@@ -216,6 +223,6 @@ def test_a_module_that_cannot_be_imported_or_holds_no_effect_is_refused():
 
 
 def test_a_users_own_effect_is_found_and_comes_last():
-    name = "palpate.core.touch.effects.drift:Drift"
-    assert effect_type(name) is import_module("palpate.core.touch.effects.drift").Drift
+    name = "palpate.core.touch.effects.electronics:Drift"
+    assert effect_type(name) is import_module("palpate.core.touch.effects.electronics").Drift
     assert rank(name) == len(EFFECT_NAMES)

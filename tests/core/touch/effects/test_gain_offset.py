@@ -1,6 +1,6 @@
 import numpy as np
 
-from palpate.core.touch.effects.gain_offset import GainOffset
+from palpate.core.touch.effects.electronics import GainOffset
 
 
 def test_gains_and_offsets_have_the_asked_deviations(make_finger, readings):

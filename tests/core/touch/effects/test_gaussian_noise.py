@@ -1,6 +1,6 @@
 import numpy as np
 
-from palpate.core.touch.effects.gaussian_noise import GaussianNoise
+from palpate.core.touch.effects.electronics import GaussianNoise
 
 
 def test_the_noise_has_the_asked_variance_and_no_mean(make_finger, readings, dent):

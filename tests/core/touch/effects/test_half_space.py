@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from palpate.core.touch.effects import half_space
-from palpate.core.touch.effects.half_space import HalfSpace
+from palpate.core.touch.effects import rubber
+from palpate.core.touch.effects.rubber import HalfSpace
 
 RADIUS, DEPTH = 0.03, 1e-3
 STIFFNESS = 0.5e6 / (1.0 - 0.49**2)  # E / (1 - nu^2), N/m2
@@ -96,7 +96,7 @@ def shapes(finger):
 def test_nothing_pulls_nothing_enters_and_what_pushes_touches(
     which, make_finger, make_touch, monkeypatch
 ):
-    monkeypatch.setattr(half_space, "MOST_STEPS", 60)  # of a thousand
+    monkeypatch.setattr(rubber, "MOST_STEPS", 60)  # of a thousand
     finger = make_finger()
     indentation = shapes(finger)[which]
     touch = solved(finger, make_touch, indentation)
@@ -158,7 +158,7 @@ def test_an_untouched_pad_stays_as_it_is(make_finger, make_touch):
 
 
 def test_a_contact_that_is_not_found_is_stated(make_finger, make_touch, monkeypatch):
-    monkeypatch.setattr(half_space, "MOST_STEPS", 3)
+    monkeypatch.setattr(rubber, "MOST_STEPS", 3)
     finger = make_finger()
     with pytest.raises(ArithmeticError, match="half_space found no contact within 3 steps"):
         solved(finger, make_touch, paraboloid(finger))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.hardening import Hardening
+from palpate.core.touch.effects.rubber import Hardening
 
 
 def hardened(finger, touch, strength=1.0):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.core.poses import pose_of
-from palpate.core.touch.effects.pose_error import PoseError
+from palpate.core.touch.effects.arm import PoseError
 
 TOUCHES = 4000
 

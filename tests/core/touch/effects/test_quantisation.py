@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.quantisation import Quantisation
+from palpate.core.touch.effects.electronics import Quantisation
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.salt_and_pepper import SaltAndPepper
+from palpate.core.touch.effects.electronics import SaltAndPepper
 
 FULL_SCALE = 0.8 * 3e-3
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.saturation import Saturation
+from palpate.core.touch.effects.rubber import Saturation
 
 
 def test_compression_and_pressure_are_clipped_where_they_are_too_large(

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.temperature import Temperature
+from palpate.core.touch.effects.echoes import Temperature
 
 
 def warmed(effect, finger, touch):

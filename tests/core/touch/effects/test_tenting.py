@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.tenting import Tenting
+from palpate.core.touch.effects.rubber import Tenting
 
 
 def tented(finger, make_touch, field, contact, decay=1e-3):

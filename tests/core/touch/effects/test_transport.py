@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.touch.effects.transport import Transport
+from palpate.core.touch.effects.electronics import Transport
 
 TOUCHES = 5000
 
