@@ -3,16 +3,16 @@
 A graph is checked whole before anything is started or written; whatever a user gave and cannot be
 used becomes one sentence with file and line. Launch files and scenes lie here too; limits,
 displays and texts may be changed, the order of checks in `check_run` had better not. Rests on
-palpate.nodes and on launch.files, launch.processes and launch.hosts.
+palpate.nodes and on launch.files and launch.processes.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.launch.demand import read_demand as read_demand
+    from palpate.launch.exchange_rate import Scale as Scale
     from palpate.launch.exchange_rate import draw_svg as draw_svg
+    from palpate.launch.exchange_rate import scale as scale
     from palpate.launch.graph import Graph as Graph
     from palpate.launch.graph import ResolvedNode as ResolvedNode
     from palpate.launch.graph import override as override
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from palpate.launch.printing import size_text as size_text
     from palpate.launch.printing import text_table as text_table
     from palpate.launch.printing import titled as titled
-    from palpate.launch.progress import SilentDisplay as SilentDisplay
+    from palpate.launch.progress import Display as Display
     from palpate.launch.progress import open_display as open_display
     from palpate.launch.run import Plan as Plan
     from palpate.launch.run import Run as Run

@@ -30,10 +30,12 @@ AXES = {
     "robot_time_s": ("robot time, s", "robot s"),
     "compute_s": ("compute time, s", "compute s"),
 }
+LEAST = 1e-9  # What is less is drawn as that, in any unit
 LEAST_SPAN = 1.5  # Of a scale, highest over lowest, and what it leaves free at either end
 FREE = 1.12
 FLOOR_REACH = 20.0  # A floor that is farther than so many times below all errors is not drawn
-STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
+STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0),
+         tuple(n / 2.0 for n in range(2, 20)))  # fmt: skip
 ROWS, COLUMNS, LABEL = 9, 58, 10  # Of the drawing in text: rows, columns, and those before them
 # Of that in SVG, in pixels.
 WIDE, MARGIN, LEFT, PANEL, HIGH, APART = 980, 24.0, 62.0, 270.0, 250.0, 30.0
@@ -142,8 +144,8 @@ class Scale(NamedTuple):
 
     def at(self, value: float) -> float:
         """The place of a value."""
-        share = math.log(value / self.low) / math.log(self.high / self.low)
-        return self.start + share * (self.end - self.start)
+        share = math.log(max(value, LEAST) / self.low) / math.log(self.high / self.low)
+        return round(self.start + share * (self.end - self.start), 1)
 
     def ticks(self, most: int) -> list[float]:
         """Round values on it: as many as there may be."""
@@ -157,8 +159,8 @@ class Scale(NamedTuple):
 
 
 def scale(values: Sequence[float], start: float, end: float) -> Scale:
-    """The scale on which all positive values have room."""
-    low, high = min(values), max(values)
+    """The scale on which all values have room."""
+    low, high = (max(LEAST, pick(values)) for pick in (min, max))
     widen = math.sqrt(max(LEAST_SPAN / (high / low), 1.0)) * FREE
     return Scale(low / widen, high * widen, start, end)
 

@@ -24,7 +24,6 @@ from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES, Truth
 from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
-__all__ = ["Entry", "Graph"]
 # Modules of the nodes that may know the true shape.
 MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")

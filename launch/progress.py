@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Protocol, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from palpate.messages.types import (
     Score,
     ShapeModel,
 )
+from palpate.nodes.runtime import Watcher
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -83,8 +84,8 @@ class Progress:
         return float(np.interp(wall, walls, seconds))
 
 
-class Display(Protocol):
-    """Where progress is shown."""
+class Display:
+    """Where progress is shown; of itself it shows nothing."""
 
     def ready(self, nodes: int, seconds: float) -> None:
         """All nodes are up."""
@@ -99,7 +100,7 @@ class Display(Protocol):
         """The run is over."""
 
 
-class ProgressWatcher:
+class ProgressWatcher(Watcher):
     """A watcher that keeps the progress, writes the log and feeds the display."""
 
     def __init__(self, nodes: int, display: Display, log: TextIO) -> None:
@@ -164,20 +165,11 @@ class ProgressWatcher:
 def open_display(*, quiet: bool) -> Display:
     """The display that suits the place where standard error goes."""
     if quiet:
-        return SilentDisplay()
+        return Display()
     return LiveDisplay() if sys.stderr.isatty() else LineDisplay(sys.stderr)
 
 
-class SilentDisplay:
-    """Shows nothing."""
-
-    def ready(self, *_: object, **__: object) -> None:
-        """Show nothing."""
-
-    show = note = close = ready
-
-
-class LineDisplay:
+class LineDisplay(Display):
     """One line whenever a model has been scored, and each warning once."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -201,9 +193,6 @@ class LineDisplay:
         if record.level in LEVELS_SHOWN and key not in self._noted:
             self._noted.add(key)
             self.print(f"{record.level[:8]:<9}{record.node}: {record.text}")
-
-    def close(self) -> None:
-        """Nothing is left open."""
 
     def print(self, line: str) -> None:
         """Write one line."""

@@ -39,7 +39,7 @@ from palpate.launch.files import (
 from palpate.launch.node_kinds import search_current_folder
 from palpate.nodes import specs
 
-LEAST_EXTENT = 5.0e-3  # Smallest extent of an object, m
+LEAST_SLICED, LEAST_TOUCHED = 5.0e-3, 2.0e-3  # Smallest extents of objects in slices, or not, m
 SHIPPED_SCENES = Path(__file__).parent / "scenes"  # Folder of the scenes that come with palpate
 DIGITS = 6  # Significant digits of what is written: far more than any of it is sure of
 MAX_CALIBRATION_VALUES = 20_000  # Four tables of 64 by 64, and what belongs to them
@@ -98,7 +98,7 @@ def load_scene(name: str | Path, changes: Mapping[KeyPath, SourceMapped] = {}) -
         given = _changed(given, key, value)
     text = yaml_text(given.value) if changes or is_mesh else path.read_text(encoding="utf-8")
     given, told = _with_mesh(given, path)
-    given = with_effects(given)
+    given = with_effects(_with_planner(given))
     given = with_calibration(given, path.resolve().parent)
     check_planner(given)
     spec = convert(given, SceneSpec)
@@ -218,6 +218,16 @@ def _with_mesh(given: SourceMapped, scene: Path) -> tuple[SourceMapped, str]:
     return replace(given, value={**given.value, "object": kept}), told
 
 
+def _with_planner(given: SourceMapped) -> SourceMapped:
+    """The scene with a planner: nobody knows of a mesh whether slices of it are simple curves."""
+    explore, standing = given.value.get("explore", {}), given.value.get("object")
+    if not isinstance(explore, Mapping) or {"planner", "settings", "axis"} & set(explore):
+        return given
+    if not isinstance(standing, Mapping) or "mesh" not in standing:
+        return given
+    return replace(given, value={**given.value, "explore": {**explore, "planner": "touches"}})
+
+
 def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
     """The scene with the calibration file that its sensor names read into it.
 
@@ -295,11 +305,12 @@ def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
 
 def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
     size, aside = specs.object_extents(spec.object)
-    if min(size) < LEAST_EXTENT:
+    least = LEAST_TOUCHED if spec.explore.get("planner") == "touches" else LEAST_SLICED
+    if min(size) < least:
         raise located.error(
             ("object",),
             f"the object is only {min(size):.3g} m across; a pad of 15 mm can follow nothing "
-            f"smaller than {LEAST_EXTENT} m",
+            f"smaller than {least} m",
         )
     height, reach = size[2], spec.world.reach
     if reach is not None and max(aside, height) > reach:

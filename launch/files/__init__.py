@@ -6,9 +6,7 @@ points format one in `points_file`. Rests on palpate.core, and for recordings an
 palpate.messages and palpate.nodes; on nothing of launch.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.launch.files.file_access import FileWriter as FileWriter

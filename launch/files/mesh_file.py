@@ -138,25 +138,14 @@ def _merged(path: Path, mesh: mesh_formats.RawMesh) -> tuple[Vertices, Faces]:
     if not np.isfinite(vertices).all():
         bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
         raise InputError(f"{path}: vertex {bad} is not finite")
-    kept, first = _unique_rows(vertices)
-    faces = first[faces]
+    kept, first = np.unique(vertices, axis=0, return_inverse=True)
+    faces = first.reshape(-1)[faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
     if len(faces) == 0:
         raise InputError(f"{path}: all its triangles are flat: corners of each lie in one place")
     used, numbers = np.unique(faces, return_inverse=True)
     return kept[used], numbers.reshape(-1, 3).astype(np.int32)
-
-
-def _unique_rows(vertices: Vertices) -> tuple[Vertices, NDArray[np.int64]]:
-    """Rows that differ, in their order, and which of them each row is."""
-    order = np.lexsort(vertices.T[::-1])
-    rows = vertices[order]
-    new = np.ones(len(rows), bool)
-    new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
-    number = np.empty(len(rows), np.int64)
-    number[order] = np.cumsum(new) - 1
-    return rows[new], number
 
 
 def read_cloud(path: Path, unit: str) -> Vertices | None:

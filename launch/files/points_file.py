@@ -27,7 +27,7 @@ from palpate.launch.files.solid_file import read_arrays
 from palpate.launch.files.source_map import InputError
 from palpate.messages import CodecError, decode
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
-from palpate.nodes import reconstructor as reconstructor_node
+from palpate.nodes.rebuilding import common_frame, is_upright, touched_ends
 from palpate.nodes.specs import pad_of_info
 
 NUMBERED = re.compile(r"contour_(\d+)")  # Name of one contour's array
@@ -392,11 +392,11 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
     platform = recorded[World][-1].platform if recorded[World] else None
     try:
-        frame = reconstructor_node.common_frame(closed)
-        tops = reconstructor_node.touched_ends(closed, hits, touches, platform)
+        frame = common_frame(closed)
+        tops = touched_ends(closed, hits, touches, platform)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    if not reconstructor_node.is_upright(frame):
+    if not is_upright(frame):
         lean = np.degrees(np.arccos(np.clip(split_pose(frame)[1][2, 2], -1.0, 1.0)))
         notes.append(f"sliced along an axis that leans by {lean:.1f} deg")
     elif platform is not None:

@@ -5,9 +5,7 @@ stalled are constants at the top of each chapter and may be tuned. Rests on palp
 and on the runtime of palpate.nodes.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.launch.processes.fork_server import NODE_ENVIRONMENT as NODE_ENVIRONMENT

@@ -12,7 +12,7 @@ from palpate.launch.graph import Graph, override, read_arguments, read_settings,
 from palpate.launch.node_kinds import Entry
 from palpate.messages.codec import Header, encode, schema, schema_hash
 from palpate.messages.fields import Metres
-from palpate.messages.recording.mcap_reading import file_records
+from palpate.messages.recording.mcap_reading import placed_records
 from palpate.messages.types.catalogue import LogRecord, NodeStatus
 from palpate.messages.types.world import Truth, World
 from palpate.nodes import recorder
@@ -231,7 +231,7 @@ def test_a_recording_has_the_schemas_of_types_of_ones_own_and_needs_them(make_no
     header = Header(1, 0, 0, 5, 0.0, schema_hash(Width))
     writer.write("/n0", header, encode(Width(width=0.01)))
     writer.close({})
-    kept = {one.name: one.data for one in file_records(path) if type(one).__name__ == "Schema"}  # type: ignore[union-attr]
+    kept = {one.name: one.data for _, one in placed_records(path) if type(one).__name__ == "Schema"}  # type: ignore[union-attr]
     assert json.loads(kept["Width"]) == schema(Width)
     params = recorder.Params(path=str(tmp_path / "topics.mcap"))
     assert schemas_of(b"") == {}

@@ -4,11 +4,11 @@ import json
 import sys
 
 from palpate.launch.progress import (
+    Display,
     LineDisplay,
     LiveDisplay,
     Progress,
     ProgressWatcher,
-    SilentDisplay,
     open_display,
     progress_text,
 )
@@ -25,7 +25,7 @@ def status(node):
 
 
 def test_the_gatherer_adds_up_what_it_receives(contour, tetrahedron, score):
-    gatherer = ProgressWatcher(3, SilentDisplay(), io.StringIO())
+    gatherer = ProgressWatcher(3, Display(), io.StringIO())
     gatherer.ready(0.5)
     for message in (contour, dataclasses.replace(contour, robot_time=9.0), tetrahedron, score):
         gatherer.received("/any", message)
@@ -44,7 +44,7 @@ def test_the_gatherer_adds_up_what_it_receives(contour, tetrahedron, score):
 
 def test_the_log_is_one_json_line_a_record():
     log = io.StringIO()
-    ProgressWatcher(1, SilentDisplay(), log).log(record())
+    ProgressWatcher(1, Display(), log).log(record())
     line = json.loads(log.getvalue())
     assert line.pop("wall_s") >= 0.0
     assert line == {
@@ -88,10 +88,10 @@ def test_a_line_of_progress_fits_on_a_screen_and_the_live_one_is_taken_away(scor
 def test_the_display_suits_the_terminal_and_silence_is_silent(monkeypatch, score, capfd):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
     assert type(open_display(quiet=False)) is LineDisplay
-    assert type(open_display(quiet=True)) is SilentDisplay
+    assert type(open_display(quiet=True)) is Display
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     assert type(open_display(quiet=False)) is LiveDisplay
-    silence = SilentDisplay()
+    silence = Display()
     silence.ready(1, 1.0)
     silence.show(Progress(scores=[(1.0, score)]))
     silence.note(record())

@@ -11,7 +11,7 @@ from palpate.launch import run as module
 from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.graph import read_settings
 from palpate.launch.launch_source import EXPLORE
-from palpate.launch.progress import SilentDisplay
+from palpate.launch.progress import Display
 from palpate.launch.run import explore, perform, plan_run
 from palpate.messages.types.model import Score, ShapeModel
 from palpate.messages.types.motion import Contour
@@ -63,7 +63,7 @@ def start(path, **args):
     located = {name: SourceMapped(value, name) for name, value in args.items()}
     plan = plan_run(path, located, {}, name="toy", out=Path("here"))
     assert not Path("here").exists()
-    return perform(plan, composed=True, display=SilentDisplay())
+    return perform(plan, composed=True, display=Display())
 
 
 def test_a_run_leaves_its_results_and_what_was_run_in_its_directory(launch_file):
@@ -161,7 +161,7 @@ def test_exploring_from_python_is_what_run_does(monkeypatch):
     assert asked["args"] == {"record": True, "seed": 3, "fingers": 2}
     assert asked["settings"]["planner.tolerance"].value == 1e-4
     assert asked["composed"] is True
-    assert isinstance(asked["display"], SilentDisplay)
+    assert isinstance(asked["display"], Display)
 
 
 def test_a_scene_that_is_not_there_is_refused():

@@ -118,6 +118,17 @@ def box_file(folder, x=0.0, holes=0):
     return folder / "box.ply"
 
 
+def test_a_plate_is_explored_by_single_touches_and_slices_of_it_refused(write):
+    plate = "object:\n  superquadric: {size: [0.04, 0.0015, 0.03], exponents: [0.3, 0.3]}\n"
+    plate += "explore: {planner: %s}\n"
+    assert load_scene(write("thin.yaml", plate % "touches")).size[1] == pytest.approx(0.003)
+    with pytest.raises(InputError, match=r"is only 0\.003 m across; .* smaller than 0\.005 m"):
+        load_scene(write("thin.yaml", plate % "predicted"))
+    thinner = plate.replace("0.0015", "0.0009")
+    with pytest.raises(InputError, match=r"is only 0\.0018 m across; .* smaller than 0\.002 m"):
+        load_scene(write("thin.yaml", thinner % "touches"))
+
+
 def test_a_mesh_is_a_scene_of_its_own(tmp_path):
     scene = load_scene(box_file(tmp_path, holes=1))
     assert (scene.name, scene.size) == ("box", pytest.approx((0.06, 0.05, 0.04)))
@@ -194,7 +205,7 @@ def test_a_scene_without_effects_has_none(write, text):
     ("{drift: {}}", "bad.yaml:3: effects must be a list"),
     ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
     ("['.x:Y']", "must name its module in full"),
-    ("[drift, 'palpate.core.touch.effects.drift:Drift']", "are the same effect"),
+    ("[drift, 'palpate.core.touch.effects.electronics:Drift']", "are the same effect"),
     ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
     ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
 ])  # fmt: skip

@@ -111,7 +111,7 @@ def test_two_nodes_that_draw_from_the_global_generator_draw_different_numbers():
 
 
 LAUNCHED = """
-from palpate.bench.table import SilentWatcher
+from palpate.nodes.runtime import Watcher
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.fork_server import start_fork_server
@@ -121,7 +121,7 @@ source = toy("source", ToyParams(burst=5))
 nobody = dict(params={}, inputs=(), outputs={}, subscribers={})
 lost = Wiring(name="lost", module="palpate.nodes.nothing", **nobody)
 for graph in ([source, lost], [source, toy("counter", ToyParams(expects=5), upstream="source")]):
-    ending = launch(graph, ends=graph[-1].name, watch=(), watcher=SilentWatcher())
+    ending = launch(graph, ends=graph[-1].name, watch=(), watcher=Watcher())
     print(ending.status, ending.reason)
 """
 
