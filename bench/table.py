@@ -181,22 +181,6 @@ def run_scene(scene: str, out: Path) -> float:
     return wall
 
 
-class SilentWatcher:
-    """Watches a graph and keeps nothing."""
-
-    def ready(self, seconds: float) -> None:
-        """All nodes are up."""
-
-    def received(self, topic: str, message: object) -> None:
-        """A message of a topic that is watched."""
-
-    def log(self, record: object) -> None:
-        """A node's log record."""
-
-    def tick(self, statuses: Mapping[str, Any]) -> None:
-        """Time has gone by."""
-
-
 def best_seconds(
     call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.perf_counter
 ) -> float:

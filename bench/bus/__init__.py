@@ -5,9 +5,7 @@ modules by themselves, since a process imports a node by its module's name. It r
 and on messages.bus, and is one of the few rooms that open sockets.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.bench.bus.cost import finished as finished

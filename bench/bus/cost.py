@@ -21,7 +21,6 @@ import zmq
 from palpate.bench.bus.toy_node import frame, settle, token_ring
 from palpate.bench.table import (
     Row,
-    SilentWatcher,
     at_least,
     at_most,
     best_seconds,
@@ -33,7 +32,7 @@ from palpate.launch.processes import without_main_module
 from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
 from palpate.messages.bus import SocketContext, bind, make_key
 from palpate.messages.types import TactileFrame
-from palpate.nodes.runtime import Ending, Wiring
+from palpate.nodes.runtime import Ending, Watcher, Wiring
 
 LAPS = 2000
 CORES = ((0, "one core"), (-1, "free cores"))
@@ -96,7 +95,7 @@ def finished(ending: Ending, what: str) -> Ending:
     return ending
 
 
-class _Times(SilentWatcher):
+class _Times(Watcher):
     """Keeps the times at which it received something, and what the start took, s."""
 
     def __init__(self) -> None:

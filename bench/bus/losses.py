@@ -23,14 +23,14 @@ import zmq
 from palpate.bench.bus.cost import finished, ring_seconds, spawned
 from palpate.bench.bus.stalling_node import SOURCE, TOPIC, StallingParams, subscriber
 from palpate.bench.bus.toy_node import ToyParams, frame, token_ring, toy
-from palpate.bench.table import Row, SilentWatcher, at_least, in_turns
-from palpate.launch import EXPLORE, SilentDisplay, find_scene, launch, perform, plan_run
+from palpate.bench.table import Row, at_least, in_turns
+from palpate.launch import EXPLORE, Display, find_scene, launch, perform, plan_run
 from palpate.launch.files import SourceMapped
 from palpate.messages import Header, encode, pack_frame
 from palpate.messages.bus import QUEUE_DEPTH, MessageLog, Publisher, SendTimes, Subscriber
 from palpate.messages.types import NodeStatus
 from palpate.nodes import recorder
-from palpate.nodes.runtime import Input, Wiring, with_description
+from palpate.nodes.runtime import Input, Watcher, Wiring, with_description
 from palpate.tools.chaos import FloodParams
 
 MESSAGES, QUICK = 1_000_000, 20_000
@@ -165,12 +165,12 @@ def _touches(recorded: bool) -> float:
     args = {"scene": scene, "record": SourceMapped(recorded, "bench")}
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         plan = plan_run(EXPLORE, args, {}, name="sphere", out=Path(folder) / "run")
-        done = perform(plan, composed=False, display=SilentDisplay())
+        done = perform(plan, composed=False, display=Display())
     finished(done.ending, "the exploration")
     return float(done.summary["touches_per_s"])
 
 
-class _Killer(SilentWatcher):
+class _Killer(Watcher):
     """Kills a node once it has received so many messages."""
 
     def __init__(self, name: str, number: int) -> None:
@@ -227,7 +227,7 @@ def _last_message(rng: random.Random) -> int:
 
 
 def _lost_in(graph: Sequence[Wiring], *, expected: int, depth: int) -> int:
-    ending = launch(graph, ends="counter", watch=(), watcher=SilentWatcher(), depth=depth)
+    ending = launch(graph, ends="counter", watch=(), watcher=Watcher(), depth=depth)
     finished(ending, "the graph")
     counts = [ending.statuses[one.name].messages for one in graph if one.inputs]
     return ending.gaps + sum(expected - number for number in counts)

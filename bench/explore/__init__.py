@@ -6,9 +6,7 @@ this process and keeps what it published; a measurement is a loop over objects a
 on launch (a scene file is planned as a user's is) and on bench.objects.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.bench.explore.gp_explorer import Explorer as Explorer

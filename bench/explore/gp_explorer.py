@@ -54,8 +54,6 @@ UNKNOWN = 1e3  # Standard deviation of a gradient that nobody measured
 CELL = 2e-3  # Of the grid whose cubic interpolation the mesh is made of, m: far below the kernel's
 LEVEL = 7  # Of the mesh: cells of 0.8 mm, with their corners on the surface
 STEP = 1e-3  # Of a way along a cell's edge, over which the slope is taken
-FIRST_ROWS = 256  # Rows for which there is room at first
-BLOCK = 128
 # Of distances in m, of their shape each: k, g and h.
 Kernel = Callable[[Floats], tuple[Floats, Floats, Floats]]
 
@@ -334,44 +332,19 @@ class CholeskyFactor:
     """Lower factor L of a positive definite matrix L L'."""
 
     def __init__(self) -> None:
-        self.size = 0  # Rows
-        self._room = np.zeros((FIRST_ROWS, FIRST_ROWS))
-
-    @property
-    def lower(self) -> Floats:
-        """L, (size, size)."""
-        return self._room[: self.size, : self.size]
+        self.lower = np.zeros((0, 0))  # L, whole and in rows: scipy copies no such factor
 
     def append(self, across: Floats, own: Floats) -> None:
         """Add rows: their covariance with those before, (m, size), and their own, (m, m)."""
-        before, after = self.size, self.size + len(own)
-        if after > len(self._room):
-            wider = np.zeros((3 * after // 2, 3 * after // 2))
-            wider[:before, :before] = self.lower
-            self._room = wider
         left = self.half(across.T).T
-        self._room[before:after, :before] = left
-        self._room[before:after, before:after] = cholesky(own - left @ left.T, lower=True)
-        self.size = after
+        corner = cholesky(own - left @ left.T, lower=True)
+        self.lower = np.block([[self.lower, np.zeros_like(left.T)], [left, corner]])
 
     def half(self, right: Floats) -> Floats:
         """Solve L x = right."""
-        found = np.array(right, float)
-        for some in self._blocks():
-            rest = found[some] - self._room[some, : some.start] @ found[: some.start]
-            found[some] = solve_triangular(self._room[some, some], rest, lower=True)
-        return found
+        return solve_triangular(self.lower, right, lower=True, check_finite=False)
 
     def solve(self, right: Floats) -> Floats:
         """Solve L L' x = right."""
-        found = self.half(right)
-        for some in reversed(self._blocks()):
-            below = slice(some.stop, self.size)
-            rest = found[some] - self._room[below, some].T @ found[below]
-            found[some] = solve_triangular(self._room[some, some], rest, lower=True, trans=1)
-        return found
-
-    def _blocks(self) -> list[slice]:
-        """Of rows: scipy would copy the whole factor for each solution, of a block it may."""
-        starts = range(0, self.size, BLOCK)
-        return [slice(start, min(start + BLOCK, self.size)) for start in starts]
+        half = self.half(right)
+        return solve_triangular(self.lower, half, lower=True, trans=1, check_finite=False)

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
-from palpate.bench.table import SilentWatcher
 from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
 from palpate.core.shapes import Mesh
 from palpate.launch import EXPLORE, find_scene, plan_run
@@ -75,7 +74,7 @@ class Explored(NamedTuple):
         return None if self.bound is None else self.percent <= self.bound
 
 
-class MessageCollector(SilentWatcher):
+class MessageCollector(Watcher):
     """Keeps what is published, by type; of tactile frames only how many there were."""
 
     def __init__(self) -> None:

@@ -21,7 +21,7 @@ from palpate.bench.explore import NOISY, Demand, Explored, explore_object
 from palpate.bench.real.picture import draw_run
 from palpate.bench.results import read_form, write_form
 from palpate.bench.table import Figure, figure_of
-from palpate.bench.tolerance import ToleranceOptions, sources_digest
+from palpate.bench.tolerance import ToleranceOptions, check_sources, sources_digest
 from palpate.core.shapes import Mesh
 from palpate.launch.files import InputError, read_mesh
 
@@ -40,22 +40,22 @@ class RealRun(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     object: str  # Name of the file
     seed: int
     size_m: float  # Largest extent
-    rms_m: float  # Our own distance, of the last model
-    independent_rms_m: float  # The same by trimesh
-    touched_rms_m: float  # Of places within 5 mm of a touched point
-    sampling_floor_m: float
-    bound_m: float | None  # What the run states of its error
-    met: bool | None  # Whether it states that its tolerance was met
-    covered: float  # Share of the true surface
-    open_share: float | None  # Of the surface, as the run states it
-    under_share: float | None
-    genus: int
-    true_genus: int
-    touches: int
-    reached: tuple[int | None, ...]  # Touches at each of `SHARES` of the size
-    robot_time_s: float
-    compute_s: float
-    reason: str
+    rms_m: float = 0.0  # Our own distance, of the last model
+    independent_rms_m: float = 0.0  # The same by trimesh
+    touched_rms_m: float = 0.0  # Of places within 5 mm of a touched point
+    sampling_floor_m: float = 0.0
+    bound_m: float | None = None  # What the run states of its error
+    met: bool | None = None  # Whether it states that its tolerance was met
+    covered: float = 0.0  # Share of the true surface
+    open_share: float | None = None  # Of the surface, as the run states it
+    under_share: float | None = None
+    genus: int = -1
+    true_genus: int = -1
+    touches: int = 0
+    reached: tuple[int | None, ...] = (None,) * len(SHARES)  # Touches at each share of the size
+    robot_time_s: float = 0.0
+    compute_s: float = 0.0
+    reason: str = ""
     failed: str = ""  # Why there is no model, if there is none
 
     @property
@@ -149,15 +149,10 @@ def real_rows(quick: bool, options: ToleranceOptions | None = None) -> Iterator[
 
 
 def _kept(path: Path) -> RealRuns:
-    sources = sources_digest()
     if not path.exists():
-        return RealRuns(FORM, VERSION, sources)
+        return RealRuns(FORM, VERSION, sources_digest())
     found: RealRuns = read_form(path, FORM, VERSION, RealRuns)
-    if found.sources != sources:
-        raise InputError(
-            f"{path}: was measured with another palpate; name another folder with --sheet, or "
-            "remove the file"
-        )
+    check_sources(path, found.sources)
     return found
 
 
@@ -165,7 +160,7 @@ def _run(path: Path, seed: int, folder: Path) -> RealRun:
     vertices, faces, _ = read_mesh(path)
     size = float(np.ptp(vertices, axis=0).max())
     begun = time.process_time()
-    nothing = _nothing(path.name, seed, size)
+    nothing = RealRun(path.name, seed, size)
     try:
         found = explore_object(
             Mesh(vertices, faces),
@@ -200,30 +195,6 @@ def _run(path: Path, seed: int, folder: Path) -> RealRun:
         robot_time_s=found.done.robot_time,
         compute_s=compute,
         reason=found.done.reason,
-    )
-
-
-def _nothing(name: str, seed: int, size: float) -> RealRun:
-    return RealRun(
-        object=name,
-        seed=seed,
-        size_m=size,
-        rms_m=0.0,
-        independent_rms_m=0.0,
-        touched_rms_m=0.0,
-        sampling_floor_m=0.0,
-        bound_m=None,
-        met=None,
-        covered=0.0,
-        open_share=None,
-        under_share=None,
-        genus=-1,
-        true_genus=-1,
-        touches=0,
-        reached=(None,) * len(SHARES),
-        robot_time_s=0.0,
-        compute_s=0.0,
-        reason="",
     )
 
 

@@ -12,7 +12,7 @@ from palpate.bench.explore import Explored
 from palpate.core import Floats
 from palpate.core.geometry import nearest_points, nearest_search, sample_surface
 
-SAMPLES, DRAWN = 20_000, 9_000
+SAMPLES, EVERY = 20_000, 2  # Places, and of these drawn
 NEAR = 5e-3  # Of a touched point, m
 VIEWS = ((20.0, 35.0), (20.0, 215.0), (75.0, 35.0))  # Elevation and azimuth, degrees
 LEAST, MOST = 0.01, 5.0  # Ends of the colours, mm
@@ -60,7 +60,7 @@ def _draw(path: Path, title: str, parts: tuple[tuple[Floats, Floats, str], ...])
     figure.suptitle(f"{title}: distance from the other, mm")
     norm = LogNorm(LEAST, MOST)
     for row, (places, distances, name) in enumerate(parts):
-        millimetres, colours = 1e3 * places[:DRAWN], np.clip(1e3 * distances[:DRAWN], LEAST, MOST)
+        millimetres, colours = 1e3 * places[::EVERY], np.clip(1e3 * distances[::EVERY], LEAST, MOST)
         for column, (elevation, azimuth) in enumerate(VIEWS):
             axes = figure.add_subplot(2, len(VIEWS), 1 + row * len(VIEWS) + column, projection="3d")
             drawn = axes.scatter(*millimetres.T, c=colours, norm=norm, s=2, cmap="turbo")

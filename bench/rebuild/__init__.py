@@ -4,9 +4,7 @@ Against the truth and what an engineer would do without palpate. Another method 
 are ratios to the first peer of a case. It rests on core.rebuild and bench.objects.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.bench.rebuild.comparison import noisy_contours as noisy_contours

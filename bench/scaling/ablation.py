@@ -91,7 +91,7 @@ def _unmasked(fit: Callable[..., Patch]) -> Callable[..., Patch]:
 
 
 _TOUCH, _REBUILD, _NODES = "palpate.core.touch", "palpate.core.rebuild", "palpate.nodes"
-_CLEAN, _STACK = f"{_NODES}.filter:clean", f"{_NODES}.reconstructor:stack_points"
+_CLEAN, _STACK = f"{_NODES}.filter:clean", f"{_NODES}.rebuilding.fitting:stack_points"
 TAXELS = Part("all taxels, not contour points", {_STACK: _always(None)})
 _robust = {f"{_TOUCH}.{room}:fit_robust_jet": _plain for room in ("filters", "edges")}
 _whole_pad = _then(lambda one: one._replace(touched=one.touched | one.touched.any()))
@@ -116,7 +116,7 @@ PARTS = (
         "ends",
         {
             f"{_NODES}.planning.phases:next_probe": _always(None),
-            f"{_NODES}.reconstructor:touched_ends": _always(None),
+            f"{_NODES}.rebuilding.fitting:touched_ends": _always(None),
             f"{_REBUILD}.closed_sides:touched_end": _always(None),
         },
     ),

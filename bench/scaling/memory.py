@@ -17,14 +17,14 @@ import numpy as np
 from msgspec import Struct
 
 from palpate.bench.bus import finished
-from palpate.bench.table import Row, SilentWatcher, at_most, figure
+from palpate.bench.table import Row, at_most, figure
 from palpate.bench.touch import touch_goals
 from palpate.core import Floats
 from palpate.launch import EXPLORE, find_scene, launch, plan_run
 from palpate.launch.files import SourceMapped
 from palpate.messages.types import SurfacePatch
 from palpate.nodes import tracer
-from palpate.nodes.runtime import Finished, Node, Outputs
+from palpate.nodes.runtime import Finished, Node, Outputs, Watcher
 
 TOUCHES, QUICK_TOUCHES = 10_000, 2_000
 SIDES, EACH = 60, 20  # Different touches, and touches of a goal
@@ -101,7 +101,7 @@ def watch_memory(touches: int) -> MemoryWatcher:
     return watcher
 
 
-class MemoryWatcher(SilentWatcher):
+class MemoryWatcher(Watcher):
     """Keeps what memory nodes take, and counts what was touched."""
 
     def __init__(self) -> None:

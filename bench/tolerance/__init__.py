@@ -5,15 +5,14 @@
 (see docs/benchmark.md); a target, an object or a tolerance may be changed in `measuring`.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.bench.tolerance.methods import Model as Model
     from palpate.bench.tolerance.methods import Problem as Problem
     from palpate.bench.tolerance.options import ToleranceOptions as ToleranceOptions
     from palpate.bench.tolerance.options import tolerance_options as tolerance_options
+    from palpate.bench.tolerance.runs import check_sources as check_sources
     from palpate.bench.tolerance.runs import sources_digest as sources_digest
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -123,11 +123,7 @@ class RunsFile:
         head = Runs(FORM, VERSION, methods, (), this_machine(), tuple(absent), sources_digest())
         if path.exists():
             old = read_runs(path)
-            if old.sources != head.sources:
-                raise InputError(
-                    f"{path}: was measured with another palpate; name another folder with --sheet, "
-                    "or remove the file"
-                )
+            check_sources(path, old.sources)
             known = {**old.methods, **methods}
             head = msgspec.structs.replace(head, methods=known, runs=old.runs)
         self.content = head
@@ -137,6 +133,15 @@ class RunsFile:
         runs = (*self.content.runs, *made)
         self.content = msgspec.structs.replace(self.content, runs=runs)
         write_form(self.path, self.content)
+
+
+def check_sources(path: Path, sources: str) -> None:
+    """Refuse a file of runs of other sources than these; raises InputError."""
+    if sources != sources_digest():
+        raise InputError(
+            f"{path}: was measured with another palpate; name another folder with --sheet, or "
+            "remove the file"
+        )
 
 
 def sources_digest() -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import pytest
 
 from palpate.bench import table
-from palpate.bench.suite.groups import BENCHES
+from palpate.bench.suite import BENCHES
 from palpate.bench.table import (
     Figure,
     Measured,

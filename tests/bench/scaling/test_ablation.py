@@ -27,8 +27,9 @@ from palpate.core.rebuild.side import shifts
 from palpate.core.rebuild.solid import Solid
 from palpate.core.touch.curvature import ALONG_ROWS
 from palpate.core.touch.pad import Pad
-from palpate.nodes import curvature, filter, reconstructor
+from palpate.nodes import curvature, filter
 from palpate.nodes.planning import phases
+from palpate.nodes.rebuilding import fitting
 
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 NAMED = {part.name: part for part in PARTS}
@@ -50,7 +51,7 @@ def cleaned(share: float):
 def solid_of(noise: int | None, count: int = 12, *, taxels: bool = True) -> Solid:
     contours, contacts = touched_contours(CASE, count, 48, noise)
     tops = np.array([[0.0, 0.0, CASE.low], [0.0, 0.0, CASE.high]])
-    patches = reconstructor.stack_points([contacts]) if taxels else None
+    patches = fitting.stack_points([contacts]) if taxels else None
     return reconstruct(contours, patches=patches, tops=tops, method="skin")
 
 
@@ -97,13 +98,13 @@ def test_without_the_mask_in_the_fit_the_ball_is_flatter():
 
 def test_without_slopes_and_without_taxels_the_reconstructor_has_none():
     contacts = touched_contours(CASE, 5, 24, 0)[1]
-    assert reconstructor.stack_points([contacts]).normals is not None
+    assert fitting.stack_points([contacts]).normals is not None
     with without(NAMED["slopes"]):
-        found = reconstructor.stack_points([contacts])
+        found = fitting.stack_points([contacts])
         assert found.normals is None
         assert np.array_equal(found.points, contacts.points)
     with without(NAMED["all taxels, not contour points"]):
-        assert reconstructor.stack_points([contacts]) is None
+        assert fitting.stack_points([contacts]) is None
 
 
 def test_without_pose_offsets_no_shift_is_believed():
@@ -138,7 +139,7 @@ def test_without_the_test_a_displaced_contour_is_used():
 def test_without_ends_nothing_is_probed_and_nothing_said_of_them():
     with without(NAMED["ends"]):
         assert phases.next_probe("upper", None) is None
-        assert reconstructor.touched_ends([], [], {}, 0.0) is None
+        assert fitting.touched_ends([], [], {}, 0.0) is None
 
 
 def test_the_mean_of_ratios_is_geometric_and_holds_the_truth_in_95_of_100_draws():

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from palpate.bench.suite import groups as verb
-from palpate.bench.suite.groups import SceneFigures
+from palpate.bench import suite as verb
+from palpate.bench.suite import SceneFigures
 from palpate.bench.table import Row
 from palpate.tools.cli import command_line as cli
 

@@ -47,7 +47,7 @@ class Bench(NamedTuple):
 BENCHES: Mapping[str, Bench] = {
     "scenes": Bench(
         "the shipped scenes from start to end: accuracy and time",
-        {"scenes": "suite.groups:scene_rows"},
+        {"scenes": "suite:scene_rows"},
     ),
     "explore": Bench(
         "whole explorations: objects that lean, other axes, several fingers",
@@ -67,10 +67,10 @@ BENCHES: Mapping[str, Bench] = {
             "locked": "bus.cost:lock_rows",
         },
     ),
-    "touch": Bench("one touch: frames a second", {"frames": "touch.frames:touch_rows"}),
+    "touch": Bench("one touch: frames a second", {"frames": "touch:touch_rows"}),
     "effects": Bench(
         "each effect: its cost, and the error of a contour that it causes",
-        {"effects": "touch.frames:effect_rows"},
+        {"effects": "touch:effect_rows"},
     ),
     "rebuild": Bench(
         "solids from contours: errors over those of lofts, radial functions and the thesis on "

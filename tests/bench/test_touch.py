@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.touch import frames
-from palpate.bench.touch.frames import (
+from palpate.bench import touch as frames
+from palpate.bench.touch import (
     WORN,
     frame_costs,
     speed_rows,

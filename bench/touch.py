@@ -1,6 +1,7 @@
 """One touch: frames a second, and what effects cost.
 
-All is measured in turns within one run, for machines change their speed.
+All is measured in turns within one run, for machines change their speed. Simulator, filter and
+curvature are run as plain calls.
 """
 
 from __future__ import annotations
