@@ -7,9 +7,7 @@ the rooms below (contours, side, ends, surface, lattice, recovery) and on
 `palpate.core.thesis`.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild.general import GeneralSolid as GeneralSolid

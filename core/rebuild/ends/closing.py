@@ -24,6 +24,7 @@ from palpate.core.rebuild.ends.profiles import (
     EdgeSamples,
     Flat,
     Profile,
+    Relief,
     Trend,
     conic,
     flared,
@@ -96,6 +97,7 @@ class End:
     # Whether it is a piece of its own though it closes in a point, for the side would have run
     # through its own axis on the way there.
     apart: bool = False
+    relief: Relief | None = None  # What it rises over its profile, if its face is not level
 
     @property
     def unseen(self) -> float:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from palpate.core.arrays import Floats
 
@@ -37,6 +38,7 @@ ROWS = 9  # Rows of the side to which it is fitted
 # arc would begin where nothing was seen.
 LARGEST = 12.0
 TRIED = 49  # Radii that are tried
+DEGREE = 4  # Of a relief
 LEAST_DISC = 0.05  # Of the last row's radius: a smaller disc is none
 
 
@@ -200,6 +202,22 @@ class Superellipse(NamedTuple):
 
     def _radius(self, zeta: Floats) -> Floats:
         return shoulder(zeta, self.p, self.q) * (1.0 + self.trend * zeta)
+
+
+class Relief(NamedTuple):
+    """What an end rises over its profile, by the place: in full at its height, not at the rim."""
+
+    middle: Floats  # About which it is told, (2,)
+    scale: float  # Radius about it
+    coefficients: Floats  # (5, 5), of powers of x and of y, over the scale
+    deviation: float  # Its standard deviation, root mean square over the face, m
+
+    def at(self, places: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """Over places (n, 2): (n,), or derivatives by x and y."""
+        x, y = (places - self.middle).T / self.scale
+        along = polynomial.polyder(self.coefficients, by[0], axis=0)
+        across = polynomial.polyder(along, by[1], axis=1)
+        return np.asarray(polynomial.polyval2d(x, y, across) / self.scale ** sum(by))
 
 
 class EdgeSamples(NamedTuple):
