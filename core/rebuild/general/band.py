@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
+from math import factorial, prod
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from palpate.core.arrays import Bools, Floats, Ints
 ORDER = 4  # Of the splines along each axis: cubics
 LOCAL = ORDER**3  # Control values over a cell
 REACH = 1 << 19  # Cells from the origin, at most
-GAUSS = 5  # Points along an axis: products of second derivatives of cubics are integrated exactly
+GAUSS = 5  # Points along an axis: products of derivatives of cubics are integrated exactly
 CORNERS = np.stack(np.meshgrid(*[np.arange(ORDER)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -103,25 +105,31 @@ def _cubics(t: Floats, order: int) -> Floats:
     if order == 1:
         middle = 9.0 * t**2 - 12.0 * t, 12.0 * s - 9.0 * s**2
         return np.stack([-3.0 * s**2, *middle, 3.0 * t**2], axis=-1) / 6.0
-    return np.stack([s, 3.0 * t - 2.0, 3.0 * s - 2.0, t], axis=-1)
+    if order == 2:
+        return np.stack([s, 3.0 * t - 2.0, 3.0 * s - 2.0, t], axis=-1)
+    one = np.ones_like(t)
+    return np.stack([-one, 3.0 * one, -3.0 * one, one], axis=-1)
 
 
 @cache
 def cell_integrals() -> tuple[Floats, Floats]:
-    """Over one cell: of all squared second derivatives, and of the square, (64, 64) each."""
+    """Over one cell: of all squared third derivatives, and of the square, (64, 64) each."""
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS)
     at = 0.5 * (nodes + 1.0)
-    mass, slope, bend = (
+    forms = [
         np.einsum("gi,gj,g->ij", _cubics(at, order), _cubics(at, order), 0.5 * weights)
-        for order in range(3)
-    )
+        for order in range(4)
+    ]
+    third = np.zeros((LOCAL, LOCAL))
+    for orders in product(range(4), repeat=3):
+        if sum(orders) == 3:  # as often as derivatives along the axes can follow one another
+            times = 6 // prod(factorial(order) for order in orders)
+            third += times * _kron(*(forms[order] for order in orders))
+    return third, _kron(forms[0], forms[0], forms[0])
 
-    def kron(x: Floats, y: Floats, z: Floats) -> Floats:
-        return np.asarray(np.kron(np.kron(x, y), z))
 
-    pure = kron(bend, mass, mass) + kron(mass, bend, mass) + kron(mass, mass, bend)
-    mixed = kron(slope, slope, mass) + kron(slope, mass, slope) + kron(mass, slope, slope)
-    return pure + 2.0 * mixed, kron(mass, mass, mass)
+def _kron(x: Floats, y: Floats, z: Floats) -> Floats:
+    return np.asarray(np.kron(np.kron(x, y), z))
 
 
 def cells_between(mask: Bools, corner: Ints) -> Ints:

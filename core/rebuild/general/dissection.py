@@ -10,11 +10,12 @@ scipy factors no sparse symmetric matrix but as a general one.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrsm
+from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from palpate.core.arrays import Floats, Ints
@@ -31,7 +32,7 @@ class Front(NamedTuple):
     cells: Longs  # Of a part that is not halved; none of others
     parts: tuple[int, ...]  # Numbers of the two halves, which come before it
     own: Longs  # Control values that are eliminated here, (k,)
-    border: Longs  # Control values that it shares with other parts, (b,)
+    border: Longs  # Control values that it shares with others, as they are eliminated there, (b,)
 
 
 class Dissection(NamedTuple):
@@ -60,7 +61,14 @@ def dissect(cells: Ints, local: Ints, count: int) -> Dissection:
         inner = (first[values] >= low) & (last[values] < high)
         own = np.zeros(0, np.int64) if parts else order[low:high]
         fronts.append(Front(own, parts, values[inner], values[~inner]))
-    return Dissection(tuple(fronts), local, count)
+    turn = np.empty(count, np.int64)
+    turn[np.concatenate([front.own for front in fronts])] = np.arange(count)
+    ordered = (front._replace(border=_by(turn, front.border)) for front in fronts)
+    return Dissection(tuple(ordered), local, count)
+
+
+def _by(turn: Longs, values: Longs) -> Longs:
+    return np.asarray(values[np.argsort(turn[values])])
 
 
 def _halved(cells: Ints) -> tuple[Longs, list[tuple[int, int, tuple[int, ...]]]]:
@@ -108,7 +116,7 @@ class Factor(NamedTuple):
 def factorise(dissection: Dissection, blocks: Floats) -> Factor:
     """The factor of the sum of positive blocks (m, 64, 64), one a cell."""
     corners, sides = [], []
-    left: dict[int, Floats] = {}
+    left: dict[int, Floats] = {}  # Lower triangles over borders
     ridge = RIDGE * float(np.einsum("mii->mi", blocks).max())
     place = np.empty(dissection.size, np.int64)
     for number, front in enumerate(dissection.fronts):
@@ -121,15 +129,25 @@ def factorise(dissection: Dissection, blocks: Floats) -> Factor:
             sums = np.bincount(flat.ravel(), blocks[front.cells].ravel(), size * size)
             matrix += sums.reshape((size, size), order="F")
         for part in front.parts:
-            at = place[dissection.fronts[part].border]
-            matrix[np.ix_(at, at)] += left.pop(part)
+            _add_lower(matrix, left.pop(part), place[dissection.fronts[part].border])
         matrix[np.arange(count), np.arange(count)] += ridge
         corner, side = matrix[:count, :count], matrix[count:, :count]
         if count:
             corner, _ = dpotrf(corner, lower=1)
-        if count and size > count:
+        left[number] = np.asfortranarray(matrix[count:, count:])
+        if side.size:
             side = dtrsm(1.0, corner, side, side=1, lower=1, trans_a=1)
-        left[number] = matrix[count:, count:] - side @ side.T
+            left[number] = dsyrk(-1.0, side, 1.0, left[number], lower=1, overwrite_c=1)
         corners.append(corner)
         sides.append(side)
     return Factor(dissection, tuple(corners), tuple(sides))
+
+
+def _add_lower(matrix: Floats, part: Floats, at: Longs) -> None:
+    """Add a lower triangle (b, b) to rows and columns `at` (b,), ascending, stretch by stretch."""
+    starts = np.flatnonzero(np.diff(at, prepend=-2) != 1).tolist()
+    spans = [(low, high, at[low]) for low, high in pairwise([*starts, len(at)])]
+    for number, (left, right, column) in enumerate(spans):
+        for low, high, row in spans[number:]:
+            into = matrix[row : row + high - low, column : column + right - left]
+            into += part[low:high, left:right]

@@ -2,12 +2,15 @@
 
 With phi the spline, p a point, n its normal and d the displacement of its touch, what is minimised
 is the sum of (phi(p) + n d)^2 / point^2 and |grad phi - n|^2 / normal^2 over all points, of
-|d|^2 / pose^2 over all touches, and integrals over the band of bending * |D^2 phi|^2 and of
+|d|^2 / pose^2 over all touches, and integrals over the band of variation * |D^3 phi|^2 and of
 anchor * (phi - coarse)^2. It follows Calakli and Taubin, *SSD: smooth signed distance surface
-reconstruction*, 2011, with displacements besides, which the pose error of a robot asks for. Normals
-are weighed loosely: of those next to edges many are wrong by degrees. Points that no spline follows
-lose weight as a Cauchy distribution has it. The equations are summed cell by cell; displacements
-are eliminated, and found by conjugate gradients.
+reconstruction*, 2011. We depart from it: displacements are estimated besides, which the pose error
+of a robot asks for; and third derivatives are held small where theirs are second ones, which draw
+every surface towards planes where nothing was touched. Without touch a ball is continued as a ball
+(as by Moreton and Sequin, *Functional optimization for fair surface design*, 1992): errors are half
+as large. Normals are weighed loosely: of those next to edges many are wrong by degrees. Points that
+no spline follows lose weight as a Cauchy distribution has it. The equations are summed cell by
+cell; displacements are eliminated, and found by conjugate gradients.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.rebuild.general.band import LOCAL, Band, basis_rows, cell_integrals
 from palpate.core.rebuild.general.dissection import Dissection, dissect, factorise
 
@@ -32,7 +35,7 @@ class Weights(NamedTuple):
     point: float  # Standard deviation of a point
     normal: float  # Of a normal, 1
     pose: float  # Of a touch's displacement; 0 where poses are exact
-    bending: float
+    variation: float
     anchor: float
     cauchy: float = 6.0  # Deviations from which on a point counts as an outlier
 
@@ -44,7 +47,7 @@ class TouchedPoints(NamedTuple):
     normals: Floats  # (n, 3)
     touch: Ints  # (n,), from 0 on
 
-    def only(self, kept: Floats) -> TouchedPoints:
+    def only(self, kept: Bools) -> TouchedPoints:
         """Those where a mask (n,) is set; touches keep their numbers."""
         return TouchedPoints(self.places[kept], self.normals[kept], self.touch[kept])
 
@@ -143,8 +146,8 @@ def fit_implicit(
     weights are begun with. `dissection`: of the band, if it is known.
     """
     equations = Equations(band, points, weights, touches, dissection)
-    bending, mass = cell_integrals()
-    regular = weights.bending * bending + weights.anchor * mass
+    third, mass = cell_integrals()
+    regular = weights.variation * third + weights.anchor * mass
     pulled = np.zeros(len(band.control))
     np.add.at(pulled, band.local, weights.anchor * (coarse[band.local] @ mass))
     shares = np.ones(len(equations.order)) if start is None else start.weights[equations.order]

@@ -4,6 +4,8 @@ Touches are left out in turn, and predicted from the others: what the solid is o
 that lies so far from everything touched is what it was off by where a touch then came. A touch that
 is left out is itself displaced by its pose error, which is taken off again. Beyond the farthest of
 these distances nothing was ever checked: there the error is taken to grow with the distance itself.
+An object that stands is continued below its lowest touches; how well that can be done is checked by
+leaving out all walls that were touched within the same height above them.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.dissection import Dissection
 from palpate.core.rebuild.general.fitting import (
@@ -27,10 +29,17 @@ FOLDS, FEW_FOLDS = 4, 2  # Of the touches; and how many of these are left out on
 # Distances from touched points, in cells, between which errors are averaged.
 EDGES = np.array([0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0])
 LEAST_TOUCHES = 6  # In a class, for its mean to be believed
+LOWEST = 0.5  # Percent of the points: those are not the height above which an object was touched
+UPWARD = 0.5  # Upward part of the normals of floors and ledges, which nothing goes on below
+LEAST_FOOT = 0.01  # Height of the lowest touches over the platform, cells: below is no foot
 SURE = 1.64  # Standard errors added to a mean: 95 of 100 are below
 GROWTH = 0.5  # Error over distance where nothing was checked
 LEAST_SLOPE = 0.3  # Of the gradient
 FARTHEST = 15.0e-3  # m
+OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
+# Error of a place that was left open over that of one that was touched later, at the same distance:
+# what is left open is what is hard to reach.
+OPEN_FACTOR = 2.5
 LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m
 
 
@@ -62,6 +71,19 @@ def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
     return np.asarray(np.bincount(touch, found) / counts)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FootErrors:
+    """Errors below the lowest touches of an object that stands, m."""
+
+    lowest: float  # Height of these over the platform
+    error: float  # Root mean square error at the platform
+
+    def at(self, heights: Floats) -> Floats:
+        """Expected errors (n,) at heights (n,) over the platform: as the square of the way down."""
+        below = np.clip(self.lowest - heights, 0.0, self.lowest)
+        return np.asarray(self.error * np.square(below / max(self.lowest, LEAST_ERROR)))
+
+
 def held_out_errors(
     fit: ImplicitFit,
     points: TouchedPoints,
@@ -82,27 +104,55 @@ def held_out_errors(
     away, squares = np.full(len(points.places), np.nan), np.full(len(points.places), np.nan)
     for turn in range(folds):
         out = fold[points.touch] == turn
-        if not out.any() or out.all():
-            continue
-        kept = points.only(~out)
-        start = ImplicitFit(
-            fit.band, fit.control, fit.displacements, fit.weights[~out], fit.residuals[~out]
-        )
-        other = fit_implicit(
-            fit.band,
-            kept,
-            coarse,
-            weights,
-            touches=touches,
-            rounds=1,
-            start=start,
-            dissection=dissection,
-        )
-        value, gradient = fit.band.evaluate(other.control, points.places[out])
-        slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
-        squares[out] = (value / slope) ** 2
-        away[out] = cKDTree(kept.places).query(points.places[out])[0]
+        if out.any() and not out.all():
+            found = _left_out(fit, points, out, coarse, weights, dissection)
+            away[out], squares[out] = found
     return _by_distance(points, away, squares, _pose_variance(fit, points), cell)
+
+
+def foot_errors(
+    fit: ImplicitFit,
+    points: TouchedPoints,
+    coarse: Floats,
+    weights: Weights,
+    cell: float,
+    *,
+    dissection: Dissection | None = None,
+) -> FootErrors | None:
+    """Errors below the lowest touches of an object that stands, m; arguments as `held_out_errors`.
+
+    None if nothing was touched above them, or the object down to its foot.
+    """
+    lowest = float(np.percentile(points.places[:, 2], LOWEST))
+    out = (points.places[:, 2] < 2.0 * lowest) & (points.normals[:, 2] < UPWARD)
+    if lowest < LEAST_FOOT or not out.any() or out.all():
+        return None
+    _, squares = _left_out(fit, points, out, coarse, weights, dissection)
+    down = 2.0 - points.places[out, 2] / lowest
+    known = np.isfinite(squares)
+    excess = max(float(squares[known].mean()) - _pose_variance(fit, points), 0.0)
+    return FootErrors(lowest * cell, cell * float(np.sqrt(excess / np.mean(down[known] ** 4))))
+
+
+def _left_out(
+    fit: ImplicitFit,
+    points: TouchedPoints,
+    out: Bools,
+    coarse: Floats,
+    weights: Weights,
+    dissection: Dissection | None,
+) -> tuple[Floats, Floats]:
+    """Of points that are left out, how far they lie from the others, and off, squared; cells."""
+    kept = points.only(~out)
+    start = ImplicitFit(
+        fit.band, fit.control, fit.displacements, fit.weights[~out], fit.residuals[~out]
+    )
+    terms = fit.band, kept, coarse, weights
+    touches = len(fit.displacements)
+    other = fit_implicit(*terms, touches=touches, rounds=1, start=start, dissection=dissection)
+    value, gradient = fit.band.evaluate(other.control, points.places[out])
+    slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
+    return np.asarray(cKDTree(kept.places).query(points.places[out])[0]), (value / slope) ** 2
 
 
 def _pose_variance(fit: ImplicitFit, points: TouchedPoints) -> float:

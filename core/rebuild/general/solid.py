@@ -12,39 +12,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import label
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
-from palpate.core.arrays import Bools, Floats, Ints, positive
+from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
-from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
-from palpate.core.rebuild.general.dissection import dissect
+from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import (
     ImplicitFit,
     TouchedPoints,
     Weights,
-    fit_implicit,
 )
-from palpate.core.rebuild.general.prediction import FOLDS, DistanceErrors, held_out_errors
-from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
+from palpate.core.rebuild.general.prediction import (
+    OPEN,
+    OPEN_FACTOR,
+    DistanceErrors,
+    FootErrors,
+)
+from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.general.updating import refit_locally
 from palpate.core.shapes import Mesh, grid_surface
-from palpate.core.steps import Steps, no_steps
 
-FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell at the end and on the way, m
-VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
-FOLLOWED = 2  # Times that the band is widened where the surface leaves it
-# Walls lower than this tell whether they turn inwards: then so much of their normals points down.
-FOOT_HEIGHT, LEANING = 8.0e-3, -0.35
-FOOT = 3.0  # Cells over the platform, all of which belong to the band
-BAND = 1.0  # Cells to both sides of the coarse solid's surface
+FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell where touches lie close together, and else, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
-BENDING, ANCHOR = 0.03e3, 1e8  # 1/m and 1/m^5: of the energy's last two terms
+VARIATION, ANCHOR = 0.05, 1e6  # m and 1/m^5: of the energy's last two terms
+DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones
 POSE = 0.1e-3  # Of a touch's displacement, m
-SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
-AREA = 1.5  # Of the area of the hull over the number of touches: what a point may stand for
-MOST_POINTS = 30_000  # More are thinned out
-ROUNDS = 2
 PROJECTIONS = 2
 LEAST_PART = 0.02  # Of what was touched: a part with less of it is no part of the object
 LOCAL_REACH = 12.0e-3  # Of a touch: the solid is fitted anew so far about it, m
@@ -62,6 +55,7 @@ class GeneralSolid:
     contacts: ContactPoints  # What was touched
     platform: float | None
     predicted: DistanceErrors  # How far it is off, by the distance from touch, m
+    foot: FootErrors | None  # And below the lowest touches; None if it is held, or touched all over
     pose: float  # Standard deviation of the error of a touch's place
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
@@ -122,6 +116,27 @@ class GeneralSolid:
             search = nearest_search(mesh.vertices[mesh.faces])
             found[far] = nearest_points(search, places[far]).distances
         return np.asarray(found)
+
+    def expected_errors(self, places: Floats) -> tuple[Floats, Floats]:
+        """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
+        distances = touch_distances(self.contacts, places)
+        errors, bounds = (self.predicted.at(distances, upper=upper) for upper in (False, True))
+        bounds = np.where(distances > OPEN, OPEN_FACTOR * bounds, bounds)
+        if self.platform is None or self.foot is None:
+            return errors, bounds
+        heights = places[:, 2] - self.platform
+        below, foot = heights < self.foot.lowest, self.foot.at(heights)
+        within = np.minimum(distances, OPEN)
+        near, most = (self.predicted.at(within, upper=upper) for upper in (False, True))
+        return (
+            np.where(below, np.hypot(near, foot), errors),
+            np.where(below, np.hypot(most, OPEN_FACTOR * foot), bounds),
+        )
+
+    def covers(self, places: Floats) -> bool:
+        """Whether all places (n, 3) lie in the band, so that `update` takes them up."""
+        cells = np.floor((places - self.origin) / self.cell).astype(np.int32)
+        return bool((self.fit.band.find(cells) >= 0).all())
 
     def update(self, touched: ContactPoints) -> GeneralSolid:
         """The solid with what one touch more has touched, fitted anew within `LOCAL_REACH` of it.
@@ -210,122 +225,12 @@ def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
     return np.asarray(cKDTree(contacts.points).query(places)[0])
 
 
-def rebuild_general(
-    contacts: ContactPoints,
-    *,
-    free: Floats | None = None,
-    platform: float | None = None,
-    cell: float = FINE,
-    pose: float = POSE,
-    folds: int = FOLDS,
-    step: Steps = no_steps,
-) -> GeneralSolid:
-    """The solid of touched points with normals, of whatever shape it is.
-
-    `contacts`: world frame, m. `free` (k, 3): places that a finger has swept. `platform`: height on
-    which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
-    standard deviation of the error of a touch's place. `folds`: quarters of the touches that are
-    left out in turn, to predict them from the others. Raises ValueError if there are no normals, or
-    nothing was touched.
-    """
-    contacts = checked_contacts(contacts)
-    if contacts.normals is None or not len(contacts.points):
-        raise ValueError("patches must have points and normals for a general solid, got none")
-    positive("cell", cell, "m")
-    thinned = _thinned(contacts)
-    touches = int(thinned.touch.max()) + 1
-    with step("topology"):
-        hull = _hull_area(thinned.points)
-        coarse = coarse_solid(
-            thinned.points,
-            np.asarray(thinned.normals),
-            np.zeros((0, 3)) if free is None else free,
-            step=VOXELS * cell,
-            spread=float(np.clip(SPREAD * np.sqrt(hull / touches), LEAST_SPREAD, MOST_SPREAD)),
-            most_area=AREA * hull / touches,
-            platform=platform,
-        )
-    with step("implicit spline"):
-        origin = np.zeros(3) if platform is None else np.array([0.0, 0.0, platform])
-        places = (thinned.points - origin) / cell
-        points = TouchedPoints(places, np.asarray(thinned.normals), thinned.touch)
-        weights = cell_weights(cell, pose)
-        cells = _band_cells(coarse, points, origin, cell, standing=platform is not None)
-        for turn in range(FOLLOWED + 1):
-            band = make_band(cells)
-            control = coarse.at(band.control * cell + origin) / cell
-            order = dissect(band.cells, band.local, len(band.control))
-            terms = band, points, control, weights
-            fit = fit_implicit(*terms, touches=touches, rounds=1, dissection=order)
-            beyond = surface_neighbours(fit, standing=platform is not None)
-            if turn == FOLLOWED or not len(beyond):
-                break
-            cells = np.concatenate([band.cells, beyond])
-        fit = fit_implicit(*terms, touches=touches, rounds=ROUNDS - 1, start=fit, dissection=order)
-    with step("held-out touches"):
-        predicted = held_out_errors(
-            fit, points, control, weights, cell, folds=folds, dissection=order
-        )
-    return GeneralSolid(origin, cell, fit, coarse, thinned, platform, predicted, pose)
-
-
-def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
-    """Cells (k, 3) beside a band that the surface enters through a face of one of its cells."""
-    band = fit.band
-    corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)
-    values = fit.control[band.local] @ basis_rows(corners)[0].T
-    inside = values < 0.0
-    found = []
-    for axis in range(3):
-        for side in (0, 1):
-            face = inside[:, corners[:, axis] == side]
-            crossed = face.any(axis=1) & ~face.all(axis=1)
-            beside = band.cells[crossed].copy()
-            beside[:, axis] += 2 * side - 1
-            found.append(beside[band.find(beside) < 0])
-    beyond = np.concatenate(found)
-    return beyond[beyond[:, 2] >= -1] if standing else beyond
-
-
-def _leans(normals: Floats) -> bool:
-    """Whether walls with these normals turn inwards rather than go straight down."""
-    return bool(len(normals)) and float(np.median(normals[:, 2])) < LEANING
-
-
 def cell_weights(cell: float, pose: float) -> Weights:
     """Weights of the energy in cells of this edge, m; `pose` in m."""
-    return Weights(POINT / cell, NORMAL, pose / cell, BENDING * cell, ANCHOR * cell**5)
-
-
-def _thinned(contacts: ContactPoints) -> ContactPoints:
-    every = -(-len(contacts.points) // MOST_POINTS)
-    if every <= 1:
-        return contacts
-    kept = np.arange(len(contacts.points)) % every == 0
-    assert contacts.normals is not None
-    return ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
-
-
-def _hull_area(points: Floats) -> float:
-    return float(ConvexHull(points).area)
-
-
-def _band_cells(
-    coarse: CoarseSolid, points: TouchedPoints, origin: Floats, cell: float, *, standing: bool
-) -> Ints:
-    """Cells whose middle lies near the coarse solid's surface, and those that were touched."""
-    low = np.floor((coarse.low - origin) / cell).astype(int)
-    shape = np.array(coarse.distances.shape) * coarse.step
-    high = np.ceil((coarse.low + shape - origin) / cell).astype(int)
-    if standing:
-        low[2] = -1
-    middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
-    distances = coarse.at(middles * cell + origin)
-    near = np.abs(distances) < BAND * cell
-    lowest = points.normals[points.places[:, 2] < FOOT_HEIGHT / cell]
-    if standing and _leans(
-        lowest
-    ):  # where it ends is for the spline to say, not for the mirrored coarse solid
-        near |= (middles[:, 2] < FOOT) & (distances < BAND * cell)
-    found = cells_between(near.reshape(high - low), low)
-    return np.concatenate([found, np.floor(points.places).astype(np.int32)])
+    return Weights(
+        POINT / cell,
+        NORMAL,
+        pose / cell,
+        VARIATION * (cell / COARSE) ** DETAIL / cell,
+        ANCHOR * cell**5,
+    )

@@ -72,10 +72,10 @@ class _LocalSystem:
         self.place[values] = np.arange(len(values))
         self.known = np.zeros(len(fit.band.cells), np.bool_)
         self.known[cells] = True
-        bending, mass = cell_integrals()
+        third, mass = cell_integrals()
         local = self.place[fit.band.local[cells]]
         self.matrix = np.zeros((len(values), len(values)))
-        regular = weights.bending * bending + weights.anchor * mass
+        regular = weights.variation * third + weights.anchor * mass
         self._sum(local, np.broadcast_to(regular, (len(cells), *regular.shape)))
         self.right = np.zeros(len(values))
         pulled = weights.anchor * (fit.control[fit.band.local[cells]] @ mass)

@@ -1,0 +1,219 @@
+"""A general solid of whatever was touched: which cells its surface passes, and the fit over them.
+
+The coarse solid's surface tells where the cells of a first spline lie; it is followed into cells
+beside them that it enters. Where touches lie close together a finer spline is fitted over the cells
+that the first one's surface passes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from palpate.core.arrays import Floats, Ints, positive
+from palpate.core.rebuild.contours import ContactPoints, checked_contacts
+from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
+from palpate.core.rebuild.general.dissection import Dissection, dissect
+from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
+from palpate.core.rebuild.general.prediction import FOLDS, LOWEST, foot_errors, held_out_errors
+from palpate.core.rebuild.general.solid import COARSE, FINE, POSE, GeneralSolid, cell_weights
+from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
+from palpate.core.steps import Steps, no_steps
+
+DENSE = 1.5e-4  # Area of the hull for each touch below which they do, m^2
+VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
+FOLLOWED = 2  # Times, at most, that the band is widened where the surface leaves it
+FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
+BAND = 1.0  # Cells to both sides of the coarse solid's surface
+SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
+AREA = 1.5  # Of the area of the hull over the number of touches: what a point may stand for
+HULL_POINTS = 5_000  # More say no more about the hull
+MOST_POINTS = 30_000  # More are thinned out
+ROUNDS = 2
+LEAST_SLOPE = 0.3  # Of the spline's gradient: a flatter one is no distance
+FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
+
+
+def fitting_cell(contacts: ContactPoints) -> float:
+    """Edge of the cells that so many touches can fill, m: finer ones cost more and tell no more."""
+    touches = len(np.unique(contacts.touch))
+    return FINE if _hull_area(contacts.points) < DENSE * touches else COARSE
+
+
+def rebuild_general(
+    contacts: ContactPoints,
+    *,
+    free: Floats | None = None,
+    platform: float | None = None,
+    cell: float = FINE,
+    pose: float = POSE,
+    folds: int = FOLDS,
+    step: Steps = no_steps,
+) -> GeneralSolid:
+    """The solid of touched points with normals, of whatever shape it is.
+
+    `contacts`: world frame, m. `free` (k, 3): places that a finger has swept. `platform`: height on
+    which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
+    standard deviation of the error of a touch's place. `folds`: quarters of the touches that are
+    left out in turn, to predict them from the others. Raises ValueError if there are no normals, or
+    what was touched lies in one plane.
+    """
+    contacts = checked_contacts(contacts)
+    if contacts.normals is None or not len(contacts.points):
+        raise ValueError("patches must have points and normals for a general solid, got none")
+    positive("cell", cell, "m")
+    if is_flat(contacts.points):
+        raise ValueError("patches must not all lie in one plane")
+    touched = _thinned(contacts)
+    with step("topology"):
+        coarse = _coarse(touched, free, platform, cell)
+    with step("implicit spline"):
+        setting = Setting(touched, coarse, platform, pose)
+        first = setting.fit(max(cell, COARSE), None)
+        fitted = first if cell >= COARSE else setting.fit(cell, first)
+    with step("held-out touches"):
+        known = fitted.fit, fitted.points, fitted.control, fitted.weights, fitted.cell
+        predicted = held_out_errors(*known, folds=folds, dissection=fitted.order)
+        foot = None if platform is None else foot_errors(*known, dissection=fitted.order)
+    origin = setting.origin
+    return GeneralSolid(origin, cell, fitted.fit, coarse, touched, platform, predicted, foot, pose)
+
+
+def is_flat(points: Floats) -> bool:
+    """Whether points (n, 3) lie in one plane, m: they enclose nothing."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(len(points) < 4 or spread[2] < FLAT * np.sqrt(len(points)))
+
+
+def _coarse(
+    touched: ContactPoints, free: Floats | None, platform: float | None, cell: float
+) -> CoarseSolid:
+    hull = _hull_area(touched.points)
+    touches = int(touched.touch.max()) + 1
+    return coarse_solid(
+        touched.points,
+        np.asarray(touched.normals),
+        np.zeros((0, 3)) if free is None else free,
+        step=VOXELS * cell,
+        spread=float(np.clip(SPREAD * np.sqrt(hull / touches), LEAST_SPREAD, MOST_SPREAD)),
+        most_area=AREA * hull / touches,
+        platform=platform,
+    )
+
+
+class Fitted(NamedTuple):
+    """A spline over cells of one size, and what it was fitted to, in cells."""
+
+    cell: float  # Edge of a cell, m
+    fit: ImplicitFit
+    points: TouchedPoints
+    control: Floats  # Of the coarse solid
+    weights: Weights
+    order: Dissection
+
+
+class Setting(NamedTuple):
+    """What a spline is fitted to; m."""
+
+    touched: ContactPoints
+    coarse: CoarseSolid
+    platform: float | None
+    pose: float
+
+    @property
+    def origin(self) -> Floats:
+        """Of the cells, (3,)."""
+        return np.array([0.0, 0.0, self.platform or 0.0])
+
+    def fit(self, cell: float, before: Fitted | None) -> Fitted:
+        """The spline over the cells at the surface of the one before, or of the coarse solid."""
+        places = (self.touched.points - self.origin) / cell
+        points = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
+        touches = int(points.touch.max()) + 1
+        weights = cell_weights(cell, self.pose)
+        standing = self.platform is not None
+        if before is None:
+            cells = _first_cells(self, points, cell)
+        else:
+            cells = _finer(before, points, cell, standing=standing)
+        for turn in range(FOLLOWED + 1):
+            band = make_band(cells)
+            control = self.coarse.at(band.control * cell + self.origin) / cell
+            order = dissect(band.cells, band.local, len(band.control))
+            terms = band, points, control, weights
+            fit = fit_implicit(*terms, touches=touches, rounds=1, dissection=order)
+            beyond = surface_neighbours(fit, standing=standing)
+            if turn == FOLLOWED or not len(beyond):
+                break
+            cells = np.concatenate([band.cells, beyond])
+        fit = fit_implicit(*terms, touches=touches, rounds=ROUNDS - 1, start=fit, dissection=order)
+        return Fitted(cell, fit, *terms[1:], order)
+
+
+def _first_cells(setting: Setting, points: TouchedPoints, cell: float) -> Ints:
+    """Cells whose middle lies near the coarse solid's surface, and those that were touched."""
+    coarse, standing = setting.coarse, setting.platform is not None
+    low = np.floor((coarse.low - setting.origin) / cell).astype(int)
+    shape = np.array(coarse.distances.shape) * coarse.step
+    high = np.ceil((coarse.low + shape - setting.origin) / cell).astype(int)
+    if standing:
+        low[2] = -1
+    middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
+    distances = coarse.at(middles * cell + setting.origin)
+    near = np.abs(distances) < BAND * cell
+    if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
+        lowest = np.percentile(points.places[:, 2], LOWEST) + FOOT
+        near |= (middles[:, 2] < lowest) & (distances < BAND * cell)
+    found = cells_between(near.reshape(high - low), low)
+    return np.concatenate([found, np.floor(points.places).astype(np.int32)])
+
+
+def _finer(before: Fitted, points: TouchedPoints, cell: float, *, standing: bool) -> Ints:
+    """Cells whose middle lies near a spline's surface, and those that were touched."""
+    parts = int(np.ceil(before.cell / cell))
+    share = (np.moveaxis(np.indices((parts,) * 3), 0, -1).reshape(-1, 3) + 0.5) / parts
+    band = before.fit.band
+    inside = (band.cells[:, None] + share).reshape(-1, 3) * before.cell / cell
+    middles = np.asarray(np.unique(np.floor(inside), axis=0) + 0.5)
+    value, gradient = band.evaluate(before.fit.control, middles * cell / before.cell)
+    slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
+    away = value / slope * before.cell / cell
+    near = np.abs(away) < BAND
+    if standing:
+        lowest = np.percentile(points.places[:, 2], LOWEST) + FOOT
+        near |= (middles[:, 2] < lowest) & (away < BAND)
+    found = np.floor(middles[near]).astype(np.int32)
+    return np.concatenate([found, np.floor(points.places).astype(np.int32)])
+
+
+def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
+    """Cells (k, 3) beside a band that the surface enters through a face of one of its cells."""
+    band = fit.band
+    corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)
+    values = fit.control[band.local] @ basis_rows(corners)[0].T
+    inside = values < 0.0
+    found = []
+    for axis in range(3):
+        for side in (0, 1):
+            face = inside[:, corners[:, axis] == side]
+            crossed = face.any(axis=1) & ~face.all(axis=1)
+            beside = band.cells[crossed].copy()
+            beside[:, axis] += 2 * side - 1
+            found.append(beside[band.find(beside) < 0])
+    beyond = np.concatenate(found)
+    return beyond[beyond[:, 2] >= -1] if standing else beyond
+
+
+def _thinned(contacts: ContactPoints) -> ContactPoints:
+    every = -(-len(contacts.points) // MOST_POINTS)
+    if every <= 1:
+        return contacts
+    kept = np.arange(len(contacts.points)) % every == 0
+    assert contacts.normals is not None
+    return ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
+
+
+def _hull_area(points: Floats) -> float:
+    return float(ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).area)
