@@ -24,6 +24,7 @@ from palpate.core.rebuild.ends import (
     only_given,
     shear_between,
     touched_end,
+    with_relief,
 )
 from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, fit_lattice, refine_lattice
 from palpate.core.rebuild.recovery import Recovery
@@ -265,7 +266,9 @@ def _rows(
     def closing(rim: float, inwards: float, height: float | None) -> End:
         end = end_from_contacts(contacts, spline, turns, rim, inwards, height, noise)
         # Where nobody touched it, it may go on as far as contours are apart.
-        return replace(end, uncovered=spacing) if end.kind == "fan" else end
+        if end.kind == "fan":
+            return replace(end, uncovered=spacing)
+        return with_relief(end, contacts, spline.rings(np.array([rim]), turns)[0], pose)
 
     below = closing(low, high - low, None if ends[0] is None else bottom)
     above = closing(high, low - high, None if ends[1] is None else top)

@@ -33,6 +33,8 @@ FEWEST, MOST = 24, 160  # Places around a contour that are matched: as many as i
 POINT = 0.03  # Of the widest contour: one at an end that is no wider, and meets itself, is a point
 PASSES = 3  # Of looking for points that are wrong: contours are judged by those beside them
 NO_AREA = 1e-6  # Of its squared perimeter: a contour that meets itself around less has no inside
+# Of the way around, and of the usual step: a longer step between two points is a gap.
+GAPING, GAPING_STEPS = 0.25, 6.0
 # Contours from which on one that differs from its neighbours in size alone is left out: a wrong one
 # costs more then than a groove that is missed. Of fewer, far apart, each says more.
 MANY = 12
@@ -69,6 +71,7 @@ class Evidence(NamedTuple):
             "perhaps_features": float(sum(one.may_be_feature for one in slices.dropped)),
             "suspicious": float(len(self.feature_candidates)),
             "outlying_points": float(self.outliers),
+            "gaping": float(sum(_gapes(loop) for loop in slices.loops)),
             "tilted": float(slices.tilted.sum()),
             "not_starlike": float((~are_nearly_star_shaped(away)).sum()),
             "self_intersecting": float(slices.self_intersecting.sum()),
@@ -81,6 +84,12 @@ class Evidence(NamedTuple):
         return gather_curves(
             (*self.given, *added), self.tops, self.contacts, self.noise, self.frame
         )
+
+
+def _gapes(loop: ContourCurve) -> bool:
+    """Whether much of the way around lies between two points, where others lie close together."""
+    steps = np.linalg.norm(np.roll(loop.points, -1, axis=0) - loop.points, axis=1)
+    return bool(steps.max() > max(GAPING * steps.sum(), GAPING_STEPS * np.median(steps)))
 
 
 def gather_curves(

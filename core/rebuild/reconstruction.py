@@ -36,11 +36,13 @@ from palpate.core.rebuild.contours import (
     slicing_pose,
     stack_points,
 )
+from palpate.core.rebuild.ends import StraightCurve
 from palpate.core.rebuild.evidence import Evidence, gather_curves
 from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.recovery import Recovery, recover
 from palpate.core.rebuild.solid import Method, Solid
 from palpate.core.rebuild.surface import (
+    EndPatch,
     Patch,
     SampledPatch,
     Surface,
@@ -220,8 +222,10 @@ def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
     tips = []
     for v, way in ((0.0, -1.0), (1.0, 1.0)):
         ring = side.at(np.full(len(turns), v), turns)
-        tips.append(ring.mean(axis=0) + np.array([0.0, 0.0, way * solid.cap]))
-    return ConePatch(side, tips[0], False), side, ConePatch(side, tips[1], True)
+        tips.append((ring.mean(axis=0) + np.array([0.0, 0.0, way * solid.cap]), way))
+    cone = StraightCurve((0.0, 1.0), (0.0, 0.0))  # towards the tip, which stands for its middle
+    below, above = (EndPatch(side, cone, tip, tip, way > 0.0) for tip, way in tips)
+    return below, side, above
 
 
 def _close(evidence: Evidence, step: Steps) -> tuple[Evidence, ContourSolid]:
@@ -279,24 +283,3 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
         return 2.0 * len(places) * math.log(missed) + len(fit.names) * math.log(len(places))
 
     return min(sound or fitted[:1], key=information)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ConePatch:
-    """Straight lines from a side's last ring to a point."""
-
-    side: Patch
-    tip: Floats  # (3,)
-    upper: bool  # Whether it lies on the side or under it
-
-    def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """See `Patch.at`."""
-        edge = np.full(len(turns), 1.0 if self.upper else 0.0)
-        ring = self.side.at(edge, turns, (0, by[1]))
-        share = (1.0 - v if self.upper else v)[:, None]
-        if by[0] > 1:
-            return np.zeros_like(ring)
-        tip = self.tip if by[1] == 0 else np.zeros(3)
-        if by[0] == 1:
-            return (ring - tip) * (-1.0 if self.upper else 1.0)
-        return np.asarray(tip + share * (ring - tip))

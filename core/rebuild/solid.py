@@ -24,7 +24,7 @@ from palpate.core.geometry import self_intersection, solidity
 from palpate.core.poses import split_pose
 from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
-from palpate.core.rebuild.ends import End, Shear, levelled, on_end
+from palpate.core.rebuild.ends import End, Shear, end_ways, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.recovery import Recovery
@@ -59,7 +59,7 @@ SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16  # Of the side, and of each end piece: ar
 # Of the height of an edge that nobody touched: what its rounding may be wrong by, root mean square
 # over the edge and as much of the end. With noise, a superellipse taken for an arc errs by that.
 HIDES = 0.15
-RING, WAYS = 128, 65  # Points of a rim, and places from there to the end
+RING = 128  # Points of a rim
 
 
 class MeshCheck(NamedTuple):
@@ -207,7 +207,8 @@ class Solid:
         Of the contours: how many are used (`contours`) and not (`dropped`), of the latter may have
         touched what no other did (`perhaps_features`), are used though unlike their neighbours
         (`suspicious`, see `Evidence.feature_candidates`), are `tilted`, `not_starlike` and
-        `self_intersecting`; single points that were left out (`outlying_points`).
+        `self_intersecting`; single points that were left out (`outlying_points`),
+        and how many leave much of their way around untouched (`gaping`).
 
         Of the side: the noise (`sigma`), `degrees_of_freedom`, `condition`, the `overshoot`, and
         the `swing`: how far it leaves the middle between contours, over how far these differ; more
@@ -376,6 +377,7 @@ def _of_end(
     hidden = around * float(np.mean(2.0 * untouched * np.square(HIDES * untouched)))
     off = 0.0 if contacts is None or end.round else _misfit(end, way, ring, contacts)
     level = (POSE_LEFT * scatter) ** 2 + max(off**2 - scatter**2, 0.0)
+    level += 0.0 if end.relief is None else end.relief.deviation**2
     return hidden + area * level, 0.0
 
 
@@ -399,22 +401,10 @@ def _misfit(end: End, way: float, ring: Floats, contacts: ContactPoints) -> floa
     points = contacts.points[on_end(contacts, end.rim, way)]
     if not len(points):
         return 0.0
-    middle, rim = ring.mean(axis=0), ring - ring.mean(axis=0)
-    along = np.clip((points[:, 2] - end.rim) / (end.height - end.rim), 0.0, 1.0)
-    away = points[:, :2] - middle - along[:, None] * (end.middle - middle)
-    angles = np.arctan2(rim[:, 1], rim[:, 0])
-    order = np.argsort(angles)
-    radii = np.interp(
-        np.arctan2(away[:, 1], away[:, 0]),
-        angles[order],
-        np.hypot(*rim[order].T),
-        period=2.0 * np.pi,
-    )
-    ways = np.linspace(0.0, 1.0, WAYS)
-    shares = np.minimum.accumulate(end.profile.shares(ways))
-    share = np.hypot(*away.T) / radii
-    reached = np.interp(-share, -shares, ways, right=1.0)
-    heights = end.rim + reached * (end.height - end.rim)
+    ways = end_ways(end, ring, points)[0]
+    heights = end.rim + ways * (end.height - end.rim)
+    if end.relief is not None:
+        heights += ways * end.relief.at(points[:, :2])
     return float(np.sqrt(np.mean((points[:, 2] - heights) ** 2)))
 
 

@@ -6,9 +6,7 @@ tuned: they are in standard deviations, or shares of a perimeter or radius. It r
 geometry and closed curves of `palpate.core.splines`; nothing here knows of surfaces.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild.contours.contacts import ContactPoints as ContactPoints

@@ -93,7 +93,8 @@ def point_outliers(loops: tuple[ContourCurve, ...], places: Floats) -> PointOutl
     if not known.any() and not (alone > 1.0).any():
         untouched = tuple(loop.points for loop in loops)
         return PointOutliers(tuple(np.zeros(len(one), np.bool_) for one in untouched), untouched)
-    common, bent, nearby = _shared_deviation(loops, places, steps, sizes, all_)
+    beside_them = _shared_deviation(loops, places, steps, sizes, all_)
+    common, bent, nearby = beside_them.common, beside_them.bent, beside_them.nearby
     mended = np.concatenate([loop.points for loop in loops])
     outlier = np.concatenate([loop.outlier for loop in loops])
     for number in range(ROUNDS):
@@ -112,7 +113,7 @@ def point_outliers(loops: tuple[ContourCurve, ...], places: Floats) -> PointOutl
     allowed[:, 0] += SLACK * all_.slack
     beside[:, REACH] = all_.points
     still = _over(neighbour_deviation(beside, all_.ahead).off - common, allowed) > 1.0
-    outlier &= still | known
+    outlier &= (still & ~beside_them.shared(outlier, all_.owner)) | known
     counts = np.bincount(all_.owner, outlier, len(loops)) * steps
     outlier &= (counts <= MOST)[all_.owner]
     mended = np.where(outlier[:, None], mended, all_.points)
@@ -146,8 +147,7 @@ def _in_a_row(loops: tuple[ContourCurve, ...]) -> _Points:
 
 def _shared_deviation(
     loops: tuple[ContourCurve, ...], places: Floats, steps: Floats, sizes: Floats, all_: _Points
-) -> tuple[Floats, Floats, Floats]:
-    """What curves beside each point's are off there: (N, 2), the cubic's, and at most (N,)."""
+) -> _Beside:
     count = len(loops)
     around = np.linspace(0.0, places.shape[1], SAMPLES, endpoint=False)
     wound = np.column_stack([places, places[:, :1] + 1.0])
@@ -165,7 +165,8 @@ def _shared_deviation(
     window = int(np.ceil(WINDOW * SAMPLES * float(np.median(steps))))
     most = maximum_filter1d(far, 2 * window + 1, axis=1, mode="wrap")
     if count == 1:
-        return 0.0 * all_.points, 0.0 * all_.points, 0.0 * all_.turns
+        nobody, zero = np.zeros((1, 0), np.intp), 0.0 * all_.points
+        return _Beside(zero, zero, 0.0 * all_.turns, nobody, np.zeros(len(zero), np.intp), window)
     away = np.abs(np.subtract.outer(np.arange(count), np.arange(count))).astype(np.float64)
     np.fill_diagonal(away, np.inf)
     near = np.argsort(away, axis=1, kind="stable")[:, : min(NEAREST, count - 1)]
@@ -181,7 +182,27 @@ def _shared_deviation(
         )
         column[mine] = np.rint(share).astype(np.intp) % SAMPLES
     at = all_.owner, column
-    return common[at], bent[at], nearby[at]
+    return _Beside(common[at], bent[at], nearby[at], near, column, window)
+
+
+class _Beside(NamedTuple):
+    """What the curves beside each point's do there."""
+
+    common: Floats  # (N, 2): how far they are off,
+    bent: Floats  # (N, 2): and off the cubic,
+    nearby: Floats  # (N,): and at most
+    near: NDArray[np.intp]  # (M, k): which curves are beside each
+    column: NDArray[np.intp]  # (N,): place around of each point, of `SAMPLES`
+    window: int  # Of these on either side that count as the same place
+
+    def shared(self, outlier: Bools, owner: NDArray[np.intp]) -> Bools:
+        """Of which points (N,) half of the curves beside have outliers there: it is the object."""
+        marked = np.zeros((len(self.near), SAMPLES))
+        marked[owner[outlier], self.column[outlier]] = 1.0
+        marked = maximum_filter1d(marked, 2 * self.window + 1, axis=1, mode="wrap")
+        if not self.near.shape[1]:
+            return np.zeros(len(owner), np.bool_)
+        return np.asarray((marked[self.near].mean(axis=1) >= 0.5)[owner, self.column])
 
 
 def _allowed(off: Floats, shared: Floats, least: Floats, all_: _Points) -> Floats:

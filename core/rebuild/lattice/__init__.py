@@ -7,9 +7,7 @@ follow their formulas. It rests on volumes of `palpate.core.splines`, on the lof
 on a recovered superquadric as prior.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild.lattice.fit import LatticeFit as LatticeFit

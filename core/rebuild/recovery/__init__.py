@@ -6,9 +6,7 @@ forms. It rests on `palpate.core.shapes` and on the batched least squares of cor
 knows of contours.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild.recovery.distances import Warps as Warps

@@ -6,9 +6,7 @@ its numbers of spans and coefficients and strengths of bending may be tuned: the
 on the shipped scenes. Both rest on `palpate.core.rebuild.contours` and on `palpate.core.splines`.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild.side.equations import AxisCurve as AxisCurve

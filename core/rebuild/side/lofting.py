@@ -169,7 +169,7 @@ def fit_contour_loft(
     if noise == 0.0:  # who knows that there is no noise knows that no point is wrong
         used, outlying = rows.grid, np.zeros(rows.grid.shape[:2], np.bool_)
     else:
-        used, fit, outlying = without_outliers(rows.grid, fit, again)
+        used, fit, outlying = without_outliers(rows.grid, fit, again, scaled or 0.0)
     given = LoftInput(
         finite_array("heights", heights, (None,)),
         finite_array("grid", grid, (None, None, 2)),
@@ -180,16 +180,21 @@ def fit_contour_loft(
     return _loft(rows._replace(grid=used), fit, outlying, given)
 
 
-def without_outliers(grid: Floats, fit: ContourFit, again: Fit) -> tuple[Floats, ContourFit, Bools]:
+def without_outliers(
+    grid: Floats, fit: ContourFit, again: Fit, noise: float
+) -> tuple[Floats, ContourFit, Bools]:
     """Leave out single points that stick out of a grid (m, k, 2), if residuals suggest any.
 
-    `again` fits other points like `fit` did these. Returned are the grid with those points replaced
-    by what the fit predicts of them, the fit to it, and which points they are, (m, k).
+    None is off by less than `noise`, if known, lets expect of the farthest. `again` fits other
+    points like `fit` did these. Returned are the grid with those points replaced by what the fit
+    predicts of them, the fit to it, and which points they are, (m, k).
     """
     across = fit.across()
     off = fit.off(grid, across)
     sigma = np.sqrt(np.square(off).sum() / fit.smoothed.spare)
     nothing = np.zeros(off.shape, np.bool_)
+    if not np.abs(off).max() > STICKING * noise:
+        return grid, fit, nothing
     # The noise across, from each point's distance to the cubic through four.
     one, two = (np.roll(grid, n, 1) + np.roll(grid, -n, 1) for n in (1, 2))
     beside = np.einsum("mkd,mkd->mk", grid - (4.0 * one - two) / 6.0, across)

@@ -52,7 +52,6 @@ TENSION = 0.03  # Strength with which gaps are bridged
 HOLES = 0.1  # Share of them that may be without a point in a span that was touched
 BENDING_AROUND = 1e-2  # Strength of bending around
 LEAST = 1e-6  # Smallest squared distance ever given, over that of the median
-STIFFER, MOST_STIFFER = 10.0, 5  # Steps of stiffness where there is noise, and their number
 UNBENT = 6  # Coefficients' combinations that do not bend
 PROBES = 2  # Random signs by which the freedom is estimated
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left

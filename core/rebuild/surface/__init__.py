@@ -5,9 +5,7 @@ the one method of `Patch`; tolerances of meshes and searches are named on top of
 It rests on `palpate.core.rebuild.ends` for what closes a side, and on `palpate.core.geometry`.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild.surface.closed import EndPatch as EndPatch

@@ -21,7 +21,14 @@ from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import area_centroid, kernel_point, signed_area
 from palpate.core.poses import split_pose, transform_points
 from palpate.core.rebuild.contours import are_star_shaped
-from palpate.core.rebuild.ends import End, ProfileCurve, Shear, StraightCurve, profile_curves
+from palpate.core.rebuild.ends import (
+    End,
+    ProfileCurve,
+    Relief,
+    Shear,
+    StraightCurve,
+    profile_curves,
+)
 from palpate.core.shapes import MassMoments
 
 # Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
@@ -306,9 +313,38 @@ class EndPatch:
     rim: Floats  # Middle of the side's last ring, (3,): from where it is seen whole, if it can be
     middle: Floats  # Middle of the end, (3,)
     upper: bool  # Whether it lies on the side or under it
+    relief: Relief | None = None  # What it rises besides, in full at the end's height
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """See `Patch.at`."""
+        found = self._on_profile(v, turns, by)
+        if self.relief is not None:
+            found[:, 2] += self._rise(self.relief, v, turns, by)
+        return found
+
+    def _rise(self, relief: Relief, v: Floats, turns: Floats, by: Orders) -> Floats:
+        """The relief times the way, or derivatives: product and chain rule."""
+        ways = [self.curve.at(v if self.upper else 1.0 - v, k)[:, 0] for k in range(by[0] + 1)]
+        ways = [(1.0 if self.upper else (-1.0) ** k) * way for k, way in enumerate(ways)]
+        places = self._on_profile(v, turns, (0, 0))[:, :2]
+        height = relief.at(places)
+        if by == (0, 0):
+            return np.asarray(ways[0] * height)
+        slopes = np.stack([relief.at(places, (1, 0)), relief.at(places, (0, 1))], axis=-1)
+        found = ways[0] * dot(slopes, self._on_profile(v, turns, by)[:, :2])
+        found += ways[-1] * height if by[1] == 0 else 0.0
+        if sum(by) == 1:
+            return np.asarray(found)
+        one, other = ((1, 0), (0, 1)) if by == (1, 1) else ((by[0] // 2, by[1] // 2),) * 2
+        first, second = (self._on_profile(v, turns, each)[:, :2] for each in (one, other))
+        x, xy, y = (relief.at(places, each) for each in ((2, 0), (1, 1), (0, 2)))
+        found += ways[0] * (x * first[:, 0] * second[:, 0] + y * first[:, 1] * second[:, 1])
+        found += ways[0] * xy * (first[:, 0] * second[:, 1] + first[:, 1] * second[:, 0])
+        if by[0]:
+            found += (2.0 if by == (2, 0) else 1.0) * ways[1] * dot(slopes, second)
+        return np.asarray(found)
+
+    def _on_profile(self, v: Floats, turns: Floats, by: Orders) -> Floats:
         way = v if self.upper else 1.0 - v
         sign = 1.0 if self.upper else (-1.0) ** by[0]
         along, share = (sign * self.curve.at(way, by[0])).T
@@ -345,7 +381,7 @@ def end_patches(side: Patch, end: End, *, upper: bool) -> tuple[Patch, ...]:
     gap = end.height - float(rim[2]) if end.height != end.rim else 0.0
     middle = np.array([*(end.middle + shift), rim[2] + gap]) if gap else rim
     curves = profile_curves(end.profile, gap)
-    found = tuple(EndPatch(side, curve, rim, middle, upper) for curve in curves)
+    found = tuple(EndPatch(side, curve, rim, middle, upper, end.relief) for curve in curves)
     return found if upper else found[::-1]
 
 
