@@ -6,14 +6,13 @@ values, so that a recorded run can be explored again by another rule. It rests o
 shapes and geometry.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.free_space import Longs as Longs
     from palpate.core.explore.free_space import SpaceMap as SpaceMap
     from palpate.core.explore.free_space import empty_map as empty_map
+    from palpate.core.explore.free_space import spanned_places as spanned_places
     from palpate.core.explore.free_space import swept_places as swept_places
     from palpate.core.explore.survey import APART as APART
     from palpate.core.explore.survey import FEATURE_SHARE as FEATURE_SHARE

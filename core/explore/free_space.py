@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import split_pose
 from palpate.core.touch import Pad
 
@@ -75,3 +75,20 @@ def swept_places(pad: Pad, start: Floats, pose: Floats, step: float, *, touched:
     x, y = (axis[::EVERY, ::EVERY].ravel() for axis in pad.grid())
     face = np.column_stack([x, y, -pad.sag()[::EVERY, ::EVERY].ravel()]) @ axes.T + position
     return np.asarray((face + ways[:, None, None] * axes[:, 2]).reshape(-1, 3))
+
+
+def spanned_places(pad: Pad, pose: Floats, touched: Bools) -> Floats:
+    """Places (n, 3) on the face of a pad that nothing touched, between others that were, m.
+
+    What lies there behind the face is hollow, and nobody knows how deep. `pose` (7,): of the pad.
+    `touched` (rows, cols): its taxels in contact.
+    """
+    spanned = np.zeros_like(touched)
+    for axis in (0, 1):
+        before = np.logical_or.accumulate(touched, axis=axis)
+        after = np.flip(np.logical_or.accumulate(np.flip(touched, axis), axis=axis), axis)
+        spanned |= before & after & ~touched
+    x, y = pad.grid()
+    face = np.column_stack([x[spanned], y[spanned], -pad.sag()[spanned]])
+    position, axes = split_pose(pose)
+    return np.asarray(face @ axes.T + position)

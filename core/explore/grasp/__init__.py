@@ -5,9 +5,7 @@ A hand and its poses may be replaced, and so may the coarse model (any `FittedSu
 do). It rests on shapes and touch; what comes out is an `ObjectFrame`, in which all else is told.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.grasp.axes import end_face_axis as end_face_axis

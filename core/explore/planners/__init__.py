@@ -5,9 +5,7 @@ name (``uniform``, `Uniform`); add your own as ``module:Class``, its numbers wit
 on core arrays and ranges alone, and touches nothing: lengths are shares of the object's height.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.planners.coverage import Span as Span
@@ -35,6 +33,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.protocol import Stop as Stop
     from palpate.core.explore.planners.protocol import Touch as Touch
     from palpate.core.explore.planners.protocol import Wait as Wait
+    from palpate.core.explore.planners.protocol import WrongChoiceError as WrongChoiceError
     from palpate.core.explore.planners.protocol import check_choice as check_choice
     from palpate.core.explore.planners.protocol import exhausted_budget as exhausted_budget
     from palpate.core.explore.planners.protocol import first_and_last as first_and_last

@@ -29,7 +29,7 @@ from palpate.core.explore.planners.coverage import (
 )
 from palpate.core.explore.planners.protocol import END_DEVIATIONS, Observation
 from palpate.core.explore.planners.surface import OpenArea
-from palpate.core.explore.planners.touches import MOST_OPEN, is_known
+from palpate.core.explore.planners.touches import is_known, is_open
 
 HIGHER, CLASH = 0.61, 2.2  # Trust in the two signs
 # Bound of 95 % over the predicted error of the whole; with few intervals by so much more, over the
@@ -94,7 +94,7 @@ def estimate_error(observation: Observation) -> Estimate:
         bound, opened = math.hypot(bound, surface.hidden), surface.open_area
     met = bound <= observation.tolerance and untouched <= observation.feature
     if met and surface is not None:
-        met = surface.reachable(observation.tried) <= MOST_OPEN
+        met = not is_open(observation, surface)
     halving = halving_cost(observation, prediction)
     return Estimate(bound, untouched, halving, met, prediction, opened)
 

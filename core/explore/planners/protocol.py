@@ -264,17 +264,22 @@ def is_near_finger(observation: Observation, height: float) -> bool:
     )
 
 
+class WrongChoiceError(ValueError):
+    """A planner's answer that nobody can act on."""
+
+
 def check_choice(planner: Planner, observation: Observation) -> Choice:
     """What a planner answers.
 
-    Raises ValueError if it is no answer; or a height that does not lie between the ends, was asked
-    for before, or is too near to another finger; or it waits though no finger is at work.
+    Raises WrongChoiceError if it is no answer; or a height that does not lie between the ends, was
+    asked for before, or is too near to another finger; or a touch that begins inside the object or
+    out of reach; or it waits though no finger is at work.
     """
     choice = planner.next(observation)
     wrong = _wrong(observation, choice)
     if wrong:
         name = type(planner).__name__
-        raise ValueError(f"the planner {name} gave no answer to act on: {wrong}")
+        raise WrongChoiceError(f"the planner {name} gave no answer to act on: {wrong}")
     return choice
 
 

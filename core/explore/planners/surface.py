@@ -10,7 +10,7 @@ is worth the squared errors, times area, of the places that it would meet or com
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -37,11 +37,22 @@ CLEARANCE = 1.0e-3  # Of the finger over the platform, m
 DOWNWARD = -0.7  # Upward part of the normals of what faces down
 SAME = 1e-9  # Targets that differ by less are one, m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
-# Error of a place that was left open over that of a touched one at the same distance: what is left
-# open is what is hard to reach.
-OPEN_FACTOR = 2.5
+HIDDEN_SLOPE = 0.5  # Error that an untouched place may hide, over its distance from touch
+BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes it, m
+HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
+# Error that an opening may hide, over the distance of its middle from its rim: with its walls, of
+# one that is twice as deep as wide.
+SPANNED_SLOPE = 10.0
 TOUCHED_AREA = 1.0e-4  # That one touch covers, m^2
 FAR = 1.0  # Rays that meet nothing end here, m
+
+
+class Progress(NamedTuple):
+    """What was known of a solid with so many touches."""
+
+    touches: int
+    bound: float  # Of the error where touches can come, m
+    open: float  # Share of the surface that lies far from every touch, and can be reached
 
 
 class TouchOffer(NamedTuple):
@@ -65,6 +76,10 @@ class ObservedSurface:
     platform: float | None  # Height on which the object stands
     reach: float  # Of the finger, sideways from the axis and up from the platform
     refused: Floats  # Where touches in vain were aimed at before, (j, 3)
+    # Places in the solid at which a pad touched nothing but what is beside them, (k, 3)
+    openings: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    touches: int = 0  # That were made
+    earlier: tuple[Progress, ...] = ()  # What was known before, of the same method
 
     def __post_init__(self) -> None:
         count = len(finite_array("mesh.vertices", self.mesh.vertices, (None, 3)))
@@ -92,7 +107,7 @@ class ObservedSurface:
         if len(self.refused):
             near = cKDTree(self.refused).query(places.points)[0] < 0.5 * NEAR * pad_width(self.pad)
             squares = np.where(near, 0.0, squares)
-        return np.where(places.under, 0.0, squares)
+        return np.where(places.under | places.spanned, 0.0, squares)
 
     @cached_property
     def open_area(self) -> OpenArea:
@@ -100,7 +115,7 @@ class ObservedSurface:
         places = self.places
         far = self.far
         known = np.count_nonzero(~places.under)
-        widest = np.where(places.under, 0.0, places.distances)
+        widest = np.where(far, places.distances, 0.0)
         most = int(widest.argmax())
         return OpenArea(
             float(far.sum()) / max(int(known), 1),
@@ -119,9 +134,15 @@ class ObservedSurface:
 
     @cached_property
     def rms_bound_95(self) -> float:
-        """Below which the root mean square error is in 95 of 100 runs, the underside apart, m."""
-        known = ~self.places.under
-        return float(np.sqrt(np.mean(np.square(self.places.bounds)[known]) + self.hidden**2))
+        """Below which the root mean square error is in 95 of 100 runs, m."""
+        return float(np.sqrt(np.mean(np.square(self.places.bounds))))
+
+    @cached_property
+    def progress(self) -> tuple[Progress, ...]:
+        """What was known before, and now."""
+        none = np.zeros((0, 3))
+        now = Progress(self.touches, self.touchable_bound(none), self.reachable(none))
+        return (*self.earlier, now)
 
     def touchable_bound(self, tried: Floats) -> float:
         """The same over what was touched or can be, without what the open area may hide, m."""
@@ -130,16 +151,31 @@ class ObservedSurface:
         return float(np.sqrt(np.mean(np.square(places.bounds)[counted]))) if counted.any() else 0.0
 
     @cached_property
+    def under_bound(self) -> float:
+        """The same of the underside, m; 0 if there is none."""
+        under = self.places.under
+        return float(np.sqrt(np.mean(np.square(self.places.bounds[under])))) if under.any() else 0.0
+
+    @cached_property
     def hidden(self) -> float:
-        """What the open area may hide beyond that, root mean square over the whole surface, m."""
-        places = self.places
-        square = (OPEN_FACTOR**2 - 1.0) * np.square(places.bounds) * self.far
-        return float(np.sqrt(square.sum() / max(int(np.count_nonzero(~places.under)), 1)))
+        """What the open area may hide of which slices know nothing, over the whole surface, m.
+
+        They tell of their error where a touch can come.
+        """
+        slope = np.where(self.places.spanned, SPANNED_SLOPE, HIDDEN_SLOPE)
+        square = np.square(slope * self.places.distances) * (self.far & ~self.reached)
+        return float(np.sqrt(square.mean()))
+
+    @cached_property
+    def has_openings(self) -> bool:
+        """Whether a pad has spanned what may be a bore, a slit or a gap, and nothing told since."""
+        return bool(self.places.spanned.any())
 
     @cached_property
     def far(self) -> Bools:
-        """Which places, the underside apart, lie far from every touch, (n,)."""
-        return (self.places.distances > OPEN) & ~self.places.under
+        """Which places, the underside apart, lie far from every touch or were spanned, (n,)."""
+        places = self.places
+        return ((places.distances > OPEN) | places.spanned) & ~places.under
 
     def reachable(self, tried: Floats) -> float:
         """Share of the surface that lies far from every touch and that a touch can reach."""
@@ -148,10 +184,15 @@ class ObservedSurface:
 
     def met(self, tried: Floats) -> Bools:
         """Places that touches can meet which have not been tried since, (n,)."""
+        return np.asarray(self.reached & (self.left(tried) > 0.0), np.bool_)
+
+    @cached_property
+    def reached(self) -> Bools:
+        """Places that the offers meet, (n,)."""
         met = np.zeros(PLACES, np.bool_)
         for offer in self.offers:
             met[offer.places] = True
-        return np.asarray(met & (self.left(tried) > 0.0), np.bool_)
+        return np.asarray(met & (self.squares > 0.0), np.bool_)
 
     def is_inside(self, place: Floats) -> bool:
         """Whether a place (3,) lies within the solid."""
@@ -186,6 +227,7 @@ class SurfacePlaces(NamedTuple):
     bounds: Floats  # Their bounds of 95 %, (n,), m
     distances: Floats  # From what was touched, (n,), m
     under: Bools  # Whether the object stands on it, (n,): nobody can touch it there
+    spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
 
 
 def pad_width(pad: Pad) -> float:
@@ -210,14 +252,16 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     if surface.platform is not None:  # no finger gets under what faces down, so near to it
         heights = points[:, 2] - surface.platform
         under = (heights < CLEARANCE) | ((heights < BODY) & (normals[:, 2] < DOWNWARD))
-    return SurfacePlaces(
-        points,
-        normals,
-        np.einsum("nk,nk->n", shares, surface.errors[known]),
-        np.einsum("nk,nk->n", shares, surface.bounds[known]),
-        np.einsum("nk,nk->n", shares, surface.distances[known]),
-        under,
+    errors, bounds, distances = (
+        np.einsum("nk,nk->n", shares, told[known])
+        for told in (surface.errors, surface.bounds, surface.distances)
     )
+    spanned = np.zeros(PLACES, np.bool_)
+    if len(surface.openings):
+        near = cKDTree(surface.openings).query(points)[0] < BESIDE
+        spanned = near & (distances > HALF_OPENING) & ~under
+        bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
+    return SurfacePlaces(points, normals, errors, bounds, distances, under, spanned)
 
 
 def _offers(surface: ObservedSurface) -> list[TouchOffer]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,13 +18,16 @@ from palpate.core.explore.planners.protocol import (
     Wait,
     exhausted_budget,
 )
-from palpate.core.explore.planners.surface import ObservedSurface, TouchOffer
+from palpate.core.explore.planners.surface import ObservedSurface, Progress, TouchOffer
 from palpate.core.plugins import Range, check_ranges
 
 LEAST_GAIN = 1e-3  # Of the squared error that is asked for, over the whole surface
 TOUCH_SECONDS = 1.5  # Of a touch without the way to it
 TRAVEL_SPEED = 0.1  # m/s
 NEARLY = 0.6  # Of the largest gain: touches that are worth less wait
+# Touches, at least and as a share of all, over which nothing has changed by more than these shares,
+# of the bound and of the surface: more of them do not pay.
+WINDOW, WINDOW_SHARE, SETTLED, SAME_OPEN = 24, 0.25, 0.06, 0.004
 MOST_OPEN = 0.01  # Of the surface: so much of it may lie far from every touch
 
 
@@ -70,6 +74,11 @@ def next_touch(
     Where the error is within tolerance, what lies far from every touch. `bound`: of the error, m;
     if left out, that of the surface.
     """
+    if has_settled(surface.progress):
+        rest = 1e3 * surface.touchable_bound(observation.tried)
+        return Stop(
+            f"further touches no longer lower the error, {rest:.2g} mm where a finger reaches"
+        )
     left = surface.left(observation.tried)
     if bound is None:
         bound = surface.rms_bound_95
@@ -84,9 +93,23 @@ def next_touch(
         found = _best(observation, surface, (surface.far & (left > 0.0)).astype(float), 1.0)
         if found is not None:
             return Touch(*found[:3], "nothing near to it was touched")
-    elif bound <= observation.tolerance:
+    elif bound <= observation.tolerance and not surface.has_openings:
         return Stop("the error is within tolerance, and nothing larger than a feature is untouched")
     return Stop(_reason(observation, surface))
+
+
+def has_settled(progress: Sequence[Progress]) -> bool:
+    """Whether the last touches brought nothing: neither a lower error nor less that is open."""
+    if not progress:
+        return False
+    last = progress[-1]
+    since = last.touches - max(WINDOW, WINDOW_SHARE * last.touches)
+    if progress[0].touches > since:
+        return False
+    recent = [one for one in progress if one.touches >= since]
+    bounds, opened = [one.bound for one in recent], [one.open for one in recent]
+    alike = max(bounds) - min(bounds) <= SETTLED * max(bounds)
+    return len(recent) > 1 and alike and max(opened) - min(opened) <= SAME_OPEN
 
 
 def _best(
@@ -111,13 +134,24 @@ def _best(
 def is_known(observation: Observation, surface: ObservedSurface) -> bool:
     """Whether a general solid is known as well as is asked for."""
     within = surface.rms_bound_95 <= observation.tolerance
-    return within and surface.reachable(observation.tried) <= MOST_OPEN
+    return within and not is_open(observation, surface)
+
+
+def is_open(observation: Observation, surface: ObservedSurface) -> bool:
+    """Whether so much lies far from every touch, or in openings, that a feature may be there."""
+    return surface.has_openings or surface.reachable(observation.tried) > MOST_OPEN
 
 
 def _reason(observation: Observation, surface: ObservedSurface) -> str:
     """Why it is over, where no touch is left that would help."""
-    if surface.open_area.share > MOST_OPEN:
+    if surface.has_openings or surface.open_area.share > MOST_OPEN:
         return f"{describe_opening(surface)}, and no touch reaches it"
+    if surface.touchable_bound(observation.tried) <= observation.tolerance:
+        return (
+            "the error is within tolerance where a finger reaches, but "
+            f"{surface.open_area.under:.1%} of the surface is the underside, which may be off by "
+            f"{1e3 * surface.under_bound:.2g} mm"
+        )
     return "no further touch would bring the error within tolerance"
 
 
@@ -127,6 +161,6 @@ def describe_opening(surface: ObservedSurface) -> str:
     assert found.place is not None
     place = ", ".join(f"{1e3 * one:.0f}" for one in found.place)
     return (
-        f"{found.share:.1%} of the surface is not known, the largest opening of it "
+        f"{100.0 * found.share:.2g}% of the surface is not known, the largest opening of it "
         f"{1e3 * found.width:.0f} mm wide at ({place}) mm"
     )

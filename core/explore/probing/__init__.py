@@ -5,9 +5,7 @@ of the pad. It rests on plane geometry, on the places where a hand searches (gra
 depth of a plain touch (tracing).
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.probing.ends import End as End

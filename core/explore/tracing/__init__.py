@@ -5,9 +5,7 @@ each chapter, in widths of the pad, and may be tuned. It rests on `palpate.core.
 tracer calls `next_command` and `after_touch`.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.tracing.contour_path import TOUCH_DEPTH as TOUCH_DEPTH

@@ -17,7 +17,7 @@ from palpate.core.explore.grasp.hand import (
 )
 from palpate.core.poses import FACING_DOWN, compose_poses, pad_rotation, pose_of, split_pose
 from palpate.core.shapes.protocol import PosedShape
-from palpate.core.touch.effects.pose_error import PoseError
+from palpate.core.touch.effects.arm import PoseError
 
 TOP = np.array([[0.0, 0.0, 0.06]]), np.array([[0.0, 0.0, 1.0]])
 

@@ -1,0 +1,190 @@
+"""Single touches: where they can be made, which is made, and when it is over."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.explore.planners import (
+    Height,
+    Stop,
+    Touch,
+    Touches,
+    Wait,
+    WrongChoiceError,
+    check_choice,
+)
+from palpate.core.explore.planners.estimate import estimate_error
+from palpate.core.explore.planners.surface import ObservedSurface, Progress
+from palpate.core.explore.planners.touches import has_settled
+from palpate.core.poses import pose_of, split_pose
+from palpate.core.shapes import Mesh
+from palpate.core.shapes.tessellations import icosphere
+from palpate.core.touch import Pad
+
+PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
+RADIUS, MIDDLE = 0.03, np.array([0.0, 0.0, 0.05])
+
+
+@pytest.fixture
+def ball_of(observation):
+    """What is known of a ball over a platform, by errors and distances as functions of places."""
+
+    def known(errors=lambda at: 0.0, distances=lambda at: 1e-3, observed=None, **changes):
+        directions, faces = icosphere(4)
+        places = MIDDLE + RADIUS * directions
+        each = np.array([errors(at) for at in places])
+        fields = {
+            "mesh": Mesh(places, faces),
+            "errors": each,
+            "bounds": 1.6 * each,
+            "distances": np.array([distances(at) for at in places]),
+            "pad": PAD,
+            "platform": 0.0,
+            "reach": 0.12,
+            "refused": np.zeros((0, 3)),
+        } | changes
+        surface = ObservedSurface(**fields)
+        return observation(surface=surface, general=True, tolerance=2e-4, **(observed or {}))
+
+    return known
+
+
+def towards(side):
+    """Errors of 1 mm within 12 mm of one side of the ball."""
+    place = MIDDLE + RADIUS * np.asarray(side, float)
+    return lambda at: 1e-3 if np.linalg.norm(at - place) < 12e-3 else 1e-5
+
+
+@pytest.mark.parametrize("side", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, 0, 0.8)])
+def test_the_next_touch_goes_where_the_error_is(ball_of, side):
+    choice = Touches().next(ball_of(towards(side)))
+    assert isinstance(choice, Touch)
+    position, axes = split_pose(choice.pose)
+    assert axes[:, 2] @ np.array(side) < -0.6
+    hit = MIDDLE + RADIUS * np.array(side)
+    assert np.linalg.norm(choice.target - hit) < 13e-3
+    assert 3e-3 < np.linalg.norm(position - MIDDLE) - RADIUS < 25e-3
+
+
+def test_no_finger_goes_through_the_platform(ball_of):
+    low = ball_of(towards((0, 0, -1)), platform=0.018)
+    for offer in low.surface.offers:
+        position, axes = split_pose(offer.pose)
+        face = position[2] - 0.5 * 16e-3 * np.abs(axes[2, :2]).sum()
+        assert face >= 0.018
+
+
+def test_what_was_touched_in_vain_is_not_touched_again(ball_of):
+    errors = towards((1, 0, 0))
+    first = Touches().next(ball_of(errors))
+    place = MIDDLE + RADIUS * np.array([1.0, 0.0, 0.0])
+    around = icosphere(2)[0] * 10e-3 + place
+    refused = np.concatenate([place[None], around, first.target[None]])
+    again = Touches().next(ball_of(errors, refused=refused))
+    assert isinstance(again, Stop) or np.linalg.norm(again.target - first.target) > 5e-3
+
+
+def test_what_lies_far_from_touch_is_touched_though_the_error_is_within_tolerance(ball_of):
+    far = ball_of(lambda at: 1e-5, lambda at: 8e-3 if at[0] > 0.8 * RADIUS else 1e-3)
+    choice = Touches().next(far)
+    assert isinstance(choice, Touch)
+    assert "nothing near to it was touched" in choice.reason
+    assert choice.target[0] > 0.5 * RADIUS
+    assert not estimate_error(far).tolerance_met
+
+
+def test_it_is_over_when_all_is_known(ball_of):
+    known = ball_of(lambda at: 1e-5)
+    choice = Touches().next(known)
+    assert isinstance(choice, Stop)
+    assert "within tolerance" in choice.reason
+    estimate = estimate_error(known)
+    assert estimate.tolerance_met
+    assert estimate.rms_bound_95 == pytest.approx(1.6e-5)
+
+
+def test_an_opening_that_a_pad_spanned_is_known_to_be_unknown(ball_of):
+    top = MIDDLE + [0.0, 0.0, RADIUS]
+    mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
+    away = lambda at: 3e-3 if np.linalg.norm(at - top) < 5e-3 else 1e-3  # noqa: E731
+    known = ball_of(lambda at: 1e-5, away, openings=mouth)
+    choice, estimate = Touches().next(known), estimate_error(known)
+    assert isinstance(choice, Stop)
+    assert "is not known, the largest opening of it 6 mm wide at (" in choice.reason
+    assert not estimate.tolerance_met
+    assert estimate.rms_bound_95 > 1e-4  # what it may hide counts
+    assert np.linalg.norm(estimate.open_area.place - top) < 5e-3
+    touched = ball_of(lambda at: 1e-5, openings=mouth)  # since then, all of it
+    assert estimate_error(touched).tolerance_met
+
+
+def test_the_underside_counts_though_nobody_can_touch_it(ball_of):
+    lying = ball_of(lambda at: 1e-2 if at[2] < 0.022 else 1e-5, platform=MIDDLE[2] - RADIUS)
+    choice = Touches().next(lying)
+    assert isinstance(choice, Stop)
+    assert "is the underside, which may be off by" in choice.reason
+    assert not estimate_error(lying).tolerance_met
+
+
+def test_without_a_solid_a_slice_comes_first(observation):
+    choice = Touches().next(observation())
+    assert isinstance(choice, Height)
+    assert isinstance(Touches().next(observation(busy_heights=(0.04,))), Wait)
+
+
+def progress_of(bounds, each=10, opened=0.0):
+    return [Progress(each * (i + 1), bound, opened) for i, bound in enumerate(bounds)]
+
+
+def test_touches_that_change_nothing_are_the_last():
+    assert not has_settled([])
+    assert not has_settled(progress_of([3e-3, 2e-3, 1e-3]))
+    assert not has_settled(progress_of([3e-3, 2e-3, 1e-3, 1e-3]))
+    assert has_settled(progress_of([3e-3, 2e-3, 1e-3, 1e-3, 1e-3, 1e-3]))
+    falling = progress_of([3e-3, 2e-3, 1e-3, 0.9e-3, 0.8e-3, 0.7e-3])
+    assert not has_settled(falling)
+
+
+def test_touches_go_on_while_less_stays_open():
+    steady = [Progress(10 * (i + 1), 1e-3, 0.2 - 0.03 * i) for i in range(6)]
+    assert not has_settled(steady)
+
+
+def test_exploration_ends_when_it_has_settled(ball_of):
+    earlier = tuple(progress_of([5e-4] * 8))
+    known = ball_of(lambda at: 3.2e-4, earlier=earlier, touches=90)
+    choice = Touches().next(known)
+    assert isinstance(choice, Stop)
+    assert "no longer lower the error" in choice.reason
+    assert not estimate_error(known).tolerance_met
+
+
+@dataclass(frozen=True)
+class Says:
+    """A planner with one answer."""
+
+    choice: Any
+
+    def next(self, observation):
+        return self.choice
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (MIDDLE, r"must begin outside the object, got \(0, 0, 0\.05\) m"),
+        (
+            MIDDLE + [0.2, 0.0, 0.0],
+            r"must begin within 0\.12 m of the axis, got \(0\.2, 0, 0\.05\)",
+        ),
+        (MIDDLE * -1.0, r"must begin over the platform, got -0\.05 m"),
+    ],
+)
+def test_a_touch_that_no_finger_can_make_is_refused(ball_of, place, words):
+    asked = Touch(pose_of(place, np.eye(3)), 0.01, MIDDLE, "")
+    with pytest.raises(WrongChoiceError, match=words):
+        check_choice(Says(asked), ball_of())
+    free = asked._replace(pose=pose_of(MIDDLE + [0.1, 0.0, 0.0], np.eye(3)))
+    assert check_choice(Says(free), ball_of()) is free
