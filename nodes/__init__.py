@@ -5,9 +5,7 @@ another. To be touched: any node may be replaced by one's own with the same topi
 computes stands in `palpate.core`. Nodes rest on `runtime` and `specs`, never on another node.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.nodes.runtime import Finished as Finished

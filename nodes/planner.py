@@ -14,6 +14,7 @@ from msgspec import Meta, Struct
 
 from palpate.core import Floats, explore, inverse_pose, transform_points
 from palpate.core.explore.planners import (
+    Choice,
     Estimate,
     Height,
     Observation,
@@ -22,6 +23,7 @@ from palpate.core.explore.planners import (
     Stop,
     Touch,
     Touches,
+    WrongChoiceError,
     check_choice,
     estimate_error,
     make_planner,
@@ -201,6 +203,9 @@ def _surface(state: State, model: ShapeModel) -> ObservedSurface | None:
         platform=state.world.platform,
         reach=state.world.reach,
         refused=np.reshape(state.refused, (-1, 3)),
+        openings=model.openings,
+        touches=model.touches,
+        earlier=state.surface.progress if state.surface is not None and state.general else (),
     )
 
 
@@ -298,7 +303,7 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
         if state.is_stale:  # ask for a model of all that there is, and wait for it
             return _ask(state)
         observation = _observation(demand, state, finger)
-        choice = check_choice(rule, observation)
+        choice = _answer(rule, observation)
         if isinstance(choice, Stop) and state.aimed and not observation.budget.spent:
             return _ask(state)
         if isinstance(choice, Touch) and allowed:
@@ -327,6 +332,14 @@ def _ask(state: State) -> tuple[State, Outputs]:
     return state, [("/model/goal", planning.model_goal(state))]
 
 
+def _answer(rule: Planner, observation: Observation) -> Choice:
+    """What the rule answers; what nobody can act on ends the exploration with what there is."""
+    try:
+        return check_choice(rule, observation)
+    except WrongChoiceError as error:
+        return Stop(str(error))
+
+
 def _height(state: State, touch: Touch) -> float:
     """Of a touch's target, in the slicing frame, m."""
     assert state.frame is not None
@@ -350,7 +363,7 @@ def _with_task(state: State, finger: int, task: Task) -> State:
 def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
     """The end, with what the rule says of it."""
     observation = _observation(demand, state)
-    stop = check_choice(rule, observation)
+    stop = _answer(rule, observation)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
     return done(state, stop.reason + _shape(state), observation)

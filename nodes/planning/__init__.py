@@ -5,9 +5,7 @@ and grips, spacing of the search, nearness of an end, on top of `phases`. Rests 
 `palpate.core.explore`, which holds every rule; used by the planner node alone.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.nodes.planning.budget import Allowance as Allowance

@@ -6,9 +6,7 @@ in one order whatever the way of running, and that is not to be touched. Rests o
 `palpate.messages`; the only part of `palpate.nodes` that reads a clock.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.nodes.runtime.composed import Ending as Ending

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -229,8 +229,8 @@ class Ending:
     restarts: Mapping[str, int] = field(default_factory=dict)
 
 
-class Watcher(Protocol):
-    """Receives what the launcher receives, while the graph runs."""
+class Watcher:
+    """Receives what the launcher receives, while the graph runs; of itself it keeps nothing."""
 
     def ready(self, seconds: float) -> None:
         """All nodes are up and joined, this long after the launch began."""

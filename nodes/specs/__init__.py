@@ -5,9 +5,7 @@ structures, which check what they are given; a new solid is a structure and a `b
 `solids`. Rests on `palpate.core.shapes` and `palpate.core.touch`, imported when a scene needs them.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.nodes.specs.frames import DRIVER_OUTPUTS as DRIVER_OUTPUTS

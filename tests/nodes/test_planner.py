@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -233,6 +234,29 @@ def test_the_order_in_which_fingers_arrive_changes_nothing(explored: Explored, s
     expected = bodies(None)
     for seed in range(6):
         assert bodies(random.Random(seed)) == expected
+
+
+LOST = """
+from dataclasses import dataclass
+from palpate.core.explore.planners import Height, Stop
+
+@dataclass(frozen=True)
+class Lost:
+    def next(self, observation):
+        known = len(observation.slices)
+        return Height(0.03 + 0.01 * known if known < 3 else 5.0, "why not")
+"""
+
+
+def test_an_answer_that_nobody_can_act_on_ends_it_with_what_there_is(
+    explored: Explored, world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "lost_planner.py").write_text(LOST)
+    monkeypatch.syspath_prepend(tmp_path)
+    [done] = of(explored(Params(planner="lost_planner:Lost"), world), "/plan/done")
+    assert len(done.contours) == 3
+    assert done.reason.startswith("the planner Lost gave no answer to act on: a height must lie")
+    assert not done.tolerance_met
 
 
 def test_a_tolerance_that_the_sensor_cannot_tell_is_refused(explored: Explored, world: World):

@@ -1,0 +1,131 @@
+"""Sets of touches: fitted as a whole or continued, openings of them, and slices that are hollow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core import no_steps
+from palpate.core.arrays import Floats
+from palpate.core.explore import empty_map
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.shapes import Mesh
+from palpate.core.shapes.tessellations import icosphere
+from palpate.core.touch import Pad
+from palpate.messages.types.model import ModelGoal, PlanDone
+from palpate.nodes.rebuilding import State, fitted_solids, spanned_by
+from palpate.nodes.rebuilding.fitting import MORE, SWEPT, is_swept
+from palpate.nodes.rebuilding.model import HOLLOW, openings
+
+RADIUS, MIDDLE = 0.02, np.array([0.0, 0.0, 0.05])
+PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
+TOUCHES = 30
+
+
+def touch_of(number: int, count: int = TOUCHES) -> ContactPoints:
+    """What one of even touches of a ball has touched."""
+    height = 1.0 - (2.0 * number + 1.0) / count
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * number
+    level = np.sqrt(1.0 - height**2)
+    normal = np.array([level * np.cos(turn), level * np.sin(turn), height])
+    around = normal + 0.12 * np.random.default_rng(number).normal(size=(30, 3))
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    return ContactPoints(MIDDLE + RADIUS * around, around, np.zeros(30, np.int32))
+
+
+def state_of(touches: int) -> State:
+    """What has been received after so many single touches."""
+    space = empty_map(0.1, 0.0)
+    order = np.random.default_rng(0).permutation(TOUCHES)[:touches]
+    received = {number: {0: touch_of(int(which))} for number, which in enumerate(order)}
+    return replace(State(), pad=PAD, space=space, touches=received)
+
+
+def goal_of(kind: Any, touches: int) -> Any:
+    """A general solid of the first touches."""
+    told: dict[str, Any] = {"reason": "", "tolerance_met": False, "uncovered": 0.0}
+    told |= {"rms_bound_95": None, "largest_untouched": None}
+    return kind(
+        number=touches,
+        contours=(),
+        probes=tuple(range(touches)),
+        touches=touches,
+        robot_time=0.0,
+        closings=0,
+        general=True,
+        **(told if kind is PlanDone else {}),
+    )
+
+
+asked = partial(goal_of, ModelGoal)
+
+
+def error_of(general: Any) -> float:
+    off = np.linalg.norm(general.mesh(1).vertices - MIDDLE, axis=1) - RADIUS
+    return float(np.sqrt(np.mean(off**2)))
+
+
+def test_a_set_with_a_touch_more_is_continued_and_the_last_one_fitted_as_a_whole():
+    state = state_of(TOUCHES)
+    before = asked(TOUCHES - 2)
+    first = fitted_solids(state, before, no_steps)
+    state = replace(state, history=(before,))
+    then = fitted_solids(state, asked(TOUCHES), no_steps)
+    assert then.whole == first.whole == TOUCHES - 2
+    assert len(then.general.fit.displacements) == TOUCHES
+    final = fitted_solids(replace(state, fitted={}), goal_of(PlanDone, TOUCHES), no_steps)
+    assert final.whole == TOUCHES
+    assert error_of(then.general) < 2.0 * error_of(final.general)
+
+
+def test_many_more_touches_are_fitted_as_a_whole():
+    state, before = state_of(TOUCHES), asked(int(TOUCHES / MORE) - 2)
+    fitted_solids(state, before, no_steps)
+    state = replace(state, history=(before,))
+    assert fitted_solids(state, asked(TOUCHES), no_steps).whole == TOUCHES
+
+
+def test_a_touch_beside_the_band_is_fitted_as_a_whole():
+    state, before = state_of(TOUCHES), asked(TOUCHES - 1)
+    fitted_solids(state, before, no_steps)
+    beside = touch_of(0)._replace(points=touch_of(0).points + [0.0, 0.0, 0.03])
+    received = {**state.touches, TOUCHES - 1: {0: beside}}
+    state = replace(state, history=(before,), touches=received)
+    assert fitted_solids(state, asked(TOUCHES), no_steps).whole == TOUCHES
+
+
+def ball_mesh() -> Mesh:
+    directions, faces = icosphere(3)
+    return Mesh(MIDDLE + RADIUS * directions, faces)
+
+
+@pytest.mark.parametrize(("depth", "swept"), [(0.3 * SWEPT, False), (2.0 * SWEPT, True)])
+def test_what_a_finger_went_through_is_no_solid(depth: float, swept: bool):
+    space = empty_map(0.1, 0.0)
+    down = np.linspace(RADIUS + 0.02, RADIUS - depth, 40)
+    way = MIDDLE + down[:, None] * np.array([0.0, 0.0, 1.0])
+    space = space.marked(space.numbers(way), np.zeros(0, np.int64))
+    assert is_swept(ball_mesh(), space) is swept
+
+
+def places(*spanned: Floats) -> Floats:
+    state = replace(state_of(TOUCHES), spanned={0: spanned})
+    return spanned_by(state, asked(TOUCHES))
+
+
+def test_what_pads_spanned_counts_until_it_is_touched():
+    beyond = MIDDLE + np.array([[0.0, 0.0, RADIUS + 0.01], [0.0, 0.0, RADIUS + 0.02]])
+    assert np.array_equal(places(beyond), beyond)
+    assert not len(places(touch_of(7).points + 1e-4))
+    assert not len(places())
+
+
+def test_an_opening_is_where_the_solid_says_that_a_pad_would_have_touched_it():
+    depths = np.array([-2.0, 0.5, 1.5, 3.0]) * HOLLOW
+    spanned = MIDDLE + (RADIUS - depths)[:, None] * np.array([0.6, 0.0, 0.8])
+    assert np.array_equal(openings(spanned, ball_mesh()), spanned[2:])
+    assert openings(spanned[:0], ball_mesh()).shape == (0, 3)
