@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from palpate.launch.files.source_map import SourceMapped
-from palpate.launch.progress import SilentDisplay
+from palpate.launch.progress import Display
 from palpate.launch.run import perform, plan_run
 from palpate.messages.types.catalogue import LogRecord
 from palpate.nodes.runtime.node import Input, Wiring
@@ -102,7 +102,7 @@ def explore_heights(out, fingers, *, composed, killed=False):
     """A run of the toy planner; its folder. Who was killed publishes some messages twice."""
     args = {"fingers": SourceMapped(fingers, "fingers")}
     plan = plan_run(TOYS / "fingers.yaml", args, {}, name="fingers", out=out)
-    run = perform(plan, composed=composed, display=SilentDisplay())
+    run = perform(plan, composed=composed, display=Display())
     assert run.ending.status == "finished", run.ending.reason
     assert run.ending.gaps == 0
     assert killed or run.ending.duplicates == 0

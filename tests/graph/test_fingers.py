@@ -6,7 +6,7 @@ import pytest
 
 from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.launch_file import describe
-from palpate.launch.progress import SilentDisplay
+from palpate.launch.progress import Display
 from palpate.launch.run import perform, plan_run
 from palpate.messages.codec import decode, encode
 from palpate.messages.recording.reader import open_recording
@@ -161,7 +161,7 @@ def test_a_whole_exploration_is_the_same_in_processes_and_in_one(tmp_path):
     found = []
     for composed in (False, True):
         plan = plan_run(UNSCORED, args, {}, name="sphere", out=tmp_path / f"run_{composed}")
-        run = perform(plan, composed=composed, display=SilentDisplay())
+        run = perform(plan, composed=composed, display=Display())
         assert (run.ending.status, run.ending.gaps) == ("finished", 0), run.ending.reason
         found.append(messages_in(run.folder))
     assert found[0] == found[1]

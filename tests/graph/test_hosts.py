@@ -13,7 +13,7 @@ import zmq
 
 from palpate.bench.bus.toy_node import ToyParams, toy
 from palpate.launch.files.source_map import InputError
-from palpate.launch.hosts.remote_hosts import free_endpoints, key_file, own_address, read_host
+from palpate.launch.hosts import free_endpoints, key_file, own_address, read_host
 from palpate.launch.launcher import launch
 from palpate.messages.bus.control import ControlClient
 from palpate.messages.bus.sockets import SocketContext, bind, make_key, read_key

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.launch.progress import SilentDisplay
+from palpate.launch.progress import Display
 from palpate.launch.run import perform
 from palpate.messages.bus.message_log import Consumed
 from palpate.messages.recording.reader import open_recording
@@ -39,7 +39,7 @@ def three(explored):
 def gone_on(bag, contour, out):
     plan = plan_resume(bag, contour, nodes=("planner",), out=out)
     assert plan.before is not None
-    run = perform(plan, composed=False, display=SilentDisplay())
+    run = perform(plan, composed=False, display=Display())
     assert (run.ending.status, run.ending.gaps) == ("finished", 0), run.ending.reason
     return out
 

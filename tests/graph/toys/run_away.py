@@ -6,11 +6,11 @@ import sys
 from dataclasses import replace
 
 from palpate.bench.bus.toy_node import ToyParams, toy
-from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
+from palpate.nodes.runtime import Watcher
 
 
-class Telling(SilentWatcher):
+class Telling(Watcher):
     """Says when all nodes are up."""
 
     def ready(self, seconds: float) -> None:

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 from palpate.bench.bus.toy_node import ToyParams, toy
-from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
+from palpate.nodes.runtime import Watcher
 from palpate.nodes.runtime.node import Input, Wiring
 
 # Without a guard: no node may run the script once more.
@@ -39,7 +39,7 @@ ending = launch(
     ],
     ends="source",
     watch=["/source/mark"],
-    watcher=SilentWatcher(),
+    watcher=Watcher(),
     work_dir=folder,
 )
 

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from palpate.bench.bus.toy_node import ToyParams, toy
-from palpate.bench.table import SilentWatcher
 from palpate.launch.launcher import launch
+from palpate.nodes.runtime import Watcher
 from palpate.nodes.runtime.node import Input, Wiring
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -26,7 +26,7 @@ broken = Wiring(
 )
 before = dict(os.environ)
 ending = launch(
-    [toy("source", ToyParams(burst=5)), broken], ends="source", watch=(), watcher=SilentWatcher()
+    [toy("source", ToyParams(burst=5)), broken], ends="source", watch=(), watcher=Watcher()
 )
 
 
