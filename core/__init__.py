@@ -6,9 +6,7 @@ Of them only the presets of `robot_time` are assumptions that may be replaced; t
 relied on. They rest on numpy alone.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.archive import FORM_KEY as FORM_KEY

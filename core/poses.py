@@ -189,6 +189,15 @@ def _cross_matrices(vectors: Floats) -> Floats:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
+def axes_along(direction: Floats) -> Floats:
+    """Orthonormal right-handed axes (3, 3) as columns, the last along a unit `direction` (3,)."""
+    helper = np.zeros(3)
+    helper[int(np.argmin(np.abs(direction)))] = 1.0
+    first = np.cross(helper, direction)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(direction, first), direction])
+
+
 def principal_axes(centred: Floats) -> Floats:
     """Principal axes (3, 3) of points about the origin, the longest last; a rotation."""
     axes = np.linalg.eigh(centred.T @ centred)[1]

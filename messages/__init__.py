@@ -5,9 +5,7 @@ of which anybody makes message types of their own; the limits of a body are in `
 one changes what is refused. Rests on numpy and msgpack; knows nothing of `palpate.core`.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.messages.codec import HEADER_SIZE as HEADER_SIZE

@@ -1,8 +1,6 @@
 """Feels an unknown object with a simulated fingertip and rebuilds it as a solid."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 __version__ = "0.1.0"
 

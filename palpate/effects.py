@@ -1,8 +1,6 @@
 """What can disturb a sensor, and what an effect of your own is made of: see docs/effects.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.touch import Effect as Effect

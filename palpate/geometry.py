@@ -1,8 +1,6 @@
 """Plane and solid geometry, and distances between surfaces: see docs/distances.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.geometry import compare_surfaces as compare_surfaces

@@ -1,8 +1,6 @@
-"""Planners of slices, and what a planner of your own is made of: see docs/planning.md."""
+"""Planners of slices and touches, and what one of your own is made of: see docs/planning.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.planners import PLANNER_NAMES as PLANNER_NAMES
@@ -13,9 +11,12 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners import Height as Height
     from palpate.core.explore.planners import Observation as Observation
     from palpate.core.explore.planners import ObservedSlice as ObservedSlice
+    from palpate.core.explore.planners import ObservedSurface as ObservedSurface
     from palpate.core.explore.planners import PlannerTrial as PlannerTrial
     from palpate.core.explore.planners import Span as Span
     from palpate.core.explore.planners import Stop as Stop
+    from palpate.core.explore.planners import Touch as Touch
+    from palpate.core.explore.planners import TouchOffer as TouchOffer
     from palpate.core.explore.planners import Wait as Wait
     from palpate.core.explore.planners import estimate_error as estimate_error
     from palpate.core.explore.planners import exhausted_budget as exhausted_budget

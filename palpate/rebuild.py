@@ -1,8 +1,6 @@
 """Solids from contours and contact points, and superquadrics from contacts: see docs/rebuild.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild import Method as Method

@@ -1,8 +1,6 @@
 """Shapes that rays can be cast at: see docs/shapes.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.shapes import Bend as Bend

@@ -1,8 +1,6 @@
 """B-splines, closed curves and free-form deformation: see docs/shapes.md and docs/lattice.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.splines import Basis as Basis

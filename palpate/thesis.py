@@ -1,8 +1,6 @@
 """The thesis's own formulas, kept for comparison: see docs/thesis.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.thesis import fit_closed_curve_thesis as fit_closed_curve_thesis

@@ -1,8 +1,6 @@
 """Tactile sensing: pad, calibration, filters and curvature: see docs/touch.md."""
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.touch import Calibration as Calibration

@@ -4,9 +4,7 @@ Each chapter is one tool that may be changed or left out by itself; nothing belo
 Rests on palpate.launch; the command line in tools.cli calls it.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.reconstruction import single_threaded as single_threaded

@@ -38,6 +38,10 @@ COUNT_WARNINGS: Mapping[str, tuple[str, str]] = {
         "1 single point sticks out and was left out",
         "{} single points stick out and were left out",
     ),
+    "gaping": (
+        "1 contour leaves over a quarter of its way around untouched: it is closed across",
+        "{} contours leave over a quarter of their way around untouched: they are closed across",
+    ),
     "perhaps_features": (
         "1 of the dropped contours may be a neck or a rim that no other met",
         "{} of the dropped contours may be a neck or a rim that no other met",
@@ -235,7 +239,8 @@ def rebuild_record(
     solid, mesh, found = rebuilt.solid, rebuilt.mesh, rebuilt.found
     shape = solidity(mesh.vertices, mesh.faces)
     crossings = self_intersection(mesh.vertices, mesh.faces).count
-    known, measures = solid.uncertainty(), solid.measures()
+    # Of a surface that passes through itself nobody knows what it bounds.
+    known, measures = None if crossings else solid.uncertainty(), solid.measures()
     return {
         "points": str(points),
         "unit": rebuilt.unit,
@@ -378,6 +383,8 @@ def rebuild_text(record: Mapping[str, Any]) -> str:
         f"{record['self_intersections']}",
     )
     confidence = f"the method {record['method']} does not say how far its surface can be trusted"
+    if record["self_intersections"]:
+        confidence = "none: the surface passes through itself"
     if record["error_rms_m"] is not None:
         confidence = (
             f"side within {1e3 * record['error_rms_m']:.3g} mm (root mean square), "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import fields
 from typing import Any, get_args, get_type_hints
 
@@ -97,8 +96,7 @@ def effects_text() -> str:
     lines = []
     for name in EFFECT_NAMES:
         kind = effect_type(name)
-        told = sys.modules[kind.__module__].__doc__ or ""
-        lines.append(f"{name}: {told.strip().partition(chr(10))[0]}")
+        lines.append(f"{name}: {(kind.__doc__ or '').partition(chr(10))[0]}")
         allowed, hints = ranges_of(kind), get_type_hints(kind)
         for field in fields(kind):  # type: ignore[arg-type]
             given = "" if field.default is None else f"{field.default}"

@@ -8,9 +8,7 @@ constants are tolerances of that. It rests on numpy, scipy's k-d tree, and the r
 knows no solid, spline or touch.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.geometry.distances import Alignment as Alignment

@@ -9,9 +9,7 @@ exact: the constants are tolerances and limits of work, not parameters. It rests
 them.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.shapes.boolean_solids import BooleanShape as BooleanShape

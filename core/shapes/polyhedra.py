@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry import linked_groups, signed_volume
+from palpate.core.poses import axes_along
 from palpate.core.shapes.protocol import ImplicitShape
 from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, TriangleShape
 
@@ -247,11 +248,7 @@ def by_ears(places: Floats, normal: Floats, face: int) -> Ints:
     """Triangles (n - 2, 3) of one polygon by its own corners' numbers."""
     import manifold3d
 
-    axis = np.zeros(3)
-    axis[int(np.argmin(np.abs(normal)))] = 1.0
-    across = np.cross(axis, normal)
-    across /= np.linalg.norm(across)
-    flat = places @ np.column_stack([across, np.cross(normal, across)])
+    flat = places @ axes_along(normal)[:, :2]
     triangles = np.asarray(manifold3d.triangulate([flat]), np.int32)
     a, b, c = flat[triangles].transpose(1, 0, 2)
     covered = 0.5 * np.abs(_cross(b - a, c - a)).sum()
@@ -289,10 +286,6 @@ class WingedEdges:
         """Number of holes through the surfaces."""
         return self.shells - self.euler // 2
 
-    def vertices_of_face(self, face: int) -> Ints:
-        """Corners of a face in order, counter-clockwise seen from outside."""
-        return self.corners[self.begins[face] : self.begins[face + 1]]
-
     def edges_of_face(self, face: int) -> Ints:
         """Edges around a face in order; the first begins at its first corner."""
         return self.sides[self.begins[face] : self.begins[face + 1]]
@@ -301,23 +294,3 @@ class WingedEdges:
         """Faces across the edges of a face, in the order of these."""
         pairs = self.faces[self.edges_of_face(face)]
         return np.asarray(np.where(pairs[:, 0] == face, pairs[:, 1], pairs[:, 0]))
-
-    def edges_of_vertex(self, vertex: int) -> Ints:
-        """Edges around a vertex in order, counter-clockwise seen from outside."""
-        first = int(np.flatnonzero((self.ends == vertex).any(axis=1))[0])
-        found, edge = [first], self._next_around(first, vertex)
-        while edge != first:
-            found.append(edge)
-            edge = self._next_around(edge, vertex)
-        return np.array(found, np.int32)
-
-    def faces_of_vertex(self, vertex: int) -> Ints:
-        """Faces around a vertex in order; each lies before the edge of the same number."""
-        edges = self.edges_of_vertex(vertex)
-        starts_here = self.ends[edges, 0] == vertex
-        return np.asarray(np.where(starts_here, self.faces[edges, 1], self.faces[edges, 0]))
-
-    def _next_around(self, edge: int, vertex: int) -> int:
-        """Edge that follows around a vertex: over the face on the left of the way out."""
-        side = 0 if self.ends[edge, 0] == vertex else 1
-        return int(self.before[edge, side])

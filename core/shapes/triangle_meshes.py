@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import is_closed, is_inside_out
+from palpate.core.poses import axes_along
 from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh, Shape
 
 HAS_EMBREE = find_spec("embreex") is not None  # False where there is no wheel for this machine
@@ -147,7 +148,7 @@ class ZBuffer:
 
     def first_hits(self, origins: Floats, direction: Floats) -> Hits:
         """First faces along parallel rays, seen from either side."""
-        axes = _ray_axes(direction)
+        axes = axes_along(direction)
         seen = self._vertices @ axes  # columns: across, across, along
         rays = origins @ axes
         corners, last = seen[self._faces], rays.max(axis=0)
@@ -197,7 +198,7 @@ class CrossedMesh:
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays from origins (n, 3) are inside: see `spans`."""
-        axes = _ray_axes(direction)
+        axes = axes_along(direction)
         seen, rays = self._vertices @ axes, origins @ axes
         size = max(AT_ONCE // len(self._edges), 1)
         parts = [self._crossed(seen, rays[i : i + size]) for i in range(0, len(rays), size)]
@@ -244,15 +245,6 @@ class CrossedMesh:
         rise = seen[first, 1] - seen[last, 1]
         tie = np.where(rise == 0.0, seen[last, 0] - seen[first, 0], rise) > 0.0
         return side, np.where(side == 0.0, tie, side > 0.0)
-
-
-def _ray_axes(direction: Floats) -> Floats:
-    """Orthonormal right-handed axes as columns, the last along `direction`."""
-    helper = np.zeros(3)
-    helper[int(np.argmin(np.abs(direction)))] = 1.0
-    first = np.cross(helper, direction)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(direction, first), direction])
 
 
 def _spans_of(row: Longs, place: Floats, turn: Longs, count: int) -> Floats:

@@ -8,9 +8,7 @@ exact, and their constants are tolerances of that. It rests on numpy, scipy's sp
 dense factorisations, and `palpate.core.geometry` for one question about polygons.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.splines.bases import CUBIC as CUBIC

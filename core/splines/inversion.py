@@ -7,7 +7,7 @@ by side.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from palpate.core.splines.spline_volumes import (
     rescaled_volume,
 )
 
-InversionMethod = Literal["auto", "general"]
 GENERAL_MOST_STEPS = 40  # Of one start
 START_SAMPLES = 13  # Along each axis: where to begin again when the first start failed
 STARTS = 6  # Nearest samples that are tried
@@ -35,22 +34,15 @@ MONOTONE_MOST_STEPS = 60
 MONOTONE_ROUNDING = 4 * float(np.finfo(float).eps)  # Of the spline's range
 
 
-def invert_points(
-    volume: SplineVolume, points: Floats, *, method: InversionMethod = "auto"
-) -> Inversion:
+def invert_points(volume: SplineVolume, points: Floats) -> Inversion:
     """Parameters of points in a volume.
 
-    `volume`: polynomial or rational, undeformed or deformed, folded or not. `points` (n, 3), m.
-    `method`: ``auto``: the closed form where the control points are an affine image of the Greville
-    abscissae; three inversions of one variable where they lie on parallel planes; else ``general``,
-    least squares in three variables. Raises ValueError if points are not finite (n, 3), or the
-    method is none of these.
+    `volume`: polynomial or rational, undeformed or deformed, folded or not. `points` (n, 3), m. The
+    closed form where the control points are an affine image of the Greville abscissae; three
+    inversions of one variable where they lie on parallel planes; else least squares in three
+    variables. Raises ValueError if points are not finite (n, 3).
     """
     points = finite_array("points", points, (None, 3))
-    if method == "general":
-        return invert_general(volume, points)
-    if method != "auto":
-        raise ValueError(f"method must be auto or general, got {method!r}")
     frame = affine_image(volume)
     if frame is not None:
         return _closed_form(volume, frame, points)

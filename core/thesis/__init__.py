@@ -6,9 +6,7 @@ rests on `palpate.core.splines`, shapes and geometry; `palpate.core.rebuild` off
 "thesis".
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.thesis.layers import fit_closed_curve_thesis as fit_closed_curve_thesis

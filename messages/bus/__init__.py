@@ -6,9 +6,7 @@ chapter; the order of handshake, log and journal must stay, since restarts witho
 it. Rests on zmq, and is the only room with sockets.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.messages.bus.control import FROM_HOSTS as FROM_HOSTS

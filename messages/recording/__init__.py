@@ -6,9 +6,7 @@ hostile files from taking memory. Own reader instead of the stock one: that leav
 unreadable which were cut off. Rests on mcap and lz4.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.messages.recording.mcap_reading import DamagedRecording as DamagedRecording

@@ -80,18 +80,13 @@ class PlacedRecord(NamedTuple):
     record: McapRecord | Closed
 
 
-def file_records(path: Path) -> Iterator[McapRecord | Closed]:
-    """Channels, messages, schemas and metadata in the order of the file.
+def placed_records(path: Path) -> Iterator[PlacedRecord]:
+    """Channels, messages, schemas and metadata in the order of the file, with their places.
 
     `Closed` comes last, and is missing if the file ends after a whole record without having been
     closed. Raises DamagedRecording if the file is missing, empty, no MCAP file, cut off within a
     record, or damaged; what was whole before that has been given by then.
     """
-    return (record for _, record in placed_records(path))
-
-
-def placed_records(path: Path) -> Iterator[PlacedRecord]:
-    """Give the same with their places, and raise the same."""
     byte = 0
     try:
         with path.open("rb") as file:

@@ -21,7 +21,6 @@ from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from palpate.messages.recording.mcap_reading import (
     Closed,
     DamagedRecording,
-    file_records,
     placed_records,
 )
 from palpate.messages.recording.writer import ABOUT, COUNTS, PROFILE, AtomicFile, mcap_writer
@@ -57,12 +56,9 @@ class Recording:
 
     def messages(self) -> Iterator[RecordedMessage]:
         """The messages in the order in which the recorder received them."""
-        schemas: dict[tuple[Path, int], Schema] = {}
-        channels: dict[tuple[Path, int], Channel] = {}
-        for part, _, record in checked_records(self.path):
+        for _, _, record, channel, schema in checked_records(self.path):
             if isinstance(record, Message):
-                channel = channels[part, record.channel_id]
-                schema = schemas[part, channel.schema_id]
+                assert channel is not None and schema is not None
                 about = channel.metadata
                 yield RecordedMessage(
                     topic=channel.topic,
@@ -75,10 +71,6 @@ class Recording:
                     schema=int(about["schema_hash"], 16),
                     body=record.data,
                 )
-            elif isinstance(record, Channel):
-                channels[part, record.id] = record
-            elif isinstance(record, Schema):
-                schemas[part, record.id] = record
 
 
 def open_recording(path: Path) -> Recording:
@@ -87,23 +79,16 @@ def open_recording(path: Path) -> Recording:
     ValueError if it is missing, empty, no MCAP file, cut off, damaged, or not written by palpate.
     """
     about: Mapping[str, str] | None = None
-    schemas: dict[tuple[Path, int], str] = {}
     types: dict[str, tuple[str, int]] = {}
-    topics: dict[tuple[Path, int], str] = {}
     counts = Counter[str]()
     closed = False
-    for part, _, record in checked_records(path):
-        match record:
-            case Message():
-                counts[topics[part, record.channel_id]] += 1
-            case Schema():
-                schemas[part, record.id] = record.name
-            case Channel(topic=topic):
-                topics[part, record.id] = topic
-                found = schemas[part, record.schema_id]
-                types[topic] = found, int(record.metadata["schema_hash"], 16)
-            case Metadata(name=name) if name == ABOUT:
-                about = record.metadata
+    for _, _, record, channel, schema in checked_records(path):
+        if isinstance(record, Message) and channel is not None:
+            counts[channel.topic] += 1
+        elif channel is not None and schema is not None:
+            types[channel.topic] = schema.name, int(channel.metadata["schema_hash"], 16)
+        elif isinstance(record, Metadata) and record.name == ABOUT:
+            about = record.metadata
         closed = isinstance(record, Closed)
     if about is None:
         raise ValueError(f"recording {path} {NOT_PALPATE}")
@@ -159,36 +144,38 @@ def checked_records(path: Path) -> Iterator[LocatedRecord]:
     does not begin where those before it end.
     """
     ours = False
-    schemas: set[tuple[Path, int]] = set()
-    topics: dict[tuple[Path, int], str] = {}
+    schemas: dict[tuple[Path, int], Schema] = {}
+    channels: dict[tuple[Path, int], Channel] = {}
     counts = Counter[str]()
-    for found in records_of_parts(path):
-        part, byte, record = found
+    for part, byte, record, *_ in records_of_parts(path):
+        channel = schema = None
         match record:
             case Message(sequence=sequence):
                 if not ours:
                     raise DamagedRecording(part, NOT_PALPATE, byte)
-                topic = topics[part, record.channel_id]
+                channel = channels[part, record.channel_id]
+                topic, schema = channel.topic, schemas[part, channel.schema_id]
                 # A part begins where those before it ended, or one of them was damaged since.
                 if part != path and sequence != counts[topic]:
                     lacks = f"is damaged: it lacks {topic} {counts[topic]}"
                     raise DamagedRecording(part, lacks, byte)
                 counts[topic] += 1
             case Schema():
-                schemas.add((part, record.id))
+                schemas[part, record.id] = record
             case Channel():
-                if why := _fault(record, (part, record.schema_id) in schemas):
+                channel, schema = record, schemas.get((part, record.schema_id))
+                if why := _fault(record, schema is not None):
                     raise DamagedRecording(part, why, byte)
-                topics[part, record.id] = record.topic
+                channels[part, record.id] = record
             case Metadata(name=name):
                 ours = ours or name == ABOUT
-        yield found
+        yield LocatedRecord(part, byte, record, channel, schema)
 
 
 def records_of_parts(path: Path) -> Iterator[LocatedRecord]:
     """Records of all parts; a part that another follows may be cut off.
 
-    Raises DamagedRecording as `file_records` does, of the last part.
+    Raises DamagedRecording as `placed_records` does, of the last part.
     """
     parts = parts_of(path)
     for part in parts[:-1]:
@@ -217,6 +204,8 @@ class LocatedRecord(NamedTuple):
     part: Path
     byte: int  # Where the record begins in the part, or the chunk that holds it
     record: McapRecord | Closed
+    channel: Channel | None = None  # Of a message; of a channel, itself
+    schema: Schema | None = None  # Of what either holds
 
 
 def part_path(path: Path, number: int) -> Path:
@@ -237,7 +226,7 @@ def counts_of(path: Path) -> dict[str, int]:
         topics: dict[int, str] = {}
         # What is damaged holds nothing whole from there on.
         with suppress(ValueError, KeyError):
-            for record in file_records(part):
+            for _, record in placed_records(part):
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
                 elif isinstance(record, Message):
@@ -261,7 +250,6 @@ class RecordingCopy:
         except OSError:
             self._file.close()
             raise
-        self._schemas: dict[tuple[Path, int], int] = {}
         self._channels: dict[tuple[Path, int], tuple[str, int]] = {}
         self._registered: dict[object, int] = {}
         self._declared: set[str] = set()
@@ -271,16 +259,14 @@ class RecordingCopy:
 
     def take(self, found: Iterable[LocatedRecord]) -> None:
         """Write records in their order; how many messages of each topic, is written at the end."""
-        for part, _, record in found:
+        for part, _, record, _, described in found:
             match record:
-                case Schema(name=name):
-                    schema = (name, record.encoding, record.data)
+                case Channel(topic=topic, metadata=about):
+                    assert described is not None
+                    schema = (described.name, described.encoding, described.data)
                     if schema not in self._registered:
                         self._registered[schema] = self._writer.register_schema(*schema)
-                    self._schemas[part, record.id] = self._registered[schema]
-                case Channel(topic=topic, metadata=about):
-                    schema_id = self._schemas[part, record.schema_id]
-                    channel = (topic, record.message_encoding, schema_id)
+                    channel = (topic, record.message_encoding, self._registered[schema])
                     key = (*channel, tuple(sorted(about.items())))
                     if key not in self._registered:
                         self._registered[key] = self._writer.register_channel(*channel, about)

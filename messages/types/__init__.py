@@ -4,9 +4,7 @@ A new type is a frozen dataclass in the file of its subject; changing a field ch
 hash, and old recordings are refused by name. Rests on the field types of `palpate.messages` alone.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.messages.types.catalogue import ALL_KEPT as ALL_KEPT

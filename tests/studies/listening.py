@@ -19,12 +19,13 @@ from pathlib import Path
 from statistics import median
 
 from palpate.bench.bus import token_ring
-from palpate.bench.table import Row, SilentWatcher, at_least, figure
+from palpate.bench.table import Row, at_least, figure
 from palpate.launch import launch
 from palpate.launch.processes import RunCard, running_graphs
 from palpate.messages import decode
 from palpate.messages.bus import STATUS_TOPIC
 from palpate.messages.types import NodeStatus
+from palpate.nodes.runtime import Watcher
 from palpate.tools.introspection import TapSubscription, Topic
 
 ROOT = Path(__file__).parents[2]  # Where a new process begins, and finds this module
@@ -118,6 +119,6 @@ def _share(rates: Sequence[float], alone: Sequence[float]) -> float:
 
 def launch_ring(folder: str) -> None:
     """Launch a ring of two nodes that turns until it is interrupted."""
-    watcher, place = SilentWatcher(), Path(folder)
+    watcher, place = Watcher(), Path(folder)
     ring = token_ring(10**12)
     launch(ring, ends="source", watch=(), watcher=watcher, name="ring", work_dir=place)

@@ -20,6 +20,7 @@ from palpate.bench.table import Row, at_least, at_most, best_seconds, figure_of
 from palpate.core import Floats, shapes, splines
 from palpate.core.geometry import nearest_points, nearest_search, sample_surface
 from palpate.core.rebuild.recovery import Warps, distances_alone, normal_distances, recover
+from palpate.core.splines.inversion import invert_general
 from palpate.core.thesis import fit_closed_curve_thesis, invert_thesis
 
 TRIALS, QUICK_TRIALS = 200, 30
@@ -354,7 +355,7 @@ def _lost(found: splines.Inversion) -> float:
 
 def _loop(volume: splines.SplineVolume, points: Floats) -> float:
     """Seconds for all points one at a time, of which some are: by the same least squares."""
-    invert = partial(splines.invert_points, volume, method="general")
+    invert = partial(invert_general, volume)
     return best_seconds(lambda: [invert(p[None]) for p in points], 1) * POINTS / len(points)
 
 

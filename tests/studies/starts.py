@@ -15,7 +15,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from palpate.bench.table import Row, SilentWatcher, at_most
+from palpate.bench.table import Row, at_most
+from palpate.nodes.runtime import Watcher
 
 MOST = 0.2  # Of the time of fresh interpreters
 _DEADLINE = 60.0
@@ -114,7 +115,7 @@ def seconds_of_fresh(modules: Sequence[str]) -> float:
     return took
 
 
-class _UntilReady(SilentWatcher):
+class _UntilReady(Watcher):
     """Has seen enough when all nodes are ready."""
 
     seconds = 0.0

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -7,7 +8,6 @@ import trimesh
 
 import palpate
 from palpate.core.archive import tree_to_bytes
-from palpate.core.geometry.nearest import SelfIntersection
 from palpate.core.poses import inverse_pose, transform_points
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.point_clouds import MeasuredContours
@@ -246,13 +246,22 @@ def test_contours_that_are_odd_but_used_are_named(home, capsys):
     assert "warning contour 19 (lines 62 to 91)" in published
 
 
-def test_crossings_of_the_surface_are_told(table, capsys, monkeypatch):
-    two = SelfIntersection(np.zeros((2, 2), np.int32), np.zeros((2, 3)))
-    monkeypatch.setattr("palpate.tools.reconstruction.self_intersection", lambda *_: two)
-    assert run(table, "--unit", "mm") == 0
+def test_a_surface_that_passes_through_itself_is_told_and_nothing_is_promised_of_it(home, capsys):
+    away = 0.02 + 0.03 * np.cos(TURN)  # a limacon, whose inner loop is a second sheet
+    rows = [
+        f"{x:.6f},{y:.6f},{z:.6f},{number}"
+        for number, z in enumerate(np.linspace(0.0, 0.06, 5))
+        for x, y in zip(away * np.cos(TURN), away * np.sin(TURN), strict=True)
+    ]
+    (home / "looped.csv").write_text("\n".join(["x,y,z,contour", *rows]))
+    assert run("looped.csv", "--unit", "m") == 0
     published = " ".join(capsys.readouterr().out.split())
-    assert "holes through it 0, crossings with itself 2" in published
-    assert "the surface passes through itself: 2 pairs of triangles cross" in published
+    assert "confidence none: the surface passes through itself" in published
+    assert re.search(r"passes through itself: \d+ pairs of triangles cross", published)
+    assert run("looped.csv", "--unit", "m", "--json") == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["self_intersections"] > 0
+    assert figures["error_rms_m"] is None
 
 
 def test_contours_that_cannot_be_used_are_called_as_in_the_file(home, capsys):

@@ -1,4 +1,3 @@
-import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -39,7 +38,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "effects.md").read_text(encoding="u
 
 
 def effect_title(name):
-    return str(sys.modules[effect_type(name).__module__].__doc__).strip().partition("\n")[0]
+    return str(effect_type(name).__doc__).partition("\n")[0]
 
 
 def section(name):

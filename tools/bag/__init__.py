@@ -3,9 +3,7 @@
 Formats of export may be added in `FORMATS`. Rests on messages.recording and, to play, on launch.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.bag.contents import bag_info as bag_info

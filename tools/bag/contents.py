@@ -12,7 +12,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
 
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Message, Metadata
 
 from palpate import __version__
 from palpate.launch import counted, find_bag, size_text, text_table, titled
@@ -111,34 +111,32 @@ class _Tally:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     first: int = 0
     last: int = 0
-    _schemas: dict[tuple[Path, int], str] = field(default_factory=dict)
-    _channels: dict[tuple[Path, int], BagTopic] = field(default_factory=dict)
     _begun: bool = False
 
     def take(self, found: recording.LocatedRecord) -> None:
-        part, _, record = found
+        record, channel, schema = found.record, found.channel, found.schema
         match record:
             case Message():
-                one = self._channels[part, record.channel_id]
+                assert channel is not None
+                one = self.topics[channel.topic]
                 one["messages"] += 1
                 one["bytes"] += len(record.data)
                 sent = record.publish_time
                 self.first = min(self.first, sent) if self._begun else sent
                 self.last = max(self.last, sent)
                 self._begun = True
-            case Schema():
-                self._schemas[part, record.id] = record.name
             case Channel():
+                assert schema is not None
                 # A topic may have another one for each start of its publisher.
                 one = BagTopic(
                     topic=record.topic,
-                    type=self._schemas[part, record.schema_id],
+                    type=schema.name,
                     publisher=printable(record.metadata.get("publisher", "")),
                     messages=0,
                     bytes=0,
                     share=0.0,
                 )
-                self._channels[part, record.id] = self.topics.setdefault(record.topic, one)
+                self.topics.setdefault(record.topic, one)
             case Metadata():
                 self.metadata.setdefault(record.name, record.metadata)
 

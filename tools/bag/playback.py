@@ -17,7 +17,7 @@ from palpate.launch import Entry, Graph, find_bag, launch
 from palpate.launch.files import InputError
 from palpate.launch.processes import running_graphs
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.runtime import Wiring
+from palpate.nodes.runtime import Watcher, Wiring
 from palpate.tools.introspection import notify
 
 PLAYER_NAME = "player"
@@ -67,7 +67,7 @@ def play_recording(entry: Entry, *, quiet: bool) -> int:
     return DONE if ending.status == "finished" else DIED
 
 
-class PlaybackWatcher:
+class PlaybackWatcher(Watcher):
     """Says what a player does."""
 
     def __init__(self, wiring: Wiring, *, quiet: bool, keys: Keyboard) -> None:
@@ -81,9 +81,6 @@ class PlaybackWatcher:
         number, params = len(self._wiring.outputs), self._wiring.params
         how = ", paused" if params.paused else ""
         self.say(f"playing {params.path}: {number} topics, {params.rate:g} x{how}")
-
-    def received(self, topic: str, message: object) -> None:
-        """Nothing is asked for."""
 
     def log(self, record: LogRecord) -> None:
         """Show what went wrong."""

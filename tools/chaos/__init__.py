@@ -4,9 +4,7 @@ Kinds of fault and their timing may be changed in `fault_injection`; `history` s
 what it judges, and should not. Rests on launch.processes and the command line, as a user does.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.chaos.fault_injection import FAULT_KINDS as FAULT_KINDS

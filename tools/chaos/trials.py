@@ -16,7 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.launch import RECORDING
+import numpy as np
+
+from palpate.launch import RECORDING, read_summary
 from palpate.launch.processes import FOLDER_PREFIX, MESSAGE_LOG_FOLDER, remove_stale_folders
 from palpate.messages.recording import open_recording
 from palpate.nodes.runtime import recorded_nodes
@@ -106,8 +108,7 @@ class Tally:
 
 def quantile(times: Sequence[float], share: float) -> float | None:
     """The least of the times that this share of them does not exceed; None without any."""
-    ordered = sorted(times)
-    return ordered[max(0, -int(-share * len(ordered) // 1) - 1)] if ordered else None
+    return float(np.quantile(times, share, method="inverted_cdf")) if times else None
 
 
 def run_trials(
@@ -146,7 +147,7 @@ def run_baseline(subject: Exploration, out: Path) -> Baseline:
     code = subject.start(out).wait()
     if code not in (0, 1) or not (out / "summary.json").exists():
         raise ValueError(f"the undisturbed run fails: {stderr_of(out)}")
-    summary, messages = summary_of(out), messages_in(out)
+    summary, messages = read_summary(out), messages_in(out)
     counts = {topic: number for topic, (number, _) in messages.items()}
     graph = recorded_nodes(open_recording(out / RECORDING).graph)
     pairs = {(one.name, edge.publisher) for one in graph for edge in one.inputs}
@@ -286,19 +287,13 @@ def stderr_of(out: Path) -> str:
 
 def _other_result(before: Baseline, out: Path) -> Iterator[str]:
     """In what the result is not that of the undisturbed run."""
-    mesh = summary_of(out)["mesh_sha256"]
+    mesh = read_summary(out)["mesh_sha256"]
     if mesh != before.mesh:
         yield f"the mesh is {mesh} instead of {before.mesh}"
     found = messages_in(out)
     for topic, digest in before.messages.items():
         if found.get(topic) != digest:
             yield f"{topic} is not what it is undisturbed"
-
-
-def summary_of(out: Path) -> dict[str, Any]:
-    """The figures of a run directory."""
-    found: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    return found
 
 
 def messages_in(out: Path) -> dict[str, tuple[int, str]]:

@@ -5,9 +5,7 @@ click command in its family and one line in `command_line`. Rests on click, and 
 everything else.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.cli.command_line import main as main

@@ -212,7 +212,7 @@ palpate_group = LazyGroup(
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
-        "bench": ("..bench.suite.groups", "Measure speed and accuracy."),
+        "bench": ("..bench.suite", "Measure speed and accuracy."),
         "chaos": ("launching", "Put faults into explorations and say what they survive."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds it as a solid.",

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from palpate import launch
-from palpate.launch.files import InputError
+from palpate.launch.files import InputError, hint
 from palpate.tools import chaos, replay
 from palpate.tools.cli import command_line
 
@@ -275,12 +275,16 @@ def _resume(
 @click.option("--minutes", type=click.FloatRange(0), default=5.0, help="Begin no run after that.")
 @click.option("--scene", default="vase", help="A shipped scene's name or a YAML file.")
 @click.option("--fingers", type=click.IntRange(1, 8), default=1, help="Fingers that explore.")
-@click.option("--kinds", metavar="A,B", help="Only these faults.")
+@command_line.names_option("--kinds", "A,B", "Only these faults.")
 @command_line.json_option("Print all figures.")
 def chaos_command(
-    seed: int, minutes: float, scene: str, fingers: int, kinds: str | None, as_json: bool
+    seed: int, minutes: float, scene: str, fingers: int, kinds: tuple[str, ...], as_json: bool
 ) -> int:
     """Put faults into explorations; `CHAOS_HELP` says which."""
+    for one in kinds:
+        if one not in chaos.FAULT_KINDS:
+            told = f"there is no {one!r}; {hint(one, chaos.FAULT_KINDS)}"
+            raise InputError(f"--kinds {','.join(kinds)}: {told}")
     subject = chaos.Exploration(
         "explore", (f"scene:={launch.find_scene(scene).resolve()}", f"fingers:={fingers}")
     )
@@ -289,27 +293,13 @@ def chaos_command(
             subject,
             seed=seed,
             minutes=minutes,
-            kinds=_fault_kinds(kinds),
+            kinds=kinds or chaos.FAULT_KINDS,
             echo=lambda line: click.echo(line, err=True),
         )
     click.echo(json.dumps(tally.figures) if as_json else str(tally))
     for failed, what in tally.failed:
         click.echo(f"palpate: chaos --seed {failed} --minutes 0: {what}", err=True)
     return 1 if tally.failed else 0
-
-
-def _fault_kinds(text: str | None) -> tuple[str, ...]:
-    from palpate.launch.files import hint
-
-    if text is None:
-        return chaos.FAULT_KINDS
-    named = tuple(filter(None, map(str.strip, text.split(","))))
-    for one in named:
-        if one not in chaos.FAULT_KINDS:
-            raise InputError(f"--kinds {text}: there is no {one!r}; {hint(one, chaos.FAULT_KINDS)}")
-    if not named:
-        raise InputError(f"--kinds names none; there are {', '.join(chaos.FAULT_KINDS)}")
-    return named
 
 
 @click.command("host")

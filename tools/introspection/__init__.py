@@ -4,9 +4,7 @@ Copies may be lost on the way to a tool, the graph itself is never held up; pati
 intervals may be tuned. Rests on launch.processes (which graphs run) and on palpate.messages.bus.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.introspection.doctor import graphs_findings as graphs_findings

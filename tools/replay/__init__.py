@@ -4,9 +4,7 @@ What counts as a difference is in `comparison`. Rests on the pure handlers of pa
 palpate.messages.recording.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.replay.rerun import past_differences as past_differences

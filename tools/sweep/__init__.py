@@ -5,9 +5,7 @@ depends on its own resolved parameters alone, and keeps its folder. `workers` is
 made, here or on a cluster; `results` is what a user gets of them. Rests on palpate.launch.
 """
 
-from typing import TYPE_CHECKING
-
-from palpate.rooms import lazy
+from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.sweep.results import pareto_front as pareto_front

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core import Bools
-from palpate.launch import counted, text_table
+from palpate.launch import Scale, counted, scale, text_table
 from palpate.tools.sweep.sweep_file import Sweep
 
 # Keys of a run's record, in the order of the CSV file.
@@ -44,8 +43,7 @@ LINKS = ("", "cost.svg", "summary.json")  # Of a run, where they are there
 COLOURS = 8
 LEFT, RIGHT, TOP, BOTTOM, WIDTH, HEIGHT = 66.0, 884.0, 14.0, 416.0, 900.0, 462.0  # Pixels
 APART = 16.0  # Pixels between the numbers of two runs on the front
-LEAST = 1.0e-6  # What is drawn of less than that, in any unit
-STEPS = ((1,), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 8), [n / 10 for n in range(10, 100)])
+MOST_TICKS = 12
 
 
 class Row(NamedTuple):
@@ -149,37 +147,6 @@ def sweep_text(rows: Sequence[Row]) -> str:
     return "\n".join(text_table(lines, range(len(lines[0]) - len(SHOWN), len(lines[0]))))
 
 
-class Axis(NamedTuple):
-    """A logarithmic axis: values, and the pixels at which its ends stand."""
-
-    low: float
-    high: float
-    start: float
-    end: float
-
-    @classmethod
-    def over(cls, values: Sequence[float], start: float, end: float) -> Axis:
-        """With room on both sides of the values."""
-        low, high = (max(LEAST, pick(values)) for pick in (min, max))
-        room = max((high / low) ** 0.06, 1.12)
-        return cls(low / room, high * room, start, end)
-
-    def at(self, value: float) -> float:
-        """Where a value stands."""
-        share = math.log(max(LEAST, value) / self.low) / math.log(self.high / self.low)
-        return round(self.start + share * (self.end - self.start), 1)
-
-    def ticks(self) -> list[float]:
-        """Some four to twelve round values."""
-        decades = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)))
-        for steps in STEPS:
-            found = [step * 10.0**power for power in decades for step in steps]
-            found = [value for value in found if self.low <= value <= self.high]
-            if len(found) >= 4:
-                break
-        return found[:: 1 + len(found) // 12]
-
-
 def page_text(name: str, rows: Sequence[Row], folder: Path) -> str:
     """The page of a sweep of this name; `folder` is where it will lie, and its runs' folders."""
     names = varying(rows)
@@ -214,9 +181,9 @@ def _chart(rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str]) -
         value: float = row.record[key] or 0.0
         return value * (1000.0 if len(best) == 1 else 100.0 / row.record["size_m"])
 
-    x = Axis.over([row.record[cost] for row in kept], LEFT, RIGHT)
+    x = scale([row.record[cost] for row in kept], LEFT, RIGHT)
     drawn = [height(row, key) for row in kept for key in (ERROR, BOUND, FLOOR)]
-    y = Axis.over([value for value in drawn if value] or [LEAST], BOTTOM, TOP)
+    y = scale([value for value in drawn if value] or [0.0], BOTTOM, TOP)
     yield f'<figure data-cost="{COSTS[cost]}"><figcaption>Error against {COSTS[cost]}</figcaption>'
     yield f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">'
     yield from _frame(x, y, COSTS[cost], f"root mean square error, {unit}")
@@ -251,13 +218,13 @@ def _dot(row: Row, colour: str, x: float, y: float, bound: float) -> Iterator[st
     yield f'<circle class="{kind}" cx="{x}" cy="{y}" r="5"/></a>'
 
 
-def _frame(x: Axis, y: Axis, across: str, up: str) -> Iterator[str]:
+def _frame(x: Scale, y: Scale, across: str, up: str) -> Iterator[str]:
     size = f'width="{RIGHT - LEFT}" height="{BOTTOM - TOP}"'
     yield f'<rect class="frame" x="{LEFT}" y="{TOP}" {size}/>'
-    for value in x.ticks():
+    for value in x.ticks(MOST_TICKS):
         yield f'<path class="grid" d="M{x.at(value)} {BOTTOM}V{TOP}"/>'
         yield f'<text class="mid" x="{x.at(value)}" y="{BOTTOM + 17}">{value:g}</text>'
-    for value in y.ticks():
+    for value in y.ticks(MOST_TICKS):
         yield f'<path class="grid" d="M{LEFT} {y.at(value)}H{RIGHT}"/>'
         yield f'<text class="end" x="{LEFT - 7}" y="{y.at(value) + 4}">{value:g}</text>'
     middle = f"{(LEFT + RIGHT) / 2} {HEIGHT - 8}"

@@ -55,7 +55,7 @@ def explore_into(plan: launch.Plan, folder: Path) -> Record:
     moved = replace(plan, folder=launch.RunDirectory(folder, linked=False), wirings=wirings)
     began = time.thread_time()
     try:
-        done = launch.perform(moved, composed=True, display=launch.SilentDisplay())
+        done = launch.perform(moved, composed=True, display=launch.Display())
     except InputError:
         raise
     except Exception as error:  # one run must not end all others

@@ -48,7 +48,7 @@ def prefix(path: Path) -> tuple[list[bytes], str]:
     """Bodies of the messages up to the first fault, and the fault."""
     bodies: list[bytes] = []
     try:
-        for record in framing.file_records(path):
+        for _, record in framing.placed_records(path):
             if hasattr(record, "publish_time"):
                 bodies.append(record.data)
     except ValueError as error:
