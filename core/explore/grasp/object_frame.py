@@ -1,10 +1,11 @@
 """The frame in which an object is sliced, where it begins and ends, and its coarse model.
 
-Its axis is the one about which the object was turned, if there is one; else the principal axis that
-differs most from the others (Fung, 1999, 6.1), or beside it the one along which the surface runs
-straight; else the world's own z axis, which the frame tells. Who knows better may give the axis. An
-end that was touched is where its contacts tell; one that was not is where the fitted solid has it,
-if that fits, or where the platform cuts it off.
+Its axis is the one about which the object was turned, if there is one; else the longest principal
+axis, so that the ends, which slices know least of, are its smallest faces; the shortest where the
+two longer ones are alike (Fung, 1999, 6.1, takes the one that differs most); or beside it the one
+along which the surface runs straight; else the world's own z axis, which the frame tells. Who knows
+better may give the axis. An end that was touched is where its contacts tell; one that was not is
+where the fitted solid has it, if that fits, or where the platform cuts it off.
 
 What the fitted solid misses is a smooth field of displacements along its normals: a Gaussian
 process that the contacts' residuals pin down where they are; elsewhere it returns to nothing, and
@@ -35,9 +36,6 @@ SURE = math.radians(3.0)  # An axis whose standard deviation is larger is none
 # A fit that came to a bound reaches where nothing was touched: its axes are less certain by this.
 STRAINED = 6.0
 DISTINCT = 1.06  # Principal axes whose ratio is smaller are alike
-# The longest principal axis is taken if it is by this ratio longer than the next; else that which
-# differs more.
-SLENDER = 1.25
 EXACT = 1e-9  # A given axis that leans less is the vertical, rad
 # An axis of revolution within two standard deviations of the vertical, but at least and at most
 # this, is the vertical: objects stand on platforms.
@@ -374,14 +372,17 @@ def _line(solid: CorrectedSolid, turned: RevolutionAxis, strain: float) -> _Line
         size = math.sqrt(float(body.spread.sum()))
         return _Line(turned.axis, turned.point, "revolution", turned.error, turned.rms * size)
     widths = np.sqrt(body.spread)
-    slender, flat = widths[2] / widths[1], widths[1] / widths[0]
-    kind: AxisKind = "longest" if slender >= min(SLENDER, flat) else "shortest"
-    column, others = (2, (0, 1)) if kind == "longest" else (0, (1, 2))
-    most = float(np.linalg.eigvalsh(solid.tilts[np.ix_(others, others)])[-1])
-    error = strain * math.sqrt(max(most, 0.0))
-    if max(slender, flat) < DISTINCT or error > SURE:
-        return _Line(np.array([0.0, 0.0, 1.0]), body.centroid, "none", 0.0, solid.shift)
-    return _Line(body.axes[:, column], body.centroid, kind, error, solid.shift)
+    found: tuple[tuple[AxisKind, int, float], ...] = (
+        ("longest", 2, widths[2] / widths[1]),
+        ("shortest", 0, widths[1] / widths[0]),
+    )
+    for kind, column, ratio in found:
+        others = [one for one in range(3) if one != column]
+        most = float(np.linalg.eigvalsh(solid.tilts[np.ix_(others, others)])[-1])
+        error = strain * math.sqrt(max(most, 0.0))
+        if ratio >= DISTINCT and error <= SURE:
+            return _Line(body.axes[:, column], body.centroid, kind, error, solid.shift)
+    return _Line(np.array([0.0, 0.0, 1.0]), body.centroid, "none", 0.0, solid.shift)
 
 
 class Contacts(NamedTuple):
