@@ -37,9 +37,11 @@ GROWTH = 0.5  # Error over distance where nothing was checked
 LEAST_SLOPE = 0.3  # Of the gradient
 FARTHEST = 15.0e-3  # m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
-# Error of a place that was left open over that of one that was touched later, at the same distance:
-# what is left open is what is hard to reach.
-OPEN_FACTOR = 2.5
+# Error of a place that is left open over that of one that was touched later, at the same distance:
+# what is left open is what is hard to reach. One more each so many m, and at most so many.
+OPEN_WAY, MOST_OPEN_FACTOR = 2.5e-3, 4.5
+FOOT_FACTOR = 2.5  # The same of what lies below the lowest touches
+LEAN = 0.05  # How far an underside may be off that nobody touched, over the distance from touch
 LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m
 
 
@@ -71,6 +73,11 @@ def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
     return np.asarray(np.bincount(touch, found) / counts)
 
 
+def open_factors(distances: Floats) -> Floats:
+    """By how much bounds (n,) grow where nothing was touched within distances (n,), m."""
+    return np.asarray(np.minimum(1.0 + distances / OPEN_WAY, MOST_OPEN_FACTOR))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FootErrors:
     """Errors below the lowest touches of an object that stands, m."""
@@ -82,6 +89,10 @@ class FootErrors:
         """Expected errors (n,) at heights (n,) over the platform: as the square of the way down."""
         below = np.clip(self.lowest - heights, 0.0, self.lowest)
         return np.asarray(self.error * np.square(below / max(self.lowest, LEAST_ERROR)))
+
+    def bounds(self, heights: Floats, distances: Floats) -> Floats:
+        """Bounds (n,) of them at distances (n,) from touch: undersides may lean, or be hollow."""
+        return np.asarray(np.hypot(FOOT_FACTOR * self.at(heights), LEAN * distances))
 
 
 def held_out_errors(

@@ -25,9 +25,9 @@ from palpate.core.rebuild.general.fitting import (
 )
 from palpate.core.rebuild.general.prediction import (
     OPEN,
-    OPEN_FACTOR,
     DistanceErrors,
     FootErrors,
+    open_factors,
 )
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.general.updating import refit_locally
@@ -121,17 +121,15 @@ class GeneralSolid:
         """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
         distances = touch_distances(self.contacts, places)
         errors, bounds = (self.predicted.at(distances, upper=upper) for upper in (False, True))
-        bounds = np.where(distances > OPEN, OPEN_FACTOR * bounds, bounds)
+        bounds = open_factors(distances) * bounds
         if self.platform is None or self.foot is None:
             return errors, bounds
         heights = places[:, 2] - self.platform
         below, foot = heights < self.foot.lowest, self.foot.at(heights)
         within = np.minimum(distances, OPEN)
         near, most = (self.predicted.at(within, upper=upper) for upper in (False, True))
-        return (
-            np.where(below, np.hypot(near, foot), errors),
-            np.where(below, np.hypot(most, OPEN_FACTOR * foot), bounds),
-        )
+        most = np.hypot(open_factors(within) * most, self.foot.bounds(heights, distances))
+        return np.where(below, np.hypot(near, foot), errors), np.where(below, most, bounds)
 
     def covers(self, places: Floats) -> bool:
         """Whether all places (n, 3) lie in the band, so that `update` takes them up."""
