@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,12 +12,26 @@ from scipy.spatial import cKDTree
 
 from palpate.bench.explore import Explored
 from palpate.core import Floats
-from palpate.core.geometry import nearest_points, nearest_search, sample_surface
+from palpate.core.geometry import (
+    areas_and_normals,
+    nearest_points,
+    nearest_search,
+    sample_surface,
+)
 
-SAMPLES, EVERY = 20_000, 2  # Places, and of these drawn
+SAMPLES = 20_000  # Places on each surface
 NEAR = 5e-3  # Of a touched point, m
-VIEWS = ((20.0, 35.0), (20.0, 215.0), (75.0, 35.0))  # Elevation and azimuth, degrees
+VIEWS = ((20.0, 35.0), (20.0, 215.0), (75.0, 35.0), (-60.0, 35.0))  # Elevation, azimuth, degrees
 LEAST, MOST = 0.01, 5.0  # Ends of the colours, mm
+
+
+class _Side(NamedTuple):
+    """One of two surfaces that are compared."""
+
+    name: str
+    places: Floats  # (n, 3), m
+    normals: Floats  # Outward, (n, 3)
+    distances: Floats  # From the other, (n,), m
 
 
 class Deviations(NamedTuple):
@@ -30,18 +46,17 @@ def draw_run(found: Explored, path: Path, title: str) -> Deviations:
     last, truth = found.models[-1], found.truth
     solid, real = last.vertices[last.faces], truth.vertices[truth.faces]
     rng = np.random.default_rng(0)
-    on_real, on_solid = (sample_surface(one, SAMPLES, rng).points for one in (real, solid))
-    to_solid = nearest_points(nearest_search(solid), on_real).distances
-    to_real = nearest_points(nearest_search(real), on_solid).distances
-    away = np.concatenate([_from_touch(last.vertices, last.vertex_distances, places)
-                           for places in (on_real, on_solid)])  # fmt: skip
-    every = np.concatenate([to_solid, to_real])
-    near = away <= NEAR
-    _draw(path, title, ((on_real, to_solid, "truth"), (on_solid, to_real, "rebuilt")))
-    return Deviations(
-        float(np.sqrt(np.mean(every[near] ** 2))) if near.any() else 0.0,
-        float(near[: len(on_real)].mean()),
-    )
+    sides = []
+    for name, one, other in (("truth", real, solid), ("rebuilt", solid, real)):
+        places, faces = sample_surface(one, SAMPLES, rng)
+        distances = nearest_points(nearest_search(other), places).distances
+        sides.append(_Side(name, places, areas_and_normals(one)[1][faces], distances))
+    _draw(path, title, sides)
+    away = [_from_touch(last.vertices, last.vertex_distances, side.places) for side in sides]
+    near = np.concatenate(away) <= NEAR
+    every = np.concatenate([side.distances for side in sides])
+    touched = float(np.sqrt(np.mean(every[near] ** 2))) if near.any() else 0.0
+    return Deviations(touched, float(near[:SAMPLES].mean()))
 
 
 def _from_touch(vertices: Floats, distances: Floats, places: Floats) -> Floats:
@@ -52,21 +67,24 @@ def _from_touch(vertices: Floats, distances: Floats, places: Floats) -> Floats:
     return np.asarray(way + distances[number])
 
 
-def _draw(path: Path, title: str, parts: tuple[tuple[Floats, Floats, str], ...]) -> None:
+def _draw(path: Path, title: str, sides: Sequence[_Side]) -> None:
+    """What of both faces the viewer, from all around and from below."""
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12, 8), layout="constrained")
+    figure = Figure(figsize=(15, 8), layout="constrained")
     figure.suptitle(f"{title}: distance from the other, mm")
-    norm = LogNorm(LEAST, MOST)
-    for row, (places, distances, name) in enumerate(parts):
-        millimetres, colours = 1e3 * places[::EVERY], np.clip(1e3 * distances[::EVERY], LEAST, MOST)
-        for column, (elevation, azimuth) in enumerate(VIEWS):
-            axes = figure.add_subplot(2, len(VIEWS), 1 + row * len(VIEWS) + column, projection="3d")
-            drawn = axes.scatter(*millimetres.T, c=colours, norm=norm, s=2, cmap="turbo")
-            axes.view_init(elevation, azimuth)
-            axes.set_aspect("equal")
-            axes.set_title(name, fontsize=9)
-            axes.tick_params(labelsize=6)
+    norm, count = LogNorm(LEAST, MOST), len(VIEWS)
+    for number, (side, (elevation, azimuth)) in enumerate(product(sides, VIEWS), start=1):
+        up, turn = np.radians([elevation, azimuth])
+        towards = np.array([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)])
+        seen = side.normals @ towards > 0.0
+        colours = np.clip(1e3 * side.distances[seen], LEAST, MOST)
+        axes = figure.add_subplot(len(sides), count, number, projection="3d")
+        drawn = axes.scatter(*1e3 * side.places[seen].T, c=colours, norm=norm, s=2, cmap="turbo")
+        axes.view_init(elevation, azimuth)
+        axes.set_aspect("equal")
+        axes.set_title(side.name, fontsize=9)
+        axes.tick_params(labelsize=6)
     figure.colorbar(drawn, ax=figure.axes, shrink=0.6)
     figure.savefig(path, dpi=80)

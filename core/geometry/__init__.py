@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from palpate.core.geometry.distances import prepare_surface as prepare_surface
     from palpate.core.geometry.distances import sample_surface as sample_surface
     from palpate.core.geometry.meshes import are_outside as are_outside
+    from palpate.core.geometry.meshes import areas_and_normals as areas_and_normals
     from palpate.core.geometry.meshes import close_rings as close_rings
     from palpate.core.geometry.meshes import facet_sag as facet_sag
     from palpate.core.geometry.meshes import is_closed as is_closed
