@@ -58,6 +58,9 @@ if TYPE_CHECKING:
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
 
+MOST_GOALS = 4000  # A message lists no more than `messages.fields.MAX_ITEMS` of their results
+
+
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
@@ -303,7 +306,7 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
         if state.is_stale:  # ask for a model of all that there is, and wait for it
             return _ask(state)
         observation = _observation(demand, state, finger)
-        choice = _answer(rule, observation)
+        choice = _answer(rule, state, observation)
         if isinstance(choice, Stop) and state.aimed and not observation.budget.spent:
             return _ask(state)
         if isinstance(choice, Touch) and allowed:
@@ -316,6 +319,8 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
             goal = planning.contour_goal(state, finger, choice, demand.feature, allowed)
             return _with_task(state, finger, task), [("/contour/goal", goal)]
         if isinstance(choice, Stop) and not state.tasks and not observation.budget.spent:
+            if state.general:  # whose ends are surface like all else: the planner knows of them
+                return state, []
             touch = planning.next_touch(state, demand.tolerance, last=True)
     if touch is None or allowed is None:
         return state, []
@@ -332,8 +337,10 @@ def _ask(state: State) -> tuple[State, Outputs]:
     return state, [("/model/goal", planning.model_goal(state))]
 
 
-def _answer(rule: Planner, observation: Observation) -> Choice:
+def _answer(rule: Planner, state: State, observation: Observation) -> Choice:
     """What the rule answers; what nobody can act on ends the exploration with what there is."""
+    if state.goals >= MOST_GOALS:
+        return Stop("a model can list no more contours and single touches")
     try:
         return check_choice(rule, observation)
     except WrongChoiceError as error:
@@ -363,7 +370,7 @@ def _with_task(state: State, finger: int, task: Task) -> State:
 def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
     """The end, with what the rule says of it."""
     observation = _observation(demand, state)
-    stop = _answer(rule, observation)
+    stop = _answer(rule, state, observation)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
     return done(state, stop.reason + _shape(state), observation)

@@ -14,10 +14,13 @@ import pytest
 from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import FEATURE_SHARE
 from palpate.core.poses import inverse_pose, split_pose, transform_points
+from palpate.messages import derive
 from palpate.messages.codec import encode
+from palpate.messages.fields import MAX_ITEMS
 from palpate.messages.types.model import ModelGoal, ShapeModel, Superquadric
 from palpate.messages.types.motion import ContourGoal, GraspContacts, GraspGoal, Probe, ProbeGoal
 from palpate.messages.types.world import World
+from palpate.nodes import planner
 from palpate.nodes.planner import Params
 
 TOUCHES = 20
@@ -257,6 +260,35 @@ def test_an_answer_that_nobody_can_act_on_ends_it_with_what_there_is(
     assert len(done.contours) == 3
     assert done.reason.startswith("the planner Lost gave no answer to act on: a height must lie")
     assert not done.tolerance_met
+
+
+def test_ends_of_a_general_solid_are_not_touched_apart(
+    explored: Explored, cylinder: Any, world: World
+):
+    class General(cylinder):
+        """A cylinder of which no slices tell."""
+
+        def model_of(self, goal: ModelGoal) -> tuple[str, Any]:
+            topic, model = super().model_of(goal)
+            if isinstance(model, ShapeModel):
+                model = derive(ShapeModel, model, method="general")
+            return topic, model
+
+    published = explored(UNIFORM, world, General())
+    modelled = [topic for topic, _ in published].index("/contour/goal")
+    assert of(published, "/plan/done")
+    assert of(published[:modelled], "/probe/goal")
+    assert not of(published[modelled:], "/probe/goal")
+
+
+def test_it_ends_before_there_are_more_goals_than_a_model_can_list(
+    explored: Explored, world: World, monkeypatch: pytest.MonkeyPatch
+):
+    assert planner.MOST_GOALS < MAX_ITEMS
+    monkeypatch.setattr(planner, "MOST_GOALS", 4)
+    [done] = of(explored(UNIFORM, world), "/plan/done")
+    assert done.reason == "a model can list no more contours and single touches"
+    assert len(done.contours) < 5
 
 
 def test_a_tolerance_that_the_sensor_cannot_tell_is_refused(explored: Explored, world: World):

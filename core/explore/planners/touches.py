@@ -26,8 +26,10 @@ TOUCH_SECONDS = 1.5  # Of a touch without the way to it
 TRAVEL_SPEED = 0.1  # m/s
 NEARLY = 0.6  # Of the largest gain: touches that are worth less wait
 # Touches, at least and as a share of all, over which nothing has changed by more than these shares,
-# of the bound and of the surface: more of them do not pay.
+# of the bound and of the surface: more of them do not pay. Nor do they where over a longer while
+# the bound went up and down, but never below what it had been.
 WINDOW, WINDOW_SHARE, SETTLED, SAME_OPEN = 24, 0.25, 0.06, 0.004
+WHILE, WHILE_SHARE = 96, 0.5
 MOST_OPEN = 0.01  # Of the surface: so much of it may lie far from every touch
 
 
@@ -100,16 +102,29 @@ def next_touch(
 
 def has_settled(progress: Sequence[Progress]) -> bool:
     """Whether the last touches brought nothing: neither a lower error nor less that is open."""
-    if not progress:
+    before, recent = _split(progress, WINDOW, WINDOW_SHARE)
+    if before and len(recent) > 1:
+        bounds, opened = [one.bound for one in recent], [one.open for one in recent]
+        alike = max(bounds) - min(bounds) <= SETTLED * max(bounds)
+        if alike and max(opened) - min(opened) <= SAME_OPEN:
+            return True
+    before, recent = _split(progress, WHILE, WHILE_SHARE)
+    if not before or not recent:
         return False
-    last = progress[-1]
-    since = last.touches - max(WINDOW, WINDOW_SHARE * last.touches)
-    if progress[0].touches > since:
-        return False
-    recent = [one for one in progress if one.touches >= since]
-    bounds, opened = [one.bound for one in recent], [one.open for one in recent]
-    alike = max(bounds) - min(bounds) <= SETTLED * max(bounds)
-    return len(recent) > 1 and alike and max(opened) - min(opened) <= SAME_OPEN
+    lower = min(one.bound for one in recent) < (1.0 - SETTLED) * min(one.bound for one in before)
+    return not lower and min(one.open for one in recent) >= (
+        min(one.open for one in before) - SAME_OPEN
+    )
+
+
+def _split(
+    progress: Sequence[Progress], least: int, share: float
+) -> tuple[Sequence[Progress], Sequence[Progress]]:
+    """What was known before the last touches, at least so many and this share of all; and since."""
+    last = progress[-1].touches if progress else 0
+    since = last - max(least, share * last)
+    first = sum(one.touches < since for one in progress)
+    return progress[:first], progress[first:]
 
 
 def _best(

@@ -147,6 +147,15 @@ def test_touches_that_change_nothing_are_the_last():
     assert not has_settled(falling)
 
 
+def test_touches_end_where_the_error_goes_up_and_down_but_never_below_what_it_was():
+    swaying = [3e-3, 2e-3, 1e-3, *([1.4e-3, 1e-3] * 12)]
+    assert not has_settled(progress_of(swaying[:10]))
+    assert has_settled(progress_of(swaying))
+    assert not has_settled(progress_of([*swaying, 0.8e-3]))
+    opened = progress_of(swaying)[:-1]
+    assert not has_settled([one._replace(open=0.5) for one in opened] + progress_of(swaying)[-1:])
+
+
 def test_touches_go_on_while_less_stays_open():
     steady = [Progress(10 * (i + 1), 1e-3, 0.2 - 0.03 * i) for i in range(6)]
     assert not has_settled(steady)
