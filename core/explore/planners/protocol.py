@@ -307,8 +307,9 @@ def _wrong_touch(observation: Observation, choice: Touch) -> str:
     if float(np.hypot(*pose[:2])) > surface.reach:
         place = ", ".join(f"{one:.3g}" for one in pose[:3])
         return f"a touch must begin within {surface.reach:g} m of the axis, got ({place}) m"
-    if surface.platform is not None and pose[2] < surface.platform:
-        return f"a touch must begin over the platform, got {pose[2]:g} m"
+    if surface.platform is not None and pose[2] < surface.platform - surface.reach:
+        low = f"{surface.reach:g} m below the platform"
+        return f"a touch must begin no lower than {low}, got {pose[2]:g} m"
     if surface.is_inside(pose[:3]):
         place = ", ".join(f"{one:.3g}" for one in pose[:3])
         return f"a touch must begin outside the object, got ({place}) m"

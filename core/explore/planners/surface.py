@@ -3,8 +3,10 @@
 A planner is told of the solid by its triangles and the error that is expected at each vertex.
 Places of it are drawn by area; those with the largest expected error are approached along their
 normals and along directions about them, and rays from the face of the pad tell what a touch would
-meet there, and whether the finger is free on its way: the finger is a prism behind the pad. A touch
-is worth the squared errors, times area, of the places that it would meet or come near to.
+meet there, and whether the finger is free on its way: the finger is a prism behind the pad. The
+platform is a pedestal, as wide as what stands on it: beside it the finger reaches lower, and
+touches what faces down. A touch is worth the squared errors, times area, of the places that it
+would meet or come near to.
 """
 
 from __future__ import annotations
@@ -33,8 +35,7 @@ BODY = 10.0e-3  # Length of the finger behind the pad's face that must be free, 
 LEAST_START, MOST_START = 4.0e-3, 20.0e-3  # Of the face over the place where it is expected, m
 DEVIATIONS = 3.0  # Expected errors that a start lies farther off
 BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
-CLEARANCE = 1.0e-3  # Of the finger over the platform, m
-DOWNWARD = -0.7  # Upward part of the normals of what faces down
+CLEARANCE = 1.0e-3  # Of the finger from the pedestal, m: what lies so low stands on it
 SAME = 1e-9  # Targets that differ by less are one, m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 HIDDEN_SLOPE = 0.5  # Error that an untouched place may hide, over its distance from touch
@@ -249,9 +250,8 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     points = np.einsum("nk,nki->ni", shares, corners[face])
     normals = crossed[face] / np.maximum(doubled[face], np.finfo(float).tiny)[:, None]
     under = np.zeros(PLACES, np.bool_)
-    if surface.platform is not None:  # no finger gets under what faces down, so near to it
-        heights = points[:, 2] - surface.platform
-        under = (heights < CLEARANCE) | ((heights < BODY) & (normals[:, 2] < DOWNWARD))
+    if surface.platform is not None:
+        under = points[:, 2] < surface.platform + CLEARANCE
     errors, bounds, distances = (
         np.einsum("nk,nk->n", shares, told[known])
         for told in (surface.errors, surface.bounds, surface.distances)
@@ -333,12 +333,7 @@ def _approach(
     """A touch of a place out of a direction; None where finger or start are not free."""
     places, pad = surface.places, surface.pad
     axes = pad_axes(-outward)
-    across = np.abs(axes[2, :2]) @ np.full(2, 0.5 * pad_width(pad))
     target = places.points[number]
-    if surface.platform is not None:
-        low = surface.platform + CLEARANCE + across
-        if target[2] < low:  # as low as the pad can go
-            target = target + np.array([0.0, 0.0, low - target[2]])
     start = min(
         max(LEAST_START, DEVIATIONS * float(places.errors[number]) + LEAST_START), MOST_START
     )
@@ -357,10 +352,26 @@ def _approach(
     begin = contact + start * outward
     if math.hypot(*begin[:2]) > surface.reach:
         return None
-    if surface.platform is not None and begin[2] < surface.platform + CLEARANCE + across:
+    if _meets_pedestal(places.points[places.under], contact, axes, pad, start + BODY):
         return None
     pose = pose_of(begin, axes)
     return TouchOffer(pose, start + BEYOND, points.mean(axis=0), known.astype(np.int32))
+
+
+def _meets_pedestal(
+    standing: Floats, contact: Floats, axes: Floats, pad: Pad, length: float
+) -> bool:
+    """Whether a finger at a contact meets what lies straight below places (n, 3).
+
+    `axes` (3, 3): of its pad, as columns. `length`: of the finger behind the pad's face, m.
+    """
+    half = 0.5 * pad_width(pad) + CLEARANCE
+    limits = np.array([[-half, half], [-half, half], [-length, -CLEARANCE]])
+    down = -axes[2]
+    down = np.where(np.abs(down) < SAME, SAME, down)
+    crossed = (limits - ((standing - contact) @ axes)[..., None]) / down[:, None]  # m downwards
+    begin, end = crossed.min(axis=2).max(axis=1), crossed.max(axis=2).min(axis=1)
+    return bool((np.maximum(begin, 0.0) < end).any())
 
 
 def pad_axes(inward: Floats) -> Floats:

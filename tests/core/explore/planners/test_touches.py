@@ -68,12 +68,23 @@ def test_the_next_touch_goes_where_the_error_is(ball_of, side):
     assert 3e-3 < np.linalg.norm(position - MIDDLE) - RADIUS < 25e-3
 
 
-def test_no_finger_goes_through_the_platform(ball_of):
-    low = ball_of(towards((0, 0, -1)), platform=0.018)
+def test_no_finger_meets_the_pedestal_on_which_the_object_stands(ball_of):
+    low = ball_of(towards((0, 0, -1)), platform=0.022)  # on all of it that lies lower
+    rim = RADIUS * np.sqrt(1.0 - ((MIDDLE[2] - 0.022) / RADIUS) ** 2)
+    turn, depth = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 60), np.linspace(0.0, 0.03, 60))
+    pedestal = [rim * np.cos(turn), rim * np.sin(turn), 0.022 - depth]
+    assert low.surface.offers
     for offer in low.surface.offers:
         position, axes = split_pose(offer.pose)
-        face = position[2] - 0.5 * 16e-3 * np.abs(axes[2, :2]).sum()
-        assert face >= 0.018
+        away = (np.stack(pedestal, axis=-1) - position) @ axes
+        assert not ((np.abs(away[..., :2]) < 8e-3).all(axis=-1) & (away[..., 2] < 0.0)).any()
+
+
+def test_what_faces_down_beside_the_pedestal_is_touched_from_below(ball_of):
+    choice = Touches().next(ball_of(towards((0.8, 0.0, -0.6)), platform=MIDDLE[2] - RADIUS))
+    assert isinstance(choice, Touch)
+    assert split_pose(choice.pose)[1][2, 2] > 0.3
+    assert choice.target[2] < MIDDLE[2]
 
 
 def test_what_was_touched_in_vain_is_not_touched_again(ball_of):
@@ -121,7 +132,7 @@ def test_an_opening_that_a_pad_spanned_is_known_to_be_unknown(ball_of):
 
 
 def test_the_underside_counts_though_nobody_can_touch_it(ball_of):
-    lying = ball_of(lambda at: 1e-2 if at[2] < 0.022 else 1e-5, platform=MIDDLE[2] - RADIUS)
+    lying = ball_of(lambda at: 1e-2 if at[2] < 0.0205 else 1e-5, platform=MIDDLE[2] - RADIUS)
     choice = Touches().next(lying)
     assert isinstance(choice, Stop)
     assert "is the underside, which may be off by" in choice.reason
@@ -188,7 +199,7 @@ class Says:
             MIDDLE + [0.2, 0.0, 0.0],
             r"must begin within 0\.12 m of the axis, got \(0\.2, 0, 0\.05\)",
         ),
-        (MIDDLE * -1.0, r"must begin over the platform, got -0\.05 m"),
+        (MIDDLE * -4.0, r"must begin no lower than 0\.12 m below the platform, got -0\.2 m"),
     ],
 )
 def test_a_touch_that_no_finger_can_make_is_refused(ball_of, place, words):
