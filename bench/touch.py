@@ -16,14 +16,7 @@ import numpy as np
 
 from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
 from palpate.bench.table import Figure, Row, at_least, at_most, figure_of, in_turns
-from palpate.core import (
-    IDENTITY_POSE,
-    ROBOT_PRESETS,
-    pad_rotation,
-    pose_of,
-    shapes,
-    touch,
-)
+from palpate.core import IDENTITY_POSE, ROBOT_PRESETS, pad_rotation, pose_of, shapes, touch
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
 from palpate.messages.types import Contour, ContourGoal, TouchGoal

@@ -39,13 +39,7 @@ from palpate.nodes.specs import build_shape
 if __name__ == "__main__":  # Not this folder: its modules are named as the tests name them
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from tests.studies.curvature import (
-    HEADS,
-    TRIALS,
-    EstimatorErrors,
-    estimator_rows,
-    noise_variance,
-)
+from tests.studies.curvature import HEADS, TRIALS, EstimatorErrors, estimator_rows, noise_variance
 from tests.studies.shapes import CLOSED_CURVES, CURVE_CONTROLS, CURVE_POINTS
 
 FRAME_PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)

@@ -12,12 +12,7 @@ from scipy.spatial import cKDTree
 
 from palpate.bench.explore import Explored
 from palpate.core import Floats
-from palpate.core.geometry import (
-    areas_and_normals,
-    nearest_points,
-    nearest_search,
-    sample_surface,
-)
+from palpate.core.geometry import areas_and_normals, nearest_points, nearest_search, sample_surface
 
 SAMPLES = 20_000  # Places on each surface
 NEAR = 5e-3  # Of a touched point, m

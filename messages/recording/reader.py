@@ -18,11 +18,7 @@ from typing import NamedTuple
 
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 
-from palpate.messages.recording.mcap_reading import (
-    Closed,
-    DamagedRecording,
-    placed_records,
-)
+from palpate.messages.recording.mcap_reading import Closed, DamagedRecording, placed_records
 from palpate.messages.recording.writer import ABOUT, COUNTS, PROFILE, AtomicFile, mcap_writer
 
 NOT_PALPATE = "was not written by palpate, or ends before it began"

@@ -3,12 +3,7 @@ from __future__ import annotations
 import pytest
 
 from palpate.bench import touch as frames
-from palpate.bench.touch import (
-    WORN,
-    frame_costs,
-    speed_rows,
-    trace_contour,
-)
+from palpate.bench.touch import WORN, frame_costs, speed_rows, trace_contour
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES
 
 

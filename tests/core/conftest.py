@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.tracing.contour_path import TouchCommand, arc_in_slice
-from palpate.core.explore.tracing.contour_trace import (
-    Trace,
-    after_touch,
-    next_command,
-)
+from palpate.core.explore.tracing.contour_trace import Trace, after_touch, next_command
 from palpate.core.rebuild.contours.contacts import contact_points_of
 from palpate.core.shapes.protocol import Shape
 from palpate.core.shapes.superquadrics import Superquadric

@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from palpate.core.least_squares import (
-    FIRST_DAMPING,
-    cauchy_loss,
-    levenberg_marquardt,
-    linear_loss,
-)
+from palpate.core.least_squares import FIRST_DAMPING, cauchy_loss, levenberg_marquardt, linear_loss
 
 FREE = np.full(2, np.inf)
 

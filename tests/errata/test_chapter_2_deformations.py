@@ -3,12 +3,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from palpate.core.shapes.global_deformations import Bend, Taper
-from palpate.core.splines.bases import (
-    Basis,
-    clamped_basis,
-    clamped_knots,
-    uniform_knots,
-)
+from palpate.core.splines.bases import Basis, clamped_basis, clamped_knots, uniform_knots
 from palpate.core.splines.spline_volumes import Parallelepiped
 
 ALPHA = 0.3

@@ -11,12 +11,7 @@ from palpate.launch import run_directory as run_dir
 from palpate.launch.files.source_map import InputError
 from palpate.launch.printing import TEXT_WIDTH, summary_text
 from palpate.launch.progress import Progress
-from palpate.launch.run_directory import (
-    choose_run_directory,
-    exit_code,
-    read_summary,
-    summarise,
-)
+from palpate.launch.run_directory import choose_run_directory, exit_code, read_summary, summarise
 from palpate.messages.types.catalogue import NodeStatus
 from palpate.messages.types.model import PlanDone, PlanEstimate
 from palpate.nodes.runtime.composed import Ending

@@ -21,14 +21,7 @@ from palpate.messages.types.motion import (
 from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
-from palpate.nodes.tracer import (
-    Params,
-    State,
-    know_sensor,
-    know_world,
-    take_goal,
-    take_patch,
-)
+from palpate.nodes.tracer import Params, State, know_sensor, know_world, take_goal, take_patch
 
 
 def contour_goal(**changes: Any) -> ContourGoal:

@@ -18,12 +18,7 @@ from scipy.spatial import cKDTree
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.dissection import Dissection
-from palpate.core.rebuild.general.fitting import (
-    ImplicitFit,
-    TouchedPoints,
-    Weights,
-    fit_implicit,
-)
+from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
 
 FOLDS, FEW_FOLDS = 4, 2  # Of the touches; and how many of these are left out on the way
 # Distances from touched points, in cells, between which errors are averaged.

@@ -18,17 +18,8 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
-from palpate.core.rebuild.general.fitting import (
-    ImplicitFit,
-    TouchedPoints,
-    Weights,
-)
-from palpate.core.rebuild.general.prediction import (
-    OPEN,
-    DistanceErrors,
-    FootErrors,
-    open_factors,
-)
+from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights
+from palpate.core.rebuild.general.prediction import OPEN, DistanceErrors, FootErrors, open_factors
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.general.updating import refit_locally
 from palpate.core.shapes import Mesh, grid_surface

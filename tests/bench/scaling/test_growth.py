@@ -6,12 +6,7 @@ import pytest
 from palpate.bench.objects import REBUILT_SHAPES
 from palpate.bench.rebuild import truth_of
 from palpate.bench.scaling import growth
-from palpate.bench.scaling.growth import (
-    Growth,
-    fit_power_law,
-    taxel_growth,
-    touched_contours,
-)
+from palpate.bench.scaling.growth import Growth, fit_power_law, taxel_growth, touched_contours
 from palpate.bench.table import run_groups
 from palpate.core.geometry.nearest import nearest_points
 from tests import figures

@@ -12,12 +12,7 @@ from palpate.core.poses import transform_points
 from palpate.core.rebuild.contours.contacts import ContactPoints
 from palpate.core.rebuild.ends.touched import Shear
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.solid import (
-    Solid,
-    moved_lattice,
-    sheared_volume,
-    widest_untouched,
-)
+from palpate.core.rebuild.solid import Solid, moved_lattice, sheared_volume, widest_untouched
 from palpate.core.splines.bases import clamped_basis
 from palpate.core.splines.lattices import Lattice
 from palpate.core.splines.spline_volumes import SplineVolume

@@ -5,11 +5,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.touch.pad import Calibration
-from palpate.core.touch.taxel_calibration import (
-    DEAD_GAIN,
-    CalibrationTouches,
-    estimate_calibration,
-)
+from palpate.core.touch.taxel_calibration import DEAD_GAIN, CalibrationTouches, estimate_calibration
 
 SHEET = Calibration("time", thickness=3e-3, sound_speed=1000.0, taxel_stiffness=200.0)
 FORCE = Calibration("force", thickness=3e-3, sound_speed=1000.0, taxel_stiffness=200.0)

@@ -9,12 +9,7 @@ import pytest
 
 from palpate.core.poses import IDENTITY_POSE, transform_points
 from palpate.launch.files.point_clouds import order_points, slice_cloud, slices_by_height
-from palpate.launch.files.points_file import (
-    MESSAGE_TYPES,
-    contours_of,
-    read_points,
-    read_tops,
-)
+from palpate.launch.files.points_file import MESSAGE_TYPES, contours_of, read_points, read_tops
 from palpate.launch.files.source_map import InputError
 from palpate.messages.types.model import PlanDone
 from palpate.messages.types.motion import Contour, ContourStatus, Probe

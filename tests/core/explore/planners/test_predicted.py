@@ -19,13 +19,7 @@ from palpate.core.explore.planners.estimate import (
     predict_error,
 )
 from palpate.core.explore.planners.predicted import Predicted
-from palpate.core.explore.planners.protocol import (
-    Budget,
-    Height,
-    SliceOutcome,
-    Stop,
-    Wait,
-)
+from palpate.core.explore.planners.protocol import Budget, Height, SliceOutcome, Stop, Wait
 
 COVER = (0.5, 0.97, 0.03)
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.probing.ends import (
-    EndObservation,
-    ProbeCommand,
-    ProbeResult,
-    SideContour,
-)
+from palpate.core.explore.probing.ends import EndObservation, ProbeCommand, ProbeResult, SideContour
 from palpate.core.explore.probing.rule import next_probe
 from palpate.core.explore.tracing.contour_path import deepest_point
 from palpate.core.poses import split_pose, transform_points
