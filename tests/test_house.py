@@ -35,7 +35,7 @@ def run(*command: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
         [str(part) for part in command],
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
         check=False,
         env={**os.environ, **env},
     )
@@ -236,7 +236,7 @@ def test_uv_sets_up_unless_pip_has_an_index_of_its_own(clone, setting, called):
         [str(clone / "go"), "--version"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
         env={**without_pip_settings(), **setting, "PATH": str(programs)},
     )

@@ -41,7 +41,7 @@ def launched(folder, *words):
     """The run directory of a graph that has come to its end."""
     out = folder / f"run_{len(list(folder.iterdir()))}"
     command = [sys.executable, "-m", "palpate", "launch", *words, "--quiet", "--out", str(out)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return out
 

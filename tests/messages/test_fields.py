@@ -94,7 +94,7 @@ def test_the_hash_is_the_same_in_another_process():
         [sys.executable, "-c", program],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=True,
         env={"PYTHONHASHSEED": "12345"},
     )

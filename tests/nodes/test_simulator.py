@@ -170,7 +170,7 @@ def modules_after(effects: dict[str, Any]) -> set[str]:
     """What a process has imported once it has simulated a touch."""
     script = IDEAL_TOUCH.replace("{effects}", repr(effects)) + "print(*sys.modules)"
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=True
     )
     return set(done.stdout.split())
 

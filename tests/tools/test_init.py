@@ -42,7 +42,7 @@ def test_what_is_new_works_at_once_and_its_tests_pass(tmp_path):
         assert named == f"my_{kind}:My{kind.capitalize()}"
         assert not any("emplate" in path.read_text() for path in begun)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout
     assert f"{len(CHECKS)} passed" in done.stdout
 
@@ -78,7 +78,7 @@ def test_what_is_new_is_free_of_complaints(tmp_path):
         # As if it were installed from a wheel: mypy does not follow what is installed for editing.
         env = {**os.environ, "PYTHONPATH": str(Path(palpate.__file__).parents[1])}
         done = subprocess.run(
-            command, cwd=tmp_path, capture_output=True, text=True, timeout=100, env=env
+            command, cwd=tmp_path, capture_output=True, text=True, timeout=300, env=env
         )
         assert done.returncode == 0, done.stdout + done.stderr
 
@@ -255,7 +255,7 @@ def test_every_command_of_the_page_does_what_it_says(reader):
         program, *words = shlex.split(line)
         if program == "python":
             command = [sys.executable, *words, "-p", "no:cacheprovider"]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+            done = subprocess.run(command, capture_output=True, text=True, timeout=300)
             assert done.returncode == 0, done.stdout
         elif words[0] == "launch":
             assert cli.run([*words, "--composed", "--quiet", "--out", f"{words[1]}.d"]) == 0, line

@@ -19,7 +19,7 @@ RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 def output_of(script):
     """Lines that a new interpreter prints."""
     command = [sys.executable, "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 

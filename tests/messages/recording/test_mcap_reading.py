@@ -161,7 +161,7 @@ def test_no_file_that_would_burst_takes_a_second_or_64_megabytes(tmp_path: Path)
         [sys.executable, "-c", OPEN_ALL, *map(str, paths)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -185,7 +185,7 @@ def test_a_large_file_of_zeros_takes_no_more_than_its_own_share(tmp_path: Path):
         [sys.executable, "-c", OPEN_ALL, str(tmp_path / "bomb")],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=True,
     )
     published, seconds, growth = json.loads(done.stdout)
@@ -211,7 +211,7 @@ def test_an_attachment_is_passed_over_unread(
         [sys.executable, "-c", OPEN_ALL, str(path)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=True,
     )
     published, _, growth = json.loads(done.stdout)
