@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.geometry import areas_and_normals, sample_surface
 from palpate.core.poses import pose_of
 from palpate.core.shapes import Mesh, TriangleShape
 from palpate.core.touch import Pad
@@ -41,6 +42,9 @@ OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 HIDDEN_SLOPE = 0.5  # Error that an untouched place may hide, over its distance from touch
 BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes it, m
 HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
+CREASED = 1.0e-3  # Between a pad that rests on what is about a place, and the place: a crease, m
+BESIDES = 64  # Places about a place that may hold a pad off
+CREASE_SLOPE = 0.35  # Error that a crease may hide, over its distance from touch
 # Error that an opening may hide, over the distance of its middle from its rim: with its walls, of
 # one that is twice as deep as wide.
 SPANNED_SLOPE = 10.0
@@ -129,9 +133,7 @@ class ObservedSurface:
     @cached_property
     def area(self) -> float:
         """Of the whole surface, m^2."""
-        corners = self.mesh.vertices[self.mesh.faces]
-        crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return 0.5 * float(np.linalg.norm(crossed, axis=1).sum())
+        return float(areas_and_normals(self.mesh.vertices[self.mesh.faces])[0].sum())
 
     @cached_property
     def rms_bound_95(self) -> float:
@@ -148,14 +150,13 @@ class ObservedSurface:
     def touchable_bound(self, tried: Floats) -> float:
         """The same over what was touched or can be, without what the open area may hide, m."""
         places = self.places
-        counted = ~places.under & (~self.far | self.met(tried))
-        return float(np.sqrt(np.mean(np.square(places.bounds)[counted]))) if counted.any() else 0.0
+        untouchable = places.under | places.creased
+        return self.bound_of(~untouchable & (~self.far | self.met(tried)))
 
-    @cached_property
-    def under_bound(self) -> float:
-        """The same of the underside, m; 0 if there is none."""
-        under = self.places.under
-        return float(np.sqrt(np.mean(np.square(self.places.bounds[under])))) if under.any() else 0.0
+    def bound_of(self, chosen: Bools) -> float:
+        """The same of some of the places (n,), m; 0 if there are none."""
+        squares = np.square(self.places.bounds[chosen])
+        return float(np.sqrt(squares.mean())) if len(squares) else 0.0
 
     @cached_property
     def hidden(self) -> float:
@@ -229,6 +230,7 @@ class SurfacePlaces(NamedTuple):
     distances: Floats  # From what was touched, (n,), m
     under: Bools  # Whether the object stands on it, (n,): nobody can touch it there
     spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
+    creased: Bools  # Whether what is beside it holds a pad off, however it leans, (n,)
 
 
 def pad_width(pad: Pad) -> float:
@@ -238,22 +240,13 @@ def pad_width(pad: Pad) -> float:
 
 def _places(surface: ObservedSurface) -> SurfacePlaces:
     corners = surface.mesh.vertices[surface.mesh.faces]
-    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled = np.linalg.norm(crossed, axis=1)
-    rng = np.random.default_rng(len(corners))
-    cumulated = np.cumsum(doubled)
-    at = (np.arange(PLACES) + rng.random(PLACES)) / PLACES * cumulated[-1]
-    face = np.searchsorted(cumulated, at).clip(max=len(corners) - 1)
-    root, second = np.sqrt(rng.random(PLACES)), rng.random(PLACES)
-    shares = np.column_stack([1.0 - root, root * (1.0 - second), root * second])
-    known = surface.mesh.faces[face]
-    points = np.einsum("nk,nki->ni", shares, corners[face])
-    normals = crossed[face] / np.maximum(doubled[face], np.finfo(float).tiny)[:, None]
+    points, faces = sample_surface(corners, PLACES, np.random.default_rng(len(corners)))
+    normals = areas_and_normals(corners)[1][faces]
     under = np.zeros(PLACES, np.bool_)
     if surface.platform is not None:
         under = points[:, 2] < surface.platform + CLEARANCE
     errors, bounds, distances = (
-        np.einsum("nk,nk->n", shares, told[known])
+        told[surface.mesh.faces[faces]].mean(axis=1)
         for told in (surface.errors, surface.bounds, surface.distances)
     )
     spanned = np.zeros(PLACES, np.bool_)
@@ -261,7 +254,36 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
         near = cKDTree(surface.openings).query(points)[0] < BESIDE
         spanned = near & (distances > HALF_OPENING) & ~under
         bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
-    return SurfacePlaces(points, normals, errors, bounds, distances, under, spanned)
+    creased = ~under & (distances > CREASED)
+    if creased.any():
+        around = 2.0 * math.pi * (0.5 * pad_width(surface.pad)) ** 2 * PLACES / surface.area
+        beside = points[:: max(round(around / BESIDES), 1)]
+        gaps = pad_gaps(surface.pad, beside, points[creased], normals[creased])
+        creased[creased] = gaps > CREASED
+        bounds = np.where(creased, np.maximum(bounds, CREASE_SLOPE * distances), bounds)
+    return SurfacePlaces(points, normals, errors, bounds, distances, under, spanned, creased)
+
+
+def pad_gaps(pad: Pad, points: Floats, places: Floats, normals: Floats) -> Floats:
+    """How far off what is beside them holds a pad from places, (k,), m, if it leans as it may.
+
+    `points` (n, 3): of the surface, m. `places`, `normals` (k, 3): of some, and out of it.
+    """
+    half = 0.5 * pad_width(pad)
+    count = min(BESIDES, len(points))
+    corner = math.sqrt(2.0) * half
+    beside = np.asarray(cKDTree(points).query(places, count, distance_upper_bound=corner)[1])
+    known = np.concatenate([points, np.full((1, 3), np.inf)])
+    away = np.where(beside[..., None] < len(points), known[beside] - places[:, None], 0.0)
+    leaning = approach_directions(np.array([0.0, 0.0, 1.0]))
+    local = np.array([direction for tilt, direction in leaning if tilt < TILTS[-1]])
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    first /= np.maximum(np.linalg.norm(first, axis=1), np.finfo(float).tiny)[:, None]
+    frames = np.stack([first, np.cross(normals, first), normals], axis=1)
+    over = np.einsum("kni,dj,kji->kdn", away, local, frames, optimize=True)
+    aside = np.square(away).sum(axis=2)[:, None] - over**2
+    held = np.where(aside < half**2, over - 0.5 * pad.dome * aside, 0.0)
+    return np.asarray(held.max(axis=2).min(axis=1))
 
 
 def _offers(surface: ObservedSurface) -> list[TouchOffer]:

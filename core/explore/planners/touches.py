@@ -162,10 +162,18 @@ def _reason(observation: Observation, surface: ObservedSurface) -> str:
     if surface.has_openings or surface.open_area.share > MOST_OPEN:
         return f"{describe_opening(surface)}, and no touch reaches it"
     if surface.touchable_bound(observation.tried) <= observation.tolerance:
+        places = surface.places
+        words, untouched = max(
+            (
+                ("is the underside", places.under),
+                ("lies in creases too narrow for it", places.creased),
+            ),
+            key=lambda part: float(np.square(places.bounds[part[1]]).sum()),
+        )
         return (
             "the error is within tolerance where a finger reaches, but "
-            f"{surface.open_area.under:.1%} of the surface is the underside, which may be off by "
-            f"{1e3 * surface.under_bound:.2g} mm"
+            f"{untouched.mean():.1%} of the surface {words}, which may be off by "
+            f"{1e3 * surface.bound_of(untouched):.2g} mm"
         )
     return "no further touch would bring the error within tolerance"
 

@@ -34,7 +34,7 @@ FARTHEST = 15.0e-3  # m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 # Error of a place that is left open over that of one that was touched later, at the same distance:
 # what is left open is what is hard to reach. One more each so many m, and at most so many.
-OPEN_WAY, MOST_OPEN_FACTOR = 2.5e-3, 4.5
+OPEN_WAY, MOST_OPEN_FACTOR = 4.0e-3, 3.5
 FOOT_FACTOR = 2.5  # The same of what lies below the lowest touches
 LEAN = 0.05  # How far an underside may be off that nobody touched, over the distance from touch
 LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m

@@ -1,6 +1,6 @@
 """Single touches: where they can be made, which is made, and when it is over."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from palpate.core.explore.planners import (
     check_choice,
 )
 from palpate.core.explore.planners.estimate import estimate_error
-from palpate.core.explore.planners.surface import ObservedSurface, Progress
+from palpate.core.explore.planners.surface import ObservedSurface, Progress, pad_gaps
 from palpate.core.explore.planners.touches import has_settled
+from palpate.core.geometry.meshes import close_rings
 from palpate.core.poses import pose_of, split_pose
 from palpate.core.shapes import Mesh
 from palpate.core.shapes.tessellations import icosphere
@@ -137,6 +138,47 @@ def test_the_underside_counts_though_nobody_can_touch_it(ball_of):
     assert isinstance(choice, Stop)
     assert "is the underside, which may be off by" in choice.reason
     assert not estimate_error(lying).tolerance_met
+
+
+def test_a_pad_reaches_all_of_a_ball_and_rests_on_the_rim_of_a_hollow():
+    directions = icosphere(5)[0]
+    gaps = pad_gaps(PAD, 0.05 * directions, 0.05 * directions[:9], directions[:9])
+    assert gaps == pytest.approx(np.zeros(9), abs=1e-12)
+    turn, away = np.meshgrid(np.linspace(0.0, 6.0, 12), [2e-3, 4e-3, 6e-3, 7.99e-3])
+    rings = away * np.cos(turn), away * np.sin(turn), -np.sqrt(0.1**2 - away**2)
+    hollow = np.stack(rings, axis=-1).reshape(-1, 3)
+    bottom, up = np.array([[0.0, 0.0, -0.1]]), np.array([[0.0, 0.0, 1.0]])
+    sag = 0.1 - np.sqrt(0.1**2 - 8e-3**2)
+    assert pad_gaps(PAD, hollow, bottom, up) == pytest.approx([sag], rel=0.02)
+    domed = replace(PAD, dome=10.0)  # as round as the hollow
+    assert pad_gaps(domed, hollow, bottom, up) == pytest.approx([0.0], abs=0.02 * sag)
+
+
+def test_what_a_crease_may_hide_counts_though_no_pad_reaches_it(observation):
+    turn, height = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 96)[:-1], np.linspace(0.01, 0.09, 81))
+    radius = 0.01 + 0.5 * np.abs(height - 0.05)  # an hourglass
+    rings = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=-1)
+    places, faces = close_rings(np.array([0.0, 0.0, 0.01]), rings, np.array([0.0, 0.0, 0.09]))
+    waist = np.abs(places[:, 2] - 0.05)
+    known = ObservedSurface(
+        mesh=Mesh(places, faces),
+        errors=np.full(len(places), 1e-5),
+        bounds=np.full(len(places), 2e-5),
+        distances=np.where(waist < 4e-3, 4e-3 - waist, 0.5e-3),
+        pad=PAD,
+        platform=None,
+        reach=0.12,
+        refused=np.zeros((0, 3)),
+    )
+    creased = known.places.creased
+    assert (np.abs(known.places.points[creased, 2] - 0.05) < 4e-3).all()
+    assert 0.01 < creased.mean() < 0.2
+    assert known.bound_of(creased) > 0.35e-3 > 2e-5 > 0.9 * known.touchable_bound(np.zeros((0, 3)))
+    seen = observation(surface=known, general=True, tolerance=1e-4)
+    choice = Touches().next(seen)
+    assert isinstance(choice, Stop)
+    assert "of the surface lies in creases too narrow for it, which may be off by" in choice.reason
+    assert not estimate_error(seen).tolerance_met
 
 
 def test_without_a_solid_a_slice_comes_first(observation):

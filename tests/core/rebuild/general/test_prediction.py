@@ -21,8 +21,8 @@ def test_where_nothing_was_checked_the_error_is_half_the_distance():
 
 
 def test_bounds_grow_with_the_distance_from_touch_and_not_without_end():
-    factors = open_factors(np.array([0.0, 2.5e-3, 5e-3, 0.1, 1.0]))
-    assert factors == pytest.approx([1.0, 2.0, 3.0, 4.5, 4.5])
+    factors = open_factors(np.array([0.0, 4e-3, 8e-3, 0.1, 1.0]))
+    assert factors == pytest.approx([1.0, 2.0, 3.0, 3.5, 3.5])
 
 
 def test_an_underside_may_lean_however_well_its_walls_go_on():
