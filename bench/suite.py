@@ -100,10 +100,6 @@ BENCHES: Mapping[str, Bench] = {
         "the powers of it; the memory of a graph over 10,000 touches",
         {"growth": "scaling.growth:growth_rows", "memory": "scaling.memory:memory_rows"},
     ),
-    "ablation": Bench(
-        "what each part is worth: explorations without it, in general and in the case it is for",
-        {"parts": "scaling.ablation:part_rows", "taxels": "scaling.ablation:taxel_rows"},
-    ),
 }
 ALL = "all"
 # Packages that are measured beside palpate where they are installed.

@@ -13,6 +13,7 @@
     python tests/studies start                    seven nodes, beside seven interpreters
     python tests/studies tools                    a graph's rate while a tool listens to it
     python tests/studies templates                step templates of the thesis, by kind of object
+    python tests/studies ablation                 explorations without one part, and rebuilt solids
 
 Whole explorations, rebuilt solids and the bus are measured by ``palpate bench``. Exits with 1 if a
 demand is missed.
@@ -44,6 +45,7 @@ STUDIES: Mapping[str, Mapping[str, str]] = {
     "tools": {"introspection": "listening:introspection_rows"},
     "planners": {"planners": "planners:planner_rows"},
     "templates": {"templates": "planners:template_rows"},
+    "ablation": {"parts": "ablation:part_rows", "taxels": "ablation:taxel_rows"},
 }
 
 

@@ -8,18 +8,6 @@ import pytest
 
 from palpate.bench.objects import REBUILT_SHAPES
 from palpate.bench.rebuild import noisy_contours
-from palpate.bench.scaling import ablation
-from palpate.bench.scaling.ablation import (
-    PARTS,
-    Outcome,
-    Part,
-    Worth,
-    mean_interval,
-    part_rows,
-    rebuilt,
-    without,
-    worth_of,
-)
 from palpate.bench.scaling.growth import touched_contours
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruction import reconstruct
@@ -30,6 +18,18 @@ from palpate.core.touch.pad import Pad
 from palpate.nodes import curvature, filter
 from palpate.nodes.planning import phases
 from palpate.nodes.rebuilding import fitting
+from tests.studies import ablation
+from tests.studies.ablation import (
+    PARTS,
+    Outcome,
+    Part,
+    Worth,
+    mean_interval,
+    part_rows,
+    rebuilt,
+    without,
+    worth_of,
+)
 
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 NAMED = {part.name: part for part in PARTS}
