@@ -37,6 +37,7 @@ LEAST_START, MOST_START = 4.0e-3, 20.0e-3  # Of the face over the place where it
 DEVIATIONS = 3.0  # Expected errors that a start lies farther off
 BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
 CLEARANCE = 1.0e-3  # Of the finger from the pedestal, m: what lies so low stands on it
+DOWNWARD = -0.7  # Upward part of the normals of what faces down
 SAME = 1e-9  # Targets that differ by less are one, m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 HIDDEN_SLOPE = 0.5  # Error that an untouched place may hide, over its distance from touch
@@ -112,7 +113,7 @@ class ObservedSurface:
         if len(self.refused):
             near = cKDTree(self.refused).query(places.points)[0] < 0.5 * NEAR * pad_width(self.pad)
             squares = np.where(near, 0.0, squares)
-        return np.where(places.under | places.spanned, 0.0, squares)
+        return np.where(places.standing | places.spanned, 0.0, squares)
 
     @cached_property
     def open_area(self) -> OpenArea:
@@ -150,8 +151,8 @@ class ObservedSurface:
     def touchable_bound(self, tried: Floats) -> float:
         """The same over what was touched or can be, without what the open area may hide, m."""
         places = self.places
-        untouchable = places.under | places.creased
-        return self.bound_of(~untouchable & (~self.far | self.met(tried)))
+        untouchable = places.standing | places.creased
+        return self.bound_of(~untouchable & (~self.away | self.met(tried)))
 
     def bound_of(self, chosen: Bools) -> float:
         """The same of some of the places (n,), m; 0 if there are none."""
@@ -174,15 +175,19 @@ class ObservedSurface:
         return bool(self.places.spanned.any())
 
     @cached_property
+    def away(self) -> Bools:
+        """Which places lie far from every touch or were spanned, (n,)."""
+        return (self.places.distances > OPEN) | self.places.spanned
+
+    @cached_property
     def far(self) -> Bools:
-        """Which places, the underside apart, lie far from every touch or were spanned, (n,)."""
-        places = self.places
-        return ((places.distances > OPEN) | places.spanned) & ~places.under
+        """The same, the underside apart, (n,)."""
+        return self.away & ~self.places.under
 
     def reachable(self, tried: Floats) -> float:
         """Share of the surface that lies far from every touch and that a touch can reach."""
         known = max(int(np.count_nonzero(~self.places.under)), 1)
-        return float((self.met(tried) & self.far).sum()) / known
+        return float((self.met(tried) & self.away).sum()) / known
 
     def met(self, tried: Floats) -> Bools:
         """Places that touches can meet which have not been tried since, (n,)."""
@@ -228,7 +233,9 @@ class SurfacePlaces(NamedTuple):
     errors: Floats  # (n,), m
     bounds: Floats  # Their bounds of 95 %, (n,), m
     distances: Floats  # From what was touched, (n,), m
-    under: Bools  # Whether the object stands on it, (n,): nobody can touch it there
+    standing: Bools  # Whether the object stands on it, (n,): nobody can touch it there
+    # Or it faces down so near to that, (n,), that the pedestal is in the way of most touches.
+    under: Bools
     spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
     creased: Bools  # Whether what is beside it holds a pad off, however it leans, (n,)
 
@@ -242,9 +249,13 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     corners = surface.mesh.vertices[surface.mesh.faces]
     points, faces = sample_surface(corners, PLACES, np.random.default_rng(len(corners)))
     normals = areas_and_normals(corners)[1][faces]
-    under = np.zeros(PLACES, np.bool_)
+    standing = under = np.zeros(PLACES, np.bool_)
     if surface.platform is not None:
-        under = points[:, 2] < surface.platform + CLEARANCE
+        heights = points[:, 2] - surface.platform
+        standing = heights < CLEARANCE
+        under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
+            (heights < BODY) & (normals[:, 2] < DOWNWARD)
+        )
     errors, bounds, distances = (
         told[surface.mesh.faces[faces]].mean(axis=1)
         for told in (surface.errors, surface.bounds, surface.distances)
@@ -252,16 +263,24 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     spanned = np.zeros(PLACES, np.bool_)
     if len(surface.openings):
         near = cKDTree(surface.openings).query(points)[0] < BESIDE
-        spanned = near & (distances > HALF_OPENING) & ~under
+        spanned = near & (distances > HALF_OPENING) & ~standing
         bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
-    creased = ~under & (distances > CREASED)
+    creased = ~standing & (distances > CREASED)
     if creased.any():
         around = 2.0 * math.pi * (0.5 * pad_width(surface.pad)) ** 2 * PLACES / surface.area
         beside = points[:: max(round(around / BESIDES), 1)]
         gaps = pad_gaps(surface.pad, beside, points[creased], normals[creased])
         creased[creased] = gaps > CREASED
         bounds = np.where(creased, np.maximum(bounds, CREASE_SLOPE * distances), bounds)
-    return SurfacePlaces(points, normals, errors, bounds, distances, under, spanned, creased)
+    told = points, normals, errors, bounds, distances
+    return SurfacePlaces(*told, standing, under, spanned, creased)
+
+
+def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:
+    """Which of the points (n, 3) lie within this width, m, aside of those that stand."""
+    if not standing.any():
+        return standing
+    return np.asarray(cKDTree(points[standing, :2]).query(points[:, :2])[0] < width)
 
 
 def pad_gaps(pad: Pad, points: Floats, places: Floats, normals: Floats) -> Floats:
@@ -374,7 +393,7 @@ def _approach(
     begin = contact + start * outward
     if math.hypot(*begin[:2]) > surface.reach:
         return None
-    if _meets_pedestal(places.points[places.under], contact, axes, pad, start + BODY):
+    if _meets_pedestal(places.points[places.standing], contact, axes, pad, start + BODY):
         return None
     pose = pose_of(begin, axes)
     return TouchOffer(pose, start + BEYOND, points.mean(axis=0), known.astype(np.int32))

@@ -30,7 +30,9 @@ NEARLY = 0.6  # Of the largest gain: touches that are worth less wait
 # the bound went up and down, but never below what it had been.
 WINDOW, WINDOW_SHARE, SETTLED, SAME_OPEN = 24, 0.25, 0.06, 0.004
 WHILE, WHILE_SHARE = 96, 0.5
-MOST_OPEN = 0.01  # Of the surface: so much of it may lie far from every touch
+# Of the surface: so much of it may lie far from every touch, and so much more is touched as long as
+# it can be, for where nothing was touched thin ends grow horns.
+MOST_OPEN, LEAST_OPEN = 0.01, 0.002
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,11 +93,12 @@ def next_touch(
         found = _best(observation, surface, left, wanted)
         if found is not None:
             return Touch(*found[:3], "the expected error is largest there")
-    if surface.reachable(observation.tried) > MOST_OPEN:
-        found = _best(observation, surface, (surface.far & (left > 0.0)).astype(float), 1.0)
+    reachable = surface.reachable(observation.tried)
+    if reachable > LEAST_OPEN:
+        found = _best(observation, surface, (surface.away & (left > 0.0)).astype(float), 1.0)
         if found is not None:
             return Touch(*found[:3], "nothing near to it was touched")
-    elif bound <= observation.tolerance and not surface.has_openings:
+    if reachable <= MOST_OPEN and bound <= observation.tolerance and not surface.has_openings:
         return Stop("the error is within tolerance, and nothing larger than a feature is untouched")
     return Stop(_reason(observation, surface))
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.contours import ContactPoints
@@ -34,9 +34,14 @@ FARTHEST = 15.0e-3  # m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 # Error of a place that is left open over that of one that was touched later, at the same distance:
 # what is left open is what is hard to reach. One more each so many m, and at most so many.
-OPEN_WAY, MOST_OPEN_FACTOR = 4.0e-3, 3.5
+OPEN_WAY, MOST_OPEN_FACTOR = 2.5e-3, 4.5
 FOOT_FACTOR = 2.5  # The same of what lies below the lowest touches
 LEAN = 0.05  # How far an underside may be off that nobody touched, over the distance from touch
+# What reaches so far beyond the convex hull of all that was touched is made up, m. Its error is what
+# is over that, the bound so many times.
+PROTRUDING, PROTRUDING_FACTOR = 1.0e-3, 1.5
+GRID = 2.0e-3  # Of touched points one for each cube of this edge spans the hull, m
+BLOCK = 1000  # Places that are held against all faces of it at a time
 LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m
 
 
@@ -71,6 +76,19 @@ def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
 def open_factors(distances: Floats) -> Floats:
     """By how much bounds (n,) grow where nothing was touched within distances (n,), m."""
     return np.asarray(np.minimum(1.0 + distances / OPEN_WAY, MOST_OPEN_FACTOR))
+
+
+def protrusions(touched: Floats, places: Floats) -> Floats:
+    """How far places (n, 3) lie beyond the convex hull of touched points (k, 3), (n,), m, or 0."""
+    _, first = np.unique(np.floor(touched / GRID), axis=0, return_index=True)
+    beyond = np.zeros(len(places))
+    if len(first) <= touched.shape[1]:
+        return beyond
+    faces = ConvexHull(touched[first], qhull_options="QJ").equations
+    for begin in range(0, len(places), BLOCK):
+        some = slice(begin, begin + BLOCK)
+        beyond[some] = (places[some] @ faces[:, :3].T + faces[:, 3]).max(axis=1)
+    return np.maximum(beyond, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

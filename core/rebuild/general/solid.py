@@ -19,7 +19,15 @@ from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights
-from palpate.core.rebuild.general.prediction import OPEN, DistanceErrors, FootErrors, open_factors
+from palpate.core.rebuild.general.prediction import (
+    OPEN,
+    PROTRUDING,
+    PROTRUDING_FACTOR,
+    DistanceErrors,
+    FootErrors,
+    open_factors,
+    protrusions,
+)
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.general.updating import refit_locally
 from palpate.core.shapes import Mesh, grid_surface
@@ -113,6 +121,10 @@ class GeneralSolid:
         distances = touch_distances(self.contacts, places)
         errors, bounds = (self.predicted.at(distances, upper=upper) for upper in (False, True))
         bounds = open_factors(distances) * bounds
+        outer = distances > PROTRUDING  # nothing else can lie so far beyond what was touched
+        beyond = protrusions(self.contacts.points, places[outer]) - PROTRUDING
+        errors[outer] = np.maximum(errors[outer], beyond)
+        bounds[outer] = np.maximum(bounds[outer], PROTRUDING_FACTOR * beyond)
         if self.platform is None or self.foot is None:
             return errors, bounds
         heights = places[:, 2] - self.platform
