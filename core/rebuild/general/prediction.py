@@ -37,8 +37,8 @@ OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 OPEN_WAY, MOST_OPEN_FACTOR = 2.5e-3, 4.5
 FOOT_FACTOR = 2.5  # The same of what lies below the lowest touches
 LEAN = 0.05  # How far an underside may be off that nobody touched, over the distance from touch
-# What reaches so far beyond the convex hull of all that was touched is made up, m. Its error is what
-# is over that, the bound so many times.
+# What reaches so far beyond the convex hull of all that was touched is made up, m. Its error is
+# what is over that, the bound so many times.
 PROTRUDING, PROTRUDING_FACTOR = 1.0e-3, 1.5
 GRID = 2.0e-3  # Of touched points one for each cube of this edge spans the hull, m
 BLOCK = 1000  # Places that are held against all faces of it at a time
