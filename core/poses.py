@@ -185,8 +185,7 @@ def _cross_matrices(vectors: Floats) -> Floats:
     """Matrices (b, 3, 3) of the vector products with vectors (b, 3)."""
     x, y, z = vectors.T
     none = np.zeros_like(x)
-    rows = [[none, -z, y], [z, none, -x], [-y, x, none]]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), 2, 0)
 
 
 def axes_along(direction: Floats) -> Floats:

@@ -263,8 +263,7 @@ def draw_svg(summary: Mapping[str, Any]) -> str:
     errors += [chart.floor for _, chart in charts if chart.floor is not None]
     for number, (axis, chart) in enumerate(charts):
         left = LEFT + number * (PANEL + APART)
-        up = scale(errors, TOP + HIGH, TOP)
-        parts += _panel(chart, axis, left, up, labelled=number == 0)
+        parts += _panel(chart, axis, left, scale(errors, TOP + HIGH, TOP), labelled=number == 0)
     top = TOP + (HIGH + 92.0 if charts else 24.0)
     nodes = {name: one["cpu_s"] for name, one in summary["nodes"].items()}
     lists = (("Processor time by step", summary["steps"]), ("by node", nodes))

@@ -386,6 +386,4 @@ def _plain(value: Any) -> Any:
         return f"{len(value)} bytes, sha256 {hashlib.sha256(value).hexdigest()}"
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value

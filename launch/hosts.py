@@ -293,7 +293,6 @@ class HostAgent:
                 self._part(name, "is gone; its nodes are ended")
 
     def _part(self, name: str, why: str) -> None:
-        guest = self._guests.pop(name)
-        guest.close()
+        self._guests.pop(name).close()
         self._line.send(name, "closed")
         self._echo(f"{name} {why}")

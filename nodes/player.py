@@ -123,8 +123,7 @@ def _with_clock(turn: Iterator[Timed], params: Params) -> Iterator[Timed]:
     tick, every = 0, params.rate / params.clock if params.clock else 0.0
     for published in turn:
         while every and tick * every <= published.due:
-            time = params.start_offset + tick * every
-            yield Timed(tick * every, CLOCK_TOPIC, Clock(time=time))
+            yield Timed(tick * every, CLOCK_TOPIC, Clock(time=params.start_offset + tick * every))
             tick += 1
         yield published
 

@@ -46,8 +46,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
     """Remember the platform."""
-    space = empty_map(world.reach, world.platform)
-    return replace(state, platform=world.platform, space=space), []
+    return replace(state, platform=world.platform, space=empty_map(world.reach, world.platform)), []
 
 
 def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
@@ -80,8 +79,7 @@ def take_contacts(
     """Keep what the hand met."""
     each = np.arange(len(received.points), dtype=np.int32)
     met = ContactPoints(received.points, received.normals, each)
-    contacts = {**state.contacts, received.number: met}
-    return _fit_ready(replace(state, contacts=contacts))
+    return _fit_ready(replace(state, contacts={**state.contacts, received.number: met}))
 
 
 def take_contour(params: Params, state: State, contour: types.Contour) -> tuple[State, Outputs]:
@@ -113,8 +111,7 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
             if state.space is not None:
                 space = Deferred(types.SpaceMap, partial(_space, state, goal))
                 outputs.append(("/model/space", space))
-            shape = Deferred(types.ShapeModel, partial(_fit, state, goal))
-            outputs.append(("/model/shape", shape))
+            outputs.append(("/model/shape", Deferred(types.ShapeModel, partial(_fit, state, goal))))
             state = replace(state, history=(*state.history, goal))
     return replace(state, asked=tuple(asked)), outputs
 

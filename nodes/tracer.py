@@ -128,8 +128,7 @@ def _begin(
         )
         if not _in_time(state, touch, goal):
             told = {"outcome": "miss", "point": goal.pose[:3], "touches": 0, "robot_time": now}
-            normal = -split_pose(goal.pose)[1][:, 2]
-            probe = derive(types.Probe, goal, **told, normal=normal)
+            probe = derive(types.Probe, goal, **told, normal=-split_pose(goal.pose)[1][:, 2])
             return _finish(params, state, ("/probe/traced", probe), now)
         state = replace(state, job=Job(goal, touches=1), resting=goal.pose)
         return state, [("/finger/goal", touch)]

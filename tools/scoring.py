@@ -241,12 +241,11 @@ def score_text(scored: ScoreRecord) -> str:
     lines = titled("model", f"{scored['model']}, read in {scored['unit']}")
     lines += titled("reference", f"{scored['reference']}, read in {scored['reference_unit']}")
     lines += [*_alignment_lines(scored), *_distance_lines(scored)]
-    holes = [] if scored["genus"] is None else [f"holes through it {scored['genus']}"]
     lines += titled(
         "solid",
         f"watertight {'yes' if scored['watertight'] else 'NO'}",
         f"pieces {scored['components']}",
-        *holes,
+        *([] if scored["genus"] is None else [f"holes through it {scored['genus']}"]),
         f"crossings with itself {scored['self_intersections']}",
     )
     if not scored["same_order_of_size"]:

@@ -58,8 +58,7 @@ def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
         found = in_turns(calls, turns)
         full, bare = (min(times) for times in found.values())
         for name, repeats in (("bare sockets", found["bare"]), ("full stack", found["full"])):
-            title = f"one hop, {name}, {where}"
-            yield figure(title, min(repeats), ".1f", " us", repeats=repeats)
+            yield figure(f"one hop, {name}, {where}", min(repeats), ".1f", " us", repeats=repeats)
         yield at_most(f"overhead of a hop, {where}", full - bare, 30.0, ".1f", " us")
         if core < 0:
             yield at_least("touches of 4 hops", 1e6 / (4 * full), 300.0, ".0f", " /s")

@@ -217,11 +217,10 @@ def _slow_subscriber(rng: random.Random) -> int:
 
 def _last_message(rng: random.Random) -> int:
     """The ending node has long finished while another still has a full queue."""
-    work = 5e-4 + 5e-4 * rng.random()
     graph = [
         toy("source", ToyParams(burst=200), subscribers=("counter", "slow")),
         toy("counter", ToyParams(expects=200), upstream="source"),
-        toy("slow", ToyParams(work=work), upstream="source"),
+        toy("slow", ToyParams(work=5e-4 + 5e-4 * rng.random()), upstream="source"),
     ]
     return _lost_in(graph, expected=200, depth=1)
 

@@ -46,8 +46,7 @@ def _on_message(
         if place == number:
             time.sleep(seconds)
     if number > count.latest:
-        missing = count.missing + number - count.latest - 1
-        count = replace(count, latest=number, missing=missing)
+        count = replace(count, latest=number, missing=count.missing + number - count.latest - 1)
     else:
         count = replace(count, late=count.late + 1)
     count = replace(count, number=count.number + 1)

@@ -300,8 +300,7 @@ def covariance_block(kernel: Kernel, one: Floats, other: Floats, gradients: bool
     Returns (4 n, 4 m), of each place first the value and then the gradient.
     """
     away = one[:, None] - other[None]
-    r = np.sqrt(np.einsum("nmi,nmi->nm", away, away))
-    k, g, h = kernel(r)
+    k, g, h = kernel(np.sqrt(np.einsum("nmi,nmi->nm", away, away)))
     if not gradients:
         return k
     found = np.empty((len(one), 4, len(other), 4))

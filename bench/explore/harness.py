@@ -104,8 +104,7 @@ def explore_object(
     exploration does not come to its end with a model that could be measured.
     """
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
-        scene = write_scene(Path(folder), target, noise, demand, seed, moved)
-        return explore_scene(scene, fingers)
+        return explore_scene(write_scene(Path(folder), target, noise, demand, seed, moved), fingers)
 
 
 def explore_shipped(name: str, settings: Mapping[str, Any], fingers: int = 1) -> Explored:
@@ -205,8 +204,7 @@ def write_scene(
         place = solid.get("pose", {}).get("position", [0.0, 0.0, 0.0])
         found = compose_poses(moved, pose_of(np.array(place), np.eye(3)))
         solid["pose"] = {"position": found[:3].tolist(), "rotation": found[3:].tolist()}
-    asked = demand._asdict()
-    scene = {"object": solid, "effects": list(noise), "explore": asked, "seed": seed}
+    scene = {"object": solid, "effects": list(noise), "explore": demand._asdict(), "seed": seed}
     path = folder / "scene.yaml"
     path.write_text(json.dumps(scene), encoding="utf-8")  # JSON is YAML too
     return path

@@ -156,8 +156,7 @@ def poisson_surface(contours: Floats, normals: Floats | None = None) -> Mesh:
     normals = _normals(contours) if normals is None else normals
     meshes = pymeshlab.MeshSet()
     points = {"vertex_matrix": contours, "v_normals_matrix": normals}
-    flat = {name: one.reshape(-1, 3) for name, one in points.items()}
-    meshes.add_mesh(pymeshlab.Mesh(**flat))
+    meshes.add_mesh(pymeshlab.Mesh(**{name: one.reshape(-1, 3) for name, one in points.items()}))
     meshes.generate_surface_reconstruction_screened_poisson(depth=OCTREE_DEPTH, threads=1)
     found = meshes.current_mesh()
     vertices = np.asarray(found.vertex_matrix(), np.float64)
@@ -171,8 +170,7 @@ def poisson_installed() -> bool:
 
 def _normals(contours: Floats) -> Floats:
     around = np.roll(contours, -1, axis=1) - np.roll(contours, 1, axis=1)
-    upwards = np.gradient(contours, axis=0)
-    normals = np.cross(around, upwards)
+    normals = np.cross(around, np.gradient(contours, axis=0))
     return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
 

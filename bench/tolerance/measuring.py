@@ -91,8 +91,7 @@ def _make_runs(file: RunsFile, units: Sequence[methods.Unit]) -> Iterator[str]:
     """Make the runs of units, keep each, and say so; what is finished stays after Ctrl-C."""
     if not units:
         return
-    context = get_context("forkserver")
-    with context.Pool(min(PROCESSES, len(units)), _ignore_interrupts) as pool:
+    with get_context("forkserver").Pool(min(PROCESSES, len(units)), _ignore_interrupts) as pool:
         for number, made in enumerate(pool.imap_unordered(methods.runs_of, units), 1):
             file.add(made)
             ends = ", ".join(_told(run) for run in made)

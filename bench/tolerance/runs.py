@@ -124,14 +124,12 @@ class RunsFile:
         if path.exists():
             old = read_runs(path)
             check_sources(path, old.sources)
-            known = {**old.methods, **methods}
-            head = msgspec.structs.replace(head, methods=known, runs=old.runs)
+            head = msgspec.structs.replace(head, methods={**old.methods, **methods}, runs=old.runs)
         self.content = head
 
     def add(self, made: Iterable[Run]) -> None:
         """Keep some more."""
-        runs = (*self.content.runs, *made)
-        self.content = msgspec.structs.replace(self.content, runs=runs)
+        self.content = msgspec.structs.replace(self.content, runs=(*self.content.runs, *made))
         write_form(self.path, self.content)
 
 

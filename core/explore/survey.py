@@ -170,16 +170,14 @@ class Survey:
         if self.uncertainty is None or not len(self.uncertainty.heights):
             return (0.0,) * len(self.traced)
         at = [one.height for one in self.traced]
-        found = np.interp(at, self.uncertainty.heights, self.uncertainty.deviations)
-        return tuple(found.tolist())
+        return tuple(np.interp(at, self.uncertainty.heights, self.uncertainty.deviations).tolist())
 
 
 def observed_slices(
     traced: Sequence[TracedContour], deviations: Sequence[float]
 ) -> tuple[ObservedSlice, ...]:
     """Slices as a planner takes them, in the same order."""
-    usable = [one for one in traced if one.usable]
-    seen = iter(zip(*contour_axis(usable), strict=True))
+    seen = iter(zip(*contour_axis([one for one in traced if one.usable]), strict=True))
     return tuple(
         _seen(one, *next(seen), deviation)
         if one.usable
@@ -327,6 +325,4 @@ def next_finished(
         return None
     first = min((seconds, finger) for finger, seconds in finished.items())
     others = (finger for finger in busy if finger not in finished)
-    if all((clocks.get(other, 0.0), other) > first for other in others):
-        return first[1]
-    return None
+    return first[1] if all((clocks.get(other, 0.0), other) > first for other in others) else None

@@ -167,8 +167,7 @@ def _along_edges(edges: Floats, offset: Floats) -> Floats:
     to_w = offset - u - on_w[:, None] * w
     best = np.stack([_dot(to_u, to_u), _dot(to_v, to_v), _dot(to_w, to_w)]).argmin(axis=0)
     s = np.choose(best, [on_u, 0.0, 1.0 - on_w])
-    t = np.choose(best, [0.0, on_v, on_w])
-    return np.stack([s, t], axis=1)
+    return np.stack([s, np.choose(best, [0.0, on_v, on_w])], axis=1)
 
 
 def _share(numerator: Floats, square: Floats) -> Floats:
@@ -339,8 +338,7 @@ def self_intersection(vertices: ArrayLike, faces: ArrayLike) -> SelfIntersection
     normals[flat] = 0.0
     crossing, middles = [np.zeros((0, 2), np.int32)], [np.zeros((0, 3))]
     for one, other in _near(corners):
-        pairs = _Pairs(rows, corners, normals, longest, one, other)
-        hit, place = _crossings(pairs)
+        hit, place = _crossings(_Pairs(rows, corners, normals, longest, one, other))
         crossing.append(np.column_stack([one[hit], other[hit]]).astype(np.int32))
         middles.append(place)
     found = np.concatenate(crossing)
@@ -365,8 +363,7 @@ def _near(corners: Floats) -> Iterator[tuple[Indices, Indices]]:
 def _crossings(pairs: _Pairs) -> tuple[Indices, Floats]:
     number = np.arange(len(pairs.one))
     for turn in (False, True):
-        seen = pairs.swapped() if turn else pairs
-        heights = _heights(seen)
+        heights = _heights(pairs.swapped() if turn else pairs)
         keep = (heights.max(axis=1) > 0.0) & (heights.min(axis=1) < 0.0)
         pairs, number = pairs.take(keep), number[keep]
     line = np.cross(pairs.normals[pairs.one], pairs.normals[pairs.other])

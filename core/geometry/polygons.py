@@ -321,9 +321,7 @@ def kernel_point(polygon: Floats) -> Floats | None:
     rows = np.column_stack([outward, np.ones(len(outward))])
     bounds = [(-1.0, 1.0), (-1.0, 1.0), (DEEP, 2.0)]
     found = linprog([0.0, 0.0, -1.0], A_ub=rows, b_ub=behind, bounds=bounds)
-    if found.x is None:
-        return None
-    return np.asarray(middle + size * found.x[:2])
+    return None if found.x is None else np.asarray(middle + size * found.x[:2])
 
 
 def turn_between(first: Floats, second: Floats) -> Floats:

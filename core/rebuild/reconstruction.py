@@ -153,8 +153,7 @@ class Rebuilder:
             points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
             found = fit_coarse(points, evidence.noise)
             if not found.fitted:
-                words = f"contours must determine a superquadric, got {found.warnings[0]}"
-                raise ValueError(words)
+                raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
             surface = closed_surface((coarse_patch(found),))
             solid = Solid(surface=surface, method="coarse", evidence=evidence, model=found)
         elif self.method == "thesis":

@@ -236,8 +236,7 @@ class Solid:
                 radial = self.closed.radial
                 found["radial_unused"] = float(radial is None)
                 if radial is not None:
-                    about = {"sigma": radial.sigma, "condition": radial.condition}
-                    found |= radial.figures | about
+                    found |= radial.figures | {"sigma": radial.sigma, "condition": radial.condition}
         if self.lattice is not None:
             names = ("rms", "most", "condition", "folded")
             health = self.lattice.health

@@ -58,8 +58,7 @@ class DeformedSuperquadric(ImplicitShape):
         # A bend moves sideways most at the ends; up most there, or where it turns level.
         turned = 0.5 * math.pi / max(abs(self._bend.curvature), SMALLEST)
         edge, rise = np.array([-inwards, inwards] * 3), [0.0, min(height, turned), height]
-        corners = np.column_stack([edge, 0.0 * edge, np.repeat(rise, 2)])
-        bent = Bend(self._bend.curvature)(corners)
+        bent = Bend(self._bend.curvature)(np.column_stack([edge, 0.0 * edge, np.repeat(rise, 2)]))
         moved = np.outer(bent[:, 0] - edge, self._bend.towards)
         width, depth = self._base.size[:2] * (1.0 + np.abs(self._straightening.taper))
         top = float(bent[:, 2].max())

@@ -341,8 +341,7 @@ class SplineSection:
             raise ValueError(
                 f"radii must be positive, {LEAST_RADIUS:g} m or more, got {radii.tolist()} m"
             )
-        knots = np.linspace(0.0, 2 * math.pi, len(radii) + 1)
-        self._rho = periodic_spline(knots, radii)
+        self._rho = periodic_spline(np.linspace(0.0, 2 * math.pi, len(radii) + 1), radii)
         least = self._rho.value_range()[0]
         if not least > 0.0:
             raise ValueError(

@@ -50,8 +50,7 @@ class HalfSpace:
             way = -height / rate
         inside = height <= 0.0
         begin = np.where(inside, -np.inf, way if rate < 0.0 else np.inf)
-        end = np.where(inside & (rate > 0.0), way, np.inf)
-        return np.stack([begin, end], axis=1)[:, None]
+        return np.stack([begin, np.where(inside & (rate > 0.0), way, np.inf)], axis=1)[:, None]
 
     def complement(self) -> HalfSpace:
         """All that lies before the plane."""

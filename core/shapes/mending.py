@@ -91,8 +91,7 @@ def as_manifold(vertices: Floats, faces: Ints) -> Manifold | None:
 def arrays_of(solid: Manifold) -> tuple[Floats, Ints]:
     """The vertices (n, 3), m, and faces (m, 3) of what the library has."""
     mesh = solid.to_mesh64()
-    vertices = np.array(mesh.vert_properties[:, :3], np.float64)
-    return vertices, np.array(mesh.tri_verts, np.int32)
+    return np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int32)
 
 
 class Crossings(NamedTuple):
@@ -148,8 +147,7 @@ def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> I
         faces = first[group][faces].astype(np.int32)
         a, b, c = faces.T
         faces = faces[(a != b) & (b != c) & (c != a)]
-        what = "on open edges stitched to others"
-        _tell(mends, len(vertices) - len(first), "corner", what)
+        _tell(mends, len(vertices) - len(first), "corner", "on open edges stitched to others")
     _, kept = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     _tell(mends, len(faces) - len(kept), "face", "that stood twice left out")
     return faces[np.sort(kept)]

@@ -66,8 +66,7 @@ class Polyhedron(TriangleShape, ImplicitShape):
             triangles, volume = np.ascontiguousarray(triangles[:, ::-1]), -volume
         self.edges = edges  # Who borders on whom, turned outwards
         self.volume = volume  # m3
-        embree = HAS_EMBREE and len(triangles) > FEW_TRIANGLES
-        super().__init__(self._vertices, triangles, embree)
+        super().__init__(self._vertices, triangles, HAS_EMBREE and len(triangles) > FEW_TRIANGLES)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
         """Where parallel rays are inside: see `spans`."""

@@ -196,8 +196,7 @@ def guaranteed_first_roots(
             break
         asked = np.minimum(asked, ends - places)
         floor = below(places, asked, rows)
-        root = _first_root(floor)
-        step, asked, arrived = _judged(floor, root, asked, tolerance)
+        step, asked, arrived = _judged(floor, _first_root(floor), asked, tolerance)
         places = places + step
         found[rows[arrived]] = places[arrived]
         going = ~arrived & (places < ends)

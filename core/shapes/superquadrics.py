@@ -123,9 +123,7 @@ class Superquadric(ImplicitShape):
         composed of powers p, q >= 2 is smooth with the constant max(p, q) - 1: Ball, Carlen and
         Lieb, *Sharp uniform convexity and smoothness inequalities*, 1994.
         """
-        if self.exponents.max() > 1.0:
-            return np.inf
-        return 2.0 / float(self.exponents.min()) - 1.0
+        return np.inf if self.exponents.max() > 1.0 else 2.0 / float(self.exponents.min()) - 1.0
 
     def gauge_along(self, scaled: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Gauge and its derivative along directions, in coordinates divided by the semi-axes.
@@ -328,5 +326,4 @@ def _exact(value: Floats) -> Floats:
 
 
 def _units(vectors: Floats) -> Floats:
-    length = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
-    return np.asarray(vectors / length[:, None])
+    return np.asarray(vectors / np.sqrt(np.einsum("ni,ni->n", vectors, vectors))[:, None])

@@ -350,8 +350,7 @@ def polish(
     lost = np.zeros(len(places), bool)
     for _ in range(MOST_STEPS):
         reached, slopes = deformation.deform_with_jacobian(places)
-        residual = starts + ways[:, None] * direction - reached
-        aside, along = _solved(slopes, residual, direction)
+        aside, along = _solved(slopes, starts + ways[:, None] * direction - reached, direction)
         value, slope_aside = base.inside_out(places, aside)
         slope = base.inside_out(places, along)[1]
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # those are lost

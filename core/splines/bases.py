@@ -174,8 +174,7 @@ class PeriodicBasis:
         Function ``count + i`` stands for function i: take `LocalBasis.columns` modulo `count`.
         Raises ValueError if a place is not finite, or `derivatives` is negative.
         """
-        turns = np.mod(finite_array("x", x, (None,)), 1.0)
-        return self._wound.nonzero(turns, derivatives)
+        return self._wound.nonzero(np.mod(finite_array("x", x, (None,)), 1.0), derivatives)
 
     def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
         """Functions, or a derivative of them, at places (m,), in turns: sparse (m, count).
@@ -188,8 +187,7 @@ class PeriodicBasis:
 
 
 def _rows(local: LocalBasis, derivative: int, columns: Ints, count: int) -> csr_array:
-    width = columns.shape[1]
-    starts = np.arange(0, columns.size + 1, width)
+    starts = np.arange(0, columns.size + 1, columns.shape[1])
     shape = (len(columns), count)
     return csr_array((local.values[derivative].ravel(), columns.ravel(), starts), shape=shape)
 

@@ -181,8 +181,7 @@ def local_noise(points: Floats, parameters: Floats) -> float:
     deviations = points - np.einsum("mk,mkd->md", weights, points[index])
     deviations /= np.sqrt(1.0 + (weights**2).sum(axis=1))[:, None]
     lengths = np.linalg.norm(deviations, axis=1)
-    following = np.roll(deviations, -1, axis=0)
-    along = np.einsum("md,md->m", deviations, following)
+    along = np.einsum("md,md->m", deviations, np.roll(deviations, -1, axis=0))
     if np.median(along - OPPOSED * lengths * np.roll(lengths, -1)) >= 0.0:
         return 0.0
     # Only one coordinate shows noise: the parameters follow the points along the curve.

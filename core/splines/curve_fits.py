@@ -181,8 +181,7 @@ def choose_smoothing(basis: Floats, bending: Floats, points: Floats) -> float:
     parts = modes.shapes.T @ points
     beyond = float(((points - modes.shapes @ parts) ** 2).sum())
     squares = beyond + modes.lost(STRENGTHS) ** 2 @ (parts**2).sum(axis=1)
-    kept = modes.kept(STRENGTHS)
-    spare = np.maximum(1.0 - kept.sum(axis=1) / count, 1.0 / count)
+    spare = np.maximum(1.0 - modes.kept(STRENGTHS).sum(axis=1) / count, 1.0 / count)
     return float(STRENGTHS[np.argmin(squares / spare**2)])
 
 
@@ -229,8 +228,7 @@ def demmler_reinsch(weight: Floats, bending: Floats, basis: Floats) -> Modes:
     basis`` over its mean diagonal, B the bending in the same measure: unlike ``B v = w G v`` this
     is well conditioned however the points lie; what none sees drops out.
     """
-    count = len(weight)
-    seen, control = eigh(weight, weight + bending + RIDGE * np.eye(count))
+    seen, control = eigh(weight, weight + bending + RIDGE * np.eye(len(weight)))
     seen = np.clip(seen, 0.0, 1.0)
     control, seen = control[:, seen > UNSEEN], seen[seen > UNSEEN]
     shapes = basis @ control

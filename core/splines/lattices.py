@@ -100,8 +100,7 @@ class Lattice:
         moved, slopes = self.volume.first(local)
         if isinstance(self.undeformed, spline_volumes.Parallelepiped):
             return moved, slopes @ self.undeformed.inverse.T
-        before = self.undeformed.first(local)[1]
-        return moved, slopes @ np.linalg.pinv(before)
+        return moved, slopes @ np.linalg.pinv(self.undeformed.first(local)[1])
 
     def jacobian_determinant(self, points: Floats) -> Floats:
         """Local change of volume (n,): 1 where nothing is deformed, negative in a fold."""

@@ -241,8 +241,7 @@ def subdivide(pieces: BernsteinPieces) -> BernsteinPieces:
     for axis in range(3):
         left, right = _halves(coefficients.shape[axis + 1] - 1)
         along = np.moveaxis(coefficients, axis + 1, -1)
-        both = np.concatenate([along @ left.T, along @ right.T])
-        coefficients = np.moveaxis(both, -1, axis + 1)
+        coefficients = np.moveaxis(np.concatenate([along @ left.T, along @ right.T]), -1, axis + 1)
         width = width * np.where(np.arange(3) == axis, 0.5, 1.0)
         step = np.where(np.arange(3) == axis, width, 0.0)
         low, width = np.concatenate([low, low + step]), np.concatenate([width, width])

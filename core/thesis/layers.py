@@ -53,8 +53,7 @@ def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     it. As printed it is the box around the largest such ellipse, the corners of which stand out of
     a round polygon.
     """
-    count = 2 * (sides[0] + sides[1]) - 4
-    polygon = _polygon(points, count)
+    polygon = _polygon(points, 2 * (sides[0] + sides[1]) - 4)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     scale, moved = 0.0, False
@@ -309,8 +308,7 @@ def _stands(slopes: Floats, offset: Floats, close: float) -> Bools:
     """Point coincidence (4.14), or zero cosine (4.15) multiplied out: it is 0/0 at the answer."""
     distance = np.linalg.norm(offset, axis=1)
     product = np.abs(np.einsum("nij,ni->nj", slopes, offset))
-    lengths = np.linalg.norm(slopes, axis=1)
-    square = product <= ZERO_COSINE * lengths * distance[:, None]
+    square = product <= ZERO_COSINE * np.linalg.norm(slopes, axis=1) * distance[:, None]
     return np.asarray((distance <= close) | square.all(axis=1))
 
 

@@ -339,8 +339,7 @@ def triples_of(
     invert: Callable[[splines.SplineVolume, Floats], splines.Inversion] = splines.invert_points,
 ) -> Floats:
     """Parameters (a, b, 3) of a grid of points (a, b, 3) in the undeformed lattice."""
-    found = invert(volume, points.reshape(-1, 3))
-    return found.parameters.reshape(points.shape)
+    return invert(volume, points.reshape(-1, 3)).parameters.reshape(points.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

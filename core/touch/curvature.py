@@ -254,8 +254,7 @@ def fuse(fused: FusedCurvature, measured: LocalCurvature) -> FusedCurvature:
     if surprise > SURPRISE:
         drift = max(drift, size / float(np.trace(ISOTROPIC)))
     predicted = covariance + drift * ISOTROPIC
-    total = predicted + measured.covariance
-    gain = np.linalg.solve(total, predicted).T
+    gain = np.linalg.solve(predicted + measured.covariance, predicted).T
     keep = np.eye(3) - gain
     # Joseph's form: a covariance stays one, whatever is rounded.
     left = keep @ predicted @ keep.T + gain @ measured.covariance @ gain.T

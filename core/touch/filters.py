@@ -145,8 +145,7 @@ def neighbourhoods(image: Floats) -> Floats:
     padded[1:-1, 1:-1] = image
     padded[0, 1:-1], padded[-1, 1:-1] = image[1], image[-2]
     padded[:, 0], padded[:, -1] = padded[:, 2], padded[:, -3]
-    windows = sliding_window_view(padded, (WINDOW, WINDOW))
-    return windows.reshape(*image.shape, WINDOW * WINDOW)
+    return sliding_window_view(padded, (WINDOW, WINDOW)).reshape(*image.shape, WINDOW * WINDOW)
 
 
 class RepairedImage(NamedTuple):

@@ -110,8 +110,7 @@ def graph_errors(
     where they are nearly equal: there their difference is the length of a vector that noise may
     turn, and the part of it across counts by its second order, at most by its full size.
     """
-    slopes = float(derivatives[0]), float(derivatives[1])
-    (c, s), p = steepest_direction(slopes)
+    (c, s), p = steepest_direction((float(derivatives[0]), float(derivatives[1])))
     turned = _turn(c, s) @ factor
     change = _how_parts_change(p, shape.parts)
     root = deviation * (change @ turned)

@@ -209,8 +209,7 @@ class TaxelFit:
         pressed, at = (known + shift) / UNIT, self.number[taxel]
         # a (known + nuisance) + o, linear in gain, offset and nuisance about the last one.
         left = self.presses.read[touch, taxel] - known
-        system = self._shared_columns(touch, taxel, pressed)
-        self._solve(at, pressed, system, left)
+        self._solve(at, pressed, self._shared_columns(touch, taxel, pressed), left)
         self._judge()
         squares = self.shared[2:] ** 2 + self.shared_variance[2:]
         self.spread = np.maximum(np.sqrt(squares.reshape(-1, 3).mean(axis=0)), LEAST_SPREAD)
@@ -276,7 +275,6 @@ class TaxelFit:
         gain = 1.0 + (self.shared[0] + self.own[0][at]) / UNIT
         offset = self.shared[1] + self.own[1][at]
         residual = self.presses.read[touch, taxel] - gain * pressed - offset
-        spread = scaled_mad(residual)
-        bad = np.abs(residual) > OUTLIER * max(spread, self.noise)
+        bad = np.abs(residual) > OUTLIER * max(scaled_mad(residual), self.noise)
         self.residual = float(np.sqrt(np.mean(residual[~bad] ** 2)))
         self.dropped[touch, taxel] = bad

@@ -352,8 +352,7 @@ def _accessor_values(
     if accessor.count == 0:
         return np.zeros((0, width), kind)
     start = view.byte_offset + accessor.byte_offset
-    steps = (stride, kind.itemsize)
-    return np.ndarray((accessor.count, width), kind, held, start, steps)
+    return np.ndarray((accessor.count, width), kind, held, start, (stride, kind.itemsize))
 
 
 def _at(parts: Sequence[Part], number: int | None) -> Part:

@@ -98,8 +98,7 @@ def _lines(data: bytes) -> tuple[list[str], int]:
         raise ValueError(
             f"has a header without an end, or of more than {MAX_HEADER_BYTES >> 10} kB"
         )
-    text = head[:end].decode("latin-1")
-    return text.splitlines()[1:], size
+    return head[:end].decode("latin-1").splitlines()[1:], size
 
 
 def _count(word: str) -> int:

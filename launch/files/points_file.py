@@ -122,8 +122,7 @@ def read_table(path: Path) -> Table:
     number, first = rows[0]
     mark = next((mark for mark in (",", ";", "\t") if mark in first), None)
     names = [name.strip().strip('"').lower() for name in first.split(mark)]
-    named = any(_as_float(name) is None for name in names)
-    if named:
+    if any(_as_float(name) is None for name in names):
         rows = rows[1:]
     elif len(names) == len(POSITION_COLUMNS):
         names = list(POSITION_COLUMNS)

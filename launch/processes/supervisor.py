@@ -192,8 +192,7 @@ class Supervisor:
         return None
 
     def _warn(self, name: str, text: str) -> None:
-        record = LogRecord(node=name, level="warning", text=text[:1000], robot_time=0.0)
-        self._watcher.log(record)
+        self._watcher.log(LogRecord(node=name, level="warning", text=text[:1000], robot_time=0.0))
 
     def _quiet(self) -> Verdict | None:
         if self._finished is not None and self._detector.settled:

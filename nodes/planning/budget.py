@@ -89,8 +89,7 @@ def fits_closing(demand: Demand, state: State, goal: GraspGoal) -> bool:
     if math.isinf(limit) or not len(state.world.robot):
         return state.clock < limit
     travel, turn = move_between(state.grasped.resting, goal.pose)
-    advanced = float(goal.advanced.max(initial=0.0))
-    travel += state.grasped.advanced + advanced
+    travel += state.grasped.advanced + float(goal.advanced.max(initial=0.0))
     reach = goal.reach - (float(goal.advanced.min()) if len(goal.advanced) else 0.0)
     robot = RobotPreset.of_array(state.world.robot)
     return state.clock + longest_seconds(robot, travel, turn, reach) <= limit

@@ -235,8 +235,7 @@ def with_single(state: State, task: Task, probe: Probe) -> State:
     """The state, knowing what a single touch has found."""
     touch = task.touch
     assert touch is not None
-    resting = {**state.resting, probe.finger: touch.pose[:3]}
-    state = replace(state, resting=resting, again=None)
+    state = replace(state, resting={**state.resting, probe.finger: touch.pose[:3]}, again=None)
     if probe.outcome == "inside" and task.backed < MOST_BACK:
         pose = advanced_pose(touch.pose, -BACK_OFF)
         farther = touch._replace(pose=pose, reach=touch.reach + BACK_OFF)
@@ -315,8 +314,7 @@ def grasp_goal(demand: Demand, state: State) -> GraspGoal | None:
         if found is None:
             return None
         pose = found
-    advanced = np.array(hand.advanced)
-    told = {"number": grasped.closings, "pose": pose, "advanced": advanced}
+    told = {"number": grasped.closings, "pose": pose, "advanced": np.array(hand.advanced)}
     goal = derive(GraspGoal, hand, **told, not_before=state.clock)
     return goal if fits_closing(demand, state, goal) else None
 

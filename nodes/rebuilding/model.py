@@ -99,8 +99,7 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
         errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
         if candidates.general is not None:
             errors, bounds = candidates.general.expected_errors(vertices)
-        told = {"vertex_errors": errors, "vertex_bounds": bounds}
-        return {"vertex_distances": distances, **told}
+        return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
 
 
 def _general_parts(

@@ -175,8 +175,7 @@ class GeneralisedCylinderSpec(Struct, frozen=True, kw_only=True, forbid_unknown_
         if self.section.radii is not None:
             section = shapes.SplineSection(np.array(self.section.radii))
         else:
-            size = np.array(self.section.size)
-            section = shapes.SuperellipseSection(size, self.section.exponent)
+            section = shapes.SuperellipseSection(np.array(self.section.size), self.section.exponent)
         heights, scales = np.array(self.sweep).T
         return shapes.GeneralisedCylinder(
             section,

@@ -84,8 +84,7 @@ def _unmasked(fit: Callable[..., Patch]) -> Callable[..., Patch]:
     """Where nothing was touched the pad's own face counts as touched, once anything was."""
 
     def fitted(pad: Pad, height: Floats, touched: Bools, *more: Any) -> Patch:
-        whole = touched | touched.any()
-        return fit(pad, np.where(touched, height, -pad.sag()), whole, *more)
+        return fit(pad, np.where(touched, height, -pad.sag()), touched | touched.any(), *more)
 
     return fitted
 
@@ -198,8 +197,7 @@ def worth_of(name: str, pairs: Pairs) -> Worth:
     ratios = [np.divide(other[:4], one[:4]) for one, other in pairs if other is not None]
     error, *costs = (mean_interval(column) for column in np.reshape(ratios, (-1, 4)).T)
     touches, robot_time, compute = (one[0] for one in costs)
-    failed = len(pairs) - len(ratios)
-    return Worth(name, error, touches, robot_time, compute, len(pairs), failed)
+    return Worth(name, error, touches, robot_time, compute, len(pairs), len(pairs) - len(ratios))
 
 
 def mean_interval(ratios: Floats) -> tuple[float, float, float]:

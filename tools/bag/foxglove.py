@@ -85,8 +85,7 @@ class _Channels:
         key = (view.topic, view.schema)
         if key not in self._channels:
             if view.schema not in self._schemas:
-                described = SCHEMAS.get(view.schema) or plain_schema(cls)
-                text = json.dumps(described).encode()
+                text = json.dumps(SCHEMAS.get(view.schema) or plain_schema(cls)).encode()
                 self._schemas[view.schema] = self._writer.register_schema(
                     view.schema, "jsonschema", text
                 )

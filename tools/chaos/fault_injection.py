@@ -136,8 +136,7 @@ class FaultInjector:
         del self._blows[status.node]
         kind, phase = fault.kind, fault.phase
         if phase != "start":  # else it was not up, and waits for the others
-            seconds = time.monotonic() - when
-            self.done.back.append(NodeRecovery(kind, status.node, phase, seconds))
+            self.done.back.append(NodeRecovery(kind, status.node, phase, time.monotonic() - when))
 
     def _inject(self, card: RunCard) -> None:
         now = time.monotonic()
@@ -176,8 +175,7 @@ class FaultInjector:
             if fault.kind == "full":
                 return _fill(pid, self._out / RECORDING)
             os.kill(pid, signal.SIGSTOP if fault.kind == "stop" else signal.SIGKILL)
-            epoch = int(nodes[name]["restarts"]) + 1
-            self._blows[name] = fault, epoch, time.monotonic()
+            self._blows[name] = fault, int(nodes[name]["restarts"]) + 1, time.monotonic()
         return True
 
     def _look_on(self, card: RunCard) -> None:

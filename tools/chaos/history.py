@@ -118,8 +118,7 @@ def _repeated(events: list[Event]) -> Iterator[Violation]:
 
 def _out_of_time(events: list[Event]) -> Iterator[Violation]:
     """One topic's messages must have been sent in the order of their numbers."""
-    ordered = sorted(events, key=lambda event: event.seq)
-    for one, other in pairwise(ordered):
+    for one, other in pairwise(sorted(events, key=lambda event: event.seq)):
         if one.seq < other.seq and other.sent_ns <= one.sent_ns:
             text = f"{other.topic} {other.seq} was sent no later than {one.seq} before it"
             yield Violation("order", text)
@@ -192,8 +191,7 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
                 "cause", f"{event.topic} {event.seq} answers {what}, which nobody published"
             )
         elif times and min(times) >= event.sent_ns:
-            text = f"{event.topic} {event.seq} was sent before what it answers"
-            yield Violation("cause", text)
+            yield Violation("cause", f"{event.topic} {event.seq} was sent before what it answers")
 
 
 def _first_sent(history: History) -> dict[Key, int]:

@@ -164,8 +164,7 @@ def _run_trial(
     tally: Tally,
     echo: Callable[[str], None],
 ) -> None:
-    flooded = any(fault.kind == "flood" for fault in planned)
-    process = subject.start(out, flooded=flooded)
+    process = subject.start(out, flooded=any(fault.kind == "flood" for fault in planned))
     injector = FaultInjector(process, out, planned)
     try:
         ended = injector.run(time.monotonic() + SLOWER * before.seconds + LONGEST)

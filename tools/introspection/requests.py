@@ -138,9 +138,7 @@ def _short(value: Any) -> Any:
         return _named(value)
     if isinstance(value, dict):
         return {key: _short(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_short(item) for item in value]
-    return value
+    return [_short(item) for item in value] if isinstance(value, list) else value
 
 
 def _named(text: str) -> str:
@@ -252,8 +250,7 @@ def _console(card: RunCard, topic: str) -> str:
         raise ValueError(
             f"run {card.run[:6]} ({card.name}) has no topic {topic!r}; {hint(topic, card.topics)}"
         )
-    module = next(one.module for one in card.nodes if one.name == name)
-    node = load_node(module)
+    node = load_node(next(one.module for one in card.nodes if one.name == name))
     if not (isinstance(node, Source) and node.outside):
         raise ValueError(
             f"{topic} is published by {name}, and a topic has one publisher; only the topics of a "

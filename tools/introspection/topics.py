@@ -96,8 +96,7 @@ class TapSubscription:
         until = None if duration is None else now + duration
         look = now + ALIVE_CHECK
         while (until is None or now < until) and not self._ends():
-            left = TICK if until is None else min(TICK, until - now)
-            yield self.take(left)
+            yield self.take(TICK if until is None else min(TICK, until - now))
             now = time.monotonic()
             if now >= look:
                 look = now + ALIVE_CHECK

@@ -211,8 +211,7 @@ def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[run
         node = runtime.load_node(one.module)
         wiring = one.wiring(node.params)
         if one.module == runtime.RECORDER:
-            params = msgspec.structs.replace(wiring.params, path=str(path))
-            wiring = replace(wiring, params=params)
+            wiring = replace(wiring, params=msgspec.structs.replace(wiring.params, path=str(path)))
         wirings.append(
             replace(
                 wiring, handler_timeout=node.handler_timeout, persistent=runtime.is_persistent(node)
@@ -240,8 +239,7 @@ def earlier_run_of(
             received[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
         wiring = publishers[one.topic]
         if wiring.persistent:
-            kept = SentMessage(one.topic, one.sent_ns, one.schema, one.body)
-            sent[wiring.name].append(kept)
+            sent[wiring.name].append(SentMessage(one.topic, one.sent_ns, one.schema, one.body))
         else:
             times[wiring.name].append((one.topic, one.sent_ns))
     consumed = {

@@ -73,8 +73,7 @@ def read_sweep(path: Path, *, record: bool = True) -> Sweep:
     """
     given = read_yaml(path)
     spec = convert(given, SweepSpec)
-    one = isinstance(spec.scene, str)
-    scenes = [given.part(("scene",))] if one else _items(given, "scene")
+    scenes = [given.part(("scene",))] if isinstance(spec.scene, str) else _items(given, "scene")
     numbers = range(spec.seeds) if isinstance(spec.seeds, int) else spec.seeds
     seeds = [SourceMapped(number, given.place(("seeds",))) for number in numbers or ()]
     asked = (

@@ -143,8 +143,7 @@ def _made(
             run = waiting.popleft()
             place = folder / RUNS / run.name
             shutil.rmtree(place, ignore_errors=True)  # a run that failed
-            part = place.with_name(f".{run.name}.{os.getpid()}")
-            workers.begin(Job(run, run.plan(place), part))
+            workers.begin(Job(run, run.plan(place), place.with_name(f".{run.name}.{os.getpid()}")))
             under_way, begun[run.mark] = under_way + 1, begun[run.mark] + 1
         for job, record in workers.finished():
             under_way -= 1

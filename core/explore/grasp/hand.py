@@ -50,8 +50,7 @@ def search_pose(places: list[Floats], number: int, platform: float) -> Floats | 
     if place >= len(places):
         return None
     x, y = places[place].tolist()
-    position = np.array([x, y, platform + SEARCH_HEIGHTS[height]])
-    return pose_of(position, _turns(5)[0])
+    return pose_of(np.array([x, y, platform + SEARCH_HEIGHTS[height]]), _turns(5)[0])
 
 
 def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> Floats:
@@ -316,8 +315,7 @@ def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | No
         advance = max(advance, touch.advance)
         found = None
         if touch.outcome != "miss":
-            pad = pipeline.finger.pad
-            found = contact_of(pad, touch.believed, touch.reading, pipeline.noise)
+            found = contact_of(pipeline.finger.pad, touch.believed, touch.reading, pipeline.noise)
         if found is None:
             missed += 1
             continue

@@ -135,8 +135,7 @@ def free_height(observation: Observation, wanted: float, within: Span) -> float 
     spacing = max(observation.finger_spacing, room)
     tried += [(height, spacing) for height in observation.busy_heights]
     reach = int(np.ceil(within.length / (0.25 * observation.spacing)))
-    steps = sorted(range(-reach, reach + 1), key=lambda step: (abs(step), -step))
-    for step in steps:
+    for step in sorted(range(-reach, reach + 1), key=lambda step: (abs(step), -step)):
         height = wanted + 0.25 * observation.spacing * step
         inside = within.low <= height <= within.high
         if inside and all(abs(height - other) >= gap for other, gap in tried):

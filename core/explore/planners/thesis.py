@@ -265,8 +265,7 @@ def hat_basis(places: Floats, knots: Floats) -> Floats:
     knots = finite_array("knots", knots, (None,))
     if len(knots) < 2 or not (np.diff(knots) > 0.0).all():
         raise ValueError(f"knots must be at least 2 and increase, got {knots}")
-    columns = [np.interp(places, knots, hat) for hat in np.eye(len(knots))]
-    return np.stack(columns, axis=1)
+    return np.stack([np.interp(places, knots, hat) for hat in np.eye(len(knots))], axis=1)
 
 
 def equal_curvature_knots(places: Floats, values: Floats, segments: int) -> Floats:

@@ -168,8 +168,7 @@ def _with_wall(
 
 def _over(faces: list[ProbeResult], contour: SideContour, width: float) -> list[ProbeResult]:
     """Touches of the face that the contour lies around: others met a flank beside it."""
-    places = np.stack([one.point[:2] for one in faces])
-    inside = covers(contour, places, FOOT * width)
+    inside = covers(contour, np.stack([one.point[:2] for one in faces]), FOOT * width)
     return [one for one, is_in in zip(faces, inside, strict=True) if is_in]
 
 

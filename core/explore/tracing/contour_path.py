@@ -392,8 +392,7 @@ def _slope(pad: Pad, above: Floats, surface: Floats, touched: Bools) -> float:
     """Slope along y at the touched rows nearest to the slice, which was not met."""
     both = touched[:-1] & touched[1:]
     if both.sum() < 2:
-        mean_y = float(pad.grid()[1][touched].mean())
-        return -math.copysign(LEAN, mean_y)
+        return -math.copysign(LEAN, float(pad.grid()[1][touched].mean()))
     away = np.abs(above[1:] + above[:-1])[both]
     rise = (surface[1:] - surface[:-1])[both] / pad.pitch
     return float(np.median(rise[np.argsort(away, kind="stable")[:NEIGHBOURS]]))

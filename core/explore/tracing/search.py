@@ -206,8 +206,7 @@ def next_posture(posture: Posture, arc: SliceArc) -> Posture:
     """The posture for the next touch, tilted after the slope just measured."""
     if posture.frozen or abs(arc.slope) <= LEVEL:
         return posture
-    tilt = _bounded(posture.tilt - FEED_FORWARD * math.atan(arc.slope))
-    return posture._replace(tilt=tilt)
+    return posture._replace(tilt=_bounded(posture.tilt - FEED_FORWARD * math.atan(arc.slope)))
 
 
 def _bounded(tilt: float) -> float:

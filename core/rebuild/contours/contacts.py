@@ -99,8 +99,7 @@ def edge_slopes(surface: Floats, smooth: Floats, touched: Bools, pitch: float) -
     usual = float(np.median(known)) if known.size else 0.0
     left = np.where(found, np.fmin(chosen, followed), alone)
     unknown = touched & ~edge & (left > UNLIKE * usual + LEAST * pitch)
-    slopes = np.stack([along_x.ravel()[best], along_y.ravel()[best]])
-    return EdgeSlopes(slopes, edge, unknown)
+    return EdgeSlopes(np.stack([along_x.ravel()[best], along_y.ravel()[best]]), edge, unknown)
 
 
 def _best_square(off: Floats) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:

@@ -99,8 +99,7 @@ def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int)
                 raise ValueError("complex ones")
             points = array.astype(np.float64, copy=False)
         except (TypeError, ValueError) as error:
-            words = f"contour {which} must be an array of real numbers: {error}"
-            raise ValueError(words) from None
+            raise ValueError(f"contour {which} must be an array of real numbers: {error}") from None
         if not points.size:
             points = points.reshape(0, columns)
         if points.ndim != 2 or points.shape[1] != columns:
@@ -151,9 +150,8 @@ def height_outliers(z: Floats, perimeter: float) -> Bools:
     near = np.stack([np.roll(z, by) for by in range(-REACH, REACH + 1)])
     low, middle, high = np.quantile(near, [0.25, 0.5, 0.75], axis=0)
     off = np.abs(z - middle)
-    scale = probable_error_sigma(off)
     outlier: Bools = off > np.maximum(
-        SPREAD * (high - low), max(CLEARLY * scale, LEAST * perimeter)
+        SPREAD * (high - low), max(CLEARLY * probable_error_sigma(off), LEAST * perimeter)
     )
     return np.asarray(outlier & (outlier.mean() <= MOST))
 

@@ -416,8 +416,7 @@ def _beyond(heights: Floats, middles: Floats, radii: Floats, row: int) -> float:
 
 def look_like_features(grid: Floats, star: Bools, bad: Bools) -> Bools:
     """Which bad contours (M,) look as if the object were like that: its shape in another size."""
-    middles = grid.mean(axis=1, keepdims=True)
-    away = grid - middles
+    away = grid - grid.mean(axis=1, keepdims=True)
     shapes = away / np.sqrt((away**2).sum(axis=2).mean(axis=1))[:, None, None]
     good = np.flatnonzero(~bad)
     found = np.zeros(len(grid), np.bool_)

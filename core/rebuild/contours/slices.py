@@ -287,8 +287,7 @@ def minimum_twist(shapes: Floats) -> Floats:
     """Steps (M - 1,), in turns, to the next curve's begin with the largest circular correlation."""
     waves = np.fft.fft(shapes[..., 0] + 1j * shapes[..., 1], axis=1)
     # The sum over both coordinates is the real part of one complex product.
-    correlation = np.fft.ifft(np.conj(waves[:-1]) * waves[1:], axis=1).real
-    steps = circular_peak(correlation)
+    steps = circular_peak(np.fft.ifft(np.conj(waves[:-1]) * waves[1:], axis=1).real)
     return steps - np.round(steps)
 
 
@@ -304,8 +303,7 @@ def _azimuths(slices: Slices, around: Floats) -> Floats:
             found.append(np.interp(ahead, np.append(azimuths - azimuths[0], 1.0), even))
             continue
         shares = geometry.azimuth_match(curve, middle, 2.0 * np.pi * around).turns
-        closed = np.vstack([curve, curve[:1]])
-        lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+        lengths = np.linalg.norm(np.diff(np.vstack([curve, curve[:1]]), axis=0), axis=1)
         ends = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
         found.append(np.interp(shares, ends, even))
     return np.unwrap(np.stack(found), period=1.0, axis=1)
@@ -377,8 +375,7 @@ def _scores(slices: Slices, places: Floats) -> Floats:
     grids = chord_places(slices.fine, places[:, :, :: max(places.shape[2] // SCORED, 1)])
     margin = 2 if len(slices.heights) >= WHOLE else 1
     inner = slice(margin, -margin)
-    weights = neighbour_weights(slices.heights)[inner]
-    predicted = np.einsum("im,cmkd->cikd", weights, grids)
+    predicted = np.einsum("im,cmkd->cikd", neighbour_weights(slices.heights)[inner], grids)
     distance = slice_distance(slices.fine[inner], predicted).mean(axis=2)
     least = EXACT * slices.perimeter[inner]
     return np.asarray(np.exp(np.log(np.maximum(distance, least)).mean(axis=1)))

@@ -252,8 +252,7 @@ def trend_of(depths: Floats, radii: Floats) -> Trend:
     if count == 1:
         return Trend(float(square[-1]), 0.0, 0.0)
     scale = float(-depths[0])
-    rows = np.vander(depths / scale, count, increasing=True)
-    found = np.linalg.solve(rows, square)
+    found = np.linalg.solve(np.vander(depths / scale, count, increasing=True), square)
     bend = float(found[2]) / scale**2 if count == TREND_CONTOURS else 0.0
     return Trend(float(square[-1]), float(found[1]) / scale, bend)
 
@@ -310,8 +309,7 @@ def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
     zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
     shares = shoulder(zeta, FLARED[:, None, None], FLARED[:, None])
     radii, shares = weights * radii, weights * shares
-    basis = np.stack([shares, shares * zeta], axis=-1)
-    directions, triangle = np.linalg.qr(basis)
+    directions, triangle = np.linalg.qr(np.stack([shares, shares * zeta], axis=-1))
     along = np.einsum("pqnk,n->pqk", directions, radii)
     misfit = np.sum((radii - np.einsum("pqnk,pqk->pqn", directions, along)) ** 2, axis=-1)
     best = np.unravel_index(int(misfit.argmin()), misfit.shape)

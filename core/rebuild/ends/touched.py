@@ -268,8 +268,7 @@ def with_touched_middle(end: End, row: Floats, contacts: ContactPoints) -> End:
         seen = np.interp(at, turns[np.argsort(turns)], radii[np.argsort(turns)], period=2.0 * np.pi)
         section = (shares * seen / length)[:, None] * from_axis
         off = np.einsum("nd,nd->n", normals, points - centre - section)
-        system = rows.T @ rows + PRIOR * np.eye(2)
-        lean = np.linalg.solve(system, rows.T @ off + PRIOR * before)
+        lean = np.linalg.solve(rows.T @ rows + PRIOR * np.eye(2), rows.T @ off + PRIOR * before)
     if not float(np.hypot(*lean)) <= max(MOST * float(radii.mean()), float(np.hypot(*before))):
         return end
     return replace(end, middle=centre + lean)
@@ -392,10 +391,9 @@ def end_contacts_of(contacts: ContactPoints, way: float) -> list[EndContact]:
     assert contacts.normals is not None
     facing = way * contacts.normals[:, 2] > FACING_END
     counts = np.bincount(contacts.touch[facing], minlength=1)
-    numbers = np.flatnonzero(counts >= FEWEST_TAXELS)
     found = [
         _end_contact(int(each), contacts.points[facing & (contacts.touch == each)])
-        for each in numbers
+        for each in np.flatnonzero(counts >= FEWEST_TAXELS)
     ]
     best = min((one.off for one in found), default=0.0)
     uneven = [one.kind == "flat" and one.off > WORSE * best + FLAT * one.width for one in found]

@@ -449,8 +449,7 @@ def _free(fit: LatticeFit) -> Bools:
     control = fit.lattice.control
     free = np.ones(control.shape[:3], np.bool_)
     for layer in (0, -1):
-        points = control[:, :, layer].reshape(-1, 3)
-        if not np.ptp(points, axis=0).any():
+        if not np.ptp(control[:, :, layer].reshape(-1, 3), axis=0).any():
             free[:, :, layer] = False
     return free.ravel()
 

@@ -118,8 +118,7 @@ def _for_heights(surface: ContourSurface, basis: Basis, curves: Floats) -> tuple
         wrong = np.abs(off).reshape(places.shape).max(axis=1) > ENOUGH * extent
         if not wrong.any():
             break
-        new = 0.5 * (breaks[:-1] + breaks[1:])[wrong]
-        basis, curves = insert_knots(basis, curves, new)
+        basis, curves = insert_knots(basis, curves, 0.5 * (breaks[:-1] + breaks[1:])[wrong])
     return basis, curves
 
 
@@ -335,8 +334,7 @@ class Section:
         """Places (n, 2) of the rim in the box, from 0 to 1, or a derivative by the turn, to 2."""
         basis = PeriodicBasis(len(self.lead))
         lead = [basis.matrix(turns, order) @ self.lead for order in range(derivative + 1)]
-        azimuth = 2.0 * np.pi * (turns + lead[0])
-        around = rim_of(self.exponent, azimuth, derivative)
+        around = rim_of(self.exponent, 2.0 * np.pi * (turns + lead[0]), derivative)
         found = around[derivative]
         if derivative:
             speed = 2.0 * np.pi * (1.0 + lead[1])
@@ -382,5 +380,4 @@ def section_matrix(basis: Basis, places: Floats, orders: tuple[int, int] = (0, 0
     columns = one.columns()[:, :, None] * basis.count + other.columns()[:, None, :]
     values = one.values[orders[0]][:, :, None] * other.values[orders[1]][:, None, :]
     starts = np.arange(0, columns.size + 1, width**2)
-    shape = (len(places), basis.count**2)
-    return csr_array((values.ravel(), columns.ravel(), starts), shape=shape)
+    return csr_array((values.ravel(), columns.ravel(), starts), shape=(len(places), basis.count**2))

@@ -80,8 +80,7 @@ def normal_distances(
     seen = _see(parameters, body, warps)
     gradient, length, distance = _distances(seen)
     x, y, z = (part / length for part in gradient)
-    normal = (x, y, z)
-    columns, pull = _columns(seen, parameters, warps, normal, distance)
+    columns, pull = _columns(seen, parameters, warps, (x, y, z), distance)
     jacobian = np.empty((*distance.shape, warps.total))
     for i, column in columns.items():
         np.divide(column, length, out=jacobian[:, :, i])

@@ -224,8 +224,7 @@ def suggested_axes(points: Floats) -> Floats:
     most = _quartic_axes(centred, principal, largest=True)
     least = _quartic_axes(centred, principal, largest=False)
     upright = np.stack([principal, most, least])[:, None] @ ORDERS
-    eighths = upright[0] @ EIGHTH_TURN
-    return np.concatenate([upright[0], eighths, upright[1], upright[2]])
+    return np.concatenate([upright[0], upright[0] @ EIGHTH_TURN, upright[1], upright[2]])
 
 
 def _quartic_axes(centred: Floats, axes: Floats, *, largest: bool) -> Floats:

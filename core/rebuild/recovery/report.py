@@ -268,8 +268,7 @@ class Recovery(shapes.FittedSuperquadric):
 
     def deviations(self) -> dict[str, float]:
         """Standard deviation of each parameter, by name."""
-        spread = np.sqrt(np.diagonal(self.covariance))
-        return dict(zip(self.names, spread.tolist(), strict=True))
+        return dict(zip(self.names, np.sqrt(np.diagonal(self.covariance)).tolist(), strict=True))
 
 
 class CanonicalSolid(NamedTuple):

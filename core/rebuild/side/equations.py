@@ -162,8 +162,7 @@ def side_system(
     more penalty, (m, along * around). Of strength 1, a penalty has the mean diagonal of the
     equations.
     """
-    normal = csr_array(rows.T @ rows)
-    band = banded(normal, _width(turns))
+    band = banded(csr_array(rows.T @ rows), _width(turns))
     mean = float(band[0].mean())
     strengths, root = along
     band += mean * around * _bending_around(root.shape[1], turns)
@@ -173,8 +172,7 @@ def side_system(
     if tension is not None:
         band += mean * banded(csr_array(tension.T @ tension), _width(turns))
     band[0] += mean * RIDGE
-    sums = np.abs(band).sum(axis=0)
-    norm = float(2.0 * sums.max())
+    norm = float(2.0 * np.abs(band).sum(axis=0).max())
     factor: Floats = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
     return SideSystem(factor, norm)
 
@@ -239,8 +237,7 @@ def fit_axis_curve(heights: Floats, middles: Floats) -> AxisCurve:
     half = max(0.5 * (high - low), np.finfo(float).tiny)
     local = (heights - 0.5 * (low + high)) / half
     degree = min(MOST_DEGREE, len(np.unique(heights)) - 1)
-    basis = np.vander(local, degree + 1)
-    coefficients = np.linalg.lstsq(basis, middles, rcond=None)[0]
+    coefficients = np.linalg.lstsq(np.vander(local, degree + 1), middles, rcond=None)[0]
     axis_curve = AxisCurve(np.asarray(coefficients, np.float64), low, high)
     missed = float(np.linalg.norm(axis_curve.at(heights) - middles, axis=1).max())
     levels, first = np.unique(heights, return_index=True)

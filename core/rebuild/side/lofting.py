@@ -265,9 +265,7 @@ def _less_neighbours(off: Floats, outlying: Bools | None = None) -> Floats:
     calm = off if outlying is None else np.where(outlying, 0.0, off)
     padded = np.pad(calm, ((reach, reach), (0, 0)), mode="reflect")
     near = np.stack([padded[row : row + len(off)] for row in range(2 * reach + 1)])
-    if reach == 0:
-        return off.copy()
-    return np.asarray(off - np.median(near, axis=0))
+    return off.copy() if reach == 0 else np.asarray(off - np.median(near, axis=0))
 
 
 def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput) -> ContourLoft:

@@ -205,8 +205,7 @@ class RadialSpline:
     @property
     def freedom(self) -> float:
         """Degrees of freedom spent, estimated with random signs (Hutchinson, 1989)."""
-        rng = np.random.default_rng(0)
-        signs = rng.choice([-1.0, 1.0], (PROBES, len(self.rows.target)))
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (PROBES, len(self.rows.target)))
         seen = [self.rows.matrix.T @ sign for sign in signs]
         return float(np.mean([one @ self.system.solve(one) for one in seen]))
 

@@ -115,8 +115,7 @@ def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -
     is not positive.
     """
     basis = finite_array("basis", basis, (None, None))
-    count = basis.shape[1]
-    root = finite_array("root", root, (None, count))
+    root = finite_array("root", root, (None, basis.shape[1]))
     weights = np.ones(len(basis)) if weights is None else weights
     weights = finite_array("weights", weights, (len(basis),))
     if not (weights > 0.0).all():
@@ -236,8 +235,7 @@ class BetweenContours:
             return np.zeros((len(places), len(turns)))
         squares = self.squares @ _nearby(turns, self.squares.shape[1]).T
         first = np.clip(np.searchsorted(self.sites, places) - 1, 0, count - 2)
-        gap = np.diff(self.sites)[first]
-        share = (places - self.sites[first]) / gap
+        share = (places - self.sites[first]) / np.diff(self.sites)[first]
         inside = self.share**2 * np.clip(4.0 * share * (1.0 - share), 0.0, None)
         beyond = np.square(np.maximum(np.maximum(-share, share - 1.0), 0.0))
         worse = np.maximum(squares[first], squares[first + 1])

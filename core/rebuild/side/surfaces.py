@@ -239,5 +239,4 @@ def reparametrisation_through(even: Floats, lengths: Floats) -> Reparametrisatio
     means, runs = np.diff(even) / np.diff(mapped), np.diff(mapped)
     near, far = 2.0 * runs[1:] + runs[:-1], runs[1:] + 2.0 * runs[:-1]
     inner = (near + far) / (near / means[:-1] + far / means[1:])
-    slopes = np.concatenate([means[:1], inner, means[-1:]])
-    return Reparametrisation(even, mapped, slopes)
+    return Reparametrisation(even, mapped, np.concatenate([means[:1], inner, means[-1:]]))

@@ -109,8 +109,7 @@ class Surface:
         """Outward unit normals (..., 3), at a tip the limit; errors as of `at`."""
         inside = _off_poles(v)
         by_v, by_t = self.at(inside, turns, (1, 0)), self.at(inside, turns, (0, 1))
-        normals = unit_normals(by_v.reshape(-1, 3), by_t.reshape(-1, 3))
-        return normals.reshape(by_v.shape)
+        return unit_normals(by_v.reshape(-1, 3), by_t.reshape(-1, 3)).reshape(by_v.shape)
 
     def curvatures(self, v: ArrayLike, turns: ArrayLike) -> Curvatures:
         """Principal curvatures at places (n,); arguments and errors as for `at`."""

@@ -170,8 +170,7 @@ def _sag(surface: Surface, rows: Floats, columns: Floats, chords: Floats) -> Flo
 
 def _split(places: Floats, which: Bools) -> Floats:
     """Places with the middles of some steps put in."""
-    middles = 0.5 * (places[1:] + places[:-1])[which]
-    return np.sort(np.concatenate([places, middles]))
+    return np.sort(np.concatenate([places, 0.5 * (places[1:] + places[:-1])[which]]))
 
 
 def _levels(grid: Floats, tolerance: float) -> Ints:
