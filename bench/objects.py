@@ -82,9 +82,7 @@ class RoundObject(NamedTuple):
         # Closer together towards the ends, where round ones bend.
         heights = self.low * np.cos(np.linspace(0.0, np.pi, TRUE_ROWS))
         angles = 2.0 * np.pi * np.arange(TRUE_COLUMNS) / TRUE_COLUMNS
-        low, high = (
-            np.array([*self.axis(z), z]) for z in (np.array(self.low), np.array(self.high))
-        )
+        low, high = (np.array([*self.axis(z), z]) for z in map(np.array, (self.low, self.high)))
         ends = np.broadcast_to(self.radius(np.array([self.low, self.high]), np.zeros(2)), 2)
         pointed = ends < 1e-9 * (self.high - self.low)
         kept = heights[int(pointed[0]) : len(heights) - int(pointed[1])]

@@ -61,9 +61,8 @@ def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
     yield at_least("ideal superquadric, 256 rays", 1.0 / ideal, 2000, ".0f", " /s")
     faceted = f"mesh of {len(faces) // 1000}k faces, 256 rays"
     yield at_least(faceted, 1.0 / meshed, 3000, ".0f", " /s")
-    yield at_most(
-        f"frame of {WORN}, to the ideal one", cost["frame", "worn"] / ideal, 1.25, kind="time"
-    )
+    ratio = cost["frame", "worn"] / ideal
+    yield at_most(f"frame of {WORN}, to the ideal one", ratio, 1.25, kind="time")
     for title, name, most in (
         ("simulator, filter and curvature: ideal", "ideal", 600),
         (f"the same: {WORN} without impulses", "quiet", 600),

@@ -186,11 +186,9 @@ class _Reader:
             raise ValueError(f"{path} of the archive is a {name} of another version: {odd}")
         parts = {field: self.value(node, f"{path}/{field}") for field, node in fields.items()}
         hints = declared_types(found)
-        for field, value in parts.items():
-            if not fits_type(value, hints.get(field, Any)):
-                raise ValueError(
-                    f"{path}/{field} of the archive cannot be a {type(value).__name__}"
-                )
+        for field, part in parts.items():
+            if not fits_type(part, hints.get(field, Any)):
+                raise ValueError(f"{path}/{field} of the archive cannot be a {type(part).__name__}")
         try:
             return found(**parts)
         except (TypeError, AttributeError, IndexError, ArithmeticError) as error:

@@ -190,9 +190,8 @@ def _stepped(
     problem: ResidualFunction, loss: Loss, running: _Running, moves: Floats, promised: Floats
 ) -> _Running:
     """The problems after a step; where the cost did not fall they stay and are damped more."""
-    ahead = _evaluated(
-        problem, loss, running.rows, running.parameters + moves, running.damping.copy()
-    )
+    moved = running.parameters + moves
+    ahead = _evaluated(problem, loss, running.rows, moved, running.damping.copy())
     saved = running.cost - ahead.cost
     better = saved > 0.0
     with np.errstate(divide="ignore", invalid="ignore"):

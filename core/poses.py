@@ -129,12 +129,10 @@ def pad_rotation(heading: float, tilt: float) -> Floats:
     y completes them and points downwards where `tilt` is 0.
     """
     along = np.array([-math.sin(heading), math.cos(heading), 0.0])
-    into = -np.array(
-        [math.cos(tilt) * math.cos(heading), math.cos(tilt) * math.sin(heading), math.sin(tilt)]
-    )
-    across = np.array(
-        [-into[2] * along[1], into[2] * along[0], into[0] * along[1] - into[1] * along[0]]
-    )
+    level = math.cos(tilt)
+    x, y, z = -level * math.cos(heading), -level * math.sin(heading), -math.sin(tilt)
+    into = np.array([x, y, z])
+    across = np.array([-z * along[1], z * along[0], x * along[1] - y * along[0]])
     return np.column_stack([along, across, into])
 
 

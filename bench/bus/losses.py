@@ -154,9 +154,7 @@ def _ring(laps: int, recorded: bool) -> float:
 
 def _with_and_without(call: Callable[[bool], float], turns: int) -> Iterable[list[float]]:
     """What a call gives without a recorder and with one, measured in turns."""
-    return in_turns(
-        {recorded: partial(call, recorded) for recorded in (False, True)}, turns
-    ).values()
+    return in_turns({kept: partial(call, kept) for kept in (False, True)}, turns).values()
 
 
 def _touches(recorded: bool) -> float:

@@ -48,9 +48,7 @@ def peer_rows(quick: bool) -> Iterable[Row]:
             seeds = noisy if case.noise else 1
             yield from case_rows(case, errors_of(case, REBUILT_SHAPES, seeds))
         if not peers.poisson_installed():
-            yield Row(
-                f"Poisson surface of {peers.PACKAGE}", "not installed", "for comparison", True
-            )
+            yield Row(f"Poisson surface of {peers.PACKAGE}", "not installed", "for comparison")
 
 
 def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:

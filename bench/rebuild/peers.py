@@ -56,10 +56,9 @@ class TrueSurface(NamedTuple):
 
 def truth_of_mesh(mesh: Mesh, unit: float = 1.0) -> TrueSurface:
     """The truth that a fine closed mesh stands for."""
+    volume = geometry.solidity(*mesh).volume
     floor = geometry.facet_sag(mesh.vertices, mesh.faces) / unit
-    return TrueSurface(
-        geometry.prepare_surface(*mesh), geometry.solidity(*mesh).volume, floor, unit
-    )
+    return TrueSurface(geometry.prepare_surface(*mesh), volume, floor, unit)
 
 
 @cache
@@ -130,9 +129,8 @@ def _zero(field: RBFInterpolator, start: Floats, way: Floats) -> Floats:
     here = -value
     for _ in range(STEPS):
         found = np.asarray(field(start + here[:, None] * way))
-        slope = np.divide(
-            found - value, here - before, out=np.ones_like(here), where=here != before
-        )
+        step = here - before
+        slope = np.divide(found - value, step, out=np.ones_like(here), where=step != 0.0)
         before, value = here, found
         here = here - found / np.maximum(slope, 0.3)  # where it is flat, no wild step
     return start + here[:, None] * way

@@ -300,7 +300,6 @@ NOISY_VARIANTS = (
     ThesisVariant("corrected", _solid, 0.005),
 )
 FIRST = Example("example 1", WAVY, np.linspace(-1.0, 1.0, 27), 81)
-SECOND = Example(
-    "example 2", RoundObject(_smooth), np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 24)), 41
-)
+_HEIGHTS = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 24))
+SECOND = Example("example 2", RoundObject(_smooth), _HEIGHTS, 41)
 EXAMPLES = (FIRST, SECOND)

@@ -151,9 +151,8 @@ def _method_rows(name: str, entries: Mapping[statistics.Entry, Sequence[Run]]) -
     costs = np.concatenate([*statistics.target_costs(entries, "touches").values()])
     yield figure(f"{name}: targets reached", float(np.isfinite(costs).mean()), ".0%")
     if len(pairs := statistics.stated_and_true(entries)):
-        yield figure(
-            f"{name}: bound of 95 % held, of {len(pairs)}", statistics.held_share(pairs), ".0%"
-        )
+        held = statistics.held_share(pairs)
+        yield figure(f"{name}: bound of 95 % held, of {len(pairs)}", held, ".0%")
 
 
 def _told_finals(finals: Sequence[Final]) -> str:
@@ -185,9 +184,8 @@ def _demand_rows(table: statistics.Table) -> Iterator[Row]:
             *(f"{len(strict) - len(worse)} of {len(strict)}{where}", "all", not worse),
         )
     if len(pairs := statistics.stated_and_true(ours)):
-        yield at_least(
-            "palpate: bound of 95 % holds", statistics.held_share(pairs), LEAST_HELD, ".0%"
-        )
+        held = statistics.held_share(pairs)
+        yield at_least("palpate: bound of 95 % holds", held, LEAST_HELD, ".0%")
     smooth = {entry: runs for entry, runs in ours.items() if entry[0] in SMOOTH}
     if smooth:
         costs = statistics.target_costs(smooth, "touches", np.array([MIDDLE]))

@@ -378,9 +378,7 @@ def runs_of(unit: Unit) -> list[Run]:
         scene = write_problem(Path(folder), contender_of(unit.methods[0]), unit)
         truth = truth_of_object(unit.object, unit.meshes, scene)
         problem = Problem(unit.object, scene, truth.box)
-        return [
-            measure_run(name, contender_of(name), problem, truth, unit) for name in unit.methods
-        ]
+        return [measure_run(one, contender_of(one), problem, truth, unit) for one in unit.methods]
 
 
 class Unit(NamedTuple):

@@ -69,19 +69,14 @@ def _draw_reached(
     grid = np.geomspace(0.8 * low, 1.25 * high, GRID)
     for name, look in looks.items():
         one = statistics.reached_share(found[name], grid)
-        order = look["zorder"]
-        axes.step(grid, one.share, where="post", color=look["color"], lw=2.0, zorder=order)
-        axes.fill_between(
-            grid, one.low, one.high, step="post", color=look["color"], alpha=0.12, lw=0
-        )
-        axes.plot(
-            grid[-1], one.share[-1], look["marker"], color=look["color"], clip_on=False, label=name
-        )
+        color, mark, order = look["color"], look["marker"], look["zorder"]
+        axes.step(grid, one.share, where="post", color=color, lw=2.0, zorder=order)
+        axes.fill_between(grid, one.low, one.high, step="post", color=color, alpha=0.12, lw=0)
+        axes.plot(grid[-1], one.share[-1], mark, color=color, clip_on=False, label=name)
     axes.set(xscale="log", xlabel=COSTS[which], ylim=(0.0, 1.0), xlim=(grid[0], grid[-1]))
     _plain_ticks(axes.xaxis)
-    spread = (
-        f"{100 * statistics.TARGETS[0]:g} % to {100 * statistics.TARGETS[-1]:g} % of the height"
-    )
+    loose, strict = 100 * statistics.TARGETS[[0, -1]]
+    spread = f"{loose:g} % to {strict:g} % of the height"
     axes.set_ylabel("share of (object, seed, target) reached")
     axes.set_title(f"a. {len(statistics.TARGETS)} targets of rms error, {spread}", fontsize=11)
     axes.legend(fontsize=8, loc="upper left", title="bands: 95 %, over objects", title_fontsize=8)
@@ -143,9 +138,8 @@ def _draw_honesty(axes: Any, table: statistics.Table, looks: Mapping[str, dict[s
     axes.fill_between(line, line, line[-1], color="#D55E00", alpha=0.07, lw=0)
     axes.text(0.03, 0.97, "error beyond what is stated", transform=axes.transAxes, va="top")
     axes.set(xscale="log", yscale="log", xlim=line, ylim=line)
-    axes.set(
-        xlabel="stated bound (95 %), % of the height", ylabel="true rms error, % of the height"
-    )
+    axes.set_xlabel("stated bound (95 %), % of the height")
+    axes.set_ylabel("true rms error, % of the height")
     for axis in (axes.xaxis, axes.yaxis):
         _plain_ticks(axis)
     axes.set_title("c. honesty: 95 % should lie below the line", fontsize=11)

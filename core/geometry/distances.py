@@ -166,9 +166,8 @@ def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
         raise ValueError(f"points must be at least {FEWEST}, got {len(given)}")
     middle = given.mean(axis=0)
     if not np.ptp(given, axis=0).max() > 0.0:
-        raise ValueError(
-            f"points must not lie all in one place, got {len(given)} at {middle.tolist()}"
-        )
+        place = middle.tolist()
+        raise ValueError(f"points must not lie all in one place, got {len(given)} at {place}")
     there = surface.samples.points
     centre = there.mean(axis=0)
     size = float(np.ptp(there, axis=0).max())

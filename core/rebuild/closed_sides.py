@@ -305,9 +305,8 @@ def refine_solid(
     on_side = (nearest.v >= low) & (nearest.v <= high)
     places = np.column_stack([(nearest.v - low) / (high - low), nearest.turns])[on_side]
     each = None if sigma is None else np.full(int(on_side.sum()), sigma)
-    found = refine_lattice(
-        fit, points[on_side], np.clip(places, 0.0, 1.0), sigma=each, weights=weights
-    )
+    seen, places = points[on_side], np.clip(places, 0.0, 1.0)
+    found = refine_lattice(fit, seen, places, sigma=each, weights=weights)
     assert found.refinement is not None
     beyond = int(np.count_nonzero(~on_side))
     found = replace(found, refinement=found.refinement._replace(beyond=beyond))

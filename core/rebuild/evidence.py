@@ -81,9 +81,8 @@ class Evidence(NamedTuple):
         """The evidence with one contour of the world more: that of all of them at once."""
         level = None if height is None else [height]
         added = contour_curves([contour], level, len(self.given), self.frame)
-        return gather_curves(
-            (*self.given, *added), self.tops, self.contacts, self.noise, self.frame
-        )
+        given = (*self.given, *added)
+        return gather_curves(given, self.tops, self.contacts, self.noise, self.frame)
 
 
 def _gapes(loop: ContourCurve) -> bool:

@@ -254,9 +254,8 @@ def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
     from manifold3d import Manifold, OpType
 
     def joined(parts: Sequence[Tree], kind: Any) -> Any:
-        return Manifold.batch_boolean(
-            [_combined(part, middle, size, level) for part in parts], kind
-        )
+        solids = [_combined(part, middle, size, level) for part in parts]
+        return Manifold.batch_boolean(solids, kind)
 
     tree = with_inner_complement(tree)
     cube = Manifold.cube((size, size, size), True).translate(tuple(middle))
@@ -285,10 +284,9 @@ def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Float
         return -value, -slope
     if not isinstance(tree, _Joined):
         return tree.inside_out(points, directions)
-    united = isinstance(tree, Union)
-    join, slopes = (
-        (conjunction, conjunction_slopes) if united else (disjunction, disjunction_slopes)
-    )
+    join, slopes = disjunction, disjunction_slopes
+    if isinstance(tree, Union):
+        join, slopes = conjunction, conjunction_slopes
 
     def joined(one: tuple[Floats, Floats], two: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         by_one, by_two = slopes(one[0], two[0])

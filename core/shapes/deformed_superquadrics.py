@@ -340,9 +340,8 @@ def inside_minorant(curve: RaysAt, norm: NormFunction, dip: float) -> ray_castin
         there = norm(at.place + lengths * at.slope, at.slope)[0]
         rise = (there - here) / (lengths + SMALLEST)
         bend = np.full_like(places, dip)
-        return ray_casting.Minorant(
-            at.width - here, at.width_slope - rise, bend, lengths, np.zeros_like(here)
-        )
+        width, slope = at.width - here, at.width_slope - rise
+        return ray_casting.Minorant(width, slope, bend, lengths, np.zeros_like(here))
 
     return floor
 

@@ -379,17 +379,15 @@ def periodic_spline(knots: Floats, values: Floats) -> PiecewiseCubic:
     second = np.roll(values, -1) - 2 * values + np.roll(values, 1)
     turn = np.asarray(6 * second / width**2, np.float64)
     bends = np.asarray(np.linalg.solve(matrix, turn), np.float64)
-    return _from_bends(
-        knots, np.concatenate([values, values[:1]]), np.concatenate([bends, bends[:1]])
-    )
+    wound = np.concatenate([values, values[:1]])
+    return _from_bends(knots, wound, np.concatenate([bends, bends[:1]]))
 
 
 def _from_bends(knots: Floats, values: Floats, bends: Floats) -> PiecewiseCubic:
     width = np.diff(knots)
     slope = np.diff(values) / width - width * (2 * bends[:-1] + bends[1:]) / 6
-    return PiecewiseCubic(
-        knots, np.stack([values[:-1], slope, bends[:-1] / 2, np.diff(bends) / (6 * width)])
-    )
+    third = np.diff(bends) / (6 * width)
+    return PiecewiseCubic(knots, np.stack([values[:-1], slope, bends[:-1] / 2, third]))
 
 
 def _spline_traits(rho: PiecewiseCubic) -> SectionBounds:

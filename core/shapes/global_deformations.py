@@ -216,7 +216,5 @@ def _joined(first: RayGap, second: RayGap) -> tuple[RayGap, RayGap]:
     """Two gaps; those that meet are both the whole of them."""
     meet = (first[0] <= second[1]) & (second[0] <= first[1])
     begin, end = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
-    one, two = (
-        (np.where(meet, begin, gap[0]), np.where(meet, end, gap[1])) for gap in (first, second)
-    )
-    return one, two
+    first = np.where(meet, begin, first[0]), np.where(meet, end, first[1])
+    return first, (np.where(meet, begin, second[0]), np.where(meet, end, second[1]))

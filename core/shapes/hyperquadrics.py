@@ -139,9 +139,8 @@ class Hyperquadric(ImplicitShape):
         return RayBundle(*forms(self._planes), self._exponents[:, None], kept)
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
-        rate = np.where(
-            np.abs(beam.rate) < ray_casting.LEAST_DIRECTION, ray_casting.LEAST_DIRECTION, beam.rate
-        )
+        least = ray_casting.LEAST_DIRECTION
+        rate = np.where(np.abs(beam.rate) < least, least, beam.rate)
         middle = -beam.h / rate
         half = (1.0 + ray_casting.ROOM) * self._half[:, None] / np.abs(rate)
         return np.maximum((middle - half).max(axis=0), 0.0), (middle + half).min(axis=0)

@@ -233,9 +233,8 @@ def _judged(
     step = np.where(blind, np.where(short, length, 0.0), step)
     # A floor may hold less far than was asked; the next may be asked as far again.
     after = np.where(free, np.where(length < asked, asked, GROWTH * asked), 2.0 * step)
-    shorter = np.where(
-        dropped, np.maximum(SHRINKAGE * length, CLOSE * tolerance), CLOSE * tolerance
-    )
+    least = CLOSE * tolerance
+    shorter = np.where(dropped, np.maximum(SHRINKAGE * length, least), least)
     after = np.where(blind, np.where(short, GROWTH * length, shorter), after)
     return step, after, arrived
 

@@ -62,9 +62,8 @@ class Superquadric(ImplicitShape):
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """The gauge less 1, and its slope: see `ImplicitShape.inside_out`."""
-        value, slope = self.gauge_along(
-            points.T / self.size[:, None], directions.T / self.size[:, None]
-        )
+        size = self.size[:, None]
+        value, slope = self.gauge_along(points.T / size, directions.T / size)
         return value - 1.0, slope
 
     def gauge(self, points: Floats) -> Floats:
@@ -293,9 +292,8 @@ def trigonometric_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) 
         )
 
     e1, e2 = shape.exponents.tolist()
-    return SurfacePoints(
-        shape.size * surface(e1, e2), _units(surface(2.0 - e1, 2.0 - e2) / shape.size)
-    )
+    normals = _units(surface(2.0 - e1, 2.0 - e2) / shape.size)
+    return SurfacePoints(shape.size * surface(e1, e2), normals)
 
 
 def _power(value: Floats, exponent: float) -> Floats:

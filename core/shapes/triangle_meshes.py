@@ -292,9 +292,8 @@ class DeformedShape:
     def __init__(self, base: ImplicitShape, deformation: Deformation, exact: bool = False):
         self._base, self._deformation, self._exact = base, deformation, exact
         self._undeformed = base.mesh(CAST_LEVEL)
-        self._triangles = TriangleShape(
-            deformation.deform(self._undeformed.vertices), self._undeformed.faces
-        )
+        deformed = deformation.deform(self._undeformed.vertices)
+        self._triangles = TriangleShape(deformed, self._undeformed.faces)
 
     def bounds(self) -> Floats:
         """Smallest and largest coordinates of the facets, (2, 3), m."""

@@ -57,9 +57,8 @@ class Lattice:
         Raises ValueError if their shape differs, one is not finite, or a weight is not positive.
         """
         weights = self.volume.weights if weights is None else weights
-        return Lattice(
-            spline_volumes.SplineVolume(control, self.volume.bases, weights), self.undeformed
-        )
+        volume = spline_volumes.SplineVolume(control, self.volume.bases, weights)
+        return Lattice(volume, self.undeformed)
 
     def local(self, points: Floats) -> Floats:
         """Parameters s, t, u (n, 3) of points (n, 3) in the undeformed lattice.
@@ -117,13 +116,10 @@ class Lattice:
         if isinstance(self.undeformed, spline_volumes.Parallelepiped):
             local = self.undeformed.local(self.control)
             return spline_volumes.SplineVolume(local, self.volume.bases, self.volume.weights)
-        origin, size = (
-            self.undeformed.control[0, 0, 0],
-            spline_volumes.control_extent(self.undeformed),
-        )
-        mean = spline_volumes.mean_determinant(
-            spline_volumes.rescaled_volume(self.undeformed, origin, size)
-        )
+        origin = self.undeformed.control[0, 0, 0]
+        size = spline_volumes.control_extent(self.undeformed)
+        before = spline_volumes.rescaled_volume(self.undeformed, origin, size)
+        mean = spline_volumes.mean_determinant(before)
         moved = spline_volumes.rescaled_volume(self.volume, origin, size)
         unit = np.array([mean if mean else 1.0, 1.0, 1.0])
         return spline_volumes.SplineVolume(moved.control / unit, moved.bases, moved.weights)

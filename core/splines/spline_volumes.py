@@ -186,9 +186,8 @@ def determinant_pieces(volume: SplineVolume) -> Iterator[BernsteinPieces]:
     end = np.ones((len(low), 1))
     for layer in range(len(breaks[2]) - 1):
         # A rational volume's is no polynomial before it is times the weight's fourth power.
-        values, _ = _determinant_and_weight(
-            volume, sites[0].ravel(), sites[1].ravel(), sites[2][layer]
-        )
+        places = sites[0].ravel(), sites[1].ravel(), sites[2][layer]
+        values, _ = _determinant_and_weight(volume, *places)
         pieces = values.reshape(*sites[0].shape, *sites[1].shape, -1)
         for axis, matrix in zip((1, 3, 4), converters, strict=True):
             pieces = np.moveaxis(np.tensordot(matrix, pieces, (1, axis)), 0, axis)
@@ -221,9 +220,8 @@ def _determinant_and_weight(
     volume: SplineVolume, s: Floats, t: Floats, u: Floats
 ) -> tuple[Floats, Floats]:
     """The determinant times the fourth power of the weight, and the weight."""
-    value, *slopes = (
-        evaluate_grid(volume.bases, volume.spline, (s, t, u), order) for order in FIRST_ORDERS
-    )
+    bases, spline = volume.bases, volume.spline
+    value, *slopes = (evaluate_grid(bases, spline, (s, t, u), order) for order in FIRST_ORDERS)
     if volume.weights is None:
         return _triple(*slopes), np.ones(1)
     weight = value[..., 3:]

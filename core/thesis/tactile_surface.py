@@ -55,6 +55,5 @@ def spline_shape(pad: Pad, spline: SplinePatch, x: float, y: float) -> ShapeOper
         return float(spline.surface(u, v, dx=by_y, dy=by_x)[0, 0])
 
     seconds = tuple(derivative(*by) / pad.pitch for by in ((2, 0), (1, 1), (0, 2)))
-    return graph_shape_operator(
-        (derivative(1, 0), derivative(0, 1)), (seconds[0], seconds[1], seconds[2])
-    )
+    slopes = derivative(1, 0), derivative(0, 1)
+    return graph_shape_operator(slopes, (seconds[0], seconds[1], seconds[2]))

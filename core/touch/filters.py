@@ -178,9 +178,8 @@ def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> Re
         far = min(max(FAR * spread, UNEVEN * pad.pitch), STANDS_OFF * pad.pitch)
         suspect = np.abs(off) > far
         allowed = np.maximum(OWN_MISFIT * np.abs(off), by_noise)
-        impulses = suspect & ~_supported(
-            pad, image, allowed, by_noise, np.abs(off) > ALSO_OFF * far
-        )
+        also_off = np.abs(off) > ALSO_OFF * far
+        impulses = suspect & ~_supported(pad, image, allowed, by_noise, also_off)
         impulses &= ~_in_squares(impulses, image, UNEVEN * pad.pitch)
         impulses &= ~_level(image, impulses, math.hypot(LEVEL * pad.pitch, by_noise))
     if not impulses.any():

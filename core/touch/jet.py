@@ -133,9 +133,8 @@ def _weighted(design: JetDesign, z: Floats, weights: Floats) -> JetFit | None:
     count = int(np.count_nonzero(weights))
     root = np.sqrt(weights)
     basis, triangle = qr_factors(design.monomials * root[:, None])
-    degree = identifiable_degree(
-        triangle, min(supported_degree(count), COUNTS.index(len(triangle))), count
-    )
+    most = min(supported_degree(count), COUNTS.index(len(triangle)))
+    degree = identifiable_degree(triangle, most, count)
     if degree == 0:
         return None
     m = COUNTS[degree]

@@ -113,9 +113,8 @@ def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: flo
     elastic model.
     """
     position, axes = split_pose(start)
-    ranges = shape.cast(
-        pad.transducers() @ axes.T + position, axes[:, 2], pad.thickness + reach + depth
-    )
+    rays = pad.transducers() @ axes.T + position
+    ranges = shape.cast(rays, axes[:, 2], pad.thickness + reach + depth)
     gaps = ranges.reshape(pad.rows, pad.cols) - pad.thickness
     nearest = float(gaps.min())
     if nearest < 0.0:

@@ -97,9 +97,7 @@ def assemble(finger: Fingertip, effects: Sequence[Effect]) -> Pipeline:
     if len(casts) > 1:
         names = " and ".join(type(effect).__name__ for effect in casts)
         raise ValueError(f"{names} both say how a taxel sees the surface; list one of them")
-    stages = [
-        (effect.phase, type(effect).__name__, _prepared(effect, finger)) for effect in effects
-    ]
+    stages = [(one.phase, type(one).__name__, _prepared(one, finger)) for one in effects]
     if not casts:
         stages.append((Phase.CAST, "cast", Stage(lambda touch, _: cast_single_rays(finger, touch))))
     stages.append((Phase.ARM, "transducer", _transduce(finger)))
@@ -127,9 +125,8 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
 
 def cast_single_rays(finger: Fingertip, touch: SimulatedTouch) -> None:
     """Press the pad, seeing the surface at the middle of each taxel."""
-    record_move(
-        finger, touch, guarded_move(touch.shape, finger.pad, touch.actual, touch.reach, touch.depth)
-    )
+    move = guarded_move(touch.shape, finger.pad, touch.actual, touch.reach, touch.depth)
+    record_move(finger, touch, move)
 
 
 def _transduce(finger: Fingertip) -> Stage:

@@ -225,9 +225,8 @@ class TaxelFit:
         columns = np.stack([zero, zero + 1, first, first + 1, first + 2], axis=-1)
         values = np.column_stack([pressed, np.ones_like(pressed), self.basis[taxel]])
         ends = np.arange(0, values.size + 1, 5)
-        return csr_array(
-            (values.ravel(), columns.ravel(), ends), shape=(len(touch), len(self.shared))
-        )
+        shape = len(touch), len(self.shared)
+        return csr_array((values.ravel(), columns.ravel(), ends), shape=shape)
 
     def _solve(self, at: TaxelIndices, pressed: Floats, system: csr_array, left: Floats) -> None:
         """Eliminate the taxels; then Cholesky. Priors keep both definite.

@@ -180,11 +180,9 @@ class Hand:
             raise ValueError(
                 f"advanced must have {self.fingers + 1} lengths or none, got {len(self.advanced)}"
             )
-        for advance in self.advanced:
-            if not 0.0 <= advance < self.reach:
-                raise ValueError(
-                    f"advanced must be below the reach {self.reach} m, got {advance} m"
-                )
+        for length in self.advanced:
+            if not 0.0 <= length < self.reach:
+                raise ValueError(f"advanced must be below the reach {self.reach} m, got {length} m")
 
 
 class FingerPaths(NamedTuple):
@@ -289,9 +287,8 @@ def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> F
     down = along[:, :, 2]
     room = starts[:, :, 2] - platform - FINGERTIP * np.sqrt(np.maximum(1.0 - down**2, 0.0))
     reach = np.where(down < -LEVEL, room / np.maximum(-down, LEVEL), math.inf)
-    return FingerPaths(
-        starts, along, np.where(room > 0.0, np.clip(reach, 0.0, hand.reach - advanced), 0.0)
-    )
+    ways = np.where(room > 0.0, np.clip(reach, 0.0, hand.reach - advanced), 0.0)
+    return FingerPaths(starts, along, ways)
 
 
 @cache

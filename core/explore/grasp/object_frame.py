@@ -297,9 +297,8 @@ def extent_along(
 ) -> tuple[float, float, float, float]:
     """Lower and upper end along the z axis of a frame, largest distance from it, error of ends."""
     axes = split_pose(pose)[1]
-    local_contacts = Contacts(
-        transform_points(inverse_pose(pose), contacts.points), contacts.normals @ axes
-    )
+    points = transform_points(inverse_pose(pose), contacts.points)
+    local_contacts = Contacts(points, contacts.normals @ axes)
     vertices = transform_points(inverse_pose(pose), solid.vertices)
     allowed = FITS * float(np.ptp(vertices, axis=0).max())
     over = solid.vertices[:, 2] >= platform - allowed

@@ -259,9 +259,7 @@ def was_asked(observation: Observation, height: float) -> bool:
 
 def is_near_finger(observation: Observation, height: float) -> bool:
     """Whether another finger is too near to this height."""
-    return any(
-        abs(height - other) < observation.finger_spacing for other in observation.busy_heights
-    )
+    return any(abs(height - busy) < observation.finger_spacing for busy in observation.busy_heights)
 
 
 class WrongChoiceError(ValueError):

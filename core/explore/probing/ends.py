@@ -104,9 +104,8 @@ class EndObservation:
             positive(name, getattr(self, name), "m")
         for name in ("deviation", "noise"):
             not_negative(name, getattr(self, name), "m")
-        if not (math.isfinite(self.height) and math.isfinite(self.other)) or (
-            self.height == self.other
-        ):
+        finite = math.isfinite(self.height) and math.isfinite(self.other)
+        if not finite or self.height == self.other:
             raise ValueError(
                 f"height must be finite and differ from that of the other end {self.other} m, "
                 f"got {self.height} m"
@@ -158,9 +157,8 @@ def turned_over(observation: EndObservation) -> EndObservation:
 
 def turned_command(probing: ProbeCommand) -> ProbeCommand:
     """A touch of the one end as one of the other."""
-    return probing._replace(
-        pose=compose_poses(OVER, probing.pose), target=probing.target @ FACING_DOWN
-    )
+    pose = compose_poses(OVER, probing.pose)
+    return probing._replace(pose=pose, target=probing.target @ FACING_DOWN)
 
 
 class EndFace(NamedTuple):

@@ -237,10 +237,8 @@ def probe_along_axis(observation: EndObservation, place: Floats) -> ProbeCommand
     """A touch over a place (2,), along the slicing axis, that nothing known is in the way of."""
     start = highest_expected(observation) + CLEARANCE + TOUCH_DEPTH
     lowest = observation.height - DEEP * (observation.height - observation.other)
-    pose = pose_of(np.array([place[0], place[1], start]), FACING_DOWN)
-    return ProbeCommand(
-        pose, start - lowest, "search", np.array([place[0], place[1], observation.height])
-    )
+    pose = pose_of(np.array([*place, start]), FACING_DOWN)
+    return ProbeCommand(pose, start - lowest, "search", np.array([*place, observation.height]))
 
 
 def _asked_by_noise(observation: EndObservation, contour: SideContour) -> float:

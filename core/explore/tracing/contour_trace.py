@@ -138,9 +138,8 @@ def _go_on_searching(
     path, heading, posture, gaps, _ = start.result
     path = _touched_again(spec, path, trace.arcs_since)
     end = heading_at_end(path, heading, spec.width)
-    return replace(
-        trace, path=path, end_heading=end, posture=posture, gaps=gaps, arcs_since=()
-    ), None
+    trace = replace(trace, path=path, end_heading=end, posture=posture, gaps=gaps, arcs_since=())
+    return trace, None
 
 
 def _first(spec: SliceSpec, wanted: TraceGoal) -> Procedure[Stride | NoArc]:

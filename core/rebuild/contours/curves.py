@@ -90,7 +90,7 @@ def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int)
         raise ValueError(f"contours must be a sequence of arrays, got {type(contours).__name__}")
     if not len(contours):
         raise ValueError("contours must be at least one, got none")
-    columns = 3 if heights is None else 2
+    width = 3 if heights is None else 2
     found = []
     for which, contour in enumerate(contours, first):
         try:
@@ -101,11 +101,9 @@ def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int)
         except (TypeError, ValueError) as error:
             raise ValueError(f"contour {which} must be an array of real numbers: {error}") from None
         if not points.size:
-            points = points.reshape(0, columns)
-        if points.ndim != 2 or points.shape[1] != columns:
-            raise ValueError(
-                f"contour {which} must have shape (any, {columns}), got {points.shape}"
-            )
+            points = points.reshape(0, width)
+        if points.ndim != 2 or points.shape[1] != width:
+            raise ValueError(f"contour {which} must have shape (any, {width}), got {points.shape}")
         found.append(points)
     if heights is not None:
         pairs = zip(found, finite_array("heights", heights, (len(found),)), strict=True)

@@ -158,9 +158,8 @@ def _shared_deviation(
     beside = chord_places(fine, taps).reshape(-1, 2 * REACH + 1, 2)
     even = np.broadcast_to(np.arange(-REACH, REACH + 1.0), beside.shape[:2])
     found = neighbour_deviation(beside, even)
-    off, bend = (
-        part.reshape(count, SAMPLES, 2) / sizes[:, None, None] for part in (found.off, found.bend)
-    )
+    parts = (part.reshape(count, SAMPLES, 2) for part in (found.off, found.bend))
+    off, bend = (part / sizes[:, None, None] for part in parts)
     far = np.hypot(off[..., 0], off[..., 1])
     window = int(np.ceil(WINDOW * SAMPLES * float(np.median(steps))))
     most = maximum_filter1d(far, 2 * window + 1, axis=1, mode="wrap")
@@ -231,11 +230,9 @@ def neighbour_deviation(beside: Floats, ahead: Floats) -> NeighbourDeviation:
     along = along / np.where(length > 0.0, length, 1.0)[:, None]
     frame = np.stack([along, np.stack([along[:, 1], -along[:, 0]], axis=1)], axis=1)
     in_frame = np.einsum("nij,nkj->ink", frame, beside)
-    one, other = np.array(PAIRS).T
-    share = ahead[:, one] / (ahead[:, one] - ahead[:, other])
-    off = [
-        -_middle_of_five(own[:, one] + share * (own[:, other] - own[:, one])) for own in in_frame
-    ]
+    one, two = np.array(PAIRS).T
+    share = ahead[:, one] / (ahead[:, one] - ahead[:, two])
+    off = [-_middle_of_five(own[:, one] + share * (own[:, two] - own[:, one])) for own in in_frame]
     cubic = np.einsum("nk,nkd->nd", _lagrange_weights(ahead[:, CUBIC]), beside[:, CUBIC])
     bend = -np.einsum("nij,nj->ni", frame, cubic)
     return NeighbourDeviation(np.stack(off, axis=1), bend, frame, point)

@@ -136,9 +136,8 @@ def fit_lattice(
     best = _best(check, SIDES if size is None else (size[0],), enough)
     side = best.control.shape[0]
     bases = splines.clamped_basis(side), splines.clamped_basis(side), layers.basis
-    lattice = splines.Lattice(
-        splines.SplineVolume(best.control, bases), section.frame(*surface.reach)
-    )
+    volume = splines.SplineVolume(best.control, bases)
+    lattice = splines.Lattice(volume, section.frame(*surface.reach))
     return LatticeFit(lattice, section, best.health)
 
 

@@ -291,9 +291,8 @@ def _section(
     middle: complex, half: Floats, angle: float, exponent: float, places: Complexes
 ) -> Section:
     """The section, walked by the azimuths of places (k,) at even turns in its box."""
-    axes = half[:, None] * np.array(
-        [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
-    )
+    cos, sin = np.cos(angle), np.sin(angle)
+    axes = half[:, None] * np.array([[cos, sin], [-sin, cos]])
     turns = np.arange(len(places)) / len(places)
     steps = np.angle(np.roll(places, -1) / np.where(places == 0.0, 1.0, places))
     azimuth = float(np.angle(places[0])) + np.concatenate([[0.0], np.cumsum(steps[:-1])])

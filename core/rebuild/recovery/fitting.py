@@ -80,11 +80,9 @@ def recover(
     or so far away that their squares overflow, the noise is not positive, or the choice is unknown.
     """
     places = finite_array("points", points, (None, 3))
-    farthest = float(np.abs(places).max(initial=0.0))
-    if farthest > FARTHEST:
-        raise ValueError(
-            f"points must lie within {FARTHEST:g} m, got a coordinate of {farthest:g} m"
-        )
+    far = float(np.abs(places).max(initial=0.0))
+    if far > FARTHEST:
+        raise ValueError(f"points must lie within {FARTHEST:g} m, got a coordinate of {far:g} m")
     if noise is not None:
         positive("noise", noise, "m")
     if choice not in (None, "thesis"):

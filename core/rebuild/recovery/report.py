@@ -354,9 +354,8 @@ def canonical(solid: CanonicalSolid) -> CanonicalSolid:
             np.array([solid.bend[1], -solid.bend[0]]),
         )
     signs = HALF_TURNS[int(np.argmax(HALF_TURNS @ np.diagonal(solid.axes)))]
-    return solid._replace(
-        axes=solid.axes * signs, taper=solid.taper * signs[2], bend=solid.bend * signs[:2]
-    )
+    axes, taper, bend = solid.axes * signs, solid.taper * signs[2], solid.bend * signs[:2]
+    return solid._replace(axes=axes, taper=taper, bend=bend)
 
 
 def units_of(warps: Warps, unit: float) -> Floats:

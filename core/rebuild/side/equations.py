@@ -106,9 +106,8 @@ def tensor_rows(first: csr_array, second: csr_array) -> csr_array:
     counts = np.diff(first.indptr)[0], np.diff(second.indptr)[0]
     n = first.shape[0]
     values = first.data.reshape(n, counts[0], 1) * second.data.reshape(n, 1, counts[1])
-    columns = first.indices.reshape(n, counts[0], 1) * second.shape[1] + second.indices.reshape(
-        n, 1, counts[1]
-    )
+    outer, inner = first.indices.reshape(n, counts[0], 1), second.indices.reshape(n, 1, counts[1])
+    columns = outer * second.shape[1] + inner
     pointers = np.arange(0, n * counts[0] * counts[1] + 1, counts[0] * counts[1])
     shape = (n, first.shape[1] * second.shape[1])
     return csr_array((values.ravel(), columns.ravel(), pointers), shape=shape)

@@ -169,9 +169,8 @@ def reparametrised(
     distinct = np.diff(places) > 0.0
     kept = np.concatenate([[True], distinct])
     lengths = np.hypot(rise, across)[distinct] ** power
-    return replace(
-        axial_parameter, reparametrisation=reparametrisation_through(places[kept], lengths)
-    )
+    through = reparametrisation_through(places[kept], lengths)
+    return replace(axial_parameter, reparametrisation=through)
 
 
 def fit_heights_or_round(rows: ContourRows, low: float, high: float) -> ContourFit:

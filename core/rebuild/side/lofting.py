@@ -162,9 +162,8 @@ def fit_contour_loft(
     fit = fit_rows(rows, low, high, scaled)
 
     def again(points: Floats) -> ContourFit:
-        return fit_axial_parameter(
-            rows._replace(grid=points), fit.axial_parameter, scaled, fit.caution
-        )
+        moved = rows._replace(grid=points)
+        return fit_axial_parameter(moved, fit.axial_parameter, scaled, fit.caution)
 
     if noise == 0.0:  # who knows that there is no noise knows that no point is wrong
         used, outlying = rows.grid, np.zeros(rows.grid.shape[:2], np.bool_)
@@ -277,11 +276,9 @@ def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput)
         sigma = given.noise / rows.size
     beside = tuple(int(pole is not None) for pole in rows.poles)
     around = np.pad(across, (beside, (0, 0), (0, 0)))
-    smoothed = fit.smoothed
+    smoothed, control = fit.smoothed, rows.size * fit.control
     return ContourLoft(
-        surface=ContourSurface(
-            fit.axial_parameter, fit.along, rows.size * fit.control, rows.middle
-        ),
+        surface=ContourSurface(fit.axial_parameter, fit.along, control, rows.middle),
         size=rows.size,
         smoothed=smoothed,
         between=between_contours(fit.sites, rows.with_poles, around, sigma),

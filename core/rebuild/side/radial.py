@@ -245,9 +245,8 @@ class RadialSpline:
 
     def refitted(self, contacts: ContactPoints, stiffness: float = 1.0) -> RadialSpline:
         """To other contact points, over the same heights and gaps."""
-        return fit_radial_spline(
-            contacts, self.axis_curve, self.low, self.high, stiffness, self.tension
-        )
+        where = self.axis_curve, self.low, self.high
+        return fit_radial_spline(contacts, *where, stiffness, self.tension)
 
     @property
     def square(self) -> float:

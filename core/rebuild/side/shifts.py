@@ -51,9 +51,8 @@ def fit_shifted_spline(
         shifts += _more_shifts(spline, shifts, strictness)
         moved = contacts._replace(points=contacts.points - shifts[contacts.touch])
         spline = plain.refitted(moved)
-        pose = probable_error_sigma(
-            np.einsum("ni,ni->n", spline.rows.normals, shifts[spline.rows.touch])
-        )
+        by_row = shifts[spline.rows.touch]
+        pose = probable_error_sigma(np.einsum("ni,ni->n", spline.rows.normals, by_row))
         if not pose > least:
             break
         strictness = TOGETHER * spline.square / pose**2

@@ -408,9 +408,8 @@ class SampledPatch:
     @property
     def _bases(self) -> tuple[splines.Basis, splines.Basis]:
         along, around = self.control.shape[:2]
-        return splines.clamped_basis(along), splines.Basis(
-            splines.periodic_knots(around), splines.CUBIC
-        )
+        periodic = splines.Basis(splines.periodic_knots(around), splines.CUBIC)
+        return splines.clamped_basis(along), periodic
 
     @property
     def _wound(self) -> Floats:

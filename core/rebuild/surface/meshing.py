@@ -278,11 +278,10 @@ def _places(mesh: SurfaceMesh, seed: geometry.Nearest) -> tuple[Floats, Floats]:
     """Where points of the mesh are, as v and turn."""
     rows = mesh.faces[seed.faces]
     corners = mesh.vertices[rows]
-    apart = np.linalg.norm(corners - seed.points[:, None], axis=2)
+    point = seed.points[:, None]
+    apart = np.linalg.norm(corners - point, axis=2)
     following, beyond = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)
-    areas = np.linalg.norm(
-        np.cross(following - seed.points[:, None], beyond - seed.points[:, None]), axis=2
-    )
+    areas = np.linalg.norm(np.cross(following - point, beyond - point), axis=2)
     total = areas.sum(axis=1, keepdims=True)
     even = np.where(total > 0.0, total, 1.0)
     shares = np.where(total > 0.0, areas / even, apart == apart.min(axis=1, keepdims=True))

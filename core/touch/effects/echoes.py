@@ -66,10 +66,8 @@ def _origins(pad: Pad, width: float, rays: int) -> Floats:
     Those of one element stand together. The transducers follow the dome under every ray.
     """
     across = ((np.arange(rays) + 0.5) / rays - 0.5) * width * pad.pitch
-    x, y = pad.grid()
-    x, y = np.broadcast_arrays(
-        x[:, :, None, None] + across[None, :], y[:, :, None, None] + across[:, None]
-    )
+    x, y = (each[:, :, None, None] for each in pad.grid())
+    x, y = np.broadcast_arrays(x + across[None, :], y + across[:, None])
     z = -(pad.thickness + 0.5 * pad.dome * (x * x + y * y))
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
