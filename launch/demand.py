@@ -105,9 +105,8 @@ def expected_cost(share: float) -> ExpectedCost:
         low, middle, high = (float(np.exp(np.interp(at, known, one))) for one in columns)
         return low, middle, high
 
-    return ExpectedCost(
-        between([row.touches for row in rows]), between([row.seconds for row in rows])
-    )
+    touches, seconds = [row.touches for row in rows], [row.seconds for row in rows]
+    return ExpectedCost(between(touches), between(seconds))
 
 
 def demand_text(
@@ -117,13 +116,12 @@ def demand_text(
 
     `height`: of the object, m; None where the launch file has no scene.
     """
-    planners = [one.params for one in wirings if isinstance(one.params, planner.Params)]
+    params = [one.params for one in wirings]
+    planners = [one for one in params if isinstance(one, planner.Params)]
     if len(planners) != 1:
         return ""
     asked = planners[0]
-    qualities = [
-        one.params.quality for one in wirings if isinstance(one.params, reconstructor.Params)
-    ]
+    qualities = [one.quality for one in params if isinstance(one, reconstructor.Params)]
     lines = titled("asked", *_choices(asked, qualities, settings))
     if height is not None:
         lines += titled("expected", *_expectation(asked, qualities, height))

@@ -158,9 +158,8 @@ def describe_python(path: Path, args: Mapping[str, SourceMapped], out: Path) -> 
     values: dict[str, Any] = {name: value.value for name, value in args.items()}
     for name, value in args.items():
         if name not in signature.parameters or name == "out":
-            raise value.error(
-                (), f"{path} has no argument {name!r}; {hint(name, signature.parameters)}"
-            )
+            known = hint(name, signature.parameters)
+            raise value.error((), f"{path} has no argument {name!r}; {known}")
     if "out" in signature.parameters:
         values["out"] = str(out)
     try:
@@ -222,9 +221,8 @@ def _call(path: Path, act: Callable[[], Any]) -> Any:
     except (InputError, SyntaxError, KeyboardInterrupt):
         raise
     except (Exception, SystemExit) as error:  # The edge of the user's program.
-        lines = [
-            f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)
-        ]
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [one.lineno for one in frames if one.filename == str(path)]
         place = f"{path}:{lines[-1]}" if lines else str(path)
         raise InputError(f"{place}: {type(error).__name__}: {error}") from None
 

@@ -107,9 +107,8 @@ def load_entry(entry: Entry) -> AnyNode:
     except ValueError as error:
         if mark or "." in kind or kind in list_kinds():
             raise entry.error(str(error)) from None
-        raise entry.error(
-            f"there is no kind of node {kind!r}; {hint(kind, list_kinds())}"
-        ) from None
+        known = hint(kind, list_kinds())
+        raise entry.error(f"there is no kind of node {kind!r}; {known}") from None
     except Exception as error:  # a module of one's own may break in any way
         what = next(iter(str(error).splitlines()), "")
         text = f"module {entry.module!r} breaks: {type(error).__name__}: {what}"

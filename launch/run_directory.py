@@ -243,9 +243,8 @@ def missed_goals(summary: Mapping[str, Any], *, rebuilds: bool = True) -> list[s
     if rebuilds and summary["uncovered_m"]:
         found.append(f"{millimetres(summary['uncovered_m'])} of the height could not be traced")
     if summary["tolerance_met"] is False:
-        found.append(
-            f"the tolerance was not reached: {'; '.join(known_texts(summary))}{_rest(summary)}"
-        )
+        known = "; ".join(known_texts(summary))
+        found.append(f"the tolerance was not reached: {known}{_rest(summary)}")
     return found
 
 

@@ -179,9 +179,8 @@ def _checked_effect(parameters: SourceMapped, name: str) -> type[Effect]:
         kind = effect_type(name)
     except LookupError:
         place = f"{parameters.source}: " if parameters.source else ""
-        raise InputError(
-            f"{place}there is no effect {name!r}; {hint(name, EFFECT_NAMES)}"
-        ) from None
+        known = hint(name, EFFECT_NAMES)
+        raise InputError(f"{place}there is no effect {name!r}; {known}") from None
     except ValueError as error:
         raise parameters.error((), str(error)) from None
     convert(parameters, kind, f"effects.{name}")
@@ -275,9 +274,8 @@ def check_planner(given: SourceMapped) -> Planner | None:
     try:
         kind = planner_type(name)
     except LookupError:
-        raise given.error(
-            path, f"there is no planner {name!r}; {hint(name, PLANNER_NAMES)}"
-        ) from None
+        known = hint(name, PLANNER_NAMES)
+        raise given.error(path, f"there is no planner {name!r}; {known}") from None
     except ValueError as error:
         raise given.error(path, str(error)) from None
     return convert(_planner_settings(given, explore), kind, "explore.settings")

@@ -104,9 +104,8 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
     while asked and is_complete(state, asked[0]):
         goal = asked.pop(0)
         if is_coarse(goal):
-            outputs.append(
-                ("/model/coarse", Deferred(types.Superquadric, partial(_coarse, state, goal)))
-            )
+            coarse = Deferred(types.Superquadric, partial(_coarse, state, goal))
+            outputs.append(("/model/coarse", coarse))
         else:
             if state.space is not None:
                 space = Deferred(types.SpaceMap, partial(_space, state, goal))

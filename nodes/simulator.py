@@ -91,10 +91,8 @@ def start(params: Params) -> tuple[State, Outputs]:
     state = State(shape, pipeline, pipeline.begin(), platform=platform)
     if params.finger > 1:
         return state, []
-    robot = ROBOT_PRESETS[params.robot].array
-    world = derive(
-        types.World, params, platform=platform, robot=robot, reach=params.reach_of_finger
-    )
+    robot, reach = ROBOT_PRESETS[params.robot].array, params.reach_of_finger
+    world = derive(types.World, params, platform=platform, robot=robot, reach=reach)
     return state, [
         ("/world", world),
         ("/touch/info", specs.info_of(params.sensor, pipeline.noise, specs.sensed_face(pipeline))),
@@ -170,9 +168,8 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
     robot, begun = ROBOT_PRESETS[params.robot], max(state.clock, goal.not_before)
     travel, turn = move_between(hand.resting, goal.pose)
     travel += hand.advanced + advanced  # the fingers open, and come near, as fast as the arm
-    closing = Closing(
-        hand.closings, begun + free_seconds(robot, travel=travel, turn=turn), state.clock
-    )
+    there = begun + free_seconds(robot, travel=travel, turn=turn)
+    closing = Closing(hand.closings, there, state.clock)
     grasp, remembered = close_hand(
         state.shape, hand.fingers, hand.remembered, shape, goal.pose, state.platform, closing
     )

@@ -186,9 +186,8 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
                 f"--lattice {lattice}: must end in one of {', '.join(files.LATTICE_SUFFIXES)}"
             )
         if method not in ("lattice", "thesis"):
-            raise files.InputError(
-                f"--lattice {lattice}: the method {method} has no control lattice"
-            )
+            text = f"--lattice {lattice}: the method {method} has no control lattice"
+            raise files.InputError(text)
     everything = [*outs, *([] if lattice is None else [lattice])]
     for path in everything:
         if not path.parent.is_dir():

@@ -22,9 +22,8 @@ def perform_and_print(plan: launch.Plan, *, composed: bool, as_json: bool, quiet
     """
     if plan.asked and not (quiet or as_json):
         click.echo(plan.asked, err=True)
-    done = launch.perform(
-        plan, composed=composed, display=launch.open_display(quiet=quiet or as_json)
-    )
+    display = launch.open_display(quiet=quiet or as_json)
+    done = launch.perform(plan, composed=composed, display=display)
     if as_json:
         click.echo(json.dumps(done.summary, indent=2, allow_nan=False))
     elif not quiet:
@@ -38,9 +37,8 @@ def perform_and_print(plan: launch.Plan, *, composed: bool, as_json: bool, quiet
 def check_scene(scene: str) -> str:
     """That a scene can be explored, its size, and what is simulated; else raises InputError."""
     path = launch.find_scene(scene)
-    described, _ = launch.check_run(
-        launch.EXPLORE, {"scene": SourceMapped(str(path), "")}, {}, launch.RUNS
-    )
+    args = {"scene": SourceMapped(str(path), "")}
+    described, _ = launch.check_run(launch.EXPLORE, args, {}, launch.RUNS)
     assert described.scene is not None
     size = " x ".join(f"{1000.0 * side:.1f}" for side in described.scene.size)
     text = f"{path}: can be explored; the object measures {size} mm"
@@ -54,9 +52,8 @@ def simulation_text(scene: launch.SceneSpec) -> str:
     effects = describe_effects(scene.effects)
     if not effects:
         return "\n".join([*lines, "simulated  exact contact, and no effects"])
-    lines.append(
-        f"simulated  exact contact, and {launch.counted(len(effects), 'effect')}, in this order:"
-    )
+    count = launch.counted(len(effects), "effect")
+    lines.append(f"simulated  exact contact, and {count}, in this order:")
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         place = effect.phase.name.lower()

@@ -73,9 +73,9 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     elif kind == ".ply":
         points = files.read_cloud(path, taken)
     if points is not None:
-        if len(points) < MIN_POINTS:
+        if (count := len(points)) < MIN_POINTS:
             raise files.InputError(
-                f"{path}: holds {len(points)} points; at least {MIN_POINTS} are needed"
+                f"{path}: holds {count} points; at least {MIN_POINTS} are needed"
             )
         if not np.isfinite(points).all():
             bad = int(np.argmin(np.isfinite(points).all(axis=1)))
@@ -271,9 +271,8 @@ def _alignment_lines(scored: ScoreRecord) -> list[str]:
 def _distance_lines(scored: ScoreRecord) -> list[str]:
     first = "mean" if scored["one_sided"] else "chamfer"
     named = {first: f"{first}_m", "rms": "rms_m", "p95": "p95_m", "worst": "hausdorff_m"}
-    lines = titled(
-        "distance", *(f"{name} {millimetres(scored[key])}" for name, key in named.items())
-    )
+    parts = (f"{name} {millimetres(scored[key])}" for name, key in named.items())
+    lines = titled("distance", *parts)
     if scored["one_sided"]:
         told = f"from {scored['points']} points to the model, not back: "
         return lines + titled("one-sided", told + "what the points do not cover is not judged")

@@ -73,9 +73,8 @@ def read_mesh(path: Path, unit: str | None = None) -> tuple[Vertices, Faces, str
     told = []
     if unit is None:
         unit = _likely_unit(path, vertices)
-        size = " x ".join(
-            f"{1e3 * METRES_PER_UNIT[unit] * x:.3g}" for x in np.ptp(vertices, axis=0)
-        )
+        sides = np.ptp(vertices, axis=0)
+        size = " x ".join(f"{1e3 * METRES_PER_UNIT[unit] * side:.3g}" for side in sides)
         told.append(f"taken to be in {unit}, {size} mm")
     vertices = vertices * METRES_PER_UNIT[unit]
     _check_size(path, vertices, unit)

@@ -136,9 +136,8 @@ def read_off(data: bytes) -> RawMesh:
         raise ValueError(
             f"states {vertices} vertices and {faces} faces, and has {len(lines) - 1} lines of them"
         )
-    places = parse_numbers(
-        b"\n".join(b" ".join(row.split(None, 3)[:3]) for row in lines[1:][:vertices])
-    )
+    rows = (b" ".join(row.split(None, 3)[:3]) for row in lines[1:][:vertices])
+    places = parse_numbers(b"\n".join(rows))
     if len(places) != 3 * vertices:
         raise ValueError("has a vertex that is not three numbers")
     polygons = _off_polygons(lines[1 + vertices :][:faces])
@@ -211,10 +210,8 @@ def triangulate(polygons: Ragged) -> Indices:
         return NO_FACES
     if lengths.min() < 3:
         raise ValueError(f"has a face of {lengths.min()} corners; a face has three or more")
-    if lengths.max() > MAX_FACE_CORNERS:
-        raise ValueError(
-            f"has a face of {lengths.max()} corners; at most {MAX_FACE_CORNERS} are read"
-        )
+    if (most := lengths.max()) > MAX_FACE_CORNERS:
+        raise ValueError(f"has a face of {most} corners; at most {MAX_FACE_CORNERS} are read")
     total = len(items) - 2 * len(lengths)
     check_counts(0, total)
     corners = _whole_numbers(items)
@@ -298,9 +295,8 @@ def read_glb(data: bytes) -> RawMesh:
     if piece.indices is None:
         corners = np.arange(len(vertices), dtype=np.int64)
     else:
-        corners = (
-            _accessor_values(gltf, held, piece.indices, "SCALAR", _INDICES).astype(np.int64).ravel()
-        )
+        numbers = _accessor_values(gltf, held, piece.indices, "SCALAR", _INDICES)
+        corners = numbers.astype(np.int64).ravel()
     if len(corners) % 3:
         raise ValueError(f"has triangles of {len(corners)} corners in all")
     check_counts(len(vertices), len(corners) // 3)

@@ -220,10 +220,8 @@ def _read_cloud(path: Path) -> MeasuredContours:
 
 
 def _cut(path: Path, points: Floats) -> MeasuredContours:
-    if len(points) < MIN_CLOUD_POINTS:
-        raise InputError(
-            f"{path}: holds {len(points)} points; at least {MIN_CLOUD_POINTS} are needed"
-        )
+    if (count := len(points)) < MIN_CLOUD_POINTS:
+        raise InputError(f"{path}: holds {count} points; at least {MIN_CLOUD_POINTS} are needed")
     good = np.isfinite(points).all(axis=1)
     if not good.all():
         raise InputError(f"{path}: point {int(np.argmin(good))} is not finite")
@@ -355,11 +353,9 @@ def read_recording(path: Path) -> MeasuredContours:
     recorded: dict[type, list[Any]] = {kind: [] for kind in MESSAGE_TYPES.values()}
     try:
         for kept in open_recording(path).messages():
-            kind = next(
-                (kind for end, kind in MESSAGE_TYPES.items() if kept.topic.endswith(end)), None
-            )
-            if kind is not None:
-                recorded[kind].append(decode(kind, kept.body))
+            for end, kind in MESSAGE_TYPES.items():
+                if kept.topic.endswith(end):
+                    recorded[kind].append(decode(kind, kept.body))
     except CodecError as error:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:

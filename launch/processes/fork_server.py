@@ -44,12 +44,8 @@ def start_fork_server(modules: Iterable[str]) -> None:
         # not ignore a hangup.
         resource_tracker.ensure_running()
         signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
-        with (
-            without_main_module(),
-            _environment(
-                {**NODE_ENVIRONMENT, PRELOAD_VARIABLE: " ".join(preloaded_modules(modules))}
-            ),
-        ):
+        preloaded = {PRELOAD_VARIABLE: " ".join(preloaded_modules(modules))}
+        with without_main_module(), _environment({**NODE_ENVIRONMENT, **preloaded}):
             forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)

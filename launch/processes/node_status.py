@@ -117,9 +117,8 @@ class TerminationDetector:
     def drop(self, name: str) -> None:
         """Count somebody no more, who has died and is done without."""
         self._names = tuple(one for one in self._names if one != name)
-        self._edges = tuple(
-            edge for edge in self._edges if name not in (edge.subscriber, edge.publisher)
-        )
+        kept = (one for one in self._edges if name not in (one.subscriber, one.publisher))
+        self._edges = tuple(kept)
         self.forget()
 
     def to_ask(self, now: float) -> list[str]:
@@ -246,9 +245,8 @@ class LauncherSockets:
         if arrival is None:
             return None
         self.consumed[arrival.publisher, arrival.topic] += 1
-        return arrival.topic, decode(
-            self._type_of(arrival.topic, arrival.header.schema), arrival.body
-        )
+        cls = self._type_of(arrival.topic, arrival.header.schema)
+        return arrival.topic, decode(cls, arrival.body)
 
     def receive_tap(self) -> object | None:
         """What a node tells of itself, or None."""

@@ -283,10 +283,8 @@ class EarlierRun:
 
     def _remember(self, wiring: Wiring, place: Addresses, later_ns: int) -> None:
         """What a node has answered, and how."""
-        past = MessageLog(
-            Path(place.pasts[wiring.name]), tuple(wiring.outputs.values()), persistent=True
-        )
-        with closing(past):
+        topics = tuple(wiring.outputs.values())
+        with closing(MessageLog(Path(place.pasts[wiring.name]), topics, persistent=True)) as past:
             for topic, sent_ns, schema, body in self.published.get(wiring.name, ()):
                 seq, when = past.count(topic), sent_ns + later_ns
                 header = Header(place.run, 0, seq, when, 0.0, schema)

@@ -225,10 +225,8 @@ class Supervisor:
                     self._tools.done(word["ticket"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
-                    count = MessageCounts(
-                        word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
-                    )
-                    self._counted(name, word["round"], count)
+                    told = word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
+                    self._counted(name, word["round"], MessageCounts(*told))
         except ValueError as error:
             self._reports.failed[LAUNCHER] = f"listening to the nodes: {error}"
 

@@ -159,9 +159,8 @@ class Publisher:
 
     def _answer(self, request: handshake.JoinRequest) -> None:
         if request.epoch is None:
-            self._put(
-                handshake.greeting(request.call, self.epoch), "the greeting of a joining node"
-            )
+            greeting = handshake.greeting(request.call, self.epoch)
+            self._put(greeting, "the greeting of a joining node")
             return
         # A subscriber that reconnects says its old cursors again; those of an earlier start
         # of this node carry that start's epoch.

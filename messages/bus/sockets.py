@@ -136,11 +136,9 @@ def make_key(path: Path) -> None:
     if path.exists():
         raise FileExistsError(f"key {path} exists already; it is not overwritten")
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    public, secret = zmq.curve_keypair()
+    public, secret = (part.decode() for part in zmq.curve_keypair())
     path.touch(mode=0o600)
-    path.write_text(
-        f'curve\n    public-key = "{public.decode()}"\n    secret-key = "{secret.decode()}"\n'
-    )
+    path.write_text(f'curve\n    public-key = "{public}"\n    secret-key = "{secret}"\n')
 
 
 def read_key(path: Path) -> tuple[bytes, bytes]:

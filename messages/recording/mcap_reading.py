@@ -225,9 +225,8 @@ def _unpacked(size: int, compression: str, packed: memoryview) -> bytearray | me
     if compression not in ("", "lz4"):
         raise RecordFault(f"has chunks packed by {compression!r}; only lz4 is read")
     length = len(packed)
-    most = min(
-        MAX_CHUNK_BYTES, LZ4_RATIO * length, max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * length)
-    )
+    likely = max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * length)
+    most = min(MAX_CHUNK_BYTES, LZ4_RATIO * length, likely)
     if size > most:
         raise RecordFault(
             f"is damaged: a chunk of {size} bytes, at most {most} are allowed of {length} packed"

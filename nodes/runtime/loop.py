@@ -87,9 +87,7 @@ def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
         wiring.name,
         place,
         subscriptions=subscriptions,
-        publications={
-            topic: wiring.subscribers.get(topic, ()) for topic in wiring.outputs.values()
-        },
+        publications={one: wiring.subscribers.get(one, ()) for one in wiring.outputs.values()},
         persistent=wiring.persistent,
     )
     loop = NodeLoop(wiring.name, station, going=place.going)

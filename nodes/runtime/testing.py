@@ -301,8 +301,6 @@ def _inputs(bag: recordings.Recording, node: Node, place: RecordedNode | None) -
         found = [one for one in place.inputs if one.local in node.inputs]
     if not found and node.inputs:
         whose = f"what {place.name} received in it" if place else "its topics"
-        subscriptions = ", ".join(node.inputs)
-        raise ValueError(
-            f"recording {bag.path}: the node subscribes to {subscriptions}, none of {whose}"
-        )
+        wanted = ", ".join(node.inputs)
+        raise ValueError(f"recording {bag.path}: the node subscribes to {wanted}, none of {whose}")
     return tuple(found)

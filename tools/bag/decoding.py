@@ -84,9 +84,8 @@ def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
         if topic not in recording.counts:
             raise InputError(f"{path}: has no topic {topic!r}; {hint(topic, recording.counts)}")
     first = min((kept.sent_ns for kept in recording.messages()), default=0)
-    return DecodedRecording(
-        recording, tuple(dict.fromkeys(topics or sorted(recording.counts))), first
-    )
+    wanted = tuple(dict.fromkeys(topics or sorted(recording.counts)))
+    return DecodedRecording(recording, wanted, first)
 
 
 def file_stems(topics: Iterable[str]) -> dict[str, str]:

@@ -86,9 +86,8 @@ class _Channels:
         if key not in self._channels:
             if view.schema not in self._schemas:
                 text = json.dumps(SCHEMAS.get(view.schema) or plain_schema(cls)).encode()
-                self._schemas[view.schema] = self._writer.register_schema(
-                    view.schema, "jsonschema", text
-                )
+                schema_id = self._writer.register_schema(view.schema, "jsonschema", text)
+                self._schemas[view.schema] = schema_id
             schema_id = self._schemas[view.schema]
             self._channels[key] = self._writer.register_channel(view.topic, "json", schema_id)
         return self._channels[key]

@@ -98,12 +98,10 @@ class FaultInjector:
         card = self._card(until)
         if card is None:
             return self._process.poll() is not None
-        topics = {fault.topic for fault in self._left} - {""}
+        topics = {fault.topic for fault in self._left} - {""} | {STATUS_TOPIC}
         with ExitStack() as kept:
             context = kept.enter_context(zmq.Context())
-            reader = TapReader(
-                context, card.taps.values(), {*topics, STATUS_TOPIC}, depth=INJECTOR_DEPTH
-            )
+            reader = TapReader(context, card.taps.values(), topics, depth=INJECTOR_DEPTH)
             kept.enter_context(closing(reader))
             kept.callback(self._end_onlookers)
             while self._process.poll() is None and time.monotonic() < until:

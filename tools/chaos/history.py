@@ -187,9 +187,8 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
             times += [first[key]] if key in first else []
         if not times and whole:
             what = ", ".join(f"{n} {v}" for n, v in zip(answer.fields, values, strict=True))
-            yield Violation(
-                "cause", f"{event.topic} {event.seq} answers {what}, which nobody published"
-            )
+            text = f"{event.topic} {event.seq} answers {what}, which nobody published"
+            yield Violation("cause", text)
         elif times and min(times) >= event.sent_ns:
             yield Violation("cause", f"{event.topic} {event.seq} was sent before what it answers")
 

@@ -204,9 +204,8 @@ def _faults(
         if about["restarts"]:
             yield doubtful(f"{who} was started again {about['restarts']} times; see log.jsonl")
         if about["silent_s"] > SILENCE:
-            yield doubtful(
-                f"{who} has been silent for {about['silent_s']:.0f} s: it works, or hangs"
-            )
+            silent = f"{about['silent_s']:.0f} s"
+            yield doubtful(f"{who} has been silent for {silent}: it works, or hangs")
         if name in beats and beats[name].status.gaps:
             yield failing(f"{who} misses {beats[name].status.gaps} messages: start the run anew")
 

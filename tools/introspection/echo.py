@@ -209,9 +209,8 @@ def _cells(value: Any, style: TextStyle) -> list[Any]:
 
 def field_lines(cls: type) -> list[str]:
     """One line for each field: name, what it holds, unit."""
-    return text_table(
-        [(name, *_described(rule)) for name, rule in schema(cls)["properties"].items()]
-    )
+    fields = schema(cls)["properties"]
+    return text_table([(name, *_described(rule)) for name, rule in fields.items()])
 
 
 def _described(rule: dict[str, Any]) -> tuple[str, str]:
@@ -248,10 +247,8 @@ def _sequence(value: Sequence, style: TextStyle) -> str:
     if not style.arrays:
         return _text(_kind(value))
     if size > MAX_ITEMS and not style.full:
-        first = (
-            value.ravel()[:ITEMS_SHOWN] if isinstance(value, np.ndarray) else value[:ITEMS_SHOWN]
-        )
-        begun = ", ".join(_scalar(one) for one in _plain(first))
+        every = value.ravel() if isinstance(value, np.ndarray) else value
+        begun = ", ".join(_scalar(one) for one in _plain(every[:ITEMS_SHOWN]))
         return _text(f"{_kind(value)}: {begun}, ...")
     inner = style._replace(full=True)
     return "[" + ", ".join(yaml_value(one, inner) for one in _plain(value)) + "]"

@@ -170,10 +170,9 @@ def _bytes(size: float) -> str:
 
 def delay_text(rates: Rates) -> str | None:
     """How long its messages are on their way to the tool."""
-    delays = rates.delays()
-    return (
-        None if delays is None else f"average delay: {delays.mean:.6f}\n\t{_times(delays, rates)}"
-    )
+    if (delays := rates.delays()) is None:
+        return None
+    return f"average delay: {delays.mean:.6f}\n\t{_times(delays, rates)}"
 
 
 def _times(times: Statistics, rates: Rates) -> str:

@@ -212,11 +212,8 @@ def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[run
         wiring = one.wiring(node.params)
         if one.module == runtime.RECORDER:
             wiring = replace(wiring, params=msgspec.structs.replace(wiring.params, path=str(path)))
-        wirings.append(
-            replace(
-                wiring, handler_timeout=node.handler_timeout, persistent=runtime.is_persistent(node)
-            )
-        )
+        timeout, persistent = node.handler_timeout, runtime.is_persistent(node)
+        wirings.append(replace(wiring, handler_timeout=timeout, persistent=persistent))
     return wirings
 
 
