@@ -118,9 +118,8 @@ class _Writer:
             raise ValueError(f"{path} must be an array of numbers, got {value.dtype}")
         kept = np.asarray(value)
         order = sorted(range(kept.ndim), key=lambda axis: (-abs(kept.strides[axis]), axis))
-        self.arrays[path] = np.ascontiguousarray(kept.transpose(order)).reshape(
-            [kept.shape[axis] for axis in order]
-        )
+        shape = [kept.shape[axis] for axis in order]
+        self.arrays[path] = np.ascontiguousarray(kept.transpose(order)).reshape(shape)
         if isinstance(value, np.generic):
             return {"scalar": path}
         plain = order == list(range(kept.ndim))

@@ -32,9 +32,8 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         raise ValueError(f"{name} must be an array of numbers, got rows of many lengths") from error
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{name} must be an array of real numbers, got {array.dtype}")
-    fits = array.ndim == len(shape) and all(
-        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
-    )
+    sides = zip(shape, array.shape, strict=True)
+    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in sides)
     if not fits:
         wanted = ", ".join("any" if n is None else str(n) for n in shape)
         raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")

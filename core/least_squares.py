@@ -198,7 +198,6 @@ def _stepped(
         quality = np.where(better, saved / promised, 0.0)
     eased = np.maximum(1.0 / 3.0, 1.0 - (2.0 * np.clip(quality, 0.0, 1.0) - 1.0) ** 3)
     ahead = ahead._replace(damping=np.maximum(running.damping * eased, 1e-12))
-    kept = running._replace(
-        damping=np.maximum(running.damping, 1e-6) * running.growth, growth=2.0 * running.growth
-    )
+    damping = np.maximum(running.damping, 1e-6) * running.growth
+    kept = running._replace(damping=damping, growth=2.0 * running.growth)
     return kept.where(better, ahead)

@@ -250,9 +250,8 @@ def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
 def read_calibration(path: Path) -> specs.CalibrationSpec:
     """The calibration in a file; InputError names file, line, key and value."""
     found = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
-    return specs.CalibrationSpec(
-        **{name: getattr(found, name) for name in specs.CalibrationSpec.__struct_fields__}
-    )
+    names = specs.CalibrationSpec.__struct_fields__
+    return specs.CalibrationSpec(**{name: getattr(found, name) for name in names})
 
 
 def check_planner(given: SourceMapped) -> Planner | None:

@@ -51,9 +51,8 @@ def finger_rows(quick: bool) -> Iterable[Row]:
             yield Row(f"{name}: whole robot time, contours", f"{total:.2f} x, {contours}")
             yield Row(f"{name}: error", f"{several.percent:.3f} for {one.percent:.3f} %")
             errors.append((one.percent, several.percent))
-    single, joint = (
-        math.sqrt(sum(error**2 for error in some) / len(some)) for some in zip(*errors, strict=True)
-    )
+    each = zip(*errors, strict=True)
+    single, joint = (math.sqrt(sum(error**2 for error in some) / len(some)) for some in each)
     yield at_most("all: error, root mean square", joint / single, 1.0 + MOST_OFF, ".2f", " x")
 
 

@@ -170,9 +170,8 @@ class GeneralisedCylinder(ImplicitShape):
             gauge, gauge_slope = self._section.gauge_along(x, y, *towards[:2, None])
             dip: Floats = np.maximum(-bends[0], 0.0)
             if traits.hollow == 0.0:  # a convex gauge lies below its chord
-                after = self._section.gauge_along(
-                    x + towards[0] * lengths, y + towards[1] * lengths, *towards[:2, None]
-                )[0]
+                there = x + towards[0] * lengths, y + towards[1] * lengths
+                after = self._section.gauge_along(*there, *towards[:2, None])[0]
                 rise = np.minimum((after - gauge) / (lengths + SMALLEST), traits.steepest * speed)
                 return Minorant(scale - gauge, slope - rise, dip, lengths, np.zeros_like(scale))
             near = _nearest(x, y, towards, speed, lengths)

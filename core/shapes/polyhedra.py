@@ -167,9 +167,8 @@ def _check_corners(corners: Longs, face: Longs, vertices: int) -> None:
             f"faces[{face[first]}] names vertex {corners[first]}, but there are only "
             f"{vertices}, counted from 0"
         )
-    pairs, first, times = np.unique(
-        face.astype(np.int64) * vertices + corners, return_index=True, return_counts=True
-    )
+    numbers = face.astype(np.int64) * vertices + corners
+    pairs, first, times = np.unique(numbers, return_index=True, return_counts=True)
     if len(pairs) < len(corners):
         twice = first[times > 1].min()
         raise ValueError(f"faces[{face[twice]}] has the corner {corners[twice]} twice")

@@ -287,9 +287,8 @@ def trigonometric_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) 
 
     def surface(e1: float, e2: float) -> Floats:
         across = _power(cos_eta, e1)
-        return np.column_stack(
-            [across * _power(cos_omega, e2), across * _power(sin_omega, e2), _power(sin_eta, e1)]
-        )
+        x, y = across * _power(cos_omega, e2), across * _power(sin_omega, e2)
+        return np.column_stack([x, y, _power(sin_eta, e1)])
 
     e1, e2 = shape.exponents.tolist()
     normals = _units(surface(2.0 - e1, 2.0 - e2) / shape.size)

@@ -66,9 +66,8 @@ def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
                 middle, scale, moved = deepest, elsewhere, True
     control = np.empty((*sides, 2))
     cells = rim_cells(sides)
-    control[cells[:, 0], cells[:, 1]] = np.roll(
-        polygon, -nearest_phase(polygon, 0.5 * (low + high), np.array([low[0], high[1]])), axis=0
-    )
+    phase = nearest_phase(polygon, 0.5 * (low + high), np.array([low[0], high[1]]))
+    control[cells[:, 0], cells[:, 1]] = np.roll(polygon, -phase, axis=0)
     reach = MARGIN * scale * half
     x, y = (np.linspace(-1.0, 1.0, side - 2) for side in sides)
     control[1:-1, 1:-1, 0] = middle[0] + reach[0] * x[:, None]
@@ -82,9 +81,8 @@ def _polygon(points: Floats, count: int) -> Floats:
     different = points[apart]
     if len(different) < 2:
         return np.repeat(points[:1], count, axis=0)
-    return splines.fit_closed_least_squares(
-        different, splines.curve_parameters(different, "chord"), count, splines.LEAST_SMOOTHING
-    ).control
+    places, least = splines.curve_parameters(different, "chord"), splines.LEAST_SMOOTHING
+    return splines.fit_closed_least_squares(different, places, count, least).control
 
 
 def rectangle_scale(polygon: Floats, middle: Floats, half_sides: Floats) -> float:

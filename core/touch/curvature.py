@@ -164,9 +164,8 @@ def _patch(
     fit: JetFit,
 ) -> Patch:
     """All that a jet says, as far as its kind allows."""
-    errors = forms.graph_errors(
-        fit.derivatives, fit.derivative_factor, max(noise, fit.deviation), shape, direction
-    )
+    off = max(noise, fit.deviation)
+    errors = forms.graph_errors(fit.derivatives, fit.derivative_factor, off, shape, direction)
     limit = max(CONFIDENT_DEVIATIONS * noise, CONFIDENT * pad.pitch)
     confidence = float(touched.mean()) / (1.0 + (fit.residual / limit) ** 2)
     patch = Patch(

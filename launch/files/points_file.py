@@ -155,9 +155,8 @@ def _rows(path: Path) -> Iterator[tuple[int, str]]:
 def _check_names(place: str, names: Sequence[str]) -> None:
     missing = [name for name in POSITION_COLUMNS if name not in names]
     if missing:
-        raise InputError(
-            f"{place}: lacks the column {missing[0]}; known: {', '.join(KNOWN_COLUMNS)}"
-        )
+        known = ", ".join(KNOWN_COLUMNS)
+        raise InputError(f"{place}: lacks the column {missing[0]}; known: {known}")
     twice = [name for name in KNOWN_COLUMNS if names.count(name) > 1]
     if twice:
         raise InputError(f"{place}: has the column {twice[0]} more than once")
@@ -169,21 +168,19 @@ def _check_names(place: str, names: Sequence[str]) -> None:
 def _values(
     path: Path, line: int, text: str, mark: str | None, names: Sequence[str]
 ) -> list[float]:
-    cells = text.split(mark)
+    cells, place = text.split(mark), f"{path}:{line}"
     if len(cells) != len(names):
-        raise InputError(f"{path}:{line}: has {len(cells)} columns where {len(names)} are named")
+        raise InputError(f"{place}: has {len(cells)} columns where {len(names)} are named")
     values = []
     for name, cell in zip(names, cells, strict=True):
         value = _as_float(cell.strip().strip('"')) if name in KNOWN_COLUMNS else 0.0
         if value is None:
-            raise InputError(f"{path}:{line}: {name} must be a number, got {cell.strip()!r:.40}")
+            raise InputError(f"{place}: {name} must be a number, got {cell.strip()!r:.40}")
         if name in (CONTOUR_COLUMN, TOUCH_COLUMN) and math.isfinite(value):
             if value != int(value):
-                raise InputError(f"{path}:{line}: {name} must be a whole number, got {value:g}")
+                raise InputError(f"{place}: {name} must be a whole number, got {value:g}")
             if abs(value) > MAX_NUMBER:
-                raise InputError(
-                    f"{path}:{line}: {name} must be at most {MAX_NUMBER}, got {value:g}"
-                )
+                raise InputError(f"{place}: {name} must be at most {MAX_NUMBER}, got {value:g}")
         values.append(value)
     return values
 

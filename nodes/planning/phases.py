@@ -409,9 +409,8 @@ def with_probe(state: State, task: Task, probe: Probe) -> State:
         if better is not None:
             return better
     into, axes = inverse_pose(frame.pose), split_pose(frame.pose)[1]
-    made = ProbeResult(
-        probing, probe.outcome, transform_points(into, probe.point[None])[0], probe.normal @ axes
-    )
+    point = transform_points(into, probe.point[None])[0]
+    made = ProbeResult(probing, probe.outcome, point, probe.normal @ axes)
     ends = {**state.ends, end: (*state.ends.get(end, ()), made)}
     faces = [one for one in ends[end] if one.touched and one.probing.reason != "edge"]
     if made.touched:

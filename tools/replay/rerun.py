@@ -123,9 +123,8 @@ def _entry(place: runtime.Wiring | runtime.RecordedNode) -> launch.Entry:
     """The node as a launch file would describe it, in the namespace of its finger."""
     finger = f"finger_{place.name.rpartition('_')[2]}"
     within = any(topic.startswith(f"/{finger}/") for topic in place.outputs.values())
-    return launch.Entry(
-        name=place.name, kind=place.module, params=place.params, namespace=finger if within else ""
-    )
+    space = finger if within else ""
+    return launch.Entry(name=place.name, kind=place.module, params=place.params, namespace=space)
 
 
 def verdict(player: exchange.ReplayedNode) -> str:

@@ -176,10 +176,8 @@ class Hand:
             raise ValueError(f"fingers must be from 1 to {MOST_FINGERS}, got {self.fingers}")
         positive("opening", self.opening, "m")
         positive("reach", self.reach, "m")
-        if len(self.advanced) not in (0, self.fingers + 1):
-            raise ValueError(
-                f"advanced must have {self.fingers + 1} lengths or none, got {len(self.advanced)}"
-            )
+        if (count := len(self.advanced)) not in (0, self.fingers + 1):
+            raise ValueError(f"advanced must have {self.fingers + 1} lengths or none, got {count}")
         for length in self.advanced:
             if not 0.0 <= length < self.reach:
                 raise ValueError(f"advanced must be below the reach {self.reach} m, got {length} m")

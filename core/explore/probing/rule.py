@@ -133,9 +133,8 @@ def _search(observation: EndObservation) -> ProbeCommand | StopProbing:
     if not observation.probes:
         return probe_along_axis(observation, interior_point(observation.contour))
     outline = inner_outline(observation.contour)
-    gap = largest_untouched_disc(
-        outline, np.stack([_place(one) for one in observation.probes]), observation.width
-    )
+    touched = np.stack([_place(one) for one in observation.probes])
+    gap = largest_untouched_disc(outline, touched, observation.width)
     if gap.radius <= SMALL * observation.width or len(observation.probes) >= MOST_FACE:
         return StopProbing("nothing was touched", float(np.ptp(outline, axis=0).max()))
     return probe_along_axis(observation, gap.place)
@@ -190,9 +189,8 @@ def _next_face(
 ) -> ProbeCommand | float:
     """The next touch of the face, or the width that stays untouched, m."""
     made = [one for one in observation.probes if one.probing.reason != "edge"]
-    gap = largest_untouched_disc(
-        inner_outline(contour), np.stack([_place(one) for one in made]), observation.width
-    )
+    touched = np.stack([_place(one) for one in made])
+    gap = largest_untouched_disc(inner_outline(contour), touched, observation.width)
     untouched = max(2.0 * gap.radius, 0.0)
     leans = float(contour.normals[:, 2].mean()) > ROUND
     if len(made) >= MOST_FACE:

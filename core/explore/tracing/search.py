@@ -171,9 +171,8 @@ def _walk(
     """Tilt to the surface and step along it towards the slice."""
     outward = np.array([math.cos(target.heading), math.sin(target.heading)])
     best: SliceArc | None = None
-    held = UPRIGHT._replace(
-        tilt=0.0 if posture.frozen else posture.tilt, failed_searches=posture.failed_searches
-    )
+    tilt = 0.0 if posture.frozen else posture.tilt
+    held = UPRIGHT._replace(tilt=tilt, failed_searches=posture.failed_searches)
     left = math.inf
     for _ in range(MOST_STEPS):
         arc = yield target.command(held)

@@ -175,10 +175,8 @@ def normals_as_points(
     given in the world, the contact points lie in the `frame` (7,), if there is one. Raises
     ValueError if there are not as many normals as contours, or as points of a contour.
     """
-    if len(normals) != len(contours):
-        raise ValueError(
-            f"normals must be as many as the {len(contours)} contours, got {len(normals)}"
-        )
+    if (count := len(normals)) != len(contours):
+        raise ValueError(f"normals must be as many as the {len(contours)} contours, got {count}")
     given_levels = None if heights is None else finite_array("heights", heights, (len(contours),))
     parts = []
     for which, (given, given_normals) in enumerate(zip(contours, normals, strict=True)):

@@ -148,9 +148,8 @@ def height_outliers(z: Floats, perimeter: float) -> Bools:
     near = np.stack([np.roll(z, by) for by in range(-REACH, REACH + 1)])
     low, middle, high = np.quantile(near, [0.25, 0.5, 0.75], axis=0)
     off = np.abs(z - middle)
-    outlier: Bools = off > np.maximum(
-        SPREAD * (high - low), max(CLEARLY * probable_error_sigma(off), LEAST * perimeter)
-    )
+    least = max(CLEARLY * probable_error_sigma(off), LEAST * perimeter)
+    outlier: Bools = off > np.maximum(SPREAD * (high - low), least)
     return np.asarray(outlier & (outlier.mean() <= MOST))
 
 

@@ -449,9 +449,8 @@ class Shear(NamedTuple):
         level = contacts.normals[:, :2] + upward * self._at(points[:, 2])
         stretch = 1.0 + (points[:, :2] - self.middle) @ self.change
         normals = np.column_stack([level, upward[:, 0] * stretch])
-        return contacts._replace(
-            points=points, normals=normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        )
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        return contacts._replace(points=points, normals=normals)
 
     def steepness(self, height: float) -> float:
         """How steep a plane is that is level at a height of the levelled space, m."""
