@@ -15,7 +15,7 @@ from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.launch.demand import demand_text
-from palpate.launch.files import InputError, SourceMapped, export_model
+from palpate.launch.files import SourceMapped, as_input_errors, export_model
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
@@ -276,7 +276,7 @@ def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:
             return run_composed(plan.wirings, ends=ends, watch=watch, watcher=gatherer)
     from palpate.launch.launcher import launch
 
-    try:
+    with as_input_errors():
         return launch(
             plan.wirings,
             ends=ends,
@@ -286,5 +286,3 @@ def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:
             run_dir=plan.folder.path,
             before=plan.before,
         )
-    except ValueError as error:
-        raise InputError(str(error)) from None

@@ -129,10 +129,8 @@ def _read_csv(path: Path) -> Floats:
 def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:
     """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
     data = files.read_bounded(path, files.MAX_MESH_BYTES)
-    try:
+    with files.as_input_errors(path):
         arrays = files.read_npz(data)
-    except ValueError as error:
-        raise files.InputError(f"{path}: {error}") from None
     if FORM_KEY in arrays and "vertices" not in arrays:
         mesh = files.load(path).mesh()  # as fine as meshes are by themselves
         return mesh.vertices, mesh.faces
@@ -191,10 +189,8 @@ def _against_surface(
 
 
 def _prepared(path: Path, shape: MeshOrPoints) -> geometry.PreparedSurface:
-    try:
+    with files.as_input_errors(path):
         return geometry.prepare_surface(shape.vertices, shape.faces)
-    except ValueError as error:
-        raise files.InputError(f"{path}: {error}") from None
 
 
 def _against_points(

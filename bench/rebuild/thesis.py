@@ -28,7 +28,7 @@ from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.shapes import Mesh
 from palpate.launch import find_bag
-from palpate.launch.files import InputError, MeasuredContours, read_points
+from palpate.launch.files import InputError, MeasuredContours, as_input_errors, read_points
 from palpate.messages import decode
 from palpate.messages.recording import open_recording
 from palpate.messages.types import Truth
@@ -250,12 +250,10 @@ def rebuilt_rows(run: Path) -> Iterator[ThesisFigures]:
 def read_truth(run: Path) -> Truth:
     """The truth of a recording; raises InputError if it holds none."""
     path = find_bag(run)
-    try:
+    with as_input_errors():
         for one in open_recording(path).messages():
             if one.topic == "/truth":
                 return decode(Truth, one.body)
-    except ValueError as error:
-        raise InputError(str(error)) from None
     raise InputError(f"{run}: holds no /truth to compare with: the object was a real one")
 
 

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from palpate.launch.files.source_map import InputError as InputError
     from palpate.launch.files.source_map import KeyPath as KeyPath
     from palpate.launch.files.source_map import SourceMapped as SourceMapped
+    from palpate.launch.files.source_map import as_input_errors as as_input_errors
     from palpate.launch.files.source_map import hint as hint
     from palpate.launch.files.source_map import key_path as key_path
     from palpate.launch.files.source_map import set_within as set_within

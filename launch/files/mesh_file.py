@@ -21,7 +21,7 @@ from palpate.core.shapes import mend_mesh
 from palpate.launch.files import mesh_formats
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.ply import read_ply
-from palpate.launch.files.source_map import InputError
+from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.messages.types import ShapeModel
 
 MAX_MESH_BYTES = 64 << 20  # Largest file
@@ -78,10 +78,8 @@ def read_mesh(path: Path, unit: str | None = None) -> tuple[Vertices, Faces, str
         told.append(f"taken to be in {unit}, {size} mm")
     vertices = vertices * METRES_PER_UNIT[unit]
     _check_size(path, vertices, unit)
-    try:
+    with as_input_errors(path):
         found = mend_mesh(vertices, faces)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
     told += found.mends
     return found.vertices, found.faces, f"{path.name}: {'; '.join(told)}" if told else ""
 

@@ -24,7 +24,7 @@ from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.mesh_file import read_cloud
 from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
 from palpate.launch.files.solid_file import read_arrays
-from palpate.launch.files.source_map import InputError
+from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.messages import CodecError, decode
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
 from palpate.nodes.rebuilding import common_frame, is_upright, touched_ends
@@ -222,10 +222,8 @@ def _cut(path: Path, points: Floats) -> MeasuredContours:
     good = np.isfinite(points).all(axis=1)
     if not good.all():
         raise InputError(f"{path}: point {int(np.argmin(good))} is not finite")
-    try:
+    with as_input_errors(path):
         return slice_cloud(points)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _read_npz(path: Path) -> MeasuredContours:
@@ -383,11 +381,9 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
     if len(closed) < len(contours):
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
     platform = recorded[World][-1].platform if recorded[World] else None
-    try:
+    with as_input_errors(path):
         frame = common_frame(closed)
         tops = touched_ends(closed, hits, touches, platform)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
     if not is_upright(frame):
         lean = np.degrees(np.arccos(np.clip(split_pose(frame)[1][2, 2], -1.0, 1.0)))
         notes.append(f"sliced along an axis that leans by {lean:.1f} deg")

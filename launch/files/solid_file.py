@@ -21,7 +21,7 @@ from palpate.core.rebuild import Solid
 from palpate.core.rebuild.lattice import LatticeGrid, lattice_grid
 from palpate.core.splines import Lattice
 from palpate.launch.files.file_access import read_bounded, write_atomically
-from palpate.launch.files.source_map import InputError
+from palpate.launch.files.source_map import InputError, as_input_errors
 
 SOLID_SUFFIX = ".npz"
 MAX_SOLID_BYTES = 512 << 20  # Largest file
@@ -82,10 +82,8 @@ def load(path: str | Path) -> Solid:
     arrays = read_arrays(path)
     if FORM_KEY not in arrays:
         raise InputError(f"{path}: holds no solid: it was not written by palpate.save")
-    try:
+    with as_input_errors(path):
         found = tree_from_arrays(arrays)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
     if not isinstance(found, Solid):
         raise InputError(f"{path}: holds a {type(found).__name__}, not a solid")
     return found
@@ -94,10 +92,8 @@ def load(path: str | Path) -> Solid:
 def read_arrays(path: Path) -> Arrays:
     """All arrays of an NPZ file; InputError if it is unreadable, too large, or holds objects."""
     data = read_bounded(path, MAX_SOLID_BYTES)
-    try:
+    with as_input_errors(path):
         return read_npz(data)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def read_npz(data: bytes) -> Arrays:

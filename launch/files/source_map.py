@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 KeyPath = tuple[str | int, ...]  # Keys and positions from the top of a document to a value
@@ -19,6 +21,15 @@ _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 
 class InputError(ValueError):
     """What the user gave cannot be used; the text is one sentence for the user."""
+
+
+@contextmanager
+def as_input_errors(path: Path | None = None) -> Iterator[None]:
+    """A ValueError is one sentence for the user, which begins with the file where there is one."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(str(error) if path is None else f"{path}: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,7 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
@@ -65,15 +64,6 @@ def names_option(flag: str, metavar: str, told: str) -> Callable[[Command], Comm
 def print_figures(figures: Any, text: Callable[[Any], str], *, as_json: bool) -> None:
     """Print figures for a program, or as text for a person."""
     click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text(figures))
-
-
-@contextmanager
-def as_input_errors() -> Iterator[None]:
-    """What cannot be done is one sentence for the user."""
-    try:
-        yield
-    except ValueError as error:
-        raise InputError(str(error)) from None
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

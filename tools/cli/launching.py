@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from palpate import launch
-from palpate.launch.files import InputError, hint
+from palpate.launch.files import InputError, as_input_errors, hint
 from palpate.tools import chaos, replay
 from palpate.tools.cli import command_line
 
@@ -249,7 +249,7 @@ def replay_command(
         return _resume(bag, place, nodes, out, as_json=as_json, quiet=quiet)
     if out is not None or as_json or quiet:
         raise InputError("--out, --json and --quiet belong to --from")
-    with command_line.as_input_errors():
+    with as_input_errors():
         return replay.replay(bag, nodes, click.echo, settings=launch.read_settings(settings))
 
 
@@ -261,7 +261,7 @@ def _resume(
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):
         raise InputError(f"--from {place}: must look like contour=12, or be the word end")
-    with command_line.as_input_errors():
+    with as_input_errors():
         plan = replay.plan_resume(bag, int(number) if number else None, nodes=names, out=out)
     code = perform_and_print(plan, composed=False, as_json=as_json, quiet=quiet)
     different = replay.past_differences(bag, plan.folder.path) if code in (0, 1) else ""
@@ -288,7 +288,7 @@ def chaos_command(
     subject = chaos.Exploration(
         "explore", (f"scene:={launch.find_scene(scene).resolve()}", f"fingers:={fingers}")
     )
-    with command_line.as_input_errors():
+    with as_input_errors():
         tally = chaos.run_trials(
             subject,
             seed=seed,
@@ -311,7 +311,7 @@ def host_command(address: str) -> None:
     program. A launch file names the machine with host: ADDRESS.
     """
     where, port = launch.read_host(address)
-    with command_line.as_input_errors():
+    with as_input_errors():
         launch.run_host_agent(where, port, launch.key_file(), click.echo)
 
 

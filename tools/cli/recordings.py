@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from palpate.launch.files import InputError
+from palpate.launch.files import InputError, as_input_errors
 from palpate.tools import bag as bags
 from palpate.tools import introspection
 from palpate.tools.cli import command_line
@@ -118,7 +118,7 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
 
     Exits with 0 if they are identical, with 1 if not, with 2 if one cannot be read.
     """
-    with command_line.as_input_errors():
+    with as_input_errors():
         found = bags.compare_recordings(a, b, topics)
     click.echo(bags.diff_text(found))
     return int(bool(found.first))

@@ -9,8 +9,9 @@ import click
 
 from palpate import launch
 from palpate.launch import processes
+from palpate.launch.files import as_input_errors
 from palpate.tools import introspection
-from palpate.tools.cli.command_line import RUN, Command, NamedGroup, as_input_errors
+from palpate.tools.cli.command_line import RUN, Command, NamedGroup
 
 if TYPE_CHECKING:
     from palpate.launch.processes import RunCard

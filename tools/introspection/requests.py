@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, get_type_hints
 import msgspec
 import numpy as np
 
-from palpate.launch.files import InputError, hint, parse_yaml
+from palpate.launch.files import InputError, as_input_errors, hint, parse_yaml
 from palpate.launch.processes import RunCard, find_run
 from palpate.messages import Array, bus, decode, encode
 from palpate.messages.types import TYPES, NodeStatus
@@ -199,7 +199,7 @@ def control_player(run: str | None, kind: str, **fields: Any) -> None:
 
     Raises InputError if no such graph runs, it has no player or several, or the request is refused.
     """
-    try:
+    with as_input_errors():
         card = find_run(run)
         players = [one.name for one in card.nodes if one.module == PLAYER_MODULE]
         if len(players) != 1:
@@ -207,8 +207,6 @@ def control_player(run: str | None, kind: str, **fields: Any) -> None:
             who = f"run {card.run[:6]} ({card.name})"
             raise ValueError(f"{who} must have one player, it has {has}")
         request(card, kind, node=players[0], **fields)
-    except ValueError as error:
-        raise InputError(str(error)) from None
 
 
 def publish(
@@ -226,7 +224,7 @@ def publish(
     """
     if not rate > 0.0:
         raise InputError(f"--rate must be positive, got {rate:g}")
-    try:
+    with as_input_errors():
         card = find_run(run)
         node = _console(card, topic)
         cls = TYPES[card.topics[topic]]
@@ -239,8 +237,6 @@ def publish(
                 time.sleep(1.0 / rate)
             request(card, "publish", node=node, topic=topic, body=data)
             echo(f"published {cls.__name__} on {topic}")
-    except ValueError as error:
-        raise InputError(str(error)) from None
 
 
 def _console(card: RunCard, topic: str) -> str:
