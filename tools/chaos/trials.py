@@ -118,7 +118,6 @@ def run_trials(
     minutes: float,
     kinds: Sequence[str],
     echo: Callable[[str], None],
-    faults: int = FAULTS_PER_RUN,
 ) -> Tally:
     """Run an exploration undisturbed, then with faults, seed by seed, until the minutes are over.
 
@@ -132,7 +131,7 @@ def run_trials(
         deadline = time.monotonic() + 60.0 * minutes
         while not tally.runs or time.monotonic() < deadline:
             number = seed + tally.runs
-            planned = draw_faults(number, before.known, kinds, faults)
+            planned = draw_faults(number, before.known, kinds, FAULTS_PER_RUN)
             _run_trial(subject, before, planned, work / f"seed_{number}", number, tally, echo)
     finally:
         if tally.failed:

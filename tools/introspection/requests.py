@@ -86,14 +86,12 @@ class StatusSample(NamedTuple):
     load: float | None  # Share of one processor since the word before; None if there was none
 
 
-def sample_status(
-    card: RunCard, names: Collection[str], patience: float = STATUS_PATIENCE
-) -> dict[str, StatusSample]:
-    """What these nodes publish of themselves; twice each, unless the patience ends, s."""
+def sample_status(card: RunCard, names: Collection[str]) -> dict[str, StatusSample]:
+    """What these nodes publish of themselves; twice each, unless the patience ends."""
     found: dict[str, StatusSample] = {}
     sent: dict[str, int] = {}
     topic = Topic(bus.STATUS_TOPIC, NodeStatus.__name__, tuple(names), ())
-    until = time.monotonic() + patience
+    until = time.monotonic() + STATUS_PATIENCE
     with TapSubscription(card, [topic]) as taps:
         while (left := until - time.monotonic()) > 0 and not all(
             name in found and found[name].load is not None for name in names
