@@ -80,10 +80,7 @@ BENCHES: Mapping[str, Bench] = {
     "thesis": Bench(
         "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
         "rebuilt its way and ours",
-        {
-            "examples": "rebuild.thesis:thesis_rows",
-            "recorded": "rebuild.thesis:recorded_rows",
-        },
+        {"examples": "rebuild.thesis:thesis_rows", "recorded": "rebuild.thesis:recorded_rows"},
     ),
     "tolerance": Bench(
         "what accuracy costs, by every method on eighteen objects: one file, one sheet; takes "

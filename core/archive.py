@@ -106,10 +106,8 @@ class _Writer:
         name = class_name(type(value))
         if name is None:
             raise ValueError(f"{path} cannot be kept: it is a {type(value).__qualname__}")
-        parts = {
-            field: self.node(getattr(value, field), f"{path}/{field}")
-            for field in field_names(type(value))
-        }
+        fields = field_names(type(value))
+        parts = {field: self.node(getattr(value, field), f"{path}/{field}") for field in fields}
         return {"class": name, "fields": parts}
 
     def _array(self, value: np.ndarray[Any, Any] | np.generic, path: str) -> Any:

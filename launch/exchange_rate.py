@@ -52,10 +52,8 @@ def cost_curve(progress: Progress, compute: float | None) -> list[Entry]:
     """
     estimates = {one.number: (wall, one) for wall, one in progress.estimates}
     scores = {one.number: (wall, one) for wall, one in progress.scores}
-    curve = [
-        _entry(progress, estimates.get(number), scores.get(number))
-        for number in sorted(estimates | scores)
-    ]
+    numbers = sorted(estimates | scores)
+    curve = [_entry(progress, estimates.get(one), scores.get(one)) for one in numbers]
     if curve and compute is not None and progress.done is not None:
         curve[-1]["compute_s"] = compute
     for place, one in enumerate(curve):

@@ -105,9 +105,7 @@ class ProgressWatcher(Watcher):
 
     def __init__(self, nodes: int, display: Display, log: TextIO) -> None:
         self.progress = Progress()
-        self._nodes = nodes
-        self._display = display
-        self._log = log
+        self._nodes, self._display, self._log = nodes, display, log
         self._began = time.monotonic()
 
     def ready(self, seconds: float) -> None:

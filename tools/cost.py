@@ -132,10 +132,8 @@ def with_recomputed_waits(
     fingers: Sequence[FingerMoves], robot: RobotPreset | SlidingPreset
 ) -> list[MoveGeometry]:
     """The moves of all fingers, with the waits that this robot would have."""
-    lasts = [
-        move_durations(one.moves._replace(wait=0.0 * one.moves.wait), robot).total()
-        for one in fingers
-    ]
+    unwaiting = [one.moves._replace(wait=0.0 * one.moves.wait) for one in fingers]
+    lasts = [move_durations(moves, robot).total() for moves in unwaiting]
     waits = [one.moves.wait.copy() for one in fingers]
     ends = [np.zeros(len(one.ends)) for one in fingers]
     # As they ended: who is waited for comes before who waits.
@@ -235,11 +233,8 @@ def _collected(recording: Recording) -> tuple[dict[int | None, Phase], dict[int,
 
 def _robots(recording: Recording) -> dict[str, str]:
     """The preset of each simulator that was recorded, by its name in the graph."""
-    simulators = [
-        one
-        for one in (recorded_nodes(recording.graph) if recording.graph else ())
-        if one.module == SIMULATOR
-    ]
+    nodes = recorded_nodes(recording.graph) if recording.graph else ()
+    simulators = [one for one in nodes if one.module == SIMULATOR]
     found = {one.name: json.loads(bytes(one.params)).get("robot") for one in simulators}
     return {name: robot for name, robot in found.items() if isinstance(robot, str)}
 

@@ -81,10 +81,8 @@ def token_ring(laps: int, core: int = -1, nodes: int = 2) -> list[Wiring]:
     params = [ToyParams(burst=1, laps=laps, expects=laps, core=core)]
     params += [ToyParams(relay=True, core=core)] * (nodes - 1)
     upstream = [names[-1], *names[:-1]]
-    return [
-        toy(name, one, upstream=before)
-        for name, one, before in zip(names, params, upstream, strict=True)
-    ]
+    ring = zip(names, params, upstream, strict=True)
+    return [toy(name, one, upstream=before) for name, one, before in ring]
 
 
 def _start(params: ToyParams) -> tuple[int, Outputs]:

@@ -71,10 +71,8 @@ def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
         title = f"{head}: mean over the {first}'s{how}"
         yield _compared(title, f"{ratio:.3f} x", ratio, most, f"{most:g} x")
     for way, errors in means.items():
-        told = (
-            f"{errors.chamfer:.3f} mm, {errors.hausdorff:.2f} mm, {errors.normal_deg:.2f} deg, "
-            f"{errors.volume:.2%}"
-        )
+        lengths = f"{errors.chamfer:.3f} mm, {errors.hausdorff:.2f} mm"
+        told = f"{lengths}, {errors.normal_deg:.2f} deg, {errors.volume:.2%}"
         yield Row(f"{head}: {way}: mean, max, normals, volume", told)
     angle, most = means[OURS].normal_deg, case.normals
     yield _compared(f"{head}: normals, degrees", f"{angle:.2f}", angle, most, f"{most:g}")

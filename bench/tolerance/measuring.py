@@ -59,10 +59,8 @@ def tolerance_rows(quick: bool, options: ToleranceOptions = PLAIN) -> Iterator[R
 
 def units_of(quick: bool, names: Sequence[str], meshes: Path | None) -> list[methods.Unit]:
     """Everything that is to be measured, object by object."""
-    objects = [
-        *(QUICK_OBJECTS if quick else EXPLORED_OBJECTS),
-        *(methods.meshes_in(meshes) if meshes else ()),
-    ]
+    objects = [*(QUICK_OBJECTS if quick else EXPLORED_OBJECTS)]
+    objects += methods.meshes_in(meshes) if meshes else []
     shares, seeds = (QUICK_SHARES, QUICK_SEEDS) if quick else (SHARES, SEEDS)
     most = QUICK_TOUCHES if quick else methods.CHECKPOINTS[-1]
     together = tuple(name for name in names if name in methods.TOGETHER)

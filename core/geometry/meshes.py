@@ -289,7 +289,6 @@ def face_neighbours(faces: Ints) -> Ints:
 
 def corner_angles(corners: Floats) -> Floats:
     """Angles (m, 3) of triangles (m, 3, 3) at their corners, rad."""
-    ahead = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, -2, axis=1) - corners
+    ahead, back = (np.roll(corners, -step, axis=1) - corners for step in (1, 2))
     sine = np.linalg.norm(np.cross(ahead, back), axis=2)
     return np.asarray(np.arctan2(sine, np.einsum("ijk,ijk->ij", ahead, back)))

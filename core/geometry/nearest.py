@@ -144,8 +144,7 @@ def _measure(triangles: Triangles, faces: Indices, points: Floats) -> tuple[Floa
 
 def nearest_on(triangles: Triangles, faces: Indices, points: Floats) -> Floats:
     """Nearest point (n, 3) of one triangle, by number (n,), to each point (n, 3), m."""
-    start = triangles.corner[faces]
-    edges = triangles.edges[faces]
+    start, edges = triangles.corner[faces], triangles.edges[faces]
     offset = points - start
     s, t = np.einsum("nij,nj->in", triangles.dual[faces], offset)
     inside = (s > 0.0) & (t > 0.0) & (s + t < 1.0)  # A sliver has s = t = 0: no interior
@@ -218,8 +217,7 @@ class BoxTree:
         levels = [_padded(low, high)]
         while len(low) > CHILDREN:
             first = np.arange(0, len(low), CHILDREN)
-            low = np.minimum.reduceat(low, first)
-            high = np.maximum.reduceat(high, first)
+            low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
             levels.append(_padded(low, high))
         return cls(tuple(levels), order)
 

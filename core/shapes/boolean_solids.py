@@ -341,8 +341,7 @@ def conjunction_slopes(
     (1 + omega), the middle of what is found nearby; with a smoothness, 0.
     """
     first, second, a, b, _, root = _scaled(f1, f2, omega, smoothness)
-    one = _slope(a, b, root, omega)
-    two = _slope(b, a, root, omega)
+    one, two = _slope(a, b, root, omega), _slope(b, a, root, omega)
     if not smoothness:
         return one, two
     size = np.hypot(a, b)

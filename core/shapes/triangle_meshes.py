@@ -143,8 +143,7 @@ class ZBuffer:
     """Triangles, ready to be seen from any direction."""
 
     def __init__(self, vertices: Floats, faces: Ints):
-        self._vertices = vertices
-        self._faces = faces
+        self._vertices, self._faces = vertices, faces
 
     def first_hits(self, origins: Floats, direction: Floats) -> Hits:
         """First faces along parallel rays, seen from either side."""

@@ -328,8 +328,7 @@ class ModelTriples:
 
 def latitude_points(model: Superquadric, latitudes: Floats, azimuths: Floats) -> Floats:
     """Points (a, b, 3) of a model at latitudes (a,) and azimuths (b,), rad: (2.4), (2.5)."""
-    eta = np.repeat(latitudes, len(azimuths))
-    omega = np.tile(azimuths, len(latitudes))
+    eta, omega = np.repeat(latitudes, len(azimuths)), np.tile(azimuths, len(latitudes))
     return regular_points(model, eta, omega).points.reshape(len(latitudes), len(azimuths), 3)
 
 

@@ -105,9 +105,7 @@ class TerminationDetector:
         self._names, self._edges = tuple(names), tuple(edges)
         self._counts: dict[str, MessageCounts] = {}
         self._last: dict[str, MessageCounts] | None = None
-        self._since = 0.0
-        self._equal = 0
-        self._due = 0.0
+        self._since, self._equal, self._due = 0.0, 0, 0.0
 
     def forget(self) -> None:
         """Begin anew: what was counted before does not matter any more."""

@@ -139,9 +139,7 @@ def _received(
 
 def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | None:
     """A message as text; None if the filter does not want it."""
-    if form.raw and form.wanted is None:
-        return f"{received.body!r}\n---"
-    fields = fields_of(topic, received)
+    fields = {} if form.raw and form.wanted is None else fields_of(topic, received)
     if form.wanted is not None and not form.wanted(fields):
         return None
     if form.raw:

@@ -134,10 +134,7 @@ class Predicted:
 
 
 def best_refinement(
-    observation: Observation,
-    prediction: ErrorPrediction,
-    spans: Sequence[Span],
-    rule: Predicted,
+    observation: Observation, prediction: ErrorPrediction, spans: Sequence[Span], rule: Predicted
 ) -> float | None:
     """The height at which one slice more is worth most, m; None where there is no room."""
     heights = (observation.low + observation.extent * prediction.heights).tolist()
@@ -219,10 +216,8 @@ def _widest_free(observation: Observation) -> float | None:
     between = (*(one.height for one in observation.slices), *observation.busy_heights)
     heights = sorted({bottom, top, *(one for one in between if bottom < one < top)})
     spans = [Span(*pair) for pair in pairwise(heights)]
-    found = (
-        free_height(observation, span.middle, span)
-        for span in longest_first(spans, observation.feature)
-    )
+    ordered = longest_first(spans, observation.feature)
+    found = (free_height(observation, span.middle, span) for span in ordered)
     return next((height for height in found if height is not None), None)
 
 

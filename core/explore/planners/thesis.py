@@ -169,11 +169,7 @@ def mean_normal_rise(one: ObservedSlice) -> float:
 
 
 def _onwards(
-    observation: Observation,
-    steps: StepRule,
-    perimeter: float,
-    threshold: float,
-    direction: float,
+    observation: Observation, steps: StepRule, perimeter: float, threshold: float, direction: float
 ) -> float | None:
     """The next height in this direction, m; None where the search in it is over."""
     start = observation.slices[0]

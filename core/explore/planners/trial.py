@@ -78,9 +78,7 @@ class PlannerTrial:
 
     def __init__(self, radius: Radius, noise: float = 0.0, seed: int = 0) -> None:
         """Noise is the standard deviation of a pad's position, m."""
-        self._radius = radius
-        self._noise = noise
-        self._seed = seed
+        self._radius, self._noise, self._seed = radius, noise, seed
         truth = measure_side(radius, HEIGHTS, AROUND)
         turning = np.gradient(truth.radii, AROUND, axis=1) / truth.radii
         self._truth = truth

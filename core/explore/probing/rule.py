@@ -90,11 +90,9 @@ def _upper(observation: EndObservation) -> ProbeCommand | StopProbing:
         return _search(observation)
     if observation.contour is None:
         higher = next_uphill(observation.hits, observation.probes, observation.width)
-        return (
-            StopProbing("the end is found", 0.0)
-            if higher is None
-            else probe_along_axis(observation, higher)
-        )
+        if higher is None:
+            return StopProbing("the end is found", 0.0)
+        return probe_along_axis(observation, higher)
     faces = [one for one in observation.hits if one.probing.reason != "edge"]
     if not faces:
         return StopProbing("only its edge was touched", 0.0)

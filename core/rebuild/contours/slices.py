@@ -104,10 +104,8 @@ class Slices:
         off = np.zeros(len(bad)) if off is None else off
         may_be_feature = np.zeros(len(bad), np.bool_) if may_be_feature is None else may_be_feature
         out = (each[bad].tolist() for each in (self.rows, self.heights, off, may_be_feature))
-        left = [
-            DroppedContour(which, why, height, far, may)
-            for which, height, far, may in zip(*out, strict=True)
-        ]
+        told = zip(*out, strict=True)
+        left = [DroppedContour(which, why, height, far, may) for which, height, far, may in told]
         rows = {name: getattr(self, name)[stay] for name in EACH_SLICE}
         rows |= {"dropped": tuple(sorted([*self.dropped, *left]))}
         return replace(self, loops=tuple(self.loops[row] for row in stay), **rows)

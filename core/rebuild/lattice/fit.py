@@ -321,11 +321,10 @@ class LatticeGrid(NamedTuple):
 def lattice_grid(lattice: splines.Lattice) -> LatticeGrid:
     """The arrays of a lattice."""
     bases, before, weights = lattice.volume.bases, lattice.undeformed, lattice.volume.weights
-    undeformed = (
-        before.greville_control(bases)
-        if isinstance(before, splines.Parallelepiped)
-        else before.control
-    )
+    if isinstance(before, splines.Parallelepiped):
+        undeformed = before.greville_control(bases)
+    else:
+        undeformed = before.control
     weights = np.ones(lattice.control.shape[:3]) if weights is None else weights
     s, t, u = bases
     knots, degrees = (s.knots, t.knots, u.knots), (s.degree, t.degree, u.degree)

@@ -420,8 +420,7 @@ def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPa
     """Spline through so many evenly spaced points of a surface that is closed around."""
     alongs, arounds = (np.linspace(0.0, 1.0, FINER * count + 1) for count in (rows, turns))
     few = np.linspace(0.0, 1.0, FEW + 2)[1:-1]
-    lengths = _ways(grid(alongs, few), axis=0)
-    widths = _ways(grid(few, arounds), axis=1)
+    lengths, widths = _ways(grid(alongs, few), axis=0), _ways(grid(few, arounds), axis=1)
 
     def points(v: Floats, t: Floats) -> Floats:
         return grid(np.interp(v, lengths, alongs), np.interp(t, widths, arounds))
