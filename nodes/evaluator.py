@@ -6,7 +6,7 @@ after the score of the final one.
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import partial
 
 import msgspec
 
@@ -15,6 +15,7 @@ from palpate.messages import derive
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime import Deferred, Finished, Node, Outputs
 
+EVERY = 10  # A model on the way is measured by one sample in so many, the final one by all
 NO_GENUS = -1  # Genus of a surface that is not closed: it has none
 
 
@@ -23,27 +24,25 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class TrueSurface:
-    """The truth, made ready to be compared with when the first model is.
+    """The truth, made ready to be compared with, by all its samples and by a tenth of them.
 
     Raises ValueError if it is no surface, or has no volume.
     """
 
     def __init__(self, truth: Truth) -> None:
-        self._truth, self.height = truth, truth.height
+        self.height = truth.height
         self.volume = geometry.solidity(truth.vertices, truth.faces).volume  # m3
         if not self.volume > 0.0:
             raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
-
-    @cached_property
-    def prepared(self) -> geometry.PreparedSurface:
-        """The surface itself."""
-        return geometry.prepare_surface(self._truth.vertices, self._truth.faces)
-
-    @cached_property
-    def sampling_floor(self) -> float:
-        """Chamfer distance between two tessellations of the truth, m."""
-        other = geometry.prepare_surface(self._truth.floor_vertices, self._truth.floor_faces)
-        return geometry.compare_surfaces(self.prepared, other).chamfer
+        whole = geometry.prepare_surface(truth.vertices, truth.faces)
+        other = geometry.prepare_surface(truth.floor_vertices, truth.floor_faces)
+        # By how many times fewer samples: the surface, and the Chamfer distance between two
+        # tessellations of it, m.
+        self.prepared = {every: whole.thinned(every) for every in (1, EVERY)}
+        self.floors = {
+            every: geometry.compare_surfaces(one, other.thinned(every)).chamfer
+            for every, one in self.prepared.items()
+        }
 
 
 State = TrueSurface | None  # The truth; None before it was received
@@ -70,19 +69,21 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 
 
 def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
-    rebuilt = geometry.prepare_surface(model.vertices, model.faces)
-    distances = geometry.compare_surfaces(truth.prepared, rebuilt)
+    every = 1 if model.final else EVERY
+    samples = geometry.SAMPLES // every
+    rebuilt = geometry.prepare_surface(model.vertices, model.faces, samples)
+    distances = geometry.compare_surfaces(truth.prepared[every], rebuilt)
     solid = geometry.solidity(model.vertices, model.faces)
     return derive(
         Score,
         model,
         distances,
-        truth,
         solid,
         contours=len(model.contours),
         normal=distances.normal_deg,
         volume_error=solid.volume / truth.volume - 1.0,
         size=truth.height,
+        sampling_floor=truth.floors[every],
         genus=NO_GENUS if solid.genus is None else solid.genus,
     )
 

@@ -11,6 +11,7 @@ knows no solid, spline or touch.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.core.geometry.distances import SAMPLES as SAMPLES
     from palpate.core.geometry.distances import Alignment as Alignment
     from palpate.core.geometry.distances import PreparedSurface as PreparedSurface
     from palpate.core.geometry.distances import align as align

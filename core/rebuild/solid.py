@@ -334,14 +334,12 @@ def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> Dev
 
 
 def _cells(piece: Patch, count: int) -> _Cells:
-    rows = np.repeat((np.arange(count) + 0.5) / count, TURNS)
-    turns = np.tile(np.arange(TURNS) / TURNS, count)
-    shape = (count, TURNS)
-    heights = piece.at(rows, turns)[:, 2].reshape(shape).mean(axis=1)
-    normals = np.cross(piece.at(rows, turns, (0, 1)), piece.at(rows, turns, (1, 0)))
-    lengths = np.linalg.norm(normals, axis=1)
-    steep = np.hypot(normals[:, 0], normals[:, 1]) / np.where(lengths > 0.0, lengths, 1.0)
-    return _Cells(heights, (lengths / len(rows)).reshape(shape), steep.reshape(shape))
+    v, turns = (np.arange(count) + 0.5) / count, np.arange(TURNS) / TURNS
+    heights = piece.on_grid(v, turns)[..., 2].mean(axis=1)
+    normals = np.cross(piece.on_grid(v, turns, (0, 1)), piece.on_grid(v, turns, (1, 0)))
+    lengths = np.linalg.norm(normals, axis=2)
+    steep = np.hypot(normals[..., 0], normals[..., 1]) / np.where(lengths > 0.0, lengths, 1.0)
+    return _Cells(heights, lengths / lengths.size, steep)
 
 
 def _side_deviation(closed: ContourSolid, cells: _Cells) -> Floats:

@@ -142,7 +142,9 @@ class ShapeModel:
     probes: Ids  # Probes used
     dropped: Ids  # Contours asked for but not used
     dropped_reasons: tuple[str, ...]  # One reason for each dropped contour
-    control: ControlPoints  # Control points of the lattice, (columns, rows, layers, 3), world frame
+    # Control points of the final model's lattice, (columns, rows, layers, 3), world frame; none of
+    # models on the way, nor of a general solid
+    control: ControlPoints
     undeformed: ControlPoints  # Where they were before, around an upright prism
     knots_columns: Numbers  # Knots of the cubic splines along the columns
     knots_rows: Numbers  # Along the rows
@@ -177,7 +179,8 @@ class ShapeModel:
 class Score:
     """A model measured against the truth. On ``/score``.
 
-    Distances are point to triangle, from 20,000 area-uniform samples each way.
+    Distances are point to triangle, from area-uniform samples each way: 20,000 of the final model,
+    2,000 of those on the way.
     """
 
     number: Count  # Number of the model
@@ -190,7 +193,8 @@ class Score:
     hausdorff: Metres  # The largest distance of both ways
     normal: Degrees  # Mean angle between the normals at the samples and at their nearest points
     volume_error: Ratio  # Relative error of the volume, with its sign
-    sampling_floor: Metres  # The Chamfer distance between two tessellations of the truth
+    # The Chamfer distance between two tessellations of the truth, from as many samples
+    sampling_floor: Metres
     size: Metres  # True height of the object
     watertight: bool  # True if every edge has exactly two faces
     genus: Count  # Number of handles; -1 for a surface that is not closed and has none to count

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core import Floats, rebuild
-from palpate.core.geometry import nearest_points, nearest_search
+from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_squares
 
 AnySolid = rebuild.Solid | rebuild.GeneralSolid
 
-COARSE_TOLERANCE = 5e-4  # Of the meshes on the way, of the size
+COARSE_TOLERANCE = 5e-4  # Of the mesh that tells how fine the final one is, of the size
 SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
 MUCH = 0.5  # Of the slices' error: what a general solid's must be below
 _NONE = np.zeros(0)
@@ -37,22 +39,42 @@ QUALITIES: Mapping[str, Quality] = {
 }
 
 
-class Candidates(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Candidates:
     """The solids of one set, one of each method."""
 
-    sliced: rebuild.Solid | None  # With its control lattice; None where slices make no solid
+    sliced: rebuild.Solid | None  # The final one as a control lattice; None: slices make no solid
     general: rebuild.GeneralSolid | None  # None where nothing was touched, or slices do
     touched: ContactPoints  # Of what they are made
     why: str = ""  # Why slices make no solid, if they should
     whole: int = 0  # Touches of which the general solid was last fitted as a whole
+    # How the touches of later sets were predicted, by the number of the set.
+    predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
 
-    def predicted(self, touched: ContactPoints) -> dict[str, Floats]:
-        """Mean square distance of each touch from the solids, by method, m^2."""
+    @cached_property
+    def mesh(self) -> surface.SurfaceMesh:
+        """The slices' solid, for a look."""
+        assert self.sliced is not None
+        return surface.grid_mesh(self.sliced.surface)
+
+    @cached_property
+    def search(self) -> NearestSearch:
+        """Of the nearest points of that mesh."""
+        return nearest_search(self.mesh.vertices[self.mesh.faces])
+
+    def predicted(self, number: int, touched: ContactPoints) -> dict[str, Floats]:
+        """Mean square distance of each touch since from the solids, by method, m^2.
+
+        `number` is that of the later set to which the touches belong.
+        """
+        if number not in self.predictions:
+            self.predictions[number] = self._predicted(touched)
+        return self.predictions[number]
+
+    def _predicted(self, touched: ContactPoints) -> dict[str, Floats]:
         found = {}
         if self.sliced is not None:
-            mesh = slices_mesh(self.sliced, None)
-            search = nearest_search(mesh.vertices[mesh.faces])
-            off = nearest_points(search, touched.points).distances
+            off = nearest_points(self.search, touched.points).distances
             found["lattice"] = touch_squares(touched, off)
         if self.general is not None:
             found["general"] = touch_squares(touched, self.general.residuals(touched.points))
@@ -70,12 +92,12 @@ class Candidates(NamedTuple):
         much = general.mean() < MUCH**2 * sliced.mean()
         return self.general if sure and much else self.sliced
 
-
-def slices_mesh(solid: rebuild.Solid, quality: Quality | None) -> surface.SurfaceMesh:
-    """At the end about as many triangles whatever the shape: a first mesh tells how fine."""
-    coarse = COARSE_TOLERANCE * solid.surface.size
-    first = solid.mesh(coarse)
-    if quality is None or len(first.faces) >= quality.faces:
-        return first
-    finer = coarse * len(first.faces) / quality.faces
-    return solid.mesh(max(finer, quality.tolerance * solid.surface.size))
+    def final_mesh(self, quality: Quality) -> surface.SurfaceMesh:
+        """Of about as many triangles whatever the shape: a first mesh tells how fine."""
+        assert self.sliced is not None
+        coarse = COARSE_TOLERANCE * self.sliced.surface.size
+        first = self.sliced.mesh(coarse)
+        if len(first.faces) >= quality.faces:
+            return first
+        finer = coarse * len(first.faces) / quality.faces
+        return self.sliced.mesh(max(finer, quality.tolerance * self.sliced.surface.size))

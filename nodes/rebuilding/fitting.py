@@ -6,18 +6,18 @@ A fit depends on the sets alone, in the order of their numbers: one that is not 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from palpate.core import Floats, Steps, no_steps, rebuild
 from palpate.core.explore import SpaceMap
-from palpate.core.geometry import nearest_points, nearest_search
-from palpate.core.rebuild import surface
+from palpate.core.geometry import nearest_points
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import FEW_FOLDS, FINE, FOLDS, fitting_cell, is_flat
-from palpate.core.shapes import Mesh, TriangleShape
+from palpate.core.shapes import TriangleShape
 from palpate.messages import types
-from palpate.nodes.rebuilding.candidates import Candidates, slices_mesh
+from palpate.nodes.rebuilding.candidates import Candidates
 from palpate.nodes.rebuilding.evidence import (
     Goal,
     State,
@@ -52,7 +52,7 @@ def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, 
         known = fitted.sliced is None or bool(goal.arcs)
         if enough and not known:
             break
-        for method, found in fitted.predicted(touched).items():
+        for method, found in fitted.predicted(later.number, touched).items():
             squares[method].append(found)
         later, sets, enough = before, sets + 1, known
         if sets == SETS:
@@ -74,20 +74,21 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
             sliced = _rebuild(state, goal, step)
         except ValueError as error:  # what was touched is no solid: a result, not a fault
             why = str(error)
-        else:
-            if is_swept(slices_mesh(sliced, None), known_space(state, goal)):
-                sliced, why = None, "a finger has passed through what its slices enclose"
     touched = [one for one in touched_points(state, goal) if len(one.points)]
+    alone = Candidates(sliced, None, stack_points(touched), why)
+    if sliced is not None and is_swept(alone, known_space(state, goal)):
+        why = "a finger has passed through what its slices enclose"
+        sliced, alone = None, replace(alone, sliced=None, why=why)
     if not touched or (sliced is not None and not goal.arcs):
-        return Candidates(sliced, None, stack_points(touched), why)
+        return alone
     found = _continued(state, goal, step)
     if found is not None:
-        return Candidates(sliced, found.general, stack_points(touched), why, found.whole)
+        return replace(alone, general=found[0], whole=found[1])
     final = isinstance(goal, types.PlanDone)
     grasped = [state.contacts[number] for number in range(goal.closings)]
     evidence = stack_points([one for one in grasped if len(one.points)] + touched)
     if is_flat(evidence.points):
-        return Candidates(sliced, None, stack_points(touched), "all touches lie in one plane")
+        return replace(alone, why="all touches lie in one plane")
     general = rebuild.rebuild_general(
         evidence,
         free=known_space(state, goal).free_places(),
@@ -96,11 +97,13 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
         folds=FOLDS if final else FEW_FOLDS,
         step=step,
     )
-    return Candidates(sliced, general, stack_points(touched), why, len(touched))
+    return replace(alone, general=general, whole=len(touched))
 
 
-def _continued(state: State, goal: Goal, step: Steps) -> Candidates | None:
+def _continued(state: State, goal: Goal, step: Steps) -> tuple[rebuild.GeneralSolid, int] | None:
     """The general solid of the set before, with the touches since; None where it must be fitted.
+
+    And the number of touches to which it was last fitted as a whole.
 
     That is at the end; where there are many more touches than at the last fit, or one of them lies
     beside the solid; and where a finger went through what was taken for solid.
@@ -122,19 +125,18 @@ def _continued(state: State, goal: Goal, step: Steps) -> Candidates | None:
         solid = known.general
         for one in more:
             solid = solid.update(one)
-    return known._replace(general=solid)
+    return solid, known.whole
 
 
-def is_swept(mesh: Mesh | surface.SurfaceMesh, space: SpaceMap) -> bool:
-    """Whether a finger has been deep inside a solid (m), which is then none: it is hollow there."""
-    free = space.free_places()
+def is_swept(slices: Candidates, space: SpaceMap) -> bool:
+    """Whether a finger has been deep inside what slices enclose, which is hollow there then."""
+    free, mesh = space.free_places(), slices.mesh
     low, high = mesh.vertices.min(axis=0) + SWEPT, mesh.vertices.max(axis=0) - SWEPT
     free = free[((free > low) & (free < high)).all(axis=1)]
     inside = np.isneginf(TriangleShape(mesh.vertices, mesh.faces).cast(free, UPWARD, FARTHEST))
     if not inside.any():
         return False
-    search = nearest_search(mesh.vertices[mesh.faces])
-    return bool(nearest_points(search, free[inside]).distances.max() > SWEPT)
+    return bool(nearest_points(slices.search, free[inside]).distances.max() > SWEPT)
 
 
 def _rebuild(state: State, goal: Goal, step: Steps) -> rebuild.Solid:
@@ -147,6 +149,7 @@ def _rebuild(state: State, goal: Goal, step: Steps) -> rebuild.Solid:
         [state.probes[id_] for id_ in goal.probes],
         touched,
         state.platform,
+        "lattice" if isinstance(goal, types.PlanDone) else "skin",
         step,
     )
 
@@ -157,6 +160,7 @@ def rebuild_set(
     # What each touch of these measured, and of unfinished contours, by the goal's number
     touched: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
+    method: rebuild.Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
 ) -> rebuild.Solid:
     """The solid of a set.
@@ -169,6 +173,7 @@ def rebuild_set(
         [contour.points for contour in contours],
         patches=stack_points(points),
         tops=touched_ends(contours, probes, touched, platform),
+        method=method,
         frame=frame,
         step=step,
     )

@@ -13,7 +13,7 @@ from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild.general import touch_distances
 from palpate.core.shapes import Mesh, TriangleShape
 from palpate.messages import derive, types
-from palpate.nodes.rebuilding.candidates import AnySolid, Candidates, Quality, slices_mesh
+from palpate.nodes.rebuilding.candidates import AnySolid, Candidates, Quality
 from palpate.nodes.specs import CONTACT_ERROR
 
 Goal = types.ModelGoal | types.PlanDone
@@ -53,7 +53,7 @@ def shape_model(
     parts, frame = EMPTY_MODEL, IDENTITY_POSE
     deviation = None
     if isinstance(solid, rebuild.Solid):
-        parts = _parts(solid, quality, step)
+        parts = _parts(solid, candidates, quality, step)
         frame = IDENTITY_POSE if solid.frame is None else solid.frame
         with step("bound"):
             deviation = solid.whole_deviation()
@@ -116,24 +116,23 @@ def _rounded(health: Mapping[str, float]) -> dict[str, float]:
     return {name: float(f"{value:.2g}") for name, value in health.items()}
 
 
-def _parts(solid: rebuild.Solid, quality: Quality | None, step: Steps) -> dict[str, Any]:
+def _parts(
+    solid: rebuild.Solid, candidates: Candidates, quality: Quality | None, step: Steps
+) -> dict[str, Any]:
     """Everything of a model that is the solid's; without a quality its mesh is coarse."""
-    lattice = solid.control_lattice
-    assert lattice is not None
+    lattice: dict[str, Floats] = {}
     with step("mesh"):
-        grid, mesh = lattices.lattice_grid(lattice), slices_mesh(solid, quality)
+        mesh = candidates.mesh if quality is None else candidates.final_mesh(quality)
+        if solid.control_lattice is not None:
+            grid = lattices.lattice_grid(solid.control_lattice)
+            names = "knots_columns", "knots_rows", "knots_layers"
+            lattice = {"control": grid.control, "undeformed": grid.undeformed}
+            lattice |= dict(zip(names, grid.knots, strict=True))
     with step("bound"):
         heights, deviation = _band(solid)
-    return {
-        "control": grid.control,
-        "undeformed": grid.undeformed,
-        **dict(zip(("knots_columns", "knots_rows", "knots_layers"), grid.knots, strict=True)),
-        "vertices": mesh.vertices,
-        "faces": mesh.faces,
-        "uncertainty_height": heights,
-        "uncertainty": deviation,
-        "health": _rounded(solid.health()),
-    }
+        told = {"uncertainty_height": heights, "uncertainty": deviation}
+    shape = {"vertices": mesh.vertices, "faces": mesh.faces, "health": _rounded(solid.health())}
+    return EMPTY_MODEL | lattice | told | shape
 
 
 def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:

@@ -139,7 +139,7 @@ class ObservedSurface:
     @cached_property
     def rms_bound_95(self) -> float:
         """Below which the root mean square error is in 95 of 100 runs, m."""
-        return float(np.sqrt(np.mean(np.square(self.places.bounds))))
+        return self.bound_of(np.ones(PLACES, np.bool_))
 
     @cached_property
     def progress(self) -> tuple[Progress, ...]:
@@ -151,13 +151,36 @@ class ObservedSurface:
     def touchable_bound(self, tried: Floats) -> float:
         """The same over what was touched or can be, without what the open area may hide, m."""
         places = self.places
-        untouchable = places.standing | places.creased
+        untouchable = places.standing | self.creased
         return self.bound_of(~untouchable & (~self.away | self.met(tried)))
 
     def bound_of(self, chosen: Bools) -> float:
         """The same of some of the places (n,), m; 0 if there are none."""
-        squares = np.square(self.places.bounds[chosen])
+        squares = np.square(self.bounds_there[chosen])
         return float(np.sqrt(squares.mean())) if len(squares) else 0.0
+
+    @cached_property
+    def creased(self) -> Bools:
+        """At which places what is beside them holds a pad off, however it leans, (n,)."""
+        places = self.places
+        creased = ~places.standing & (places.distances > CREASED)
+        if creased.any():
+            around = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES / self.area
+            beside = places.points[:: max(round(around / BESIDES), 1)]
+            there = places.points[creased], places.normals[creased]
+            creased[creased] = pad_gaps(self.pad, beside, *there) > CREASED
+        return creased
+
+    @cached_property
+    def bounds_there(self) -> Floats:
+        """Bounds of 95 % of the errors at the places, and of what creases may hide, (n,), m."""
+        bounds, distances = self.places.bounds, self.places.distances
+        return np.where(self.creased, np.maximum(bounds, CREASE_SLOPE * distances), bounds)
+
+    @cached_property
+    def shape(self) -> TriangleShape:
+        """The solid, ready for rays."""
+        return TriangleShape(self.mesh.vertices, self.mesh.faces)
 
     @cached_property
     def hidden(self) -> float:
@@ -203,8 +226,7 @@ class ObservedSurface:
 
     def is_inside(self, place: Floats) -> bool:
         """Whether a place (3,) lies within the solid."""
-        shape = TriangleShape(self.mesh.vertices, self.mesh.faces)
-        return bool(np.isneginf(shape.cast(place[None], np.array([0.0, 0.0, 1.0]), FAR))[0])
+        return bool(np.isneginf(self.shape.cast(place[None], np.array([0.0, 0.0, 1.0]), FAR))[0])
 
     def left(self, tried: Floats) -> Floats:
         """The same, 0 where touches were aimed at since, (k, 3)."""
@@ -237,7 +259,6 @@ class SurfacePlaces(NamedTuple):
     # Or it faces down so near to that, (n,), that the pedestal is in the way of most touches.
     under: Bools
     spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
-    creased: Bools  # Whether what is beside it holds a pad off, however it leans, (n,)
 
 
 def pad_width(pad: Pad) -> float:
@@ -265,15 +286,8 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
         near = cKDTree(surface.openings).query(points)[0] < BESIDE
         spanned = near & (distances > HALF_OPENING) & ~standing
         bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
-    creased = ~standing & (distances > CREASED)
-    if creased.any():
-        around = 2.0 * math.pi * (0.5 * pad_width(surface.pad)) ** 2 * PLACES / surface.area
-        beside = points[:: max(round(around / BESIDES), 1)]
-        gaps = pad_gaps(surface.pad, beside, points[creased], normals[creased])
-        creased[creased] = gaps > CREASED
-        bounds = np.where(creased, np.maximum(bounds, CREASE_SLOPE * distances), bounds)
     told = points, normals, errors, bounds, distances
-    return SurfacePlaces(*told, standing, under, spanned, creased)
+    return SurfacePlaces(*told, standing, under, spanned)
 
 
 def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:
@@ -307,14 +321,13 @@ def pad_gaps(pad: Pad, points: Floats, places: Floats, normals: Floats) -> Float
 
 def _offers(surface: ObservedSurface) -> list[TouchOffer]:
     places, width = surface.places, pad_width(surface.pad)
-    shape = TriangleShape(surface.mesh.vertices, surface.mesh.faces)
     tree = cKDTree(places.points)
     found: list[TouchOffer] = []
     for number in _worst(surface, tree, width):
         normal = places.normals[tree.query_ball_point(places.points[number], 0.2 * width)].mean(
             axis=0
         )
-        offer = _best_approach(surface, shape, tree, number, normal)
+        offer = _best_approach(surface, tree, number, normal)
         if offer is not None:
             found.append(offer)
     return found
@@ -334,7 +347,7 @@ def _worst(surface: ObservedSurface, tree: cKDTree, width: float) -> list[int]:
 
 
 def _best_approach(
-    surface: ObservedSurface, shape: TriangleShape, tree: cKDTree, number: int, normal: Floats
+    surface: ObservedSurface, tree: cKDTree, number: int, normal: Floats
 ) -> TouchOffer | None:
     """The approach of a place by which most of the squared errors are met; None if none is free."""
     left = surface.squares
@@ -343,7 +356,7 @@ def _best_approach(
     if not length > 0.0:
         return None
     for tilt, outward in approach_directions(normal / length):
-        offer = _approach(surface, shape, tree, number, outward)
+        offer = _approach(surface, tree, number, outward)
         if offer is None:
             continue
         worth = float(left[offer.places].sum())
@@ -369,7 +382,7 @@ def approach_directions(normal: Floats) -> list[tuple[float, Floats]]:
 
 
 def _approach(
-    surface: ObservedSurface, shape: TriangleShape, tree: cKDTree, number: int, outward: Floats
+    surface: ObservedSurface, tree: cKDTree, number: int, outward: Floats
 ) -> TouchOffer | None:
     """A touch of a place out of a direction; None where finger or start are not free."""
     places, pad = surface.places, surface.pad
@@ -380,7 +393,7 @@ def _approach(
     )
     face = _face(pad) @ axes.T
     away = start + 2.0 * LEAST_START + BODY
-    ranges = shape.cast(target + away * outward + face, -outward, FAR)
+    ranges = surface.shape.cast(target + away * outward + face, -outward, FAR)
     nearest = float(ranges.min())
     if nearest < start + BODY:  # the finger would meet something, or begin inside
         return None

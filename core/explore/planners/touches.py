@@ -169,9 +169,9 @@ def _reason(observation: Observation, surface: ObservedSurface) -> str:
         words, untouched = max(
             (
                 ("is the underside", places.under),
-                ("lies in creases too narrow for it", places.creased),
+                ("lies in creases too narrow for it", surface.creased),
             ),
-            key=lambda part: float(np.square(places.bounds[part[1]]).sum()),
+            key=lambda part: float(np.square(surface.bounds_there[part[1]]).sum()),
         )
         return (
             "the error is within tolerance where a finger reaches, but "

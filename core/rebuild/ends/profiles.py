@@ -213,8 +213,8 @@ class Relief(NamedTuple):
     deviation: float  # Its standard deviation, root mean square over the face, m
 
     def at(self, places: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Over places (n, 2): (n,), or derivatives by x and y."""
-        x, y = (places - self.middle).T / self.scale
+        """Over places (..., 2): (...), or derivatives by x and y."""
+        x, y = np.moveaxis((places - self.middle) / self.scale, -1, 0)
         along = polynomial.polyder(self.coefficients, by[0], axis=0)
         across = polynomial.polyder(along, by[1], axis=1)
         return np.asarray(polynomial.polyval2d(x, y, across) / self.scale ** sum(by))

@@ -10,6 +10,7 @@ a share in the points, and the solid stays as it is elsewhere.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -252,10 +253,26 @@ class LatticeSide:
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at shares v and turns (n,), or derivatives by them, together to 2."""
         v, turns = np.asarray(v, float), np.mod(np.asarray(turns, float), 1.0)
+        return self._points(lambda order: self._sums(v, turns, order), by)
+
+    def on_grid(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """The same at each pair of shares v (a,) and turns (b,): (a, b, 3), m."""
+        around, spline, along = np.mod(turns, 1.0), self.volume.spline, self.volume.bases[2]
+
+        def sums(order: tuple[int, int]) -> Floats:
+            layers = self._across(around, order[1]) @ spline.reshape(-1, spline[0, 0].size)
+            layers = layers.reshape(len(turns), *spline.shape[2:]).transpose(1, 0, 2)
+            found = along.matrix(v, order[0]) @ layers.reshape(len(layers), -1)
+            return np.asarray(found.reshape(len(v), len(turns), -1))
+
+        return self._points(sums, by)
+
+    def _points(self, sums: Callable[[tuple[int, int]], Floats], by: tuple[int, int]) -> Floats:
+        """What sums of the functions make, which are divided where there are weights."""
         if self.volume.weights is None:
-            return self._sums(v, turns, by)
+            return sums(by)
         orders = [(i, j) for i in range(by[0] + 1) for j in range(by[1] + 1)]
-        return _quotients({order: self._sums(v, turns, order) for order in orders})[by]
+        return _quotients({order: sums(order) for order in orders})[by]
 
     def parameters(self, v: Floats, turns: Floats) -> Floats:
         """s, t and u (n, 3) of places of the side."""
@@ -296,14 +313,14 @@ class LatticeSide:
 
 
 def _quotients(parts: dict[tuple[int, int], Floats]) -> dict[tuple[int, int], Floats]:
-    """Points and derivatives (n, 3) of a quotient from those of its parts (n, 4), lowest first."""
+    """Points and derivatives (..., 3) of a quotient from its parts' (..., 4), lowest first."""
     found: dict[tuple[int, int], Floats] = {}
-    weight = parts[0, 0][:, 3:]
+    weight = parts[0, 0][..., 3:]
     for (i, j), part in parts.items():
-        rest = part[:, :3].copy()
+        rest = part[..., :3].copy()
         for (a, b), lower in found.items():
             if a <= i and b <= j:
-                rest -= _CHOOSE[i][a] * _CHOOSE[j][b] * lower * parts[i - a, j - b][:, 3:]
+                rest -= _CHOOSE[i][a] * _CHOOSE[j][b] * lower * parts[i - a, j - b][..., 3:]
         found[i, j] = rest / weight
     return found
 

@@ -9,13 +9,13 @@ rings.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg.blas import dtrsm
 from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from palpate.core.arrays import Floats, Ints
@@ -29,8 +29,7 @@ LEAST_FACING = 0.05  # Least radial part of a normal: level faces tell nothing o
 # above which sections are not star-shaped about it.
 INWARD, MOST_INWARD = -0.2, 0.03
 RIDGE = 1e-10  # Bounds the condition of the system, over its mean diagonal
-TOGETHER = 48  # Right-hand sides that are solved at once
-STEPS = 30  # Of the iterations that estimate a condition number
+STEPS, STILL = 30, 1e-3  # Of the iterations that estimate a condition number, and their last
 MOST_DEGREE = 3
 MISSES = 0.01  # Of the height: where middles lie farther off a polynomial, the axis is a spline
 
@@ -113,7 +112,7 @@ def tensor_rows(first: csr_array, second: csr_array) -> csr_array:
     return csr_array((values.ravel(), columns.ravel(), pointers), shape=shape)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SideSystem:
     """A factored system."""
 
@@ -124,26 +123,41 @@ class SideSystem:
         """Coefficients (n,) or (n, k) for a right-hand side."""
         return cho_solve_banded((self.factor, True), right, check_finite=False)
 
-    def half(self, right: Floats) -> Floats:
-        """Half of the solution for right-hand sides (n, k): their products are covariances."""
-        half = np.zeros(right.shape)
-        # Nothing comes before the first number of each: those that begin together go together.
-        begins = (right != 0.0).argmax(axis=0)
-        order = np.argsort(begins)
-        for some in np.array_split(order, len(order) // TOGETHER + 1):
-            begin = int(begins[some[0]]) if len(some) else 0
-            part = np.asfortranarray(right[begin:, some])
-            half[begin:, some] = dtbtrs(self.factor[:, begin:], part, uplo="L")[0]
+    def half(self, rows: Floats) -> Floats:
+        """Half of the solution for each of rows (k, n): products of these are covariances, (k, n).
+
+        By blocks of a ring, for all rows that have begun by then at once: nothing comes before the
+        first number of each.
+        """
+        begins = (rows != 0.0).argmax(axis=1)
+        order = np.argsort(begins, kind="stable")
+        left, begins = rows[order], begins[order]
+        factor, (reach, n) = np.asfortranarray(self.factor), self.factor.shape
+        ring = reach // (CUBIC + 1)
+        strides = factor.itemsize, (reach - 1) * factor.itemsize  # Of the factor's rows and columns
+        for at in range(0, n, ring):
+            begun = int(np.searchsorted(begins, at + ring))
+            own, beyond = slice(at, at + ring), slice(at + ring, at + min(reach, n - at))
+            columns = np.lib.stride_tricks.as_strided(
+                factor[:, at:], (beyond.stop - at, ring), strides
+            )
+            block = np.asfortranarray(columns[:ring])
+            left[:begun, own] = dtrsm(1.0, block, left[:begun, own], side=1, lower=1, trans_a=1)
+            left[:begun, beyond] -= left[:begun, own] @ columns[ring:].T
+        half = np.empty_like(left)
+        half[order] = left
         return half
 
-    @property
+    @cached_property
     def condition(self) -> float:
         """Condition number to 2 digits, by inverse iteration; more would depend on the machine."""
         vector = np.cos(np.arange(self.factor.shape[1], dtype=float) ** 2)
-        length = 1.0
+        before, length = 0.0, 1.0
         for _ in range(STEPS):
             vector = self.solve(vector / np.linalg.norm(vector))
-            length = float(np.linalg.norm(vector))
+            before, length = length, float(np.linalg.norm(vector))
+            if abs(length - before) < STILL * length:
+                break
         return float(f"{self.norm * length:.2g}")
 
 

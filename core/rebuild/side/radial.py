@@ -10,7 +10,7 @@ does the surface between them: its deviation holds both, and is taken all around
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -110,7 +110,7 @@ def radial_fit(
     gaps = gap_widths(spline, rows, np.arange(AROUND) / AROUND).reshape(BANDS, -1)
     return RadialFit(
         points=len(spline.rows.touch),
-        rms=float(np.sqrt(np.mean(spline.misfits() ** 2))),
+        rms=float(np.sqrt(np.mean(spline.misfits**2))),
         sigma=spline.sigma,
         pose_blocks=pose is not None,
         pose_sigma=0.0 if pose is None else pose,
@@ -160,16 +160,16 @@ class Drift:
     """What the shifts of touches, known against each other alone, leave in a spline."""
 
     sigma: float  # Deviation of a point that counts as one beside the shifts, m
-    along: Floats  # Half the system, towards the shifts (coefficients, shifts)
+    along: Floats  # Half the system, from the shifts (shifts, coefficients)
     factor: Floats  # Cholesky factor of the shifts' own system (shifts, shifts), lower
 
     def variance(self, half: Floats) -> Floats:
-        """Of the places whose half of the system is given, (coefficients, n): (n,)."""
-        seen = solve_triangular(self.factor, self.along.T @ half, lower=True, check_finite=False)
+        """Of the places whose half of the system is given, (n, coefficients): (n,)."""
+        seen = solve_triangular(self.factor, self.along @ half.T, lower=True, check_finite=False)
         return np.asarray(self.sigma**2 * np.square(seen).sum(axis=0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RadialSpline:
     """A fitted side surface."""
 
@@ -198,27 +198,28 @@ class RadialSpline:
         radius = np.sqrt(self.squared(heights, turns))
         return np.asarray(self.axis_curve.at(heights)[:, None] + radius[..., None] * rim)
 
+    @cached_property
     def misfits(self) -> Floats:
         """Distances (n,) of the points along their normals, m."""
         return np.asarray(self.rows.target - self.rows.matrix @ self.coefficients.ravel())
 
-    @property
+    @cached_property
     def freedom(self) -> float:
         """Degrees of freedom spent, estimated with random signs (Hutchinson, 1989)."""
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (PROBES, len(self.rows.target)))
-        seen = [self.rows.matrix.T @ sign for sign in signs]
-        return float(np.mean([one @ self.system.solve(one) for one in seen]))
+        seen = self.rows.matrix.T @ signs.T
+        return float(np.einsum("nk,nk->", seen, self.system.solve(seen)) / PROBES)
 
     @property
     def sigma(self) -> float:
         """Standard deviation of a point, from the median misfit and the freedom spent, m."""
-        return probable_error_sigma(self.misfits()) / float(np.sqrt(self._spare))
+        return probable_error_sigma(self.misfits) / float(np.sqrt(self._spare))
 
     @property
     def score(self) -> float:
         """Twice the negative log likelihood (Wahba, *A comparison of GCV and GML*, 1985)."""
         rows, flat = self.rows, self.coefficients.ravel()
-        square = rows.target @ self.misfits()
+        square = rows.target @ self.misfits
         count, size = len(rows.target) - UNBENT, len(flat) - UNBENT
         bends = size * np.log(self.stiffness)
         determinant = float(2.0 * np.log(self.system.factor[0]).sum())  # its logarithm
@@ -233,8 +234,8 @@ class RadialSpline:
         """
         along = along_basis().matrix(self._local(heights))
         rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
-        half = self.system.half(rows.T)
-        variance = self.square * np.square(half).sum(axis=0)
+        half = self.system.half(rows)
+        variance = self.square * np.einsum("nk,nk->n", half, half)
         if self.drift is not None:
             variance += self.drift.variance(half)
         # What one standard deviation more of the squared distance adds: spread over twice the
@@ -251,7 +252,7 @@ class RadialSpline:
     @property
     def square(self) -> float:
         """Mean squared misfit of a point, with the freedom spent counted out, m^2."""
-        return float(np.mean(self.misfits() ** 2)) / self._spare
+        return float(np.mean(self.misfits**2)) / self._spare
 
     @property
     def _spare(self) -> float:

@@ -86,7 +86,7 @@ def _more_shifts(spline: RadialSpline, believed: Floats, strictness: float) -> F
         smooth = rows.matrix @ spline.system.solve(rows.matrix.T @ moved)
         return np.asarray((blocks.T @ (moved - smooth)).reshape(-1, 3) + strictness * shifts)
 
-    right = (blocks.T @ spline.misfits()).reshape(-1, 3) - strictness * believed
+    right = (blocks.T @ spline.misfits).reshape(-1, 3) - strictness * believed
     found = np.zeros_like(right)
     rest = right
     ahead = direction = np.einsum("kij,kj->ki", inverse, rest)
@@ -122,7 +122,7 @@ def _drift(spline: RadialSpline, count: int, strictness: float, pose: float) -> 
         length = np.linalg.norm(means, axis=1, keepdims=True)
         directions = (means / np.maximum(length, np.finfo(float).tiny))[:, None]
     blocks = _blocks(spline, directions)
-    along = spline.system.half((rows.matrix.T @ blocks).toarray())
+    along = spline.system.half((blocks.T @ rows.matrix).toarray())
     own = (blocks.T @ blocks).toarray() + strictness * np.eye(blocks.shape[1])
-    factor = cholesky(own - along.T @ along, lower=True, check_finite=False)
+    factor = cholesky(own - along @ along.T, lower=True, check_finite=False)
     return Drift(float(np.sqrt(strictness)) * pose, along, np.asarray(factor))

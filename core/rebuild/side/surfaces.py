@@ -95,9 +95,21 @@ class SidePatch:
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at shares v and turns (n,), or derivatives by them."""
+        parameters, extent = self._parameters(v)
+        return extent ** by[0] * self.surface.places(parameters, turns, by)
+
+    def on_grid(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
+        """The same at each pair of shares v (a,) and turns (b,): (a, b, 3), m."""
+        parameters, extent = self._parameters(v)
+        found = np.zeros((len(v), len(turns), 3))
+        found[..., :2] = self.surface.on_grid(parameters, turns, by)
+        if by[1] == 0:
+            found[..., 2] = self.surface.axial_parameter.height(parameters, by[0])[:, None]
+        return extent ** by[0] * found
+
+    def _parameters(self, v: Floats) -> tuple[Floats, float]:
         low, high = self.surface.along.domain
-        parameters = np.clip(low + (high - low) * v, low, high)
-        return (high - low) ** by[0] * self.surface.places(parameters, turns, by)
+        return np.clip(low + (high - low) * v, low, high), high - low
 
 
 @dataclass(frozen=True, slots=True)

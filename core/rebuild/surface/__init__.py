@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.surface.meshing import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
     from palpate.core.rebuild.surface.meshing import SurfaceMesh as SurfaceMesh
     from palpate.core.rebuild.surface.meshing import SurfaceSearch as SurfaceSearch
+    from palpate.core.rebuild.surface.meshing import grid_mesh as grid_mesh
     from palpate.core.rebuild.surface.meshing import mesh_surface as mesh_surface
     from palpate.core.rebuild.surface.meshing import search_surface as search_surface
 else:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -50,6 +51,7 @@ FEW = 31  # each on so many lines across
 SPREAD = 0.05
 # Points (a, b, 3) at places (a,) along, from 0 to 1, and turns (b,), from 0 to 1.
 Grid = Callable[[Floats, Floats], Floats]
+Ring = Callable[[int], Floats]  # Points (..., 3) of a ring, or a derivative by the turn
 Orders = tuple[int, int]  # Times it is differentiated by v and by turns; together up to 2
 
 
@@ -85,6 +87,15 @@ class Surface:
             points[rows] = self.piece_at(int(piece), v[rows], turns[rows], by)
         return points.reshape(*shape, 3)
 
+    def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """The same at each pair of v (a,) and turns (b,), one after the other: (a, b, 3)."""
+        points = np.empty((len(v), len(turns), 3))
+        owner = self.piece_of(v)
+        for piece in np.unique(owner):
+            rows = owner == piece
+            points[rows] = self.piece_on_grid(int(piece), v[rows], turns, by)
+        return points
+
     def piece_of(self, v: Floats) -> Ints:
         """The piece (n,) at each v (n,); the upper one at a seam."""
         found = np.searchsorted(self.seams, v, side="right") - 1
@@ -92,24 +103,43 @@ class Surface:
 
     def piece_at(self, piece: int, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """Points (n, 3) of one piece, at v (n,) between its seams, or derivatives of them."""
+        local = self._local(piece, v)
+        return self._placed(piece, lambda order: self.pieces[piece].at(local, turns, order), by)
+
+    def piece_on_grid(self, piece: int, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """The same at each pair of v (a,) and turns (b,): (a, b, 3)."""
+        local = self._local(piece, v)
+
+        def points(order: Orders) -> Floats:
+            return np.asarray(self.pieces[piece].on_grid(local, turns, order).reshape(-1, 3))
+
+        found: Floats = self._placed(piece, points, by)
+        return found.reshape(len(v), len(turns), 3)
+
+    def _local(self, piece: int, v: Floats) -> Floats:
         low, high = self.seams[piece], self.seams[piece + 1]
-        local = np.clip((v - low) / (high - low), 0.0, 1.0)
-        patch, shear = self.pieces[piece], self.shear
-        if shear is None:
-            found = patch.at(local, turns, by)
-        else:
-            found = shear.carried(lambda order: patch.at(local, turns, order), by)
+        return np.clip((v - low) / (high - low), 0.0, 1.0)
+
+    def _placed(self, piece: int, patch: Callable[[Orders], Floats], by: Orders) -> Floats:
+        """Points (n, 3) of a patch, or derivatives, where they are: by v, sheared and moved."""
+        found = patch(by) if self.shear is None else self.shear.carried(patch, by)
         if self.frame is not None:
             position, axes = split_pose(self.frame)
             found = found @ axes.T
             found = found + position if by == (0, 0) else found
-        return found / (high - low) ** by[0] if by[0] else found
+        extent = float(self.seams[piece + 1] - self.seams[piece])
+        return np.asarray(found / extent ** by[0] if by[0] else found)
 
     def normals(self, v: ArrayLike, turns: ArrayLike) -> Floats:
         """Outward unit normals (..., 3), at a tip the limit; errors as of `at`."""
         inside = _off_poles(v)
         by_v, by_t = self.at(inside, turns, (1, 0)), self.at(inside, turns, (0, 1))
-        return unit_normals(by_v.reshape(-1, 3), by_t.reshape(-1, 3)).reshape(by_v.shape)
+        return unit_normals(by_v, by_t)
+
+    def normals_on_grid(self, v: Floats, turns: Floats) -> Floats:
+        """The same at each pair of v (a,) and turns (b,): (a, b, 3)."""
+        inside = _off_poles(v)
+        return unit_normals(*(self.on_grid(inside, turns, by) for by in ((1, 0), (0, 1))))
 
     def curvatures(self, v: ArrayLike, turns: ArrayLike) -> Curvatures:
         """Principal curvatures at places (n,); arguments and errors as for `at`."""
@@ -151,18 +181,18 @@ def curvatures_of(
 
 
 def unit_normals(by_v: Floats, by_t: Floats) -> Floats:
-    """Outward unit normals (n, 3) from tangents upwards and counter-clockwise; 0 if parallel."""
+    """Outward unit normals (..., 3) from tangents upwards and counter-clockwise; 0 if parallel."""
 
     def unit(vectors: Floats) -> Floats:
-        lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+        lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
         return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
 
     return unit(np.cross(unit(by_t), unit(by_v)))
 
 
 def dot(one: Floats, other: Floats) -> Floats:
-    """Products (n,) of vectors (n, d)."""
-    return np.asarray(np.einsum("ni,ni->n", one, other))
+    """Products (...) of vectors (..., d)."""
+    return np.asarray(np.einsum("...i,...i->...", one, other))
 
 
 def close_surface(side: Patch, bottom: End | None = None, top: End | None = None) -> Surface:
@@ -197,9 +227,8 @@ def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
 
 def _grid(piece: Patch) -> Floats:
     """Points (LENGTH_ROWS, LENGTH_TURNS, 3) of a piece."""
-    rows = np.repeat(np.linspace(0.0, 1.0, LENGTH_ROWS), LENGTH_TURNS)
-    columns = np.tile(np.arange(LENGTH_TURNS) / LENGTH_TURNS, LENGTH_ROWS)
-    return piece.at(rows, columns).reshape(LENGTH_ROWS, LENGTH_TURNS, 3)
+    turns = np.arange(LENGTH_TURNS) / LENGTH_TURNS
+    return piece.on_grid(np.linspace(0.0, 1.0, LENGTH_ROWS), turns)
 
 
 def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -> Surface:
@@ -264,12 +293,12 @@ def _sums(surface: Surface, level: int) -> Floats:
     total = np.zeros(11)
     for piece, (low, high) in enumerate(zip(surface.seams[:-1], surface.seams[1:], strict=True)):
         v, along = _nodes(low, high, FIRST_ROWS << level)
-        rows, columns = np.repeat(v, len(turns)), np.tile(turns, len(v))
-        weights = np.repeat(along, len(turns)) * np.tile(across, len(v))
-        x = surface.piece_at(piece, rows, columns) - surface.middle
-        by_v = surface.piece_at(piece, rows, columns, (1, 0))
-        by_t = surface.piece_at(piece, rows, columns, (0, 1))
-        total += _flux(x, np.cross(by_t, by_v) * weights[:, None])
+        weights = (along[:, None] * across).reshape(-1, 1)
+        x, by_v, by_t = (
+            surface.piece_on_grid(piece, v, turns, by).reshape(-1, 3)
+            for by in ((0, 0), (1, 0), (0, 1))
+        )
+        total += _flux(x - surface.middle, np.cross(by_t, by_v) * weights)
     return total
 
 
@@ -297,10 +326,16 @@ def _flux(x: Floats, n: Floats) -> Floats:
 
 
 class Patch(Protocol):
-    """A piece of a surface, from one ring to another."""
+    """A piece of a surface, from one ring to another; who inherits this needs but `at`."""
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """Points (n, 3) at v, upwards from 0 to 1, and turns (n,), or derivatives by them."""
+        raise NotImplementedError
+
+    def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """The same at each pair of v (a,) and turns (b,): (a, b, 3)."""
+        each = self.at(np.repeat(v, len(turns)), np.tile(turns, len(v)), by)
+        return each.reshape(len(v), len(turns), 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -316,43 +351,58 @@ class EndPatch:
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """See `Patch.at`."""
-        found = self._on_profile(v, turns, by)
+        edge = np.full(len(turns), float(self.upper))
+        return self._set_on(v, lambda order: self.side.at(edge, turns, (0, order)), by)
+
+    def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """See `Patch.on_grid`."""
+        edge = np.array([float(self.upper)])
+        ring = partial(self.side.on_grid, edge, turns)
+        return self._set_on(v[:, None], lambda order: ring((0, order)), by)
+
+    def _set_on(self, v: Floats, ring: Ring, by: Orders) -> Floats:
+        """At v and places of the ring, which are broadcast."""
+        found = self._on_profile(v, ring, by)
         if self.relief is not None:
-            found[:, 2] += self._rise(self.relief, v, turns, by)
+            found[..., 2] += self._rise(self.relief, v, ring, by)
         return found
 
-    def _rise(self, relief: Relief, v: Floats, turns: Floats, by: Orders) -> Floats:
+    def _rise(self, relief: Relief, v: Floats, ring: Ring, by: Orders) -> Floats:
         """The relief times the way, or derivatives: product and chain rule."""
-        ways = [self.curve.at(v if self.upper else 1.0 - v, k)[:, 0] for k in range(by[0] + 1)]
-        ways = [(1.0 if self.upper else (-1.0) ** k) * way for k, way in enumerate(ways)]
-        places = self._on_profile(v, turns, (0, 0))[:, :2]
+        ways = [self._along(v, k)[0] for k in range(by[0] + 1)]
+        places = self._on_profile(v, ring, (0, 0))[..., :2]
         height = relief.at(places)
         if by == (0, 0):
             return np.asarray(ways[0] * height)
         slopes = np.stack([relief.at(places, (1, 0)), relief.at(places, (0, 1))], axis=-1)
-        found = ways[0] * dot(slopes, self._on_profile(v, turns, by)[:, :2])
+        found = ways[0] * dot(slopes, self._on_profile(v, ring, by)[..., :2])
         found += ways[-1] * height if by[1] == 0 else 0.0
         if sum(by) == 1:
             return np.asarray(found)
         one, other = ((1, 0), (0, 1)) if by == (1, 1) else ((by[0] // 2, by[1] // 2),) * 2
-        first, second = (self._on_profile(v, turns, each)[:, :2] for each in (one, other))
+        first, second = (self._on_profile(v, ring, each)[..., :2] for each in (one, other))
         x, xy, y = (relief.at(places, each) for each in ((2, 0), (1, 1), (0, 2)))
-        found += ways[0] * (x * first[:, 0] * second[:, 0] + y * first[:, 1] * second[:, 1])
-        found += ways[0] * xy * (first[:, 0] * second[:, 1] + first[:, 1] * second[:, 0])
+        found += ways[0] * x * first[..., 0] * second[..., 0]
+        found += ways[0] * y * first[..., 1] * second[..., 1]
+        found += ways[0] * xy * (first[..., 0] * second[..., 1] + first[..., 1] * second[..., 0])
         if by[0]:
             found += (2.0 if by == (2, 0) else 1.0) * ways[1] * dot(slopes, second)
         return np.asarray(found)
 
-    def _on_profile(self, v: Floats, turns: Floats, by: Orders) -> Floats:
-        way = v if self.upper else 1.0 - v
-        sign = 1.0 if self.upper else (-1.0) ** by[0]
-        along, share = (sign * self.curve.at(way, by[0])).T
-        edge = np.full(len(turns), 1.0 if self.upper else 0.0)
-        offset = self.side.at(edge, turns, (0, by[1]))
+    def _on_profile(self, v: Floats, ring: Ring, by: Orders) -> Floats:
+        along, share = (one[..., None] for one in self._along(v, by[0]))
+        offset = ring(by[1])
         if by[1]:
-            return np.asarray(share[:, None] * offset)
-        moved = along[:, None] * (self.middle - self.rim) + share[:, None] * (offset - self.rim)
+            return np.asarray(share * offset)
+        moved = along * (self.middle - self.rim) + share * (offset - self.rim)
         return np.asarray(moved + self.rim if by[0] == 0 else moved)
+
+    def _along(self, v: Floats, order: int) -> tuple[Floats, Floats]:
+        """How far along the curve, and its share of the ring, at v, or derivatives."""
+        way = v if self.upper else 1.0 - v
+        sign = 1.0 if self.upper else (-1.0) ** order
+        along, share = (sign * self.curve.at(way.ravel(), order)).T
+        return along.reshape(v.shape), share.reshape(v.shape)
 
     @property
     def folded(self) -> float:
@@ -401,9 +451,10 @@ class SampledPatch:
         at = np.stack([np.clip(v, 0.0, 1.0), np.mod(turns, 1.0)], axis=-1)
         return np.asarray(splines.evaluate_scattered(self._bases, self._wound, at, [by])[0])
 
-    def on_grid(self, v: Floats, turns: Floats) -> Floats:
-        """Points (a, b, 3) at places v (a,) and turns (b,)."""
-        return np.asarray(splines.evaluate_grid(self._bases, self._wound, [v, np.mod(turns, 1.0)]))
+    def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
+        """See `Patch.on_grid`."""
+        places = [np.clip(v, 0.0, 1.0), np.mod(turns, 1.0)]
+        return splines.evaluate_grid(self._bases, self._wound, places, by)
 
     @property
     def _bases(self) -> tuple[splines.Basis, splines.Basis]:

@@ -29,6 +29,7 @@ HALVINGS = 3  # Rings near a pole have down to this power of a half of the other
 SLENDER = 4.0  # Rows are at most this many times farther apart than columns
 EVEN = 0.3  # Columns lie nowhere less close than this share of their mean density
 ROUNDS = 8  # Of checks and splits
+EVEN_ROWS, FEWEST_ROWS, EVEN_COLUMNS = 80, 6, 96  # Of an even grid: in all, of a piece, and around
 # Of nearest points.
 STEPS = 40  # Most steps of Newton's method
 ENOUGH = 1e-11  # Of the size: a step that moves the point by less ends it
@@ -63,12 +64,27 @@ def mesh_surface(surface: Surface, tolerance: float | None = None) -> SurfaceMes
             break
         rows, columns = _split(rows, short_rows), _split(columns, short_columns)
         _check_count(len(rows) * len(columns), wanted)
+    return _joined(surface, rows, columns, (1.0 - GRID_SHARE) * wanted)
+
+
+def grid_mesh(surface: Surface) -> SurfaceMesh:
+    """A watertight mesh of genus 0 on an even grid: to look at and decide by, to no tolerance."""
+    rows = [
+        np.linspace(low, high, max(round(EVEN_ROWS * (high - low)), FEWEST_ROWS) + 1)[1:]
+        for low, high in zip(surface.seams[:-1], surface.seams[1:], strict=True)
+    ]
+    columns = np.arange(EVEN_COLUMNS + 1) / EVEN_COLUMNS
+    return _joined(surface, np.concatenate([np.zeros(1), *rows]), columns, 0.0)
+
+
+def _joined(surface: Surface, rows: Floats, columns: Floats, tolerance: float) -> SurfaceMesh:
+    """Triangles of rows and columns; rings are thinned where that costs less than a tolerance."""
     missing = -(len(columns) - 1) % (1 << HALVINGS)  # So that rings can be halved often enough
     widest = np.zeros(len(columns) - 1, bool)
     widest[np.argsort(-np.diff(columns), kind="stable")[:missing]] = True
     columns = _split(columns, widest)
-    grid = surface.at(rows[1:-1, None], columns[None, :-1])
-    levels = _levels(grid, (1.0 - GRID_SHARE) * wanted)
+    grid = surface.on_grid(rows[1:-1], columns[:-1])
+    levels = _levels(grid, tolerance)
     sizes = (len(columns) - 1) >> levels
     faces = geometry.join_rings(sizes)
     rings = [ring[:: 1 << level] for ring, level in zip(grid, levels, strict=True)]
@@ -96,8 +112,7 @@ def _laid(surface: Surface, tolerance: float) -> tuple[Floats, Floats]:
     columns = _spread(turns, dense, FEWEST)
     around = []
     for piece, v in enumerate(near):
-        along_v, around_v = np.repeat(v, len(turns)), np.tile(turns, len(v))
-        ring = surface.piece_at(piece, along_v, around_v).reshape(len(v), len(turns), 3)
+        ring = surface.piece_on_grid(piece, v, turns)
         around.append(np.linalg.norm(np.diff(ring, axis=1), axis=2).sum(axis=1))
     most = max(float(each.max()) for each in around)
     # Length of the edges along each ring, once thin rings have fewer of them.
@@ -117,18 +132,15 @@ def _bends(
     surface: Surface, piece: int, v: Floats, turns: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Normal parts of X_vv, X_vt and X_tt, (rows, turns) each, and mean length of X_v (rows,)."""
-    shape = (len(v), len(turns))
-    rows, columns = np.repeat(v, len(turns)), np.tile(turns, len(v))
     low, high = surface.seams[piece], surface.seams[piece + 1]
     # At the upper seam the next piece would answer.
-    normals = surface.normals(np.minimum(rows, high - 1e-9 * (high - low)), columns)
-    found = [
-        np.abs(np.einsum("ni,ni->n", surface.piece_at(piece, rows, columns, by), normals))
+    normals = surface.normals_on_grid(np.minimum(v, high - 1e-9 * (high - low)), turns)
+    along, mixed, around = (
+        np.abs(dot(surface.piece_on_grid(piece, v, turns, by), normals))
         for by in ((2, 0), (1, 1), (0, 2))
-    ]
-    speed = np.linalg.norm(surface.piece_at(piece, rows, columns, (1, 0)), axis=1)
-    along, mixed, around = (part.reshape(shape) for part in found)
-    return along, mixed, around, speed.reshape(shape).mean(axis=1)
+    )
+    speed = np.linalg.norm(surface.piece_on_grid(piece, v, turns, (1, 0)), axis=2)
+    return along, mixed, around, speed.mean(axis=1)
 
 
 def _spread(places: Floats, density: Floats, least: int) -> Floats:
@@ -148,7 +160,7 @@ def _short(
 ) -> tuple[Bools, Bools]:
     """Which steps between rows, and between columns, are too wide."""
     half_rows, half_columns = 0.5 * (rows[1:] + rows[:-1]), 0.5 * (columns[1:] + columns[:-1])
-    grid = surface.at(rows[:, None], columns[None, :])
+    grid = surface.on_grid(rows, columns)
     along = 0.5 * (grid[1:] + grid[:-1])
     around = 0.5 * (grid[:, 1:] + grid[:, :-1])
     across = 0.5 * (grid[1:, 1:] + grid[:-1, :-1])
@@ -163,9 +175,8 @@ def _short(
 
 
 def _sag(surface: Surface, rows: Floats, columns: Floats, chords: Floats) -> Floats:
-    v, turns = np.broadcast_arrays(rows[:, None], columns[None, :])
-    offset = surface.at(v, turns) - chords
-    return np.asarray(np.abs(np.einsum("ijk,ijk->ij", offset, surface.normals(v, turns))))
+    offset = surface.on_grid(rows, columns) - chords
+    return np.abs(dot(offset, surface.normals_on_grid(rows, columns)))
 
 
 def _split(places: Floats, which: Bools) -> Floats:

@@ -12,6 +12,7 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points
 from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.solid import Solid
+from palpate.core.rebuild.surface.closed import Patch
 from palpate.core.shapes.superquadrics import Superquadric
 
 BAND = 6e-3  # Half the height of the band that is touched along a contour, m
@@ -191,7 +192,7 @@ def traced() -> Callable[..., Traced]:
     return Traced
 
 
-class EllipsoidSide:
+class EllipsoidSide(Patch):
     """The side of an ellipsoid between two latitudes, in closed form, as a piece of a surface."""
 
     def __init__(self, size: Sequence[float], low: float = -np.pi / 2, high: float = np.pi / 2):

@@ -170,7 +170,7 @@ def test_what_a_crease_may_hide_counts_though_no_pad_reaches_it(observation):
         reach=0.12,
         refused=np.zeros((0, 3)),
     )
-    creased = known.places.creased
+    creased = known.creased
     assert (np.abs(known.places.points[creased, 2] - 0.05) < 4e-3).all()
     assert 0.01 < creased.mean() < 0.2
     assert known.bound_of(creased) > 0.35e-3 > 2e-5 > 0.9 * known.touchable_bound(np.zeros((0, 3)))

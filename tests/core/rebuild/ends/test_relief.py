@@ -8,7 +8,7 @@ from palpate.core.rebuild.contours.contacts import ContactPoints
 from palpate.core.rebuild.ends.closing import End
 from palpate.core.rebuild.ends.profiles import Flat
 from palpate.core.rebuild.ends.relief import with_relief
-from palpate.core.rebuild.surface.closed import EndPatch, close_surface
+from palpate.core.rebuild.surface.closed import EndPatch, Patch, close_surface
 
 RADIUS, RIM, HEIGHT, POSE = 0.03, 0.058, 0.06, 1e-4
 ANGLE = 2.0 * np.pi * np.arange(96) / 96
@@ -76,7 +76,7 @@ def test_touches_beside_the_rim_alone_tell_of_no_relief() -> None:
     assert with_relief(level_end(), kept, ROW, POSE).relief is None
 
 
-class Wall:
+class Wall(Patch):
     """The side of a cylinder."""
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:

@@ -187,7 +187,7 @@ def blunt_error(oracle: Make) -> float:
         contacts, fit_axis_curve(np.array([0.0]), np.zeros((1, 2))), 0.0, 0.06
     )
     next_to_ends = np.abs(spline.rows.heights / 0.03 - 1.0) > 0.95
-    return float(np.sqrt(np.mean(spline.misfits()[next_to_ends] ** 2)))
+    return float(np.sqrt(np.mean(spline.misfits[next_to_ends] ** 2)))
 
 
 def test_halved_spans_follow_a_blunt_end_where_even_ones_swing(oracle, monkeypatch):

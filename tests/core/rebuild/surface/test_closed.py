@@ -10,6 +10,7 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild.ends.closing import End
 from palpate.core.rebuild.ends.profiles import Conic, Flat, Profile, Superellipse
 from palpate.core.rebuild.surface.closed import (
+    Patch,
     Surface,
     close_surface,
     closed_surface,
@@ -185,7 +186,7 @@ def test_a_clockwise_side_is_refused(ellipsoid_side):
 VOLUME = 4.0 / 3.0 * np.pi * float(np.prod(SIZE))
 
 
-class Moved:
+class Moved(Patch):
     """A side somewhere else."""
 
     def __init__(self, side: Any, shift: Floats):

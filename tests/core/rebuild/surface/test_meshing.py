@@ -11,7 +11,7 @@ from palpate.core.geometry.meshes import solidity
 from palpate.core.geometry.nearest import nearest_points, nearest_search, self_intersection
 from palpate.core.rebuild.ends.closing import End
 from palpate.core.rebuild.ends.profiles import Conic, Flat, Profile, Superellipse
-from palpate.core.rebuild.surface.closed import Surface, close_surface
+from palpate.core.rebuild.surface.closed import Patch, Surface, close_surface
 from palpate.core.rebuild.surface.meshing import (
     DEFAULT_TOLERANCE,
     SurfaceMesh,
@@ -25,7 +25,7 @@ RIM = float(SIZE[2] * np.sin(1.0))
 PROFILES = [Flat(0.0), Flat(-1.0), Conic(-0.9), Superellipse(0.4, 20.0, 30.0)]
 
 
-class TwistedBox:
+class TwistedBox(Patch):
     """A prism of rounded square section that turns on its way up."""
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
