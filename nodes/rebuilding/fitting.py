@@ -12,10 +12,11 @@ import numpy as np
 
 from palpate.core import Floats, Steps, no_steps, rebuild
 from palpate.core.explore import SpaceMap
-from palpate.core.geometry import nearest_points
+from palpate.core.geometry import nearest_points, nearest_search
+from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import FEW_FOLDS, FINE, FOLDS, fitting_cell, is_flat
-from palpate.core.shapes import TriangleShape
+from palpate.core.shapes import Mesh, TriangleShape
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import Candidates
 from palpate.nodes.rebuilding.evidence import (
@@ -76,7 +77,7 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
             why = str(error)
     touched = [one for one in touched_points(state, goal) if len(one.points)]
     alone = Candidates(sliced, None, stack_points(touched), why)
-    if sliced is not None and is_swept(alone, known_space(state, goal)):
+    if sliced is not None and is_swept(alone.mesh, known_space(state, goal)):
         why = "a finger has passed through what its slices enclose"
         sliced, alone = None, replace(alone, sliced=None, why=why)
     if not touched or (sliced is not None and not goal.arcs):
@@ -128,15 +129,16 @@ def _continued(state: State, goal: Goal, step: Steps) -> tuple[rebuild.GeneralSo
     return solid, known.whole
 
 
-def is_swept(slices: Candidates, space: SpaceMap) -> bool:
-    """Whether a finger has been deep inside what slices enclose, which is hollow there then."""
-    free, mesh = space.free_places(), slices.mesh
+def is_swept(mesh: Mesh | surface.SurfaceMesh, space: SpaceMap) -> bool:
+    """Whether a finger has been deep inside a solid (m), which is then none: it is hollow there."""
+    free = space.free_places()
     low, high = mesh.vertices.min(axis=0) + SWEPT, mesh.vertices.max(axis=0) - SWEPT
     free = free[((free > low) & (free < high)).all(axis=1)]
     inside = np.isneginf(TriangleShape(mesh.vertices, mesh.faces).cast(free, UPWARD, FARTHEST))
     if not inside.any():
         return False
-    return bool(nearest_points(slices.search, free[inside]).distances.max() > SWEPT)
+    search = nearest_search(mesh.vertices[mesh.faces])
+    return bool(nearest_points(search, free[inside]).distances.max() > SWEPT)
 
 
 def _rebuild(state: State, goal: Goal, step: Steps) -> rebuild.Solid:

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.core.geometry.distances import compare_surfaces, prepare_surface
+from palpate.core.geometry.distances import SAMPLES, compare_surfaces, prepare_surface
 from palpate.core.poses import IDENTITY_POSE
 from palpate.core.shapes.tessellations import icosphere
 from palpate.messages.codec import encode
 from palpate.messages.types.model import Score, ShapeModel
 from palpate.messages.types.world import Truth
-from palpate.nodes.evaluator import NODE, Params, State, take_model, take_truth
+from palpate.nodes.evaluator import EVERY, NODE, Params, State, take_model, take_truth
 from palpate.nodes.runtime.node import Finished, resolved
 from palpate.nodes.runtime.testing import example
 
@@ -96,13 +96,24 @@ def test_the_score_tells_what_the_model_cost(informed: State, model: Model):
     assert (score.robot_time, score.size, score.final) == (60.5, 2 * RADIUS, False)
 
 
+@pytest.mark.parametrize(("final", "samples"), [(True, SAMPLES), (False, SAMPLES // EVERY)])
 def test_the_sampling_floor_is_the_distance_of_two_tessellations(
-    informed: State, model: Model, truth: Truth
+    informed: State, model: Model, truth: Truth, final: bool, samples: int
 ):
     floor = prepare_surface(truth.floor_vertices, truth.floor_faces)
-    expected = compare_surfaces(prepare_surface(truth.vertices, truth.faces), floor).chamfer
-    assert score_of(informed, model(RADIUS)).sampling_floor == expected
+    whole = prepare_surface(truth.vertices, truth.faces)
+    expected = compare_surfaces(whole, floor).chamfer
+    found = score_of(informed, model(RADIUS, final=final)).sampling_floor
+    assert found == pytest.approx(expected, rel=0.0 if final else 0.05)
+    few = compare_surfaces(*(one.thinned(SAMPLES // samples) for one in (whole, floor)))
+    assert found == few.chamfer
     assert 0.0 < expected < 0.01 * RADIUS
+
+
+def test_a_model_on_the_way_is_measured_by_fewer_samples(informed: State, model: Model):
+    whole, few = (score_of(informed, model(RADIUS * 1.01, final=final)) for final in (True, False))
+    assert few.rms != whole.rms
+    assert few.rms == pytest.approx(whole.rms, rel=0.01)
 
 
 def test_only_the_final_model_ends_the_graph(informed: State, model: Model):

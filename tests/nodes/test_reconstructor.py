@@ -128,7 +128,7 @@ def test_the_steps_of_a_model_are_told_one_after_the_other(inputs: Heard):
         if later:
             break
     later[0].make(steps)
-    wanted = {"contours", "radial spline", "ends", "loft", "lattice", "bound", "mesh"}
+    wanted = {"contours", "radial spline", "ends", "loft", "bound", "mesh"}
     assert wanted <= set(steps.seconds)
     assert all(seconds > 0.0 for seconds in steps.seconds.values())
 

@@ -118,7 +118,7 @@ class Surface:
 
     def _local(self, piece: int, v: Floats) -> Floats:
         low, high = self.seams[piece], self.seams[piece + 1]
-        return np.clip((v - low) / (high - low), 0.0, 1.0)
+        return np.asarray(np.clip((v - low) / (high - low), 0.0, 1.0))
 
     def _placed(self, piece: int, patch: Callable[[Orders], Floats], by: Orders) -> Floats:
         """Points (n, 3) of a patch, or derivatives, where they are: by v, sheared and moved."""
