@@ -41,6 +41,7 @@ from palpate.core.rebuild.side import (
     coverage_of,
     fit_axis_curve,
     fit_contour_loft,
+    fit_draft,
     fit_radial_spline,
     fit_shifted_spline,
     looks_inward,
@@ -180,11 +181,13 @@ def radial_rows(
     bottom: float | None,
     top: float | None,
     step: Steps = no_steps,
+    draft: bool = False,
 ) -> RadialRows | None:
     """Rows of the radial spline through all contact points, over the heights that were touched.
 
     None where the contours tell more alone: where sections are not star-shaped about the axis, or
     hardly anything was touched, or not all around. `bottom` and `top` are touched ends' heights, m.
+    A `draft` has fewer coefficients around, where these do about as well, and no condition number.
     """
     levels = np.column_stack([[area_centroid(fine) for fine in slices.fine], slices.heights])
     axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
@@ -201,7 +204,7 @@ def radial_rows(
         top = top if only_given(contacts, 1.0, top) else None
         contacts, levels = shear.levelled_contacts(contacts), shear.levelled(levels)
         axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
-    found = _rows_between(contacts, axis_curve, levels[:, 2], bottom, top, step)
+    found = _rows_between(contacts, axis_curve, levels[:, 2], (bottom, top), step, draft)
     return None if found is None else found._replace(shear=shear)
 
 
@@ -209,29 +212,30 @@ def _rows_between(
     contacts: ContactPoints,
     axis_curve: AxisCurve,
     levels: Floats,
-    bottom: float | None,
-    top: float | None,
+    ends: tuple[float | None, float | None],
     step: Steps,
+    draft: bool,
 ) -> RadialRows | None:
     """The rows about an axis, from the heights (n,) of the contours' middles."""
     # All contact points lie between them, but for what seems to lie beyond an end that is known
     # from elsewhere, as a platform is.
     low, high = (
         _reached(contacts, float(last), way, end)
-        for end, last, way in ((bottom, levels[0], -1.0), (top, levels[-1], 1.0))
+        for end, last, way in zip(ends, levels[[0, -1]], (-1.0, 1.0), strict=True)
     )
     with step("radial spline"):
         contacts = with_normals(contacts, axis_curve, low, high)
-        plain = fit_radial_spline(contacts, axis_curve, low, high)
+        fitted = fit_draft if draft else fit_radial_spline
+        plain = fitted(contacts, axis_curve, low, high)
         seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
         if len(plain.rows.heights) < FEWEST or seen is None:
             return None
         plain = bridged(contacts, plain)
         spline, pose = fit_shifted_spline(contacts, plain, step)
     with step("ends"):
-        bottom = touched_end(contacts, float(levels[0]), -1.0, pose, bottom)
-        top = touched_end(contacts, float(levels[-1]), 1.0, pose, top)
-        return _rows(contacts, spline, levels, (bottom, top), seen, pose, step)
+        bottom = touched_end(contacts, float(levels[0]), -1.0, pose, ends[0])
+        top = touched_end(contacts, float(levels[-1]), 1.0, pose, ends[1])
+        return _rows(contacts, spline, levels, (bottom, top), seen, pose, step, draft)
 
 
 def _reached(contacts: ContactPoints, last: float, way: float, end: float | None) -> float:
@@ -249,6 +253,7 @@ def _rows(
     seen: Coverage,
     pose: float | None,
     step: Steps,
+    draft: bool,
 ) -> RadialRows:
     lowest, highest = float(levels[0]), float(levels[-1])
     bottom = spline.low if ends[0] is None else min(ends[0], lowest)
@@ -273,7 +278,7 @@ def _rows(
     below = closing(low, high - low, None if ends[0] is None else bottom)
     above = closing(high, low - high, None if ends[1] is None else top)
     with step("bound"):
-        fit = radial_fit(spline, seen, pose, (low, high), missing > 0.0)
+        fit = radial_fit(spline, seen, pose, (low, high), missing > 0.0, draft)
     return RadialRows(heights, spline.rings(heights, turns), (below, above), fit, None)
 
 

@@ -1,4 +1,4 @@
-"""From contacts to a closed solid, by one of four methods: lattice, skin, thesis, coarse.
+"""From contacts to a closed solid, by one of five methods: lattice, skin, draft, thesis, coarse.
 
 The last two stand at the end: one superquadric, tapered and bent where its points ask for it
 (chosen by Schwarz's criterion, 1978), and the solid of `palpate.core.thesis` as a closed surface
@@ -91,7 +91,8 @@ def reconstruct(
     lattice that deforms a prism, which can be edited and refined; of `size` control points across a
     section each way, from 4 to 64, and along the axis, from 4 to 512, as many as it takes if left
     out; put around the section of the superquadric that a `grasp` found, fitted to the contours if
-    left out. "thesis": the shell and core of Fung, 1999, 4.4, to compare with; `faithful`: as the
+    left out. "draft": a skin to decide by while there is more to touch, of half as many coefficients
+    around where these do about as well. "thesis": the shell and core of Fung, 1999, 4.4, to compare with; `faithful`: as the
     program in its appendix has it, faults and all, of contours with as many points each
     (`rebuild_thesis`). "coarse": a superquadric, tapered and bent.
 
@@ -159,7 +160,7 @@ class Rebuilder:
         elif self.method == "thesis":
             solid = _thesis(evidence, self.faithful)
         else:
-            evidence, closed = _close(evidence, step)
+            evidence, closed = _close(evidence, step, self.method == "draft")
             made: tuple[Surface, LatticeFit | None] = closed.surface, None
             if self.method == "lattice":
                 with step("lattice"):
@@ -227,11 +228,12 @@ def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
     return below, side, above
 
 
-def _close(evidence: Evidence, step: Steps) -> tuple[Evidence, ContourSolid]:
+def _close(evidence: Evidence, step: Steps, draft: bool) -> tuple[Evidence, ContourSolid]:
     """The loft and its ends: of all that was touched where that can be, else of the contours."""
     if evidence.contacts is None:
         return evidence, _close_contours(evidence, step)
-    rows = radial_rows(evidence.slices, evidence.contacts, evidence.bottom, evidence.top, step)
+    ends = evidence.bottom, evidence.top
+    rows = radial_rows(evidence.slices, evidence.contacts, *ends, step, draft)
     if rows is not None:
         with step("loft"):
             return evidence, close_radial(rows)

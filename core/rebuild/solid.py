@@ -52,7 +52,7 @@ from palpate.core.splines import (
 )
 from palpate.core.thesis import ThesisSolid
 
-Method = Literal["lattice", "skin", "thesis", "coarse"]
+Method = Literal["lattice", "skin", "draft", "thesis", "coarse"]
 OVERSHOOT_ROWS, OVERSHOOT_TURNS = 97, 160  # Places of the side where it may swing out
 NOISE_SHARE = 0.2  # Of the noise: the tolerance of a mesh where none is asked for
 SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16  # Of the side, and of each end piece: areas are taken
@@ -81,7 +81,7 @@ class Solid:
     surface: Surface  # Exact everywhere: points, normals, curvatures. In the world.
     method: Method  # How it was rebuilt
     evidence: Evidence  # From what
-    closed: ContourSolid | None = None  # Skin and ends, with the methods "lattice" and "skin"
+    closed: ContourSolid | None = None  # Skin and ends; none with "thesis" and "coarse"
     lattice: LatticeFit | None = None  # With the method "lattice"; see `control_lattice`
     model: ThesisSolid | Recovery | None = None  # What the methods "thesis" and "coarse" found
     rebuilder: Callable[[Evidence], Solid] | None = None  # In the same way, from other evidence
@@ -98,7 +98,7 @@ class Solid:
 
     @property
     def control_lattice(self) -> Lattice | None:
-        """The control lattice in the world; None with the methods "skin" and "coarse"."""
+        """The control lattice in the world; None but with the method "lattice"."""
         part = self.model if isinstance(self.model, ThesisSolid) else self.lattice
         shear = None if self.closed is None else self.closed.shear
         return None if part is None else moved_lattice(part.lattice, self.frame, shear)
@@ -236,7 +236,8 @@ class Solid:
                 radial = self.closed.radial
                 found["radial_unused"] = float(radial is None)
                 if radial is not None:
-                    found |= radial.figures | {"sigma": radial.sigma, "condition": radial.condition}
+                    found |= radial.figures | {"sigma": radial.sigma}
+                    found["condition"] = found.get("radial_condition", found["condition"])
         if self.lattice is not None:
             names = ("rms", "most", "condition", "folded")
             health = self.lattice.health

@@ -151,7 +151,7 @@ def _rebuild(state: State, goal: Goal, step: Steps) -> rebuild.Solid:
         [state.probes[id_] for id_ in goal.probes],
         touched,
         state.platform,
-        "lattice" if isinstance(goal, types.PlanDone) else "skin",
+        "lattice" if isinstance(goal, types.PlanDone) else "draft",
         step,
     )
 

@@ -185,7 +185,8 @@ def correct_solid(
     if not mass.sound:  # the contacts contradict the solid: it is left as it is
         moved, mass = vertices, mass_properties(vertices, faces)
     effects = _effects(mass, moved, area)
-    covariance = size * effects @ (_kernel(vertices, vertices, reach) @ effects.T)
+    at = (vertices - vertices.mean(axis=0)).astype(np.float32)  # It is an estimate, of many places
+    covariance = size * effects @ (_kernel(at, at, reach) @ effects.T.astype(np.float32))
     covariance -= (effects @ gain) @ (effects @ towards).T
     return CorrectedSolid(
         moved,
@@ -210,9 +211,12 @@ def _areas(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
 
 def _kernel(one: Floats, other: Floats, reach: float) -> Floats:
     """Correlation (n, m) of displacements at two sets of places."""
-    squares = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
-    result: Floats = np.exp(-0.5 * np.maximum(squares, 0.0) / reach**2)
-    return result
+    found: Floats = one @ other.T
+    found -= 0.5 * (one**2).sum(axis=1)[:, None]
+    found -= 0.5 * (other**2).sum(axis=1)
+    np.minimum(found, 0.0, out=found)
+    found /= reach**2
+    return np.exp(found, out=found)
 
 
 def _effects(mass: MassProperties, vertices: Floats, area: Floats) -> Floats:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.side.radial import RadialSpline as RadialSpline
     from palpate.core.rebuild.side.radial import bridged as bridged
     from palpate.core.rebuild.side.radial import coverage_of as coverage_of
+    from palpate.core.rebuild.side.radial import fit_draft as fit_draft
     from palpate.core.rebuild.side.radial import fit_radial_spline as fit_radial_spline
     from palpate.core.rebuild.side.radial import radial_fit as radial_fit
     from palpate.core.rebuild.side.radial import with_normals as with_normals

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.linalg.blas import dtrsm
-from scipy.sparse import csr_array, diags_array, eye_array, kron
+from scipy.sparse import csr_array, eye_array, kron
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints
@@ -44,6 +44,7 @@ class SideEquations(NamedTuple):
     heights: Floats  # (n,), m
     places: Floats  # (n, 2): along the heights, from 0 to 1, and around in turns
     middle: float  # Median distance from the axis, m
+    normal: Floats  # Lower band of the normal equations, (band + 1, along * around)
 
 
 def looks_inward(contacts: ContactPoints, axis_curve: AxisCurve) -> bool:
@@ -79,15 +80,17 @@ def side_equations(
     weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * middle))
     height = height[within]
     local = np.clip((height - low) / (high - low), 0.0, 1.0)
-    basis = tensor_rows(along.matrix(local), around.matrix(turns))
+    matrix = tensor_rows(along.matrix(local), around.matrix(turns))
+    matrix.data *= np.repeat(weights, np.diff(matrix.indptr))
     return SideEquations(
-        csr_array(diags_array(weights) @ basis),
+        matrix,
         weights * distance**2,
         contacts.normals[within],
         contacts.touch[within],
         height,
         np.stack([local, turns], axis=-1),
         middle,
+        banded(csr_array(matrix.T @ matrix), _width(around.count)),
     )
 
 
@@ -162,23 +165,22 @@ class SideSystem:
 
 
 def side_system(
-    rows: csr_array,
+    normal: Floats,
     turns: int,
     along: tuple[Floats, Floats],
     around: float,
     tension: csr_array | None = None,
 ) -> SideSystem:
-    """Least squares of rows (n, along * around), penalised, with `turns` coefficients around.
+    """Normal equations (band + 1, along * around), penalised, with `turns` coefficients around.
 
     `along` is the strength of the bending along, from knot to knot, (spans,), with the root of the
     bending, (r, along); `around` the strength of the bending around. `tension` is the root of one
     more penalty, (m, along * around). Of strength 1, a penalty has the mean diagonal of the
     equations.
     """
-    band = banded(csr_array(rows.T @ rows), _width(turns))
-    mean = float(band[0].mean())
+    mean = float(normal[0].mean())
     strengths, root = along
-    band += mean * around * _bending_around(root.shape[1], turns)
+    band = normal + mean * around * _bending_around(root.shape[1], turns)
     weighted = np.repeat(np.sqrt(strengths), len(root) // len(strengths))[:, None] * root
     form = csr_array(weighted.T @ weighted / (np.square(root).sum() / root.shape[1]))
     band += mean * banded(csr_array(kron(form, eye_array(turns))), _width(turns))

@@ -40,7 +40,10 @@ POSE_LEFT = 0.4
 FEWEST_TAXELS = 12  # Taxels of a touch: of fewer in half of them, they tell no shifts and no gaps
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
 FINE_SECTORS = 360  # Those in which the outermost heights are told
-AROUND = 96  # Coefficients around
+AROUND, FEW_AROUND = 96, 48  # Coefficients around, and of a draft
+# Of the height: what a draft may miss of its points; where all coefficients would leave less than
+# this share of what it misses, it has all of them.
+DRAFT_MISSES, FAR_LESS = 5e-5, 0.6
 # Strength of bending along, where the side was touched all around and where it was not: there so
 # strong that what lies farther off bridges the gap, not the last points before it alone.
 TOUCHED, UNTOUCHED = 1e-3, 1e-2
@@ -70,7 +73,7 @@ class RadialFit(NamedTuple):
     sigma: float  # Standard deviation of a point, from the median distance
     pose_blocks: bool  # Whether a shift of each touch was estimated with the spline
     pose_sigma: float  # Standard deviation of those shifts along the normals; 0 without
-    condition: float  # Estimate of the system's condition number, to 2 digits
+    condition: float | None  # Estimate of the system's condition number; of a draft none
     untouched_gap: float  # The highest stretch of the side that was not touched on some azimuth
     stretched: bool  # Whether the side had to be drawn higher than it was touched
     # Lowest height that was touched in each of 360 even sectors, (360,); infinity if nothing was.
@@ -84,7 +87,8 @@ class RadialFit(NamedTuple):
         """Figures of the fit, by name."""
         numbers = self._asdict().items()
         single = {name: value for name, value in numbers if not isinstance(value, np.ndarray)}
-        return {f"radial_{name}": float(value) for name, value in single.items()}
+        told = {name: value for name, value in single.items() if value is not None}
+        return {f"radial_{name}": float(value) for name, value in told.items()}
 
     def uncertainty(self) -> Uncertainty:
         """The whole side in three numbers."""
@@ -100,6 +104,7 @@ def radial_fit(
     pose: float | None,
     reach: tuple[float, float],
     stretched: bool,
+    draft: bool = False,
 ) -> RadialFit:
     """What is kept of a spline between two heights, the `reach`, m."""
     heights = np.linspace(*reach, BANDS)
@@ -107,14 +112,14 @@ def radial_fit(
     # No gap may lie between places: those of the gaps are closer together than a gap is wide.
     beside = (heights[1] - heights[0]) * (np.arange(GAP_ROWS) + 0.5 - 0.5 * GAP_ROWS) / GAP_ROWS
     rows = np.clip((heights[:, None] + beside).ravel(), *reach)
-    gaps = gap_widths(spline, rows, np.arange(AROUND) / AROUND).reshape(BANDS, -1)
+    gaps = gap_widths(spline, rows, np.arange(spline.around) / spline.around).reshape(BANDS, -1)
     return RadialFit(
         points=len(spline.rows.touch),
         rms=float(np.sqrt(np.mean(spline.misfits**2))),
         sigma=spline.sigma,
         pose_blocks=pose is not None,
         pose_sigma=0.0 if pose is None else pose,
-        condition=spline.system.condition,
+        condition=None if draft else spline.system.condition,
         untouched_gap=seen.gap,
         stretched=stretched,
         lows=seen.lows,
@@ -184,10 +189,15 @@ class RadialSpline:
     tension: csr_array | None = None  # Root of what bridges gaps, if there are any
     drift: Drift | None = None  # What shifts of the touches leave in it, if they were estimated
 
+    @property
+    def around(self) -> int:
+        """Coefficients around."""
+        return int(self.coefficients.shape[1])
+
     def squared(self, heights: Floats, turns: Floats) -> Floats:
         """Squared distance from the axis on a grid, (heights, turns), m^2."""
         along = along_basis().matrix(self._local(heights))
-        around = PeriodicBasis(AROUND).matrix(turns)
+        around = PeriodicBasis(self.around).matrix(turns)
         squared = (around @ (along @ self.coefficients).T).T
         return np.asarray(np.maximum(squared, LEAST * self.middle**2))
 
@@ -233,7 +243,7 @@ class RadialSpline:
         the knots.
         """
         along = along_basis().matrix(self._local(heights))
-        rows = kron(along, PeriodicBasis(AROUND).matrix(turns)).toarray()
+        rows = kron(along, PeriodicBasis(self.around).matrix(turns)).toarray()
         half = self.system.half(rows)
         variance = self.square * np.einsum("nk,nk->n", half, half)
         if self.drift is not None:
@@ -247,7 +257,15 @@ class RadialSpline:
     def refitted(self, contacts: ContactPoints, stiffness: float = 1.0) -> RadialSpline:
         """To other contact points, over the same heights and gaps."""
         where = self.axis_curve, self.low, self.high
-        return fit_radial_spline(contacts, *where, stiffness, self.tension)
+        return fit_radial_spline(contacts, *where, stiffness, self.tension, self.around)
+
+    def stiffer(self, times: float) -> RadialSpline:
+        """To the same contact points, so many times stiffer."""
+        system, found = _solved(self.rows, self.around, times * self.stiffness, self.tension)
+        return RadialSpline(
+            *(self.axis_curve, self.low, self.high, found, self.middle, self.rows, system),
+            *(times * self.stiffness, self.tension),
+        )
 
     @property
     def square(self) -> float:
@@ -269,15 +287,37 @@ def fit_radial_spline(
     high: float,
     stiffness: float = 1.0,
     tension: csr_array | None = None,
+    around: int | None = None,
 ) -> RadialSpline:
     """Fit the side surface between two heights, m, to contact points with normals.
 
     Those outside the heights, or on level faces, are left out. `stiffness` is how much more bending
-    costs than it does without noise; `tension` see `bridged`. Raises ValueError if no point is
-    left.
+    costs than it does without noise; `tension` see `bridged`; `around` are the coefficients around,
+    96 if left out. Raises ValueError if no point is left.
     """
-    along, around = along_basis(), PeriodicBasis(AROUND)
-    rows = side_equations(contacts, axis_curve, low, high, along, around)
+    basis = PeriodicBasis(around or AROUND)
+    rows = side_equations(contacts, axis_curve, low, high, along_basis(), basis)
+    system, found = _solved(rows, basis.count, stiffness, tension)
+    return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness, tension)
+
+
+def fit_draft(
+    contacts: ContactPoints, axis_curve: AxisCurve, low: float, high: float
+) -> RadialSpline:
+    """The same with fewer coefficients around, where these do about as well."""
+    where = axis_curve, low, high
+    few = fit_radial_spline(contacts, *where, around=FEW_AROUND)
+    missed = float(np.sqrt(np.mean(few.misfits**2)))
+    if missed <= DRAFT_MISSES * (high - low):
+        return few
+    whole = fit_radial_spline(contacts, *where)
+    return whole if np.sqrt(np.mean(whole.misfits**2)) < FAR_LESS * missed else few
+
+
+def _solved(
+    rows: SideEquations, around: int, stiffness: float, tension: csr_array | None
+) -> tuple[SideSystem, Floats]:
+    """The system of the equations, and its coefficients (along, around)."""
     # Stronger bending along in spans where nothing was touched, and beside them.
     span = np.minimum((rows.places[:, 0] * SPANS).astype(int), SPANS - 1)
     sector = (np.mod(rows.places[:, 1], 1.0) * SECTORS).astype(int) % SECTORS
@@ -287,9 +327,8 @@ def fit_radial_spline(
     near = np.convolve(untouched, np.ones(2 * BESIDE + 1), mode="same") > 0.5
     strengths = np.where(near, UNTOUCHED, TOUCHED)[even_spans()]
     bending = stiffness * strengths, bending_root()
-    system = side_system(rows.matrix, AROUND, bending, stiffness * BENDING_AROUND, tension)
-    found = system.solve(rows.matrix.T @ rows.target).reshape(along.count, AROUND)
-    return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness, tension)
+    system = side_system(rows.normal, around, bending, stiffness * BENDING_AROUND, tension)
+    return system, system.solve(rows.matrix.T @ rows.target).reshape(-1, around)
 
 
 def bridged(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
@@ -298,7 +337,7 @@ def bridged(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
     What the touches beside a gap slope to would else be carried on, to the axis and beyond.
     """
     heights = spline.low + (spline.high - spline.low) * along_basis().greville()
-    gaps = gap_widths(spline, heights, PeriodicBasis(AROUND).greville()) > 0.0
+    gaps = gap_widths(spline, heights, PeriodicBasis(spline.around).greville()) > 0.0
     if not gaps.any():
         return spline
     numbers = np.arange(gaps.size).reshape(gaps.shape)
@@ -324,7 +363,7 @@ def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
     if np.median(np.bincount(rows.touch)) < FEWEST_TAXELS:
         return nowhere
     rings = np.linspace(spline.low, spline.high, 2 * SPANS)
-    around = np.arange(AROUND) / AROUND
+    around = np.arange(spline.around) / spline.around
     middles = np.sqrt(np.median(spline.squared(rings, around), axis=1))
 
     def unrolled(heights: Floats, turns: Floats) -> Floats:
@@ -334,10 +373,10 @@ def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
 
     taxels = ContactPoints(unrolled(rows.heights, rows.places[:, 1]), None, rows.touch)
     pitch, tree = taxel_pitch(taxels), cKDTree(taxels.points)
-    centres = unrolled(np.repeat(rings, AROUND), np.tile(around, len(rings)))
+    centres = unrolled(np.repeat(rings, len(around)), np.tile(around, len(rings)))
     radii = np.asarray(tree.query(centres)[0])
     touched = np.mean(radii.reshape(len(rings), -1) < NEAR * pitch, axis=1) > MOSTLY
-    wide = (radii > WIDE * pitch) & np.repeat(touched, AROUND)
+    wide = (radii > WIDE * pitch) & np.repeat(touched, len(around))
     if not wide.any():
         return nowhere
     places = unrolled(np.repeat(heights, len(turns)), np.tile(turns, len(heights)))
@@ -384,7 +423,7 @@ def _gradient_normals(spline: RadialSpline, points: Floats) -> Floats:
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
     local = spline._local(points[:, 2])
     flat = spline.coefficients.ravel()
-    along, around = along_basis(), PeriodicBasis(AROUND)
+    along, around = along_basis(), PeriodicBasis(spline.around)
     extent = spline.high - spline.low
     by_height = tensor_rows(along.matrix(local, 1), around.matrix(turns)) @ flat / extent
     by_turn = tensor_rows(along.matrix(local), around.matrix(turns, 1)) @ flat / (2.0 * np.pi)

@@ -58,15 +58,15 @@ def fit_shifted_spline(
         strictness = TOGETHER * spline.square / pose**2
     with step("cross-validation"):
         if not pose > least:
-            return stiffened(contacts, plain), None
-        spline = stiffened(moved, spline)
+            return stiffened(plain), None
+        spline = stiffened(spline)
     return replace(spline, drift=_drift(spline, len(shifts), strictness, pose)), pose
 
 
-def stiffened(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
+def stiffened(spline: RadialSpline) -> RadialSpline:
     """The spline as stiff as its points ask for: at least as stiff as it is."""
     for _ in range(MOST_STIFFER):
-        stiffer = spline.refitted(contacts, STIFFER * spline.stiffness)
+        stiffer = spline.stiffer(STIFFER)
         if not stiffer.score < spline.score:
             break
         spline = stiffer
@@ -79,12 +79,15 @@ def _more_shifts(spline: RadialSpline, believed: Floats, strictness: float) -> F
     blocks = _blocks(spline, np.broadcast_to(np.eye(3), (count, 3, 3)))
     own = np.zeros((count, 3, 3))  # Each touch's block of the system
     np.add.at(own, rows.touch, rows.normals[:, :, None] * rows.normals[:, None, :])
-    inverse = np.linalg.inv(own + strictness * np.eye(3))
+    own += strictness * np.eye(3)
+    inverse = np.linalg.inv(own)
+    # What a shift does to the surface's equations, summed over its taxels once.
+    told = csr_array(blocks.T @ rows.matrix)
+    told_by = csr_array(told.T)
 
     def system(shifts: Floats) -> Floats:
-        moved = blocks @ shifts.ravel()
-        smooth = rows.matrix @ spline.system.solve(rows.matrix.T @ moved)
-        return np.asarray((blocks.T @ (moved - smooth)).reshape(-1, 3) + strictness * shifts)
+        smooth = told @ spline.system.solve(told_by @ shifts.ravel())
+        return np.asarray(np.einsum("kij,kj->ki", own, shifts) - smooth.reshape(-1, 3))
 
     right = (blocks.T @ spline.misfits).reshape(-1, 3) - strictness * believed
     found = np.zeros_like(right)
