@@ -28,10 +28,11 @@ def rotation_matrix(quaternion: Floats) -> Floats:
 
     Raises ValueError if the quaternion is not of unit length within 1e-6.
     """
-    length = math.sqrt(float(quaternion @ quaternion))
+    x, y, z, w = quaternion.tolist()
+    length = math.sqrt(x * x + y * y + z * z + w * w)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         raise ValueError(f"a rotation must be a quaternion of length 1, got length {length:g}")
-    x, y, z, w = (float(q) / length for q in quaternion)
+    x, y, z, w = x / length, y / length, z / length, w / length
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

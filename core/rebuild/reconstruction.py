@@ -91,10 +91,10 @@ def reconstruct(
     lattice that deforms a prism, which can be edited and refined; of `size` control points across a
     section each way, from 4 to 64, and along the axis, from 4 to 512, as many as it takes if left
     out; put around the section of the superquadric that a `grasp` found, fitted to the contours if
-    left out. "draft": a skin to decide by while there is more to touch, of half as many coefficients
-    around where these do about as well. "thesis": the shell and core of Fung, 1999, 4.4, to compare with; `faithful`: as the
-    program in its appendix has it, faults and all, of contours with as many points each
-    (`rebuild_thesis`). "coarse": a superquadric, tapered and bent.
+    left out. "draft": a skin to decide by while there is more to touch, of half as many
+    coefficients around where these do about as well. "thesis": the shell and core of Fung, 1999,
+    4.4, to compare with; `faithful`: as the program in its appendix has it, faults and all, of
+    contours with as many points each (`rebuild_thesis`). "coarse": a superquadric, tapered and bent.
 
     `frame` (7,) is the pose of the slicing frame in the world: position, then a unit quaternion x,
     y, z, w; the world's own if left out. All that is given here is given in the world, and the

@@ -77,7 +77,8 @@ def contact_points_of(
 
 def edge_slopes(surface: Floats, smooth: Floats, touched: Bools, pitch: float) -> EdgeSlopes:
     """Slopes next to edges of heights (rows, cols), m, which a smooth surface was fitted to."""
-    if min(surface.shape) < SIDE:
+    followed_all = np.abs(surface - smooth)[touched].max(initial=0.0) <= LEAST * pitch
+    if followed_all or min(surface.shape) < SIDE:
         none = np.zeros(surface.shape, np.bool_)
         return EdgeSlopes(np.zeros((2, *surface.shape)), none, none)
     steps = pitch * (np.arange(SIDE) - SIDE // 2)
