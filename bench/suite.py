@@ -16,13 +16,19 @@ from typing import Any, NamedTuple
 
 import click
 
+from palpate.bench.options import BenchOptions, bench_options
 from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Figure, Group, figure_of, named, run_groups, run_scene
-from palpate.bench.tolerance import ToleranceOptions, tolerance_options
 from palpate.launch.files import check_new
 
 RECORDED = "thesis/recorded"  # The group that takes recordings
-METHODS, REAL = "tolerance/methods", "real/meshes"  # The groups that take `ToleranceOptions`
+# The groups that take `BenchOptions`, and which of them.
+METHODS, REAL, SPEED = "tolerance/methods", "real/meshes", "speed/scenes"
+TAKEN: Mapping[str, tuple[str, ...]] = {
+    METHODS: ("sheet", "cost", "meshes", "add", "method"),
+    REAL: ("sheet", "meshes"),
+    SPEED: ("against",),
+}
 RESULTS = click.Path(dir_okay=False, path_type=Path)
 SCENES = (
     *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
@@ -65,6 +71,16 @@ BENCHES: Mapping[str, Bench] = {
             "hops": "bus.cost:hop_rows",
             "reliability": "bus.losses:reliability_rows",
             "locked": "bus.cost:lock_rows",
+        },
+    ),
+    "speed": Bench(
+        "where the time of whole runs goes, by node, step and wait, in turns with an older "
+        "checkout (--against); of a touch, by taxels; of a hop; and how it grows",
+        {
+            "scenes": "speed:scene_rows",
+            "touches": "speed:touch_rows",
+            "hops": "bus.cost:hop_rows",
+            "growth": "speed:growth_rows",
         },
     ),
     "touch": Bench("one touch: frames a second", {"frames": "touch:touch_rows"}),
@@ -131,7 +147,7 @@ def _help() -> str:
 @click.option("--out", metavar="FILE", type=RESULTS, help="Write the results here, as JSON.")
 @click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
-@tolerance_options
+@bench_options
 def bench_command(
     what: str,
     runs: tuple[Path, ...],
@@ -144,7 +160,7 @@ def bench_command(
     **more: Any,
 ) -> int:
     """Measure one thing or all; `_help` says which there are."""
-    chosen = _chosen(what, only, runs, ToleranceOptions(**more))
+    chosen = _chosen(what, only, runs, BenchOptions(**more))
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
@@ -161,7 +177,7 @@ def bench_command(
 
 
 def _chosen(
-    what: str, only: str | None, runs: tuple[Path, ...], options: ToleranceOptions
+    what: str, only: str | None, runs: tuple[Path, ...], options: BenchOptions
 ) -> Mapping[str, str | Group]:
     """Groups as ``bench/group``, each with where it is or what measures it."""
     benches = BENCHES if what == ALL else {what: BENCHES[what]}
@@ -181,9 +197,11 @@ def _chosen(
             raise click.UsageError(f"RUN... belongs to thesis, got {', '.join(map(str, runs))}")
         return {RECORDED: partial(named(places[RECORDED]), runs=runs)}
     if options.given:
-        taking = [name for name in (METHODS, REAL) if name in places]
+        wanted_by = {name for name, taken in TAKEN.items() if set(options.names) <= set(taken)}
+        taking = [name for name in places if name in wanted_by]
         if not taking:
-            raise click.UsageError(f"{options.given} belongs to tolerance and to real")
+            others = " and to ".join(name.partition("/")[0] for name in TAKEN if name in wanted_by)
+            raise click.UsageError(f"{options.given} belongs to {others or 'several benches'}")
         given = {name: partial(named(places[name]), options=options) for name in taking}
         return {**places, **given}
     return places

@@ -18,10 +18,11 @@ import trimesh
 from trimesh import proximity
 
 from palpate.bench.explore import NOISY, Demand, Explored, explore_object
+from palpate.bench.options import BenchOptions
 from palpate.bench.real.picture import draw_run
 from palpate.bench.results import read_form, write_form
 from palpate.bench.table import Figure, figure_of
-from palpate.bench.tolerance import ToleranceOptions, check_sources, sources_digest
+from palpate.bench.tolerance import check_sources, sources_digest
 from palpate.core.shapes import Mesh
 from palpate.launch.files import InputError, read_mesh
 
@@ -120,7 +121,7 @@ class RealFigures(msgspec.Struct, frozen=True):
         )
 
 
-def real_rows(quick: bool, options: ToleranceOptions | None = None) -> Iterator[RealFigures | str]:
+def real_rows(quick: bool, options: BenchOptions | None = None) -> Iterator[RealFigures | str]:
     """Explore every mesh of the folder that ``--meshes`` names, with several seeds.
 
     What is there already is not made again. Raises InputError if there is no folder, or no mesh in

@@ -10,8 +10,6 @@ from palpate.rooms import TYPE_CHECKING, lazy
 if TYPE_CHECKING:
     from palpate.bench.tolerance.methods import Model as Model
     from palpate.bench.tolerance.methods import Problem as Problem
-    from palpate.bench.tolerance.options import ToleranceOptions as ToleranceOptions
-    from palpate.bench.tolerance.options import tolerance_options as tolerance_options
     from palpate.bench.tolerance.runs import check_sources as check_sources
     from palpate.bench.tolerance.runs import sources_digest as sources_digest
 else:

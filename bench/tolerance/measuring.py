@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from palpate.bench.objects import EXPLORED_OBJECTS
+from palpate.bench.options import BenchOptions
 from palpate.bench.rebuild import poisson_installed
 from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.bench.tolerance import methods, statistics
-from palpate.bench.tolerance.options import ToleranceOptions
 from palpate.bench.tolerance.runs import Final, Run, RunsFile, read_runs
 from palpate.bench.tolerance.sheet import write_sheet
 from palpate.launch.files import InputError
 
-PLAIN = ToleranceOptions()
+PLAIN = BenchOptions()
 FOLDER, FILE = "bench-tolerance", "results.json"
 SHARES, QUICK_SHARES = (0.01, 0.005, 0.002, 0.001, 0.0005), (0.01, 0.002, 0.0005)
 SEEDS, QUICK_SEEDS = 3, 1
@@ -31,7 +31,7 @@ STRICT, MIDDLE, MOST_MIDDLE = 0.003, 0.005, 90  # Targets, over the height; and 
 MOST_LOOSE, LEAST_HELD = 0.45, 0.90
 
 
-def tolerance_rows(quick: bool, options: ToleranceOptions = PLAIN) -> Iterator[Row | str]:
+def tolerance_rows(quick: bool, options: BenchOptions = PLAIN) -> Iterator[Row | str]:
     """Make the runs that are missing, draw the sheet, and tell what is demanded."""
     added = [read_runs(path) for path in options.add]
     names = [name for name in methods.CONTENDERS if name != methods.POISSON or poisson_installed()]

@@ -94,7 +94,7 @@ def reconstruct(
     left out. "draft": a skin to decide by while there is more to touch, of half as many
     coefficients around where these do about as well. "thesis": the shell and core of Fung, 1999,
     4.4, to compare with; `faithful`: as the program in its appendix has it, faults and all, of
-    contours with as many points each (`rebuild_thesis`). "coarse": a superquadric, tapered and bent.
+    contours with as many points each (`rebuild_thesis`). "coarse": a superquadric, tapered, bent.
 
     `frame` (7,) is the pose of the slicing frame in the world: position, then a unit quaternion x,
     y, z, w; the world's own if left out. All that is given here is given in the world, and the

@@ -11,13 +11,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
-from palpate.core.explore.planners.surface import ObservedSurface
 from palpate.core.plugins import class_by_name
+
+if TYPE_CHECKING:
+    from palpate.core.explore.planners.surface import ObservedSurface
 
 LEAST_AZIMUTHS = 4
 # Of the object's height: finer than any pad touches, and than what was touched could be counted.

@@ -12,9 +12,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter1d
 
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array
 from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
@@ -162,7 +162,7 @@ def _shared_deviation(
     off, bend = (part / sizes[:, None, None] for part in parts)
     far = np.hypot(off[..., 0], off[..., 1])
     window = int(np.ceil(WINDOW * SAMPLES * float(np.median(steps))))
-    most = maximum_filter1d(far, 2 * window + 1, axis=1, mode="wrap")
+    most = _largest_near(far, window)
     if count == 1:
         nobody, zero = np.zeros((1, 0), np.intp), 0.0 * all_.points
         return _Beside(zero, zero, 0.0 * all_.turns, nobody, np.zeros(len(zero), np.intp), window)
@@ -198,10 +198,16 @@ class _Beside(NamedTuple):
         """Of which points (N,) half of the curves beside have outliers there: it is the object."""
         marked = np.zeros((len(self.near), SAMPLES))
         marked[owner[outlier], self.column[outlier]] = 1.0
-        marked = maximum_filter1d(marked, 2 * self.window + 1, axis=1, mode="wrap")
+        marked = _largest_near(marked, self.window)
         if not self.near.shape[1]:
             return np.zeros(len(owner), np.bool_)
         return np.asarray((marked[self.near].mean(axis=1) >= 0.5)[owner, self.column])
+
+
+def _largest_near(values: Floats, window: int) -> Floats:
+    """The largest of so many on either side around closed rows (m, n)."""
+    wound = np.pad(values, ((0, 0), (window, window)), mode="wrap")
+    return np.asarray(sliding_window_view(wound, 2 * window + 1, axis=1).max(axis=2))
 
 
 def _allowed(off: Floats, shared: Floats, least: Floats, all_: _Points) -> Floats:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.linalg.blas import dtrsm
 from scipy.sparse import csr_array, eye_array, kron
@@ -22,6 +21,9 @@ from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.side.smoothing import bending_around
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
 LEAST_FACING = 0.05  # Least radial part of a normal: level faces tell nothing of the distance
@@ -258,4 +260,6 @@ def fit_axis_curve(heights: Floats, middles: Floats) -> AxisCurve:
     levels, first = np.unique(heights, return_index=True)
     if missed <= MISSES * (high - low) or len(levels) <= MOST_DEGREE + 1:
         return axis_curve
+    from scipy.interpolate import CubicSpline  # Seldom, and slow to import
+
     return replace(axis_curve, bent=CubicSpline(levels, middles[first], bc_type="natural"))

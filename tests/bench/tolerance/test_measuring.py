@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.bench.options import BenchOptions
 from palpate.bench.tolerance import measuring, methods
 from palpate.bench.tolerance.measuring import sheet_rows, tolerance_rows, units_of
 from palpate.bench.tolerance.methods import (
@@ -23,7 +24,6 @@ from palpate.bench.tolerance.methods import (
     runs_of,
     touched_shares,
 )
-from palpate.bench.tolerance.options import ToleranceOptions
 from palpate.bench.tolerance.runs import read_runs
 from palpate.bench.tolerance.sheet import COSTS, draw_sheet
 from palpate.core.geometry import prepare_surface
@@ -177,7 +177,7 @@ def test_runs_of_another_method_are_laid_beside_ours(tmp_path, monkeypatch):
     made = [*finished(1e-3)[:2], run_of(method="thesis")]
     monkeypatch.setattr(measuring, "_make_runs", lambda file, units: file.add(made) or [])
     folder = tmp_path / "here"
-    lines = list(tolerance_rows(True, ToleranceOptions(folder)))
+    lines = list(tolerance_rows(True, BenchOptions(folder)))
     assert {one.name for one in folder.iterdir()} == {"results.json", "sheet.svg", "sheet.png"}
     assert "methods that are not installed: " in str(lines[0])
     other, text = tmp_path / "other.json", (folder / "results.json").read_text()
@@ -186,11 +186,11 @@ def test_runs_of_another_method_are_laid_beside_ours(tmp_path, monkeypatch):
         run["method"] = "older" if run["method"] == OURS else "theirs"
     other.write_text(json.dumps(theirs))
     monkeypatch.setattr(measuring, "_make_runs", lambda file, units: [])
-    rows = list(tolerance_rows(True, ToleranceOptions(folder, add=(other,))))
+    rows = list(tolerance_rows(True, BenchOptions(folder, add=(other,))))
     assert any("dominates theirs" in str(row) for row in rows)
     other.write_text(json.dumps({**theirs, "methods": {**theirs["methods"], OURS: ""}}))
     with pytest.raises(InputError, match=r"there is a method '.*' already; call it something else"):
-        list(tolerance_rows(True, ToleranceOptions(folder, add=(other,))))
+        list(tolerance_rows(True, BenchOptions(folder, add=(other,))))
     assert len(read_runs(folder / "results.json").runs) == 3
 
 

@@ -105,7 +105,7 @@ def test_noise_is_averaged_and_the_deviation_tells_how_well(oracle):
     contacts, sigma = everywhere(ball), 5e-5
     noise = np.random.default_rng(1).normal(scale=sigma, size=(len(contacts.points), 1))
     noisy = contacts._replace(points=contacts.points + noise * np.asarray(contacts.normals))
-    spline = stiffened(noisy, fit_radial_spline(noisy, upright(), 0.0, HEIGHT))
+    spline = stiffened(fit_radial_spline(noisy, upright(), 0.0, HEIGHT))
     assert spline.stiffness > 1.0
     heights = np.linspace(0.01, 0.05, 30)
     error = np.sqrt(spline.squared(heights, TURNS)) - np.sqrt(ellipse(heights, TURNS, 0.03, 0.03))

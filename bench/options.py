@@ -1,4 +1,4 @@
-"""What ``palpate bench tolerance`` is asked besides what every bench is."""
+"""What single benches are asked besides what every bench is."""
 
 from __future__ import annotations
 
@@ -24,10 +24,16 @@ OPTIONS = (
     click.option(
         "--method", multiple=True, metavar="MODULE:FUNCTION", help="Measure this method, too."
     ),
+    click.option(
+        "--against",
+        type=FOLDER,
+        metavar="DIR",
+        help="An older checkout, with which scenes are run in turns.",
+    ),
 )
 
 
-class ToleranceOptions(NamedTuple):
+class BenchOptions(NamedTuple):
     """What is asked, by the names of the options."""
 
     sheet: Path | None = None
@@ -35,14 +41,20 @@ class ToleranceOptions(NamedTuple):
     meshes: Path | None = None
     add: tuple[Path, ...] = ()
     method: tuple[str, ...] = ()
+    against: Path | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Of those that were given."""
+        return [name for name, value in self._asdict().items() if value]
 
     @property
     def given(self) -> str:
-        """Those that were given, as they are written; empty if none was."""
-        return ", ".join(f"--{name}" for name, value in self._asdict().items() if value)
+        """The same as they are written; empty if none was."""
+        return ", ".join(f"--{name}" for name in self.names)
 
 
-def tolerance_options(command: Callable[..., Any]) -> Callable[..., Any]:
+def bench_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options to a command."""
     for option in reversed(OPTIONS):
         command = option(command)
