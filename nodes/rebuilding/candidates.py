@@ -14,12 +14,14 @@ from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_squares
+from palpate.core.shapes import Mesh, TriangleShape
 
 AnySolid = rebuild.Solid | rebuild.GeneralSolid
 
 COARSE_TOLERANCE = 5e-4  # Of the mesh that tells how fine the final one is, of the size
 SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
 MUCH = 0.5  # Of the slices' error: what a general solid's must be below
+UPWARD, FARTHEST = np.array([0.0, 0.0, 1.0]), 1.0  # Rays out of a solid, and their length, m
 _NONE = np.zeros(0)
 
 
@@ -40,6 +42,31 @@ QUALITIES: Mapping[str, Quality] = {
 
 
 @dataclass(frozen=True, eq=False)
+class MeshVolume:
+    """What a closed mesh encloses."""
+
+    mesh: Mesh | surface.SurfaceMesh
+
+    @cached_property
+    def search(self) -> NearestSearch:
+        """Of its nearest points."""
+        return nearest_search(self.mesh.vertices[self.mesh.faces])
+
+    @cached_property
+    def shape(self) -> TriangleShape:
+        """The same, ready for rays."""
+        return TriangleShape(self.mesh.vertices, self.mesh.faces)
+
+    def depths(self, places: Floats) -> Floats:
+        """How deep places (n, 3) lie in it, (n,), m; 0 outside."""
+        inside = np.isneginf(self.shape.cast(places, UPWARD, FARTHEST))
+        depths = np.zeros(len(places))
+        if inside.any():
+            depths[inside] = nearest_points(self.search, places[inside]).distances
+        return depths
+
+
+@dataclass(frozen=True, eq=False)
 class Candidates:
     """The solids of one set, one of each method."""
 
@@ -52,15 +79,10 @@ class Candidates:
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
 
     @cached_property
-    def mesh(self) -> surface.SurfaceMesh:
-        """The slices' solid, for a look."""
+    def volume(self) -> MeshVolume:
+        """The slices' solid, meshed for a look."""
         assert self.sliced is not None
-        return surface.grid_mesh(self.sliced.surface)
-
-    @cached_property
-    def search(self) -> NearestSearch:
-        """Of the nearest points of that mesh."""
-        return nearest_search(self.mesh.vertices[self.mesh.faces])
+        return MeshVolume(surface.grid_mesh(self.sliced.surface))
 
     def predicted(self, number: int, touched: ContactPoints) -> dict[str, Floats]:
         """Mean square distance of each touch since from the solids, by method, m^2.
@@ -74,7 +96,7 @@ class Candidates:
     def _predicted(self, touched: ContactPoints) -> dict[str, Floats]:
         found = {}
         if self.sliced is not None:
-            off = nearest_points(self.search, touched.points).distances
+            off = nearest_points(self.volume.search, touched.points).distances
             found["lattice"] = touch_squares(touched, off)
         if self.general is not None:
             found["general"] = touch_squares(touched, self.general.residuals(touched.points))

@@ -12,13 +12,10 @@ import numpy as np
 
 from palpate.core import Floats, Steps, no_steps, rebuild
 from palpate.core.explore import SpaceMap
-from palpate.core.geometry import nearest_points, nearest_search
-from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import FEW_FOLDS, FINE, FOLDS, fitting_cell, is_flat
-from palpate.core.shapes import Mesh, TriangleShape
 from palpate.messages import types
-from palpate.nodes.rebuilding.candidates import Candidates
+from palpate.nodes.rebuilding.candidates import Candidates, MeshVolume
 from palpate.nodes.rebuilding.evidence import (
     Goal,
     State,
@@ -33,7 +30,6 @@ from palpate.nodes.rebuilding.evidence import (
 SETS = 3  # By how the last so many were predicted a method is chosen
 MORE = 1.25  # Times as many touches as a general solid was fitted to: then it is fitted anew
 SWEPT = 5.0e-3  # Depth inside a solid at which no finger can have been, m
-UPWARD, FARTHEST = np.array([0.0, 0.0, 1.0]), 1.0  # Rays out of a solid, and their length, m
 
 
 def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, Floats], bool]:
@@ -77,7 +73,7 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
             why = str(error)
     touched = [one for one in touched_points(state, goal) if len(one.points)]
     alone = Candidates(sliced, None, stack_points(touched), why)
-    if sliced is not None and is_swept(alone.mesh, known_space(state, goal)):
+    if sliced is not None and is_swept(alone.volume, known_space(state, goal)):
         why = "a finger has passed through what its slices enclose"
         sliced, alone = None, replace(alone, sliced=None, why=why)
     if not touched or (sliced is not None and not goal.arcs):
@@ -129,16 +125,12 @@ def _continued(state: State, goal: Goal, step: Steps) -> tuple[rebuild.GeneralSo
     return solid, known.whole
 
 
-def is_swept(mesh: Mesh | surface.SurfaceMesh, space: SpaceMap) -> bool:
+def is_swept(volume: MeshVolume, space: SpaceMap) -> bool:
     """Whether a finger has been deep inside a solid (m), which is then none: it is hollow there."""
-    free = space.free_places()
-    low, high = mesh.vertices.min(axis=0) + SWEPT, mesh.vertices.max(axis=0) - SWEPT
+    free, vertices = space.free_places(), volume.mesh.vertices
+    low, high = vertices.min(axis=0) + SWEPT, vertices.max(axis=0) - SWEPT
     free = free[((free > low) & (free < high)).all(axis=1)]
-    inside = np.isneginf(TriangleShape(mesh.vertices, mesh.faces).cast(free, UPWARD, FARTHEST))
-    if not inside.any():
-        return False
-    search = nearest_search(mesh.vertices[mesh.faces])
-    return bool(nearest_points(search, free[inside]).distances.max() > SWEPT)
+    return bool(volume.depths(free).max(initial=0.0) > SWEPT)
 
 
 def _rebuild(state: State, goal: Goal, step: Steps) -> rebuild.Solid:

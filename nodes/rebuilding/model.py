@@ -8,19 +8,17 @@ from typing import Any
 import numpy as np
 
 from palpate.core import IDENTITY_POSE, Floats, Steps, no_steps, rebuild, tree_to_bytes
-from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild.general import touch_distances
-from palpate.core.shapes import Mesh, TriangleShape
+from palpate.core.shapes import Mesh
 from palpate.messages import derive, types
-from palpate.nodes.rebuilding.candidates import AnySolid, Candidates, Quality
+from palpate.nodes.rebuilding.candidates import AnySolid, Candidates, MeshVolume, Quality
 from palpate.nodes.specs import CONTACT_ERROR
 
 Goal = types.ModelGoal | types.PlanDone
 
 BANDS, BAND_TURNS = 25, 8  # Heights of the uncertainty, and turns over which it is averaged
 HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
-UPWARD, FARTHEST = np.array([0.0, 0.0, 1.0]), 1.0  # Rays out of a solid, and their length, m
 NO_ARCHIVE = np.zeros(0, np.uint8)
 _NONE = np.zeros(0)
 # Of a model of nothing.
@@ -66,7 +64,7 @@ def shape_model(
         predicted={name: float(np.sqrt(found.mean())) for name, found in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
-        openings=openings(spanned, Mesh(parts["vertices"], parts["faces"])),
+        openings=openings(spanned, _volume(parts, candidates)),
         frame=frame,
         deviation=0.0 if deviation is None else deviation.whole,
         ends_deviation=0.0 if deviation is None else deviation.ends,
@@ -77,17 +75,21 @@ def shape_model(
     )
 
 
-def openings(spanned: Floats, mesh: Mesh) -> Floats:
+def _volume(parts: Mapping[str, Any], candidates: Candidates) -> MeshVolume:
+    """What a model's mesh encloses: the candidates' own if it is theirs."""
+    if candidates.sliced is not None and parts["faces"] is candidates.volume.mesh.faces:
+        return candidates.volume
+    return MeshVolume(Mesh(parts["vertices"], parts["faces"]))
+
+
+def openings(spanned: Floats, volume: MeshVolume) -> Floats:
     """Places (k, 3) of those that pads spanned where a solid would have been touched, m.
 
     It is hollow there: else it would be, for the pad has been where the solid is said to be.
     """
-    if not len(spanned) or not len(mesh.faces):
+    if not len(spanned) or not len(volume.mesh.faces):
         return np.zeros((0, 3))
-    inside = np.isneginf(TriangleShape(mesh.vertices, mesh.faces).cast(spanned, UPWARD, FARTHEST))
-    places = spanned[inside]
-    depths = nearest_points(nearest_search(mesh.vertices[mesh.faces]), places).distances
-    return places[depths > HOLLOW]
+    return spanned[volume.depths(spanned) > HOLLOW]
 
 
 def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, Any]:
@@ -122,7 +124,7 @@ def _parts(
     """Everything of a model that is the solid's; without a quality its mesh is coarse."""
     lattice: dict[str, Floats] = {}
     with step("mesh"):
-        mesh = candidates.mesh if quality is None else candidates.final_mesh(quality)
+        mesh = candidates.volume.mesh if quality is None else candidates.final_mesh(quality)
         if solid.control_lattice is not None:
             grid = lattices.lattice_grid(solid.control_lattice)
             names = "knots_columns", "knots_rows", "knots_layers"

@@ -336,8 +336,8 @@ def _offers(surface: ObservedSurface) -> list[TouchOffer]:
 def _worst(surface: ObservedSurface, tree: cKDTree, width: float) -> list[int]:
     """Places at which the squared errors about them are largest, from the largest on."""
     places, worth = surface.places, surface.squares
-    about = tree.query_ball_point(places.points, NEAR * width)
-    sums = np.array([worth[one].sum() for one in about])
+    one, other = tree.query_pairs(NEAR * width, output_type="ndarray").T
+    sums = worth + np.bincount(one, worth[other], PLACES) + np.bincount(other, worth[one], PLACES)
     sums[worth == 0.0] = 0.0
     chosen: list[int] = []
     while len(chosen) < TRIED and sums.max(initial=0.0) > 0.0:

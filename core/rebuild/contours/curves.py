@@ -35,6 +35,7 @@ DropReason = (
 )
 FINE = 512  # Places along each curve at which it is compared with others
 LEAST_CURVE_POINTS = 3
+KEPT = 512  # Curves that are kept: the last ones
 EVEN_CONDITION = 3.0  # Of the system for even steps: its eigenvalues lie between 1/3 and 1
 ISOTROPIC = 1.6  # So many times farther along the contour than across is no noise: it is uneven
 CLEAR = 8.0  # Chords so many times longer than the noise tell how even the steps are
@@ -81,7 +82,7 @@ def contour_curves(
             "heights must be left out with a frame, for contours are then points of the world"
         )
     given = enumerate(_given(contours, heights, first), first)
-    return tuple(_contour_curve(which, into_frame(frame, points)) for which, points in given)
+    return tuple(_kept(which, into_frame(frame, points).tobytes()) for which, points in given)
 
 
 def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int) -> list[Floats]:
@@ -109,6 +110,12 @@ def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int)
         pairs = zip(found, finite_array("heights", heights, (len(found),)), strict=True)
         found = [np.column_stack([points, np.full(len(points), z)]) for points, z in pairs]
     return [points[np.isfinite(points).all(axis=1)] for points in found]
+
+
+@lru_cache(maxsize=KEPT)
+def _kept(which: int, points: bytes) -> ContourCurve | DroppedContour:
+    """The curve of points (n, 3): models of ever more contours have most of them in common."""
+    return _contour_curve(which, np.frombuffer(points).reshape(-1, 3))
 
 
 def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:

@@ -230,7 +230,7 @@ def test_a_superquadric_tells_how_well_it_fits():
 @pytest.mark.parametrize(
     ("contours", "options", "sentence"),
     [
-        (EGG, {"method": "loft"}, "method must be one of lattice, skin, thesis, coarse"),
+        (EGG, {"method": "loft"}, "method must be one of lattice, skin, draft, thesis, coarse"),
         (EGG, {"method": "skin", "faithful": True}, "faithful goes with the method 'thesis'"),
         (
             [*EGG[:3], *egg(np.array([10.0]), 40)],

@@ -18,6 +18,7 @@ from palpate.core.shapes.tessellations import icosphere
 from palpate.core.touch import Pad
 from palpate.messages.types.model import ModelGoal, PlanDone
 from palpate.nodes.rebuilding import State, fitted_solids, spanned_by
+from palpate.nodes.rebuilding.candidates import MeshVolume
 from palpate.nodes.rebuilding.fitting import MORE, SWEPT, is_swept
 from palpate.nodes.rebuilding.model import HOLLOW, openings
 
@@ -109,7 +110,7 @@ def test_what_a_finger_went_through_is_no_solid(depth: float, swept: bool):
     down = np.linspace(RADIUS + 0.02, RADIUS - depth, 40)
     way = MIDDLE + down[:, None] * np.array([0.0, 0.0, 1.0])
     space = space.marked(space.numbers(way), np.zeros(0, np.int64))
-    assert is_swept(ball_mesh(), space) is swept
+    assert is_swept(MeshVolume(ball_mesh()), space) is swept
 
 
 def places(*spanned: Floats) -> Floats:
@@ -127,5 +128,5 @@ def test_what_pads_spanned_counts_until_it_is_touched():
 def test_an_opening_is_where_the_solid_says_that_a_pad_would_have_touched_it():
     depths = np.array([-2.0, 0.5, 1.5, 3.0]) * HOLLOW
     spanned = MIDDLE + (RADIUS - depths)[:, None] * np.array([0.6, 0.0, 0.8])
-    assert np.array_equal(openings(spanned, ball_mesh()), spanned[2:])
-    assert openings(spanned[:0], ball_mesh()).shape == (0, 3)
+    assert np.array_equal(openings(spanned, MeshVolume(ball_mesh())), spanned[2:])
+    assert openings(spanned[:0], MeshVolume(ball_mesh())).shape == (0, 3)
