@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -257,12 +258,10 @@ class LatticeSide:
 
     def on_grid(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """The same at each pair of shares v (a,) and turns (b,): (a, b, 3), m."""
-        around, spline, along = np.mod(turns, 1.0), self.volume.spline, self.volume.bases[2]
+        around, along = np.mod(turns, 1.0).tobytes(), self.volume.bases[2]
 
         def sums(order: tuple[int, int]) -> Floats:
-            layers = self._across(around, order[1]) @ spline.reshape(-1, spline[0, 0].size)
-            layers = layers.reshape(len(turns), *spline.shape[2:]).transpose(1, 0, 2)
-            found = along.matrix(v, order[0]) @ layers.reshape(len(layers), -1)
+            found = along.matrix(v, order[0]) @ _layers(self, around, order[1])
             return np.asarray(found.reshape(len(v), len(turns), -1))
 
         return self._points(sums, by)
@@ -289,13 +288,13 @@ class LatticeSide:
         for start in range(0, len(distinct), BLOCK):
             rows = (which >= start) & (which < start + BLOCK)
             part = slice(None) if rows.all() else np.flatnonzero(rows)
-            across = self._across(distinct[start : start + BLOCK], by[1])
+            across = self.across(distinct[start : start + BLOCK], by[1])
             along = (across @ columns).reshape(-1, spline.shape[2], spline.shape[3])
             near = along[(which[part] - start)[:, None], layers[part]]
             found[part] = np.einsum("nk,nkc->nc", values[part], near)
         return found
 
-    def _across(self, turns: Floats, derivative: int) -> csr_array:
+    def across(self, turns: Floats, derivative: int) -> csr_array:
         """Functions of the section along its rim, or a derivative by the turn, (n, side^2)."""
         basis = self.volume.bases[0]
         rim = self.section.rim(turns)
@@ -310,6 +309,15 @@ class LatticeSide:
             terms += [((1, 1), 2.0 * speed[:, 0] * speed[:, 1])]
         rows = [diags_array(factor) @ section_matrix(basis, rim, by) for by, factor in terms]
         return csr_array(sum(rows[1:], rows[0]))
+
+
+@lru_cache(maxsize=16)  # Both ends ask for the turns of the side
+def _layers(side: LatticeSide, turns: bytes, derivative: int) -> Floats:
+    """Each layer at each of the turns, one after the other, (layers, 3 or 4 times the turns)."""
+    spline = side.volume.spline
+    across = side.across(np.frombuffer(turns), derivative)
+    layers = (across @ spline.reshape(-1, spline[0, 0].size)).reshape(-1, *spline.shape[2:])
+    return np.ascontiguousarray(layers.transpose(1, 0, 2)).reshape(spline.shape[2], -1)
 
 
 def _quotients(parts: dict[tuple[int, int], Floats]) -> dict[tuple[int, int], Floats]:
