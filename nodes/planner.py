@@ -282,9 +282,7 @@ def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]
             continue
         state, given = _assign(demand, rule, state, finger)
         outputs += given
-        if state.asked:
-            return state, outputs
-    if not state.tasks:
+    if not state.tasks and not state.asked:
         return _finish(demand, rule, state)
     # A result may have waited for this decision.
     state, more = take_up(demand, rule, state)
@@ -292,21 +290,27 @@ def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]
 
 
 def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[State, Outputs]:
-    """Something to do for an idle finger, if there is anything; or a model, to decide by."""
+    """Something to do for an idle finger, if there is anything; or a model, to decide by.
+
+    While a model is in the making, that is a slice in which no model has a say.
+    """
     allowed = planning.allowance(demand, state)
     touch = None
-    if state.again is not None and allowed and not state.cut:
+    if state.again is not None and allowed and not state.cut and not state.asked:
         return _touched(state, finger, state.again, allowed)
-    if allowed and not state.cut and not state.general:
+    if allowed and not state.cut and not state.general and not state.asked:
         last = bool(state.usable) and not planning.fits_contour(demand, state)
         touch = planning.next_touch(state, demand.tolerance, last=last)
     if touch is None:
         if state.is_searching:
             return state, []
-        if state.is_stale:  # ask for a model of all that there is, and wait for it
-            return _ask(state)
+        asked: Outputs = []
+        if state.is_stale and not state.asked:  # ask for a model of all that there is
+            state, asked = _ask(state)
         observation = _observation(demand, state, finger)
         choice = _answer(rule, state, observation)
+        if state.asked and not (isinstance(choice, Height) and choice.settled):
+            return state, asked
         if isinstance(choice, Stop) and state.aimed and not observation.budget.spent:
             return _ask(state)
         if isinstance(choice, Touch) and allowed:
@@ -317,7 +321,9 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
         if isinstance(choice, Height) and allowed:
             task = planning.Task(state.goals, state.clock, choice.height, allowed)
             goal = planning.contour_goal(state, finger, choice, demand.feature, allowed)
-            return _with_task(state, finger, task), [("/contour/goal", goal)]
+            return _with_task(state, finger, task), [*asked, ("/contour/goal", goal)]
+        if state.asked:
+            return state, asked
         if isinstance(choice, Stop) and not state.tasks and not observation.budget.spent:
             if state.general:  # whose ends are surface like all else: the planner knows of them
                 return state, []

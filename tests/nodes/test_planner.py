@@ -239,6 +239,28 @@ def test_the_order_in_which_fingers_arrive_changes_nothing(explored: Explored, s
         assert bodies(random.Random(seed)) == expected
 
 
+@pytest.mark.parametrize("params", [Params(), UNIFORM], ids=["predicted", "uniform"])
+def test_a_late_model_changes_nothing(explored: Explored, world: World, params: Params):
+    def bodies(order: random.Random | None) -> list[bytes]:
+        return [encode(message) for _, message in explored(params, world, order=order)]
+
+    expected = bodies(None)
+    for seed in range(12):
+        assert bodies(random.Random(seed)) == expected
+
+
+def test_a_slice_in_which_no_model_has_a_say_is_begun_while_one_is_made(
+    explored: Explored, world: World
+):
+    topics = [topic for topic, _ in explored(Params(), world)]
+    work = [topic for topic in topics if topic in ("/contour/goal", "/model/goal")][1:]
+    # The cover goes on beside its first models; whatever follows it waits for the last of them.
+    assert work[:6] == ["/contour/goal", *2 * ["/model/goal", "/contour/goal"], "/model/goal"]
+    at = [place for place, topic in enumerate(topics) if topic in work[:2]]
+    beside = [topics[one + 1] for one in at if topics[one] == "/model/goal"][1:3]
+    assert beside == ["/contour/goal", "/contour/goal"]
+
+
 LOST = """
 from dataclasses import dataclass
 from palpate.core.explore.planners import Height, Stop

@@ -79,7 +79,7 @@ class Predicted:
         if surface is None or all(one.usable for one in observation.slices):
             height = self._covering(observation)
         if height is not None:
-            return Height(height, COVERING)
+            return Height(height, COVERING, settled=True)
         if surface is not None and observation.general:
             return next_touch(observation, surface, LEAST_GAIN)
         estimate = estimate_error(observation)

@@ -193,6 +193,8 @@ class Height(NamedTuple):
 
     height: float  # m
     reason: str  # Why there, in words
+    # Whether no model has a say in it: then it is begun while one is in the making.
+    settled: bool = False
 
 
 class Touch(NamedTuple):

@@ -58,7 +58,8 @@ class Uniform:
             if was_asked(observation, wanted):
                 continue  # the ends have been moved since, and another height with them
             if not is_near_finger(observation, wanted):
-                return Height(wanted, f"slice {i + 1} of {self.count} even ones")
+                told = f"slice {i + 1} of {self.count} even ones"
+                return Height(wanted, told, settled=not visits)
             waits = True
         if waits:
             return Wait("other fingers are too near to the heights that are left")
