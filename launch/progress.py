@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
@@ -103,9 +103,15 @@ class Display:
 class ProgressWatcher(Watcher):
     """A watcher that keeps the progress, writes the log and feeds the display."""
 
-    def __init__(self, nodes: int, display: Display, log: TextIO) -> None:
+    def __init__(
+        self,
+        nodes: int,
+        display: Display,
+        log: TextIO,
+        final: Callable[[ShapeModel], object] = lambda model: None,  # Told of the final model
+    ) -> None:
         self.progress = Progress()
-        self._nodes, self._display, self._log = nodes, display, log
+        self._nodes, self._display, self._log, self._final = nodes, display, log, final
         self._began = time.monotonic()
 
     def ready(self, seconds: float) -> None:
@@ -133,6 +139,8 @@ class ProgressWatcher(Watcher):
         elif isinstance(message, ShapeModel):
             progress.model = message
             progress.made[message.number] = progress.wall
+            if message.final:
+                self._final(message)
         elif isinstance(message, Score):
             progress.scores.append((progress.wall, message))
         elif isinstance(message, PlanEstimate):

@@ -7,6 +7,7 @@ wiring, and whether sensor, fingers and object allow what is asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -247,17 +248,28 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     if "scene" in about:
         folder.write_text("scene.yaml", about["scene"])
     folder.write_text("launch.yaml", about["launch"])
-    with (folder.path / "log.jsonl").open("w", encoding="utf-8") as log:
-        gatherer = ProgressWatcher(len(plan.wirings), display, log)
+    exports: list[Future[object]] = []
+    # The final model is written while it is still being measured.
+    with (
+        (folder.path / "log.jsonl").open("w", encoding="utf-8") as log,
+        ThreadPoolExecutor(1) as pool,
+    ):
+
+        def export(model: ShapeModel) -> None:
+            exports.append(pool.submit(export_model, model, folder.path))
+
+        gatherer = ProgressWatcher(len(plan.wirings), display, log, export)
         try:
             ending = _start(plan, gatherer, composed=composed)
         finally:
             display.close()
-    progress = gatherer.progress
+        progress = gatherer.progress
+        if progress.model is not None and not progress.model.final:
+            export(progress.model)
+        for written in exports:
+            written.result()
     seed = int(about["seed"]) if "seed" in about else None
     summary = summarise(ending, progress, about.get("scene_name"), seed)
-    if progress.model is not None:
-        export_model(progress.model, folder.path)
     folder.write_summary(summary)
     types = {name for wiring in plan.wirings for name in wiring.types.values()}
     code = exit_code(summary, rebuilds=ShapeModel.__name__ in types)

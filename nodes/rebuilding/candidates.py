@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats, rebuild
+from palpate.core import Floats
 from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
-from palpate.core.rebuild import surface
+from palpate.core.rebuild import Solid, surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_squares
 from palpate.core.shapes import Mesh, TriangleShape
 
-AnySolid = rebuild.Solid | rebuild.GeneralSolid
+if TYPE_CHECKING:
+    from palpate.core.rebuild import GeneralSolid
+
+    AnySolid = Solid | GeneralSolid
 
 COARSE_TOLERANCE = 5e-4  # Of the mesh that tells how fine the final one is, of the size
 SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
@@ -70,8 +73,8 @@ class MeshVolume:
 class Candidates:
     """The solids of one set, one of each method."""
 
-    sliced: rebuild.Solid | None  # The final one as a control lattice; None: slices make no solid
-    general: rebuild.GeneralSolid | None  # None where nothing was touched, or slices do
+    sliced: Solid | None  # The final one as a control lattice; None: slices make no solid
+    general: GeneralSolid | None  # None where nothing was touched, or slices do
     touched: ContactPoints  # Of what they are made
     why: str = ""  # Why slices make no solid, if they should
     whole: int = 0  # Touches of which the general solid was last fitted as a whole

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.core import Floats, Steps, no_steps, rebuild
+from palpate.core import Floats, Steps, no_steps
 from palpate.core.explore import SpaceMap
+from palpate.core.rebuild import Method, Solid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
-from palpate.core.rebuild.general import FEW_FOLDS, FINE, FOLDS, fitting_cell, is_flat
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import Candidates, MeshVolume
 from palpate.nodes.rebuilding.evidence import (
@@ -26,6 +27,9 @@ from palpate.nodes.rebuilding.evidence import (
     touched_points,
     touched_since,
 )
+
+if TYPE_CHECKING:
+    from palpate.core.rebuild import GeneralSolid
 
 SETS = 3  # By how the last so many were predicted a method is chosen
 MORE = 1.25  # Times as many touches as a general solid was fitted to: then it is fitted anew
@@ -81,23 +85,35 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     found = _continued(state, goal, step)
     if found is not None:
         return replace(alone, general=found[0], whole=found[1])
-    final = isinstance(goal, types.PlanDone)
-    grasped = [state.contacts[number] for number in range(goal.closings)]
-    evidence = stack_points([one for one in grasped if len(one.points)] + touched)
-    if is_flat(evidence.points):
+    general = _general(state, goal, touched, step)
+    if general is None:
         return replace(alone, why="all touches lie in one plane")
-    general = rebuild.rebuild_general(
-        evidence,
-        free=known_space(state, goal).free_places(),
-        platform=state.platform,
-        cell=FINE if final else fitting_cell(evidence),
-        folds=FOLDS if final else FEW_FOLDS,
-        step=step,
-    )
     return replace(alone, general=general, whole=len(touched))
 
 
-def _continued(state: State, goal: Goal, step: Steps) -> tuple[rebuild.GeneralSolid, int] | None:
+def _general(
+    state: State, goal: Goal, touched: list[ContactPoints], step: Steps
+) -> GeneralSolid | None:
+    """The general solid of all touches; None if they lie in one plane."""
+    # Of objects that slices tell of, nobody waits for these imports.
+    from palpate.core.rebuild import general
+
+    final = isinstance(goal, types.PlanDone)
+    grasped = [state.contacts[number] for number in range(goal.closings)]
+    evidence = stack_points([one for one in grasped if len(one.points)] + touched)
+    if general.is_flat(evidence.points):
+        return None
+    return general.rebuild_general(
+        evidence,
+        free=known_space(state, goal).free_places(),
+        platform=state.platform,
+        cell=general.FINE if final else general.fitting_cell(evidence),
+        folds=general.FOLDS if final else general.FEW_FOLDS,
+        step=step,
+    )
+
+
+def _continued(state: State, goal: Goal, step: Steps) -> tuple[GeneralSolid, int] | None:
     """The general solid of the set before, with the touches since; None where it must be fitted.
 
     And the number of touches to which it was last fitted as a whole.
@@ -133,7 +149,7 @@ def is_swept(volume: MeshVolume, space: SpaceMap) -> bool:
     return bool(volume.depths(free).max(initial=0.0) > SWEPT)
 
 
-def _rebuild(state: State, goal: Goal, step: Steps) -> rebuild.Solid:
+def _rebuild(state: State, goal: Goal, step: Steps) -> Solid:
     touched = {
         id_: [state.touches[id_][touch] for touch in sorted(state.touches.get(id_, {}))]
         for id_ in (*goal.contours, *goal.probes, *goal.arcs)
@@ -154,16 +170,16 @@ def rebuild_set(
     # What each touch of these measured, and of unfinished contours, by the goal's number
     touched: Mapping[int, Sequence[ContactPoints]],
     platform: float,  # Height on which the object stands, m
-    method: rebuild.Method = "lattice",
+    method: Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
-) -> rebuild.Solid:
+) -> Solid:
     """The solid of a set.
 
     Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
     """
     frame = common_frame(contours)
     points = [each for of_goal in touched.values() for each in of_goal]
-    return rebuild.reconstruct(
+    return reconstruct(
         [contour.points for contour in contours],
         patches=stack_points(points),
         tops=touched_ends(contours, probes, touched, platform),

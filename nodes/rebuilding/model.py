@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.core import IDENTITY_POSE, Floats, Steps, no_steps, rebuild, tree_to_bytes
+from palpate.core import IDENTITY_POSE, Floats, Steps, no_steps, tree_to_bytes
+from palpate.core.rebuild import Solid, fit_coarse
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild.general import touch_distances
 from palpate.core.shapes import Mesh
 from palpate.messages import derive, types
-from palpate.nodes.rebuilding.candidates import AnySolid, Candidates, MeshVolume, Quality
+from palpate.nodes.rebuilding.candidates import Candidates, MeshVolume, Quality
 from palpate.nodes.specs import CONTACT_ERROR
+
+if TYPE_CHECKING:
+    from palpate.core.rebuild import GeneralSolid
+    from palpate.nodes.rebuilding.candidates import AnySolid
 
 Goal = types.ModelGoal | types.PlanDone
 
@@ -50,7 +55,7 @@ def shape_model(
     final = isinstance(goal, types.PlanDone)
     parts, frame = EMPTY_MODEL, IDENTITY_POSE
     deviation = None
-    if isinstance(solid, rebuild.Solid):
+    if isinstance(solid, Solid):
         parts = _parts(solid, candidates, quality, step)
         frame = IDENTITY_POSE if solid.frame is None else solid.frame
         with step("bound"):
@@ -104,9 +109,7 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
 
 
-def _general_parts(
-    solid: rebuild.GeneralSolid, quality: Quality | None, step: Steps
-) -> dict[str, Any]:
+def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) -> dict[str, Any]:
     with step("mesh"):
         mesh = solid.mesh(1 if quality is None else quality.parts)
     told = {"vertices": mesh.vertices, "faces": mesh.faces}
@@ -119,7 +122,7 @@ def _rounded(health: Mapping[str, float]) -> dict[str, float]:
 
 
 def _parts(
-    solid: rebuild.Solid, candidates: Candidates, quality: Quality | None, step: Steps
+    solid: Solid, candidates: Candidates, quality: Quality | None, step: Steps
 ) -> dict[str, Any]:
     """Everything of a model that is the solid's; without a quality its mesh is coarse."""
     lattice: dict[str, Floats] = {}
@@ -137,7 +140,7 @@ def _parts(
     return EMPTY_MODEL | lattice | told | shape
 
 
-def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
+def _band(solid: Solid) -> tuple[Floats, Floats]:
     """Heights along the slicing axis, and the side's standard deviation there."""
     assert solid.closed is not None
     if solid.closed.radial is not None:
@@ -149,7 +152,7 @@ def _band(solid: rebuild.Solid) -> tuple[Floats, Floats]:
 
 def coarse_model(number: int, contacts: Floats) -> types.Superquadric:
     """The message for the superquadric through contacts (n, 3), m."""
-    found = rebuild.fit_coarse(contacts, CONTACT_ERROR)
+    found = fit_coarse(contacts, CONTACT_ERROR)
     return derive(
         types.Superquadric,
         found,

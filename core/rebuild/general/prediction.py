@@ -63,6 +63,11 @@ class DistanceErrors:
         return np.asarray(np.interp(distances, self.distances, errors) + GROWTH * beyond)
 
 
+def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
+    """Distances (n,) of places (n, 3) from the nearest touched point, m."""
+    return np.asarray(cKDTree(contacts.points).query(places)[0])
+
+
 def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
     """Of each touch, the mean square (t,) of the distances (n,) of its points from a solid, m^2.
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import label
-from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import nearest_points, nearest_search
@@ -27,6 +26,7 @@ from palpate.core.rebuild.general.prediction import (
     FootErrors,
     open_factors,
     protrusions,
+    touch_distances,
 )
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.general.updating import refit_locally
@@ -219,11 +219,6 @@ class GeneralSolid:
         reached = np.isin(np.arange(count + 1), parts[border & ~inside])
         reached[0] = False
         return ~reached[parts]
-
-
-def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
-    """Distances (n,) of places (n, 3) from the nearest touched point, m."""
-    return np.asarray(cKDTree(contacts.points).query(places)[0])
 
 
 def cell_weights(cell: float, pose: float) -> Weights:
