@@ -29,7 +29,7 @@ HALVINGS = 3  # Rings near a pole have down to this power of a half of the other
 SLENDER = 4.0  # Rows are at most this many times farther apart than columns
 EVEN = 0.3  # Columns lie nowhere less close than this share of their mean density
 ROUNDS = 8  # Of checks and splits
-EVEN_ROWS, FEWEST_ROWS, EVEN_COLUMNS = 64, 6, 72  # Of an even grid: in all, of a piece, and around
+EVEN_ROWS, FEWEST_ROWS, EVEN_COLUMNS = 48, 6, 64  # Of an even grid: in all, of a piece, and around
 # Of nearest points.
 STEPS = 40  # Most steps of Newton's method
 ENOUGH = 1e-11  # Of the size: a step that moves the point by less ends it
