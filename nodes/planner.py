@@ -266,7 +266,9 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     assert state.survey is not None
     traced = explore.widened(planning.traced_of(result, task.begun), demand.feature)
     if not traced.usable:
-        state = replace(state, arcs=(*state.arcs, result.id))
+        cut = result.status == "budget" and result.touches < task.limit
+        failed = state.failed or not cut
+        state = replace(state, arcs=(*state.arcs, result.id), failed=failed)
     assert state.survey is not None
     survey = state.survey.with_slice(traced)
     state = replace(state, survey=survey, contours=(*state.contours, result.id))
@@ -311,7 +313,7 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
         choice = _answer(rule, state, observation)
         if state.asked and not (isinstance(choice, Height) and choice.settled):
             return state, asked
-        if isinstance(choice, Stop) and state.aimed and not observation.budget.spent:
+        if isinstance(choice, Stop) and state.is_beyond_model and not observation.budget.spent:
             return _ask(state)
         if isinstance(choice, Touch) and allowed:
             task = planning.Task(
@@ -319,8 +321,9 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
             )
             return _touched(state, finger, task, allowed)
         if isinstance(choice, Height) and allowed:
-            task = planning.Task(state.goals, state.clock, choice.height, allowed)
-            goal = planning.contour_goal(state, finger, choice, demand.feature, allowed)
+            limit = planning.contour_limit(state)
+            task = planning.Task(state.goals, state.clock, choice.height, allowed, limit=limit)
+            goal = planning.contour_goal(state, finger, choice, demand.feature, task)
             return _with_task(state, finger, task), [*asked, ("/contour/goal", goal)]
         if state.asked:
             return state, asked
@@ -339,7 +342,13 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
 
 
 def _ask(state: State) -> tuple[State, Outputs]:
-    state = replace(state, models=state.models + 1, modelled=state.evidence, asked=True)
+    state = replace(
+        state,
+        models=state.models + 1,
+        modelled=state.evidence,
+        modelled_touches=state.touches,
+        asked=True,
+    )
     return state, [("/model/goal", planning.model_goal(state))]
 
 

@@ -40,6 +40,8 @@ class ModelGoal:
     probes: Ids  # Probes in the order in which the planner took them
     # Contours that were not finished: what their touches met counts, their curves do not
     arcs: Ids = ()
+    # Whether one of these could not be traced, for another reason than a spent budget
+    failed: bool = False
     missed: Ids = ()  # Probes that met nothing: what they swept is free
     # Whether the last model was a general solid: then slices make no solid beside it any more
     general: bool = False
@@ -81,6 +83,8 @@ class PlanDone:
     contours: Ids  # Contours of the final model
     probes: Ids  # Probes of the final model
     arcs: Ids = ()  # Unfinished contours of the final model
+    # Whether one of these could not be traced, for another reason than a spent budget
+    failed: bool = False
     missed: Ids = ()  # Probes that met nothing: what they swept is free
     general: bool = False  # Whether the last model was a general solid
     closings: Count = 0  # Closings of the hand that there were

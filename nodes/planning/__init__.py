@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from palpate.nodes.planning.phases import State as State
     from palpate.nodes.planning.phases import Task as Task
     from palpate.nodes.planning.phases import contour_goal as contour_goal
+    from palpate.nodes.planning.phases import contour_limit as contour_limit
     from palpate.nodes.planning.phases import grasp_goal as grasp_goal
     from palpate.nodes.planning.phases import model_goal as model_goal
     from palpate.nodes.planning.phases import next_touch as next_touch

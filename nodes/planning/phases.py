@@ -67,6 +67,7 @@ class Task(NamedTuple):
     probing: tuple[End, ProbeCommand] | None = None
     touch: Touch | None = None  # The single touch that is made; None for a slice or an end
     backed: int = 0  # Times that it was begun anew from farther off
+    limit: int = 0  # Touches after which a slice is given up, whatever may be spent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +109,7 @@ class State:
     contours: tuple[int, ...] = ()
     probes: tuple[int, ...] = ()  # Numbers of the probes that hit
     arcs: tuple[int, ...] = ()  # Of the contours that are of no use: their touches count
+    failed: bool = False  # Whether one of these could not be traced, the budget aside
     missed: tuple[int, ...] = ()  # Numbers of the single touches that met nothing
     surface: ObservedSurface | None = None  # Of the last model
     general: bool = False  # Whether that is a general solid
@@ -121,6 +123,7 @@ class State:
     cut: bool = False
     # Usable contours, probes and arcs of the last model.
     modelled: tuple[int, int, int] = (0, 0, 0)
+    modelled_touches: int = 0  # Touches spent when it was asked for
     goals: int = 0  # Contours and probes asked for
     models: int = 0  # Models asked for
     asked: bool = False  # Whether a model is being waited for
@@ -149,14 +152,24 @@ class State:
     @property
     def is_stale(self) -> bool:
         """Whether there is more than the last model knows, and enough for another."""
-        if self.usable or self.arcs:
-            batch = max(BATCH, int(BATCH_SHARE * self.touches))
-            return self.evidence != self.modelled or len(self.aimed) >= batch
-        return False
+        if not (self.usable or self.arcs):
+            return False
+        if self.evidence != self.modelled:
+            many = self.touches - self.modelled_touches >= MODEL_SHARE * self.touches
+            if many or self.evidence[1] != self.modelled[1]:
+                return True
+        return len(self.aimed) >= max(BATCH, int(BATCH_SHARE * self.touches))
+
+    @property
+    def is_beyond_model(self) -> bool:
+        """Whether there is more than the last model knows."""
+        return self.evidence != self.modelled or bool(self.aimed)
 
 
-# Single touches after which there is another model, or this share of all touches, if it is more.
-BATCH, BATCH_SHARE = 8, 0.08
+# Single touches after which there is another model, or this share of all touches, if it is more;
+# after contours there is one that have at least this share of all touches: so long runs, too, go
+# with the first power of their touches.
+BATCH, BATCH_SHARE, MODEL_SHARE = 8, 0.08, 0.05
 # Of a contour's touches: at least so many, and so many times as take it once around the expected
 # perimeter where each takes this share of the pad's width.
 LEAST_LIMIT, AMPLE_TURNS, TOUCH_SHARE = 20, 1.6, 0.5
@@ -169,7 +182,7 @@ WIDEST_GAP, DENSE = 0.3, 0.7
 
 
 def contour_goal(
-    state: State, finger: int, chosen: Height, feature: float, allowed: Allowance
+    state: State, finger: int, chosen: Height, feature: float, task: Task
 ) -> ContourGoal:
     """A slice to trace."""
     assert state.survey is not None and state.frame is not None
@@ -177,19 +190,19 @@ def contour_goal(
     return derive(
         ContourGoal,
         chosen,
-        allowed,
+        task.allowed,
         id=state.goals,
         finger=finger,
         frame=state.frame.pose,
         centre=centre,
         radius=radius,
-        most_touches=contour_limit(state, allowed),
+        most_touches=min(task.limit, task.allowed.most_touches or task.limit),
         gap=WIDEST_GAP * max(1.0 - DENSE * state.pad_width / feature, 0.0) * state.pad_width,
         not_before=state.clock,
     )
 
 
-def contour_limit(state: State, allowed: Allowance) -> int:
+def contour_limit(state: State) -> int:
     """Touches after which a contour is given up: it goes elsewhere than around the object.
 
     From the longest contour so far, or from the radius that the first contacts let expect.
@@ -198,8 +211,7 @@ def contour_limit(state: State, allowed: Allowance) -> int:
     survey = state.survey
     around = [_perimeter(one.points) for one in survey.traced if one.usable]
     longest = max(around, default=2.0 * math.pi * survey.radius)
-    most = LEAST_LIMIT + math.ceil(AMPLE_TURNS * longest / (TOUCH_SHARE * state.pad_width))
-    return min(most, allowed.most_touches or most)
+    return LEAST_LIMIT + math.ceil(AMPLE_TURNS * longest / (TOUCH_SHARE * state.pad_width))
 
 
 def _perimeter(points: Floats) -> float:
@@ -259,6 +271,7 @@ def model_goal(state: State) -> ModelGoal:
         contours=() if state.survey is None else state.usable,
         probes=state.probes,
         arcs=state.arcs,
+        failed=state.failed,
         missed=state.missed,
         general=state.general,
         closings=state.grasped.closings,

@@ -50,7 +50,7 @@ def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, 
             continue
         touched = stack_points(since)
         fitted = fitted_solids(state, before, step)
-        known = fitted.sliced is None or bool(goal.arcs)
+        known = fitted.sliced is None or goal.failed
         if enough and not known:
             break
         for method, found in fitted.predicted(later.number, touched).items():
@@ -80,7 +80,7 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     if sliced is not None and is_swept(alone.volume, known_space(state, goal)):
         why = "a finger has passed through what its slices enclose"
         sliced, alone = None, replace(alone, sliced=None, why=why)
-    if not touched or (sliced is not None and not goal.arcs):
+    if not touched or (sliced is not None and not goal.failed):
         return alone
     found = _continued(state, goal, step)
     if found is not None:
