@@ -1,4 +1,4 @@
-"""How fast whole runs are, and what takes the time: processors, waits, starts and ends.
+"""How good and how fast whole runs are, and what takes the time: nodes, steps, waits.
 
 Scenes run as a user runs them, in processes of their own; with an older checkout beside this one
 both take turns, so that whatever else the machine does, both meet the same. Processor times are of
@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +38,8 @@ SCENES = (
     *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
     *("oblique", "notched", "gem", "from_mesh", "worn_sensor"),
 )
+MOST_CHAMFER, MOST_CONTOURS = 0.2, 15  # Of the object's height, %
+TIMES = ("wall", "cpu", "first", "last")  # Of a run, by their names in `Timed`
 QUICK_SCENES = ("vase", "egg", "worn_sensor")
 TURNS, QUICK_TURNS = 3, 1
 TOUCHES, QUICK_TOUCHES = (100, 300, 1000, 3000, 10_000), (100, 300)
@@ -69,11 +71,11 @@ EVENTS: Mapping[str, tuple[int, str]] = {
 class Timed(NamedTuple):
     """One run of a scene; times in s."""
 
+    summary: Mapping[str, Any]  # Of the run
     wall: float  # From the command to its exit
     cpu: float  # Of all processes
     first: float  # From the command to the first touch
     last: float  # From the last touch to the exit
-    touches: int
     rate: float  # Touches a second between the first and the last
     waits: Mapping[str, float]  # In which no finger was at work, by what was waited for
     nodes: Mapping[str, float]  # Processor time by node
@@ -111,18 +113,40 @@ class SceneSpeed(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Nothing is demanded of it."""
-        return True
+        """Whether it meets every demand."""
+        return not self.missed
+
+    @property
+    def missed(self) -> list[str]:
+        """Demands that it misses, in words."""
+        every = [one.summary for one in self.runs]
+        checks = {
+            "chamfer": self._percent("chamfer_m") <= MOST_CHAMFER,
+            "contours": all(one["contours"] <= MOST_CONTOURS for one in every),
+            "lost": all(one["gaps"] == one["duplicates"] == 0 for one in every),
+            "not watertight": all(one["watertight"] for one in every),
+            "has handles": all(one["genus"] == 0 for one in every),
+            "not repeatable": len({one["mesh_sha256"] for one in every}) == 1,
+        }
+        return [name for name, holds in checks.items() if not holds]
+
+    def _percent(self, key: str) -> float:
+        """Of the object's height, %."""
+        summary = self.runs[0].summary
+        return 100.0 * float(summary[key] / summary["size_m"])
 
     @property
     def figures(self) -> Sequence[Figure]:
-        """Its times, and where they went."""
-        units = {"wall": "s", "cpu": "s", "first": "s", "last": "s", "rate": "/s"}
+        """Its times, and where they went; and how good the solid is."""
+        units = {**dict.fromkeys(TIMES, "s"), "rate": "/s"}
         every = {name: [getattr(one, name) for one in self.runs] for name in units}
         found = [
             figure_of(statistics.median(values), units[name], repeats=values, name=name)
             for name, values in every.items()
         ]
+        summary = self.runs[0].summary
+        found.append(figure_of(1e3 * summary["chamfer_m"], "mm", name="chamfer"))
+        found += [figure_of(int(summary[key]), name=key) for key in ("contours", "touches")]
         for kind in ("waits", "nodes", "steps"):
             found += [figure_of(value, "s", name=name) for name, value in self._parts(kind).items()]
         for name in ("cpu", "wall") if self.older else ():
@@ -149,22 +173,18 @@ class SceneSpeed(NamedTuple):
     @staticmethod
     def head(compared: bool) -> str:
         """What the columns are."""
-        more = f"{'cpu x':>8}{'wall x':>8}" if compared else ""
-        return (
-            f"{'scene':<14}{'touches':>8}{'per s':>7}{'wall s':>8}{'cpu s':>8}{'first s':>9}"
-            f"{'last s':>8}{more}"
-        )
+        told = ("chamfer", "floor", "touches", "per s", "wall s", "cpu s", "first s", "last s")
+        more = ("cpu x", "wall x") if compared else ()
+        return f"{'scene':<13}" + "".join(f"{one:>9}" for one in (*told, *more))
 
     def __str__(self) -> str:
-        middle = {
-            name: statistics.median(getattr(one, name) for one in self.runs)
-            for name in ("touches", "rate", "wall", "cpu", "first", "last")
-        }
-        more = "".join(f"{self.ratio(name):>8.2f}" for name in ("cpu", "wall") if self.older)
-        lines = [
-            f"{self.name:<14}{middle['touches']:>8.0f}{middle['rate']:>7.0f}{middle['wall']:>8.2f}"
-            f"{middle['cpu']:>8.2f}{middle['first']:>9.2f}{middle['last']:>8.2f}{more}"
-        ]
+        cells = [f"{self._percent(key):.3f} %" for key in ("chamfer_m", "sampling_floor_m")]
+        cells.append(str(self.runs[0].summary["touches"]))
+        for name, form in (("rate", ".0f"), *((one, ".2f") for one in TIMES)):
+            cells.append(f"{statistics.median(getattr(one, name) for one in self.runs):{form}}")
+        cells += [f"{self.ratio(name):.2f}" for name in ("cpu", "wall") if self.older]
+        missed = "  MISSED " + ", ".join(self.missed) if self.missed else ""
+        lines = [f"{self.name:<13}" + "".join(f"{cell:>9}" for cell in cells) + missed]
         for kind in ("nodes", "steps", "waits"):
             told = [f"{name} {value:.2f}" for name, value in self._parts(kind).items()]
             lines.append(f"  {kind:<6}" + ", ".join(told[:9]))
@@ -179,7 +199,9 @@ def run_timed(scene: str, *more: str, tree: Path | None = None) -> Timed:
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
         out = Path(folder) / "run"
         command = [sys.executable, "-P", "-m", "palpate", "run", scene, "--out", str(out)]
-        environment = dict(os.environ)
+        # Nobody's sources are compiled anew at each start, whatever is set here.
+        environment = dict(os.environ) | {"PYTHONPYCACHEPREFIX": _bytecode().name}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
         if tree is not None:
             environment["PYTHONPATH"] = str(tree.resolve())
         spent, began = _children_cpu(), time.monotonic_ns()
@@ -200,16 +222,22 @@ def run_timed(scene: str, *more: str, tree: Path | None = None) -> Timed:
     touched = [one.sent_ns for one in messages if one.topic.endswith("/touch/patch")]
     nodes = {name: float(told["cpu_s"]) for name, told in summary["nodes"].items()}
     return Timed(
+        summary=summary,
         wall=1e-9 * (ended - began),
         cpu=cpu,
         first=1e-9 * (touched[0] - began),
         last=1e-9 * (ended - touched[-1]),
-        touches=summary["touches"],
         rate=len(touched) / max(1e-9 * (touched[-1] - touched[0]), 1e-9),
         waits=waits_of(messages),
         nodes=nodes,
         steps=summary["steps"],
     )
+
+
+@cache
+def _bytecode() -> tempfile.TemporaryDirectory[str]:
+    """Where the sources are kept compiled, until this process ends."""
+    return tempfile.TemporaryDirectory(prefix="palpate-bytecode-")
 
 
 def _children_cpu() -> float:
@@ -313,8 +341,8 @@ def growth_rows(quick: bool) -> Iterator[Row]:
     spent: dict[int, float] = {}
     for most in touches:
         run = run_timed("vase", "--tolerance", FINE, "--touches", str(most))
-        spent[run.touches] = run.cpu
-        yield figure(f"{most} touches at most: made", run.touches, ".0f")
+        spent[int(run.summary["touches"])] = run.cpu
+        yield figure(f"{most} touches at most: made", int(run.summary["touches"]), ".0f")
         yield figure(f"{most} touches at most: processor time", run.cpu, ".1f", " s")
         yield figure(f"{most} touches at most: touches a second", run.rate, ".0f", " /s")
     few = {count: cpu for count, cpu in spent.items() if count <= MOST_FITTED}

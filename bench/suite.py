@@ -1,15 +1,9 @@
-"""``palpate bench``: what it measures, by name; and the shipped scenes from start to exit.
-
-Each scene is run as a user runs it, in a new interpreter. The verb is found by name.
-"""
+"""``palpate bench``: what it measures, by name; the verb is found by name."""
 
 from __future__ import annotations
 
-import json
-import statistics
-import tempfile
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +12,7 @@ import click
 
 from palpate.bench.options import BenchOptions, bench_options
 from palpate.bench.results import ResultsFile, comparison_lines, read_results
-from palpate.bench.table import Figure, Group, figure_of, named, run_groups, run_scene
+from palpate.bench.table import Group, named, run_groups
 from palpate.launch.files import check_new
 
 RECORDED = "thesis/recorded"  # The group that takes recordings
@@ -30,16 +24,6 @@ TAKEN: Mapping[str, tuple[str, ...]] = {
     SPEED: ("against",),
 }
 RESULTS = click.Path(dir_okay=False, path_type=Path)
-SCENES = (
-    *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
-    *("oblique", "notched", "gem", "from_mesh", "worn_sensor"),
-)
-REPEATS = 5
-MOST_CHAMFER = 0.2  # Of the object's height, %
-MOST_CONTOURS = 15
-MOST_WALL = 15.0  # From start to exit, s
-LEAST_RATE = 300.0  # Touches per second
-SCENE_LINE = "{:<12}{:>9}{:>9}{:>9}{:>8}{:>6}{:>8}{:>5}  {}"
 
 
 class Bench(NamedTuple):
@@ -51,9 +35,15 @@ class Bench(NamedTuple):
 
 
 BENCHES: Mapping[str, Bench] = {
-    "scenes": Bench(
-        "the shipped scenes from start to end: accuracy and time",
-        {"scenes": "suite:scene_rows"},
+    "speed": Bench(
+        "the shipped scenes from start to exit: accuracy, and where their time goes, in turns with "
+        "an older checkout (--against); a touch by its taxels; a hop; and how runs grow",
+        {
+            "touches": "speed:touch_rows",
+            "hops": "bus.cost:hop_rows",
+            "scenes": "speed:scene_rows",
+            "growth": "speed:growth_rows",
+        },
     ),
     "explore": Bench(
         "whole explorations: objects that lean, other axes, several fingers",
@@ -63,27 +53,7 @@ BENCHES: Mapping[str, Bench] = {
             "fingers": "explore.explorations:finger_rows",
         },
     ),
-    "bus": Bench(
-        "the message bus alone: losses, latency, a million messages among stalls and deaths, "
-        "and lock between machines",
-        {
-            "losses": "bus.losses:loss_rows",
-            "hops": "bus.cost:hop_rows",
-            "reliability": "bus.losses:reliability_rows",
-            "locked": "bus.cost:lock_rows",
-        },
-    ),
-    "speed": Bench(
-        "where the time of whole runs goes, by node, step and wait, in turns with an older "
-        "checkout (--against); of a touch, by taxels; of a hop; and how it grows",
-        {
-            "scenes": "speed:scene_rows",
-            "touches": "speed:touch_rows",
-            "hops": "bus.cost:hop_rows",
-            "growth": "speed:growth_rows",
-        },
-    ),
-    "touch": Bench("one touch: frames a second", {"frames": "touch:touch_rows"}),
+    "bus": Bench("the lock of the message bus between machines", {"locked": "bus.cost:lock_rows"}),
     "effects": Bench(
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch:effect_rows"},
@@ -139,7 +109,7 @@ def _help() -> str:
 
 
 @click.command("bench", help=_help())
-@click.argument("what", type=click.Choice([*BENCHES, ALL]), default="scenes")
+@click.argument("what", type=click.Choice([*BENCHES, ALL]), default="speed")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option("--only", metavar="GROUP", help="One group of figures.")
@@ -205,95 +175,3 @@ def _chosen(
         given = {name: partial(named(places[name]), options=options) for name in taking}
         return {**places, **given}
     return places
-
-
-class SceneFigures(NamedTuple):
-    """One scene, run once or several times."""
-
-    name: str  # Of the scene
-    summary: Mapping[str, Any]  # Figures of the run with the median rate
-    walls: Sequence[float]  # Times from start to exit, s
-    rates: Sequence[float]  # Touches per second
-    hashes: frozenset[str]  # SHA-256 of the meshes of all runs
-
-    @property
-    def wall(self) -> float:
-        """Median time from start to exit, s."""
-        return statistics.median(self.walls)
-
-    @property
-    def figures(self) -> Sequence[Figure]:
-        """What is demanded of a scene, as numbers."""
-        summary = self.summary
-        return (
-            figure_of(1e3 * summary["chamfer_m"], "mm", name="chamfer"),
-            *(figure_of(int(summary[key]), name=key) for key in ("contours", "touches")),
-            figure_of(summary["touches_per_s"], "/s", repeats=self.rates, name="touches a second"),
-            figure_of(self.wall, "s", repeats=self.walls, name="wall"),
-        )
-
-    @property
-    def missed(self) -> list[str]:
-        """Demands that it misses, in words."""
-        summary = self.summary
-        checks = {
-            "chamfer": self._percent("chamfer_m") <= MOST_CHAMFER,
-            "contours": summary["contours"] <= MOST_CONTOURS,
-            "wall": self.wall <= MOST_WALL,
-            "per s": summary["touches_per_s"] >= LEAST_RATE,
-            "lost": summary["gaps"] == summary["duplicates"] == 0,
-            "not watertight": summary["watertight"],
-            "has handles": summary["genus"] == 0,
-            "not repeatable": len(self.hashes) == 1,
-        }
-        return [name for name, holds in checks.items() if not holds]
-
-    @property
-    def holds(self) -> bool:
-        """Whether it meets every demand."""
-        return not self.missed
-
-    def __str__(self) -> str:
-        summary = self.summary
-        return SCENE_LINE.format(
-            self.name,
-            f"{self._percent('chamfer_m'):.3f} %",
-            f"{self._percent('sampling_floor_m'):.3f} %",
-            summary["contours"],
-            summary["touches"],
-            f"{summary['touches_per_s']:.0f}",
-            f"{self.wall:.1f} s",
-            summary["gaps"] + summary["duplicates"],
-            "MISSED " + ", ".join(self.missed) if self.missed else "",
-        ).rstrip()
-
-    def _percent(self, key: str) -> float:
-        share: float = self.summary[key] / self.summary["size_m"]
-        return 100.0 * share
-
-
-def scene_rows(quick: bool) -> Iterator[SceneFigures | str]:
-    """The table of scenes; one run of each if quick, else the median of 5."""
-    heads = ("scene", "chamfer", "floor", "contours", "touches", "per s", "wall", "lost", "")
-    yield SCENE_LINE.format(*heads).rstrip()
-    for scene in SCENES:
-        yield explore_shipped(scene, 1 if quick else REPEATS)
-
-
-def explore_shipped(scene: str, repeats: int) -> SceneFigures:
-    """Run one scene as separate processes, `repeats` times.
-
-    Raises RuntimeError if a run fails; with what it printed.
-    """
-    runs = sorted((_run(scene) for _ in range(repeats)), key=lambda run: run[0]["touches_per_s"])
-    summaries, walls = [run[0] for run in runs], [run[1] for run in runs]
-    rates, hashes = ([one[key] for one in summaries] for key in ("touches_per_s", "mesh_sha256"))
-    return SceneFigures(scene, summaries[len(runs) // 2], walls, rates, frozenset(hashes))
-
-
-def _run(scene: str) -> tuple[dict[str, Any], float]:
-    with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
-        out = Path(folder) / "run"
-        wall = run_scene(scene, out)
-        summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-        return summary, wall

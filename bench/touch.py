@@ -1,21 +1,17 @@
-"""One touch: frames a second, and what effects cost.
-
-All is measured in turns within one run, for machines change their speed. Simulator, filter and
-curvature are run as plain calls.
-"""
+"""What effects cost and do to contours, measured in turns within one run."""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
-from palpate.bench.table import Figure, Row, at_least, at_most, figure_of, in_turns
+from palpate.bench.table import Figure, figure_of, in_turns
 from palpate.core import IDENTITY_POSE, ROBOT_PRESETS, pad_rotation, pose_of, shapes, touch
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
@@ -24,59 +20,10 @@ from palpate.nodes import simulator, specs, tracer
 
 WORN = "worn_sensor"  # The scene with all the faults of 1999
 SIZE, EXPONENTS = (0.03, 0.025, 0.04), (0.7, 0.9)
-MESH_LEVEL = 5  # 20k faces
-FRAMES, ROUNDS = 40, 31
 EFFECT_FRAMES = 40  # Touches on which a cost is measured at a time
 EFFECT_REPEATS = 15
 SEED = 5
 APPROACH = 0.02  # The finger comes from this far outside of the object, m
-
-
-def touch_rows(quick: bool) -> Iterable[Row]:
-    """Speed of a touch; fewer rounds if quick."""
-    yield from speed_rows(FRAMES, 5 if quick else ROUNDS)
-
-
-def speed_rows(frames: int, rounds: int) -> Iterable[Row]:
-    """Costs of a frame, all measured in turn within one run."""
-    exact = specs.ObjectSpec(superquadric=specs.SuperquadricSpec(size=SIZE, exponents=EXPONENTS))
-    vertices, faces = _solid().mesh(MESH_LEVEL)
-    mesh = specs.ObjectSpec(mesh=specs.encode_mesh(vertices, faces))
-    worn = load_scene(WORN).spec.effects
-    # A dead taxel under the contact looks like an impulse.
-    quiet = {name: worn[name] for name in worn if name not in ("salt_and_pepper", "dead_taxels")}
-    salty = {**worn, "salt_and_pepper": {"rate": 0.08}}
-    params = {"ideal": simulator.Params(object=exact), "mesh": simulator.Params(object=mesh)}
-    for name, effects in {"worn": worn, "quiet": quiet, "salty": salty}.items():
-        params[name] = simulator.Params(object=exact, effects=effects)
-    goals = list(touch_goals(frames))
-    calls: dict[tuple[str, str], Callable[[], float]] = {}
-    for name, one in params.items():
-        nodes = touching_nodes(one)
-        for what, some in (("frame", nodes[:1]), ("patch", nodes)):
-            calls[what, name] = partial(_seconds, InProcessLoop(some), goals)
-    turns = in_turns(calls, rounds)
-    cost = {key: statistics.median(found) for key, found in turns.items()}
-    ideal, meshed = cost["frame", "ideal"], cost["frame", "mesh"]
-    yield at_least("ideal superquadric, 256 rays", 1.0 / ideal, 2000, ".0f", " /s")
-    faceted = f"mesh of {len(faces) // 1000}k faces, 256 rays"
-    yield at_least(faceted, 1.0 / meshed, 3000, ".0f", " /s")
-    ratio = cost["frame", "worn"] / ideal
-    yield at_most(f"frame of {WORN}, to the ideal one", ratio, 1.25, kind="time")
-    for title, name, most in (
-        ("simulator, filter and curvature: ideal", "ideal", 600),
-        (f"the same: {WORN} without impulses", "quiet", 600),
-        ("the same, 8 % impulses: the robust fit is on", "salty", 2000),
-    ):
-        repeats = [1e6 * seconds for seconds in turns["patch", name]]
-        yield at_most(title, 1e6 * cost["patch", name], most, ".0f", " us", repeats=repeats)
-
-
-def _seconds(loop: InProcessLoop, goals: list[TouchGoal]) -> float:
-    began = time.perf_counter()
-    for goal in goals:
-        loop.publish("/finger/goal", goal)
-    return (time.perf_counter() - began) / len(goals)
 
 
 def _solid() -> shapes.Superquadric:

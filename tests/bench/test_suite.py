@@ -6,72 +6,22 @@ from typing import Any
 import pytest
 
 from palpate.bench import suite as verb
-from palpate.bench.suite import SceneFigures
 from palpate.bench.table import Row
 from palpate.tools.cli import command_line as cli
-
-GOOD: dict[str, Any] = {
-    "chamfer_m": 1e-4,
-    "size_m": 0.1,
-    "sampling_floor_m": 1e-5,
-    "contours": 9,
-    "touches": 200,
-    "touches_per_s": 400.0,
-    "gaps": 0,
-    "duplicates": 0,
-    "watertight": True,
-    "genus": 0,
-}
-
-
-def outcome(
-    wall: float = 8.0, hashes: frozenset[str] = frozenset({"a"}), **changes: Any
-) -> SceneFigures:
-    return SceneFigures("vase", {**GOOD, **changes}, [wall], [400.0], hashes)
-
-
-def test_a_run_that_meets_every_demand_has_no_faults():
-    assert (outcome().missed, outcome().holds) == ([], True)
-    line = "vase          0.100 %  0.010 %        9     200   400   8.0 s    0"
-    assert str(outcome()) == line
-    assert str(outcome(wall=20.0)).endswith("  20.0 s    0  MISSED wall")
-    figures = {one.name: (one.value, one.unit) for one in outcome().figures}
-    assert figures == {
-        "chamfer": (pytest.approx(0.1), "mm"),
-        "contours": (9, ""),
-        "touches": (200, ""),
-        "touches a second": (400.0, "/s"),
-        "wall": (8.0, "s"),
-    }
-
-
-@pytest.mark.parametrize(
-    ("changes", "fault"),
-    [
-        ({"chamfer_m": 3e-4}, "chamfer"),
-        ({"contours": 16}, "contours"),
-        ({"wall": 15.1}, "wall"),
-        ({"touches_per_s": 299.0}, "per s"),
-        ({"gaps": 1}, "lost"),
-        ({"duplicates": 1, "gaps": 1}, "lost"),
-        ({"watertight": False}, "not watertight"),
-        ({"genus": 1}, "has handles"),
-        ({"hashes": frozenset({"a", "b"})}, "not repeatable"),
-    ],
-)
-def test_each_missed_demand_is_named(changes, fault):
-    assert outcome(**changes).missed == [fault]
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["explore", "--only", "whale"], "there is no group 'whale'; there are tilted"),
-        (["bus", "--only", "whole"], "there is no group 'whole'; there are losses, hops,"),
-        (["all", "--only", "whole"], "there is no group 'whole'; there are scenes/scenes, "),
+        (["bus", "--only", "whole"], "there is no group 'whole'; there are locked"),
+        (["all", "--only", "whole"], "there is no group 'whole'; there are speed/touches, "),
         (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
-        (["touch", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
-        (["touch", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
+        (["effects", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
+        (["effects", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
+        (["bus", "--against", "older"], "--against belongs to speed"),
+        (["speed", "--cost", "robot"], "--cost belongs to tolerance"),
+        (["speed", "--only", "scenes", "--against", "no/where"], "must be a checkout of palpate"),
     ],
 )
 def test_options_of_another_bench_are_refused_in_one_sentence(capsys, arguments, words):
@@ -94,8 +44,8 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
             assert cli.run(["bench", bench, "--quick", "--only", group, "--json"]) == 1
             assert asked.pop() == (wanted, True, True, False)
     assert cli.run(["bench", "--strict"]) == 1
-    places = verb.BENCHES["scenes"].groups.items()
-    wanted = {f"scenes/{name}": f"palpate.bench.{place}" for name, place in places}
+    places = verb.BENCHES["speed"].groups.items()
+    wanted = {f"speed/{name}": f"palpate.bench.{place}" for name, place in places}
     assert asked.pop() == (wanted, False, False, True)
 
 
@@ -115,17 +65,17 @@ def test_results_are_written_and_compared_with(monkeypatch, tmp_path, capsys):
         yield Row("touches", str(touches[0]))
 
     bench = verb.Bench("two figures", {"one": ""})
-    monkeypatch.setattr(verb, "BENCHES", {"touch": bench})
-    monkeypatch.setattr(verb, "_chosen", lambda *_: {"touch/one": rows})
+    monkeypatch.setattr(verb, "BENCHES", {"effects": bench})
+    monkeypatch.setattr(verb, "_chosen", lambda *_: {"effects/one": rows})
     out = tmp_path / "new.json"
-    assert cli.run(["bench", "touch", "--out", str(out)]) == 0
-    assert cli.run(["bench", "touch", "--out", str(out)]) == 2
+    assert cli.run(["bench", "effects", "--out", str(out)]) == 0
+    assert cli.run(["bench", "effects", "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     touches[0] = 99
-    assert cli.run(["bench", "touch", "--compare", str(out)]) == 0
+    assert cli.run(["bench", "effects", "--compare", str(out)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told[-2:] == [
-        "moved   touch/one: touches: 100 -> 99 (-1.0%)",
+        "moved   effects/one: touches: 100 -> 99 (-1.0%)",
         "figures: 1 moved beyond noise",
     ]
 

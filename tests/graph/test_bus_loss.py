@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from palpate.bench.bus.losses import LOSS_TRIALS, lost_over_plain
+from tests.studies.losses import LOSS_TRIALS, lost_over_plain
 
 pytestmark = pytest.mark.graph
 

@@ -10,6 +10,7 @@
     python tests/studies grasp                    what a few contacts tell of an object's frame
     python tests/studies planners                 contours that each planner needs
     python tests/studies tolerances               whether a tolerance decides; what to expect of it
+    python tests/studies bus                      losses among stalls, late starts and deaths
     python tests/studies start                    seven nodes, beside seven interpreters
     python tests/studies tools                    a graph's rate while a tool listens to it
     python tests/studies templates                step templates of the thesis, by kind of object
@@ -41,6 +42,7 @@ STUDIES: Mapping[str, Mapping[str, str]] = {
     "tracing": {"tracing": "tracing:tracing_rows"},
     "grasp": {"grasp": "grasping:grasp_rows"},
     "tolerances": {"tolerances": "tolerances:tolerance_rows"},
+    "bus": {"losses": "losses:loss_rows", "reliability": "losses:reliability_rows"},
     "start": {"start": "starts:start_rows"},
     "tools": {"introspection": "listening:introspection_rows"},
     "planners": {"planners": "planners:planner_rows"},

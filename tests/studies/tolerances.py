@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from palpate.bench.explore import NOISY, Explored, explore_shipped, percent_of
-from palpate.bench.suite import SCENES
+from palpate.bench.speed import SCENES
 from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.launch import find_scene, load_scene
 from palpate.tools import single_threaded

@@ -1,8 +1,8 @@
 from __future__ import annotations
 
-from palpate.bench.bus.stalling_node import NODE, FloodCount, StallingParams
 from palpate.messages.types.catalogue import Clock
 from palpate.nodes.runtime.node import Finished
+from tests.studies.stalling_node import NODE, FloodCount, StallingParams
 
 
 def test_a_subscriber_counts_what_is_left_out_and_what_is_out_of_turn():
