@@ -1,8 +1,8 @@
-"""What the bus loses, which is nothing, and what a message and the lock between machines cost.
+"""What a message and the lock between machines cost.
 
-Numbers of messages, stalls and laps may be changed; the two nodes (`toy_node`, `stalling_node`) are
-modules by themselves, since a process imports a node by its module's name. It rests on the launcher
-and on messages.bus, and is one of the few rooms that open sockets.
+Numbers of laps may be changed; the node (`toy_node`) is a module by itself, since a process imports
+a node by its module's name. It rests on the launcher and on messages.bus, and is one of the few
+rooms that open sockets.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

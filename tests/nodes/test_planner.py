@@ -167,7 +167,7 @@ def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
     tried = [goal.height for goal in of(published, "/contour/goal")]
     assert len([height for height in tried if 0.06 < height < 0.09]) == 2
     [done] = of(published, "/plan/done")
-    assert len(done.contours) == 4
+    assert len(done.contours) == 4 and done.failed
     assert 0.03 < done.uncovered < 0.05
 
 
@@ -197,8 +197,32 @@ def test_a_budget_ends_it_and_is_kept(explored: Explored, world: World, budget: 
         else (done.robot_time, budget["most_seconds"])
     )
     assert 0.9 * most <= spent <= most
-    assert done.arcs
+    assert done.arcs and not done.failed  # they were cut short, and say nothing of the object
     assert not set(done.arcs) & set(done.contours)
+
+
+def test_a_contour_that_takes_more_touches_than_a_way_around_has_failed(
+    explored: Explored, cylinder: Any, world: World
+):
+    class Endless(cylinder):
+        def contour_of(self, goal: ContourGoal) -> Any:
+            found = super().contour_of(goal)
+            if 0.06 < goal.height < 0.09:
+                found = replace(found, status="budget", touches=goal.most_touches)
+            return found
+
+    [done] = of(explored(UNIFORM, world, Endless()), "/plan/done")
+    assert done.arcs and done.failed
+
+
+def test_the_more_was_touched_the_more_is_touched_between_two_models(
+    explored: Explored, world: World
+):
+    params = Params(planner="uniform", settings={"count": 40})
+    models = [goal.touches for goal in of(explored(params, world), "/model/goal")][1:]
+    early, late = np.diff(models[:6]), np.diff(models[-4:])
+    assert early.max() <= 2 * TOUCHES and late.min() >= 2 * TOUCHES
+    assert models[-1] > 0.9 * 40 * TOUCHES  # and whoever stops has a model of all there is
 
 
 def test_several_fingers_share_what_touches_are_left(explored: Explored, several: World):
