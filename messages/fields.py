@@ -107,8 +107,8 @@ def _array_rule(array: Array) -> FieldRule:
         if dtype.kind == "b" and data.strip(b"\0\1"):
             raise CodecError("must hold 0 or 1 only")
         try:
-            result = np.frombuffer(data, dtype).reshape(shape)
-        except ValueError:  # an empty array with an absurd length along another axis
+            result = np.ndarray(shape, dtype, data)
+        except (ValueError, TypeError):  # an empty array with an absurd length along another axis
             raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}") from None
         check(result)
         return result
@@ -124,12 +124,14 @@ def _shape_text(array: Array) -> str:
 def _is_finite(value: np.ndarray[Any, Any]) -> bool:
     """Whether no element is a NaN or infinite.
 
-    A sum is finite only if all that is summed is. Of a few elements it is looked at first, for it
-    is cheap; if it overflows, they are looked at one by one.
+    A sum, or a sum of squares, is finite only if all that is summed is: it is looked at first, for
+    it is cheap. If it overflows, elements are looked at one by one.
     """
-    if value.size <= FEW_ELEMENTS and math.isfinite(sum(value.ravel().tolist())):
-        return True
-    return bool(np.isfinite(value).all())
+    if value.size <= FEW_ELEMENTS:
+        total = sum(value.ravel().tolist())
+    else:
+        total = np.vdot(value, value)
+    return math.isfinite(total) or bool(np.isfinite(value).all())
 
 
 def _pack_int(value: Any) -> int:

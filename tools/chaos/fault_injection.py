@@ -55,7 +55,7 @@ _MARKS = {
     "end": ("/plan/done", "/contour/traced"),
 }
 # A fault follows what was published by at most so many s.
-_LONGEST = {"start": 0.5, "grasp": 0.1, "tracing": 0.02, "models": 0.5, "end": 1.0}
+_LONGEST = {"start": 0.5, "grasp": 0.1, "tracing": 0.02, "models": 0.5, "end": 0.3}
 
 
 class NodeRecovery(NamedTuple):
