@@ -127,10 +127,8 @@ def _is_finite(value: np.ndarray[Any, Any]) -> bool:
     A sum, or a sum of squares, is finite only if all that is summed is: it is looked at first, for
     it is cheap. If it overflows, elements are looked at one by one.
     """
-    if value.size <= FEW_ELEMENTS:
-        total = sum(value.ravel().tolist())
-    else:
-        total = np.vdot(value, value)
+    few = value.size <= FEW_ELEMENTS
+    total = sum(value.ravel().tolist()) if few else np.vdot(value, value)
     return math.isfinite(total) or bool(np.isfinite(value).all())
 
 
