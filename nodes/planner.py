@@ -48,7 +48,7 @@ from palpate.messages.types import (
     World,
 )
 from palpate.nodes import planning
-from palpate.nodes.runtime import Node, Outputs
+from palpate.nodes.runtime import Deferred, Node, Outputs
 from palpate.nodes.specs import pad_of_info, resolution_of_info
 
 if TYPE_CHECKING:
@@ -187,9 +187,11 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         general=model.method == "general",
         aimed=(),
     )
-    estimate = estimate_error(_observation(params.demand, state))
+    observation = _observation(params.demand, state)
     state, outputs = decide(params.demand, params.rule, state)
-    return state, [_published(model, estimate), *outputs]
+    # Nobody waits for what is said of it.
+    told = Deferred(PlanEstimate, lambda step: _estimate(model, estimate_error(observation)))
+    return state, [*outputs, ("/plan/estimate", told)]
 
 
 def _surface(state: State, model: ShapeModel) -> ObservedSurface | None:
@@ -212,9 +214,9 @@ def _surface(state: State, model: ShapeModel) -> ObservedSurface | None:
     )
 
 
-def _published(model: ShapeModel | PlanDone, estimate: Estimate) -> tuple[str, object]:
+def _estimate(model: ShapeModel | PlanDone, estimate: Estimate) -> PlanEstimate:
     halving = estimate.halving
-    told = derive(
+    return derive(
         PlanEstimate,
         model,
         estimate,
@@ -224,7 +226,6 @@ def _published(model: ShapeModel | PlanDone, estimate: Estimate) -> tuple[str, o
         open_share=estimate.open_area and estimate.open_area.share,
         open_width=estimate.open_area and estimate.open_area.width,
     )
-    return "/plan/estimate", told
 
 
 def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
@@ -427,7 +428,7 @@ def done(
         told = {"open_share": found.share, "open_width": found.width, "open_place": place}
         told |= {"open_touches": found.touches, "under_share": found.under}
     plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered, **told)
-    return state, [_published(plan_done, estimate), ("/plan/done", plan_done)]
+    return state, [("/plan/estimate", _estimate(plan_done, estimate)), ("/plan/done", plan_done)]
 
 
 def _shape(state: State) -> str:

@@ -107,10 +107,10 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
             coarse = Deferred(types.Superquadric, partial(_coarse, state, goal))
             outputs.append(("/model/coarse", coarse))
         else:
+            outputs.append(("/model/shape", Deferred(types.ShapeModel, partial(_fit, state, goal))))
             if state.space is not None:
                 space = Deferred(types.SpaceMap, partial(_space, state, goal))
                 outputs.append(("/model/space", space))
-            outputs.append(("/model/shape", Deferred(types.ShapeModel, partial(_fit, state, goal))))
             state = replace(state, history=(*state.history, goal))
     return replace(state, asked=tuple(asked)), outputs
 

@@ -233,7 +233,7 @@ class NodeLoop:
             return
         if self.journal is not None:
             self.journal.note(publisher, topic, seq)
-        self._publish(work.take(arrival))
+        self._publish(work.each(arrival) if isinstance(work, NodeWork) else work.take(arrival))
 
     def _go_on(self, work: Work) -> list[Publication]:
         """Take up what an earlier start has done; returns what it had not come to publish."""

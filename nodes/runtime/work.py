@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from palpate.messages import codec_of, decode, encode
@@ -100,29 +100,32 @@ class NodeWork:
         Raises CodecError if the message, or one of the outputs, is not of its type; ContractError
         if the handler publishes what the node does not declare.
         """
+        return [*self.each(arrival)]
+
+    def each(self, arrival: Received) -> Iterator[Outgoing | Finished]:
+        """The same one by one: what takes no time need not wait for what does."""
         return self._take(arrival, self._pack)
 
     def replay(self, arrival: Received) -> list[Outgoing | Promise | Finished]:
         """The same for a message that had been handled before: what takes long is only promised."""
-        return self._take(arrival, self._promise)
+        return [*self._take(arrival, self._promise)]
 
     def close(self) -> None:
         """Nothing to put away."""
 
-    def _take(self, arrival: Received, pack: Callable[[Output], OutputT]) -> list[OutputT]:
+    def _take(self, arrival: Received, pack: Callable[[Output], OutputT]) -> Iterator[OutputT]:
         if self._missing and arrival.topic not in self._missing:
             self._held.append(arrival)
-            return []
-        published = self._handle(arrival, pack)
+            return
+        yield from self._handle(arrival, pack)
         if self._missing:
             self._missing.discard(arrival.topic)
             if not self._missing:
                 for held in self._held:
-                    published += self._handle(held, pack)
+                    yield from self._handle(held, pack)
                 self._held.clear()
-        return published
 
-    def _handle(self, arrival: Received, pack: Callable[[Output], OutputT]) -> list[OutputT]:
+    def _handle(self, arrival: Received, pack: Callable[[Output], OutputT]) -> Iterator[OutputT]:
         self._current = arrival
         cls, handler = self._received[arrival.topic]
         if arrival.header.schema != codec_of(cls).hash:
@@ -131,10 +134,15 @@ class NodeWork:
         began = time.perf_counter_ns()
         with self.steps(self._step):
             self._state, outputs = handler(self._params, self._state, message)
-            published = [pack(output) for output in outputs]
-        self.latency.add(time.perf_counter_ns() - began)
+        spent = time.perf_counter_ns() - began
+        for output in outputs:
+            began = time.perf_counter_ns()
+            with self.steps(self._step):
+                packed = pack(output)
+            spent += time.perf_counter_ns() - began
+            yield packed
+        self.latency.add(spent)
         self.consumed[arrival.publisher, arrival.topic] += 1
-        return published
 
     def _promise(self, output: Output) -> Outgoing | Promise | Finished:
         if isinstance(output, Finished):

@@ -28,7 +28,7 @@ from palpate.messages.types.motion import (
 from palpate.messages.types.world import SensorInfo, World
 from palpate.nodes.planner import NODE, Params
 from palpate.nodes.planning.phases import State
-from palpate.nodes.runtime.node import Wiring
+from palpate.nodes.runtime.node import Wiring, resolved
 from palpate.nodes.runtime.testing import example
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.specs.sensors import SensorSpec, info_of
@@ -270,7 +270,7 @@ def everything_published(
         topic, message = waiting.pop(place)
         state, outputs = NODE.inputs[topic][1](params, state, message)
         assert encode(message)
-        for one in outputs:
+        for one in ((to, resolved(message)) for to, message in outputs):
             published.append(one)
             answers = shape.answers(*one)
             waiting += answers

@@ -79,15 +79,14 @@ def estimate_error(observation: Observation) -> Estimate:
     if surface is not None and observation.general:
         known, hole = is_known(observation, surface), surface.open_area
         return Estimate(surface.rms_bound_95, hole.width, None, known, None, hole)
-    profile, spans = profile_of(observation), untouched_spans(observation)
+    prediction, spans = prediction_of(observation), untouched_spans(observation)
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
     untouched = max([span.length for span in spans] + [loose])
-    if len(profile.heights) < 2:
+    if prediction is None:
         bound = None
-        if len(profile.heights) and observation.deviation is not None:
+        if len(profile_of(observation).heights) and observation.deviation is not None:
             bound = DEVIATION * observation.deviation
         return Estimate(bound, untouched, None, False, None)
-    prediction = predict_error(observation, profile, spans)
     bound = prediction.rms_bound_95 * observation.extent
     opened = None
     if surface is not None:
@@ -97,6 +96,14 @@ def estimate_error(observation: Observation) -> Estimate:
         met = not is_open(observation, surface)
     halving = halving_cost(observation, prediction)
     return Estimate(bound, untouched, halving, met, prediction, opened)
+
+
+def prediction_of(observation: Observation) -> ErrorPrediction | None:
+    """What slices say about the side between them; None of fewer than two."""
+    profile = profile_of(observation)
+    if len(profile.heights) < 2:
+        return None
+    return predict_error(observation, profile, untouched_spans(observation))
 
 
 def halving_cost(observation: Observation, prediction: ErrorPrediction) -> Cost | None:

@@ -30,6 +30,7 @@ from palpate.core.explore.planners.estimate import (
     Estimate,
     estimate_error,
     parts_needed,
+    prediction_of,
 )
 from palpate.core.explore.planners.protocol import (
     END_DEVIATIONS,
@@ -82,14 +83,14 @@ class Predicted:
             return Height(height, COVERING, settled=True)
         if surface is not None and observation.general:
             return next_touch(observation, surface, LEAST_GAIN)
-        estimate = estimate_error(observation)
-        prediction = estimate.prediction
+        prediction = prediction_of(observation)
         if prediction is not None:
             found = self._refining(observation, prediction)
             if found is not None:
                 return found
         if observation.busy_heights:
             return Wait("other fingers are at work where there is something left to do")
+        estimate = estimate_error(observation)
         if surface is not None and not estimate.tolerance_met:
             return next_touch(observation, surface, LEAST_GAIN, estimate.rms_bound_95)
         return Stop(_reason(observation, estimate))

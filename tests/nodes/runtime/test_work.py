@@ -210,6 +210,16 @@ def test_a_message_that_takes_long_is_made_at_once():
     assert (parcel.body, parcel.robot_time) == (encode(line("late")), 2.5)
 
 
+def test_what_takes_no_time_does_not_wait_for_what_does():
+    made: list[int] = []
+    later = Deferred(LogRecord, lambda _: made.append(1) or line("late"))
+    work = started(("/out", line("now")), ("/out", later))
+    parcels = work.each(need("1"))
+    assert next(parcels).body == encode(line("now")) and made == []  # type: ignore[union-attr]
+    assert next(parcels).body == encode(line("late")) and made == [1]  # type: ignore[union-attr]
+    assert list(parcels) == [] and work.latency.count == 1
+
+
 def test_one_that_had_been_published_is_only_promised():
     made: list[int] = []
     [promise] = later_work(made).replay(frame("1"))
