@@ -23,10 +23,12 @@ from palpate.core.explore.planners import (
     Stop,
     Touch,
     Touches,
+    Wait,
     WrongChoiceError,
     check_choice,
     estimate_error,
     make_planner,
+    settled_height,
     untraceable_height,
 )
 from palpate.core.shapes import Mesh
@@ -312,8 +314,6 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
             state, asked = _ask(state)
         observation = _observation(demand, state, finger)
         choice = _answer(rule, state, observation)
-        if state.asked and not (isinstance(choice, Height) and choice.settled):
-            return state, asked
         if isinstance(choice, Stop) and state.is_beyond_model and not observation.budget.spent:
             return _ask(state)
         if isinstance(choice, Touch) and allowed:
@@ -354,9 +354,17 @@ def _ask(state: State) -> tuple[State, Outputs]:
 
 
 def _answer(rule: Planner, state: State, observation: Observation) -> Choice:
-    """What the rule answers; what nobody can act on ends the exploration with what there is."""
+    """What the rule answers; what nobody can act on ends the exploration with what there is.
+
+    While a model is in the making, it is asked only for what no model has a say in.
+    """
     if state.goals >= MOST_GOALS:
         return Stop("a model can list no more contours and single touches")
+    settled = settled_height(rule, observation)
+    if settled is not None:
+        return settled
+    if state.asked:
+        return Wait("a model is in the making")
     try:
         return check_choice(rule, observation)
     except WrongChoiceError as error:

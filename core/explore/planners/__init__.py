@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.protocol import first_and_last as first_and_last
     from palpate.core.explore.planners.protocol import make_planner as make_planner
     from palpate.core.explore.planners.protocol import planner_type as planner_type
+    from palpate.core.explore.planners.protocol import settled_height as settled_height
     from palpate.core.explore.planners.protocol import (
         slice_without_contour as slice_without_contour,
     )

@@ -75,12 +75,10 @@ class Predicted:
         over = exhausted_budget(observation)
         if over is not None:
             return Stop(over)
+        covering = self.settled(observation)
+        if covering is not None:
+            return covering
         surface = observation.surface
-        height = None
-        if surface is None or all(one.usable for one in observation.slices):
-            height = self._covering(observation)
-        if height is not None:
-            return Height(height, COVERING, settled=True)
         if surface is not None and observation.general:
             return next_touch(observation, surface, LEAST_GAIN)
         prediction = prediction_of(observation)
@@ -94,6 +92,13 @@ class Predicted:
         if surface is not None and not estimate.tolerance_met:
             return next_touch(observation, surface, LEAST_GAIN, estimate.rms_bound_95)
         return Stop(_reason(observation, estimate))
+
+    def settled(self, observation: Observation) -> Height | None:
+        """The next slice of the coarse cover, in which no model has a say; None after the last."""
+        if observation.surface is None or all(one.usable for one in observation.slices):
+            height = self._covering(observation)
+            return None if height is None else Height(height, COVERING)
+        return None
 
     def _refining(self, observation: Observation, prediction: ErrorPrediction) -> Height | None:
         """The next slice for the error's sake, for what is untouched, or to average noise."""

@@ -8,7 +8,7 @@ own: an answer that nobody could act on is refused.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, is_dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
@@ -193,8 +193,6 @@ class Height(NamedTuple):
 
     height: float  # m
     reason: str  # Why there, in words
-    # Whether no model has a say in it: then it is begun while one is in the making.
-    settled: bool = False
 
 
 class Touch(NamedTuple):
@@ -219,7 +217,11 @@ class Stop(NamedTuple):
 
 
 class Planner(Protocol):
-    """A rule, with its numbers. It remembers nothing: the same `Observation`, the same answer."""
+    """A rule, with its numbers. It remembers nothing: the same `Observation`, the same answer.
+
+    One that has slices in which no model has a say may have a second method, `settled`, which
+    answers with such a `Height` or None: it is begun while a model is in the making.
+    """
 
     def next(self, observation: Observation) -> Choice:
         """The next slice, or that there is none."""
@@ -283,6 +285,20 @@ def check_choice(planner: Planner, observation: Observation) -> Choice:
         name = type(planner).__name__
         raise WrongChoiceError(f"the planner {name} gave no answer to act on: {wrong}")
     return choice
+
+
+def settled_height(planner: Planner, observation: Observation) -> Height | None:
+    """A slice in which no model has a say, if the planner has one that can be acted on.
+
+    None if a budget is spent: what is left then, the planner's `next` says.
+    """
+    if exhausted_budget(observation) is not None:
+        return None
+    settled: Callable[[Observation], object] = getattr(planner, "settled", lambda _: None)
+    choice = settled(observation)
+    if isinstance(choice, Height) and not _wrong_height(observation, choice.height):
+        return choice
+    return None
 
 
 def _wrong(observation: Observation, choice: object) -> str:

@@ -58,12 +58,15 @@ class Uniform:
             if was_asked(observation, wanted):
                 continue  # the ends have been moved since, and another height with them
             if not is_near_finger(observation, wanted):
-                told = f"slice {i + 1} of {self.count} even ones"
-                return Height(wanted, told, settled=not visits)
+                return Height(wanted, f"slice {i + 1} of {self.count} even ones")
             waits = True
         if waits:
             return Wait("other fingers are too near to the heights that are left")
         return Stop(f"all {self.count} heights have been visited")
+
+    def settled(self, observation: Observation) -> Choice:
+        """The same: no model has a say in it."""
+        return self.next(observation)
 
 
 def sweep(count: int) -> list[int]:

@@ -19,6 +19,7 @@ from palpate.core.explore.planners.protocol import (
     first_and_last,
     make_planner,
     planner_type,
+    settled_height,
 )
 from palpate.core.explore.planners.uniform import Uniform
 
@@ -142,6 +143,41 @@ def test_an_answer_that_nobody_could_act_on_is_refused(choice, more, words, obse
 def test_a_planner_that_asks_for_a_failed_height_again_does_not_go_on_for_ever(observation, failed):
     with pytest.raises(ValueError, match=r"at 0.045 m before; it must go elsewhere, or stop"):
         check_choice(Says(Height(0.045, "")), observation([failed(0.045)]))
+
+
+@dataclass(frozen=True)
+class Settled(Says):
+    """A planner that has a slice in which no model has a say."""
+
+    def settled(self, observation):
+        return self.choice
+
+
+@pytest.mark.parametrize(
+    ("planner", "more", "height"),
+    [
+        (Says(Height(0.01, "")), {}, None),
+        (Settled(Height(0.01, "")), {}, 0.01),
+        (Settled(None), {}, None),
+        (Settled(Stop("end")), {}, None),
+        (Settled(Height(0.2, "")), {}, None),
+        (Settled(Height(0.01, "")), {"busy_heights": (0.01,)}, None),
+        (Settled(Height(0.01, "")), {"budget": Budget(most_touches=9, touches=9)}, None),
+    ],
+)
+def test_a_slice_in_which_no_model_has_a_say_is_one_that_can_be_acted_on(
+    planner, more, height, observation
+):
+    found = settled_height(planner, observation(**more))
+    assert (None if found is None else found.height) == height
+
+
+@pytest.mark.parametrize("planner", [Predicted(), Uniform(count=4)])
+def test_what_a_planner_says_to_be_settled_is_what_it_says_next(planner, observation):
+    known = observation()
+    settled = settled_height(planner, known)
+    assert settled is not None
+    assert settled == planner.next(known)
 
 
 OWN = """
