@@ -10,6 +10,7 @@ undeformed solid and the way s along the ray, deform(p) = start + s direction an
 
 from __future__ import annotations
 
+from functools import cached_property
 from importlib.util import find_spec
 from typing import NamedTuple, Protocol
 
@@ -290,9 +291,15 @@ class DeformedShape:
 
     def __init__(self, base: ImplicitShape, deformation: Deformation, exact: bool = False):
         self._base, self._deformation, self._exact = base, deformation, exact
-        self._undeformed = base.mesh(CAST_LEVEL)
-        deformed = deformation.deform(self._undeformed.vertices)
-        self._triangles = TriangleShape(deformed, self._undeformed.faces)
+
+    @cached_property
+    def _undeformed(self) -> Mesh:
+        return self._base.mesh(CAST_LEVEL)
+
+    @cached_property
+    def _triangles(self) -> TriangleShape:
+        vertices, faces = self._undeformed
+        return TriangleShape(self._deformation.deform(vertices), faces)
 
     def bounds(self) -> Floats:
         """Smallest and largest coordinates of the facets, (2, 3), m."""

@@ -1,6 +1,7 @@
 """What a node has published and consumed: from this a node that was killed is rebuilt.
 
-Frames are held in memory up to a limit, and in a file behind that. What cannot be published
+Frames are held in memory up to a limit, and in a file behind that. What takes long to make is in
+the file at once, so that nobody waits for it to be made a second time. What cannot be published
 again, for it came from the world, is kept in the file as well, with what it answered: all that
 answers one message is there, or nothing of it. The journal has one entry a message, written
 before the message is handled. A time orders what was sent: an effect that others have kept must
@@ -17,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from palpate.messages.codec import pack_frame, split_frame
+from palpate.messages.codec import Header, pack_frame, split_frame
 
 # A frame in memory, its place in the file (where it starts and, in the last 32 bits, its length, as
 # one number: there is one for each message of a long run), or what makes it.
@@ -55,19 +56,21 @@ class MessageLog:
         # Whether every frame is kept in the file, too, and what an earlier start has kept is gone
         # on with
         persistent: bool = False,
-        epoch: int = 0,  # Epoch that is put into the frames of an earlier start
+        epoch: int = 0,  # How often the node was started before: it goes into frames of the file
     ) -> None:
-        self._path, self._room, self._persistent = path, memory, persistent
+        self._path, self._room, self._persistent, self._epoch = path, memory, persistent, epoch
         self._frames: dict[str, list[StoredFrame]] = {topic: [] for topic in topics}
         self._silent = dict.fromkeys(silent, 0)
         self._file: int | None = None
         self._end = 0
+        # Places of frames that an earlier start has written, by topic and sequence
+        self._written: dict[tuple[str, int], int] = {}
         # Messages that an earlier start has answered, by publisher and topic
         self.handled: dict[tuple[str, str], int] = {}
         self.finished = ""  # Why an earlier start has finished, if it has
         self.latest_ns = 0  # The latest time in what an earlier start has kept, ns
-        if persistent:
-            self._go_on(epoch)
+        if persistent or (epoch and path.exists()):
+            self._go_on()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -78,16 +81,18 @@ class MessageLog:
         """Number of messages on a topic. Raises KeyError if there is no such topic."""
         return self._silent[topic] if topic in self._silent else len(self._frames[topic])
 
-    def add(self, topic: str, frame: bytes) -> None:
-        """Keep what is about to be sent.
+    def add(self, topic: str, frame: bytes, *, outlives: bool = False) -> None:
+        """Keep what is about to be sent; in the file as well if it `outlives` this start.
 
-        Raises KeyError if there is no such topic; OSError if the memory is full, and the file
-        cannot be written.
+        Raises KeyError if there is no such topic; OSError if the file is needed, and cannot be
+        written.
         """
         silent, fits = topic in self._silent, len(frame) <= self._room
         kept: StoredFrame = frame
-        if self._persistent or not (silent or fits):
-            (place,) = self._write((frame,))
+        if self._persistent or not (silent or (fits and not outlives)):
+            place = self._written.get((topic, self.count(topic)))
+            if place is None:
+                (place,) = self._write((frame,))
             kept = frame if fits else place
         self._hold(topic, kept)
 
@@ -101,19 +106,28 @@ class MessageLog:
             self._hold(topic, frame if len(frame) <= self._room else place)
 
     def promise(self, topic: str, make: Callable[[], bytes]) -> None:
-        """Keep what makes a frame: it had been sent, and is made once more if somebody lacks it.
+        """Keep what makes a frame: it had been sent, and may have to be made once more.
 
-        Raises KeyError if there is no such topic.
+        That is if it is not in the file, and somebody lacks it. Raises KeyError if there is no such
+        topic.
         """
-        self._hold(topic, make)
+        self._hold(topic, self._written.get((topic, self.count(topic)), make))
 
     def since(self, topic: str, wanted: int) -> Iterator[bytes]:
         """Frames of a topic from a sequence on; none of a topic without subscribers."""
         for seq in range(wanted, len(self._frames.get(topic, ()))):
             kept = self._frames[topic][seq]
             if callable(kept):
-                kept = self._frames[topic][seq] = kept()
-            yield kept if isinstance(kept, bytes) else self._read(kept >> 32, kept & 0xFFFFFFFF)
+                (kept,) = self._write((kept(),))
+                self._frames[topic][seq] = kept
+            yield kept if isinstance(kept, bytes) else self._frame_at(kept)
+
+    def _frame_at(self, place: int) -> bytes:
+        frame = self._read(place >> 32, place & 0xFFFFFFFF)
+        return frame if not self._epoch else self._of_this_start(*split_frame(frame))
+
+    def _of_this_start(self, topic: str, header: Header, body: bytes) -> bytes:
+        return pack_frame(topic, header._replace(epoch=self._epoch), body)
 
     def close(self) -> None:
         """Close the file."""
@@ -149,11 +163,11 @@ class MessageLog:
 
     def _opened(self) -> int:
         if self._file is None:
-            fresh = 0 if self._persistent else os.O_TRUNC
+            fresh = 0 if self._persistent or self._epoch else os.O_TRUNC
             self._file = os.open(self._path, _FLAGS | fresh, 0o600)
         return self._file
 
-    def _go_on(self, epoch: int) -> None:
+    def _go_on(self) -> None:
         """Take up what an earlier start has kept; a record that was cut off was never sent."""
         size = os.fstat(self._opened()).st_size
         while self._end + _LENGTH.size <= size:
@@ -161,28 +175,33 @@ class MessageLog:
             data = self._read(self._end + _LENGTH.size, length)
             if len(data) < length:
                 break
+            self._take_up(data)
             self._end += _LENGTH.size + length
-            self._take_up(data, epoch)
         os.ftruncate(self._opened(), self._end)
 
-    def _take_up(self, data: bytes, epoch: int) -> None:
-        answered, *frames = _pieces(data)
+    def _take_up(self, data: bytes) -> None:
+        (_, answered), *frames = _pieces(data)
         if answered:
             publisher, topic, seq, finished = answered.decode().split("\0", 3)
             self.handled[publisher, topic] = int(seq) + 1
             self.finished = self.finished or finished
-        for frame in frames:
+        for place, frame in frames:
             topic, header, body = split_frame(frame)
-            self.latest_ns = max(self.latest_ns, header.sent_ns)
-            self._hold(topic, pack_frame(topic, header._replace(epoch=epoch), body))
+            if self._persistent:
+                self.latest_ns = max(self.latest_ns, header.sent_ns)
+                self._hold(topic, self._of_this_start(topic, header, body))
+            else:
+                at = self._end + _LENGTH.size + place
+                self._written[topic, header.seq] = at << 32 | len(frame)
 
 
-def _pieces(data: bytes) -> Iterator[bytes]:
+def _pieces(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """The pieces of a record and where they begin in it."""
     place = 0
     while place < len(data):
         (length,) = _LENGTH.unpack_from(data, place)
         place += _LENGTH.size + length
-        yield data[place - length : place]
+        yield place - length, data[place - length : place]
 
 
 class SendTimes:

@@ -70,10 +70,13 @@ class Publisher:
         """Number of messages sent on each topic."""
         return self._past.counts
 
-    def send(self, topic: str, body: bytes, robot_time: float, schema: int) -> bytes:
+    def send(
+        self, topic: str, body: bytes, robot_time: float, schema: int, *, outlives: bool = False
+    ) -> bytes:
         """Send one message to all subscribers of the topic, and return its frame.
 
-        Before `go_live`, to those alone who have asked for it.
+        Before `go_live`, to those alone who have asked for it. What `outlives` this start of the
+        node is not made again by the next.
 
         Raises KeyError if the topic is not one of this publisher's; BlockedError if a subscriber's
         queue stays full for longer than the patience.
@@ -81,12 +84,11 @@ class Publisher:
         seq = self._past.count(topic)
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
         frame = pack_frame(topic, header, body)
-        self._past.add(topic, frame)
+        self._past.add(topic, frame, outlives=outlives)
         if self._lacks is None:
             self._put(frame, topic)
-        for (call, asked), wanted in (self._lacks or {}).items():
-            if asked == topic and seq >= wanted:
-                self._put(handshake.resent_frame(call, frame), topic)
+        for call in self._lacking(topic, seq):
+            self._put(handshake.resent_frame(call, frame), topic)
         return frame
 
     @property
@@ -122,12 +124,14 @@ class Publisher:
         Raises KeyError, BlockedError as `send` does.
         """
         seq = self._past.count(topic)
-        lacked = [wanted for (_, asked), wanted in (self._lacks or {}).items() if asked == topic]
-        if not self.was_published(topic) or any(seq >= wanted for wanted in lacked):
-            self.send(topic, make(), 0.0, schema)
+        if not self.was_published(topic):
+            self.send(topic, make(), 0.0, schema, outlives=True)
             return
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), 0.0, schema)
         self._past.promise(topic, lambda: pack_frame(topic, header, make()))
+        for call in self._lacking(topic, seq):
+            (frame,) = self._past.since(topic, seq)
+            self._put(handshake.resent_frame(call, frame), topic)
 
     def go_live(self) -> None:
         """All that had been published is published again: from here on all receive at once."""
@@ -147,6 +151,11 @@ class Publisher:
         self.socket.close(linger)
         self._past.close()
         self._times.close()
+
+    def _lacking(self, topic: str, seq: int) -> list[bytes]:
+        """Calls of those who wait for a message while what had been published is again."""
+        lacks = (self._lacks or {}).items()
+        return [call for (call, asked), wanted in lacks if asked == topic and seq >= wanted]
 
     def _time(self, topic: str, seq: int) -> int:
         before = self._times.before(topic, seq)

@@ -204,7 +204,7 @@ class Composition:
                 self._send(name, one)
 
     def _send(self, name: str, parcel: Outgoing) -> None:
-        topic, body, robot_time, schema = parcel
+        topic, body, robot_time, schema, _ = parcel
         seq = self._sent[name].get(topic, 0)
         self._sent[name][topic] = seq + 1
         header = Header(0, 0, seq, time.monotonic_ns(), robot_time, schema)

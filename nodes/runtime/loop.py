@@ -33,6 +33,7 @@ NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
 FAILED = 3  # Exit code of a node that has told the launcher why it failed
 HEARTBEAT_PERIOD = 0.25  # A node gives a sign of life this often, s
 IDLE_MS = int(HEARTBEAT_PERIOD * 500)
+BUSY_PERIOD = 0.02  # A node that is busy for long looks this often who asks it for the past, s
 FLUSH_MS = 20  # A sink to which nothing comes for so long puts away what it holds
 DRAIN_TIME = 1.0  # A sink that is told to end still writes what has arrived, for so long, s
 MAX_TRACE_CHARS = 20_000  # Longest trace that is sent to the launcher, characters
@@ -158,7 +159,8 @@ class NodeLoop:
         self._going, self._ended = going, False
         self._joined: bool | None = None
         self._state = "starting"
-        self._next_beat = 0.0
+        self._next_beat = self._next_look = 0.0
+        self._looking = False
 
     def end(self) -> None:
         """Leave the loop at the next occasion; may be called from a signal handler."""
@@ -172,6 +174,7 @@ class NodeLoop:
     def run(self, work: Work) -> None:
         """Turn until the launcher says stop, or the process is asked to end."""
         station = self._station
+        work.steps.before_each = self._look_up
         if self._going:
             self._state = "rebuilding"
             owed = self._go_on(work)
@@ -180,6 +183,7 @@ class NodeLoop:
             self._publish(owed)
         while not self._ended:
             received, told = station.wait(self._patience(work))
+            self._next_look = time.monotonic() + BUSY_PERIOD
             if told:
                 self._obey(work)
             if not self._going:
@@ -228,7 +232,7 @@ class NodeLoop:
             ends = [one for one in published if isinstance(one, Finished)]
             outgoing = [one for one in published if isinstance(one, Outgoing)]
             cause = bus.Cause(publisher, topic, seq, ends[0].reason if ends else "")
-            self._station.answer(outgoing, cause)
+            self._station.answer([one[:4] for one in outgoing], cause)
             self._publish(ends)
             return
         if self.journal is not None:
@@ -330,6 +334,21 @@ class NodeLoop:
                 self._station.tap.publish(record)
             else:
                 self._station.send(*one)
+
+    def _look_up(self) -> None:
+        """From work that takes long: answer those who ask for the past, and give a sign of life.
+
+        What they ask for may have to be made itself: from there nobody looks up again.
+        """
+        now = time.monotonic()
+        if now < self._next_look or self._looking:
+            return
+        self._looking, self._next_look = True, now + BUSY_PERIOD
+        try:
+            self._station.publisher.serve()
+            self._beat_if_due()
+        finally:
+            self._looking = False
 
     def _beat_if_due(self) -> None:
         if time.monotonic() < self._next_beat:

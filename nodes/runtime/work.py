@@ -30,6 +30,7 @@ class Outgoing(NamedTuple):
     body: bytes  # The message, encoded
     robot_time: float  # Robot time in the message, s; 0 if it has none
     schema: int  # Hash of the message type's schema
+    outlives: bool = False  # Whether it took long, and is not made again by a next start
 
 
 class Promise(NamedTuple):
@@ -157,11 +158,12 @@ class NodeWork:
         if isinstance(output, Finished):
             return output
         local, message = output
+        outlives = isinstance(message, Deferred)
         if isinstance(message, Deferred):
             message = self._made(local, message)
         wire = self._wire(local, type(message))
         time_s = float(getattr(message, "robot_time", 0.0))
-        return Outgoing(wire, encode(message), time_s, codec_of(type(message)).hash)
+        return Outgoing(wire, encode(message), time_s, codec_of(type(message)).hash, outlives)
 
     def _made(self, local: str, later: Deferred) -> object:
         message = later.make(self.steps)
@@ -271,11 +273,14 @@ class CpuSteps:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}  # By name of the step, s
+        # Called before each step: what is made for long is no reason not to answer others
+        self.before_each: Callable[[], None] = lambda: None
         self._open: list[str] = []
         self._since = 0.0
 
     def __call__(self, name: str) -> CpuSteps:
         """Begin a step, which lasts to the end of the ``with`` that it is called for."""
+        self.before_each()
         self._turn()
         self._open.append(name)
         return self

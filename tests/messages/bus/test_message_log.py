@@ -50,6 +50,48 @@ def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_publish_it_again(tm
     assert (tmp_path / "past").stat().st_size == len(frame(0)) + 12
 
 
+def test_what_outlives_its_node_is_not_made_again(tmp_path: Path):
+    def never() -> bytes:
+        raise AssertionError("it lies in the file")
+
+    path = tmp_path / "past"
+    past = MessageLog(path, ["/talk"])
+    for seq in range(4):
+        past.add("/talk", frame(seq), outlives=seq in (1, 3))
+    past.close()
+    with path.open("r+b") as file:  # the last of them was cut off by its death
+        file.truncate(path.stat().st_size - 1)
+    again = MessageLog(path, ["/talk"], epoch=2)
+    assert again.counts == {"/talk": 0}
+    again.add("/talk", frame(0))
+    again.promise("/talk", never)
+    again.add("/talk", frame(2))
+    again.promise("/talk", lambda: frame(3))
+    for _ in range(2):
+        found = [split_frame(one) for one in again.since("/talk", 1)]
+        assert [header.seq for _, header, _ in found] == [1, 2, 3]
+        assert [body[0] for _, _, body in found] == [1, 2, 3]
+        assert found[0][1].epoch == found[2][1].epoch == 2
+    again.close()
+    third = MessageLog(path, ["/talk"], epoch=3)  # what was made at last is there, too
+    third.add("/talk", frame(0))
+    for _ in range(3):
+        third.promise("/talk", never if third.count("/talk") != 2 else lambda: frame(2))
+    assert [split_frame(one)[1].seq for one in third.since("/talk", 1)] == [1, 2, 3]
+    third.close()
+
+
+def test_what_is_published_again_is_not_written_again(tmp_path: Path):
+    for epoch in range(3):
+        past = MessageLog(tmp_path / "past", ["/talk"], memory=0, epoch=epoch)
+        for seq in range(5):
+            past.add("/talk", frame(seq))
+        assert [split_frame(one)[1].epoch for one in past.since("/talk", 3)] == [epoch, epoch]
+        size = (tmp_path / "past").stat().st_size
+        past.close()
+        assert size == 5 * (len(frame(0)) + 12)
+
+
 def test_what_nobody_receives_is_only_counted(tmp_path: Path):
     past = MessageLog(tmp_path / "past", [], silent=["/talk"], memory=0)
     for seq in range(9):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections import deque
 from types import SimpleNamespace
 from typing import Any
@@ -57,7 +58,8 @@ class Station:
         self.tap = SimpleNamespace(refresh=lambda: None, publish=lambda _: None)
         missing = {"/world": 2}
         self.subscriber = SimpleNamespace(in_step=False, gaps=2, duplicates=0, missing=missing)
-        self.publisher = SimpleNamespace(sent={"/out": 3}, past=SimpleNamespace(**past))
+        past_log = SimpleNamespace(**past)
+        self.publisher = SimpleNamespace(sent={"/out": 3}, past=past_log, serve=lambda: None)
 
     def next_told(self):
         return self.told.popleft() if self.told else None
@@ -138,3 +140,30 @@ def test_all_that_a_node_had_not_come_to_is_owed_and_what_it_had_published_goes_
     owed += loop._republish([score, plain, plain], behind=bool(owed))
     assert done == ["/a", "/b", "/b"]
     assert owed == [score, score, plain]
+
+
+def test_who_is_busy_for_long_answers_those_who_ask_and_gives_signs_of_life(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    station, served = Station([{"kind": "go"}, {"kind": "stop"}]), list[int]()
+    node = Node(params=dict, start=lambda _: (None, []), inputs={}, outputs={})
+    work = NodeWork(node, None, lone_wiring(None, (), ()))
+    loop = NodeLoop("busy", station)  # type: ignore[arg-type]
+
+    def serve() -> None:
+        served.append(1)
+        with work.steps("made for who asks"):  # which asks nobody to look up once more
+            pass
+
+    station.publisher.serve = serve
+    loop.run(work)
+    served.clear()
+    now = [time.monotonic()]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    beats = [kind for kind, _ in station.sent].count("alive")
+    for seconds in (1.0, 0.001, 0.03, 0.001, 0.3):
+        now[0] += seconds
+        with work.steps("long"):
+            pass
+    assert len(served) == 3
+    assert [kind for kind, _ in station.sent].count("alive") > beats
