@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -173,8 +174,9 @@ class Survey:
         return tuple(np.interp(at, self.uncertainty.heights, self.uncertainty.deviations).tolist())
 
 
+@lru_cache(maxsize=4)  # between two contours many decisions are made
 def observed_slices(
-    traced: Sequence[TracedContour], deviations: Sequence[float]
+    traced: tuple[TracedContour, ...], deviations: tuple[float, ...]
 ) -> tuple[ObservedSlice, ...]:
     """Slices as a planner takes them, in the same order."""
     seen = iter(zip(*contour_axis([one for one in traced if one.usable]), strict=True))
@@ -261,7 +263,8 @@ def _leant(height: float, nearest: float, contour: Floats, tips: Sequence[Floats
     return middle
 
 
-class TracedContour(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TracedContour:
     """A contour, slicing frame."""
 
     height: float  # m
@@ -276,7 +279,7 @@ class TracedContour(NamedTuple):
     seconds: float  # Robot time that it took, s
     dropped: bool = False  # Whether the model had no use for it
 
-    @property
+    @cached_property
     def outcome(self) -> SliceOutcome:
         """How it ended, for a planner."""
         if self.status in ("pole", "no_contact"):
@@ -310,7 +313,7 @@ def widened(one: TracedContour, feature: float) -> TracedContour:
             near = away <= 0.5 * feature
             low = np.where(near, np.minimum(low, np.roll(one.contact_low, step)), low)
             high = np.where(near, np.maximum(high, np.roll(one.contact_high, step)), high)
-    return one._replace(contact_low=low, contact_high=high)
+    return replace(one, contact_low=low, contact_high=high)
 
 
 def next_finished(

@@ -136,7 +136,7 @@ class State:
         """Numbers of the contours that a model is fitted to."""
         assert self.survey is not None
         pairs = zip(self.contours, self.survey.traced, strict=True)
-        return tuple(number for number, one in pairs if one._replace(dropped=False).usable)
+        return tuple(number for number, one in pairs if replace(one, dropped=False).usable)
 
     @property
     def evidence(self) -> tuple[int, int, int]:

@@ -168,7 +168,7 @@ class ObservedSurface:
             around = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES / self.area
             beside = places.points[:: max(round(around / BESIDES), 1)]
             there = places.points[creased], places.normals[creased]
-            creased[creased] = pad_gaps(self.pad, beside, *there) > CREASED
+            creased[creased] = pad_gaps(self.pad, beside, *there, enough=CREASED) > CREASED
         return creased
 
     @cached_property
@@ -297,10 +297,13 @@ def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:
     return np.asarray(cKDTree(points[standing, :2]).query(points[:, :2])[0] < width)
 
 
-def pad_gaps(pad: Pad, points: Floats, places: Floats, normals: Floats) -> Floats:
+def pad_gaps(
+    pad: Pad, points: Floats, places: Floats, normals: Floats, enough: float = 0.0
+) -> Floats:
     """How far off what is beside them holds a pad from places, (k,), m, if it leans as it may.
 
-    `points` (n, 3): of the surface, m. `places`, `normals` (k, 3): of some, and out of it.
+    `points` (n, 3): of the surface, m. `places`, `normals` (k, 3): of some, and out of it. No
+    further lean is tried where the pad comes as near as `enough`, m.
     """
     half = 0.5 * pad_width(pad)
     count = min(BESIDES, len(points))
@@ -313,10 +316,15 @@ def pad_gaps(pad: Pad, points: Floats, places: Floats, normals: Floats) -> Float
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     first /= np.maximum(np.linalg.norm(first, axis=1), np.finfo(float).tiny)[:, None]
     frames = np.stack([first, np.cross(normals, first), normals], axis=1)
-    over = np.einsum("kni,dj,kji->kdn", away, local, frames, optimize=True)
-    aside = np.square(away).sum(axis=2)[:, None] - over**2
-    held = np.where(aside < half**2, over - 0.5 * pad.dome * aside, 0.0)
-    return np.asarray(held.max(axis=2).min(axis=1))
+    squares = np.einsum("kni,kni->kn", away, away)
+    gaps, left = np.full(len(places), np.inf), np.arange(len(places))
+    for direction in local:
+        over = np.matmul(away[left], (direction @ frames[left])[..., None])[..., 0]
+        aside = squares[left] - over**2
+        held = np.where(aside < half**2, over - 0.5 * pad.dome * aside, 0.0)
+        gaps[left] = np.minimum(gaps[left], held.max(axis=1))
+        left = left[gaps[left] > enough]
+    return gaps
 
 
 def _offers(surface: ObservedSurface) -> list[TouchOffer]:

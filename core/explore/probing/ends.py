@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -336,17 +337,25 @@ def largest_untouched_disc(outline: Floats, tried: Floats, width: float) -> Unto
     `outline` (n, 2): inside which something is unknown, m. `tried` (k, 2): where the touches were,
     at least one. `width`: of the pad, m.
     """
+    places, inwards = _places_inside(outline.tobytes(), width)
+    if not len(places):
+        return UntouchedDisc(tried[-1], 0.0)
+    away = np.linalg.norm(places[:, None] - tried, axis=2).min(axis=1) - FOOT * width
+    clear = np.minimum(inwards, away)
+    widest = int(clear.argmax())
+    return UntouchedDisc(places[widest], float(clear[widest]))
+
+
+@lru_cache(maxsize=8)  # the same outline is asked for after each touch
+def _places_inside(points: bytes, width: float) -> tuple[Floats, Floats]:
+    """A grid of places (m, 2) within an outline, and how far from it they are, (m,), m."""
+    outline = np.frombuffer(points).reshape(-1, 2)
     low, high = outline.min(axis=0), outline.max(axis=0)
     step = max(width / CELLS, float((high - low).max()) / MOST_CELLS)
     axes = [np.arange(lo, hi + step, step) for lo, hi in zip(low, high, strict=True)]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     places = places[winding_number(outline, places) != 0]
-    if not len(places):
-        return UntouchedDisc(tried[-1], 0.0)
-    away = np.linalg.norm(places[:, None] - tried, axis=2).min(axis=1) - FOOT * width
-    clear = np.minimum(edge_distance(outline, places), away)
-    widest = int(clear.argmax())
-    return UntouchedDisc(places[widest], float(clear[widest]))
+    return places, edge_distance(outline, places)
 
 
 OVER.setflags(write=False)

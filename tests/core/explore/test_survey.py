@@ -1,5 +1,6 @@
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,7 +95,7 @@ def cone(height, lean=None, **changes):
 @pytest.mark.parametrize("lean", [(0.0, 0.0), (0.2, -0.1)])
 def test_radii_and_slopes_are_told_about_the_axis_even_if_it_leans(lean):
     traced = [cone(height, np.array(lean)) for height in (0.02, 0.05, 0.08)]
-    slices = observed_slices(traced, [0.0, 1e-5, 0.0])
+    slices = observed_slices(tuple(traced), (0.0, 1e-5, 0.0))
     for one, made in zip(slices, traced, strict=True):
         np.testing.assert_allclose(one.radii, 0.03 - 0.2 * made.height, rtol=1e-3)
         np.testing.assert_allclose(one.slopes, -0.2, atol=2e-3)
@@ -107,7 +108,7 @@ def test_an_axis_that_leaves_a_contour_is_bent_from_middle_to_middle():
     bent = []
     for height, x in zip((0.02, 0.05, 0.08), away, strict=True):
         one = cone(height)
-        bent.append(one._replace(points=one.points + [x, 0.0, 0.0]))
+        bent.append(replace(one, points=one.points + [x, 0.0, 0.0]))
     places, leans = contour_axis(bent)
     np.testing.assert_allclose(places[:, 0], away, atol=1e-6)
     np.testing.assert_allclose(leans[:, 0], np.gradient(away, [0.02, 0.05, 0.08]), atol=1e-4)
@@ -141,7 +142,7 @@ def test_a_band_reaches_half_a_feature_aside_and_no_farther():
 def test_what_came_of_a_slice_is_what_a_planner_is_told(changes, outcome):
     one = cone(0.05, **changes)
     assert one.outcome == outcome
-    [told] = observed_slices([one], [0.0])
+    [told] = observed_slices((one,), (0.0,))
     assert told.usable == one.usable == (outcome in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED))
     assert (told.touches, told.seconds) == (20, 25.0)
 
