@@ -217,11 +217,17 @@ def test_the_solid_of_a_larger_object_is_larger_and_else_the_same(scale, shares,
     assert np.allclose(places(other) / scale, places(one), rtol=0, atol=1e-8)
 
 
-def test_the_order_of_the_contours_does_not_matter(oracle):
+@pytest.mark.parametrize("method", ["skin", "draft"])
+def test_the_order_of_the_contours_and_of_the_touches_does_not_matter(method, oracle):
     contours, contacts, tops = oracle(*BALL).evidence(NINE)
-    one = reconstruct(contours, patches=contacts, tops=tops, method="skin")
-    other = reconstruct(contours[::-1], patches=contacts, tops=tops, method="skin")
-    assert np.allclose(places(one), places(other), rtol=0, atol=1e-12)
+    touches = np.array_split(np.arange(len(contacts.points)), 90)
+    shuffled = np.concatenate([touches[i] for i in np.random.default_rng(1).permutation(90)])
+    for order in (np.arange(len(contacts.points))[::-1], shuffled):
+        numbers = contacts.touch[order]
+        met = ContactPoints(contacts.points[order], contacts.normals[order], numbers)
+        one = reconstruct(contours, patches=contacts, tops=tops, method=method)
+        other = reconstruct(contours[::-1], patches=met, tops=tops, method=method)
+        assert np.allclose(places(one), places(other), rtol=0, atol=1e-12)
 
 
 def test_the_figures_of_the_fit_are_told(oracle):
