@@ -43,7 +43,7 @@ TIMES = ("wall", "cpu", "first", "last")  # Of a run, by their names in `Timed`
 QUICK_SCENES = ("vase", "egg", "worn_sensor")
 TURNS, QUICK_TURNS = 3, 1
 TOUCHES, QUICK_TOUCHES = (100, 300, 1000, 3000, 10_000), (100, 300)
-FINE = "0.01mm"  # A tolerance that no number of touches reaches
+OF_A_SLICE = 18.0  # Touches that one takes, about
 SQUARES, FINGERS = (8, 16, 32, 64), (1, 2, 3, 4, 5)  # Taxels along an edge, and fingers
 MOST_TOUCH, MOST_WIDE = 1.5, 3.0  # ms of a touch, and times as much with 32 x 32 taxels
 STEEPEST = 1.1  # Power of the touches with which the processor time of a run may go
@@ -342,11 +342,12 @@ def growth_rows(quick: bool) -> Iterator[Row]:
     touches = QUICK_TOUCHES if quick else TOUCHES
     spent: dict[int, float] = {}
     for most in touches:
-        run = run_timed("vase", "--tolerance", FINE, "--touches", str(most))
-        spent[int(run.summary["touches"])] = run.cpu
-        yield figure(f"{most} touches at most: made", int(run.summary["touches"]), ".0f")
-        yield figure(f"{most} touches at most: processor time", run.cpu, ".1f", " s")
-        yield figure(f"{most} touches at most: touches a second", run.rate, ".0f", " /s")
+        heights = f"planner.settings={{count: {round(most / OF_A_SLICE)}}}"
+        run = run_timed("vase", "--set", "planner.planner=uniform", "--set", heights)
+        made = int(run.summary["touches"])
+        spent[made] = run.cpu
+        yield figure(f"{made} touches: processor time", run.cpu, ".1f", " s")
+        yield figure(f"{made} touches: touches a second", run.rate, ".0f", " /s")
     few = {count: cpu for count, cpu in spent.items() if count <= MOST_FITTED}
     power = float(np.polyfit(np.log(list(few)), np.log(list(few.values())), 1)[0])
     yield at_most("power of the touches", power, STEEPEST, kind="time")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -103,14 +104,16 @@ def test_growth_is_a_power_of_the_touches_that_were_made(monkeypatch):
 
     def fake(scene: str, *more: str) -> Timed:
         asked.append(more)
-        touches = int(more[-1]) if "--touches" in more else 100
+        slices = re.search(r"count: (\d+)", more[-1])
+        touches = 17 * int(slices[1]) if slices else 100
         return run(cpu=0.1 * touches**1.5, touches=touches)
 
     monkeypatch.setattr(speed, "run_timed", fake)
     rows = {row.name: row for row in speed.growth_rows(True)}
     power = rows["power of the touches"]
     assert (power.value, power.holds) == ("1.50", False)
-    assert {one[-2] for one in asked} == {"--touches", "--fingers"}
+    assert {one[-2] for one in asked} == {"--set", "--fingers"}
+    assert "102 touches: processor time" in rows
 
 
 def test_what_is_no_checkout_is_refused(tmp_path: Path):
