@@ -178,7 +178,10 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     pairs = zip(state.contours, state.survey.traced, strict=True)
     survey = replace(
         state.survey,
-        traced=tuple(replace(one, dropped=number in dropped) for number, one in pairs),
+        traced=tuple(
+            one if one.dropped == (number in dropped) else replace(one, dropped=number in dropped)
+            for number, one in pairs
+        ),
         uncertainty=_uncertainty(model) if len(model.faces) else None,
     )
     state = replace(

@@ -9,7 +9,7 @@ the order of robot time, whatever the order in which they arrived.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -196,7 +196,7 @@ def contour_axis(contours: Sequence[TracedContour]) -> tuple[Floats, Floats]:
     if not contours:
         return np.zeros((0, 2)), np.zeros((0, 2))
     heights = np.array([one.height for one in contours])
-    middles = np.stack([area_centroid(one.points) for one in contours])
+    middles = np.stack([one.middle for one in contours])
     if len(contours) == 1:
         return middles, np.zeros((1, 2))
     offset = heights - heights.mean()
@@ -223,12 +223,7 @@ def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> 
     outward = away / np.maximum(radii, np.finfo(float).tiny)[:, None]
     facing = np.maximum((one.normals[:, :2] * outward).sum(axis=1), LEAST_FACING)
     moved = one.normals[:, 2] + one.normals[:, :2] @ lean
-    turns = np.arctan2(away[:, 1], away[:, 0])
-    at = 2.0 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
-
-    def around(values: Floats) -> Floats:
-        return np.interp(at, turns, values, period=2.0 * np.pi)
-
+    around = _by_azimuth(np.arctan2(away[:, 1], away[:, 0]))
     return ObservedSlice(
         height=one.height,
         outcome=one.outcome,
@@ -241,6 +236,16 @@ def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> 
         touches=one.touches,
         seconds=one.seconds,
     )
+
+
+def _by_azimuth(turns: Floats) -> Callable[[Floats], Floats]:
+    """Interpolates values (n,) at azimuths (n,), rad, at those at which contours are seen."""
+    whole = 2.0 * np.pi
+    at, turns = whole * np.arange(AZIMUTHS) / AZIMUTHS, turns % whole
+    order = np.argsort(turns)
+    closed = np.concatenate([order[-1:], order, order[:1]])
+    known = turns[closed] + np.concatenate([[-whole], np.zeros(len(order)), [whole]])
+    return lambda values: np.interp(at, known, values[closed])
 
 
 def expected_approach(
@@ -279,14 +284,24 @@ class TracedContour:
     seconds: float  # Robot time that it took, s
     dropped: bool = False  # Whether the model had no use for it
 
-    @cached_property
+    @property
     def outcome(self) -> SliceOutcome:
         """How it ended, for a planner."""
+        return SliceOutcome.FAILED if self.dropped and self.tells else self.ended
+
+    @property
+    def tells(self) -> bool:
+        """Whether it tells where the surface is, whatever use a model had for it."""
+        return self.ended in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
+
+    @cached_property
+    def ended(self) -> SliceOutcome:
+        """How it ended by itself."""
         if self.status in ("pole", "no_contact"):
             return SliceOutcome.LOST
         if self.status == "budget":
             return SliceOutcome.CUT
-        if self.status not in ("closed", "occluded") or self.dropped:
+        if self.status not in ("closed", "occluded"):
             return SliceOutcome.FAILED
         if len(self.points) < LEAST_POINTS or self.missing > MOST_MISSING * self.perimeter:
             return SliceOutcome.FAILED
@@ -295,9 +310,14 @@ class TracedContour:
     @property
     def usable(self) -> bool:
         """Whether it tells where the surface is."""
-        return self.outcome in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
+        return self.tells and not self.dropped
 
-    @property
+    @cached_property
+    def middle(self) -> Floats:
+        """Centroid of its area, (2,), m."""
+        return area_centroid(self.points)
+
+    @cached_property
     def perimeter(self) -> float:
         """Its length, gaps included, m."""
         steps = np.diff(self.points, axis=0, append=self.points[:1])

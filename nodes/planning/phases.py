@@ -136,7 +136,7 @@ class State:
         """Numbers of the contours that a model is fitted to."""
         assert self.survey is not None
         pairs = zip(self.contours, self.survey.traced, strict=True)
-        return tuple(number for number, one in pairs if replace(one, dropped=False).usable)
+        return tuple(number for number, one in pairs if one.tells)
 
     @property
     def evidence(self) -> tuple[int, int, int]:
@@ -209,13 +209,9 @@ def contour_limit(state: State) -> int:
     """
     assert state.survey is not None
     survey = state.survey
-    around = [_perimeter(one.points) for one in survey.traced if one.usable]
+    around = [one.perimeter for one in survey.traced if one.usable]
     longest = max(around, default=2.0 * math.pi * survey.radius)
     return LEAST_LIMIT + math.ceil(AMPLE_TURNS * longest / (TOUCH_SHARE * state.pad_width))
-
-
-def _perimeter(points: Floats) -> float:
-    return float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
 
 
 def probe_goal(state: State, finger: int, probing: ProbeCommand, allowed: Allowance) -> ProbeGoal:

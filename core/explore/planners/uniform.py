@@ -28,7 +28,7 @@ REACH = 0.3  # Of the spacing: slices so near to a height were meant for it
 class Uniform:
     """So many slices, whatever they bring."""
 
-    count: Annotated[int, Range(1, 200, "1")] = 9  # Slices
+    count: Annotated[int, Range(1, 1000, "1")] = 9  # Slices
     # From the middle up and then from it down; or nested, so that every beginning is even.
     order: Literal["sweep", "nested"] = "sweep"
 
@@ -46,14 +46,18 @@ class Uniform:
         middle = 0.5 * (low + high)
         heights = np.linspace(low, high, self.count) if self.count > 1 else np.array([middle])
         spacing = (high - low) / max(self.count - 1, 1)
+        made = np.array([one.height for one in observation.slices])
+        usable = np.array([one.usable for one in observation.slices], np.bool_)
+        visited = np.abs(heights[:, None] - made) <= REACH * spacing
+        tries, busy = visited.sum(axis=1), np.array(observation.busy_heights)
+        done = (visited & usable).any(axis=1) | (tries >= TRIES)
+        done |= (np.abs(heights[:, None] - busy) <= REACH * spacing).any(axis=1)
         waits = False
         for i in sweep(self.count) if self.order == "sweep" else nested(self.count):
-            wanted, near = float(heights[i]), REACH * spacing
-            visits = [one for one in observation.slices if abs(one.height - wanted) <= near]
-            under_way = any(abs(other - wanted) <= near for other in observation.busy_heights)
-            if any(one.usable for one in visits) or len(visits) >= TRIES or under_way:
+            if done[i]:
                 continue
-            if visits:
+            wanted = float(heights[i])
+            if tries[i]:
                 wanted += 0.25 * spacing * (1.0 if wanted < middle else -1.0)
             if was_asked(observation, wanted):
                 continue  # the ends have been moved since, and another height with them

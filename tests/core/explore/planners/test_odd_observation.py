@@ -174,7 +174,7 @@ def test_a_height_of_another_finger_that_is_no_number_is_refused(observation):
 @pytest.mark.parametrize(
     ("name", "given", "words"),
     [
-        ("uniform", {"count": 2.5}, r"count is 2.5; expected a whole number, 1 to 200"),
+        ("uniform", {"count": 2.5}, r"count is 2.5; expected a whole number, 1 to 1000"),
         ("uniform", {"count": "5"}, "count is '5'; expected a whole number"),
         ("predicted", {"cover": "many"}, "cover is 'many'; expected a whole number"),
         ("thesis", {"most": [0.1]}, r"most is \[0.1\]; expected a number"),

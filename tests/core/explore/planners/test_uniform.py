@@ -65,7 +65,7 @@ def test_a_spent_budget_ends_the_plan(slice_of, observation):
 
 
 def test_plans_that_cannot_be_are_refused():
-    with pytest.raises(ValueError, match="count is 0; expected 1 to 200"):
+    with pytest.raises(ValueError, match="count is 0; expected 1 to 1000"):
         Uniform(count=0)
     with pytest.raises(ValueError, match="order must be sweep or nested, got 'random'"):
         Uniform(order="random")
