@@ -146,8 +146,5 @@ def factorise(dissection: Dissection, blocks: Floats) -> Factor:
 def _add_lower(matrix: Floats, part: Floats, at: Longs) -> None:
     """Add a lower triangle (b, b) to rows and columns `at` (b,), ascending, stretch by stretch."""
     starts = np.flatnonzero(np.diff(at, prepend=-2) != 1).tolist()
-    spans = [(low, high, at[low]) for low, high in pairwise([*starts, len(at)])]
-    for number, (left, right, column) in enumerate(spans):
-        for low, high, row in spans[number:]:
-            into = matrix[row : row + high - low, column : column + right - left]
-            into += part[low:high, left:right]
+    for left, right in pairwise([*starts, len(at)]):
+        matrix[at[left:], at[left] : at[left] + right - left] += part[left:, left:right]

@@ -99,16 +99,20 @@ class Equations:
             shape=(len(order), 3 * count),
         )
 
-    def blocks(self, shares: Floats) -> Floats:
-        """Sums of products of rows by cell, (m, 64, 64); `shares` (k,) weigh the points."""
-        found = np.zeros((len(self.band.cells), LOCAL, LOCAL))
+    def blocks(self, shares: Floats, regular: Floats) -> Floats:
+        """Sums of products of rows by cell, (m, 64, 64), and what is regular in each, (64, 64).
+
+        `shares` (k,) weigh the points.
+        """
+        found = np.empty((len(self.band.cells), LOCAL, LOCAL))
+        found[:] = regular
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
         scaled = (self.rows * (shares / scale[:, None])[..., None]).transpose(1, 0, 2)
         starts = np.flatnonzero(np.diff(self.cell, prepend=-1))
         ends = np.append(starts[1:], len(self.cell))
         for start, end in zip(starts, ends, strict=True):
             rows = scaled[start:end].reshape(-1, LOCAL)
-            found[self.cell[start]] = rows.T @ rows
+            found[self.cell[start]] += rows.T @ rows
         return found
 
     def right_side(self, shares: Floats) -> Floats:
@@ -166,7 +170,7 @@ def _solve(
     equations: Equations, shares: Floats, regular: Floats, pulled: Floats, start: Floats
 ) -> tuple[Floats, Floats]:
     """Control values (n,) and displacements (t, 3) of least energy."""
-    factor = factorise(equations.dissection, equations.blocks(shares) + regular)
+    factor = factorise(equations.dissection, equations.blocks(shares, regular))
     right = equations.right_side(shares) + pulled
 
     alone = factor.solve(right)
@@ -174,9 +178,10 @@ def _solve(
     if not pose:
         return alone, np.zeros_like(start)
     square = (shares / equations.scale.point) ** 2
-    outer = equations.normals[:, :, None] * equations.normals[:, None] * square[:, None, None]
-    own = np.zeros((equations.count, 3, 3))
-    np.add.at(own, equations.touch, outer)
+    normals, touch, count = equations.normals.T, equations.touch, equations.count
+    own = np.empty((count, 3, 3))
+    for i, j in np.ndindex(3, 3):
+        own[:, i, j] = np.bincount(touch, normals[i] * normals[j] * square, count)
     own += np.eye(3) / pose**2
     inverse = np.asarray(np.linalg.inv(own), np.float64)
 

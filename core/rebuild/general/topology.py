@@ -25,7 +25,7 @@ from scipy.ndimage import (
     map_coordinates,
 )
 from scipy.sparse import csr_matrix
-from scipy.spatial import Delaunay, QhullError
+from scipy.spatial import ConvexHull, QhullError
 
 from palpate.core.arrays import Bools, Floats
 
@@ -33,6 +33,7 @@ PADDING = 7  # Voxels around all points: the function has fallen to nothing ther
 SCREENING = 0.5  # Weight of the points' values over that of their normals
 HULL = 0.0064  # Weight of the hull alone: it counts where no point is within a dozen voxels
 HULL_POINTS = 3000  # More say no more about the hull
+STEEP = 1e-9  # Upwards, of the normal of a plane that counts as upright
 FREE_WEIGHT = 0.5  # Of a voxel that must lie outside and does not
 FREE_MARGIN, FREE_TARGET = 0.08, 0.15  # Below the level: what counts as outside, and what is asked
 ROUNDS = 4  # Of pulling free voxels out
@@ -163,11 +164,21 @@ def _screened(
 
 def _in_hull(grid: _Grid, points: Floats) -> Bools:
     try:
-        hull = Delaunay(points[:: max(1, len(points) // HULL_POINTS)])
+        planes = ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).equations
     except QhullError:  # all in one plane
         return np.zeros(grid.shape, np.bool_)
-    places = np.moveaxis(np.indices(grid.shape), 0, -1).reshape(-1, 3) * grid.step + grid.low
-    return np.asarray(hull.find_simplex(places).reshape(grid.shape) >= 0)
+    x, y, z = (low + grid.step * np.arange(n) for low, n in zip(grid.low, grid.shape, strict=True))
+    a, b, c, d = planes.T
+    up, down = c > STEEP, c < -STEEP
+    held = np.zeros(grid.shape, np.bool_)
+    # Of each column of voxels, the hull holds a stretch: below planes that face up, over others.
+    for row, here in enumerate(x):
+        level = (a * here + d)[:, None] + b[:, None] * y
+        high = (-level[up] / c[up, None]).min(axis=0)
+        low = (-level[down] / c[down, None]).max(axis=0)
+        beside = (level[~up & ~down] <= 0.0).all(axis=0)
+        held[row] = (z >= low[:, None]) & (z <= high[:, None]) & beside[:, None]
+    return held
 
 
 class _System(NamedTuple):
