@@ -16,7 +16,7 @@ import os
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from palpate.messages.codec import Header, pack_frame, split_frame
 
@@ -24,6 +24,7 @@ from palpate.messages.codec import Header, pack_frame, split_frame
 # one number: there is one for each message of a long run), or what makes it.
 StoredFrame = bytes | int | Callable[[], bytes]
 MEMORY_BYTES = 1 << 20  # Most bytes of frames that a node keeps in memory
+WRITTEN_TOGETHER = 1 << 16  # Bytes of frames that are written at once when memory is full
 _LENGTH = struct.Struct("<I")
 _ENTRY = struct.Struct("<IQ")
 _PROGRESS = struct.Struct("<QB")
@@ -61,6 +62,7 @@ class MessageLog:
         self._path, self._room, self._persistent, self._epoch = path, memory, persistent, epoch
         self._frames: dict[str, list[StoredFrame]] = {topic: [] for topic in topics}
         self._silent = dict.fromkeys(silent, 0)
+        self._waiting: list[tuple[str, int]] = []  # What is to be written with others
         self._file: int | None = None
         self._end = 0
         # Places of frames that an earlier start has written, by topic and sequence
@@ -87,14 +89,18 @@ class MessageLog:
         Raises KeyError if there is no such topic; OSError if the file is needed, and cannot be
         written.
         """
-        silent, fits = topic in self._silent, len(frame) <= self._room
-        kept: StoredFrame = frame
-        if self._persistent or not (silent or (fits and not outlives)):
-            place = self._written.get((topic, self.count(topic)))
-            if place is None:
-                (place,) = self._write((frame,))
-            kept = frame if fits else place
-        self._hold(topic, kept)
+        number, silent = self.count(topic), topic in self._silent
+        place = self._written.get((topic, number))
+        if place is None and (self._persistent or (outlives and not silent)):
+            (place,) = self._write((frame,))
+        if place is not None and len(frame) > self._room:
+            self._hold(topic, place)
+            return
+        self._hold(topic, frame)
+        if self._room < 0 and not silent:
+            self._waiting.append((topic, number))
+            if self._room <= -WRITTEN_TOGETHER:
+                self._make_room()
 
     def answer(self, frames: Sequence[tuple[str, bytes]], cause: Cause) -> None:
         """Keep all that answers a message, with that message, before any of it is sent.
@@ -142,6 +148,14 @@ class MessageLog:
         self._frames[topic].append(kept)
         if isinstance(kept, bytes):
             self._room -= len(kept)
+
+    def _make_room(self) -> None:
+        """Put what is in memory beyond the limit into the file."""
+        waiting, self._waiting = self._waiting, []
+        frames = [cast("bytes", self._frames[topic][number]) for topic, number in waiting]
+        for (topic, number), place in zip(waiting, self._write(frames), strict=True):
+            self._frames[topic][number] = place
+        self._room += sum(len(frame) for frame in frames)
 
     def _write(self, frames: Sequence[bytes], cause: Cause | None = None) -> list[int]:
         """Write a record, whole or not at all; returns the places of the frames."""

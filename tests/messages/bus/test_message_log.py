@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from palpate.messages.bus.message_log import (
+    WRITTEN_TOGETHER,
     Cause,
     Consumed,
     Journal,
@@ -15,6 +16,8 @@ from palpate.messages.bus.message_log import (
     SourceProgress,
 )
 from palpate.messages.codec import Header, pack_frame, split_frame
+
+LARGE = WRITTEN_TOGETHER  # Bytes of a body that is written at once
 
 
 def frame(seq: int, size: int = 100, topic: str = "/talk") -> bytes:
@@ -31,23 +34,25 @@ def test_what_is_within_the_limit_needs_no_file(tmp_path: Path):
 
 
 def test_what_is_beyond_the_limit_is_found_in_the_file(tmp_path: Path):
-    past = MessageLog(tmp_path / "past", ["/talk"], memory=1000)
-    for seq in range(50):
-        past.add("/talk", frame(seq))
-    assert list(past.since("/talk", 0)) == [frame(seq) for seq in range(50)]
-    held = sum(len(frame(seq)) for seq in range(50)) - (tmp_path / "past").stat().st_size
-    assert 0 < held <= 1000
+    past = MessageLog(tmp_path / "past", ["/talk"], memory=10_000)
+    frames = [frame(seq, 1000) for seq in range(200)]
+    for one in frames:
+        past.add("/talk", one)
+        assert next(past.since("/talk", past.count("/talk") - 1)) == one
+    assert list(past.since("/talk", 0)) == frames
+    held = sum(map(len, frames)) - (tmp_path / "past").stat().st_size
+    assert 0 < held <= 10_000 + WRITTEN_TOGETHER
     past.close()
 
 
 def test_a_file_of_an_earlier_start_is_begun_anew_by_who_can_publish_it_again(tmp_path: Path):
     for _ in range(2):
         past = MessageLog(tmp_path / "past", ["/talk"], memory=0)
-        past.add("/talk", frame(0))
-        assert list(past.since("/talk", 0)) == [frame(0)]
+        past.add("/talk", frame(0, LARGE))
+        assert list(past.since("/talk", 0)) == [frame(0, LARGE)]
         past.close()
     # One record: its length, that of its cause, of which there is none, and that of the frame.
-    assert (tmp_path / "past").stat().st_size == len(frame(0)) + 12
+    assert (tmp_path / "past").stat().st_size == len(frame(0, LARGE)) + 12
 
 
 def test_what_outlives_its_node_is_not_made_again(tmp_path: Path):
@@ -85,11 +90,12 @@ def test_what_is_published_again_is_not_written_again(tmp_path: Path):
     for epoch in range(3):
         past = MessageLog(tmp_path / "past", ["/talk"], memory=0, epoch=epoch)
         for seq in range(5):
-            past.add("/talk", frame(seq))
-        assert [split_frame(one)[1].epoch for one in past.since("/talk", 3)] == [epoch, epoch]
+            past.add("/talk", frame(seq, LARGE))
+        epochs = [split_frame(one)[1].epoch for one in past.since("/talk", 3)]
         size = (tmp_path / "past").stat().st_size
         past.close()
-        assert size == 5 * (len(frame(0)) + 12)
+        assert epochs == [epoch, epoch]
+        assert size == 5 * (len(frame(0, LARGE)) + 12)
 
 
 def test_what_nobody_receives_is_only_counted(tmp_path: Path):
