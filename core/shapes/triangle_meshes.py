@@ -297,9 +297,13 @@ class DeformedShape:
         return self._base.mesh(CAST_LEVEL)
 
     @cached_property
-    def _triangles(self) -> TriangleShape:
+    def _facets(self) -> Mesh:
         vertices, faces = self._undeformed
-        return TriangleShape(self._deformation.deform(vertices), faces)
+        return Mesh(self._deformation.deform(vertices), faces)
+
+    @cached_property
+    def _triangles(self) -> TriangleShape:
+        return TriangleShape(*self._facets)
 
     def bounds(self) -> Floats:
         """Smallest and largest coordinates of the facets, (2, 3), m."""
@@ -336,6 +340,8 @@ class DeformedShape:
 
     def mesh(self, level: int) -> Mesh:
         """The base's tessellation, deformed: see `Shape.mesh`."""
+        if level == CAST_LEVEL:
+            return self._facets
         vertices, faces = self._base.mesh(level)
         return Mesh(self._deformation.deform(vertices), faces)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
+from itertools import takewhile
 from typing import Any, NamedTuple, TypeVar
 
 from palpate.messages import codec_of, decode, encode
@@ -135,8 +136,10 @@ class NodeWork:
         began = time.perf_counter_ns()
         with self.steps(self._step):
             self._state, outputs = handler(self._params, self._state, message)
+            ready = [pack(output) for output in takewhile(_takes_no_time, outputs)]
         spent = time.perf_counter_ns() - began
-        for output in outputs:
+        yield from ready
+        for output in outputs[len(ready) :]:
             began = time.perf_counter_ns()
             with self.steps(self._step):
                 packed = pack(output)
@@ -177,6 +180,10 @@ class NodeWork:
                 f"{self.name} published {local}, which another finger's node publishes"
             )
         return self._wires[local]
+
+
+def _takes_no_time(output: Output) -> bool:
+    return isinstance(output, Finished) or not isinstance(output[1], Deferred)
 
 
 def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:
