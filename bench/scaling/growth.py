@@ -1,7 +1,7 @@
 """Error and cost as the work grows, and the powers with which they do.
 
 One number grows, all else stays: contours and the points of each, rebuilt from the points alone
-or with all taxels beside them; control points; taxels; fingers; nodes. Costs are processor times,
+or with all taxels beside them; control points; taxels; nodes. Costs are processor times,
 of a ring of nodes the time of a lap, measured in turns.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.bench.bus import ring_times, token_ring
-from palpate.bench.explore import NOISY, InProcessLoop, explore_shipped, touching_nodes
+from palpate.bench.explore import InProcessLoop, touching_nodes
 from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
 from palpate.bench.rebuild import truth_of
 from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
@@ -35,7 +35,6 @@ SIZES: Mapping[str, tuple[int, ...]] = {
     "points": (20, 50, 120, 300, 800, 2000),
     "lattice": (5, 8, 12, 20, 30, 40),
     "taxels": (8, 12, 16, 24, 32, 48, 64),
-    "fingers": (1, 2, 3, 4, 5),  # There is no room for more beside an object of 100 mm
     "nodes": (2, 4, 8, 16, 28, 40),
 }
 SHAPES, QUICK_SHAPES = ("vase", "lobed zig-zag", "rounded box"), ("vase",)
@@ -46,7 +45,6 @@ POSE_NOISE, TAXEL_NOISE, MARGIN = 0.1, 0.01, 0.5  # mm; the last contours lie th
 TOLERANCE = 0.01  # Of the meshes that are compared, mm
 BALL, WIDTH, FRAMES = 0.03, 15e-3, 60  # Radius and width of the array, m; touches of a turn
 CLEAR = 2.0  # Errors below so many sampling floors are left out of the power
-FINGERED = "vase"
 LABEL, CELL = 34, 9  # Widths in letters
 
 
@@ -252,26 +250,6 @@ def taxel_growth(quick: bool) -> tuple[Growth, ...]:
 
 
 @cache
-def finger_growth(quick: bool) -> tuple[Growth, ...]:
-    """Fingers of whole explorations of a shipped scene, with the default noise."""
-    sizes, runs = _sizes("fingers", quick), []
-    effects = {name: numbers for effect in NOISY for name, numbers in effect.items()}
-    for size in sizes:
-        for seed in range(1 if quick else SEEDS):
-            began = time.process_time()
-            settings = {"simulator.effects": effects, "simulator.seed": seed}
-            one = explore_shipped(FINGERED, settings, size)
-            used = time.process_time() - began
-            runs.append((one.percent, one.touches, one.score.robot_time, used))
-    error, *costs = np.moveaxis(np.reshape(runs, (len(sizes), -1, 4)), 2, 0)
-    floor = 100.0 * one.score.sampling_floor / one.score.size
-    names = ("touches", "robot time, s", "processor, s")
-    errors = {"error, rms % of the height": error}
-    spent = dict(zip(names, costs, strict=True))
-    return (Growth(f"fingers, {FINGERED}", sizes, errors, spent, floor),)
-
-
-@cache
 def node_growth(quick: bool) -> tuple[Growth, ...]:
     """Nodes of a ring, each a process, around which one frame is passed."""
     sizes = _sizes("nodes", quick)
@@ -282,4 +260,4 @@ def node_growth(quick: bool) -> tuple[Growth, ...]:
     return (Growth("nodes in a ring", sizes, {}, costs),)
 
 
-GROWTHS = (rebuild_growth, taxel_growth, finger_growth, node_growth)
+GROWTHS = (rebuild_growth, taxel_growth, node_growth)

@@ -43,8 +43,6 @@ MOST_FAILURES = 3  # In a row; then the search in this direction ends
 SHORTER = (1.0, 0.75, 0.6, 0.4)  # A step to where a slice has failed is taken so much shorter
 Template = Literal["exponential", "inverse_power", "logarithmic"]
 StepTemplate = Callable[[Floats, float], Floats]  # Of x >= 0, and a number that the last two take
-LEAST_GAP = 1e-3  # Of the even gap: free knots never come nearer
-MOST_CALLS = 60  # Of the function that free knots are found with
 LEAST_CURVATURE = 1e-12
 
 
@@ -220,31 +218,6 @@ class Polyline(NamedTuple):
     def at(self, place: float) -> float:
         """Value."""
         return float(np.interp(place, self.knots, self.values))
-
-
-def free_knots(places: Floats, values: Floats, segments: int) -> Polyline:
-    """The best falling polyline over its knots as well, by variable projection.
-
-    For given knots the values follow by linear least squares; what is searched is the knots alone,
-    as shares of the range, so that they stay in order.
-    """
-    from scipy.optimize import least_squares
-
-    _check(places, values, segments)
-
-    def fitted(logits: Floats) -> Polyline:
-        gaps = np.exp(logits - logits.max())
-        shares = (1.0 - LEAST_GAP) * gaps / gaps.sum() + LEAST_GAP / segments
-        ends = np.concatenate([[0.0], np.cumsum(shares)])
-        ends[-1] = 1.0
-        return fit_decreasing(places, values, places[0] + (places[-1] - places[0]) * ends)
-
-    def off(logits: Floats) -> Floats:
-        line = fitted(logits)
-        return np.asarray(np.interp(places, line.knots, line.values) - values)
-
-    even = np.log(np.diff(equal_curvature_knots(places, values, segments)))
-    return fitted(least_squares(off, even, max_nfev=MOST_CALLS).x)
 
 
 def fit_decreasing(places: Floats, values: Floats, knots: Floats) -> Polyline:
