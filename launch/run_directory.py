@@ -27,7 +27,7 @@ LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
 SUMMARY = "summary.json"  # Name of the figures
 COST_PICTURE = "cost.svg"  # Name of the picture of what accuracy cost
-VERSIONED_PACKAGES = ("numpy", "scipy", "trimesh", "pyzmq", "msgpack", "msgspec", "mcap", "lz4")
+VERSIONED_PACKAGES = ("numpy", "scipy", "trimesh", "pyzmq", "msgspec", "mcap", "lz4")
 Summary = dict[str, Any]
 # Keys of `summary.json`, and the fields of a score that they hold.
 SCORE_FIELDS = {

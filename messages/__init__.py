@@ -2,7 +2,7 @@
 
 How it travels (`bus`) and how it is kept (`recording`). To be touched: the field types in `fields`,
 of which anybody makes message types of their own; the limits of a body are in `codec`, and changing
-one changes what is refused. Rests on numpy and msgpack; knows nothing of `palpate.core`.
+one changes what is refused. Rests on numpy and msgspec; knows nothing of `palpate.core`.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

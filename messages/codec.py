@@ -1,10 +1,11 @@
 """Messages to bytes and back, with the same checks at both ends.
 
 A body is one msgpack map by field name; an array is a map of dtype, shape and bytes. A body is
-measured before it is unpacked, and unpacked within fixed limits, lists and maps counted, so that no
-input can ask for more memory than it brings. No extension type, no pickle. On the wire: topic, zero
-byte, fixed header, body, in one part, since each further part of a multipart message costs as much
-as the message. Own codec: msgspec and pydantic check no array shapes or units.
+measured before it is unpacked, and each value must be what its field is before the next is looked
+at, so that no input can ask for more memory than it brings. What is sent is read back first: there
+is one set of checks. No extension type, no pickle. On the wire: topic, zero byte, fixed header,
+body, in one part, since each further part of a multipart message costs as much as the message.
+Types are checked by msgspec, in one pass; it knows neither arrays nor units: these are ours.
 """
 
 from __future__ import annotations
@@ -17,22 +18,13 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
-import msgpack
+import msgspec
 import numpy as np
 
-from palpate.messages.fields import (
-    MAX_FIELDS,
-    MAX_ITEMS,
-    MAX_NESTED,
-    MAX_TEXT,
-    CodecError,
-    Convert,
-    field_rule,
-)
+from palpate.messages.fields import LARGEST, CodecError, Convert, field_rule, shape_text
 
-UNCOUNTED_BYTES = 1 << 14  # Bodies of so many are unpacked without counting lists: a MB at the most
 MAX_BYTES = 1 << 20  # Largest body of a type that does not set its own ``MAX_BYTES``
-MAX_SHOWN_FIELDS = 8  # Most unknown fields that are named
+MAX_REASON_CHARS = 200  # Of what is wrong with bytes that are no message
 Message = TypeVar("Message")
 _CODECS: dict[type, Codec] = {}
 _LAYOUT = struct.Struct("<QIQqdI")
@@ -46,9 +38,10 @@ class Codec:
 
     cls: type
     names: tuple[str, ...]
-    known: frozenset[str]
     values: Callable[[Any], tuple[Any, ...]]
-    pack: tuple[Convert, ...]
+    wire: type[msgspec.Struct]  # The message as it is on the wire: arrays packed
+    read: Callable[[bytes], msgspec.Struct]  # Checks bytes, and all that is not in an array
+    pack: tuple[tuple[int, Convert], ...]  # Of the fields that are arrays, by their places
     unpack: tuple[tuple[str, Convert], ...]
     max_bytes: int
     schema: dict[str, Any]
@@ -62,15 +55,18 @@ def encode(message: object) -> bytes:
     is larger than its type allows.
     """
     codec = codec_of(type(message))
-    body: dict[str, Any] = {}
+    values = [*codec.values(message)]
     try:
-        for name, pack, value in zip(codec.names, codec.pack, codec.values(message), strict=True):
-            body[name] = pack(value)
+        for place, pack in codec.pack:
+            values[place] = pack(values[place])
     except CodecError as error:
-        raise CodecError(f"not a {codec.cls.__name__}: {name} {error}") from None
-    data: bytes = msgpack.packb(body)
-    _check_size(codec, data)
-    return data
+        raise CodecError(f"not a {codec.cls.__name__}: {codec.names[place]} {error}") from None
+    try:
+        body = _write(codec.wire(*values))
+    except (TypeError, ValueError, OverflowError):
+        raise CodecError(f"not a {codec.cls.__name__}: {_unwritable(codec, values)}") from None
+    _read(codec, body)
+    return body
 
 
 def decode(cls: type[Message], body: bytes) -> Message:
@@ -79,9 +75,7 @@ def decode(cls: type[Message], body: bytes) -> Message:
     Raises CodecError if the bytes are not exactly one message of this type.
     """
     codec = codec_of(cls)
-    fields = _unpack_map(codec, body)
-    if fields.keys() != codec.known:
-        raise CodecError(_wrong_fields(codec, fields))
+    fields = msgspec.structs.asdict(_read(codec, body))
     try:
         for name, unpack in codec.unpack:
             fields[name] = unpack(fields[name])
@@ -90,50 +84,56 @@ def decode(cls: type[Message], body: bytes) -> Message:
     return cls(**fields)
 
 
-def _unpack_map(codec: Codec, body: bytes) -> dict[str, Any]:
-    _check_size(codec, body)
-    # In what is small, lists cannot grow to much before their fields are looked at.
-    count = nesting_limit(MAX_NESTED) if len(body) > UNCOUNTED_BYTES else None
-    try:
-        fields = msgpack.unpackb(
-            body,
-            list_hook=count,
-            object_hook=count,
-            raw=False,
-            strict_map_key=True,
-            max_str_len=MAX_TEXT,
-            max_bin_len=codec.max_bytes,
-            max_array_len=MAX_ITEMS,
-            max_map_len=MAX_FIELDS,
-            max_ext_len=0,
-            ext_hook=_refuse_extension,
-        )
-    except (ValueError, RecursionError) as error:
-        raise CodecError(f"not a {codec.cls.__name__}: {type(error).__name__}: {error}") from None
-    if type(fields) is not dict:
-        raise CodecError(f"not a {codec.cls.__name__}: a {type(fields).__name__}, not a map")
-    return fields
-
-
-def _check_size(codec: Codec, body: bytes) -> None:
+def _read(codec: Codec, body: bytes) -> msgspec.Struct:
     if len(body) > codec.max_bytes:
         raise CodecError(
             f"not a {codec.cls.__name__}: {len(body)} bytes, at most {codec.max_bytes} are allowed"
         )
+    try:
+        return codec.read(body)
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        raise CodecError(f"not a {codec.cls.__name__}: {_reason(codec, error)}") from None
 
 
-def _refuse_extension(code: int, _: bytes) -> None:
-    raise ValueError(f"extension type {code} is not allowed")
+def _reason(codec: Codec, error: Exception) -> str:
+    """What is wrong, with the field before it."""
+    what, _, path = str(error).partition(" - at `$.")
+    name, _, part = path.rstrip("`").replace("[...]", "").partition(".")
+    what = printable(what.replace("Expected", "must be").replace("`", ""))
+    if LARGEST in what:
+        what = "must be finite"
+    if part[:5] in ("dtype", "shape"):
+        described = codec.schema["properties"][name]
+        array = next(one for one in described.get("anyOf", [described]) if "shape" in one)
+        what = f"must have {part[:5]} " + (
+            array["dtype"] if part[:5] == "dtype" else shape_text(array["shape"])
+        )
+    return f"{name} {what}" if name else what
 
 
-def _wrong_fields(codec: Codec, fields: dict[str, Any]) -> str:
-    missing = sorted(set(codec.names) - fields.keys())
-    unknown = sorted(f"{name!s:.40}" for name in fields.keys() - set(codec.names))
-    more = ", ..." if len(unknown) > MAX_SHOWN_FIELDS else ""
-    return (
-        f"not a {codec.cls.__name__}: missing fields {missing}, "
-        f"unknown fields {unknown[:MAX_SHOWN_FIELDS]}{more}"
-    )
+def printable(text: str) -> str:
+    """Text of others in one line, cut off after `MAX_REASON_CHARS` characters."""
+    return "".join(one if one.isprintable() else "?" for one in text[:MAX_REASON_CHARS])
+
+
+def _unwritable(codec: Codec, values: list[Any]) -> str:
+    """The field that cannot be written, and why."""
+    for name, value in zip(codec.names, values, strict=True):
+        try:
+            _write(value)
+        except (TypeError, ValueError, OverflowError) as error:
+            return f"{name} cannot be written: {printable(str(error))}"
+    return "it cannot be written"
+
+
+def _write_number(value: Any) -> Any:
+    """A number of numpy's as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a {type(value).__name__}")
+
+
+_write = msgspec.msgpack.Encoder(enc_hook=_write_number).encode
 
 
 def schema(cls: type) -> dict[str, Any]:
@@ -162,13 +162,21 @@ def codec_of(cls: type) -> Codec:
             "properties": {name: rule.schema for name, rule in zip(names, rules, strict=True)},
         }
         digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).digest()
+        wire = msgspec.defstruct(
+            cls.__name__,
+            [(name, rule.wire) for name, rule in zip(names, rules, strict=True)],
+            forbid_unknown_fields=True,
+            gc=False,
+        )
+        arrays = [(place, rule) for place, rule in enumerate(rules) if rule.pack and rule.unpack]
         _CODECS[cls] = Codec(
             cls=cls,
             names=names,
-            known=frozenset(names),
             values=attrgetter(*names) if len(names) > 1 else _only(names[0]),
-            pack=tuple(rule.pack for rule in rules),
-            unpack=tuple((name, rule.unpack) for name, rule in zip(names, rules, strict=True)),
+            wire=wire,
+            read=msgspec.msgpack.Decoder(wire).decode,
+            pack=tuple((place, rule.pack) for place, rule in arrays),
+            unpack=tuple((names[place], rule.unpack) for place, rule in arrays),
             max_bytes=getattr(cls, "MAX_BYTES", MAX_BYTES),
             schema={"$schema": "https://json-schema.org/draft/2020-12/schema", **described},
             hash=int.from_bytes(digest[:4], "little"),
@@ -179,21 +187,6 @@ def codec_of(cls: type) -> Codec:
 def _only(name: str) -> Callable[[Any], tuple[Any, ...]]:
     value = attrgetter(name)
     return lambda message: (value(message),)
-
-
-def nesting_limit(number: int) -> Callable[[Any], Any]:
-    """A hook for one value to unpack, which lets through so many lists and maps and no more.
-
-    It raises ValueError then, in the midst of unpacking.
-    """
-    left = iter(range(number))
-
-    def count(found: Any) -> Any:
-        if next(left, None) is None:
-            raise ValueError(f"more than {number} lists and maps")
-        return found
-
-    return count
 
 
 class Header(NamedTuple):

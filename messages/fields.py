@@ -1,4 +1,4 @@
-"""Field types of messages: unit, dtype and shape, and how each is packed, unpacked and described.
+"""Field types of messages: unit, dtype and shape, and how each is packed, checked and described.
 
 A message is a frozen dataclass whose fields use the names of this module. The codec reads them
 to check values at both ends, and to write the JSON schema that recordings carry.
@@ -7,21 +7,25 @@ to check values at both ends, and to write the JSON schema that recordings carry
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 Shape = tuple[int | None, ...]
 Floats = NDArray[np.float64]
-MAX_TEXT = 4096  # Longest text, bytes of UTF-8
+MAX_TEXT = 4096  # Longest text, characters
 MAX_ITEMS = 4096  # Longest tuple
 FEW_ELEMENTS = 16  # Elements up to which an array is summed up faster without numpy
-MAX_FIELDS = 64  # Most fields of a message, and entries of a table
-MAX_NESTED = 2 * MAX_FIELDS + 1  # Lists and maps of a message: an array is a map with a list
+MAX_FIELDS = 64  # Most entries of a table
+LARGEST = f"{sys.float_info.max!r}"  # What a finite number does not exceed
 Convert = Callable[[Any], Any]
 
 
@@ -48,9 +52,10 @@ class CodecError(ValueError):
 class FieldRule(NamedTuple):
     """One field's way onto the wire and back."""
 
-    pack: Convert  # Checks a value and turns it into what msgpack can write
-    unpack: Convert  # Checks what msgpack read and turns it into the value
+    wire: Any  # Type on the wire, with what is checked there
     schema: dict[str, Any]  # JSON schema of the field
+    pack: Convert | None = None  # Of an array: what is written of it
+    unpack: Convert | None = None  # Of an array: checks what was read, and turns it into one
 
 
 def field_rule(hint: Any) -> FieldRule:
@@ -62,63 +67,50 @@ def field_rule(hint: Any) -> FieldRule:
     plain = get_args(hint)[0] if marks else hint
     unit = next(({"unit": mark.symbol} for mark in marks if isinstance(mark, Unit)), {})
     plain_rules = {
-        float: FieldRule(_pack_float, _unpack_float, {"type": "number", **unit}),
-        int: FieldRule(_pack_int, _pack_int, {"type": "integer", **unit}),
-        bool: FieldRule(_pack_bool, _pack_bool, {"type": "boolean"}),
-        str: FieldRule(_pack_text, _pack_text, {"type": "string", "maxLength": MAX_TEXT}),
+        float: FieldRule(_FLOAT, {"type": "number", **unit}),
+        int: FieldRule(_INT, {"type": "integer", **unit}),
+        bool: FieldRule(bool, {"type": "boolean"}),
+        str: FieldRule(_TEXT, {"type": "string", "maxLength": MAX_TEXT}),
     }
     return plain_rules[plain] if plain in plain_rules else _compound_rule(plain)
 
 
+@cache
 def _array_rule(array: Array) -> FieldRule:
     dtype = np.dtype(array.dtype)
-    floating, itemsize = dtype.kind == "f", dtype.itemsize
-    fixed = [(axis, length) for axis, length in enumerate(array.shape) if length is not None]
+    floating, boolean = dtype.kind == "f", dtype.kind == "b"
+    lengths = tuple(_LENGTH if length is None else Literal[length] for length in array.shape)
+    fields = [("dtype", Literal[array.dtype]), ("shape", tuple[lengths]), ("data", bytes)]
+    wire = msgspec.defstruct("Array", fields, forbid_unknown_fields=True, gc=False)
 
-    def check(value: np.ndarray[Any, Any]) -> None:
-        shape = value.shape
-        fits = len(shape) == len(array.shape)
-        for axis, length in fixed:
-            fits = fits and shape[axis] == length
-        if not fits:
-            raise CodecError(f"must have shape {_shape_text(array)}, got {shape}")
+    def pack(value: Any) -> msgspec.Struct:
+        if not isinstance(value, np.ndarray):
+            raise CodecError(f"must be an array of {dtype}, got a {type(value).__name__}")
         if floating and not _is_finite(value):
             raise CodecError("must be finite")
+        return wire(value.dtype.str, value.shape, value.tobytes())
 
-    def pack(value: Any) -> dict[str, Any]:
-        if not isinstance(value, np.ndarray) or value.dtype != dtype:
-            raise CodecError(f"must be an array of {dtype}, got {_shown(value)}")
-        check(value)
-        return {"dtype": array.dtype, "shape": value.shape, "data": value.tobytes()}
-
-    def unpack(value: Any) -> np.ndarray[Any, Any]:
-        if type(value) is not dict or len(value) != 3 or value.get("dtype") != array.dtype:
-            raise CodecError(f"must be a map of dtype {array.dtype}, shape and data")
-        shape, data = value.get("shape"), value.get("data")
-        if type(shape) is not list or type(data) is not bytes or len(shape) != len(array.shape):
-            raise CodecError(f"must have shape {_shape_text(array)} and bytes as data")
-        size = itemsize
-        for length in shape:
-            if type(length) is not int or length < 0:
-                raise CodecError("must have a shape of whole numbers, none below 0")
-            size *= length
-        if size != len(data):
-            raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}")
-        if dtype.kind == "b" and data.strip(b"\0\1"):
-            raise CodecError("must hold 0 or 1 only")
+    def unpack(packed: Any) -> np.ndarray[Any, Any]:
+        shape, data = packed.shape, packed.data
         try:
-            result = np.ndarray(shape, dtype, data)
-        except (ValueError, TypeError):  # an empty array with an absurd length along another axis
-            raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape}") from None
-        check(result)
-        return result
+            value = np.ndarray(shape, dtype, data)
+        except (ValueError, TypeError):
+            value = None  # too few bytes, or an absurd length along an axis of an empty array
+        if value is None or value.nbytes != len(data):
+            raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape_text(shape)}")
+        if floating and not _is_finite(value):
+            raise CodecError("must be finite")
+        if boolean and data.strip(b"\0\1"):
+            raise CodecError("must hold 0 or 1 only")
+        return value
 
     described = {"type": "object", "dtype": array.dtype, "shape": array.shape, "unit": array.unit}
-    return FieldRule(pack, unpack, described)
+    return FieldRule(wire, described, pack, unpack)
 
 
-def _shape_text(array: Array) -> str:
-    return "(" + ", ".join("any" if n is None else str(n) for n in array.shape) + ")"
+def shape_text(shape: Shape) -> str:
+    """A shape as it is written in messages."""
+    return "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
 
 
 def _is_finite(value: np.ndarray[Any, Any]) -> bool:
@@ -132,115 +124,36 @@ def _is_finite(value: np.ndarray[Any, Any]) -> bool:
     return math.isfinite(total) or bool(np.isfinite(value).all())
 
 
-def _pack_int(value: Any) -> int:
-    if type(value) is not int and not isinstance(value, np.integer):
-        raise CodecError(f"must be an integer, got {_shown(value)}")
-    number = int(value)
-    if not -(1 << 63) <= number < 1 << 63:
-        raise CodecError("must fit into 64 bits")
-    return number
-
-
-def _pack_bool(value: Any) -> bool:
-    if type(value) is not bool and not isinstance(value, np.bool_):
-        raise CodecError(f"must be true or false, got {_shown(value)}")
-    return bool(value)
-
-
 def _compound_rule(plain: Any) -> FieldRule:
     origin, args = get_origin(plain), get_args(plain)
     if origin in (Union, UnionType) and len(args) == 2 and args[1] is NoneType:
-        pack, unpack, described = field_rule(args[0])
-        return FieldRule(_or_none(pack), _or_none(unpack), {"anyOf": [described, {"type": "null"}]})
+        wire, described, pack, unpack = field_rule(args[0])
+        schema = {"anyOf": [described, {"type": "null"}]}
+        return FieldRule(wire | None, schema, _or_none(pack), _or_none(unpack))
     if origin is Literal:
-        one_of = _one_of(frozenset(args))
-        return FieldRule(one_of, one_of, {"enum": list(args)})
+        return FieldRule(plain, {"enum": list(args)})
     if origin is tuple and len(args) == 2 and args[1] is ...:
-        pack, unpack, item = field_rule(args[0])
-        described = {"type": "array", "items": item, "maxItems": MAX_ITEMS}
-        return FieldRule(_tuple_of(pack, (tuple, list)), _tuple_of(unpack, (list,)), described)
+        wire, described, pack, _ = field_rule(args[0])
+        if pack is None:
+            schema = {"type": "array", "items": described, "maxItems": MAX_ITEMS}
+            return FieldRule(Annotated[tuple[wire, ...], Meta(max_length=MAX_ITEMS)], schema)
     if origin is dict and args == (str, float):
-        described = {"type": "object", "additionalProperties": {"type": "number"}}
-        return FieldRule(_table(_pack_float), _table(_unpack_float), described)
+        schema = {"type": "object", "additionalProperties": {"type": "number"}}
+        return FieldRule(Annotated[dict[_TEXT, _FLOAT], Meta(max_length=MAX_FIELDS)], schema)
     raise CodecError(f"no message field can be a {plain!r}")
 
 
-def _or_none(convert: Convert) -> Convert:
-    def convert_some(value: Any) -> Any:
-        return None if value is None else convert(value)
-
-    return convert_some
-
-
-def _one_of(allowed: frozenset[str]) -> Convert:
-    def check(value: Any) -> str:
-        if type(value) is not str or value not in allowed:
-            raise CodecError(f"must be one of {sorted(allowed)}, got {_shown(value)}")
-        return value
-
-    return check
+def _or_none(convert: Convert | None) -> Convert | None:
+    if convert is None:
+        return None
+    return lambda value: None if value is None else convert(value)
 
 
-def _tuple_of(item: Convert, kinds: tuple[type, ...]) -> Convert:
-    def convert(value: Any) -> tuple[Any, ...]:
-        if type(value) not in kinds or len(value) > MAX_ITEMS:
-            raise CodecError(f"must be a list of at most {MAX_ITEMS}, got {_shown(value)}")
-        return tuple(item(entry) for entry in value)
-
-    return convert
-
-
-def _table(number: Convert) -> Convert:
-    def convert(value: Any) -> dict[str, float]:
-        if type(value) is not dict or len(value) > MAX_FIELDS:
-            raise CodecError(f"must be a table of at most {MAX_FIELDS}, got {_shown(value)}")
-        return {_pack_text(key): number(entry) for key, entry in value.items()}
-
-    return convert
-
-
-def _pack_text(value: Any) -> str:
-    if type(value) is not str:
-        raise CodecError(f"must be text, got {_shown(value)}")
-    try:
-        size = len(value.encode())
-    except UnicodeEncodeError:
-        raise CodecError("must be Unicode that can be written, got half a character") from None
-    if size > MAX_TEXT:
-        raise CodecError(f"must be at most {MAX_TEXT} bytes long, got {size}")
-    return value
-
-
-def _pack_float(value: Any) -> float:
-    if type(value) is float:
-        return _unpack_float(value)
-    if isinstance(value, bool) or not isinstance(value, (int, np.floating, np.integer)):
-        raise CodecError(f"must be a number, got {_shown(value)}")
-    try:
-        return _unpack_float(float(value))
-    except OverflowError:
-        raise CodecError("must be finite, got an integer beyond all floats") from None
-
-
-def _unpack_float(value: Any) -> float:
-    if type(value) is not float:
-        raise CodecError(f"must be a float, got {_shown(value)}")
-    if not math.isfinite(value):
-        raise CodecError(f"must be finite, got {value}")
-    return value
-
-
-def _shown(value: Any) -> str:
-    """Name a wrong value without printing a large or hostile one."""
-    if isinstance(value, np.ndarray):
-        return f"an array of {value.dtype}"
-    if type(value) is int and value.bit_length() > 64:
-        return "an integer beyond 64 bits"
-    if isinstance(value, (bool, int, float, str)):
-        text = repr(value)
-        return text if len(text) <= 40 else text[:37] + "..."
-    return f"a {type(value).__name__}"
-
+# Types on the wire
+_LENGTH = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
+_INT = Annotated[int, Meta(ge=-(1 << 63), le=(1 << 63) - 1)]
+_FLOAT = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+_TEXT = Annotated[str, Meta(max_length=MAX_TEXT)]
 
 Metres = Annotated[float, Unit("m")]
 Seconds = Annotated[float, Unit("s")]

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from palpate.messages.bus.control import ControlClient as ControlClient
     from palpate.messages.bus.control import ControlMessage as ControlMessage
     from palpate.messages.bus.control import ControlServer as ControlServer
-    from palpate.messages.bus.control import read_control as read_control
     from palpate.messages.bus.handshake import GREETING as GREETING
     from palpate.messages.bus.handshake import check_node_name as check_node_name
     from palpate.messages.bus.handshake import greeting as greeting

@@ -110,7 +110,7 @@ def read_packet(packet: Packet) -> None:
         furthest = max(request.wanted, request.epoch or 0)
         assert furthest < 1 << 64, "a request is too far"
     else:
-        bus.read_control(data, WORD_KINDS[reader])
+        WORD_KINDS[reader].read(data)
 
 
 def _read_body(cls: type, data: bytes) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -23,7 +24,7 @@ from palpate.messages.codec import (
     pack_frame,
     split_frame,
 )
-from palpate.messages.fields import MAX_FIELDS, MAX_ITEMS, MAX_NESTED, MAX_TEXT, CodecError
+from palpate.messages.fields import MAX_FIELDS, MAX_ITEMS, MAX_TEXT, CodecError
 from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.model import ModelGoal, ShapeModel
 from palpate.messages.types.touch import TactileFrame
@@ -50,20 +51,21 @@ def array_of(shape: object, data: object, dtype: object = "<f8") -> dict[str, ob
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        (array_of([1, 1], b"\0" * 4, "<f4"), "must be a map of dtype <f8, shape and data"),
-        (array_of([1, 1], b"\0" * 8, "|O"), "must be a map of dtype <f8"),
-        (array_of([1, 1], b"\0" * 8, ["<f8"]), "must be a map of dtype <f8"),
-        ([1.0], "must be a map of dtype <f8"),
-        ({"dtype": "<f8", "shape": [0, 0]}, "must be a map of dtype <f8"),
-        (array_of([1, 1], b"\0" * 8) | {"more": 1}, "must be a map of dtype <f8"),
-        (array_of([1], b"\0" * 8), r"must have shape \(any, any\) and bytes as data"),
+        (array_of([1, 1], b"\0" * 4, "<f4"), "must have dtype <f8"),
+        (array_of([1, 1], b"\0" * 8, "|O"), "must have dtype <f8"),
+        (array_of([1, 1], b"\0" * 8, ["<f8"]), "must have dtype <f8"),
+        ([1.0], "must be object, got array"),
+        ({"dtype": "<f8", "shape": [0, 0]}, "Object missing required field data"),
+        (array_of([1, 1], b"\0" * 8) | {"more": 1}, "Object contains unknown field more"),
+        (array_of([1], b"\0" * 8), r"must have shape \(any, any\)"),
         (array_of([1, 1, 1], b"\0" * 8), r"must have shape \(any, any\)"),
         (array_of("11", b"\0" * 8), r"must have shape \(any, any\)"),
-        (array_of([1, 1], "\0" * 8), "and bytes as data"),
-        (array_of([1, 2], b"\0" * 8), r"has 8 bytes, which do not fill shape \[1, 2\]"),
-        (array_of([-1, -1], b"\0" * 8), "must have a shape of whole numbers, none below 0"),
-        (array_of([True, 1], b"\0" * 8), "must have a shape of whole numbers"),
-        (array_of([1.0, 1], b"\0" * 8), "must have a shape of whole numbers"),
+        (array_of([1, 1], "\0" * 8), "must be bytes, got str"),
+        (array_of([1, 2], b"\0" * 8), r"has 8 bytes, which do not fill shape \(1, 2\)"),
+        (array_of([1, 1], b"\0" * 16), r"has 16 bytes, which do not fill shape \(1, 1\)"),
+        (array_of([-1, -1], b"\0" * 8), r"must have shape \(any, any\)"),
+        (array_of([True, 1], b"\0" * 8), r"must have shape \(any, any\)"),
+        (array_of([1.0, 1], b"\0" * 8), r"must have shape \(any, any\)"),
         (array_of([1 << 40, 1 << 40], b"\0" * 8), "do not fill shape"),
         (array_of([0, 1 << 62], b""), "do not fill shape|must have shape"),
         (array_of([0, (1 << 64) - 1], b""), "do not fill shape|must have shape"),
@@ -91,36 +93,31 @@ def test_an_empty_array_is_an_array(example: Make):
 @pytest.mark.parametrize(
     ("cls", "name", "value", "words"),
     [
-        (World, "platform", 1, "must be a float, got 1"),
-        (World, "platform", "1.0", "must be a float, got '1.0'"),
-        (World, "platform", float("nan"), "must be finite, got nan"),
-        (World, "platform", [1.0], "must be a float, got a list"),
-        (World, "platform", None, "must be a float, got a NoneType"),
-        (World, "seed", 1.0, "must be an integer, got 1.0"),
-        (World, "seed", True, "must be an integer, got True"),
-        (World, "seed", (1 << 64) - 1, "must fit into 64 bits"),
-        (World, "seed", "x" * 100, r"must be an integer, got 'x{36}\.\.\.$"),
-        (LogRecord, "level", "loud", "must be one of .*, got 'loud'"),
-        (LogRecord, "level", ["info"], "must be one of .*, got a list"),
-        (LogRecord, "text", b"bytes", "must be text, got a bytes"),
-        (LogRecord, "text", 7, "must be text, got 7"),
-        (ModelGoal, "contours", {"1": 1}, "must be a list of at most"),
-        (ModelGoal, "contours", "123", "must be a list of at most"),
-        (ModelGoal, "contours", [1, 2.5], "must be an integer, got 2.5"),
-        (ModelGoal, "contours", [[1]], "must be an integer, got a list"),
-        (
-            ShapeModel,
-            "health",
-            [["a", 1.0]],
-            f"must be a table of at most {MAX_FIELDS}, got a list",
-        ),
-        (ShapeModel, "health", {"a": 1}, "must be a float, got 1"),
+        (World, "platform", "1.0", "must be float, got str"),
+        (World, "platform", True, "must be float, got bool"),
+        (World, "platform", float("nan"), "must be finite"),
+        (World, "platform", float("inf"), "must be finite"),
+        (World, "platform", [1.0], "must be float, got array"),
+        (World, "platform", None, "must be float, got None"),
+        (World, "seed", 1.0, "must be int, got float"),
+        (World, "seed", True, "must be int, got bool"),
+        (World, "seed", (1 << 64) - 1, "must be int <= 9223372036854775807"),
+        (World, "seed", "x" * 100, "must be int, got str$"),
+        (LogRecord, "level", "loud", "Invalid enum value 'loud'"),
+        (LogRecord, "level", ["info"], "must be str, got array"),
+        (LogRecord, "text", b"bytes", "must be str, got bytes"),
+        (LogRecord, "text", 7, "must be str, got int"),
+        (ModelGoal, "contours", {"1": 1}, "must be array, got object"),
+        (ModelGoal, "contours", "123", "must be array, got str"),
+        (ModelGoal, r"contours\[1\]", [1, 2.5], "must be int, got float"),
+        (ModelGoal, r"contours\[0\]", [[1]], "must be int, got array"),
+        (ShapeModel, "health", [["a", 1.0]], "must be object, got array"),
         (ShapeModel, "health", {"a": float("nan")}, "must be finite"),
-        (ShapeModel, "health", {"a": {"b": 1.0}}, "must be a float, got a dict"),
+        (ShapeModel, "health", {"a": {"b": 1.0}}, "must be float, got object"),
     ],
 )
 def test_a_received_value_is_checked(cls, name, value, words, example: Make):
-    fields = unpacked(example(cls)) | {name: value}
+    fields = unpacked(example(cls)) | {name.partition("\\")[0]: value}
     refused(cls, msgpack.packb(fields), f"^not a {cls.__name__}: {name} {words}")
 
 
@@ -131,65 +128,77 @@ def test_whole_numbers_and_numpy_numbers_are_packed_as_what_the_field_is(example
     assert type(back.platform) is float
 
 
+def refused_at_both_ends(message: Any, name: str, value: Any, words: str) -> None:
+    """What is refused of others is not sent."""
+    fields = unpacked(message) | {name: value}
+    refused(type(message), msgpack.packb(fields), words)
+    object.__setattr__(message, name, value)
+    with pytest.raises(CodecError, match=words):
+        encode(message)
+
+
 def test_a_long_text_is_refused_at_both_ends(example: Make):
-    record = example(LogRecord)
-    long = "µ" * (MAX_TEXT // 2 + 1)
-    with pytest.raises(CodecError, match=f"text must be at most {MAX_TEXT} bytes long"):
-        encode(LogRecord(**{**unpacked(record), "text": long}))
-    refused(LogRecord, msgpack.packb(unpacked(record) | {"text": long}), "exceeds max_str_len")
+    words = f"^not a LogRecord: text must be str of length <= {MAX_TEXT}$"
+    refused_at_both_ends(example(LogRecord), "text", "µ" * (MAX_TEXT + 1), words)
 
 
 def test_text_that_is_no_unicode_is_refused_at_both_ends(example: Make):
     fields = unpacked(example(LogRecord))
-    with pytest.raises(CodecError, match=r"^not a LogRecord: text must be Unicode"):
+    with pytest.raises(CodecError, match=r"^not a LogRecord: text cannot be written: 'utf-8'"):
         encode(LogRecord(**{**fields, "text": "\ud800"}))
     body = msgpack.packb(fields | {"text": "xyz"}).replace(b"xyz", b"\xff\xfe\xfd")
-    refused(LogRecord, body, "^not a LogRecord: UnicodeDecodeError")
+    refused(LogRecord, body, "^not a LogRecord: 'utf-8' codec can't decode")
 
 
-@pytest.mark.parametrize("value", [10**400, -(10**400)])
-def test_an_integer_beyond_all_floats_is_refused(value: int, example: Make):
-    world = World(platform=value, reach=1.0, fingers=1, seed=0)
-    with pytest.raises(CodecError, match=r"^not a World: platform must be finite"):
-        encode(world)
+@pytest.mark.parametrize("value", [10**400, -(10**400), 1 << 16000], ids=["more", "less", "huge"])
+def test_an_integer_beyond_64_bits_is_refused_without_being_printed(value: int):
+    for field in ("platform", "seed"):
+        world = replace(World(platform=0.0, reach=1.0, fingers=1, seed=0), **{field: value})
+        with pytest.raises(CodecError, match=f"^not a World: {field} cannot be written: ") as caught:
+            encode(world)
+        assert len(str(caught.value)) < 200
 
 
-def test_a_huge_integer_is_refused_without_being_printed(example: Make):
-    world = World(platform=0.0, reach=1.0, fingers=1, seed=10**5000)
-    with pytest.raises(CodecError, match=r"^not a World: seed must fit into 64 bits$"):
-        encode(world)
+def test_what_no_message_holds_is_refused(example: Make):
     record = example(LogRecord)
-    with pytest.raises(CodecError, match=r"^not a LogRecord: text must be text, got an integer"):
-        encode(LogRecord(**{**unpacked(record), "text": 10**5000}))
+    for value, words in ((1j, "a complex"), ({1}, "must be str, got array")):
+        object.__setattr__(record, "text", value)
+        with pytest.raises(CodecError, match=f"^not a LogRecord: text .*{words}"):
+            encode(record)
 
 
 def test_a_long_list_is_refused_at_both_ends(example: Make):
-    ids = tuple(range(MAX_ITEMS + 1))
-    goal = example(ModelGoal)
-    fields = unpacked(goal) | {"contours": list(ids)}
-    with pytest.raises(CodecError, match=f"contours must be a list of at most {MAX_ITEMS}"):
-        encode(dataclasses.replace(goal, contours=ids))
-    refused(ModelGoal, msgpack.packb(fields), "exceeds max_array_len")
+    words = f"contours must be array of length <= {MAX_ITEMS}"
+    refused_at_both_ends(example(ModelGoal), "contours", tuple(range(MAX_ITEMS + 1)), words)
 
 
 def test_a_large_table_is_refused_at_both_ends(example: Make):
-    fields = unpacked(example(ShapeModel))
     table = {str(i): 0.0 for i in range(MAX_FIELDS + 1)}
-    model = example(ShapeModel)
-    object.__setattr__(model, "health", table)
-    with pytest.raises(CodecError, match=f"health must be a table of at most {MAX_FIELDS}"):
-        encode(model)
-    refused(ShapeModel, msgpack.packb(fields | {"health": table}), "exceeds max_map_len")
+    words = f"health must be object of length <= {MAX_FIELDS}"
+    refused_at_both_ends(example(ShapeModel), "health", table, words)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.zeros(3), r"pose must have shape \(7\)"),
+        (np.zeros((7, 1)), r"pose must have shape \(7\)"),
+        (np.zeros(7, np.float32), "pose must have dtype <f8"),
+        ([0.0] * 7, "pose must be an array of float64, got a list"),
+        (np.full(7, np.nan), "pose must be finite"),
+    ],
+)
+def test_an_array_that_is_not_the_field_s_is_not_sent(value: Any, words: str):
+    with pytest.raises(CodecError, match=f"^not a TactileFrame: {words}$"):
+        encode(replace(FRAME, pose=value))
 
 
 def test_missing_and_unknown_fields_are_named(example: Make):
     fields = unpacked(example(World))
     fields["colour"] = fields.pop("seed")
-    refused(
-        World,
-        msgpack.packb(fields),
-        r"^not a World: missing fields \['seed'\], unknown fields \['colour'\]$",
-    )
+    refused(World, msgpack.packb(fields), "^not a World: Object contains unknown field colour$")
+    del fields["colour"]
+    refused(World, msgpack.packb(fields), "^not a World: Object missing required field seed$")
 
 
 def test_an_array_that_is_not_contiguous_comes_back_in_order(example: Make):
@@ -229,13 +238,12 @@ def test_one_value_that_is_not_finite_is_found_wherever_it_is(
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        (b"", "not a World: ValueError"),
-        (b"\xc1", "not a World: FormatError"),
-        (msgpack.packb([1, 2, 3]), "not a World: a list, not a map"),
-        (msgpack.packb(None), "not a World: a NoneType, not a map"),
-        (msgpack.packb({}) + b"\0", "not a World: ExtraData"),
-        (msgpack.packb({1: 2}), "not a World: ValueError: int is not allowed for map key"),
-        (b"\x81\xc4\x01a\x01", r"missing fields .* unknown fields"),
+        (b"", "not a World: Input data was truncated"),
+        (b"\xc1", r"not a World: .* invalid opcode '\\xc1'"),
+        (msgpack.packb([1, 2, 3]), "not a World: must be object, got array"),
+        (msgpack.packb(None), "not a World: must be object, got None"),
+        (msgpack.packb({1: 2}), "not a World: must be str, got int"),
+        (b"\x81\xc4\x01a\x01", "not a World: must be str, got bytes"),
     ],
 )
 def test_bytes_that_are_no_map_of_fields_are_refused(body: bytes, words: str):
@@ -256,8 +264,10 @@ def test_bytes_that_are_no_map_of_fields_are_refused(body: bytes, words: str):
     ],
 )
 def test_a_length_that_was_never_sent_is_refused(prefix: bytes):
-    refused(World, prefix, "^not a World: ValueError")
-    refused(World, b"\x81\xa4seed" + prefix, "^not a World: ValueError")
+    refused(World, prefix, "^not a World: ")
+    refused(World, b"\x81\xa4seed" + prefix, "^not a World: ")
+    goal = b"\x81\xa8contours" + prefix
+    refused(ModelGoal, goal, "^not a ModelGoal: ")
 
 
 @pytest.mark.parametrize("code", [-128, -1, 0, 5, 127])
@@ -280,20 +290,22 @@ def test_deep_nesting_is_refused(depth: int, example: Make):
     refused(ModelGoal, body[:-1] + deep, "^not a ModelGoal: ")
 
 
-def test_a_million_empty_lists_are_refused_before_they_exist():
-    body = b"\x81\xa4seed\xdd\x00\x0f\x00\x00" + b"\x90" * 0xF0000
-    refused(World, body, "exceeds max_array_len")
-
-
-def test_empty_lists_within_lists_are_refused_before_they_take_seventy_times_their_bytes():
-    lists = 255 * (b"\xdc\x10\x00" + b"\x90" * 4096)
-    body = b"\x81\xa4seed\xdc\x00\xff" + lists
-    refused(World, body, "not a World: ValueError: more than 129 lists and maps")
-
-
-def test_no_message_comes_near_the_most_lists_and_maps(example: Make):
-    for cls in (ShapeModel, ModelGoal):
-        assert encode(example(cls)).count(b"shape") * 2 + 20 < MAX_NESTED
+@pytest.mark.parametrize("field", [b"\xa4seed", b"\xa8contours"])
+@pytest.mark.parametrize(
+    "lists",
+    [
+        b"\xdd\x00\x0f\x00\x00" + b"\x90" * 0xF0000,
+        b"\xdc\x00\xff" + 255 * (b"\xdc\x10\x00" + b"\x90" * 4096),
+    ],
+)
+def test_empty_lists_are_refused_before_they_take_seventy_times_their_bytes(field, lists):
+    cls = World if field.endswith(b"seed") else ModelGoal
+    body = b"\x81" + field + lists
+    tracemalloc.start()
+    refused(cls, body, f"^not a {cls.__name__}: ")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 17
 
 
 @pytest.mark.parametrize(
@@ -307,11 +319,10 @@ def test_a_shape_that_is_none_is_refused_in_few_words(shape: list[Any], example:
     assert len(str(caught.value)) < 120
 
 
-def test_unknown_fields_are_told_in_few_words():
-    body = msgpack.packb({f"{i} " + "x" * 4000: i for i in range(60)})
-    with pytest.raises(CodecError, match=r"unknown fields .*, \.\.\.$") as caught:
-        decode(World, body)
-    assert len(str(caught.value)) < 600
+def test_an_unknown_field_is_told_in_few_words():
+    with pytest.raises(CodecError, match="unknown field xx") as caught:
+        decode(World, msgpack.packb({"x" * 4000: 1}))
+    assert len(str(caught.value)) < 300
 
 
 def test_a_body_is_measured_before_it_is_unpacked():
@@ -472,4 +483,4 @@ def test_a_body_that_is_no_message_is_a_difference():
     found = first_difference(LogRecord, body, b"\x80")
     assert found is not None
     assert found[0] == "bytes"
-    assert "missing fields" in found[2]
+    assert "missing required field" in found[2]

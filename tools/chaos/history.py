@@ -15,7 +15,7 @@ from itertools import count, pairwise, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgpack
+import msgspec
 from mcap.exceptions import McapError
 from mcap.records import Channel, Footer, Message
 from mcap.stream_reader import StreamReader
@@ -214,7 +214,7 @@ def _split(topic: str) -> tuple[str, str]:
 
 
 def _values(event: Event, fields: tuple[str, ...]) -> tuple[int, ...]:
-    body: Any = msgpack.unpackb(event.body)
+    body: Any = msgspec.msgpack.decode(event.body)
     return tuple(body.get(field, -1) for field in fields)
 
 

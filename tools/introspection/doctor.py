@@ -52,7 +52,6 @@ def machine_findings() -> Iterator[Finding]:
     )
     yield packages_finding()
     yield from zmq_findings()
-    yield compiled_finding("msgpack", "msgpack._cmsgpack", "messages are packed slowly")
     yield compiled_finding("lz4", "lz4.frame", "recordings cannot be compressed")
     yield compiled_finding("embreex", "embreex", "casts at meshes are slow")
     yield space_finding(Path())

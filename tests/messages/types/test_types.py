@@ -45,7 +45,7 @@ def refused(message: Any, name: str, value: object, words: str) -> None:
     """A message with another value of a field is refused by the name of that field."""
     with pytest.raises(CodecError) as caught:
         encode(dataclasses.replace(message, **{name: value}))
-    wanted = f"^not a {type(message).__name__}: {name} must {words}"
+    wanted = f"^not a {type(message).__name__}: {name} {words}"
     assert re.match(wanted, str(caught.value)), (name, value, str(caught.value))
 
 
@@ -78,7 +78,7 @@ def test_decoded_arrays_are_read_only(cls: type, example: Make):
 def test_a_value_of_a_wrong_kind_is_refused(cls: type, example: Make):
     message = example(cls)
     for field in fields_of(cls):
-        refused(message, field.name, object(), ".* a object")
+        refused(message, field.name, object(), ".* a object$")
 
 
 @EVERY_TYPE
@@ -89,15 +89,15 @@ def test_nothing_is_a_value_only_where_it_may_be(cls: type, example: Make):
             without = dataclasses.replace(message, **{field.name: None})
             assert getattr(decode(cls, encode(without)), field.name) is None, field.name
         else:
-            refused(message, field.name, None, "")
+            refused(message, field.name, None, "must be")
 
 
 @EVERY_TYPE
 def test_a_number_is_of_its_kind_finite_and_has_a_unit(cls: type, example: Make):
     bad: dict[Any, tuple[list[Any], str]] = {
-        float: ([float("nan"), float("inf"), float("-inf")], "be finite, got"),
-        int: ([1.0, True, "1", 1 << 63], "(be an int|fit)"),
-        bool: ([1, 0, "true"], "be true or false"),
+        float: ([float("nan"), float("inf"), float("-inf")], "must be finite"),
+        int: ([1.0, True, "1", 1 << 63], "must be int"),
+        bool: ([1, 0, "true"], "must be bool"),
     }
     message = example(cls)
     for field in fields_of(cls):
@@ -116,14 +116,14 @@ def test_an_array_of_another_dtype_or_shape_or_not_finite_is_refused(cls: type, 
             continue
         array = getattr(message, field.name)
         other = array.astype("<f4")
-        refused(message, field.name, other, "be an array of .*, got an array of float32")
+        refused(message, field.name, other, "must have dtype")
         narrow = array[..., :0] if field.array.shape[-1] else array.reshape(-1, 1, 1, 1, 1)
         for other in (array[None], narrow):
-            refused(message, field.name, other, "have shape")
+            refused(message, field.name, other, "must have shape")
         if field.array.dtype == "<f8":
             other = array.copy()
             other.flat[-1] = np.nan
-            refused(message, field.name, other, "be finite")
+            refused(message, field.name, other, "must be finite")
 
 
 @EVERY_TYPE
