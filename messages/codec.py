@@ -168,15 +168,16 @@ def codec_of(cls: type) -> Codec:
             forbid_unknown_fields=True,
             gc=False,
         )
-        arrays = [(place, rule) for place, rule in enumerate(rules) if rule.pack and rule.unpack]
+        packed = enumerate(rule.pack for rule in rules)
+        unpacked = zip(names, (rule.unpack for rule in rules), strict=True)
         _CODECS[cls] = Codec(
             cls=cls,
             names=names,
             values=attrgetter(*names) if len(names) > 1 else _only(names[0]),
             wire=wire,
             read=msgspec.msgpack.Decoder(wire).decode,
-            pack=tuple((place, rule.pack) for place, rule in arrays),
-            unpack=tuple((names[place], rule.unpack) for place, rule in arrays),
+            pack=tuple((place, pack) for place, pack in packed if pack),
+            unpack=tuple((name, unpack) for name, unpack in unpacked if unpack),
             max_bytes=getattr(cls, "MAX_BYTES", MAX_BYTES),
             schema={"$schema": "https://json-schema.org/draft/2020-12/schema", **described},
             hash=int.from_bytes(digest[:4], "little"),

@@ -79,8 +79,8 @@ def field_rule(hint: Any) -> FieldRule:
 def _array_rule(array: Array) -> FieldRule:
     dtype = np.dtype(array.dtype)
     floating, boolean = dtype.kind == "f", dtype.kind == "b"
-    lengths = tuple(_LENGTH if length is None else Literal[length] for length in array.shape)
-    fields = [("dtype", Literal[array.dtype]), ("shape", tuple[lengths]), ("data", bytes)]
+    lengths: Any = tuple(_LENGTH if length is None else Literal[length] for length in array.shape)
+    fields: Any = ("dtype", Literal[array.dtype]), ("shape", tuple[lengths]), ("data", bytes)
     wire = msgspec.defstruct("Array", fields, forbid_unknown_fields=True, gc=False)
 
     def pack(value: Any) -> msgspec.Struct:
@@ -126,17 +126,18 @@ def _is_finite(value: np.ndarray[Any, Any]) -> bool:
 
 def _compound_rule(plain: Any) -> FieldRule:
     origin, args = get_origin(plain), get_args(plain)
+    schema: dict[str, Any]
     if origin in (Union, UnionType) and len(args) == 2 and args[1] is NoneType:
-        wire, described, pack, unpack = field_rule(args[0])
-        schema = {"anyOf": [described, {"type": "null"}]}
-        return FieldRule(wire | None, schema, _or_none(pack), _or_none(unpack))
+        some: Any = field_rule(args[0])
+        schema = {"anyOf": [some.schema, {"type": "null"}]}
+        return FieldRule(some.wire | None, schema, _or_none(some.pack), _or_none(some.unpack))
     if origin is Literal:
         return FieldRule(plain, {"enum": list(args)})
     if origin is tuple and len(args) == 2 and args[1] is ...:
-        wire, described, pack, _ = field_rule(args[0])
-        if pack is None:
-            schema = {"type": "array", "items": described, "maxItems": MAX_ITEMS}
-            return FieldRule(Annotated[tuple[wire, ...], Meta(max_length=MAX_ITEMS)], schema)
+        item: Any = field_rule(args[0])
+        if item.pack is None:
+            schema = {"type": "array", "items": item.schema, "maxItems": MAX_ITEMS}
+            return FieldRule(Annotated[tuple[item.wire, ...], Meta(max_length=MAX_ITEMS)], schema)
     if origin is dict and args == (str, float):
         schema = {"type": "object", "additionalProperties": {"type": "number"}}
         return FieldRule(Annotated[dict[_TEXT, _FLOAT], Meta(max_length=MAX_FIELDS)], schema)

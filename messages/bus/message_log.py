@@ -12,9 +12,11 @@ die at any moment: what the system was handed stays.
 from __future__ import annotations
 
 import errno
+import mmap
 import os
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -26,7 +28,8 @@ StoredFrame = bytes | int | Callable[[], bytes]
 MEMORY_BYTES = 1 << 20  # Most bytes of frames that a node keeps in memory
 WRITTEN_TOGETHER = 1 << 16  # Bytes of frames that are written at once when memory is full
 _LENGTH = struct.Struct("<I")
-_ENTRY = struct.Struct("<IQ")
+_WORD = 8  # Bytes of a word of the journal, of which an entry has two
+GROWN_BYTES = 1 << 14  # A journal grows by so much
 _PROGRESS = struct.Struct("<QB")
 _UNKNOWN = 255
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC  # A file is made if there is none
@@ -89,16 +92,15 @@ class MessageLog:
         Raises KeyError if there is no such topic; OSError if the file is needed, and cannot be
         written.
         """
-        number, silent = self.count(topic), topic in self._silent
-        place = self._written.get((topic, number))
-        if place is None and (self._persistent or (outlives and not silent)):
+        place = self._written.get((topic, self.count(topic))) if self._written else None
+        if place is None and (self._persistent or (outlives and topic not in self._silent)):
             (place,) = self._write((frame,))
         if place is not None and len(frame) > self._room:
             self._hold(topic, place)
             return
         self._hold(topic, frame)
-        if self._room < 0 and not silent:
-            self._waiting.append((topic, number))
+        if self._room < 0 and topic not in self._silent:
+            self._waiting.append((topic, len(self._frames[topic]) - 1))
             if self._room <= -WRITTEN_TOGETHER:
                 self._make_room()
 
@@ -265,40 +267,61 @@ class Journal:
 
     # `edges`: all that the node subscribes to, in an order that is the same at every start
     def __init__(self, path: Path, edges: Sequence[tuple[str, str]]) -> None:
-        self._numbers = {edge: number for number, edge in enumerate(edges)}
-        self._file = os.open(path, _FLAGS, 0o600)
+        self._numbers = {edge: number for number, edge in enumerate(edges, 1)}
+        self._path, self._file = path, os.open(path, _FLAGS, 0o600)
+        self._map: mmap.mmap | None = None
+        self._words = memoryview(b"").cast("q")
         try:
-            self.before = self._read(path, edges)  # What earlier starts have consumed, in its order
+            self.before = self._read(edges)  # What earlier starts have consumed, in its order
         except ValueError:
             self.close()
             raise
+        self._next = 2 * len(self.before)
 
     def note(self, publisher: str, topic: str, seq: int) -> None:
         """Put down that a message is about to be handled.
 
         Raises OSError if there is no more room for it.
         """
-        entry = _ENTRY.pack(self._numbers[publisher, topic], seq)
-        if os.write(self._file, entry) < len(entry):
-            raise OSError(errno.ENOSPC, "the journal of what was consumed has no more room")
+        place = self._next
+        if place >= len(self._words):
+            self._grow()
+        # It is written into memory that outlives the process. With its second word it is an entry.
+        self._words[place] = seq
+        self._words[place + 1] = self._numbers[publisher, topic]
+        self._next = place + 2
 
     def close(self) -> None:
         """Close the file; closing again does nothing."""
+        self._words.release()
+        if self._map is not None:
+            self._map.close()
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
 
-    def _read(self, path: Path, edges: Sequence[tuple[str, str]]) -> tuple[Consumed, ...]:
-        data = path.read_bytes()
-        whole = len(data) - len(data) % _ENTRY.size
+    def _grow(self) -> None:
+        """Have room for the next entry, in a file that is written: a hole could not be filled."""
+        size = max(_WORD * self._next + GROWN_BYTES, os.fstat(self._file).st_size)
+        missing = size - _WORD * self._next
+        if os.pwrite(self._file, bytes(missing), _WORD * self._next) < missing:
+            raise OSError(errno.ENOSPC, "the journal of what was consumed has no more room")
+        self._words.release()
+        if self._map is not None:
+            self._map.close()
+        self._map = mmap.mmap(self._file, size - size % _WORD)
+        self._words = memoryview(self._map).cast("q")
+
+    def _read(self, edges: Sequence[tuple[str, str]]) -> tuple[Consumed, ...]:
+        data = self._path.read_bytes()
+        words = memoryview(data[: len(data) - len(data) % (2 * _WORD)]).cast("q").tolist()
         # An entry that was cut off has not been handled: it is written anew.
-        os.ftruncate(self._file, whole)
-        os.lseek(self._file, whole, os.SEEK_SET)
-        entries = list(_ENTRY.iter_unpack(data[:whole]))
-        beyond = max((number for number, _ in entries), default=-1)
-        if beyond >= len(edges):
+        entries = [*takewhile(lambda entry: entry[1], zip(words[::2], words[1::2], strict=True))]
+        beyond = max((number for _, number in entries), default=0)
+        if beyond > len(edges):
+            path = self._path
             raise ValueError(f"journal {path} speaks of input {beyond}, there are {len(edges)}")
-        return tuple(Consumed._make((*edges[number], seq)) for number, seq in entries)
+        return tuple(Consumed(*edges[number - 1], seq) for seq, number in entries)
 
 
 class SourceProgress:

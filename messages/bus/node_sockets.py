@@ -249,8 +249,8 @@ class NodeSockets:
 
     def _received(self) -> Received | None:
         arrival = self.subscriber.receive()
-        if arrival is not None:
-            self.publisher.latest_ns = max(self.publisher.latest_ns, arrival.header.sent_ns)
+        if arrival is not None and arrival.header.sent_ns > self.publisher.latest_ns:
+            self.publisher.latest_ns = arrival.header.sent_ns
         return arrival
 
     def _drain(self) -> None:

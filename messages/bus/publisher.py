@@ -87,6 +87,7 @@ class Publisher:
         self._past.add(topic, frame, outlives=outlives)
         if self._lacks is None:
             self._put(frame, topic)
+            return frame
         for call in self._lacking(topic, seq):
             self._put(handshake.resent_frame(call, frame), topic)
         return frame

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from itertools import takewhile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
 from palpate.messages import codec_of, decode, encode
@@ -104,7 +104,7 @@ class NodeWork:
         """
         return [*self.each(arrival)]
 
-    def each(self, arrival: Received) -> Iterator[Outgoing | Finished]:
+    def each(self, arrival: Received) -> Iterable[Outgoing | Finished]:
         """The same one by one: what takes no time need not wait for what does."""
         return self._take(arrival, self._pack)
 
@@ -115,19 +115,23 @@ class NodeWork:
     def close(self) -> None:
         """Nothing to put away."""
 
-    def _take(self, arrival: Received, pack: Callable[[Output], OutputT]) -> Iterator[OutputT]:
-        if self._missing and arrival.topic not in self._missing:
+    def _take(self, arrival: Received, pack: Callable[[Output], OutputT]) -> Iterable[OutputT]:
+        if not self._missing:
+            return self._handle(arrival, pack)
+        if arrival.topic not in self._missing:
             self._held.append(arrival)
-            return
-        yield from self._handle(arrival, pack)
-        if self._missing:
-            self._missing.discard(arrival.topic)
-            if not self._missing:
-                for held in self._held:
-                    yield from self._handle(held, pack)
-                self._held.clear()
+            return ()
+        return self._take_need(arrival, pack)
 
-    def _handle(self, arrival: Received, pack: Callable[[Output], OutputT]) -> Iterator[OutputT]:
+    def _take_need(self, arrival: Received, pack: Callable[[Output], OutputT]) -> Iterator[OutputT]:
+        yield from self._handle(arrival, pack)
+        self._missing.discard(arrival.topic)
+        if not self._missing:
+            for held in self._held:
+                yield from self._handle(held, pack)
+            self._held.clear()
+
+    def _handle(self, arrival: Received, pack: Callable[[Output], OutputT]) -> Iterable[OutputT]:
         self._current = arrival
         cls, handler = self._received[arrival.topic]
         if arrival.header.schema != codec_of(cls).hash:
@@ -136,15 +140,34 @@ class NodeWork:
         began = time.perf_counter_ns()
         with self.steps(self._step):
             self._state, outputs = handler(self._params, self._state, message)
-            ready = [pack(output) for output in takewhile(_takes_no_time, outputs)]
+            ready = list[OutputT]()
+            for output in outputs:
+                if not isinstance(output, Finished) and isinstance(output[1], Deferred):
+                    break
+                ready.append(pack(output))
         spent = time.perf_counter_ns() - began
-        yield from ready
-        for output in outputs[len(ready) :]:
+        if len(ready) < len(outputs):
+            return chain(ready, self._long(arrival, outputs[len(ready) :], pack, spent))
+        self._count(arrival, spent)
+        return ready
+
+    def _long(
+        self,
+        arrival: Received,
+        outputs: Sequence[Output],
+        pack: Callable[[Output], OutputT],
+        spent: int,  # On the message so far, ns
+    ) -> Iterator[OutputT]:
+        """Outputs that take long, one by one."""
+        for output in outputs:
             began = time.perf_counter_ns()
             with self.steps(self._step):
                 packed = pack(output)
             spent += time.perf_counter_ns() - began
             yield packed
+        self._count(arrival, spent)
+
+    def _count(self, arrival: Received, spent: int) -> None:
         self.latency.add(spent)
         self.consumed[arrival.publisher, arrival.topic] += 1
 
@@ -174,16 +197,13 @@ class NodeWork:
         return message
 
     def _wire(self, local: str, cls: type) -> str:
-        check_declared(self.name, self._node.outputs, local, cls)
+        if self._node.outputs.get(local) is not cls:
+            check_declared(self.name, self._node.outputs, local, cls)
         if local not in self._wires:
             raise ContractError(
                 f"{self.name} published {local}, which another finger's node publishes"
             )
         return self._wires[local]
-
-
-def _takes_no_time(output: Output) -> bool:
-    return isinstance(output, Finished) or not isinstance(output[1], Deferred)
 
 
 def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:
@@ -288,7 +308,10 @@ class CpuSteps:
     def __call__(self, name: str) -> CpuSteps:
         """Begin a step, which lasts to the end of the ``with`` that it is called for."""
         self.before_each()
-        self._turn()
+        now = time.thread_time()
+        if self._open:
+            self._add(now)
+        self._since = now
         self._open.append(name)
         return self
 
@@ -296,15 +319,14 @@ class CpuSteps:
         """The step has begun."""
 
     def __exit__(self, *_: object) -> None:
-        self._turn()
+        now = time.thread_time()
+        self._add(now)
+        self._since = now
         self._open.pop()
 
-    def _turn(self) -> None:
-        now = time.thread_time()
-        if self._open:
-            name = self._open[-1]
-            self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
-        self._since = now
+    def _add(self, now: float) -> None:
+        name = self._open[-1]
+        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
 
 
 class Latency:

@@ -154,7 +154,9 @@ def test_text_that_is_no_unicode_is_refused_at_both_ends(example: Make):
 def test_an_integer_beyond_64_bits_is_refused_without_being_printed(value: int):
     for field in ("platform", "seed"):
         world = replace(World(platform=0.0, reach=1.0, fingers=1, seed=0), **{field: value})
-        with pytest.raises(CodecError, match=f"^not a World: {field} cannot be written: ") as caught:
+        with pytest.raises(
+            CodecError, match=f"^not a World: {field} cannot be written: "
+        ) as caught:
             encode(world)
         assert len(str(caught.value)) < 200
 

@@ -1,12 +1,16 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from palpate.messages.bus.message_log import (
+    GROWN_BYTES,
     WRITTEN_TOGETHER,
     Cause,
     Consumed,
@@ -270,22 +274,50 @@ def test_what_was_put_down_is_there_at_the_next_start_in_its_order(tmp_path: Pat
     assert Journal(tmp_path / "j", EDGES).before[3:] == (Consumed("a", "/one", 1),)
 
 
-@pytest.mark.parametrize("cut", range(1, 12))
-def test_an_entry_that_was_cut_off_is_written_anew(tmp_path: Path, cut: int):
+@pytest.mark.parametrize("left", range(16, 32))
+def test_an_entry_that_was_cut_off_is_written_anew(tmp_path: Path, left: int):
     path = tmp_path / "j"
     first = Journal(path, EDGES)
     first.note("a", "/one", 0)
-    first.note("b", "/two", 0)
-    path.write_bytes(path.read_bytes()[:-cut])
-    second = Journal(path, EDGES)
-    assert second.before == (Consumed("a", "/one", 0),)
-    second.note("b", "/two", 7)
-    assert Journal(path, EDGES).before[1:] == (Consumed("b", "/two", 7),)
+    first.note("b", "/two", 5)
+    whole = path.read_bytes()
+    first.close()
+    # The file was not grown to the end, or the second word was not written.
+    for cut in (whole[:left], whole[:24] + bytes(len(whole) - 24)):
+        path.write_bytes(cut)
+        second = Journal(path, EDGES)
+        assert second.before == (Consumed("a", "/one", 0),)
+        second.note("b", "/two", 7)
+        second.close()
+        assert Journal(path, EDGES).before[1:] == (Consumed("b", "/two", 7),)
+
+
+def test_a_journal_grows_with_what_is_put_down(tmp_path: Path):
+    noted = [(*EDGES[i % 2], i) for i in range(3 * GROWN_BYTES // 16 + 5)]
+    for begin, end in ((0, 1000), (1000, 1001), (1001, len(noted))):
+        journal = Journal(tmp_path / "j", EDGES)
+        assert [*journal.before] == noted[:begin]
+        for one in noted[begin:end]:
+            journal.note(*one)
+        journal.close()
+    assert [*Journal(tmp_path / "j", EDGES).before] == noted
+
+
+def test_what_was_put_down_outlives_who_is_killed(tmp_path: Path):
+    program = (
+        "import os, pathlib, sys\n"
+        "from palpate.messages.bus.message_log import Journal\n"
+        "Journal(pathlib.Path(sys.argv[1]), [('a', '/one'), ('b', '/two')]).note('b', '/two', 3)\n"
+        "os.kill(os.getpid(), 9)"
+    )
+    done = subprocess.run([sys.executable, "-c", program, tmp_path / "j"], timeout=60, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert Journal(tmp_path / "j", EDGES).before == (Consumed("b", "/two", 3),)
 
 
 def test_a_journal_of_another_node_is_refused(tmp_path: Path):
     Journal(tmp_path / "j", EDGES).note("b", "/two", 0)
-    with pytest.raises(ValueError, match="speaks of input 1, there are 1"):
+    with pytest.raises(ValueError, match="speaks of input 2, there are 1"):
         Journal(tmp_path / "j", EDGES[:1])
 
 
@@ -293,6 +325,6 @@ def test_an_entry_for_which_there_is_no_room_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     journal = Journal(tmp_path / "j", EDGES)
-    monkeypatch.setattr(os, "write", lambda file, data: len(data) - 1)
+    monkeypatch.setattr(os, "pwrite", lambda file, data, place: len(data) - 1)
     with pytest.raises(OSError, match="journal of what was consumed has no more room"):
         journal.note("a", "/one", 0)

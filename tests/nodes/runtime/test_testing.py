@@ -151,7 +151,7 @@ def test_an_example_has_the_fields_that_matter_and_plain_ones_otherwise():
     assert (image.touch, image.outcome, image.mask.shape) == (3, "hit", (0, 0))
     with pytest.raises(ValueError, match="a World has no hight; it has platform, reach"):
         example(World, hight=1)
-    with pytest.raises(CodecError, match="seed must be an integer"):
+    with pytest.raises(CodecError, match="seed must be int"):
         example(World, seed="x")
 
 
