@@ -24,6 +24,11 @@ import numpy as np
 from palpate.messages.fields import LARGEST, CodecError, Convert, field_rule, shape_text
 
 MAX_BYTES = 1 << 20  # Largest body of a type that does not set its own ``MAX_BYTES``
+# How msgspec puts it, and how we do
+_WORDS = (
+    *(("Expected", "must be"), ("`", "")),
+    *(("Object missing required", "missing"), ("Object contains unknown", "unknown")),
+)
 MAX_REASON_CHARS = 200  # Of what is wrong with bytes that are no message
 Message = TypeVar("Message")
 _CODECS: dict[type, Codec] = {}
@@ -99,16 +104,18 @@ def _reason(codec: Codec, error: Exception) -> str:
     """What is wrong, with the field before it."""
     what, _, path = str(error).partition(" - at `$.")
     name, _, part = path.rstrip("`").replace("[...]", "").partition(".")
-    what = printable(what.replace("Expected", "must be").replace("`", ""))
+    for theirs, ours in _WORDS:
+        what = what.replace(theirs, ours)
     if LARGEST in what:
         what = "must be finite"
+    described = codec.schema["properties"].get(name, {})
+    if "enum" in described:
+        what = what.replace("Invalid enum value", f"must be one of {described['enum']}, got")
     if part[:5] in ("dtype", "shape"):
-        described = codec.schema["properties"][name]
         array = next(one for one in described.get("anyOf", [described]) if "shape" in one)
-        what = f"must have {part[:5]} " + (
-            array["dtype"] if part[:5] == "dtype" else shape_text(array["shape"])
-        )
-    return f"{name} {what}" if name else what
+        dtype, shape = array["dtype"], shape_text(array["shape"])
+        what = f"must have {part[:5]} {dtype if part[:5] == 'dtype' else shape}"
+    return printable(f"{name} {what}" if name else what)
 
 
 def printable(text: str) -> str:

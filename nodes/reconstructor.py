@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from msgspec import Struct
@@ -18,22 +18,12 @@ from palpate.core.explore import empty_map, spanned_places, swept_places
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of
 from palpate.core.touch import Jet
 from palpate.messages import derive, types
-from palpate.nodes.rebuilding import (
-    QUALITIES,
-    TOUCHED_OUTCOMES,
-    Goal,
-    State,
-    coarse_model,
-    fitted_solids,
-    is_coarse,
-    is_complete,
-    known_space,
-    predicted_squares,
-    shape_model,
-    spanned_by,
-)
+from palpate.nodes import rebuilding
 from palpate.nodes.runtime import Deferred, Node, Outputs
 from palpate.nodes.specs import pad_of_info
+
+if TYPE_CHECKING:
+    from palpate.nodes.rebuilding import Goal, State
 
 KEPT = 4  # Fitted solids that are kept: the last ones
 
@@ -63,7 +53,7 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
     swept, spanned = state.swept, state.spanned
     if patch.outcome != "inside":
         start = advanced_pose(patch.pose, -patch.advance)
-        met = patch.outcome in TOUCHED_OUTCOMES
+        met = patch.outcome in rebuilding.TOUCHED_OUTCOMES
         places = swept_places(state.pad, start, patch.pose, state.space.step, touched=met)
         freed = (*swept.get(patch.goal, ()), state.space.numbers(places))
         swept = {**swept, patch.goal: freed}
@@ -101,9 +91,9 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
     """Fit the models whose turn has come, in the order of their numbers."""
     outputs: Outputs = []
     asked = sorted(state.asked, key=lambda goal: goal.number)
-    while asked and is_complete(state, asked[0]):
+    while asked and rebuilding.is_complete(state, asked[0]):
         goal = asked.pop(0)
-        if is_coarse(goal):
+        if rebuilding.is_coarse(goal):
             coarse = Deferred(types.Superquadric, partial(_coarse, state, goal))
             outputs.append(("/model/coarse", coarse))
         else:
@@ -118,33 +108,35 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
 def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquadric:
     contacts = [state.contacts[number].points for number in range(goal.closings)]
     with step("superquadric"):
-        return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
+        return rebuilding.coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
 
 
 def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
     """The map that goes with a model."""
     assert state.space is not None
     with step("space"):
-        space = known_space(state, goal)
+        space = rebuilding.known_space(state, goal)
     return derive(types.SpaceMap, space, number=goal.number)
 
 
 def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
     final = isinstance(goal, types.PlanDone)
-    candidates = fitted_solids(state, goal, step)
+    candidates = rebuilding.fitted_solids(state, goal, step)
     with step("prediction"):
-        predicted, enough = predicted_squares(state, goal, step)
+        predicted, enough = rebuilding.predicted_squares(state, goal, step)
     for number in sorted(state.fitted)[:-KEPT]:
         del state.fitted[number]
     quality = state.quality if final else None
     solid = candidates.better(predicted if enough else {})
-    return shape_model(goal, candidates, solid, predicted, spanned_by(state, goal), quality, step)
+    return rebuilding.shape_model(
+        goal, candidates, solid, predicted, rebuilding.spanned_by(state, goal), quality, step
+    )
 
 
 NODE = Node(
     params=Params,
     step="contacts",
-    start=lambda params: (State(quality=QUALITIES[params.quality]), []),
+    start=lambda params: (rebuilding.State(quality=rebuilding.QUALITIES[params.quality]), []),
     handler_timeout=120.0,
     inputs={
         "/world": (types.World, know_world),

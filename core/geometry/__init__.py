@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from palpate.core.geometry.nearest import NearestSearch as NearestSearch
     from palpate.core.geometry.nearest import nearest_points as nearest_points
     from palpate.core.geometry.nearest import nearest_search as nearest_search
+    from palpate.core.geometry.nearest import point_tree as point_tree
     from palpate.core.geometry.nearest import self_intersection as self_intersection
     from palpate.core.geometry.polygons import area_centroid as area_centroid
     from palpate.core.geometry.polygons import area_centroids as area_centroids

@@ -14,14 +14,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry.meshes import areas_and_normals, checked_faces
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Indices = NDArray[np.intp]
 SLIVER_HEIGHT = 1e-8  # Over length, below which a triangle counts as its edges alone
@@ -39,6 +41,16 @@ NEXT_LIMIT = 0.7  # Each round cuts what is longer than this share of the round 
 TOUCHING = 1e-9
 LEAST_SINE = 1e-9  # Of the angle between two planes: below it they are one
 PAIRS_AT_ONCE = 400_000  # Pairs that are tested at once
+
+
+def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:
+    """Points (n, k), ready to be searched; balanced, unless they are searched once.
+
+    It is imported here: who names a search need not load what it takes.
+    """
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points, balanced_tree=balanced, compact_nodes=balanced)
 
 
 class Nearest(NamedTuple):
@@ -69,7 +81,7 @@ def nearest_search(corners: Floats) -> NearestSearch:
     discs = BoundingDiscs.about(pieces)
     return NearestSearch(
         triangles=Triangles.of(corners),
-        centres=cKDTree(discs.centres, balanced_tree=False, compact_nodes=False),
+        centres=point_tree(discs.centres, balanced=False),
         boxes=BoxTree.about(low, high),
         discs=discs,
         face=face,

@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array
 
 from palpate.core.arrays import Bools, Floats, scaled_mad
 from palpate.core.touch.pad import Calibration
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 LEAST_PRESSES = 4  # A taxel needs this many presses for a gain and an offset of its own
 LEAST_KNOWN = 0.15e-3  # Compressions below are left out, m: an error of pose may have lifted it
@@ -220,6 +221,8 @@ class TaxelFit:
         self, touch: TaxelIndices, taxel: TaxelIndices, pressed: Floats
     ) -> csr_array:
         """One row a reading: common gain and offset, and its touch's three nuisances."""
+        from scipy.sparse import csr_array
+
         first = 2 + 3 * touch
         zero = np.zeros_like(first)
         columns = np.stack([zero, zero + 1, first, first + 1, first + 2], axis=-1)
@@ -233,6 +236,9 @@ class TaxelFit:
 
         The offsets at rest, the mean of the free frames, are readings as well.
         """
+        from scipy.linalg import cho_factor, cho_solve
+        from scipy.sparse import csr_array
+
         frames, rows = len(self.presses.free), np.arange(len(at))
         gain, offset = (self.noise / self.own_spread) ** 2
         ones = np.ones(len(at))

@@ -186,7 +186,7 @@ def test_what_cannot_be_published_is_refused_in_a_sentence(watcher, tmp_path):
         "/counter is published by counter, and a topic has one publisher",
         "a TactileFrame lacks touch, finger",
         "BODY must be a map of fields",
-        "must be one of ['bottomed', 'hit', 'inside', 'miss'], got 'hot'",
+        "must be one of ['hit', 'miss', 'inside', 'bottomed'], got 'hot'",
         "direction must be an array of float64",
         "must have one player, it has none",
     ]
@@ -226,6 +226,6 @@ def test_a_tool_of_another_version_cannot_hurt_a_source(watcher, tmp_path):
     assert aside.failure is None
     assert (ending.status, ending.restarts) == ("finished", {})
     assert refused[0] == "console does not publish '/nowhere' for tools"
-    assert refused[1].startswith("not a TactileFrame: missing fields")
+    assert refused[1].startswith("not a TactileFrame: missing field goal")
     assert refused[2] == "counter is no source: it publishes when it receives something"
     assert refused[3] == "there is no node 'nobody'"

@@ -55,8 +55,8 @@ def array_of(shape: object, data: object, dtype: object = "<f8") -> dict[str, ob
         (array_of([1, 1], b"\0" * 8, "|O"), "must have dtype <f8"),
         (array_of([1, 1], b"\0" * 8, ["<f8"]), "must have dtype <f8"),
         ([1.0], "must be object, got array"),
-        ({"dtype": "<f8", "shape": [0, 0]}, "Object missing required field data"),
-        (array_of([1, 1], b"\0" * 8) | {"more": 1}, "Object contains unknown field more"),
+        ({"dtype": "<f8", "shape": [0, 0]}, "missing field data"),
+        (array_of([1, 1], b"\0" * 8) | {"more": 1}, "unknown field more"),
         (array_of([1], b"\0" * 8), r"must have shape \(any, any\)"),
         (array_of([1, 1, 1], b"\0" * 8), r"must have shape \(any, any\)"),
         (array_of("11", b"\0" * 8), r"must have shape \(any, any\)"),
@@ -103,7 +103,7 @@ def test_an_empty_array_is_an_array(example: Make):
         (World, "seed", True, "must be int, got bool"),
         (World, "seed", (1 << 64) - 1, "must be int <= 9223372036854775807"),
         (World, "seed", "x" * 100, "must be int, got str$"),
-        (LogRecord, "level", "loud", "Invalid enum value 'loud'"),
+        (LogRecord, "level", "loud", r"must be one of \[.*'error'.*\], got 'loud'$"),
         (LogRecord, "level", ["info"], "must be str, got array"),
         (LogRecord, "text", b"bytes", "must be str, got bytes"),
         (LogRecord, "text", 7, "must be str, got int"),
@@ -198,9 +198,9 @@ def test_an_array_that_is_not_the_field_s_is_not_sent(value: Any, words: str):
 def test_missing_and_unknown_fields_are_named(example: Make):
     fields = unpacked(example(World))
     fields["colour"] = fields.pop("seed")
-    refused(World, msgpack.packb(fields), "^not a World: Object contains unknown field colour$")
+    refused(World, msgpack.packb(fields), "^not a World: unknown field colour$")
     del fields["colour"]
-    refused(World, msgpack.packb(fields), "^not a World: Object missing required field seed$")
+    refused(World, msgpack.packb(fields), "^not a World: missing field seed$")
 
 
 def test_an_array_that_is_not_contiguous_comes_back_in_order(example: Make):
@@ -485,4 +485,4 @@ def test_a_body_that_is_no_message_is_a_difference():
     found = first_difference(LogRecord, body, b"\x80")
     assert found is not None
     assert found[0] == "bytes"
-    assert "missing required field" in found[2]
+    assert "missing field" in found[2]

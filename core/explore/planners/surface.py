@@ -14,16 +14,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
-from palpate.core.geometry import areas_and_normals, sample_surface
+from palpate.core.geometry import areas_and_normals, point_tree, sample_surface
 from palpate.core.poses import pose_of
 from palpate.core.shapes import Mesh, TriangleShape
 from palpate.core.touch import Pad
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 PLACES = 4000  # Of the surface at which errors are told
 TRIED = 32  # Places to which touches are tried: the worst, not too close together
@@ -111,7 +113,9 @@ class ObservedSurface:
         places = self.places
         squares = np.square(places.errors if places.errors.any() else places.distances)
         if len(self.refused):
-            near = cKDTree(self.refused).query(places.points)[0] < 0.5 * NEAR * pad_width(self.pad)
+            near = point_tree(self.refused).query(places.points)[0] < 0.5 * NEAR * pad_width(
+                self.pad
+            )
             squares = np.where(near, 0.0, squares)
         return np.where(places.standing | places.spanned, 0.0, squares)
 
@@ -283,7 +287,7 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     )
     spanned = np.zeros(PLACES, np.bool_)
     if len(surface.openings):
-        near = cKDTree(surface.openings).query(points)[0] < BESIDE
+        near = point_tree(surface.openings).query(points)[0] < BESIDE
         spanned = near & (distances > HALF_OPENING) & ~standing
         bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
     told = points, normals, errors, bounds, distances
@@ -294,7 +298,7 @@ def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:
     """Which of the points (n, 3) lie within this width, m, aside of those that stand."""
     if not standing.any():
         return standing
-    return np.asarray(cKDTree(points[standing, :2]).query(points[:, :2])[0] < width)
+    return np.asarray(point_tree(points[standing, :2]).query(points[:, :2])[0] < width)
 
 
 def pad_gaps(
@@ -308,7 +312,7 @@ def pad_gaps(
     half = 0.5 * pad_width(pad)
     count = min(BESIDES, len(points))
     corner = math.sqrt(2.0) * half
-    beside = np.asarray(cKDTree(points).query(places, count, distance_upper_bound=corner)[1])
+    beside = np.asarray(point_tree(points).query(places, count, distance_upper_bound=corner)[1])
     known = np.concatenate([points, np.full((1, 3), np.inf)])
     away = np.where(beside[..., None] < len(points), known[beside] - places[:, None], 0.0)
     leaning = approach_directions(np.array([0.0, 0.0, 1.0]))
@@ -329,7 +333,7 @@ def pad_gaps(
 
 def _offers(surface: ObservedSurface) -> list[TouchOffer]:
     places, width = surface.places, pad_width(surface.pad)
-    tree = cKDTree(places.points)
+    tree = point_tree(places.points)
     found: list[TouchOffer] = []
     for number in _worst(surface, tree, width):
         normal = places.normals[tree.query_ball_point(places.points[number], 0.2 * width)].mean(

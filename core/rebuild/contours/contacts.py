@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.geometry import point_tree
 from palpate.core.poses import IDENTITY_POSE, rotation_matrix, split_pose
 from palpate.core.touch import Jet, Pad
 
@@ -47,7 +47,7 @@ def taxel_pitch(contacts: ContactPoints) -> float:
     points = contacts.points[contacts.touch == most]
     if len(points) < 2:
         return 0.0
-    distances, _ = cKDTree(points).query(points, k=2)
+    distances, _ = point_tree(points).query(points, k=2)
     return float(np.median(np.asarray(distances)[:, 1]))
 
 

@@ -14,7 +14,6 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints
@@ -391,7 +390,7 @@ def slice_distance(curves: Floats, points: Floats) -> Floats:
         levels = np.broadcast_to(level[:, None], plane.shape[:-1])
         return np.concatenate([plane, levels[..., None]], axis=-1).reshape(-1, 3)
 
-    tree = cKDTree(raised(curves), balanced_tree=False, compact_nodes=False)
+    tree = geometry.point_tree(raised(curves), balanced=False)
     nearest = tree.query(raised(points))[1].reshape(points.shape[:-1])
     ahead = 0.5 * (np.roll(curves, -1, axis=1) - np.roll(curves, 1, axis=1))
     step = np.linalg.norm(ahead, axis=2)

@@ -206,4 +206,4 @@ def test_a_body_that_is_no_message_is_counted():
     changes.add(0, b"\x80", encode(IMAGE))
     note = changes.fields["bytes"].notes["byte"]
     assert note.then == "1 bytes"
-    assert note.now.startswith("not a TactileImage: missing fields")
+    assert note.now.startswith("not a TactileImage: missing field goal")
