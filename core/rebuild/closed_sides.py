@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, positive
-from palpate.core.geometry import area_centroid, area_centroids
+from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.contours import ContactPoints, Slices, are_star_shaped
 from palpate.core.rebuild.ends import (
     End,
@@ -156,7 +156,7 @@ def runs_through_axis(surface: ContourSurface, rim: float, end: float) -> bool:
     """Whether a section between the last contour, at `rim`, and the point is inside out."""
     ways = 1.0 - np.geomspace(1.0, LAST, SECTIONS)
     turns = np.arange(SECTION_TURNS) / SECTION_TURNS
-    sections: Floats = surface.at((rim + ways * (end - rim))[:, None], turns[None])
+    sections = surface.rings(rim + ways * (end - rim), turns)
     away = sections - area_centroids(sections)[:, None]
     along = np.einsum("ski,ki->s", away, away[0])
     if not (along > 0.0).all():
@@ -189,7 +189,7 @@ def radial_rows(
     hardly anything was touched, or not all around. `bottom` and `top` are touched ends' heights, m.
     A `draft` has fewer coefficients around, where these do about as well, and no condition number.
     """
-    levels = np.column_stack([[area_centroid(fine) for fine in slices.fine], slices.heights])
+    levels = np.column_stack([area_centroids(slices.fine), slices.heights])
     axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
     normals = contacts.normals is not None  # Surer than curves, which noise may turn back
     starlike = not looks_inward(contacts, axis_curve) if normals else slices.star.all()

@@ -197,7 +197,7 @@ class Solid:
         low, high = fine.min(axis=(0, 1)), fine.max(axis=(0, 1))
         heights = np.linspace(self.slices.heights[0], self.slices.heights[-1], OVERSHOOT_ROWS)
         turns = np.arange(OVERSHOOT_TURNS) / OVERSHOOT_TURNS
-        side = self.closed.loft.at(heights[:, None], turns[None])
+        side = self.closed.loft.surface.rings(heights, turns)
         beyond = np.maximum(low - side, side - high).max()
         return float(max(beyond, 0.0) / (high - low).max())
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from palpate.core.splines.bases import insert_knots as insert_knots
     from palpate.core.splines.bases import interpolate_grid as interpolate_grid
     from palpate.core.splines.bases import periodic_knots as periodic_knots
+    from palpate.core.splines.bases import wound_basis as wound_basis
     from palpate.core.splines.closed_curves import FLAT_SPREAD as FLAT_SPREAD
     from palpate.core.splines.closed_curves import LEAST_POINTS as LEAST_POINTS
     from palpate.core.splines.closed_curves import ClosedCurve as ClosedCurve

@@ -12,12 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
+from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats, Ints, finite_array
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 ROUNDING = 64 * float(np.finfo(float).eps)  # Of the largest parameter: taken to the end
 CUBIC = 3
@@ -161,8 +165,7 @@ class PeriodicBasis:
     _wound: Basis = field(init=False, repr=False)  # One turn and its first functions again
 
     def __post_init__(self) -> None:
-        wound = Basis(periodic_knots(self.count, self.degree), self.degree)
-        object.__setattr__(self, "_wound", wound)
+        object.__setattr__(self, "_wound", wound_basis(self.count, self.degree))
 
     def greville(self) -> Floats:
         """Places (count,) that belong to the coefficients, in turns; the first may be below 0."""
@@ -186,10 +189,22 @@ class PeriodicBasis:
         return _rows(local, derivative, local.columns() % self.count, self.count)
 
 
+@lru_cache(maxsize=64)
+def wound_basis(count: int, degree: int = CUBIC) -> Basis:
+    """One turn of the functions around a circle, and its first ones again; errors as of those."""
+    return Basis(periodic_knots(count, degree), degree)
+
+
 def _rows(local: LocalBasis, derivative: int, columns: Ints, count: int) -> csr_array:
+    return sparse_rows(local.values[derivative], columns, count)
+
+
+def sparse_rows(values: Floats, columns: NDArray[np.integer], count: int) -> csr_array:
+    """A sparse matrix (m, count) of as many values (m, k) in each row, at their columns (m, k)."""
+    from scipy.sparse import csr_array  # Slow to import, and not wanted to evaluate a spline
+
     starts = np.arange(0, columns.size + 1, columns.shape[1])
-    shape = (len(columns), count)
-    return csr_array((local.values[derivative].ravel(), columns.ravel(), starts), shape=shape)
+    return csr_array((values.ravel(), columns.ravel(), starts), shape=(len(columns), count))
 
 
 def clamped_basis(count: int, degree: int = CUBIC) -> Basis:
@@ -335,9 +350,11 @@ def evaluate_grid(
     if len(axes) != len(bases):
         raise ValueError(f"axes must be {len(bases)}, one for each basis, got {len(axes)}")
     for basis, x, order in zip(bases, axes, orders, strict=True):
-        rows = basis.matrix(x, order) @ values.reshape(basis.count, -1)
+        local, flat = basis.nonzero(x, order), values.reshape(basis.count, -1)
+        reaching = zip(local.values[order].T, local.columns().T, strict=True)
+        rows = sum(weights[:, None] * flat[columns] for weights, columns in reaching)
         # The axis that is done goes to the end; after the last one the components are first.
-        values = rows.reshape(len(x), *values.shape[1:])
+        values = np.reshape(rows, (len(x), *values.shape[1:]))
         values = np.moveaxis(values, 0, -1)
     return np.ascontiguousarray(np.moveaxis(values, 0, -1))
 

@@ -12,13 +12,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from math import comb
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.splines.bases import ROUNDING, Basis, Orders, evaluate_grid, evaluate_scattered
+from palpate.core.splines.bases import (
+    ROUNDING,
+    Basis,
+    Orders,
+    evaluate_grid,
+    evaluate_scattered,
+    sparse_rows,
+)
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 VALUE_ORDERS: tuple[Orders, ...] = ((0, 0, 0),)
 FIRST_ORDERS: tuple[Orders, ...] = (*VALUE_ORDERS, (1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -127,9 +136,7 @@ class SplineVolume:
         if self.weights is not None:
             values = values * self.weights.ravel()[columns]
             values = values / values.sum(axis=1, keepdims=True)
-        starts = np.arange(0, columns.size + 1, columns.shape[1])
-        shape = (n, self.control[..., 0].size)
-        return csr_array((values.ravel(), columns.ravel(), starts), shape=shape)
+        return sparse_rows(values, columns, self.control[..., 0].size)
 
 
 def _quotient_slope(points: Floats, slope: Floats, weight: Floats) -> Floats:

@@ -20,6 +20,7 @@ from palpate.core import Floats, arrays_from_bytes
 from palpate.core.shapes import mend_mesh
 from palpate.launch.files import mesh_formats
 from palpate.launch.files.file_access import read_bounded
+from palpate.launch.files.mesh_writers import WRITERS
 from palpate.launch.files.ply import read_ply
 from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.messages.types import ShapeModel
@@ -208,11 +209,9 @@ def write_mesh(path: Path, vertices: Floats, faces: NDArray[np.int32]) -> None:
 
     The suffix is one of `MESH_UNITS`.
     """
-    import trimesh
-
     kind = path.suffix.lower()
     if kind == ".stl":
         vertices = vertices * MILLIMETRES_PER_METRE
     elif kind == ".glb":
         vertices = vertices @ Y_UP.T
-    trimesh.Trimesh(vertices, faces, process=False).export(path)
+    path.write_bytes(WRITERS[kind](vertices, faces))

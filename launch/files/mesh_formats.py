@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from palpate.core import rotation_matrix
 
-_STL_HEADER = struct.Struct("<80xI")
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+STL_HEADER = struct.Struct("<80xI")
+STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _CORNER = re.compile(rb"^[ \t]*vertex[ \t]([^\r\n]*)", re.MULTILINE)
 _OFF_START = re.compile(rb"\s*(?:ST)?C?N?OFF\b")
 MAX_TRIANGLES = 2_000_000  # Of a mesh
@@ -36,8 +36,9 @@ TRIANGLE_MODE = 4  # Mode of a primitive
 _HEAD = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<II")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
-_INDICES = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
-_FLOAT = 5126
+UNSIGNED = 5125  # Of whole numbers of 4 bytes
+_INDICES = {5121: "<u1", 5123: "<u2", UNSIGNED: "<u4"}
+FLOAT = 5126
 UNIT_ERROR = 1e-3  # By which a quaternion's length may differ from 1: files round
 Part = TypeVar("Part")
 Quaternion = tuple[float, float, float, float]
@@ -49,11 +50,11 @@ def read_stl(data: bytes) -> RawMesh:
 
     ValueError if it is neither text with whole facets nor binary of the length that it states.
     """
-    if len(data) >= _STL_HEADER.size:
-        (count,) = _STL_HEADER.unpack_from(data)
-        if len(data) == _STL_HEADER.size + count * _TRIANGLE.itemsize:
+    if len(data) >= STL_HEADER.size:
+        (count,) = STL_HEADER.unpack_from(data)
+        if len(data) == STL_HEADER.size + count * STL_TRIANGLE.itemsize:
             check_counts(0, count)
-            found = np.frombuffer(data, _TRIANGLE, offset=_STL_HEADER.size)["corners"]
+            found = np.frombuffer(data, STL_TRIANGLE, offset=STL_HEADER.size)["corners"]
             return _unmerged(as_float64(found))
     if data[:100].lstrip()[:5].lower() != b"solid":
         raise ValueError("is cut short, or has not the triangles that it states")
@@ -290,7 +291,7 @@ def read_glb(data: bytes) -> RawMesh:
     (piece,) = pieces
     if piece.mode != TRIANGLE_MODE:
         raise ValueError(f"holds no triangles but a mesh of mode {piece.mode}")
-    found = _accessor_values(gltf, held, piece.attributes.get("POSITION"), "VEC3", {_FLOAT: "<f4"})
+    found = _accessor_values(gltf, held, piece.attributes.get("POSITION"), "VEC3", {FLOAT: "<f4"})
     vertices = apply_node_transform(as_float64(found), gltf.nodes)
     if piece.indices is None:
         corners = np.arange(len(vertices), dtype=np.int64)
@@ -323,6 +324,15 @@ def _chunks(data: bytes) -> tuple[bytes, memoryview]:
     if kind != _BIN or held > len(data) - after:
         raise ValueError("is cut short, or has no data where they must be")
     return data[begin : begin + size], memoryview(data)[after : after + held]
+
+
+def glb_of(described: bytes, data: bytes) -> bytes:
+    """A GLB file of a description in JSON and its data, each filled up to whole words."""
+    described += b" " * (-len(described) % 4)
+    data += bytes(-len(data) % 4)
+    size = _HEAD.size + 2 * _CHUNK.size + len(described) + len(data)
+    head = _HEAD.pack(b"glTF", 2, size) + _CHUNK.pack(len(described), _JSON)
+    return head + described + _CHUNK.pack(len(data), _BIN) + data
 
 
 def _accessor_values(

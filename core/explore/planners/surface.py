@@ -12,8 +12,9 @@ would meet or come near to.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -379,18 +380,17 @@ def _best_approach(
     return best
 
 
-def approach_directions(normal: Floats) -> list[tuple[float, Floats]]:
+def approach_directions(normal: Floats) -> Iterator[tuple[float, Floats]]:
     """Unit directions (3,) out of which a place may be approached, with their tilt, rad."""
+    yield 0.0, normal
     aside = np.eye(3)[int(np.abs(normal).argmin())]
     first = np.cross(normal, aside)
     first /= np.linalg.norm(first)
     second = np.cross(normal, first)
-    found = [(0.0, normal)]
     for tilt in TILTS[1:].tolist():
         for turn in 2.0 * np.pi * np.arange(AROUND) / AROUND:
             level = math.cos(turn) * first + math.sin(turn) * second
-            found.append((tilt, math.cos(tilt) * normal + math.sin(tilt) * level))
-    return found
+            yield tilt, math.cos(tilt) * normal + math.sin(tilt) * level
 
 
 def _approach(
@@ -442,16 +442,19 @@ def _meets_pedestal(
 
 def pad_axes(inward: Floats) -> Floats:
     """Axes (3, 3) of a pad that moves along a direction, its x axis level."""
-    level = np.cross([0.0, 0.0, 1.0], inward)
-    if np.linalg.norm(level) < 0.05:
-        level = np.cross([0.0, 1.0, 0.0], inward)
-    level /= np.linalg.norm(level)
-    return np.column_stack([level, np.cross(inward, level), inward])
+    x, y, z = inward.tolist()  # Written out: numpy's cross product is slow for one vector
+    level = (-y, x, 0.0) if math.hypot(x, y) >= 0.05 else (z, 0.0, -x)
+    length = math.hypot(*level)
+    a, b, c = (part / length for part in level)
+    return np.array([[a, y * c - z * b, x], [b, z * a - x * c, y], [c, x * b - y * a, z]])
 
 
+@lru_cache(maxsize=8)
 def _face(pad: Pad) -> Floats:
     """Places (n, 3) of the pad's face, in its own frame, m."""
     half = 0.5 * pad_width(pad)
     x, y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-half, half, RAYS)] * 2))
     sag = 0.5 * pad.dome * (x**2 + y**2)
-    return np.column_stack([x, y, -sag])
+    face = np.column_stack([x, y, -sag])
+    face.setflags(write=False)
+    return face

@@ -117,18 +117,38 @@ def close_ends(
     bottom: float | None = None,
     top: float | None = None,
     noise: float = 0.0,
-    dense: bool = False,
-    beyond: tuple[EdgeSamples | None, EdgeSamples | None] = (None, None),
 ) -> tuple[End, End]:
     """Both ends of a stack of contours, below and above.
 
     They run counter-clockwise at ascending heights (m,), grid (m, k, 2); `noise` is the standard
     deviation of a point, in the same unit. `bottom` and `top` are heights at which a touch found
-    the ends, left out where nobody touched. `dense` contours are rows of a surface, as close
-    together as one likes; `beyond` says what was touched below and above those, between them and
-    touched ends. Raises ValueError if the contours are not like that or have no width, if an end
-    lies inside the contours by more than a spacing, or if `noise` is negative.
+    the ends, left out where nobody touched. Raises ValueError if the contours are not like that or
+    have no width, if an end lies inside the contours by more than a spacing, or if `noise` is
+    negative.
     """
+    down, up = (_stack(heights, grid, noise, upper=upper) for upper in (False, True))
+    return _end("bottom", down, bottom, False, None), _end("top", up, top, False, None)
+
+
+def close_rows(
+    heights: Floats,
+    grid: Floats,
+    touched: float | None,
+    noise: float,
+    beyond: EdgeSamples | None,
+    *,
+    upper: bool,
+) -> End:
+    """The upper or lower end of rows of a surface, as close together as one likes.
+
+    `touched` is the height at which a touch found it, and `beyond` says what was touched between
+    the last row and that; otherwise as `close_ends`, with its errors.
+    """
+    stack = _stack(heights, grid, noise, upper=upper)
+    return _end("top" if upper else "bottom", stack, touched, True, beyond)
+
+
+def _stack(heights: Floats, grid: Floats, noise: float, *, upper: bool) -> _Stack:
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
     if not len(heights) or not (np.diff(heights) > 0.0).all():
@@ -140,12 +160,11 @@ def close_ends(
     if not (radii > 0.0).all():
         raise ValueError(f"contours must have a width, got radius 0 in {int((radii <= 0).sum())}")
     scatter = noise / np.sqrt(grid.shape[1])
-    last = [0, -1]
-    whole = are_nearly_star_shaped(grid[last] - middles[last, None]).tolist()
-    up = _Stack(heights, radii, middles, scatter, 1.0, whole[1])
-    down = _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, whole[0])
-    below, above = beyond
-    return _end("bottom", down, bottom, dense, below), _end("top", up, top, dense, above)
+    last = [-1 if upper else 0]
+    whole = bool(are_nearly_star_shaped(grid[last] - middles[last, None])[0])
+    if upper:
+        return _Stack(heights, radii, middles, scatter, 1.0, whole)
+    return _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, whole)
 
 
 def _end(

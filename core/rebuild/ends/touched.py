@@ -18,10 +18,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats
-from palpate.core.geometry import area_centroid
+from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.geometry import area_centroid, area_centroids
 from palpate.core.rebuild.contours import ContactPoints, quadric_terms
-from palpate.core.rebuild.ends.closing import End, close_ends
+from palpate.core.rebuild.ends.closing import End, close_rows
 from palpate.core.rebuild.ends.profiles import EdgeSamples
 from palpate.core.rebuild.side import RadialSpline
 
@@ -182,15 +182,11 @@ def end_from_contacts(
 
     def closed(lean: Floats) -> End:
         beyond = None if end is None else edge_samples(contacts, spline, rim, end, radius, lean)
-        bottom, top = (end, None) if inwards > 0.0 else (None, end)
-        pair = (beyond, None) if inwards > 0.0 else (None, beyond)
-        ends = close_ends(
-            heights, grid, bottom=bottom, top=top, noise=noise, dense=True, beyond=pair
-        )
-        return with_touched_middle(ends[0 if inwards > 0.0 else 1], row, contacts)
+        found = close_rows(heights, grid, end, noise, beyond, upper=inwards < 0.0)
+        return with_touched_middle(found, row, contacts)
 
     away = heights - heights.mean()  # By how much the rows' middles move aside with the height
-    middles = np.array([area_centroid(ring) for ring in grid])
+    middles = area_centroids(grid)
     ahead = away @ middles / float(away @ away) * (0.0 if end is None else end - rim)
     first = closed(ahead)
     lean = first.middle - area_centroid(row)
@@ -389,32 +385,50 @@ class EndContact(NamedTuple):
 def end_contacts_of(contacts: ContactPoints, way: float) -> list[EndContact]:
     """The touches that face an end, way 1 or -1, with enough taxels to tell how it leans there."""
     assert contacts.normals is not None
-    facing = way * contacts.normals[:, 2] > FACING_END
+    facing = np.flatnonzero(way * contacts.normals[:, 2] > FACING_END)
     counts = np.bincount(contacts.touch[facing], minlength=1)
-    found = [
-        _end_contact(int(each), contacts.points[facing & (contacts.touch == each)])
-        for each in np.flatnonzero(counts >= FEWEST_TAXELS)
-    ]
-    best = min((one.off for one in found), default=0.0)
+    met = np.flatnonzero(counts >= FEWEST_TAXELS)
+    if not len(met):
+        return []
+    facing = facing[counts[contacts.touch[facing]] >= FEWEST_TAXELS]
+    facing = facing[np.argsort(contacts.touch[facing], kind="stable")]
+    found = _end_contacts(met, counts[met], contacts.points[facing])
+    best = min(one.off for one in found)
     uneven = [one.kind == "flat" and one.off > WORSE * best + FLAT * one.width for one in found]
     pairs = zip(found, uneven, strict=True)
     return [one._replace(kind="edge") if worse else one for one, worse in pairs]
 
 
-def _end_contact(touch: int, points: Floats) -> EndContact:
-    """A touch by its taxels (n, 3) that face an end."""
-    place = points.mean(axis=0)
-    away, z = (points - place)[:, :2], points[:, 2] - place[2]
-    width = float(np.sqrt(np.mean((away**2).sum(axis=1))))
-    x, y = away.T / (width or 1.0)  # In its own width: the unit does not matter
-    rows = quadric_terms(x, y)
-    plane, bent = (np.linalg.lstsq(rows[:, :count], z, rcond=None)[0] for count in (3, 6))
-    off = float(np.sqrt(np.mean((z - rows[:, :3] @ plane) ** 2)))
-    left = float(np.sqrt(np.mean((z - rows @ bent) ** 2)))
-    narrow = float(np.linalg.eigvalsh(np.cov(x, y))[0]) < THIN**2
-    is_bent = off > BENT * left + FLAT * width
-    kind: ContactKind = "edge" if narrow else "bent" if is_bent else "flat"
-    return EndContact(touch, place, plane[1:] / (width or 1.0), off, width, kind)
+def _end_contacts(touches: Ints, counts: Ints, points: Floats) -> list[EndContact]:
+    """Touches by their taxels (n, 3) that face an end, so many of each, in the touches' order."""
+    row = np.repeat(np.arange(len(counts)), counts)
+    column = np.arange(len(points)) - np.repeat(np.cumsum(counts) - counts, counts)
+    begins = np.cumsum(counts) - counts
+    places = np.add.reduceat(points, begins) / counts[:, None]
+    away = points - places[row]
+    squares = np.add.reduceat(np.square(away[:, :2]).sum(axis=1), begins) / counts
+    widths = np.sqrt(squares)
+    scale = np.where(widths > 0.0, widths, 1.0)  # In its own width: the unit does not matter
+    local = away[:, :2] / scale[row, None]
+    # One more column: its factor's last ones are what a plane, and a quadric, leave of the heights.
+    equations = np.zeros((len(counts), int(counts.max()), 7))
+    equations[row, column] = np.column_stack([quadric_terms(*local.T), away[:, 2]])
+    factor = np.linalg.qr(equations, mode="r")
+    offs = np.linalg.norm(factor[:, 3:, 6], axis=1) / np.sqrt(counts)
+    left = np.abs(factor[:, 6, 6]) / np.sqrt(counts)
+    planes = np.einsum("tij,tj->ti", np.linalg.pinv(factor[:, :3, :3]), factor[:, :3, 6])
+    slopes = planes[:, 1:] / scale[:, None]
+    moments = np.add.reduceat(local[:, :, None] * local[:, None], begins)
+    narrow = np.linalg.eigvalsh(moments / (counts - 1)[:, None, None])[:, 0] < THIN**2
+    is_bent = offs > BENT * left + FLAT * widths
+    kinds: list[ContactKind] = ["flat", "bent", "edge"]
+    kind = np.where(narrow, 2, is_bent.astype(int))
+    return [
+        EndContact(
+            int(touches[i]), places[i], slopes[i], float(offs[i]), float(widths[i]), kinds[kind[i]]
+        )
+        for i in range(len(touches))
+    ]
 
 
 class Shear(NamedTuple):

@@ -82,7 +82,8 @@ def side_equations(
     weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * middle))
     height = height[within]
     local = np.clip((height - low) / (high - low), 0.0, 1.0)
-    matrix = tensor_rows(along.matrix(local), around.matrix(turns))
+    bases = along.matrix(local), around.matrix(turns)
+    matrix = tensor_rows(*bases)
     matrix.data *= np.repeat(weights, np.diff(matrix.indptr))
     return SideEquations(
         matrix,
@@ -92,7 +93,7 @@ def side_equations(
         height,
         np.stack([local, turns], axis=-1),
         middle,
-        banded(csr_array(matrix.T @ matrix), _width(around.count)),
+        normal_band(*bases, weights),
     )
 
 
@@ -115,6 +116,37 @@ def tensor_rows(first: csr_array, second: csr_array) -> csr_array:
     pointers = np.arange(0, n * counts[0] * counts[1] + 1, counts[0] * counts[1])
     shape = (n, first.shape[1] * second.shape[1])
     return csr_array((values.ravel(), columns.ravel(), pointers), shape=shape)
+
+
+def normal_band(first: csr_array, second: csr_array, weights: Floats) -> Floats:
+    """Lower band (width + 1, n) of the normal equations of the weighted product of two bases.
+
+    Cell by cell: rows of one cell share their columns, and the products of these are products of
+    pairs along and of pairs around.
+    """
+    reach = CUBIC + 1
+    along, around = (one.indices.reshape(-1, reach) for one in (first, second))
+    rings, turns = first.shape[1], second.shape[1]
+    cells = along[:, 0] * turns + around[:, 0]
+    order = np.argsort(cells, kind="stable")
+    begins = np.flatnonzero(np.diff(cells[order], prepend=-1))
+    one, other = np.tril_indices(reach)
+    values = (weights[:, None] * first.data.reshape(-1, reach))[order]
+    pairs = values[:, one] * values[:, other]
+    values = second.data.reshape(-1, reach)[order]
+    products = pairs[:, :, None] * (values[:, one] * values[:, other])[:, None]
+    sums = np.add.reduceat(products, begins, axis=0)  # (cells, pairs along, pairs around)
+    number = np.zeros((reach, reach), np.intp)
+    number[one, other] = number[other, one] = np.arange(len(one))
+    along, around = along[order[begins]], around[order[begins]]
+    left, right = (part.ravel() for part in np.indices((reach, reach)))
+    row = along[:, one, None] * turns + around[:, None, left]
+    column = along[:, other, None] * turns + around[:, None, right]
+    lower = row >= column
+    size = rings * turns
+    places = ((row - column) * size + column)[lower]
+    found = np.bincount(places, sums[:, :, number.ravel()][lower], reach * turns * size)
+    return found.reshape(-1, size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +216,10 @@ def side_system(
     strengths, root = along
     band = normal + mean * around * _bending_around(root.shape[1], turns)
     weighted = np.repeat(np.sqrt(strengths), len(root) // len(strengths))[:, None] * root
-    form = csr_array(weighted.T @ weighted / (np.square(root).sum() / root.shape[1]))
-    band += mean * banded(csr_array(kron(form, eye_array(turns))), _width(turns))
+    form = mean * (weighted.T @ weighted) / (np.square(root).sum() / root.shape[1])
+    for apart in range(CUBIC + 1):
+        diagonal = np.repeat(np.diagonal(form, -apart), turns)
+        band[apart * turns, : len(diagonal)] += diagonal
     if tension is not None:
         band += mean * banded(csr_array(tension.T @ tension), _width(turns))
     band[0] += mean * RIDGE

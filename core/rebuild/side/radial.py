@@ -214,6 +214,11 @@ class RadialSpline:
         return np.asarray(self.rows.target - self.rows.matrix @ self.coefficients.ravel())
 
     @cached_property
+    def gaps(self) -> Gaps | None:
+        """Where none of the points lies, though points lie around; None if there is no such."""
+        return _gaps(self)
+
+    @cached_property
     def freedom(self) -> float:
         """Degrees of freedom spent, estimated with random signs (Hutchinson, 1989)."""
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (PROBES, len(self.rows.target)))
@@ -358,30 +363,55 @@ def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
     about a place in a ring of which most was touched: what lies between such rings is told by
     curves. 0 beside gaps.
     """
-    rows = spline.rows
     nowhere = np.zeros((len(heights), len(turns)))
-    if np.median(np.bincount(rows.touch)) < FEWEST_TAXELS:
+    gaps = spline.gaps
+    if gaps is None:
         return nowhere
+    places = gaps.unrolled(np.repeat(heights, len(turns)), np.tile(turns, len(heights)))
+    inside = (cdist(places, gaps.centres) < gaps.radii).any(axis=1)
+    widths = 2.0 * np.asarray(gaps.taxels.query(places)[0])
+    return np.where(inside, widths, 0.0).reshape(nowhere.shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gaps:
+    """Circles without a taxel, on rings as wide as those of a spline are on average.
+
+    Its own may plunge in gaps.
+    """
+
+    heights: Floats  # Of the rings, rising, (r,), m
+    widths: Floats  # Radii of the rings, (r,), m
+    taxels: cKDTree  # Where taxels lie on them
+    centres: Floats  # Of the circles, (k, 3), m
+    radii: Floats  # Of the circles, (k,), m
+
+    def unrolled(self, heights: Floats, turns: Floats) -> Floats:
+        """Places (n, 3) on the rings, m, at heights, m, and turns (n,)."""
+        return _on_rings(self.heights, self.widths, heights, turns)
+
+
+def _on_rings(rings: Floats, radii: Floats, heights: Floats, turns: Floats) -> Floats:
+    radius, angle = np.interp(heights, rings, radii), 2.0 * np.pi * turns
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), heights])
+
+
+def _gaps(spline: RadialSpline) -> Gaps | None:
+    """The gaps between the taxels of a spline; None if there are none, or too few taxels."""
+    rows = spline.rows
+    if np.median(np.bincount(rows.touch)) < FEWEST_TAXELS:
+        return None
     rings = np.linspace(spline.low, spline.high, 2 * SPANS)
     around = np.arange(spline.around) / spline.around
     middles = np.sqrt(np.median(spline.squared(rings, around), axis=1))
-
-    def unrolled(heights: Floats, turns: Floats) -> Floats:
-        """On rings as wide as those of the spline are on average: its own may plunge in gaps."""
-        radius, angle = np.interp(heights, rings, middles), 2.0 * np.pi * turns
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), heights])
-
-    taxels = ContactPoints(unrolled(rows.heights, rows.places[:, 1]), None, rows.touch)
-    pitch, tree = taxel_pitch(taxels), cKDTree(taxels.points)
-    centres = unrolled(np.repeat(rings, len(around)), np.tile(around, len(rings)))
+    taxels = _on_rings(rings, middles, rows.heights, rows.places[:, 1])
+    pitch, tree = taxel_pitch(ContactPoints(taxels, None, rows.touch)), cKDTree(taxels)
+    turns = np.tile(around, len(rings))
+    centres = _on_rings(rings, middles, np.repeat(rings, len(around)), turns)
     radii = np.asarray(tree.query(centres)[0])
     touched = np.mean(radii.reshape(len(rings), -1) < NEAR * pitch, axis=1) > MOSTLY
     wide = (radii > WIDE * pitch) & np.repeat(touched, len(around))
-    if not wide.any():
-        return nowhere
-    places = unrolled(np.repeat(heights, len(turns)), np.tile(turns, len(heights)))
-    inside = (cdist(places, centres[wide]) < radii[wide]).any(axis=1)
-    return np.where(inside, 2.0 * np.asarray(tree.query(places)[0]), 0.0).reshape(nowhere.shape)
+    return Gaps(rings, middles, tree, centres[wide], radii[wide]) if wide.any() else None
 
 
 @lru_cache(maxsize=1)

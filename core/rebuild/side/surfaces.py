@@ -20,7 +20,7 @@ from palpate.core.splines import (
     averaged_knots,
     evaluate_grid,
     evaluate_scattered,
-    periodic_knots,
+    wound_basis,
 )
 
 MOST_SITES = 128  # Coefficients along the axis; of more contours some share a knot interval
@@ -61,6 +61,10 @@ class ContourSurface:
             plane = np.where(outside, 0.0, 1.0 / rise)[:, None] * plane
         return plane.reshape(*heights.shape, 2)
 
+    def rings(self, heights: Floats, turns: Floats) -> Floats:
+        """The same at each pair of heights (a,) and turns (b,): (a, b, 2), m."""
+        return self.on_grid(self.within(heights), turns)
+
     def within(self, heights: Floats) -> Floats:
         """Parameters (n,) of heights (n,), m; those beyond its reach are taken to its ends."""
         low, high = self.along.domain
@@ -80,7 +84,7 @@ class ContourSurface:
 
     @property
     def _bases(self) -> tuple[Basis, Basis]:
-        return self.along, Basis(periodic_knots(self.control.shape[1]), CUBIC)
+        return self.along, wound_basis(self.control.shape[1])
 
     @property
     def _wound(self) -> Floats:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -352,13 +352,13 @@ class EndPatch:
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """See `Patch.at`."""
         edge = np.full(len(turns), float(self.upper))
-        return self._set_on(v, lambda order: self.side.at(edge, turns, (0, order)), by)
+        return self._set_on(v, cache(lambda order: self.side.at(edge, turns, (0, order))), by)
 
     def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """See `Patch.on_grid`."""
         edge = np.array([float(self.upper)])
-        ring = partial(self.side.on_grid, edge, turns)
-        return self._set_on(v[:, None], lambda order: ring((0, order)), by)
+        ring = cache(lambda order: self.side.on_grid(edge, turns, (0, order)))
+        return self._set_on(v[:, None], ring, by)
 
     def _set_on(self, v: Floats, ring: Ring, by: Orders) -> Floats:
         """At v and places of the ring, which are broadcast."""
@@ -459,8 +459,7 @@ class SampledPatch:
     @property
     def _bases(self) -> tuple[splines.Basis, splines.Basis]:
         along, around = self.control.shape[:2]
-        periodic = splines.Basis(splines.periodic_knots(around), splines.CUBIC)
-        return splines.clamped_basis(along), periodic
+        return splines.clamped_basis(along), splines.wound_basis(around)
 
     @property
     def _wound(self) -> Floats:
