@@ -368,11 +368,25 @@ def _renamed(value: Any) -> Any:
 
 
 def machine() -> Flat:
-    """What decides how numbers round, and how help is laid out."""
+    """What decides how numbers round, and how help is laid out.
+
+    Where BLAS takes the same kernels, how far it sums at a time still depends on the caches, and
+    what the C library takes for a sine on the processor.
+    """
     kernels = sorted({str(pool.get("architecture", "")) for pool in threadpool_info()} - {""})
     packages = ("numpy", "scipy", "trimesh", "manifold3d", "click")
-    found: Flat = {"machine": " ".join([platform.system(), platform.machine(), *kernels])}
+    parts = [platform.system(), platform.machine(), *_processor(), *kernels, *platform.libc_ver()]
+    found: Flat = {"machine": " ".join(parts)}
     return found | {"python": sys.version[:4]} | {name: version(name) for name in packages}
+
+
+def _processor() -> list[str]:
+    """Name of the processor, and the size of its second cache, where the system tells."""
+    told = []
+    names, cache = Path("/proc/cpuinfo"), Path("/sys/devices/system/cpu/cpu0/cache/index2/size")
+    if names.is_file():
+        told = re.findall(r"^model name\s*: (.*)$", names.read_text(), re.MULTILINE)[:1]
+    return [*told, cache.read_text().strip()] if cache.is_file() else told
 
 
 def elsewhere() -> str:

@@ -85,7 +85,9 @@ def apart(one: Solid, other: Solid) -> float:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_solid_of_all_that_was_moved_is_the_moved_solid(method):
     one, other = upright(method), tilted(method)
-    assert apart(one, other) < 1e-12
+    # A superquadric is found by iterations, which end where residuals and slopes have a cosine of
+    # 1e-9.
+    assert apart(one, other) < (1e-10 if method == "coarse" else 1e-12)
     assert other.uncovered == pytest.approx(one.uncovered, abs=1e-12)
     assert one.frame is None and np.array_equal(np.array(other.frame), POSE)
 
