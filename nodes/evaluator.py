@@ -15,7 +15,7 @@ from palpate.messages import derive
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime import Deferred, Finished, Node, Outputs
 
-EVERY = 10  # A model on the way is measured by one sample in so many, the final one by all
+EVERY = 20  # A model on the way is measured by one sample in so many, the final one by all
 NO_GENUS = -1  # Genus of a surface that is not closed: it has none
 
 
@@ -24,7 +24,7 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class TrueSurface:
-    """The truth, made ready to be compared with, by all its samples and by a tenth of them.
+    """The truth, made ready to be compared with, by all its samples and by a few of them.
 
     Raises ValueError if it is no surface, or has no volume.
     """

@@ -271,16 +271,27 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
         positive("noise", noise, "in the unit of the points")
     if len(places) > MOST_POINTS:
         places = places[np.linspace(0, len(places) - 1, MOST_POINTS).round().astype(int)]
-    fits = [recover(places, taper=taper, bend=bend, noise=noise) for taper, bend in WARPS]
-    fitted = [fit for fit in fits if fit.fitted]
-    if not fitted:
-        return fits[0]
-    sound = [fit for fit in fitted if not USELESS.intersection(fit.warnings)]
+    count = len(places)
+
+    def penalty(missed: float, parameters: int) -> float:
+        """Schwarz's criterion: smaller is better."""
+        return 2.0 * count * math.log(missed) + parameters * math.log(count)
 
     def information(fit: Recovery) -> float:
-        """Schwarz's criterion: smaller is better."""
         rounding = max(np.finfo(float).eps * float(fit.size.max()), np.finfo(float).tiny)
-        missed = max(math.hypot(fit.rms, noise or 0.0), rounding)
-        return 2.0 * len(places) * math.log(missed) + len(fit.names) * math.log(len(places))
+        return penalty(max(math.hypot(fit.rms, noise or 0.0), rounding), len(fit.names))
 
-    return min(sound or fitted[:1], key=information)
+    fits: list[Recovery] = []
+    for taper, bend in WARPS:
+        best = min((information(fit) for fit in _sound(fits)), default=math.inf)
+        # As many parameters more as this would have pay for no fit, however well it does.
+        if fits and noise is not None and best <= penalty(noise, len(fits[-1].names) + 2):
+            break
+        fits.append(recover(places, taper=taper, bend=bend, noise=noise))
+    sound = _sound(fits)
+    fitted = [fit for fit in fits if fit.fitted]
+    return min(sound, key=information) if sound else (fitted or fits)[0]
+
+
+def _sound(fits: Sequence[Recovery]) -> list[Recovery]:
+    return [fit for fit in fits if fit.fitted and not USELESS.intersection(fit.warnings)]

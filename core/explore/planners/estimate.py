@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -59,18 +61,25 @@ class Cost(NamedTuple):
     seconds: float  # Robot time, s
 
 
-class Estimate(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Estimate:
     """What can be said of the solid that is rebuilt from the slices so far."""
 
+    observation: Observation  # Of which
     # Its root mean square error is below this in 95 of 100 runs, m; None where there is no solid.
     rms_bound_95: float | None
     # Largest height that nothing has touched, or in which an end may lie, m.
     largest_untouched: float
-    # What bringing the error to its half is expected to take; None where no slice does.
-    halving: Cost | None
     tolerance_met: bool  # Whether all that is as small as is asked for
     prediction: ErrorPrediction | None  # Of what the bound is made; None likewise
     open_area: OpenArea | None = None  # What lies far from every touch; None where nobody looked
+
+    @cached_property
+    def halving(self) -> Cost | None:
+        """What bringing the error to its half is expected to take; None where no slice does."""
+        if self.prediction is None:
+            return None
+        return halving_cost(self.observation, self.prediction)
 
 
 def estimate_error(observation: Observation) -> Estimate:
@@ -78,7 +87,7 @@ def estimate_error(observation: Observation) -> Estimate:
     surface = observation.surface
     if surface is not None and observation.general:
         known, hole = is_known(observation, surface), surface.open_area
-        return Estimate(surface.rms_bound_95, hole.width, None, known, None, hole)
+        return Estimate(observation, surface.rms_bound_95, hole.width, known, None, hole)
     prediction, spans = prediction_of(observation), untouched_spans(observation)
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
     untouched = max([span.length for span in spans] + [loose])
@@ -86,7 +95,7 @@ def estimate_error(observation: Observation) -> Estimate:
         bound = None
         if len(profile_of(observation).heights) and observation.deviation is not None:
             bound = DEVIATION * observation.deviation
-        return Estimate(bound, untouched, None, False, None)
+        return Estimate(observation, bound, untouched, False, None)
     bound = prediction.rms_bound_95 * observation.extent
     opened = None
     if surface is not None:
@@ -94,8 +103,7 @@ def estimate_error(observation: Observation) -> Estimate:
     met = bound <= observation.tolerance and untouched <= observation.feature
     if met and surface is not None:
         met = not is_open(observation, surface)
-    halving = halving_cost(observation, prediction)
-    return Estimate(bound, untouched, halving, met, prediction, opened)
+    return Estimate(observation, bound, untouched, met, prediction, opened)
 
 
 def prediction_of(observation: Observation) -> ErrorPrediction | None:
