@@ -41,9 +41,7 @@ def icosphere(level: int) -> tuple[Floats, Ints]:
     """
     if not 0 <= level <= MOST_LEVELS:
         raise ValueError(f"level must be between 0 and {MOST_LEVELS}, got {level}")
-    directions, faces = _icosahedron()
-    for _ in range(level):
-        directions, faces = _split(directions, faces)
+    directions, faces = _split(*icosphere(level - 1)) if level else _icosahedron()
     directions.setflags(write=False)
     faces.setflags(write=False)
     return directions, faces
@@ -77,8 +75,11 @@ def _icosahedron() -> tuple[Floats, Ints]:
 def _split(directions: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Each face into four; the midpoint of an edge is shared by its two faces."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    unique, which = np.unique(edges, axis=0, return_inverse=True)
-    middle = directions[unique].sum(axis=1)
+    # As one number each: pairs take several times as long to be sorted.
+    numbers = edges[:, 0].astype(np.int64) * len(directions) + edges[:, 1]
+    unique, which = np.unique(numbers, return_inverse=True)
+    first, last = np.divmod(unique, len(directions))
+    middle = directions[first] + directions[last]
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     ab, bc, ca = (which.reshape(-1, 3) + len(directions)).T
     a, b, c = faces.T

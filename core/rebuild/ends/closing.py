@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -256,16 +257,16 @@ def choose_profile(
     `beyond` dense contours has to be met as well.
     """
     families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
-    profiles = {name: family(depths, radii, end) for name, family in families.items()}
-    if beyond is not None:
-        profiles["flared"] = flared(depths, radii, end, beyond)
+    met = {} if beyond is None else {"flared": partial(flared, beyond=beyond)}
+    profiles = {name: made(depths, radii, end) for name, made in {**families, **met}.items()}
     if len(depths) < FEWEST:
         carried = trend_of(depths, radii)
         stands = carried.at(end - float(depths[-1])) > STANDS * carried.square
         kind: ProfileKind = "flat" if stands else "conic"
         return kind, profiles[kind], {}
-    misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
-    if beyond is not None:
+    if beyond is None:
+        misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
+    else:
         rim, radius = float(depths[-1]), float(radii[-1])
         # What was touched beyond tells more of the end than any contour that is left out.
         misses = {
