@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 ROUNDING = 64 * float(np.finfo(float).eps)  # Of the largest parameter: taken to the end
 CUBIC = 3
 Orders = tuple[int, ...]  # Order of the derivative along each axis
+FEW = 256  # Places of which the functions are kept
 BLOCK = 1 << 18  # Numbers gathered at a time: about what a core keeps at hand
 
 
@@ -69,7 +70,10 @@ class Basis:
         """
         if derivatives < 0:
             raise ValueError(f"derivatives must be 0 or more, got {derivatives}")
-        inside = clip_to_domain(finite_array("x", x, (None,)), self.domain)
+        places = finite_array("x", x, (None,))
+        if len(places) <= FEW:
+            return _kept_basis(self.knots.tobytes(), self.degree, places.tobytes(), derivatives)
+        inside = clip_to_domain(places, self.domain)
         return local_basis(self.knots, self.degree, inside, derivatives)
 
     def matrix(self, x: Floats, derivative: int = 0) -> csr_array:
@@ -79,6 +83,18 @@ class Basis:
         """
         local = self.nonzero(x, derivative)
         return _rows(local, derivative, local.columns(), self.count)
+
+
+@lru_cache(maxsize=256)
+def _kept_basis(knots: bytes, degree: int, x: bytes, derivatives: int) -> LocalBasis:
+    """The same of few places: grids are laid over the same ones again and again; read-only."""
+    known = np.frombuffer(knots)
+    domain = float(known[degree]), float(known[len(known) - degree - 1])
+    inside = clip_to_domain(np.frombuffer(x), domain)
+    found = local_basis(known, degree, inside, derivatives)
+    for one in found:
+        one.setflags(write=False)
+    return found
 
 
 def check_knots(knots: Floats, degree: int) -> Floats:
