@@ -13,7 +13,7 @@ from multiprocessing import forkserver, resource_tracker
 from types import FrameType, ModuleType
 from typing import Any
 
-from palpate.nodes.runtime import PRELOAD_VARIABLE
+from palpate.nodes.runtime import PRELOAD_VARIABLE, THREAD_VARIABLES
 
 _RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 _PRELOADING = "palpate.nodes.runtime.preloading"
@@ -21,9 +21,7 @@ _OWN = "palpate.nodes."
 # Of all processes of a graph.
 NODE_ENVIRONMENT = {
     # One thread for linear algebra: nodes share the machine, and sums keep their order.
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
+    **dict.fromkeys(THREAD_VARIABLES, "1"),
     "PYTHONHASHSEED": "0",
 }
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

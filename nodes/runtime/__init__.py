@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from palpate.nodes.runtime.node import schemas_of as schemas_of
     from palpate.nodes.runtime.node import with_description as with_description
     from palpate.nodes.runtime.preloading import PRELOAD_VARIABLE as PRELOAD_VARIABLE
+    from palpate.nodes.runtime.preloading import THREAD_VARIABLES as THREAD_VARIABLES
     from palpate.nodes.runtime.testing import assert_same as assert_same
     from palpate.nodes.runtime.testing import drive as drive
     from palpate.nodes.runtime.testing import example as example

@@ -18,6 +18,8 @@ from importlib.util import LazyLoader, find_spec, module_from_spec
 from types import CodeType, FunctionType, ModuleType
 
 PRELOAD_VARIABLE = "PALPATE_PRELOAD"  # Of the environment: names of modules between blanks
+# Of the environment: how many threads linear algebra takes, read when numpy is imported.
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _PR_SET_PDEATHSIG = 1
 # Parts of numpy that scipy names as it is imported, and nobody uses; a sixth of all imports.
 _UNUSED = ("numpy.f2py", "numpy.ma", "numpy.testing", "numpy.ctypeslib")

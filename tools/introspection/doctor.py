@@ -20,15 +20,15 @@ import zmq
 from palpate import __version__
 from palpate.launch import VERSIONED_PACKAGES
 from palpate.launch.processes import FOLDER_PREFIX, SILENCE, RunCard, runtime_folder, stale_folders
+from palpate.nodes.runtime import THREAD_VARIABLES
 from palpate.tools.introspection.requests import StatusSample, request, sample_status
 from palpate.tools.introspection.topics import is_running
 
 LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24  # Free bytes of a disk: doubtful for long recordings, any
 MIN_OPEN_FILES = 256  # Open files that a process needs, at the least
 LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # In a private folder, named at random
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 # Variables of the environment by which palpate is affected.
-ENVIRONMENT_VARIABLES = ("XDG_RUNTIME_DIR", "TMPDIR", *THREADS)
+ENVIRONMENT_VARIABLES = ("XDG_RUNTIME_DIR", "TMPDIR", *THREAD_VARIABLES)
 
 
 class Finding(NamedTuple):
@@ -131,10 +131,11 @@ def cores_finding() -> Finding:
 
 
 def threads_finding() -> Finding:
-    """Whether linear algebra outside nodes keeps to one thread."""
-    limits = ", ".join(f"{name}={os.environ[name]}" for name in THREADS if name in os.environ)
-    others = limits or "this shell sets no limit for others"
-    return fine(f"linear algebra of nodes runs on one thread; {others}")
+    """Whether linear algebra outside nodes keeps to one thread, as that of nodes does."""
+    set_otherwise = [name for name in THREAD_VARIABLES if os.environ.get(name, "1") != "1"]
+    limits = ", ".join(f"{name}={os.environ[name]}" for name in set_otherwise)
+    others = f", elsewhere {limits}: results may differ in their last digits" if limits else ""
+    return fine(f"linear algebra of nodes runs on one thread{others}")
 
 
 def files_finding() -> Finding:
