@@ -58,11 +58,6 @@ BENCHES: Mapping[str, Bench] = {
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch:effect_rows"},
     ),
-    "rebuild": Bench(
-        "solids from contours: errors over those of lofts, radial functions and the thesis on "
-        "eight objects",
-        {"peers": "rebuild.comparison:peer_rows"},
-    ),
     "thesis": Bench(
         "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
         "rebuilt its way and ours",

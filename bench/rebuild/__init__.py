@@ -7,7 +7,6 @@ are ratios to the first peer of a case. It rests on core.rebuild and bench.objec
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.rebuild.comparison import noisy_contours as noisy_contours
     from palpate.bench.rebuild.peers import poisson_installed as poisson_installed
     from palpate.bench.rebuild.peers import poisson_surface as poisson_surface
     from palpate.bench.rebuild.peers import truth_of as truth_of

@@ -283,10 +283,11 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
 
     fits: list[Recovery] = []
     for taper, bend in WARPS:
-        best = min((information(fit) for fit in _sound(fits)), default=math.inf)
-        # As many parameters more as this would have pay for no fit, however well it does.
-        if fits and noise is not None and best <= penalty(noise, len(fits[-1].names) + 2):
-            break
+        if noise is not None and (sound := _sound(fits)):
+            best = min(map(information, sound))
+            # As many parameters more as this would have pay for no fit, however well it does.
+            if best <= penalty(noise, len(fits[-1].names) + 2):
+                break
         fits.append(recover(places, taper=taper, bend=bend, noise=noise))
     sound = _sound(fits)
     fitted = [fit for fit in fits if fit.fitted]

@@ -16,7 +16,5 @@ if TYPE_CHECKING:
     from palpate.core.thesis.rebuilding import match_contour as match_contour
     from palpate.core.thesis.rebuilding import ray_azimuths as ray_azimuths
     from palpate.core.thesis.rebuilding import rebuild_thesis as rebuild_thesis
-    from palpate.core.thesis.tactile_surface import fit_spline as fit_spline
-    from palpate.core.thesis.tactile_surface import spline_shape as spline_shape
 else:
     __getattr__, __dir__ = lazy(__name__)

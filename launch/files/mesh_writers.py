@@ -50,18 +50,15 @@ def stl_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
 def glb_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
     """The same as glTF 2 in one file, of one node with one mesh of one piece."""
     corners, places = faces.astype("<u4").tobytes(), vertices.astype("<f4")
-    views = [
-        {"buffer": 0, "byteOffset": 0, "byteLength": len(corners)},
-        {"buffer": 0, "byteOffset": len(corners), "byteLength": places.nbytes},
-    ]
+    parts = ((0, len(corners)), (len(corners), places.nbytes))
+    views = [{"buffer": 0, "byteOffset": at, "byteLength": size} for at, size in parts]
     bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
     numbers, floats = mesh_formats.UNSIGNED, mesh_formats.FLOAT
     accessors = [
         {"bufferView": 0, "componentType": numbers, "type": "SCALAR", "count": faces.size},
         {"bufferView": 1, "componentType": floats, "type": "VEC3", "count": len(places), **bounds},
     ]
-    triangles = mesh_formats.TRIANGLE_MODE
-    piece = {"attributes": {"POSITION": 1}, "indices": 0, "mode": triangles}
+    piece = {"attributes": {"POSITION": 1}, "indices": 0, "mode": mesh_formats.TRIANGLE_MODE}
     described = {
         "asset": {"version": "2.0", "generator": "palpate"},
         "scene": 0,

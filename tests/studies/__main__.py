@@ -5,6 +5,7 @@
     python tests/studies casts                    the error of a cast
     python tests/studies curvature                filters and estimators against noise and impulses
     python tests/studies deformation              the zig-zag of the thesis, by its way and ours
+    python tests/studies contours                 solids from them, beside those of other ways
     python tests/studies lofts                    their 95 % band, disorder and outliers, steps
     python tests/studies tracing                  slices of known solids, and what no pad can touch
     python tests/studies grasp                    what a few contacts tell of an object's frame
@@ -38,6 +39,7 @@ STUDIES: Mapping[str, Mapping[str, str]] = {
     "casts": {"casts": "casts:cast_rows"},
     "curvature": {"curvature": "curvature:curvature_rows"},
     "deformation": {"deformation": "deformation:deformation_rows"},
+    "contours": {"peers": "contours:peer_rows"},
     "lofts": {"disorder": "lofts:disorder_rows", "band": "lofts:band_rows"},
     "tracing": {"tracing": "tracing:tracing_rows"},
     "grasp": {"grasp": "grasping:grasp_rows"},

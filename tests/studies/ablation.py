@@ -22,7 +22,7 @@ import numpy as np
 
 from palpate.bench.explore import NOISES, NOISY, Demand, Noise, explore_object, within_percent
 from palpate.bench.objects import EXPLORED_OBJECTS, REBUILT_SHAPES, SHAPE_HEIGHT
-from palpate.bench.rebuild import noisy_contours, truth_of
+from palpate.bench.rebuild import truth_of
 from palpate.bench.scaling.growth import SHAPES, students_reach
 from palpate.bench.table import Figure, Row, at_most, figure_of
 from palpate.core import Bools, Floats
@@ -30,6 +30,7 @@ from palpate.core.rebuild import reconstruct
 from palpate.core.shapes import Mesh
 from palpate.core.touch import Pad, Patch, fit_jet
 from palpate.tools import single_threaded
+from tests.studies.contours import noisy_contours
 
 OBJECTS, QUICK_OBJECTS = ("vase", "box", "tapered and bent"), ("vase",)
 SEEDS, SHAPE_SEEDS = 2, 4

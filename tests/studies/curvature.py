@@ -18,8 +18,8 @@ from scipy.ndimage import gaussian_filter
 
 from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Bools, Floats, touch
-from palpate.core.thesis import fit_spline, spline_shape
 from tests.studies.surfaces import SURFACES, WALKS, FusionScore, draw_touch, score_fusion
+from tests.studies.tactile_surface import fit_spline, spline_shape
 
 # Noise in pitches, and share of impulses.
 COLUMNS = ((0.0, 0.0), (0.01, 0.0), (0.05, 0.0), (0.05, 0.02), (0.05, 0.08))

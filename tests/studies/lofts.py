@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.bench.objects import REBUILT_SHAPES, WAVY, RoundObject
-from palpate.bench.rebuild import noisy_contours, truth_of
-from palpate.bench.rebuild.comparison import CONTOUR_NOISE, ends_of, rebuilt
+from palpate.bench.rebuild import truth_of
 from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.side import ContourLoft, fit_contour_loft
 from palpate.tools import single_threaded
+from tests.studies.contours import CONTOUR_NOISE, ends_of, noisy_contours, rebuilt
 
 DISORDERED = ((27, 81), (24, 41), (9, 24))  # Contours, and points of each
 COUNTS = 0.25  # By which the number of points differs from contour to contour

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild import noisy_contours
 from palpate.bench.scaling.growth import touched_contours
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruction import reconstruct
@@ -30,6 +29,7 @@ from tests.studies.ablation import (
     without,
     worth_of,
 )
+from tests.studies.contours import noisy_contours
 
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 NAMED = {part.name: part for part in PARTS}

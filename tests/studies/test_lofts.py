@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.bench.objects import REBUILT_SHAPES, WAVY
-from palpate.bench.rebuild import noisy_contours
 from palpate.core.rebuild.side.lofting import fit_contour_loft
+from tests.studies.contours import noisy_contours
 from tests.studies.lofts import (
     NARROW,
     ROUND_OBJECTS,

@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.trial import TUNED as TUNED
     from palpate.core.explore.planners.trial import PlannerTrial as PlannerTrial
     from palpate.core.explore.planners.trial import Radius as Radius
-    from palpate.core.explore.planners.trial import drawn_objects as drawn_objects
     from palpate.core.explore.planners.trial import lost_slice as lost_slice
     from palpate.core.explore.planners.trial import measure_side as measure_side
     from palpate.core.explore.planners.trial import observation_of as observation_of

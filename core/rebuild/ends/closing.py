@@ -257,8 +257,10 @@ def choose_profile(
     `beyond` dense contours has to be met as well.
     """
     families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
-    met = {} if beyond is None else {"flared": partial(flared, beyond=beyond)}
-    profiles = {name: made(depths, radii, end) for name, made in {**families, **met}.items()}
+    tried = dict(families)
+    if beyond is not None:
+        tried["flared"] = partial(flared, beyond=beyond)
+    profiles = {name: family(depths, radii, end) for name, family in tried.items()}
     if len(depths) < FEWEST:
         carried = trend_of(depths, radii)
         stands = carried.at(end - float(depths[-1])) > STANDS * carried.square

@@ -392,7 +392,9 @@ def end_contacts_of(contacts: ContactPoints, way: float) -> list[EndContact]:
         return []
     facing = facing[counts[contacts.touch[facing]] >= FEWEST_TAXELS]
     facing = facing[np.argsort(contacts.touch[facing], kind="stable")]
-    found = _end_contacts(met, counts[met], contacts.points[facing])
+    found = _end_contacts(
+        met.astype(np.int32), counts[met].astype(np.int32), contacts.points[facing]
+    )
     best = min(one.off for one in found)
     uneven = [one.kind == "flat" and one.off > WORSE * best + FLAT * one.width for one in found]
     pairs = zip(found, uneven, strict=True)
@@ -413,7 +415,7 @@ def _end_contacts(touches: Ints, counts: Ints, points: Floats) -> list[EndContac
     # One more column: its factor's last ones are what a plane, and a quadric, leave of the heights.
     equations = np.zeros((len(counts), int(counts.max()), 7))
     equations[row, column] = np.column_stack([quadric_terms(*local.T), away[:, 2]])
-    factor = np.linalg.qr(equations, mode="r")
+    factor = np.asarray(np.linalg.qr(equations, mode="r"), np.float64)
     offs = np.linalg.norm(factor[:, 3:, 6], axis=1) / np.sqrt(counts)
     left = np.abs(factor[:, 6, 6]) / np.sqrt(counts)
     planes = np.einsum("tij,tj->ti", np.linalg.pinv(factor[:, :3, :3]), factor[:, :3, 6])

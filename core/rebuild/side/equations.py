@@ -146,7 +146,7 @@ def normal_band(first: csr_array, second: csr_array, weights: Floats) -> Floats:
     size = rings * turns
     places = ((row - column) * size + column)[lower]
     found = np.bincount(places, sums[:, :, number.ravel()][lower], reach * turns * size)
-    return found.reshape(-1, size)
+    return np.asarray(found.reshape(-1, size), np.float64)
 
 
 @dataclass(frozen=True, eq=False)

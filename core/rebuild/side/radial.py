@@ -367,7 +367,8 @@ def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
     gaps = spline.gaps
     if gaps is None:
         return nowhere
-    places = gaps.unrolled(np.repeat(heights, len(turns)), np.tile(turns, len(heights)))
+    pairs = np.repeat(heights, len(turns)), np.tile(turns, len(heights))
+    places = _on_rings(gaps.heights, gaps.widths, *pairs)
     inside = (cdist(places, gaps.centres) < gaps.radii).any(axis=1)
     widths = 2.0 * np.asarray(gaps.taxels.query(places)[0])
     return np.where(inside, widths, 0.0).reshape(nowhere.shape)
@@ -386,12 +387,9 @@ class Gaps:
     centres: Floats  # Of the circles, (k, 3), m
     radii: Floats  # Of the circles, (k,), m
 
-    def unrolled(self, heights: Floats, turns: Floats) -> Floats:
-        """Places (n, 3) on the rings, m, at heights, m, and turns (n,)."""
-        return _on_rings(self.heights, self.widths, heights, turns)
-
 
 def _on_rings(rings: Floats, radii: Floats, heights: Floats, turns: Floats) -> Floats:
+    """Places (n, 3) on rings of some radii, m, at heights, m, and turns (n,)."""
     radius, angle = np.interp(heights, rings, radii), 2.0 * np.pi * turns
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), heights])
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from palpate.core.thesis.tactile_surface import fit_spline, spline_shape
 from palpate.core.touch.filters import median_filter
 from palpate.core.touch.forms import principal_curvatures
 from palpate.core.touch.pad import Pad
+from tests.studies.tactile_surface import fit_spline, spline_shape
 
 
 def test_an_interpolating_spline_has_the_curvature_of_a_clean_surface(flat):

@@ -64,7 +64,8 @@ def walk_over(planner, side, unit=1.0, top=1.0, **changes):
         if not isinstance(choice, Height):
             assert isinstance(choice, Stop)
             known = estimate_error(known_of(slices, unit, **changes))
-            end = SimpleNamespace(reason=choice.reason, **known._asdict())
+            told = vars(known) | {"reason": choice.reason, "halving": known.halving}
+            end = SimpleNamespace(**told)
             return [one.height / (HEIGHT * unit) for one in slices], end
         share = choice.height / (HEIGHT * unit)
         if share < top:

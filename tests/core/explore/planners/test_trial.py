@@ -9,12 +9,12 @@ from palpate.core.explore.planners.trial import (
     HELD_OUT,
     TUNED,
     PlannerTrial,
-    drawn_objects,
     measure_side,
     observation_of,
     run_planner,
 )
 from palpate.core.explore.planners.uniform import Uniform
+from tests.studies.drawn import drawn_objects
 
 ALL = {**TUNED, **HELD_OUT, **drawn_objects(60, 11)}
 

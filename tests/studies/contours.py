@@ -12,19 +12,20 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
-from palpate.bench.rebuild import peers
+from palpate.bench.rebuild.peers import PACKAGE, MeshErrors, poisson_installed, truth_of
 from palpate.bench.table import Row
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.shapes import Mesh
 from palpate.tools import single_threaded
+from tests.studies import peers
 
 INSIDE = 0.005  # Of the height: how far inside the first and the last contour lie
 CONTOUR_NOISE = 0.2  # Standard deviation of a coordinate, mm
 TOLERANCE = 0.02  # Of the meshes that are compared, mm
 SEEDS, QUICK_SEEDS = 2, 1
 OURS, TOUCHED = "palpate", "palpate, ends touched"
-PeerErrors = Mapping[str, Mapping[str, peers.MeshErrors]]  # By way and object
+PeerErrors = Mapping[str, Mapping[str, MeshErrors]]  # By way and object
 
 
 class PeerCase(NamedTuple):
@@ -42,22 +43,20 @@ def peer_rows(quick: bool) -> Iterable[Row]:
     """Errors over those of other ways, object by object; one seed of the noise if quick."""
     noisy = QUICK_SEEDS if quick else SEEDS
     with single_threaded():
-        floor = float(np.mean([peers.truth_of(name).floor for name in REBUILT_SHAPES]))
+        floor = float(np.mean([truth_of(name).floor for name in REBUILT_SHAPES]))
         yield Row("objects of 100 mm: sampling floor of the truth", f"{floor:.4f} mm")
         for case in CASES:
             seeds = noisy if case.noise else 1
             yield from case_rows(case, errors_of(case, REBUILT_SHAPES, seeds))
-        if not peers.poisson_installed():
-            yield Row(f"Poisson surface of {peers.PACKAGE}", "not installed", "for comparison")
+        if not poisson_installed():
+            yield Row(f"Poisson surface of {PACKAGE}", "not installed", "for comparison")
 
 
 def case_rows(case: PeerCase, found: PeerErrors) -> Iterable[Row]:
     """The figures of one case."""
     first, head = case.peers[0].name, f"{case.size[0]} by {case.size[1]}, {case.noise:g} mm"
     means = {
-        way: peers.MeshErrors(
-            *np.mean([[*one[:4], abs(one.volume)] for one in of.values()], axis=0)
-        )
+        way: MeshErrors(*np.mean([[*one[:4], abs(one.volume)] for one in of.values()], axis=0))
         for way, of in found.items()
     }
     for way, most, how in ((OURS, case.most, ""), (TOUCHED, case.touched, ", ends touched")):
@@ -86,14 +85,14 @@ def _compared(title: str, shown: str, value: float, most: float, bound: str) -> 
 
 def errors_of(case: PeerCase, shapes: Mapping[str, RoundObject], seeds: int) -> PeerErrors:
     """Errors of palpate and its peers, means over seeds of the noise."""
-    runs: dict[str, dict[str, list[peers.MeshErrors]]] = {}
+    runs: dict[str, dict[str, list[MeshErrors]]] = {}
     for name, shape in shapes.items():
-        truth = peers.truth_of(name)
+        truth = truth_of(name)
         for seed in range(seeds):
             for way, mesh in _meshes(case, shape, np.random.default_rng(seed)):
                 runs.setdefault(way, {}).setdefault(name, []).append(truth.errors_of(mesh))
     return {
-        way: {name: peers.MeshErrors(*np.mean(errors, axis=0)) for name, errors in of_way.items()}
+        way: {name: MeshErrors(*np.mean(errors, axis=0)) for name, errors in of_way.items()}
         for way, of_way in runs.items()
     }
 
@@ -107,7 +106,7 @@ def _meshes(
         tops = ends_of(shape)
         tops += case.noise * rng.normal(size=tops.shape)
         yield TOUCHED, rebuilt(list(contours), tops)
-    for peer in (*case.peers, *((peers.POISSON,) if peers.poisson_installed() else ())):
+    for peer in (*case.peers, *((peers.POISSON,) if poisson_installed() else ())):
         yield peer.name, peer.build(contours)
 
 

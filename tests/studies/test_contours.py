@@ -9,7 +9,11 @@ import pytest
 
 from palpate.bench import objects
 from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild.comparison import (
+from palpate.bench.rebuild.peers import MeshErrors, poisson_installed, poisson_surface, truth_of
+from palpate.core.arrays import Floats
+from palpate.core.geometry.meshes import solidity
+from palpate.core.shapes.tessellations import icosphere
+from tests.studies.contours import (
     CASES,
     OURS,
     TOUCHED,
@@ -18,20 +22,13 @@ from palpate.bench.rebuild.comparison import (
     errors_of,
     noisy_contours,
 )
-from palpate.bench.rebuild.peers import (
-    MeshErrors,
+from tests.studies.peers import (
     Peer,
     loft,
-    poisson_installed,
-    poisson_surface,
     radial_functions,
     shell_and_core,
     smoothed_loft,
-    truth_of,
 )
-from palpate.core.arrays import Floats
-from palpate.core.geometry.meshes import solidity
-from palpate.core.shapes.tessellations import icosphere
 
 
 @pytest.fixture(autouse=True, scope="module")
