@@ -161,7 +161,8 @@ def test_an_object_that_nothing_can_be_traced_on_ends_the_plan(failed, observati
     assert isinstance(choice, Stop)
     assert choice.reason == "fewer than two slices could be traced"
     known = estimate_error(observation(slices))
-    assert known[:1] + known[2:] == (None, None, False, None, None)
+    nothing = known.rms_bound_95, known.halving, known.prediction, known.open_area
+    assert nothing == (None, None, None, None) and not known.tolerance_met
     assert known.largest_untouched == pytest.approx(0.94 * 0.09)
 
 
