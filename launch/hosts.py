@@ -6,11 +6,13 @@ docs/bus.md. Nodes end with the launcher's word, or when it has been silent for 
 
 from __future__ import annotations
 
+import errno
 import os
+import random
 import re
 import socket
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +25,8 @@ from palpate.launch.processes import ForkServer, Interrupts, RemoteHost, private
 from palpate.messages.bus import TO_HOSTS, Addresses, ControlMessage, ControlServer, SocketContext
 from palpate.nodes.runtime import Wiring
 
+# Ports of nodes, for higher ones go to whoever connects; and how many are tried.
+PORTS, TRIED_PORTS = range(10_000, 32_768), 1000
 PORT = 7447  # Where a machine that lends itself listens, unless the user wants another
 _HOST = re.compile(r"(\d{1,3}(?:\.\d{1,3}){3}|[a-z0-9][a-z0-9.-]*)(?::(\d{1,5}))?", re.IGNORECASE)
 LAUNCHER_LOST = 6.0  # A launcher that has been silent for so long is gone, s
@@ -127,20 +131,31 @@ def read_host(text: str) -> tuple[str, int]:
 def free_endpoints(address: str, names: Iterable[str]) -> dict[str, str]:
     """An endpoint for each name, at ports of this machine that are free now.
 
-    Raises ValueError if the address is none of this machine's.
+    None of those that the system gives to whoever connects: such a one may be taken before its node
+    has bound it. Raises ValueError if the address is none of this machine's, or no port is free.
     """
-    endpoints = {}
+    endpoints, ports = {}, iter(random.sample(PORTS, TRIED_PORTS))
     with ExitStack() as held:
         for name in names:
             one = held.enter_context(socket.socket())
-            try:
-                one.bind((address, 0))
-            except OSError as error:
+            endpoints[name] = f"tcp://{address}:{_bound(one, address, ports)}"
+    return endpoints
+
+
+def _bound(one: socket.socket, address: str, ports: Iterator[int]) -> int:
+    """The first port that is free, to which the socket is bound then."""
+    for port in ports:
+        try:
+            one.bind((address, port))
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
                 raise ValueError(
                     f"{address} is no address of this machine: {error.strerror}"
                 ) from None
-            endpoints[name] = f"tcp://{address}:{one.getsockname()[1]}"
-    return endpoints
+        else:
+            return port
+    tried = f"{TRIED_PORTS} were tried from {PORTS[0]} to {PORTS[-1]}"
+    raise ValueError(f"{address} has no free port: {tried}")
 
 
 class HostedRun:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -12,8 +13,9 @@ import pytest
 import zmq
 
 from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.launch import hosts
 from palpate.launch.files.source_map import InputError
-from palpate.launch.hosts import free_endpoints, key_file, own_address, read_host
+from palpate.launch.hosts import PORTS, free_endpoints, key_file, own_address, read_host
 from palpate.launch.launcher import launch
 from palpate.messages.bus.control import ControlClient
 from palpate.messages.bus.sockets import SocketContext, bind, make_key, read_key
@@ -209,6 +211,12 @@ def test_what_is_no_machine_is_refused(text):
 
 def test_ports_of_this_machine_are_free_and_those_of_another_cannot_be_had_here():
     ports = [int(one.rpartition(":")[2]) for one in free_endpoints("127.0.0.1", "abc").values()]
-    assert len(set(ports)) == 3 and min(ports) >= 1024
+    assert len(set(ports)) == 3 and all(port in PORTS for port in ports)
+    with socket.socket() as taken, pytest.MonkeyPatch.context() as patch:
+        taken.bind(("127.0.0.1", 0))
+        patch.setattr(hosts, "PORTS", [taken.getsockname()[1]])
+        patch.setattr(hosts, "TRIED_PORTS", 1)
+        with pytest.raises(ValueError, match=r"127\.0\.0\.1 has no free port: 1 were tried"):
+            free_endpoints("127.0.0.1", ["port"])
     with pytest.raises(ValueError, match=r"8\.8\.8\.8 is no address of this machine"):
         free_endpoints("8.8.8.8", ["port"])

@@ -1,6 +1,8 @@
 import dataclasses
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -167,3 +169,22 @@ def test_exploring_from_python_is_what_run_does(monkeypatch):
 def test_a_scene_that_is_not_there_is_refused():
     with pytest.raises(InputError, match="there is no scene 'vaes'"):
         explore("vaes")
+
+
+def test_to_plan_a_run_and_to_write_its_solid_scipy_and_trimesh_are_not_imported(tmp_path):
+    script = f"""
+import sys
+from pathlib import Path
+from palpate import launch
+from palpate.launch.files import SourceMapped, write_mesh
+from palpate.tools.report import perform_and_print
+args = {{"scene": SourceMapped(str(launch.find_scene("vase")), "")}}
+launch.plan_run(launch.EXPLORE, args, {{}}, name="vase", out=Path({str(tmp_path / "run")!r}))
+import numpy as np
+corners = np.eye(4)[:, :3]
+for kind in ("ply", "stl", "glb"):
+    write_mesh(Path({str(tmp_path)!r}) / f"mesh.{{kind}}", corners, np.array([[0, 1, 2]]))
+print(sorted({{"scipy", "trimesh", "rich", "matplotlib"}} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("[]\n", "")

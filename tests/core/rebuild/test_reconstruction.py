@@ -11,8 +11,10 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import solidity
 from palpate.core.poses import pose_of
+from palpate.core.rebuild import reconstruction
 from palpate.core.rebuild.contours.contacts import ContactPoints
 from palpate.core.rebuild.reconstruction import coarse_patch, fit_coarse, reconstruct
+from palpate.core.rebuild.recovery import recover
 from palpate.core.rebuild.recovery.report import Recovery
 from palpate.core.rebuild.solid import Method, Solid
 from palpate.core.rebuild.surface.closed import closed_surface, measure_surface
@@ -21,6 +23,7 @@ from palpate.core.shapes.global_deformations import Bend
 from palpate.core.shapes.protocol import PosedShape
 from palpate.core.shapes.superquadric_measures import area_samples, sampled_surface
 from palpate.core.shapes.superquadrics import Superquadric
+from palpate.core.shapes.tessellations import icosphere
 
 RADIUS, HALF = 30.0, 50.0
 TOPS = np.array([[0.0, 0.0, HALF], [1.0, 2.0, -HALF]])
@@ -409,3 +412,19 @@ def test_every_step_is_named_and_closed_and_naming_them_changes_nothing():
     ]
     plain = reconstruct(rings, tops=TOPS)
     np.testing.assert_array_equal(named.mesh(1.0).vertices, plain.mesh(1.0).vertices)
+
+
+def test_what_fits_within_the_noise_is_neither_tapered_nor_bent_nor_tried_so(monkeypatch):
+    tried = []
+
+    def counted(points, **how):
+        tried.append((how["taper"], how["bend"]))
+        return recover(points, **how)
+
+    monkeypatch.setattr(reconstruction, "recover", counted)
+    points = 0.03 * icosphere(1)[0]
+    assert not fit_coarse(points, noise=1e-4).taper.any()
+    assert tried == [(False, False)]
+    narrowed = points * (1.0 + 10.0 * points[:, 2:]) ** [1, 1, 0]
+    assert fit_coarse(narrowed, noise=1e-4).taper.any()
+    assert tried[1:3] == [(False, False), (True, False)]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from palpate.core.splines.bases import PeriodicBasis
 from palpate.core.splines.closed_curves import (
@@ -134,6 +135,18 @@ def test_the_interpolating_spline_passes_its_points_at_any_parameters(count):
     for order in range(3):
         first, last = closed_curve_points(fit.control, fit.knots, np.array([0.0, 1.0]), order)
         assert np.allclose(first, last, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [3, 4, 40])
+def test_it_is_the_closed_cubic_spline_of_scipy(count):
+    rng = np.random.default_rng(count)
+    parameters = np.concatenate([[0.0], np.sort(rng.uniform(0.01, 0.99, count - 1))])
+    points = rng.normal(size=(count, 2))
+    fit, places = interpolate_closed(points, parameters), np.linspace(0.0, 1.0, 101)
+    wound = np.append(parameters, 1.0), np.vstack([points, points[:1]])
+    theirs = CubicSpline(*wound, bc_type="periodic")(places)
+    ours = closed_curve_points(fit.control, fit.knots, places)
+    np.testing.assert_allclose(ours, theirs, atol=1e-12 * np.abs(theirs).max())
 
 
 def test_the_condition_of_even_interpolation_is_3():

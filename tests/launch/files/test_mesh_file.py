@@ -9,7 +9,7 @@ import palpate
 from palpate.core.archive import tree_to_bytes
 from palpate.core.geometry import solidity
 from palpate.launch.files import mesh_file
-from palpate.launch.files.mesh_file import export_model, mesh_sha256, read_mesh
+from palpate.launch.files.mesh_file import export_model, mesh_sha256, read_mesh, write_mesh
 from palpate.launch.files.source_map import InputError
 from palpate.launch.scene import SHIPPED_SCENES
 from palpate.messages.codec import decode, encode
@@ -200,7 +200,9 @@ def test_the_meshes_keep_volume_and_unit_and_gltf_has_y_up(tetrahedron, tmp_path
     names = export_model(tetrahedron, tmp_path)
     assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
     volume = 0.01 * 0.02 * 0.03 / 6.0
-    for name, scale in (("mesh.ply", 1.0), ("mesh.stl", 1000.0), ("mesh.glb", 1.0)):
+    write_mesh(tmp_path / "mesh.obj", tetrahedron.vertices, tetrahedron.faces)
+    scales = {"mesh.ply": 1.0, "mesh.stl": 1000.0, "mesh.glb": 1.0, "mesh.obj": 1.0}
+    for name, scale in scales.items():
         mesh = trimesh.load(tmp_path / name, force="mesh")
         assert mesh.is_watertight
         np.testing.assert_allclose(mesh.volume, volume * scale**3, rtol=1e-5)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from palpate.core import no_steps
 from palpate.core.arrays import Floats
@@ -130,3 +131,25 @@ def test_an_opening_is_where_the_solid_says_that_a_pad_would_have_touched_it():
     spanned = MIDDLE + (RADIUS - depths)[:, None] * np.array([0.6, 0.0, 0.8])
     assert np.array_equal(openings(spanned, MeshVolume(ball_mesh())), spanned[2:])
     assert openings(spanned[:0], MeshVolume(ball_mesh())).shape == (0, 3)
+
+
+def test_who_stands_over_the_nearest_face_is_outside_and_rays_tell_of_the_others():
+    ball = MeshVolume(ball_mesh())
+    out = np.array([0.6, 0.0, 0.8])
+    over = MIDDLE + np.outer([1.1, 2.0], RADIUS * out)
+    assert not ball.depths(over).any()
+    assert "shape" not in vars(ball)  # Nothing was made ready for rays
+    within = MIDDLE + np.outer([0.5, 1.1], RADIUS * out)
+    np.testing.assert_allclose(ball.depths(within), [0.5 * RADIUS, 0.0], atol=0.01 * RADIUS)
+
+
+def test_a_place_in_a_bore_is_outside_however_near_its_rim():
+    low, high = np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.03])
+    drilled = trimesh.creation.box(bounds=[low, high]).difference(
+        trimesh.creation.cylinder(0.01, 0.1, sections=64)
+    )
+    volume = MeshVolume(Mesh(np.asarray(drilled.vertices), np.asarray(drilled.faces, np.int32)))
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.0347, 0.0353, 15)] * 3), axis=-1).reshape(-1, 3)
+    away = np.hypot(*grid[:, :2].T)
+    solid = (grid > low).all(axis=1) & (grid < high).all(axis=1) & (away > 0.01)
+    assert np.array_equal(volume.depths(grid) > 0.0, solid)

@@ -167,3 +167,20 @@ def test_who_is_busy_for_long_answers_those_who_ask_and_gives_signs_of_life(
             pass
     assert len(served) == 3
     assert [kind for kind, _ in station.sent].count("alive") > beats
+
+
+UNUSED = """
+import sys
+from palpate.nodes.runtime.preloading import import_when_used, preload
+preload([])
+import scipy.sparse
+import numpy
+print("numpy.f2py" in sys.modules, "numpy.f2py.crackfortran" in sys.modules)
+print(callable(numpy.ma.masked_array), numpy.ma is sys.modules["numpy.ma"])
+import_when_used("numpy.nothing_of_the_kind")
+"""
+
+
+def test_parts_of_numpy_that_nobody_uses_are_there_and_imported_at_their_first_use():
+    done = subprocess.run([sys.executable, "-c", UNUSED], capture_output=True, text=True)
+    assert (done.stdout.split(), done.stderr) == (["True", "False", "True", "True"], "")

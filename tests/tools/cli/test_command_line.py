@@ -23,6 +23,15 @@ def home(tmp_path, monkeypatch):
     return tmp_path
 
 
+def test_linear_algebra_has_one_thread_unless_the_user_wants_more(monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    monkeypatch.setattr(cli.signal, "signal", lambda *_: None)
+    with pytest.raises(SystemExit):
+        cli.main(["--version"])
+    assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]) == ("3", "1")
+
+
 def sentence(output):
     """The one line on standard error, which is all that there may be."""
     out, err = output.readouterr()

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.core.rebuild.side.equations import fit_axis_curve
+from palpate.core.rebuild.side.equations import fit_axis_curve, normal_band, tensor_rows
+from palpate.core.splines import PeriodicBasis, clamped_basis
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
@@ -55,3 +56,15 @@ def test_a_straight_axis_does_not_follow_noise():
     heights = np.linspace(0.0, 0.1, 9)
     noise = 1e-4 * np.random.default_rng(0).normal(size=(9, 2))
     assert fit_axis_curve(heights, noise).bent is None
+
+
+def test_the_band_summed_cell_by_cell_is_that_of_the_product_of_the_matrices():
+    rng = np.random.default_rng(0)
+    along, around = clamped_basis(7), PeriodicBasis(9)
+    bases = along.matrix(rng.random(80)), around.matrix(rng.random(80))
+    weights = rng.random(80)
+    rows = weights[:, None] * tensor_rows(*bases).toarray()
+    whole, band = rows.T @ rows, normal_band(*bases, weights)
+    lower = [np.append(np.diagonal(whole, -down), np.zeros(down)) for down in range(len(band))]
+    np.testing.assert_allclose(band, lower, atol=1e-15)
+    assert not np.diagonal(whole, -len(band)).any()
