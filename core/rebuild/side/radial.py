@@ -33,7 +33,8 @@ from palpate.core.rebuild.side.lofting import SAFE_MOST, SAFE_RMS, Uncertainty
 from palpate.core.rebuild.side.smoothing import bending_along
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
-BANDS, BAND_TURNS = 25, 24  # Heights at which the deviation is given, turns of its average
+# Heights at which the deviation is given, and turns of its average: every other height half a step on
+BANDS, BAND_TURNS = 25, 12
 GAP_ROWS = 4  # Rows about each of those heights in which gaps are looked for
 # Of the touches' pose error: what it leaves at least where the side turns level, and in ends.
 POSE_LEFT = 0.4
@@ -108,7 +109,10 @@ def radial_fit(
 ) -> RadialFit:
     """What is kept of a spline between two heights, the `reach`, m."""
     heights = np.linspace(*reach, BANDS)
-    deviation = spline.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
+    deviation = np.empty((BANDS, BAND_TURNS))
+    for first in range(2):
+        turns = (np.arange(BAND_TURNS) + 0.5 * first) / BAND_TURNS
+        deviation[first::2] = spline.deviation(heights[first::2], turns)
     # No gap may lie between places: those of the gaps are closer together than a gap is wide.
     beside = (heights[1] - heights[0]) * (np.arange(GAP_ROWS) + 0.5 - 0.5 * GAP_ROWS) / GAP_ROWS
     rows = np.clip((heights[:, None] + beside).ravel(), *reach)
