@@ -25,8 +25,7 @@ from palpate.launch.processes import ForkServer, Interrupts, RemoteHost, private
 from palpate.messages.bus import TO_HOSTS, Addresses, ControlMessage, ControlServer, SocketContext
 from palpate.nodes.runtime import Wiring
 
-# Ports of nodes, for higher ones go to whoever connects; and how many are tried.
-PORTS, TRIED_PORTS = range(10_000, 32_768), 1000
+PORTS, TRIED_PORTS = range(10_000, 32_768), 1000  # Of nodes; higher ones go to who connects
 PORT = 7447  # Where a machine that lends itself listens, unless the user wants another
 _HOST = re.compile(r"(\d{1,3}(?:\.\d{1,3}){3}|[a-z0-9][a-z0-9.-]*)(?::(\d{1,5}))?", re.IGNORECASE)
 LAUNCHER_LOST = 6.0  # A launcher that has been silent for so long is gone, s
@@ -154,8 +153,7 @@ def _bound(one: socket.socket, address: str, ports: Iterator[int]) -> int:
                 ) from None
         else:
             return port
-    tried = f"{TRIED_PORTS} were tried from {PORTS[0]} to {PORTS[-1]}"
-    raise ValueError(f"{address} has no free port: {tried}")
+    raise ValueError(f"{address} has no free port: {TRIED_PORTS} of {PORTS} were tried")
 
 
 class HostedRun:

@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from palpate.bench.explore.harness import Noise as Noise
     from palpate.bench.explore.harness import compose_scene as compose_scene
     from palpate.bench.explore.harness import explore_object as explore_object
-    from palpate.bench.explore.harness import explore_shipped as explore_shipped
     from palpate.bench.explore.harness import percent_of as percent_of
     from palpate.bench.explore.harness import touching_nodes as touching_nodes
-    from palpate.bench.explore.harness import within_percent as within_percent
     from palpate.bench.explore.harness import write_scene as write_scene
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -16,7 +16,7 @@ import numpy as np
 from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
 from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
 from palpate.core.shapes import Mesh
-from palpate.launch import EXPLORE, find_scene, plan_run
+from palpate.launch import EXPLORE, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
 from palpate.messages.types import (
     Contour,
@@ -107,12 +107,6 @@ def explore_object(
         return explore_scene(write_scene(Path(folder), target, noise, demand, seed, moved), fingers)
 
 
-def explore_shipped(name: str, settings: Mapping[str, Any], fingers: int = 1) -> Explored:
-    """Explore a shipped scene with settings by ``node.param``; as `explore_object`."""
-    with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
-        return explore_scene(find_scene(name), fingers, settings, out=Path(folder) / "run")
-
-
 def explore_scene(
     scene: Path, fingers: int = 1, settings: Mapping[str, Any] = {}, out: Path | None = None
 ) -> Explored:
@@ -175,11 +169,6 @@ class Demand(NamedTuple):
     settings: Mapping[str, Any] = {}  # The rule's numbers
     axis: tuple[float, float, float] | None = None  # Along which it is sliced; None: the object's
     feature: float | None = FEATURE  # What may stay untouched, m; None if the tolerance says
-
-
-def within_percent(percent: float) -> Demand:
-    """An exploration to an error of so many % of the object's height."""
-    return Demand(tolerance=0.01 * percent * EXPLORED_HEIGHT)
 
 
 def write_scene(

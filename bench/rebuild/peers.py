@@ -73,7 +73,7 @@ def loft_rings(contours: Floats, heights: Floats, rows: int, columns: int) -> Fl
     return np.concatenate([along(levels), flat], axis=-1)
 
 
-def poisson_surface(contours: Floats, normals: Floats | None = None) -> Mesh:
+def poisson_surface(contours: Floats, normals: Floats) -> Mesh:
     """A Poisson surface of points (m, n, 3); its ends are what it makes them.
 
     `normals` (m, n, 3): outward, else from differences between neighbours. Raises ImportError if
@@ -81,7 +81,6 @@ def poisson_surface(contours: Floats, normals: Floats | None = None) -> Mesh:
     """
     import pymeshlab
 
-    normals = contour_normals(contours) if normals is None else normals
     meshes = pymeshlab.MeshSet()
     points = {"vertex_matrix": contours, "v_normals_matrix": normals}
     meshes.add_mesh(pymeshlab.Mesh(**{name: one.reshape(-1, 3) for name, one in points.items()}))
@@ -94,10 +93,3 @@ def poisson_surface(contours: Floats, normals: Floats | None = None) -> Mesh:
 def poisson_installed() -> bool:
     """Whether the package is there."""
     return importlib.util.find_spec(PACKAGE) is not None
-
-
-def contour_normals(contours: Floats) -> Floats:
-    """Outward unit normals (m, n, 3) of contours, from differences between neighbours."""
-    around = np.roll(contours, -1, axis=1) - np.roll(contours, 1, axis=1)
-    normals = np.cross(around, np.gradient(contours, axis=0))
-    return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))

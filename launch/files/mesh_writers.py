@@ -1,7 +1,6 @@
 """PLY, STL, GLB and OBJ, written in one go from arrays of single precision.
 
-trimesh writes them, too, but takes longer to be imported, with all that it takes itself, than a
-final model takes to be fitted: whoever explores a vase would wait for that at its end.
+trimesh writes them, too, but takes longer to be imported than a final model to be fitted.
 """
 
 from __future__ import annotations

@@ -46,10 +46,7 @@ def preload(names: Iterable[str]) -> None:
 
 
 def import_when_used(name: str) -> None:
-    """Have a part of a package there, and imported once something in it is asked for.
-
-    Raises what the import of the package raises.
-    """
+    """Have a part of a package there, and imported once something in it is asked for."""
     spec = find_spec(name)
     loader = getattr(spec, "loader", None)
     if spec is None or loader is None or name in sys.modules:

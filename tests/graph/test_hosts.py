@@ -216,7 +216,7 @@ def test_ports_of_this_machine_are_free_and_those_of_another_cannot_be_had_here(
         taken.bind(("127.0.0.1", 0))
         patch.setattr(hosts, "PORTS", [taken.getsockname()[1]])
         patch.setattr(hosts, "TRIED_PORTS", 1)
-        with pytest.raises(ValueError, match=r"127\.0\.0\.1 has no free port: 1 were tried"):
+        with pytest.raises(ValueError, match=r"127\.0\.0\.1 has no free port: 1 of"):
             free_endpoints("127.0.0.1", ["port"])
     with pytest.raises(ValueError, match=r"8\.8\.8\.8 is no address of this machine"):
         free_endpoints("8.8.8.8", ["port"])

@@ -20,8 +20,8 @@ from unittest import mock
 
 import numpy as np
 
-from palpate.bench.explore import NOISES, NOISY, Demand, Noise, explore_object, within_percent
-from palpate.bench.objects import EXPLORED_OBJECTS, REBUILT_SHAPES, SHAPE_HEIGHT
+from palpate.bench.explore import NOISES, NOISY, Demand, Noise, explore_object
+from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, REBUILT_SHAPES, SHAPE_HEIGHT
 from palpate.bench.rebuild import truth_of
 from palpate.bench.scaling.growth import SHAPES, students_reach
 from palpate.bench.table import Figure, Row, at_most, figure_of
@@ -233,7 +233,8 @@ def _whole(name: str, case: str, quick: bool, seed: int) -> Outcome:
 
 
 def _demand(quick: bool) -> Demand:
-    return within_percent(QUICK_TOLERANCE if quick else TOLERANCE)._replace(feature=None)
+    percent = QUICK_TOLERANCE if quick else TOLERANCE
+    return Demand(tolerance=0.01 * percent * EXPLORED_HEIGHT)._replace(feature=None)
 
 
 def explored(name: str, noise: Noise, demand: Demand, seed: int) -> Outcome:

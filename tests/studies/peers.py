@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from palpate.bench.objects import closed_mesh
-from palpate.bench.rebuild.peers import contour_normals, loft_rings, poisson_surface
+from palpate.bench.rebuild.peers import loft_rings, poisson_surface
 from palpate.core import Floats
 from palpate.core.shapes import Mesh
 from palpate.core.thesis import rebuild_thesis
@@ -26,6 +26,13 @@ class Peer(NamedTuple):
 
     name: str  # What it is called in tables
     build: Callable[[Floats], Mesh]  # From contours (m, n, 3), upwards, points by number
+
+
+def contour_normals(contours: Floats) -> Floats:
+    """Outward unit normals (m, n, 3) of contours, from differences between neighbours."""
+    around = np.roll(contours, -1, axis=1) - np.roll(contours, 1, axis=1)
+    normals = np.cross(around, np.gradient(contours, axis=0))
+    return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
 
 def loft(contours: Floats) -> Mesh:
@@ -85,5 +92,7 @@ def shell_and_core(contours: Floats) -> Mesh:
 
 
 LOFT, SMOOTHED = Peer("loft", loft), Peer("smoothed loft", smoothed_loft)
-POISSON = Peer("Poisson surface", poisson_surface)
+POISSON = Peer(
+    "Poisson surface", lambda contours: poisson_surface(contours, contour_normals(contours))
+)
 THESIS, RADIAL = Peer("thesis", shell_and_core), Peer("radial functions", radial_functions)

@@ -5,13 +5,16 @@ The medians and quartiles that it prints in the end are what `palpate run` expec
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palpate.bench.explore import NOISY, Explored, explore_shipped, percent_of
+from palpate.bench.explore import NOISY, Explored, percent_of
+from palpate.bench.explore.harness import explore_scene
 from palpate.bench.speed import SCENES
 from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.launch import find_scene, load_scene
@@ -26,6 +29,12 @@ MOST_TOUCHES, MOST_RATIO, LEAST_HELD = 90, 0.45, 0.90
 TIMED = {0.5: 200.0, 0.2: 280.0}
 
 
+def explored(scene: str, settings: Mapping[str, Any]) -> Explored:
+    """A shipped scene, explored with settings by ``node.param``."""
+    with tempfile.TemporaryDirectory(prefix="palpate-study-") as folder:
+        return explore_scene(find_scene(scene), settings=settings, out=Path(folder) / "run")
+
+
 def tolerance_rows(quick: bool) -> Iterator[Row | str]:
     """Every scene at every tolerance; two scenes if quick."""
     found: dict[str, list[Explored]] = {}
@@ -33,7 +42,7 @@ def tolerance_rows(quick: bool) -> Iterator[Row | str]:
         for scene in QUICK_SCENES if quick else SCENES:
             found[scene] = []
             for percent in PERCENTS:
-                one = explore_shipped(scene, asked(scene, percent))
+                one = explored(scene, asked(scene, percent))
                 found[scene].append(one)
                 shown = f"{one.touches} touches, {one.score.robot_time:.0f} s, {one.percent:.4f} %"
                 floor = 100.0 * one.score.sampling_floor / one.score.size
@@ -75,7 +84,7 @@ def demand_rows(found: Mapping[str, Sequence[Explored]]) -> Iterator[Row]:
 def timed_rows() -> Iterator[Row]:
     """When the vase with the default noise is as good as it must be, grasp included."""
     effects = {name: numbers for effect in NOISY for name, numbers in effect.items()}
-    one = explore_shipped("vase", {**asked("vase", 0.1), "simulator.effects": effects})
+    one = explored("vase", {**asked("vase", 0.1), "simulator.effects": effects})
     for percent, most in TIMED.items():
         good = (score.robot_time for score in one.scores if percent_of(score) <= percent)
         yield at_most(f"vase, noise: {percent:g} % after", next(good, np.inf), most, ".0f", " s")

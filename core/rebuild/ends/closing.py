@@ -140,10 +140,9 @@ def close_rows(
     *,
     upper: bool,
 ) -> End:
-    """The upper or lower end of rows of a surface, as close together as one likes.
+    """The upper or lower end of rows of a surface, however close together: see `close_ends`.
 
-    `touched` is the height at which a touch found it, and `beyond` says what was touched between
-    the last row and that; otherwise as `close_ends`, with its errors.
+    It was touched at a height, and `beyond` says what was touched between the last row and that.
     """
     stack = _stack(heights, grid, noise, upper=upper)
     return _end("top" if upper else "bottom", stack, touched, True, beyond)

@@ -298,7 +298,7 @@ def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
     """Superellipse on a wall that flares or narrows; parameters as of `superellipse`.
 
     It follows all the contours, close together, and what was touched beyond them. For each pair of
-    exponents width and trend follow by orthogonal projection (QR), for all pairs at once.
+    exponents width and trend follow by orthogonal projection (Gram and Schmidt), all at once.
     """
     begin, last = depths[0], len(depths) - 1
     weights = np.ones(len(depths))
@@ -307,16 +307,27 @@ def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
         radii = np.concatenate([radii, beyond.radii])
         weights = np.concatenate([weights, beyond.weights])
     zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
-    shares = shoulder(zeta, FLARED[:, None, None], FLARED[:, None])
-    radii, shares = weights * radii, weights * shares
-    directions, triangle = np.linalg.qr(np.stack([shares, shares * zeta], axis=-1))
-    along = np.einsum("pqnk,n->pqk", directions, radii)
-    misfit = np.sum((radii - np.einsum("pqnk,pqk->pqn", directions, along)) ** 2, axis=-1)
-    best = np.unravel_index(int(misfit.argmin()), misfit.shape)
-    width, change = np.linalg.solve(triangle[best], along[best])
+    shoulders = np.maximum(1.0 - zeta ** FLARED[:, None], 0.0)
+    with np.errstate(divide="ignore"):  # 0 to any power is 0
+        shares = weights * np.exp(np.log(shoulders)[:, None] / FLARED[:, None])
+    lengths, first = _unit(shares)
+    mixed = np.einsum("pqn,pqn->pq", first, shares * zeta)
+    rises, second = _unit(shares * zeta - mixed[..., None] * first)
+    along = first @ (weights * radii)
+    left = weights * radii - along[..., None] * first
+    beside = np.einsum("pqn,pqn->pq", second, left)
+    misfit = np.sum((left - beside[..., None] * second) ** 2, axis=-1)
+    p, q = np.unravel_index(int(misfit.argmin()), misfit.shape)
+    change = beside[p, q] / rises[p, q]
+    width = (along[p, q] - mixed[p, q] * change) / lengths[p, q]
     trend = float(np.clip(change / width, LEAST_TREND, MOST_TREND)) if width > 0.0 else 0.0
-    p, q = best
     return Superellipse(float(zeta[last]), float(FLARED[p]), float(FLARED[q]), trend)
+
+
+def _unit(vectors: Floats) -> tuple[Floats, Floats]:
+    """Lengths (...) of vectors (..., n), and the vectors of length 1."""
+    lengths = np.maximum(np.linalg.norm(vectors, axis=-1), np.finfo(float).tiny)
+    return lengths, vectors / lengths[..., None]
 
 
 def shoulder(zeta: Floats, p: Floats | float, q: Floats | float) -> Floats:

@@ -33,7 +33,7 @@ from palpate.core.rebuild.side.lofting import SAFE_MOST, SAFE_RMS, Uncertainty
 from palpate.core.rebuild.side.smoothing import bending_along
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis
 
-# Heights at which the deviation is given, and turns of its average: every other height half a step on
+# Heights at which the deviation is given, and turns of its average: half a step on at every other.
 BANDS, BAND_TURNS = 25, 12
 GAP_ROWS = 4  # Rows about each of those heights in which gaps are looked for
 # Of the touches' pose error: what it leaves at least where the side turns level, and in ends.
@@ -380,10 +380,7 @@ def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gaps:
-    """Circles without a taxel, on rings as wide as those of a spline are on average.
-
-    Its own may plunge in gaps.
-    """
+    """Circles without a taxel, on rings as wide as a spline's are on average: these may plunge."""
 
     heights: Floats  # Of the rings, rising, (r,), m
     widths: Floats  # Radii of the rings, (r,), m
