@@ -38,9 +38,10 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 from ruamel.yaml import YAML
-from threadpoolctl import threadpool_info, threadpool_limits
+from threadpoolctl import threadpool_info
 
 import palpate
+from palpate.tools import single_threaded
 from palpate.tools.cli.command_line import palpate_group as command_tree
 
 # Words of keys, and values of one word, that were called otherwise when the goldens were stored.
@@ -429,7 +430,7 @@ def main() -> int:
         print(f"not the machine of the goldens, figures may differ: {where}")
     with (
         tempfile.TemporaryDirectory(prefix="golden-") as folder,
-        threadpool_limits(1),  # threads change how sums round
+        single_threaded(),  # threads change how sums round
         ThreadPoolExecutor(options.jobs) as pool,
     ):
         shop = Workshop(Path(folder))
