@@ -34,6 +34,12 @@ if TYPE_CHECKING:
     from palpate.launch.node_kinds import describe_kind as describe_kind
     from palpate.launch.node_kinds import list_kinds as list_kinds
     from palpate.launch.node_kinds import search_current_folder as search_current_folder
+    from palpate.launch.object_database import OBJECTS as OBJECTS
+    from palpate.launch.object_database import ObjectDatabase as ObjectDatabase
+    from palpate.launch.object_database import learn_models as learn_models
+    from palpate.launch.object_database import load_models as load_models
+    from palpate.launch.object_database import load_objects as load_objects
+    from palpate.launch.object_database import write_models as write_models
     from palpate.launch.printing import counted as counted
     from palpate.launch.printing import millimetres as millimetres
     from palpate.launch.printing import size_text as size_text

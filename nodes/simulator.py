@@ -114,12 +114,17 @@ def _truth(shape: Shape) -> types.Truth:
 
 
 def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, Outputs]:
-    """One guarded move and its frame, sent as often as the link delivers it."""
-    if goal.finger != params.finger:
+    """One guarded move and its frame, sent as often as the link delivers it.
+
+    Where all fingers have one topic of goals, each takes its own.
+    """
+    if not 1 <= goal.finger <= params.fingers:
         raise ValueError(
-            f"touch {goal.touch} of goal {goal.goal} is for finger {goal.finger}, "
-            f"but this is finger {params.finger}"
+            f"touch {goal.touch} of goal {goal.goal} is for finger {goal.finger}; "
+            f"the fingers are 1 to {params.fingers}"
         )
+    if goal.finger != params.finger:
+        return state, []
     pipeline, robot = state.pipeline, ROBOT_PRESETS[params.robot]
     begun = max(state.clock, goal.not_before)
     travel, turn = move_between(state.resting, goal.pose)

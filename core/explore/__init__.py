@@ -9,6 +9,8 @@ shapes and geometry.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.core.explore.free_space import TOUCHED as TOUCHED
+    from palpate.core.explore.free_space import VOXEL as VOXEL
     from palpate.core.explore.free_space import Longs as Longs
     from palpate.core.explore.free_space import SpaceMap as SpaceMap
     from palpate.core.explore.free_space import empty_map as empty_map

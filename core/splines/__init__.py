@@ -1,6 +1,7 @@
 """Splines.
 
-Bases and knots, closed curves through points, and free-form deformation by control lattices.
+Bases and knots, closed curves through points, Coons patches, and free-form deformation by control
+lattices.
 
 What may be tuned are the choices of the closed curve (`curve_fits`: when to smooth, how many
 control points) and how long a fold is looked for (`lattices`); bases, evaluation and inversion are
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
     from palpate.core.splines.closed_curves import fit_closed_curve as fit_closed_curve
     from palpate.core.splines.closed_curves import local_noise as local_noise
     from palpate.core.splines.closed_curves import order_closed_points as order_closed_points
+    from palpate.core.splines.coons import Slopes as Slopes
+    from palpate.core.splines.coons import coons_patch as coons_patch
+    from palpate.core.splines.coons import coons_surface as coons_surface
+    from palpate.core.splines.coons import hermite_patch as hermite_patch
     from palpate.core.splines.curve_fits import EVEN_GAP as EVEN_GAP
     from palpate.core.splines.curve_fits import EVEN_MIDDLE as EVEN_MIDDLE
     from palpate.core.splines.curve_fits import LEAST_SMOOTHING as LEAST_SMOOTHING

@@ -27,6 +27,11 @@ if TYPE_CHECKING:
     from palpate.messages.types.motion import Probe as Probe
     from palpate.messages.types.motion import ProbeGoal as ProbeGoal
     from palpate.messages.types.motion import TouchGoal as TouchGoal
+    from palpate.messages.types.procedure import BoundaryRepresentation as BoundaryRepresentation
+    from palpate.messages.types.procedure import ConePose as ConePose
+    from palpate.messages.types.procedure import GeneralisedCone as GeneralisedCone
+    from palpate.messages.types.procedure import Openings as Openings
+    from palpate.messages.types.procedure import ProcedureResult as ProcedureResult
     from palpate.messages.types.touch import SurfacePatch as SurfacePatch
     from palpate.messages.types.touch import TactileFrame as TactileFrame
     from palpate.messages.types.touch import TactileImage as TactileImage

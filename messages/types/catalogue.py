@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, is_dataclass
 from typing import Annotated, Literal
 
 from palpate.messages.fields import Count, Seconds, Unit
-from palpate.messages.types import model, motion, touch, world
+from palpate.messages.types import model, motion, procedure, touch, world
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -45,7 +45,7 @@ class Clock:
     time: Seconds  # Time since the recording's first message
 
 
-_SUBJECTS = (model, motion, touch, world, sys.modules[__name__])
+_SUBJECTS = (model, motion, procedure, touch, world, sys.modules[__name__])
 TYPES: dict[str, type] = dict(
     sorted(
         (name, cls)
@@ -60,6 +60,11 @@ ALL_KEPT = frozenset({motion.Contour, motion.Probe})  # Latched types whose ever
 LATCHED = ALL_KEPT | {
     model.ShapeModel,
     model.Superquadric,
+    procedure.BoundaryRepresentation,
+    procedure.ConePose,
+    procedure.GeneralisedCone,
+    procedure.Openings,
+    procedure.ProcedureResult,
     world.SensorInfo,
     world.SpaceMap,
     world.Truth,

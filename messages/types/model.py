@@ -129,16 +129,17 @@ class Superquadric:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShapeModel:
-    """A closed solid of one of two methods. Latched on ``/model/shape``.
+    """A closed solid. Latched on ``/model/shape``.
 
     A prism deformed by a B-spline control lattice, and its ends; or a general solid, where an
-    implicit spline is negative: it has no lattice of columns, rows and layers, and no heights.
+    implicit spline is negative: it has no lattice of columns, rows and layers, and no heights; or
+    what an exploratory procedure found, whose own model has a topic of its own.
     """
 
     MAX_BYTES = 256 << 20  # All that was touched is kept in it: 9,500 touches are 80 MB
 
     number: Count  # Number of the goal that asked for it
-    method: Literal["lattice", "general"] = "lattice"  # What it is
+    method: Literal["lattice", "general", "procedure"] = "lattice"  # What it is
     # By method, root mean square distance at which touches were predicted before they were used,
     # m; none where there was nothing to predict, or nothing to predict it by
     predicted: dict[str, float] = field(default_factory=dict)
@@ -148,14 +149,17 @@ class ShapeModel:
     dropped_reasons: tuple[str, ...]  # One reason for each dropped contour
     # Control points of the final model's lattice, (columns, rows, layers, 3), world frame; none of
     # models on the way, nor of a general solid
-    control: ControlPoints
-    undeformed: ControlPoints  # Where they were before, around an upright prism
-    knots_columns: Numbers  # Knots of the cubic splines along the columns
-    knots_rows: Numbers  # Along the rows
-    knots_layers: Numbers  # Along the layers
+    control: ControlPoints = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
+    # Where they were before, around an upright prism
+    undeformed: ControlPoints = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
+    # Knots of the cubic splines along the columns
+    knots_columns: Numbers = field(default_factory=lambda: np.zeros(0))
+    knots_rows: Numbers = field(default_factory=lambda: np.zeros(0))  # Along the rows
+    knots_layers: Numbers = field(default_factory=lambda: np.zeros(0))  # Along the layers
     # Vertices of the closed surface, world frame; none if nothing could be rebuilt
-    vertices: Points
-    faces: Triangles  # Triangles, counter-clockwise seen from outside
+    vertices: Points = field(default_factory=lambda: np.zeros((0, 3)))
+    # Triangles, counter-clockwise seen from outside
+    faces: Triangles = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     # Error that is expected at each vertex of a general solid, of touches that were left out, by
     # their distance from the others; 0 where slices tell of theirs by height
     vertex_errors: Lengths = field(default_factory=lambda: np.zeros(0))
@@ -166,12 +170,14 @@ class ShapeModel:
     openings: Points = field(default_factory=lambda: np.zeros((0, 3)))
     frame: Pose  # Slicing frame in the world, along whose z axis heights count
     # Standard deviation of the surface, root mean square over all of it, ends included
-    deviation: Metres
+    deviation: Metres = 0.0
     ends_deviation: Metres = 0.0  # Of it, the part that the ends make
-    uncertainty_height: Lengths  # Heights at which `uncertainty` is given
-    uncertainty: Lengths  # Standard deviation of the surface at each such height
+    # Heights at which `uncertainty` is given
+    uncertainty_height: Lengths = field(default_factory=lambda: np.zeros(0))
+    # Standard deviation of the surface at each such height
+    uncertainty: Lengths = field(default_factory=lambda: np.zeros(0))
     # Figures of the fit: residuals, condition, share of folds, fallbacks taken
-    health: dict[str, float]
+    health: dict[str, float] = field(default_factory=dict)
     touches: Count  # Touches spent when the model was asked for
     robot_time: Seconds  # Robot time spent when the model was asked for
     final: bool  # True for the model that the exploration ends with

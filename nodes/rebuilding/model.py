@@ -25,16 +25,6 @@ Goal = types.ModelGoal | types.PlanDone
 BANDS, BAND_TURNS = 25, 8  # Heights of the uncertainty, and turns over which it is averaged
 HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
 NO_ARCHIVE = np.zeros(0, np.uint8)
-_NONE = np.zeros(0)
-# Of a model of nothing.
-EMPTY_MODEL: dict[str, Any] = {
-    **dict.fromkeys(("control", "undeformed"), np.zeros((0, 0, 0, 3))),
-    **dict.fromkeys(("knots_columns", "knots_rows", "knots_layers"), _NONE),
-    **dict.fromkeys(("uncertainty_height", "uncertainty"), _NONE),
-    "vertices": np.zeros((0, 3)),
-    "faces": np.zeros((0, 3), np.int32),
-    "health": {},
-}
 
 
 def shape_model(
@@ -53,7 +43,8 @@ def shape_model(
     elif candidates.why:
         dropped = dict.fromkeys(range(len(goal.contours)), candidates.why)
     final = isinstance(goal, types.PlanDone)
-    parts, frame = EMPTY_MODEL, IDENTITY_POSE
+    parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
+    frame = IDENTITY_POSE
     deviation = None
     if isinstance(solid, Solid):
         parts = _parts(solid, candidates, quality, step)
@@ -112,8 +103,8 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
 def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) -> dict[str, Any]:
     with step("mesh"):
         mesh = solid.mesh(1 if quality is None else quality.parts)
-    told = {"vertices": mesh.vertices, "faces": mesh.faces}
-    return EMPTY_MODEL | told | {"health": _rounded(solid.health())}
+    health = _rounded(solid.health())
+    return {"vertices": mesh.vertices, "faces": mesh.faces, "health": health}
 
 
 def _rounded(health: Mapping[str, float]) -> dict[str, float]:
@@ -137,7 +128,7 @@ def _parts(
         heights, deviation = _band(solid)
         told = {"uncertainty_height": heights, "uncertainty": deviation}
     shape = {"vertices": mesh.vertices, "faces": mesh.faces, "health": _rounded(solid.health())}
-    return EMPTY_MODEL | lattice | told | shape
+    return lattice | told | shape
 
 
 def _band(solid: Solid) -> tuple[Floats, Floats]:

@@ -9,6 +9,7 @@
     python tests/studies lofts                    their 95 % band, disorder and outliers, steps
     python tests/studies tracing                  slices of known solids, and what no pad can touch
     python tests/studies grasp                    what a few contacts tell of an object's frame
+    python tests/studies recognition              stored objects and others, in any pose, with noise
     python tests/studies planners                 contours that each planner needs
     python tests/studies tolerances               whether a tolerance decides; what to expect of it
     python tests/studies bus                      losses among stalls, late starts and deaths
@@ -43,6 +44,7 @@ STUDIES: Mapping[str, Mapping[str, str]] = {
     "lofts": {"disorder": "lofts:disorder_rows", "band": "lofts:band_rows"},
     "tracing": {"tracing": "tracing:tracing_rows"},
     "grasp": {"grasp": "grasping:grasp_rows"},
+    "recognition": {"recognition": "recognition:recognition_rows"},
     "tolerances": {"tolerances": "tolerances:tolerance_rows"},
     "bus": {"losses": "losses:loss_rows", "reliability": "losses:reliability_rows"},
     "start": {"start": "starts:start_rows"},

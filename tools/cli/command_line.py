@@ -205,6 +205,7 @@ palpate_group = LazyGroup(
         "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
+        "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
         "bench": ("..bench.suite", "Measure speed and accuracy."),
         "chaos": ("launching", "Put faults into explorations and say what they survive."),

@@ -1,4 +1,4 @@
-"""Verbs before a run, scene, calibrate and init; and on solids without one, rebuild and score."""
+"""Verbs before a run, scene, calibrate and init; and on solids: rebuild, score and recognise."""
 
 from __future__ import annotations
 
@@ -106,6 +106,31 @@ def score_command(
     found = score(model, reference, unit=unit, reference_unit=reference_unit, aligned=aligned)
     print_figures(found, score_text, as_json=as_json)
     return 0
+
+
+@click.command("recognise")
+@click.argument("run", type=PATH)
+@click.option("--unit", type=UNIT_CHOICE, help="Unit of a mesh file.")
+@click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
+@json_option("Print the answer as JSON, lengths in mm.")
+@quiet_option("Show no progress.")
+def recognise_command(
+    run: Path, unit: str | None, objects: Path | None, as_json: bool, quiet: bool
+) -> int:
+    """Say which of the stored objects RUN has touched, how surely, or that it is none of them.
+
+    RUN is a run directory, or a PLY, STL, OBJ, OFF or GLB file with a closed surface, in any pose.
+    Exits with 1 if it is none of them.
+    """
+    from palpate.tools.recognition import recognise, recognition_text
+
+    def say(text: str) -> None:
+        if not quiet:
+            click.echo(f"{text} ...", err=True)
+
+    found = recognise(run, unit=unit, objects=objects, say=say)
+    print_figures(found, recognition_text, as_json=as_json)
+    return 0 if found["recognised"] else 1
 
 
 @click.group("scene")

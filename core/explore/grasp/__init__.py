@@ -9,6 +9,7 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.explore.grasp.axes import end_face_axis as end_face_axis
+    from palpate.core.explore.grasp.axes import revolution_axis as revolution_axis
     from palpate.core.explore.grasp.hand import Closing as Closing
     from palpate.core.explore.grasp.hand import Hand as Hand
     from palpate.core.explore.grasp.hand import brought_near as brought_near

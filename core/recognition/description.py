@@ -1,0 +1,305 @@
+"""What a closed surface is like in any pose: object, components, surfaces and patches.
+
+Four levels, as those of the database of Allen, *Integrating vision and touch for object
+recognition tasks*, 1988 (Fung, 1999, 1.4.2): the whole object; its components, that is the
+superquadric nearest to it and what it lacks of its hull; its surfaces, plane faces and round sides;
+and patches, here the sections across its axis. Allen's patches bound a few places of a surface that
+was touched here and there; our surface is closed, and sections say more of it. A mirror image has
+the same description.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Floats
+from palpate.core.geometry import areas_and_normals, sample_surface, triangle_corners
+from palpate.core.rebuild.recovery import recover
+from palpate.core.recognition.faces import PlaneFaces, plane_faces
+from palpate.core.recognition.voids import Voids, convex_hull, find_voids
+
+SEED = 1999
+SAMPLES = 4000  # Places of the surface, by area, of which faces are told
+FITTED = 80  # Of them, to which the superquadric is fitted
+CALIPERS = 300  # Directions in which the width is taken
+WIDTHS = (0.1, 0.5, 1.0)  # Quantiles of the widths
+SECTIONS = 7  # Across the axis, at even shares of the length
+LEAST_RESIDUAL = 1e-3  # Of the size: all fits that are better are alike
+LARGEST_RESIDUAL = 6e-3  # Of the size: with more, what fits best is left to chance
+LEAST = 1e-12
+
+
+class Whole(NamedTuple):
+    """The object level."""
+
+    volume: float  # m3
+    area: float  # m2
+    gyration: Floats  # Radii of gyration along the principal axes, descending, (3,), m
+    widths: Floats  # Quantiles `WIDTHS` of the width between parallel planes, (3,), m
+    extents: Floats  # Along the principal axes, in the order of the radii, (3,), m
+    skew: float  # Of the volume along the axis of the sections, not negative, 1
+    facing: Floats  # Mean squares of the normals along their principal axes, descending, (3,)
+
+
+class FittedShape(NamedTuple):
+    """The superquadric nearest to the object."""
+
+    size: Floats  # Semi-axes, descending, (3,), m
+    exponents: Floats  # e1 and e2, (2,)
+    taper: float  # The larger widening, not negative
+    bend: float  # Angle by which the bend turns the axis from end to end, rad
+    residual: float  # Root mean square distance of the surface, m
+
+
+class Sections(NamedTuple):
+    """The patch level: sections across the axis, at even shares of the length."""
+
+    areas: Floats  # (k,), m2
+    moments: Floats  # Second moments of area, the larger first, (k, 2), m4
+    compactness: Floats  # Area squared over 2 pi times the polar moment: 1 for a disc, (k,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Description:
+    """A closed surface in any pose."""
+
+    whole: Whole  # The object
+    fitted: FittedShape  # Its components: the nearest solid,
+    voids: Voids  # and what that lacks
+    faces: PlaneFaces  # Its surfaces
+    sections: Sections  # Its patches
+
+
+def describe(vertices: ArrayLike, faces: ArrayLike) -> Description:
+    """The description of a closed surface.
+
+    `vertices` (n, 3), m. `faces` (m, 3): rows of those, counter-clockwise seen from outside. Raises
+    ValueError unless it is closed, with a volume. The axis of the sections is the principal axis
+    whose moment is farthest from the other two: of a solid of revolution, its axis. Repeatable:
+    samples are the same each time.
+    """
+    corners = triangle_corners(vertices, faces)
+    places, rows = np.asarray(vertices, np.float64), np.asarray(faces, np.int32)
+    hull = convex_hull(places)
+    voids = find_voids(places, rows, hull)
+    volume, middle, axes, squares = _moments(corners)
+    local = (corners - middle) @ axes
+    logs = np.log(squares)
+    odd = int(np.argmax(np.abs(3.0 * logs - logs.sum())))
+    sections, skew = _sections(local[:, :, [(odd + 1) % 3, (odd + 2) % 3, odd]], volume)
+    areas, normals = areas_and_normals(corners)
+    shares = areas / areas.sum()
+    whole = Whole(
+        volume=volume,
+        area=float(areas.sum()),
+        gyration=np.sqrt(squares),
+        widths=np.quantile(np.ptp(_even_directions(CALIPERS) @ hull[0].T, axis=1), WIDTHS),
+        extents=np.ptp(local.reshape(-1, 3), axis=0),
+        skew=skew,
+        facing=np.linalg.eigvalsh((normals * shares[:, None]).T @ normals)[::-1],
+    )
+    samples = sample_surface(local, SAMPLES, np.random.default_rng(SEED))
+    found = plane_faces(samples.points, (normals @ axes)[samples.faces], whole.area)
+    return Description(whole, _fitted(samples.points), voids, found, sections)
+
+
+def _moments(corners: Floats) -> tuple[float, Floats, Floats, Floats]:
+    """Volume, centroid (3,), principal axes (3, 3) and variances along them (3,), descending."""
+    origin = corners.mean(axis=(0, 1))
+    near = corners - origin
+    a, b, c = near.transpose(1, 0, 2)
+    sixth = np.einsum("ni,ni->n", a, np.cross(b, c)) / 6.0
+    volume = float(sixth.sum())
+    sums = near.sum(axis=1)
+    middle = (sixth @ sums) / (4.0 * volume)
+    second = np.einsum("n,nki,nkj->ij", sixth, near, near) + (sums * sixth[:, None]).T @ sums
+    variances, axes = np.linalg.eigh(second / (20.0 * volume) - np.outer(middle, middle))
+    axes = axes[:, ::-1] * [1.0, 1.0, np.linalg.det(axes[:, ::-1])]
+    return volume, origin + middle, axes, variances[::-1]
+
+
+def _fitted(points: Floats) -> FittedShape:
+    chosen = points[np.linspace(0, len(points) - 1, FITTED).astype(int)]
+    found = recover(chosen, taper=True, bend=True)
+    angle = 2.0 * found.bend.curvature * float(found.size[2])
+    taper = float(np.abs(found.taper).max())
+    return FittedShape(np.sort(found.size)[::-1], found.exponents, taper, angle, found.rms)
+
+
+def _even_directions(count: int) -> Floats:
+    """Unit vectors (count, 3), nearly evenly spread: a spiral of equal heights (Fibonacci)."""
+    number = np.arange(count) + 0.5
+    height, turn = 1.0 - 2.0 * number / count, math.pi * (1.0 + math.sqrt(5.0)) * number
+    across = np.sqrt(1.0 - height * height)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+
+
+def _sections(corners: Floats, volume: float) -> tuple[Sections, float]:
+    """Sections across z of triangles (m, 3, 3) about the centroid, and the skew along it.
+
+    Each triangle that a plane crosses leaves a segment with the solid on its left: area and moments
+    are sums over those (Green), in whatever order they come.
+    """
+    low, high = float(corners[:, :, 2].min()), float(corners[:, :, 2].max())
+    heights = low + (high - low) * (np.arange(SECTIONS) + 0.5) / SECTIONS
+    found = [_section(corners, height) for height in heights]
+    areas = np.array([one[0] for one in found])
+    moments = np.array([one[1] for one in found])
+    variance, third = _axial_moments(corners, volume)
+    if third < 0.0:
+        areas, moments = areas[::-1], moments[::-1]
+    compactness = areas**2 / np.maximum(2.0 * math.pi * moments.sum(axis=1), LEAST**2)
+    return Sections(areas, moments, compactness), abs(third) / variance**1.5
+
+
+def _section(corners: Floats, height: float) -> tuple[float, tuple[float, float]]:
+    """Area, m2, and principal second moments of area, m4, the larger first, at a height."""
+    above = corners[:, :, 2] > height
+    crossed = corners[above.any(axis=1) & ~above.all(axis=1)]
+    up = crossed[:, :, 2] > height
+    leaves = up & ~np.roll(up, -1, axis=1)  # the edge that goes down through the plane
+    enters = ~up & np.roll(up, -1, axis=1)
+    starts, ends = (_crossing(crossed, edge, height) for edge in (leaves, enters))
+    twice = starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0]
+    area = 0.5 * float(twice.sum())
+    if not area > 0.0:
+        return 0.0, (0.0, 0.0)
+    middle = twice @ (starts + ends) / (6.0 * area)
+    sums = starts + ends
+    square = sum((one * twice[:, None]).T @ one for one in (starts, ends, sums)) / 24.0
+    small, large = np.linalg.eigvalsh(square - area * np.outer(middle, middle)).tolist()
+    return area, (max(large, 0.0), max(small, 0.0))
+
+
+def _crossing(corners: Floats, edge: np.ndarray, height: float) -> Floats:
+    """Where the marked edge of each triangle meets a height, (n, 2)."""
+    row = np.arange(len(corners))
+    first = edge.argmax(axis=1)
+    here, there = corners[row, first], corners[row, (first + 1) % 3]
+    share = (height - here[:, 2]) / (there[:, 2] - here[:, 2])
+    return np.asarray((here + share[:, None] * (there - here))[:, :2])
+
+
+def _axial_moments(corners: Floats, volume: float) -> tuple[float, float]:
+    """Mean square, m2, and mean cube, m3, of z over the solid, by sums over its tetrahedra."""
+    a, b, c = corners.transpose(1, 0, 2)
+    sixth = np.einsum("ni,ni->n", a, np.cross(b, c)) / 6.0
+    x, y, z = a[:, 2], b[:, 2], c[:, 2]
+    square = x * x + y * y + z * z + x * y + y * z + z * x
+    cube = x**3 + y**3 + z**3 + (x + y) * (y + z) * (z + x) - x * y * z
+    return float(sixth @ square) / (10.0 * volume), float(sixth @ cube) / (20.0 * volume)
+
+
+class ShapeFeature(NamedTuple):
+    """A number of a description that is compared."""
+
+    name: str
+    kind: str  # How it is told: log volume, log area, log length, angle, count, or share
+    of: Callable[[Description], float]
+
+
+def feature_vector(description: Description) -> Floats:
+    """The numbers of a description that are compared, in the order of `FEATURES`.
+
+    Sizes as logarithms, so that a share of them counts alike in small objects and in large ones.
+    """
+    return np.array([one.of(description) for one in FEATURES])
+
+
+def _face_share(which: int) -> Callable[[Description], float]:
+    def share(one: Description) -> float:
+        areas = one.faces.areas * one.faces.certainty
+        return float(areas[which]) / one.whole.area if which < len(areas) else 0.0
+
+    return share
+
+
+def _facing_share(power: int) -> Callable[[Description], float]:
+    """Mean power of the cosine between plane faces, by their areas as shares of all."""
+
+    def share(one: Description) -> float:
+        parts = one.faces.areas * one.faces.certainty / one.whole.area
+        return float(parts @ (one.faces.normals @ one.faces.normals.T) ** power @ parts)
+
+    return share
+
+
+def _log(value: float) -> float:
+    return math.log(max(value, LEAST))
+
+
+def _fit(one: Description) -> float:
+    """How far the nearest superquadric says anything: 1 if it fits, 0 if many fit as badly."""
+    off = one.fitted.residual / (LARGEST_RESIDUAL * float(one.whole.widths[-1]))
+    return 1.0 / (1.0 + off**4)
+
+
+def _exponent_roundness(one: Description, which: int) -> float:
+    """Of both exponents, the least first: 1 where one is 1, and 0 where it is 0 or 2.
+
+    With those it is nearly the same body, turned by 45 degrees: which is found is left to chance.
+    """
+    found = np.sort(one.fitted.exponents * (2.0 - one.fitted.exponents))
+    return _fit(one) * float(found[which])
+
+
+def _section_features(which: int) -> list[ShapeFeature]:
+    """Those of one section: its area, how near it is to a disc, and how round."""
+
+    def area(one: Description) -> float:
+        return _log(float(one.sections.areas[which]))
+
+    def compactness(one: Description) -> float:
+        return float(one.sections.compactness[which])
+
+    def roundness(one: Description) -> float:
+        large, small = one.sections.moments[which].tolist()
+        return math.sqrt(small / large) if large > 0.0 else 1.0
+
+    where = f"of the section at {100 * (2 * which + 1) // (2 * SECTIONS)} % of the axis"
+    return [
+        ShapeFeature(f"area {where}", "log area", area),
+        ShapeFeature(f"compactness {where}", "share", compactness),
+        ShapeFeature(f"roundness {where}", "share", roundness),
+    ]
+
+
+FEATURES: tuple[ShapeFeature, ...] = (
+    ShapeFeature("volume", "log volume", lambda d: _log(d.whole.volume)),
+    ShapeFeature("area", "log area", lambda d: _log(d.whole.area)),
+    ShapeFeature("largest radius of gyration", "log length", lambda d: _log(d.whole.gyration[0])),
+    ShapeFeature("middle radius of gyration", "log length", lambda d: _log(d.whole.gyration[1])),
+    ShapeFeature("least radius of gyration", "log length", lambda d: _log(d.whole.gyration[2])),
+    ShapeFeature("small width", "log length", lambda d: _log(d.whole.widths[0])),
+    ShapeFeature("median width", "log length", lambda d: _log(d.whole.widths[1])),
+    ShapeFeature("largest width", "log length", lambda d: _log(d.whole.widths[2])),
+    ShapeFeature("skew along the axis", "share", lambda d: d.whole.skew),
+    ShapeFeature("area that faces most alike", "share", lambda d: float(d.whole.facing[0])),
+    ShapeFeature("area that faces least alike", "share", lambda d: float(d.whole.facing[2])),
+    ShapeFeature("distance from a superquadric", "log length",
+                 lambda d: _log(d.fitted.residual + LEAST_RESIDUAL * float(d.whole.widths[2]))),
+    ShapeFeature("roundness of an exponent", "share", lambda d: _exponent_roundness(d, 0)),
+    ShapeFeature("roundness of the other exponent", "share", lambda d: _exponent_roundness(d, 1)),
+    ShapeFeature("taper", "share", lambda d: _fit(d) * d.fitted.taper),
+    ShapeFeature("bend", "angle", lambda d: _fit(d) * d.fitted.bend),
+    ShapeFeature("holes", "count", lambda d: float(d.voids.holes)),
+    ShapeFeature("empty share of the hull", "share", lambda d: d.voids.share),
+    ShapeFeature("pockets", "count", lambda d: d.voids.certain),
+    ShapeFeature("largest pocket", "share",
+                 lambda d: float(d.voids.pockets.max(initial=0.0)) / d.whole.volume),
+    ShapeFeature("plane faces", "count", lambda d: float(d.faces.certainty.sum())),
+    ShapeFeature("plane share of the area", "share",
+                 lambda d: 1.0 - d.faces.round_area / d.whole.area),
+    ShapeFeature("largest face", "share", _face_share(0)),
+    ShapeFeature("second face", "share", _face_share(1)),
+    ShapeFeature("third face", "share", _face_share(2)),
+    ShapeFeature("imbalance of the faces", "share", _facing_share(1)),
+    ShapeFeature("parallelism of the faces", "share", _facing_share(2)),
+    *(feature for i in range(SECTIONS) for feature in _section_features(i)),
+)  # fmt: skip

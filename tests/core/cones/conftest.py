@@ -1,0 +1,126 @@
+"""Cones whose every feature is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from palpate.core.cones import Feature
+
+CHORDS = 6
+# Which chords touches with one name meet, one after another: no line lies in a face that is touched
+ORDER = {"F_S": (0, 1, 2), "E_T": (3, 4), "E_B": (4, 5), "E_m": (5, 2), "P_m": (3, 4)}
+
+
+@dataclass
+class Cone:
+    """An ellipse with six chords, drawn out to an apex and cut square to its axis."""
+
+    rotation: np.ndarray  # Object axes as columns; the last points to the apex
+    apex: np.ndarray
+    depths: tuple[float, float]  # Of top and bottom below the apex, m
+    middle: np.ndarray  # Of the section at unit depth
+    semi_axes: np.ndarray
+    turns: np.ndarray  # Where chords begin and end, (6, 2), rad
+
+    @property
+    def axis(self):
+        return self.rotation[:, 2]
+
+    @property
+    def size(self):
+        return self.depths[1]
+
+    def ray(self, turn):
+        """From the apex, of unit depth."""
+        x, y = self.middle + self.semi_axes * [np.cos(turn), np.sin(turn)]
+        return self.rotation @ [x, y, -1.0]
+
+    def chord(self, index):
+        """Rays of both ends, direction, and outward normal of a flat side."""
+        start, end = (self.ray(turn) for turn in self.turns[index % CHORDS])
+        normal = np.cross(start, end)
+        normal *= -np.sign(normal @ self.rotation @ [*self.middle, -1.0])
+        along = end - start
+        return start, end, along / np.linalg.norm(along), normal / np.linalg.norm(normal)
+
+    def feature(self, name, index=0, share=0.4, place=True, normals=True):
+        """A touch; `share`: where along the edge or between the ends it lies."""
+        group, at = name.split("_")
+        index = ORDER.get(name, (0, 2, 4))[index]
+        top, bottom = self.depths
+        depth = {"T": top, "B": bottom}.get(at, top + share * (bottom - top))
+        known = {"place": at.upper()} if place else {}
+        if group == "F":
+            start, end, _, normal = self.chord(index)
+            if at != "S":
+                normal = self.axis if at == "T" else -self.axis
+                end = self.rotation @ [*self.middle, -1.0]
+            point = self.apex + depth * (start + share * (end - start))
+            return Feature(group="F", point=point, normals=normal[None], **known)
+        if group == "P":
+            return self.parabolic(index, depth, known)
+        if at == "m":
+            ray = self.chord(index)[0]
+            direction = ray / np.linalg.norm(ray)
+            return Feature(group="E", point=self.apex + depth * ray, direction=direction, **known)
+        start, end, along, side = self.chord(index)
+        if group == "V":
+            return Feature(group="V", point=self.apex + depth * end, **known)
+        both = [self.axis if at == "T" else -self.axis, side] if normals else np.empty((0, 3))
+        point = self.apex + depth * (start + share * (end - start))
+        return Feature(group="E", point=point, direction=along, normals=both, **known)
+
+    def parabolic(self, index, depth, known):
+        """In the middle of an arc between two chords."""
+        before, after = self.turns[index % CHORDS, 1], self.turns[(index + 1) % CHORDS, 0]
+        turn = before + 0.5 * np.mod(after - before, 2 * np.pi)
+        ray = self.ray(turn)
+        x, y = self.semi_axes * [-np.sin(turn), np.cos(turn)]
+        normal = np.cross(ray, self.rotation @ [x, y, 0.0])
+        normal *= -np.sign(normal @ self.rotation @ [*self.middle, -1.0])
+        return Feature(
+            group="P",
+            point=self.apex + depth * ray,
+            direction=ray / np.linalg.norm(ray),
+            normals=normal[None] / np.linalg.norm(normal),
+            curvature=1.0 / (depth * self.semi_axes.min()),
+            **known,
+        )
+
+    def features(self, names, **options):
+        """Different features with these names, anywhere on the cone."""
+        seen = {}
+        found = []
+        for name in names:
+            index = seen[name] = seen.get(name, -1) + 1
+            found.append(self.feature(name, index, 0.3 + 0.15 * len(found), **options))
+        return found
+
+
+def draw_cone(rng, beside=0.0):
+    """A random cone; `beside`: how far the middle of the section lies from the axis."""
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    rotation[:, 0] *= np.linalg.det(rotation)
+    turns = np.arange(CHORDS)[:, None] * (2 * np.pi / CHORDS) + rng.uniform(0.1, 0.3)
+    away = rng.uniform(0, 2 * np.pi)
+    return Cone(
+        rotation,
+        rng.uniform(-0.2, 0.2, 3),
+        (rng.uniform(0.03, 0.05), rng.uniform(0.08, 0.12)),
+        (beside + rng.uniform(0.0, 0.1)) * np.array([np.cos(away), np.sin(away)]),
+        rng.uniform(0.4, 0.7, 2),
+        turns + [0.0, 0.6] + rng.uniform(-0.08, 0.08, (CHORDS, 2)),
+    )
+
+
+@pytest.fixture
+def draw():
+    return draw_cone
+
+
+@pytest.fixture
+def cones():
+    """Twenty random cones."""
+    rng = np.random.default_rng(5)
+    return [draw_cone(rng) for _ in range(20)]

@@ -1,0 +1,148 @@
+"""Which of the stored objects a run has touched, or none of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate import launch
+from palpate.core import geometry, recognition
+from palpate.launch import files, titled
+
+RUN_MESH = "mesh.ply"  # The surface in a run directory
+SHOWN = 3  # Features that are told
+UNITS = {"log volume": "ml", "log area": "cm2", "log length": "mm", "angle": "deg"}
+SCALES = {"log volume": 1e6, "log area": 1e4, "log length": 1e3, "angle": 180.0 / math.pi}
+RecognitionRecord = Mapping[str, Any]
+
+
+def recognise(
+    path: Path,
+    *,
+    unit: str | None = None,
+    objects: Path | None = None,
+    say: Callable[[str], object] = lambda text: None,
+) -> RecognitionRecord:
+    """What the surface in a run directory or a mesh file is of, by stable names.
+
+    `objects`: a database of one's own. Where its objects are not learned yet, that is done, `say`
+    is told, and what was learned is written beside it. Raises InputError if a file cannot be read,
+    or holds no closed surface.
+    """
+    vertices, faces, uncertainty = _surface(path, unit)
+    database = launch.load_objects(launch.OBJECTS if objects is None else objects)
+    models = launch.load_models(database) or _learned(database, say)
+    with files.as_input_errors(path):
+        features = recognition.feature_vector(recognition.describe(vertices, faces))
+    uncertainty = math.hypot(uncertainty, geometry.facet_sag(vertices, faces))
+    found = recognition.recognise(features, models, uncertainty)
+    other = found.runner_up if found.name != recognition.NONE else found.nearest
+    titles = {name: one.title for name, one in database.entries.items()}
+    apart = recognition.differences(features, models, other, uncertainty) if other else []
+    return {
+        "run": str(path),
+        "recognised": found.name != recognition.NONE,
+        "object": found.name,
+        "title": titles.get(found.name),
+        "probability": found.probabilities[found.name],
+        "nearest": found.nearest,
+        "runner_up": found.runner_up,
+        "runner_up_probability": found.probabilities.get(found.runner_up or ""),
+        "distance": found.distance,
+        "limit": found.limit,
+        "uncertainty_m": uncertainty,
+        "compared_with": other,
+        "differences": [_told(one) for one in apart[:SHOWN]],
+        "probabilities": found.probabilities,
+        "titles": titles,
+    }
+
+
+def _surface(path: Path, unit: str | None) -> tuple[np.ndarray, np.ndarray, float]:
+    """Vertices (n, 3), m, faces (m, 3), and how uncertain the surface is, m."""
+    if not path.exists():
+        raise files.InputError(f"{path}: does not exist")
+    if not path.is_dir():
+        vertices, faces, _ = files.read_mesh(path, unit)
+        return vertices, faces, recognition.UNCERTAINTY
+    mesh = path / RUN_MESH
+    if not mesh.is_file():
+        raise files.InputError(f"{path}: holds no rebuilt solid: there is no {RUN_MESH} in it")
+    vertices, faces, _ = files.read_mesh(mesh, unit or "m")
+    bound = None
+    if (path / "summary.json").is_file():
+        bound = launch.read_summary(path).get("rms_bound_95_m")
+    known = bound if isinstance(bound, float) and 0.0 < bound < math.inf else 0.0
+    return vertices, faces, max(known, recognition.UNCERTAINTY)
+
+
+def _learned(
+    database: launch.ObjectDatabase, say: Callable[[str], object]
+) -> recognition.ObjectModels:
+    models = launch.learn_models(database, lambda name: say(f"learning {name}"))
+    try:
+        say(f"written to {launch.write_models(database, models)}")
+    except (OSError, files.InputError) as error:  # a folder that is not ours: learned in vain
+        say(f"not kept: {error}")
+        return models
+    return launch.load_models(database) or models  # as it is read from now on, rounded
+
+
+def _told(one: recognition.Difference) -> dict[str, Any]:
+    return {
+        "feature": one.name,
+        "measured": _plain(one.measured, one.kind),
+        "stored": _plain(one.stored, one.kind),
+        "unit": UNITS.get(one.kind, ""),
+        "deviations": one.deviations,
+    }
+
+
+def _plain(value: float, kind: str) -> float:
+    """A feature in the unit in which it is told."""
+    return SCALES.get(kind, 1.0) * (math.exp(value) if kind.startswith("log") else value)
+
+
+def recognition_text(found: RecognitionRecord) -> str:
+    """The answer for a person."""
+    titles, name, other = found["titles"], found["object"], found["runner_up"]
+    lines = []
+    if found["recognised"]:
+        chance = _percent(found["probability"])
+        lines += titled("object", f"{name} ({titles[name]}), probability {chance}")
+    else:
+        near = found["nearest"]
+        lines += titled("object", f"{name}, probability {_percent(found['probability'])}")
+        lines += titled("nearest", f"{near} ({titles[near]})")
+    if other is not None:
+        chance = _percent(found["runner_up_probability"])
+        lines += titled("runner-up", f"{other} ({titles[other]}), probability {chance}")
+    lines += titled("told apart" if found["recognised"] else "reason", _reason(found))
+    return "\n".join(lines)
+
+
+def _reason(found: RecognitionRecord) -> str:
+    features = [
+        f"{one['feature']} {_value(one['measured'], one['unit'])}, not "
+        f"{_value(one['stored'], one['unit'])}"
+        for one in found["differences"]
+    ]
+    told = "; ".join(features)
+    if found["recognised"]:
+        return told or "there is no other object"
+    return (
+        f"its distance from {found['nearest']} is {found['distance']:.3g}, where 99 in 100 copies "
+        f"are within {found['limit']:.3g}: {told}"
+    )
+
+
+def _value(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}".rstrip()
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %" if share >= 1e-5 else "less than 0.001 %"
