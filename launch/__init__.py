@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from palpate.launch.launch_file import arguments_table as arguments_table
     from palpate.launch.launch_file import describe as describe
     from palpate.launch.launch_source import EXPLORE as EXPLORE
+    from palpate.launch.launch_source import PROCEDURES as PROCEDURES
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch

@@ -51,12 +51,23 @@ def read_demand(
     budget: str | None,
     touches: int | None,
     quality: str | None,
+    procedure: str | None = None,
 ) -> dict[str, SourceMapped]:
     """Settings of nodes for what was asked on the command line; those not asked for are left out.
 
-    Raises InputError as `read_quantity` does, or if `touches` is not positive.
+    `procedure`: the exploratory procedure, to which only `touches` means anything. Raises
+    InputError as `read_quantity` does, if `touches` is not positive, or if a procedure is asked for
+    what it cannot keep.
     """
     found: dict[str, SourceMapped] = {}
+    if procedure is not None:
+        for name, text in (("--tolerance", tolerance), ("--feature", feature),
+                           ("--budget", budget), ("--quality", quality)):  # fmt: skip
+            if text is not None:
+                raise InputError(
+                    f"{name} {text}: --procedure {procedure} explores in its own way; only "
+                    "--touches limits it"
+                )
     for name, text, units, target in (
         ("--tolerance", tolerance, LENGTHS, "planner.tolerance"),
         ("--feature", feature, LENGTHS, "planner.feature"),
@@ -67,7 +78,8 @@ def read_demand(
     if touches is not None:
         if touches < 1:
             raise InputError(f"--touches {touches}: must be at least 1")
-        found["planner.most_touches"] = SourceMapped(touches, f"--touches {touches}")
+        target = "planner.most_touches" if procedure is None else "procedure.most_touches"
+        found[target] = SourceMapped(touches, f"--touches {touches}")
     if quality is not None:
         found["reconstructor.quality"] = SourceMapped(quality, f"--quality {quality}")
     return found

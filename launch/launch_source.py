@@ -19,6 +19,8 @@ from palpate.launch.processes import start_fork_server
 
 SHIPPED_LAUNCH_FILES = Path(__file__).parent  # Where the launch files lie that come with palpate
 EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # The one that explores a scene
+# Those that explore it by an exploratory procedure, by its name.
+PROCEDURES = ("containment", "planar", "follower", "fearing", "openings")
 INCLUDE = "include"
 MERGE_DEPTH = 3  # Depth to which maps of nodes are laid over one another: nodes, a node, its params
 _REFERENCE = re.compile(r"\$\(([^()]*)\)")

@@ -86,7 +86,7 @@ def size_text(size: int) -> str:
 
 def summary_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path) -> str:
     """The figures as lines of at most 80 columns, with the names of what the run left behind."""
-    lines = [*_result(summary), *_promise(summary)]
+    lines = [*_result(summary), *_procedure(summary), *_promise(summary)]
     lines += [*_cost(summary), *_time(summary), *_node_table(summary["nodes"])]
     lines += _steps(summary["steps"])
     if summary["numerics"]:
@@ -114,6 +114,31 @@ def _result(summary: Mapping[str, Any]) -> list[str]:
         f"watertight {'yes' if summary['watertight'] else 'NO'}",
     ]
     return [*titled("result", *near), *titled("", *rest)]
+
+
+def _procedure(summary: Mapping[str, Any]) -> list[str]:
+    """What an exploratory procedure found, its figures in mm, degrees and counts."""
+    found = summary.get("procedure")
+    if found is None:
+        return []
+    figures = [
+        _figure_text(name, value)
+        for name, value in found.items()
+        if name not in ("name", "status", "reason")
+    ]
+    return titled(found["name"], f"{found['status']}: {found['reason']}", *figures, width=12)
+
+
+def _figure_text(name: str, value: float) -> str:
+    """A figure whose unit ends its name."""
+    stem, _, unit = name.rpartition("_")
+    if unit == "m":
+        return f"{stem.replace('_', ' ')} {millimetres(value)}"
+    if unit == "m3":
+        return f"{stem.replace('_', ' ')} {1e6 * value:.1f} cm3"
+    if unit == "deg":
+        return f"{stem.replace('_', ' ')} {value:.3f} deg"
+    return f"{name.replace('_', ' ')} {value:.4g}"
 
 
 def _promise(summary: Mapping[str, Any]) -> list[str]:
@@ -155,7 +180,8 @@ def known_texts(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _cost(summary: Mapping[str, Any]) -> list[str]:
-    drawn, foretold = draw_text(summary), halving_lines(summary["curve"])
+    drawn = draw_text(summary)
+    foretold = [] if summary.get("procedure") else halving_lines(summary["curve"])
     heads = ["cost", *[""] * len(drawn)]
     lines = [f"{head:<{TITLE_WIDTH}}{line}" for head, line in zip(heads, drawn, strict=False)]
     return lines + [piece for line in foretold for piece in titled("", line)]

@@ -7,28 +7,46 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
 from palpate.messages.types import (
+    BoundaryRepresentation,
+    ConePose,
     Contour,
+    GeneralisedCone,
     GraspContacts,
     LogRecord,
     NodeStatus,
+    Openings,
     PlanDone,
     PlanEstimate,
     Probe,
+    ProcedureResult,
     Score,
     ShapeModel,
+    Superquadric,
 )
 from palpate.nodes.runtime import Watcher
 
 if TYPE_CHECKING:
     from rich.status import Status
 
+# What exploratory procedures recover
+PROCEDURE_MODELS = (BoundaryRepresentation, ConePose, GeneralisedCone, Openings, Superquadric)
 # Types of the messages that are gathered.
-GATHERED_TYPES = (Contour, GraspContacts, PlanDone, PlanEstimate, Probe, Score, ShapeModel)
+GATHERED_TYPES = (
+    *PROCEDURE_MODELS,
+    Contour,
+    GraspContacts,
+    PlanDone,
+    PlanEstimate,
+    Probe,
+    ProcedureResult,
+    Score,
+    ShapeModel,
+)
 TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
 LEVELS_SHOWN = frozenset({"warning", "error"})  # That a user sees; the rest is in log.jsonl
 
@@ -41,6 +59,8 @@ class Progress:
     contours: int = 0  # Contours traced, those with gaps that the pad cannot reach among them
     failed: int = 0  # Slices of which nothing came
     done: PlanDone | None = None  # Why the exploration was over
+    procedure: ProcedureResult | None = None  # What an exploratory procedure found
+    recovered: Any = None  # Its model, one of `PROCEDURE_MODELS`
     touches: int = 0  # Touches made on contours and probes
     robot_time: float = 0.0  # Robot time of the last of them, s
     ready: float | None = None  # Time from the launch until all nodes were joined, s
@@ -136,6 +156,10 @@ class ProgressWatcher(Watcher):
             progress.robot_time = max(progress.robot_time, message.robot_time)
         elif isinstance(message, PlanDone):
             progress.done = message
+        elif isinstance(message, ProcedureResult):
+            progress.procedure = message
+        elif isinstance(message, PROCEDURE_MODELS):
+            progress.recovered = message
         elif isinstance(message, ShapeModel):
             progress.model = message
             progress.made[message.number] = progress.wall
@@ -238,7 +262,8 @@ def progress_text(progress: Progress) -> str:
     """Progress in one line of at most 70 columns."""
     if not progress.touches:
         return f"{progress.contacts} contacts of the hand  {progress.wall:.0f} s"
-    parts = [f"{progress.contours} contours", f"{progress.touches} touches"]
+    parts = [f"{progress.contours} contours"] if progress.contours or progress.failed else []
+    parts.append(f"{progress.touches} touches")
     if progress.touches_per_s is not None:
         parts.append(f"{progress.touches_per_s:.0f}/s")
     score = progress.score

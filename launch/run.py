@@ -268,6 +268,8 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
             export(progress.model)
         for written in exports:
             written.result()
+    if progress.procedure is not None:
+        folder.write_result(progress.procedure, progress.recovered)
     seed = int(about["seed"]) if "seed" in about else None
     summary = summarise(ending, progress, about.get("scene_name"), seed)
     folder.write_summary(summary)

@@ -8,10 +8,12 @@ import os
 import platform
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from palpate import __version__
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
@@ -19,12 +21,13 @@ from palpate.launch.files import InputError, mesh_sha256, write_atomically
 from palpate.launch.printing import known_texts, millimetres, unknown_texts
 from palpate.launch.progress import Progress
 from palpate.messages.recording import free_bytes
-from palpate.messages.types import PlanDone
+from palpate.messages.types import PlanDone, ProcedureResult
 from palpate.nodes.runtime import Ending
 
 RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
+RESULT = "result.json"  # Name of what an exploratory procedure found
 SUMMARY = "summary.json"  # Name of the figures
 COST_PICTURE = "cost.svg"  # Name of the picture of what accuracy cost
 VERSIONED_PACKAGES = ("numpy", "scipy", "trimesh", "pyzmq", "msgspec", "mcap", "lz4")
@@ -80,6 +83,16 @@ class RunDirectory:
     def write_json(self, name: str, value: Mapping[str, Any]) -> None:
         """Write a JSON file whole or not at all; infinity and NaN are refused."""
         self.write_text(name, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+    def write_result(self, result: ProcedureResult, recovered: Any) -> None:
+        """Write what an exploratory procedure found, and the model of its kind, as JSON."""
+        told = {"result": asdict(result)}
+        if recovered is not None:
+            told[type(recovered).__name__] = {
+                name: value.tolist() if isinstance(value, np.ndarray) else value
+                for name, value in asdict(recovered).items()
+            }
+        self.write_json(RESULT, told)
 
     def write_summary(self, summary: Summary) -> None:
         """Write the figures, and what accuracy cost as a picture."""
@@ -161,6 +174,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "palpate": __version__,
         "status": ending.status,
         "reason": ending.reason if done is None else f"{done.reason}; {ending.reason}",
+        "procedure": _procedure(progress.procedure),
         "scene": scene,
         "seed": seed,
         **distances,
@@ -192,6 +206,14 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     }
     told = done is not None and ending.status == "finished"
     return {**summary, "missed": missed_goals(summary) if told else []}
+
+
+def _procedure(found: ProcedureResult | None) -> dict[str, Any] | None:
+    """What an exploratory procedure found; None of an exploration in slices."""
+    if found is None:
+        return None
+    told = {"name": found.procedure, "status": found.status, "reason": found.reason}
+    return {**told, **dict(sorted(found.figures.items()))}
 
 
 def _unknown(done: PlanDone | None) -> dict[str, Any]:
@@ -235,6 +257,10 @@ def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
 def missed_goals(summary: Mapping[str, Any], *, rebuilds: bool = True) -> list[str]:
     """What a finished run was to reach and has not, in words."""
     closed = summary["mesh_sha256"] is not None and summary["watertight"] is not False
+    procedure = summary.get("procedure")
+    if procedure is not None:  # it says itself what it was to find
+        done = procedure["status"] == "done"
+        return [] if done else [f"{procedure['status']}: {procedure['reason']}"]
     found = []
     if rebuilds and not summary["final"]:
         found.append("there is no final model")

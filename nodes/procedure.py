@@ -24,13 +24,13 @@ from palpate.core.procedures import (
     FingerMove,
     HandContacts,
     Session,
-    Setting,
+    TouchSetting,
     begin_procedure,
     procedure_of,
 )
 from palpate.core.touch import HITS
 from palpate.messages import derive, types
-from palpate.nodes.runtime import Finished, Node, Outputs
+from palpate.nodes.runtime import MAX_FINGERS, Finished, Node, Outputs
 from palpate.nodes.specs import pad_of_info
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _begin(params: Params, state: State) -> tuple[State, Outputs]:
     if state.world is None or state.info is None or state.session is not None:
         return state, []
     setting = derive(
-        Setting, params, state.world, noise=state.info.noise, pad=pad_of_info(state.info)
+        TouchSetting, params, state.world, noise=state.info.noise, pad=pad_of_info(state.info)
     )
     session = begin_procedure(params.procedure, params.settings, setting)
     return _go_on(params, replace(state, session=session))
@@ -117,8 +117,22 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
     if len(pending) < state.under_way:
         return state, []
     assert state.info is not None
-    met = tuple(_contact(state.info, pending[number + 1]) for number in range(state.under_way))
-    return _go_on(params, replace(state, results=(*state.results, met), pending={}, under_way=0))
+    patches = [pending[number + 1] for number in range(state.under_way)]
+    met = tuple(_contact(state.info, one) for one in patches)
+    probes: Outputs = [
+        ("/probe/traced", _probe(state, one, contact))
+        for one, contact in zip(patches, met, strict=True)
+    ]
+    state = replace(state, results=(*state.results, met), pending={}, under_way=0)
+    state, outputs = _go_on(params, state)
+    return state, [*probes, *outputs]
+
+
+def _probe(state: State, patch: types.SurfacePatch, contact: Contact) -> types.Probe:
+    """What a finger met, for whoever follows the exploration."""
+    point = contact.middle if contact.met else patch.pose[:3]
+    number = MAX_FINGERS * patch.goal + patch.finger
+    return derive(types.Probe, patch, id=number, point=point, touches=1)
 
 
 def _contact(info: types.SensorInfo, patch: types.SurfacePatch) -> Contact:
@@ -327,6 +341,7 @@ NODE = Node(
     outputs={
         "/hand/goal": types.GraspGoal,
         "/finger/goal": types.TouchGoal,
+        "/probe/traced": types.Probe,
         "/procedure/result": types.ProcedureResult,
         "/model/coarse": types.Superquadric,
         "/model/boundary": types.BoundaryRepresentation,

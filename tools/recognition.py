@@ -41,7 +41,8 @@ def recognise(
     uncertainty = math.hypot(uncertainty, geometry.facet_sag(vertices, faces))
     found = recognition.recognise(features, models, uncertainty)
     other = found.runner_up if found.name != recognition.NONE else found.nearest
-    titles = {name: one.title for name, one in database.entries.items()}
+    told = (found.nearest, *([found.runner_up] if found.runner_up else []))
+    titles = {name: database.entries[name].title for name in told}
     apart = recognition.differences(features, models, other, uncertainty) if other else []
     return {
         "run": str(path),

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from palpate.core.procedures.protocol import Move as Move
     from palpate.core.procedures.protocol import Procedure as Procedure
     from palpate.core.procedures.protocol import Session as Session
-    from palpate.core.procedures.protocol import Setting as Setting
+    from palpate.core.procedures.protocol import TouchSetting as TouchSetting
     from palpate.core.procedures.protocol import approach as approach
     from palpate.core.procedures.protocol import close as close
     from palpate.core.procedures.protocol import touch as touch

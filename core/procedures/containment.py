@@ -22,7 +22,7 @@ from palpate.core.procedures.protocol import (
     HandMove,
     Met,
     Move,
-    Setting,
+    TouchSetting,
     close,
 )
 from palpate.core.rebuild import fit_coarse
@@ -36,7 +36,7 @@ MESH_LEVEL = 4
 TOLD = ("one-sided", "loose")  # Doubts that are told with the result, and do not refute it
 
 
-def containment(setting: Setting, contacts: int = CONTACTS) -> Exploration:
+def containment(setting: TouchSetting, contacts: int = CONTACTS) -> Exploration:
     """Close the hand until there are so many contacts, and fit a tapered, bent superquadric.
 
     `contacts`: 30 to 100; where these leave the fit in doubt, there are up to 100. Findings: the
@@ -60,7 +60,7 @@ def containment(setting: Setting, contacts: int = CONTACTS) -> Exploration:
 class _Grasp:
     """What the hand has met so far."""
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: TouchSetting) -> None:
         self.setting = setting
         self.hand = Hand(opening=OPENING * setting.reach, reach=OPENING * setting.reach)
         self.points, self.normals = np.zeros((0, 3)), np.zeros((0, 3))
@@ -88,7 +88,7 @@ class _Grasp:
         return None if found is None else HandMove(self.hand, found)
 
 
-def _fitted(setting: Setting, points: Floats) -> Findings:
+def _fitted(setting: TouchSetting, points: Floats) -> Findings:
     """The superquadric, unless the contacts refute it."""
     sigma = setting.sigma
     found = fit_coarse(points, sigma)

@@ -40,7 +40,7 @@ from palpate.core.procedures.protocol import (
     Findings,
     Met,
     Move,
-    Setting,
+    TouchSetting,
     approach,
     kept_clear,
     square_on,
@@ -70,7 +70,7 @@ class ConePoseFit(NamedTuple):
     residual_sigma: float  # Of all features
 
 
-def fearing(setting: Setting) -> Exploration:
+def fearing(setting: TouchSetting) -> Exploration:
     """Close three fingers on a cone until its axis and apex are known.
 
     Findings: a `ConePoseFit`, or ``unsuited`` with the combination that was touched and why it does
@@ -107,7 +107,9 @@ def fearing(setting: Setting) -> Exploration:
     return Findings(status="done", reason=reason, shape=fit, figures=figures)
 
 
-def _closing(setting: Setting, top: Floats, closing: int) -> Generator[Move, Met, list[Contact]]:
+def _closing(
+    setting: TouchSetting, top: Floats, closing: int
+) -> Generator[Move, Met, list[Contact]]:
     """What three fingers meet that close on the sides, evenly around."""
     height = max(top[2] - DOWN[closing], setting.platform + 0.3 * (top[2] - setting.platform))
     place = np.array([top[0], top[1], height])
@@ -123,7 +125,9 @@ def _closing(setting: Setting, top: Floats, closing: int) -> Generator[Move, Met
     return [one for one in met if one.met]
 
 
-def _end_face(setting: Setting, contacts: list[Contact]) -> Generator[Move, Met, list[Contact]]:
+def _end_face(
+    setting: TouchSetting, contacts: list[Contact]
+) -> Generator[Move, Met, list[Contact]]:
     """A touch from above in the middle of the sides, where the first one met no face."""
     first = _read(setting, contacts[0]).feature
     if len(contacts) < FINGERS or (first is not None and first.group == "F"):
@@ -136,7 +140,7 @@ def _end_face(setting: Setting, contacts: list[Contact]) -> Generator[Move, Met,
     return [(yield from square_on(setting, contact))]
 
 
-def _read(setting: Setting, contact: Contact) -> ContactFeature:
+def _read(setting: TouchSetting, contact: Contact) -> ContactFeature:
     return feature_of_contact(
         contact.kind,
         contact.points,
@@ -148,7 +152,7 @@ def _read(setting: Setting, contact: Contact) -> ContactFeature:
     )
 
 
-def recovered(setting: Setting, contacts: list[Contact]) -> tuple[ConePoseFit | None, str]:
+def recovered(setting: TouchSetting, contacts: list[Contact]) -> tuple[ConePoseFit | None, str]:
     """The cone that contacts let recover; or None and why not, in a sentence."""
     read = [_read(setting, one) for one in contacts]
     features = [one.feature for one in read if one.feature is not None]
@@ -189,7 +193,7 @@ def _solved(features: list[Feature], noise: tuple[float, float]) -> tuple[ConePo
     return ConePoseFit(orientation, origin, tuple(placed), angles, readings, residual), ""
 
 
-def _angle_noise(setting: Setting, contacts: list[Contact]) -> float:
+def _angle_noise(setting: TouchSetting, contacts: list[Contact]) -> float:
     """Standard deviation of a measured direction, rad: the pose's, and the taxels'."""
     own = []
     for one in contacts:

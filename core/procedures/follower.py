@@ -41,7 +41,7 @@ from palpate.core.procedures.protocol import (
     FingerMove,
     Met,
     Move,
-    Setting,
+    TouchSetting,
     approach,
     kept_clear,
     touch,
@@ -64,6 +64,7 @@ FEW_POINTS = 12  # Of a touch: fewer tell nothing
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # Turn of the pair from one to the next, rad
 TURNS = 12  # Turns that are tried where the platform is in the way
 MOST_PAIRS = 120
+AMPLE = 1.5  # Times the expected radius at which a pair opens
 FEWEST = 6  # Pairs that tell an axis and a profile
 ENOUGH = 1.25  # Times the residual of the best kind, and
 LITTLE = 0.2  # standard deviations besides: then a simpler kind will do
@@ -79,14 +80,14 @@ OPEN_END = 3.0e-3  # Of a side, m: what is not touched for longer is told
 TALL = 1.0 - 1e-3  # Cosine of the lean of an axis on which the object stands upright
 
 
-class End(NamedTuple):
+class SideEnd(NamedTuple):
     """An end of the cone."""
 
     shape: float | RoundEnd  # Where it is plane, m, or how it is round
     untouched: float  # Height of the side before it that nothing touched, m
 
 
-def follower(setting: Setting) -> Exploration:
+def follower(setting: TouchSetting) -> Exploration:
     """Follow the contour on both sides, and fit a generalised cone.
 
     Two fingers. Findings: a `ConeFit`, or ``unsuited`` for what none fits to three standard
@@ -130,7 +131,7 @@ def follower(setting: Setting) -> Exploration:
 
 
 def _closed(
-    setting: Setting, fit: ConeFit, others: dict[ConeKind, float], touches: int
+    setting: TouchSetting, fit: ConeFit, others: dict[ConeKind, float], touches: int
 ) -> Exploration:
     """Touch both ends, and close the solid."""
     ends = []
@@ -152,13 +153,12 @@ def _closed(
 
 
 def _pair(
-    setting: Setting, middle: Floats, way: Floats
+    setting: TouchSetting, middle: Floats, way: Floats, far: float
 ) -> Generator[Move, Met, tuple[Contact, ...] | None]:
-    """Close thumb and index on a place (3,) from both sides; None if the platform is in the way.
+    """Close thumb and index on a place (3,) from `far` on both sides, m; None if there is no room.
 
     A finger that goes on for as far as it is from the middle has missed.
     """
-    far = 0.9 * setting.reach
     moves = [kept_clear(setting, approach(middle, side * way, far, 0.0)) for side in (1.0, -1.0)]
     thumb, index = moves
     if thumb is None or index is None or min(thumb.reach, index.reach) < 0.99 * far:
@@ -167,7 +167,9 @@ def _pair(
     return met
 
 
-def _first_pairs(setting: Setting, top: Floats) -> Generator[Move, Met, list[tuple[Contact, ...]]]:
+def _first_pairs(
+    setting: TouchSetting, top: Floats
+) -> Generator[Move, Met, list[tuple[Contact, ...]]]:
     """Pairs all around, at two heights below the place that was touched from above."""
     found = []
     for number, down in enumerate(DOWN):
@@ -176,13 +178,13 @@ def _first_pairs(setting: Setting, top: Floats) -> Generator[Move, Met, list[tup
             azimuth = math.pi * (turn + 0.5 * number) / FIRST
             way = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
             place = np.array([top[0], top[1], max(height, setting.platform + 0.01)])
-            met = yield from _pair(setting, place, way)
+            met = yield from _pair(setting, place, way, 0.9 * setting.reach)
             if met is not None and all(one.met for one in met):
                 found.append(met)
     return found
 
 
-def best_axis(setting: Setting, contacts: list[Contact]) -> ConeFit | None:
+def best_axis(setting: TouchSetting, contacts: list[Contact]) -> ConeFit | None:
     """The generalised cone whose axis suits contacts best, of several that they suggest."""
     points = np.array([one.middle for one in contacts])
     normals = np.array([one.normal for one in contacts])
@@ -209,7 +211,7 @@ def _on_side(contact: Contact, axis: Floats) -> bool:
     return contact.met and abs(float(contact.normal @ axis)) < SIDE
 
 
-def _along(setting: Setting, axis: ConeFit) -> Generator[Move, Met, list[tuple[Contact, ...]]]:
+def _along(setting: TouchSetting, axis: ConeFit) -> Generator[Move, Met, list[tuple[Contact, ...]]]:
     """Pairs along the axis, from its middle to both ends, until a finger fails to make contact.
 
     Then the step is halved twice, so that the last pair is near the end.
@@ -229,15 +231,25 @@ def _along(setting: Setting, axis: ConeFit) -> Generator[Move, Met, list[tuple[C
 
 
 def _turned_pair(
-    setting: Setting, axis: ConeFit, frame: Floats, height: float, number: int
+    setting: TouchSetting, axis: ConeFit, frame: Floats, height: float, number: int
 ) -> Generator[Move, Met, tuple[Contact, ...] | None]:
-    """A pair at a height that touches the side; None where a finger does not, or has no room."""
+    """A pair at a height that touches the side; None where a finger does not, or has no room.
+
+    It begins near what the first pairs let expect, and anew from far off if that is inside.
+    """
     middle = axis.point + height * axis.axis
-    for way in _ways(frame, number):
-        met = yield from _pair(setting, middle, way)
-        if met is not None:
-            return met if all(_on_side(one, axis.axis) for one in met) else None
-    return None
+    wide = float(axis.radius(np.array([axis.low, axis.high]), np.zeros(2)).max())
+    farthest = 0.9 * setting.reach
+    for far in (min(AMPLE * wide + STANDOFF, farthest), farthest):
+        for way in _ways(frame, number):
+            met = yield from _pair(setting, middle, way, far)
+            if met is not None:
+                break
+        if met is None or not any(one.outcome == "inside" for one in met):
+            break
+    if met is None or not all(_on_side(one, axis.axis) for one in met):
+        return None
+    return met
 
 
 def _ways(frame: Floats, number: int) -> Iterator[Floats]:
@@ -247,7 +259,7 @@ def _ways(frame: Floats, number: int) -> Iterator[Floats]:
         yield math.cos(angle) * frame[:, 0] + math.sin(angle) * frame[:, 1]
 
 
-def _leaning(setting: Setting, fit: ConeFit) -> Generator[Move, Met, list[Floats]]:
+def _leaning(setting: TouchSetting, fit: ConeFit) -> Generator[Move, Met, list[Floats]]:
     """Touches beyond both ends of the side, by a pair that leans as the profile does there.
 
     Where a side flares or closes, a finger that stands upright touches its widest place alone.
@@ -271,7 +283,7 @@ def _leaning(setting: Setting, fit: ConeFit) -> Generator[Move, Met, list[Floats
 
 
 def _square_move(
-    setting: Setting, fit: ConeFit, height: float, azimuth: float
+    setting: TouchSetting, fit: ConeFit, height: float, azimuth: float
 ) -> FingerMove | None:
     """The move that meets the profile squarely at a height, m, and an azimuth, rad."""
     near = fit.radius(height + SLOPE * np.array([-1.0, 1.0]), np.full(2, azimuth))
@@ -286,7 +298,7 @@ def _square_move(
 
 
 def best_cone(
-    setting: Setting, touches: list[Floats], axis: ConeFit
+    setting: TouchSetting, touches: list[Floats], axis: ConeFit
 ) -> tuple[ConeFit, dict[ConeKind, float]]:
     """The simplest kind of cone that fits nearly as well as the best, and residuals of all, m.
 
@@ -304,7 +316,7 @@ def best_cone(
 
 
 def refitted(
-    setting: Setting, fit: ConeFit, touches: list[Floats], *, held: bool = False
+    setting: TouchSetting, fit: ConeFit, touches: list[Floats], *, held: bool = False
 ) -> ConeFit:
     """The cone fitted again without points on the rims of its ends."""
     near, rim = UNSUITED * setting.sigma, RIM * setting.width
@@ -315,7 +327,7 @@ def refitted(
     return fit_cone(sides, fit.kind, fit.point, fit.axis, setting.sigma, held=held)
 
 
-def _misfit(setting: Setting, fit: ConeFit, others: dict[ConeKind, float]) -> str:
+def _misfit(setting: TouchSetting, fit: ConeFit, others: dict[ConeKind, float]) -> str:
     """Why the object is no generalised cone; empty if it may be one."""
     sigma = setting.sigma
     if fit.rms <= UNSUITED * sigma and fit.worst <= WORST * sigma:
@@ -328,7 +340,7 @@ def _misfit(setting: Setting, fit: ConeFit, others: dict[ConeKind, float]) -> st
 
 
 def _squared(
-    setting: Setting, fit: ConeFit, touches: list[Floats]
+    setting: TouchSetting, fit: ConeFit, touches: list[Floats]
 ) -> Generator[Move, Met, ConeFit | None]:
     """The cone whose axis is square to a plane end; None if none is touched.
 
@@ -351,7 +363,7 @@ def _squared(
 
 
 def _end_contact(
-    setting: Setting, fit: ConeFit, sign: float
+    setting: TouchSetting, fit: ConeFit, sign: float
 ) -> Generator[Move, Met, Contact | None]:
     """A touch of an end along the axis; None if there is no room, or it meets nothing."""
     middle = fit.point + (fit.high if sign > 0.0 else fit.low) * fit.axis
@@ -362,7 +374,7 @@ def _end_contact(
     return contact if contact.met else None
 
 
-def end_plane(setting: Setting, contact: Contact) -> Floats | None:
+def end_plane(setting: TouchSetting, contact: Contact) -> Floats | None:
     """The outward unit normal (3,) of an end, if it is plane where it is touched."""
     errors = setting.noise, setting.point_error, setting.angle_error
     if len(contact.points) < FEW_POINTS:
@@ -372,22 +384,22 @@ def end_plane(setting: Setting, contact: Contact) -> Floats | None:
     return found.plane.normal if found.rms <= flat else None
 
 
-def _end(setting: Setting, fit: ConeFit, sign: float) -> Generator[Move, Met, End]:
+def _end(setting: TouchSetting, fit: ConeFit, sign: float) -> Generator[Move, Met, SideEnd]:
     """Touch an end along the axis, and once more on four sides if it is round."""
     outward = sign * fit.axis
     height = fit.high if sign > 0.0 else fit.low
     middle = fit.point + height * fit.axis
     if outward @ UP < -TALL and middle[2] < setting.platform + setting.width:
         floor = float((setting.platform - fit.point[2]) / fit.axis[2])
-        return End(floor, abs(floor - height))
+        return SideEnd(floor, abs(floor - height))
     contact = yield from _end_contact(setting, fit, sign)
     if contact is None:
-        return End(height, setting.width)
+        return SideEnd(height, setting.width)
     heights = (contact.points - fit.point) @ fit.axis
     far = float(sign * (sign * heights).max())
     plane = end_plane(setting, contact)
     if plane is not None and abs(plane @ fit.axis) > SQUARE:
-        return End(float(heights.mean()), abs(far - height))
+        return SideEnd(float(heights.mean()), abs(far - height))
     points = [contact.points]
     for azimuth in (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi):
         across = fit.across @ [math.cos(azimuth), math.sin(azimuth)]
@@ -402,8 +414,8 @@ def _end(setting: Setting, fit: ConeFit, sign: float) -> Generator[Move, Met, En
     shape = fit_round_end(fit, np.concatenate(points), far, edge)
     closes = shape.radius(np.linspace(edge, far, 20))[:-1].all()
     if shape.rms > UNSUITED * setting.sigma or not closes:
-        return End(height, abs(far - height))
-    return End(shape, 0.0)
+        return SideEnd(height, abs(far - height))
+    return SideEnd(shape, 0.0)
 
 
 def _figures(fit: ConeFit, others: dict[ConeKind, float]) -> dict[str, float]:

@@ -19,6 +19,7 @@ from palpate.core.explore import TOUCHED, VOXEL, Longs, SpaceMap, empty_map, swe
 from palpate.core.poses import axes_along
 from palpate.core.procedures.protocol import (
     CLEARANCE,
+    STANDOFF,
     UP,
     Contact,
     Exploration,
@@ -26,7 +27,7 @@ from palpate.core.procedures.protocol import (
     FingerMove,
     Met,
     Move,
-    Setting,
+    TouchSetting,
     approach,
     axis_of,
     kept_clear,
@@ -74,7 +75,7 @@ class _Probed(NamedTuple):
     wanted: list[tuple[Floats, Floats]]  # Where pads might have fallen in, and from where, as this
 
 
-def openings(setting: Setting, pitch: float = PITCH) -> Exploration:
+def openings(setting: TouchSetting, pitch: float = PITCH) -> Exploration:
     """Probe from above and from four sides, and tell the holes and cavities.
 
     `pitch`: distance of the places over the pad's width, 0.3 to 1. Findings: `FoundOpenings`, maybe
@@ -96,22 +97,30 @@ def openings(setting: Setting, pitch: float = PITCH) -> Exploration:
             for aside in np.arange(-reach.max(), reach.max() + step, step):
                 middle = 0.5 * (low + high)
                 place = aside * across + middle * np.abs(outward) + height * UP
-                move = approach(place, outward, 0.9 * setting.reach, 0.9 * setting.reach)
-                yield from _probe(setting, found, kept_clear(setting, move))
+                yield from _probe(setting, found, _across(setting, place, outward, low, high))
     yield from _centred(setting, found)
     return _findings(setting, found)
 
 
+def _across(
+    setting: TouchSetting, place: Floats, outward: Floats, low: Floats, high: Floats
+) -> FingerMove | None:
+    """The move through a place from before all that was touched to behind it."""
+    room = 0.5 * float((high - low) @ np.abs(outward)) + STANDOFF
+    return kept_clear(setting, approach(place, outward, room, room))
+
+
 def _from_above(
-    setting: Setting, found: _Probed, start: Floats, step: float
+    setting: TouchSetting, found: _Probed, start: Floats, step: float
 ) -> Generator[Move, Met, None]:
     """Probe from above, place beside place, as far as the object goes."""
     waiting, known = [(0, 0)], {(0, 0)}
     while waiting:
         i, j = waiting.pop(0)
         place = start + step * np.array([i, j, 0.0])
+        top = max(float(one[:, 2].max()) for one in found.points) + STANDOFF
         place[2] = setting.platform
-        move = kept_clear(setting, approach(place, UP, setting.reach, 0.0))
+        move = kept_clear(setting, approach(place, UP, top - setting.platform, 0.0))
         contact = yield from _probe(setting, found, move)
         if contact is not None and contact.met:
             beside = ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
@@ -120,7 +129,7 @@ def _from_above(
 
 
 def _probe(
-    setting: Setting, found: _Probed, move: FingerMove | None
+    setting: TouchSetting, found: _Probed, move: FingerMove | None
 ) -> Generator[Move, Met, Contact | None]:
     """One guarded move, and what it says of the space that it goes through."""
     if move is None:
@@ -145,7 +154,7 @@ def _probe(
     return contact
 
 
-def _centred(setting: Setting, found: _Probed) -> Generator[Move, Met, None]:
+def _centred(setting: TouchSetting, found: _Probed) -> Generator[Move, Met, None]:
     """Probe once more between the rims on which pads stood, to fall in where nobody did."""
     low, high = _extent(found)
     wanted = [
@@ -163,8 +172,7 @@ def _centred(setting: Setting, found: _Probed) -> Generator[Move, Met, None]:
         wanted = [one for one, is_near in zip(wanted, near, strict=True) if not is_near]
         if sum(near) > 1:
             place += (0.5 * (low + high) - place) * np.abs(outward)
-            move = approach(place, outward, 0.9 * setting.reach, 0.9 * setting.reach)
-            yield from _probe(setting, found, kept_clear(setting, move))
+            yield from _probe(setting, found, _across(setting, place, outward, low, high))
 
 
 def _extent(found: _Probed) -> tuple[Floats, Floats]:
@@ -172,7 +180,7 @@ def _extent(found: _Probed) -> tuple[Floats, Floats]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def _findings(setting: Setting, found: _Probed) -> Findings:
+def _findings(setting: TouchSetting, found: _Probed) -> Findings:
     """The openings that the map of space shows."""
     space = empty_map(setting.reach, setting.platform)
     points = np.concatenate(found.points)
@@ -276,7 +284,9 @@ def _opening(space: SpaceMap, places: Floats, mouths: list[_Mouth], touched: Flo
     return Opening(kind, mouth.place, mouth.axis, width, float(below.max()) + SKIN)
 
 
-def _narrow(setting: Setting, found: _Probed, wide: tuple[Opening, ...]) -> tuple[Opening, ...]:
+def _narrow(
+    setting: TouchSetting, found: _Probed, wide: tuple[Opening, ...]
+) -> tuple[Opening, ...]:
     """Openings too narrow for the pad: what contacts spanned, and nothing touched anywhere."""
     from palpate.core.geometry import point_tree
 

@@ -38,7 +38,7 @@ from palpate.core.procedures.protocol import (
     FingerMove,
     Met,
     Move,
-    Setting,
+    TouchSetting,
     approach,
     kept_clear,
     square_on,
@@ -72,13 +72,13 @@ class BoundaryModel(NamedTuple):
     rms: float  # Of all touched points about their planes, m
 
 
-def planar(setting: Setting) -> Exploration:
+def planar(setting: TouchSetting) -> Exploration:
     """Explore faces in turn until the polyhedron closes.
 
     Findings: a `BoundaryModel`, or ``unsuited`` for what is curved, not convex, or off its planes
     by more than three standard deviations.
     """
-    survey = Survey(setting)
+    survey = PolyhedronSurvey(setting)
     first = yield from touch_from_above(setting)
     if first is None:
         return Findings(status="incomplete", reason="nothing was touched within reach")
@@ -119,10 +119,10 @@ class Doubt(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Survey:
+class PolyhedronSurvey:
     """What is known of the polyhedron."""
 
-    setting: Setting
+    setting: TouchSetting
     faces: list[Face] = field(default_factory=list)
     waiting: list[Contact] = field(default_factory=list)  # On faces that may not be known yet
     curved: list[Contact] = field(default_factory=list)  # Smooth and no plane
@@ -184,7 +184,7 @@ class Survey:
         return contact
 
 
-def _all_faces(survey: Survey) -> Generator[Move, Met, Corners]:
+def _all_faces(survey: PolyhedronSurvey) -> Generator[Move, Met, Corners]:
     """Explore what waits, and look at the corners, until neither brings anything new."""
     half, tried = 4.0 * survey.setting.reach, [np.full(3, math.inf)]
     while True:
@@ -210,7 +210,7 @@ def _all_faces(survey: Survey) -> Generator[Move, Met, Corners]:
     return corners
 
 
-def _next_face(survey: Survey, contact: Contact) -> Generator[Move, Met, None]:
+def _next_face(survey: PolyhedronSurvey, contact: Contact) -> Generator[Move, Met, None]:
     """Explore the face on which a contact lies, unless it is known or no plane."""
     if survey.face_of(contact) is None:
         contact = yield from square_on(survey.setting, contact)
@@ -241,7 +241,7 @@ def _next_face(survey: Survey, contact: Contact) -> Generator[Move, Met, None]:
 
 
 def _to_the_end(
-    survey: Survey, face: Face, start: Floats, way: Floats
+    survey: PolyhedronSurvey, face: Face, start: Floats, way: Floats
 ) -> Generator[Move, Met, Floats]:
     """Lift, move parallel, lower: the last place (3,) on the face in one direction, m."""
     pad, last = survey.setting.pad, start
@@ -261,7 +261,9 @@ def _to_the_end(
     return last
 
 
-def _beyond(survey: Survey, face: Face, end: Floats, way: Floats) -> Generator[Move, Met, None]:
+def _beyond(
+    survey: PolyhedronSurvey, face: Face, end: Floats, way: Floats
+) -> Generator[Move, Met, None]:
     """Look for the face that comes after an edge, from beside it or from above."""
     for lean, below in ((0.0, BELOW), (0.6, 0.3 * BELOW)):
         outward = (way + lean * face.plane.normal) / math.hypot(1.0, lean)
@@ -273,7 +275,7 @@ def _beyond(survey: Survey, face: Face, end: Floats, way: Floats) -> Generator[M
             return
 
 
-def _check_convex(survey: Survey) -> None:
+def _check_convex(survey: PolyhedronSurvey) -> None:
     """Refuse faces that cut off what was touched."""
     points = np.concatenate(survey.met)
     for number, face in enumerate(survey.faces):
@@ -284,7 +286,7 @@ def _check_convex(survey: Survey) -> None:
             )
 
 
-def _open_sides(survey: Survey) -> list[Doubt]:
+def _open_sides(survey: PolyhedronSurvey) -> list[Doubt]:
     """Where faces must be that nothing leads to: all around the middle of what was touched."""
     middle = np.concatenate([one.mean(axis=0)[None] for one in survey.met]).mean(axis=0)
     azimuths = 2.0 * math.pi * np.arange(AROUND) / AROUND
@@ -292,7 +294,7 @@ def _open_sides(survey: Survey) -> list[Doubt]:
     return [Doubt(middle + STANDOFF * one, one, survey.setting.reach, 0.0) for one in ways]
 
 
-def _doubts(survey: Survey, corners: Corners) -> list[Doubt]:
+def _doubts(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
     """Places near corners of faces that nothing has touched."""
     found = []
     normals = np.array([plane.normal for plane in survey.planes])
@@ -324,7 +326,7 @@ def _inside(ring: Floats, normal: Floats) -> Floats:
     return np.asarray(ring + np.where(long[:, None], to_middle, way))
 
 
-def _look(survey: Survey, doubt: Doubt) -> Generator[Move, Met, None]:
+def _look(survey: PolyhedronSurvey, doubt: Doubt) -> Generator[Move, Met, None]:
     """Touch a doubtful place; where the face is not there, touch what cuts off its corner."""
     move = approach(doubt.place, doubt.outward, doubt.far, doubt.beyond)
     contact = yield from survey.touched(move)
@@ -339,7 +341,7 @@ def _look(survey: Survey, doubt: Doubt) -> Generator[Move, Met, None]:
             survey.refuted.append(doubt.place)
 
 
-def _findings(survey: Survey, corners: Corners) -> Findings:
+def _findings(survey: PolyhedronSurvey, corners: Corners) -> Findings:
     """The polyhedron, unless what was touched refutes it."""
     sigma = survey.setting.sigma
     for contact in survey.curved:
@@ -392,7 +394,7 @@ def _findings(survey: Survey, corners: Corners) -> Findings:
     )
 
 
-def _bends(survey: Survey) -> str:
+def _bends(survey: PolyhedronSurvey) -> str:
     """How curved it is where it is no plane, in words; nothing where all is plane."""
     bends = [max(map(abs, one.curvatures)) for one in survey.curved if one.kind == "smooth"]
     bends = [one for one in bends if one > 0.0]

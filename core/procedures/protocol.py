@@ -34,7 +34,7 @@ SEARCH_SPACING = 12.0e-3  # Of the places at which an object is looked for, m
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class TouchSetting:
     """What a procedure knows before it touches anything."""
 
     pad: Pad  # Of every finger
@@ -129,7 +129,7 @@ Procedure = Callable[..., Exploration]
 Touching = Generator[Move, Met, Contact]
 
 
-def touch(setting: Setting, move: FingerMove) -> Touching:
+def touch(setting: TouchSetting, move: FingerMove) -> Touching:
     """One guarded move of finger 1, begun anew from farther off if it began inside the object."""
     for _ in range(MOST_BACK + 1):
         (met,) = yield from touch_pair((move,))
@@ -173,7 +173,7 @@ def axis_of(move: FingerMove) -> Floats:
     return np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
 
 
-def kept_clear(setting: Setting, move: FingerMove) -> FingerMove | None:
+def kept_clear(setting: TouchSetting, move: FingerMove) -> FingerMove | None:
     """The move, shortened so that the finger stays above the platform; None if it cannot."""
     axis = axis_of(move)
     room = move.pose[2] - setting.platform - CLEARANCE * math.sqrt(max(1.0 - axis[2] ** 2, 0.0))
@@ -189,7 +189,7 @@ UP: Floats = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
 
 
-def touch_from_above(setting: Setting) -> Generator[Move, Met, Contact | None]:
+def touch_from_above(setting: TouchSetting) -> Generator[Move, Met, Contact | None]:
     """Look for the object from above, on rings about the axis; None if nothing is within reach."""
     top = setting.platform + setting.reach
     for x, y in search_places(setting.reach, SEARCH_SPACING):
@@ -200,7 +200,7 @@ def touch_from_above(setting: Setting) -> Generator[Move, Met, Contact | None]:
     return None
 
 
-def square_on(setting: Setting, contact: Contact, turns: int = 3) -> Touching:
+def square_on(setting: TouchSetting, contact: Contact, turns: int = 3) -> Touching:
     """The contact, touched again along its own normal until the pad stands square to it."""
     for _ in range(turns):
         outward = -split_axis(contact.pose)

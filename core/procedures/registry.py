@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from palpate.core.plugins import class_by_name
-from palpate.core.procedures.protocol import Procedure, Session, Setting
+from palpate.core.procedures.protocol import Procedure, Session, TouchSetting
 
 # How many fingers each needs at once.
 PROCEDURE_NAMES: Mapping[str, int] = {
@@ -42,6 +42,6 @@ def procedure_of(name: str, settings: Mapping[str, Any]) -> Procedure:
     return partial(found, **settings)
 
 
-def begin_procedure(name: str, settings: Mapping[str, Any], setting: Setting) -> Session:
+def begin_procedure(name: str, settings: Mapping[str, Any], setting: TouchSetting) -> Session:
     """A procedure that is ready to be asked for its first move; errors as of `procedure_of`."""
     return Session(partial(procedure_of(name, settings), setting))

@@ -60,6 +60,11 @@ docs/sweep.md says more.
     "--unit", type=click.Choice(["m", "cm", "mm"]), help="Of a mesh: its file tells none."
 )
 @click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
+@click.option(
+    "--procedure",
+    type=click.Choice(launch.PROCEDURES),
+    help="An exploratory procedure instead of slices: docs/procedures.md.",
+)
 @click.option("--tolerance", metavar="LENGTH", help="Error asked for, as 0.2mm: rms of the solid.")
 @click.option("--feature", metavar="LENGTH", help="Largest height that may stay untouched, as 5mm.")
 @click.option("--budget", metavar="TIME", help="Robot time that may pass, grasp included, as 300s.")
@@ -80,6 +85,7 @@ def run_command(
     seed: int | None,
     unit: str | None,
     fingers: int | None,
+    procedure: str | None,
     settings: tuple[str, ...],
     composed: bool,
     no_record: bool,
@@ -93,8 +99,9 @@ def run_command(
     --feature is untouched, which follows the tolerance if it is left out; or once --budget or
     --touches is spent, which are never exceeded. Exits with 1 if the tolerance was not reached.
     """
+    file = launch.EXPLORE if procedure is None else launch.find_launch_file(Path(procedure))
     if not composed:
-        launch.prestart_fork_server(launch.EXPLORE)
+        launch.prestart_fork_server(file)
     from palpate.launch.files import SourceMapped, is_mesh_file
     from palpate.tools.report import perform_and_print
 
@@ -112,8 +119,8 @@ def run_command(
     ):
         if value is not None:
             args[name] = SourceMapped(value, option)
-    given = {**launch.read_settings(settings), **launch.read_demand(**demand)}
-    plan = launch.plan_run(launch.EXPLORE, args, given, name=path.stem, out=out)
+    given = {**launch.read_settings(settings), **launch.read_demand(**demand, procedure=procedure)}
+    plan = launch.plan_run(file, args, given, name=path.stem, out=out)
     return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet)
 
 

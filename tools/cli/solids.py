@@ -112,7 +112,7 @@ def score_command(
 @click.argument("run", type=PATH)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of a mesh file.")
 @click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
-@json_option("Print the answer as JSON, lengths in mm.")
+@json_option("Print the answer as JSON.")
 @quiet_option("Show no progress.")
 def recognise_command(
     run: Path, unit: str | None, objects: Path | None, as_json: bool, quiet: bool
