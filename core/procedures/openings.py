@@ -39,12 +39,14 @@ PITCH = 0.7  # Of the pad's width, between two places
 INSIDE = 5.0e-3  # Depth in the hull from which free space is an opening, m
 SKIN, MOUTH = 2.0e-3, 6.0e-3  # What is nearer to the hull tells nothing; so near is a mouth, m
 LEAST = 12  # Voxels of an opening
+SAME_SIDE = 0.7  # Cosine between mouths that open to one side
+NEAR = 0.75  # Of the pad's width: places so near to each other mean one opening
 GROOVE = 0.6  # Length of a mouth's mean normal: what goes around the object is no opening
 BOTTOM = 9.0e-3  # A bottom lies within so much beyond the deepest free place, m
 # A pad whose contact is so far off its middle, over its width, stands on a rim; off it, so many
 # times that, there may be an opening.
 ASIDE, OFF_RIM = 0.2, 1.5
-FEWEST = 6  # Taxels that nothing touched, between others, from which a finger is centred
+SHIFT, MOST_SHIFTS = 0.4, 5  # Of the way from what a pad stands on to its middle, to fall in
 NARROW = 4.0e-3  # Least width of a hole in a tactile image, m
 SIDES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
 OpeningKind = Literal["hole", "cavity", "open"]
@@ -57,7 +59,7 @@ class Opening(NamedTuple):
     place: Floats  # Middle of its mouth, (3,), m
     axis: Floats  # Outward unit normal of the mouth, (3,)
     width: float  # Diameter of a circle with the mouth's area, m
-    depth: float  # From the mouth to the deepest place known to be free, m
+    depth: float  # From the mouth to its bottom, or the deepest place known to be free, m
 
 
 class FoundOpenings(NamedTuple):
@@ -147,32 +149,57 @@ def _probe(
             found.hollow.append((contact.hollow, -axis))
         off = move.pose[:3] - contact.points.mean(axis=0)
         off -= (off @ axis) * axis
-        if np.linalg.norm(off) > ASIDE * setting.width or len(contact.hollow) >= FEWEST:
-            spanned = contact.hollow.mean(axis=0) if len(contact.hollow) >= FEWEST else None
-            wanted = contact.points.mean(axis=0) + (1.0 + OFF_RIM) * off
-            found.wanted.append((wanted if spanned is None else spanned, -axis))
+        if np.linalg.norm(off) > ASIDE * setting.width:
+            found.wanted.append((contact.points.mean(axis=0) + (1.0 + OFF_RIM) * off, -axis))
     return contact
 
 
 def _centred(setting: TouchSetting, found: _Probed) -> Generator[Move, Met, None]:
     """Probe once more between the rims on which pads stood, to fall in where nobody did."""
     low, high = _extent(found)
-    wanted = [
-        (place, outward)
-        for place, outward in found.wanted
-        if ((place > low + INSIDE) & (place < high - INSIDE))[np.abs(outward) < 0.5].all()
-    ]
-    while wanted:
-        first, outward = wanted[0]
-        near = [
-            way @ outward > 0.9 and np.linalg.norm(place - first) < setting.width
-            for place, way in wanted
-        ]
-        place = np.mean([one for (one, _), is_near in zip(wanted, near, strict=True) if is_near], 0)
-        wanted = [one for one, is_near in zip(wanted, near, strict=True) if not is_near]
-        if sum(near) > 1:
-            place += (0.5 * (low + high) - place) * np.abs(outward)
-            yield from _probe(setting, found, _across(setting, place, outward, low, high))
+    for outward in (UP, *SIDES):
+        level = np.abs(outward) < 0.5
+        wanted = [place for place, way in found.wanted if way @ outward > 0.9]
+        places = np.array([one for one in wanted if _within(one, low, high, level)])
+        if len(places) < 2:
+            continue
+        for group in _together(places[:, level], NEAR * setting.width):
+            if len(group) > 1:
+                place = places[group].mean(axis=0)
+                place += (0.5 * (low + high) - place) * ~level
+                yield from _fall_in(setting, found, place, outward, (low, high))
+
+
+def _fall_in(
+    setting: TouchSetting,
+    found: _Probed,
+    place: Floats,
+    outward: Floats,
+    extent: tuple[Floats, Floats],
+) -> Generator[Move, Met, None]:
+    """Probe a place, and beside it, off the rim on which the pad stands, until it falls in."""
+    for _ in range(MOST_SHIFTS):
+        contact = yield from _probe(setting, found, _across(setting, place, outward, *extent))
+        if contact is None or not contact.met:
+            return
+        off = contact.pose[:3] - contact.points.mean(axis=0)
+        off -= (off @ outward) * outward
+        if np.linalg.norm(off) < setting.pad.pitch:
+            return
+        place = place + SHIFT * off
+
+
+def _within(place: Floats, low: Floats, high: Floats, level: Bools) -> bool:
+    return bool(((place > low + INSIDE) & (place < high - INSIDE))[level].all())
+
+
+def _together(places: Floats, near: float) -> list[Longs]:
+    """Numbers of places (n, k) that a chain of steps of at most `near` joins, group by group."""
+    from palpate.core.geometry import linked_groups
+
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+    groups = linked_groups(len(places), *np.nonzero(apart <= near))
+    return [np.flatnonzero(groups == group) for group in np.unique(groups)]
 
 
 def _extent(found: _Probed) -> tuple[Floats, Floats]:
@@ -228,7 +255,7 @@ def openings_in(space: SpaceMap, points: Floats) -> tuple[Opening, ...]:
         mouth = _groups(space, places, of_it & (depth <= MOUTH), label, np.ones((3, 3, 3)))
         mouths = _mouths(space, places, mouth, normals[nearest])
         if mouths:
-            found.append(_opening(space, places[of_it], mouths, touched))
+            found.append(_opening(places[of_it], depth[of_it], mouths, touched))
     return tuple(sorted(found, key=lambda one: -one.width))
 
 
@@ -252,25 +279,41 @@ class _Mouth(NamedTuple):
 
 
 def _mouths(space: SpaceMap, places: Floats, groups: Longs, normals: Floats) -> list[_Mouth]:
-    """The mouths of an opening, that from above first, then the widest; none of a groove."""
-    found = []
-    for group in range(1, int(groups.max(initial=0)) + 1):
-        of_it = groups == group
-        normal = normals[of_it].mean(axis=0)
-        if np.linalg.norm(normal) < GROOVE or of_it.sum() < LEAST // 2:
+    """The mouths of an opening, that from above first, then the widest; none of a groove.
+
+    What opens to one side is one mouth, though fingers have found it in pieces.
+    """
+    pieces = [np.flatnonzero(groups == one) for one in range(1, int(groups.max(initial=0)) + 1)]
+    sides: list[list[Longs]] = []
+    for piece in sorted(pieces, key=len, reverse=True):
+        normal = normals[piece].mean(axis=0)
+        if np.linalg.norm(normal) < GROOVE or len(piece) < LEAST // 2:
             continue
-        normal /= np.linalg.norm(normal)
-        flat = places[of_it] @ axes_along(normal)[:, :2]
-        cells = np.unique(np.round(flat / space.step).astype(int), axis=0)
-        found.append(_Mouth(places[of_it].mean(axis=0), normal, len(cells) * space.step**2))
+        for side in sides:
+            if normals[side[0]].mean(axis=0) @ normal > SAME_SIDE:
+                side.append(piece)
+                break
+        else:
+            sides.append([piece])
+    found = [_mouth(space, places, normals, np.concatenate(side)) for side in sides]
     return sorted(found, key=lambda one: (-round(float(one.axis[2])), -one.area))
 
 
-def _opening(space: SpaceMap, places: Floats, mouths: list[_Mouth], touched: Floats) -> Opening:
+def _mouth(space: SpaceMap, places: Floats, normals: Floats, members: Longs) -> _Mouth:
+    normal = normals[members].mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    flat = places[members] @ axes_along(normal)[:, :2]
+    cells = np.unique(np.round(flat / space.step).astype(int), axis=0)
+    return _Mouth(places[members].mean(axis=0), normal, len(cells) * space.step**2)
+
+
+def _opening(places: Floats, depth: Floats, mouths: list[_Mouth], touched: Floats) -> Opening:
     """What an opening is, by its mouths and its bottom."""
     mouth = mouths[0]
     below = (mouth.place - places) @ mouth.axis
     deepest = places[int(below.argmax())]
+    at_mouth = depth[np.abs(below) <= MOUTH]
+    deep = float(below.max()) + (float(at_mouth.mean()) if len(at_mouth) else SKIN)
     kind: OpeningKind = "open"
     if len(mouths) > 1 and min(one.axis @ mouth.axis for one in mouths[1:]) < 0.5:
         kind = "hole"
@@ -278,10 +321,11 @@ def _opening(space: SpaceMap, places: Floats, mouths: list[_Mouth], touched: Flo
         off = touched - deepest
         aside = np.linalg.norm(off - np.outer(off @ mouth.axis, mouth.axis), axis=1)
         beyond = -(off @ mouth.axis)
-        if ((aside < BOTTOM) & (beyond > 0.0) & (beyond < BOTTOM)).any():
-            kind = "cavity"
+        bottom = beyond[(aside < BOTTOM) & (beyond > 0.0) & (beyond < BOTTOM)]
+        if len(bottom):
+            kind, deep = "cavity", deep + float(np.median(bottom))
     width = math.sqrt(4.0 * mouth.area / math.pi)
-    return Opening(kind, mouth.place, mouth.axis, width, float(below.max()) + SKIN)
+    return Opening(kind, mouth.place, mouth.axis, width, deep)
 
 
 def _narrow(

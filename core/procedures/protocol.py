@@ -248,8 +248,9 @@ class Session:
 
     def after(self, results: tuple[Met, ...]) -> Move | Findings:
         """The next move after these results, or the findings."""
-        going_on = self._running is not None and results[:-1] == self._sent
-        if not (going_on and len(results) == len(self._sent) + 1):
+        pairs = zip(results, self._sent, strict=False)
+        going_on = self._running is not None and len(results) == len(self._sent) + 1
+        if not going_on or not all(one is other for one, other in pairs):
             self._running, self._sent = self._begin(), ()
             step = self._step(None)
             for number in range(len(results)):

@@ -1,0 +1,58 @@
+"""Grasping by containment: superquadrics, tapered and bent, from a hand's contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core import shapes
+from palpate.core.procedures.containment import containment
+
+from .conftest import NOISES, NOISY, VASE, drive, posed, turned
+
+EGG = shapes.DeformedSuperquadric(
+    shapes.Superquadric(np.array([0.03, 0.025, 0.045]), np.array([0.4, 0.8])),
+    np.array([0.2, 0.1]),
+    shapes.Bend(5.0, 0.0),
+)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_a_tapered_and_bent_superquadric_is_recovered(noise):
+    found = drive(containment, posed(EGG, 0.046), NOISES[noise]).findings
+    assert found.status == "done", found.reason
+    assert 60 <= found.figures["contacts"] <= 100
+    close, alike = (1e-5, 1e-3) if noise == "exact" else (0.5e-3, 0.06)
+    assert np.sort(found.shape.size) == pytest.approx([0.025, 0.03, 0.045], abs=close)
+    assert found.shape.exponents == pytest.approx([0.4, 0.8], abs=alike)
+    assert found.shape.bend.curvature != 0.0 and found.shape.taper.any()
+
+
+def test_as_many_contacts_are_made_as_are_asked_for():
+    found = drive(containment, posed(EGG, 0.046), contacts=30).findings
+    assert 30 <= found.figures["contacts"] < 45
+    for number in (29, 101):
+        with pytest.raises(ValueError, match=f"contacts must be from 30 to 100, got {number}"):
+            drive(containment, EGG, contacts=number)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_what_no_superquadric_contains_is_refused_with_its_residual(noise):
+    found = drive(containment, turned(VASE, smooth=True), NOISES[noise]).findings
+    assert found.status == "unsuited" and "no superquadric contains it" in found.reason
+    assert found.shape is None and found.mesh is None
+    assert found.figures["residual_rms_m"] > 3e-4
+
+
+def test_a_fit_in_doubt_has_more_contacts_and_no_model():
+    box = shapes.Superquadric(np.array([0.035, 0.025, 0.045]), np.array([0.1, 0.1]))
+    found = drive(containment, posed(box, 0.045), NOISY).findings
+    if found.status != "done":
+        assert found.status == "incomplete" and found.figures["contacts"] >= 100
+        assert "do not determine" in found.reason and found.mesh is None
+
+
+def test_a_hand_that_meets_nothing_says_so():
+    far = shapes.PosedShape(EGG, np.array([1.0, 0, 0.046, 0, 0, 0, 1.0]))
+    found = drive(containment, far).findings
+    assert found.status == "incomplete" and "0 contacts" in found.reason
