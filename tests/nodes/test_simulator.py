@@ -295,8 +295,15 @@ def test_a_finger_that_is_not_there_is_refused(ball: ObjectSpec):
 def test_a_touch_for_another_finger_is_refused(ball: ObjectSpec, sideways: Pose):
     params = Params(object=ball)
     asked = goal_at(sideways(0.03), goal=4, finger=2)
-    with pytest.raises(ValueError, match="touch 0 of goal 4 is for finger 2, but this is finger 1"):
+    with pytest.raises(ValueError, match="goal 4 is for finger 2; the fingers are 1 to 1"):
         touch(params, start(params)[0], asked)
+
+
+def test_each_finger_takes_its_own_of_one_topic_of_goals(ball: ObjectSpec, sideways: Pose):
+    asked = goal_at(sideways(0.03), goal=4, finger=2)
+    for finger, frames in ((1, 0), (2, 1)):
+        params = Params(object=ball, finger=finger, fingers=2)
+        assert len(touch(params, start(params)[0], asked)[1]) == frames
 
 
 def test_the_node_declares_what_its_handlers_take():
