@@ -8,8 +8,7 @@ rooms that open sockets.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.bus.cost import finished as finished
-    from palpate.bench.bus.cost import ring_times as ring_times
-    from palpate.bench.bus.toy_node import token_ring as token_ring
+    from palpate.bench.bus.cost import finished, ring_times
+    from palpate.bench.bus.toy_node import token_ring
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -7,8 +7,6 @@ are ratios to the first peer of a case. It rests on core.rebuild and bench.objec
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.rebuild.peers import poisson_installed as poisson_installed
-    from palpate.bench.rebuild.peers import poisson_surface as poisson_surface
-    from palpate.bench.rebuild.peers import truth_of as truth_of
+    from palpate.bench.rebuild.peers import poisson_installed, poisson_surface, truth_of
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -8,9 +8,7 @@
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.bench.tolerance.methods import Model as Model
-    from palpate.bench.tolerance.methods import Problem as Problem
-    from palpate.bench.tolerance.runs import check_sources as check_sources
-    from palpate.bench.tolerance.runs import sources_digest as sources_digest
+    from palpate.bench.tolerance.methods import Model, Problem
+    from palpate.bench.tolerance.runs import check_sources, sources_digest
 else:
     __getattr__, __dir__ = lazy(__name__)

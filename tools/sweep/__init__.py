@@ -8,11 +8,9 @@ made, here or on a cluster; `results` is what a user gets of them. Rests on palp
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.sweep.results import pareto_front as pareto_front
-    from palpate.tools.sweep.sweep_file import read_sweep as read_sweep
-    from palpate.tools.sweep.sweep_folder import ASKED as ASKED
-    from palpate.tools.sweep.sweep_folder import run_sweep as run_sweep
-    from palpate.tools.sweep.workers import ClusterWorkers as ClusterWorkers
-    from palpate.tools.sweep.workers import LocalWorkers as LocalWorkers
+    from palpate.tools.sweep.results import pareto_front
+    from palpate.tools.sweep.sweep_file import read_sweep
+    from palpate.tools.sweep.sweep_folder import ASKED, run_sweep
+    from palpate.tools.sweep.workers import ClusterWorkers, LocalWorkers
 else:
     __getattr__, __dir__ = lazy(__name__)
