@@ -15,7 +15,6 @@ from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Group, named, run_groups
 from palpate.launch.files import check_new
 
-RECORDED = "thesis/recorded"  # The group that takes recordings
 # The groups that take `BenchOptions`, and which of them.
 METHODS, REAL, SPEED = "tolerance/methods", "real/meshes", "speed/scenes"
 TAKEN: Mapping[str, tuple[str, ...]] = {
@@ -45,23 +44,9 @@ BENCHES: Mapping[str, Bench] = {
             "growth": "speed:growth_rows",
         },
     ),
-    "explore": Bench(
-        "whole explorations: objects that lean, other axes, several fingers",
-        {
-            "tilted": "explore.explorations:tilted_rows",
-            "directions": "explore.explorations:direction_rows",
-            "fingers": "explore.explorations:finger_rows",
-        },
-    ),
-    "bus": Bench("the lock of the message bus between machines", {"locked": "bus.cost:lock_rows"}),
     "effects": Bench(
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch:effect_rows"},
-    ),
-    "thesis": Bench(
-        "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
-        "rebuilt its way and ours",
-        {"examples": "rebuild.thesis:thesis_rows", "recorded": "rebuild.thesis:recorded_rows"},
     ),
     "tolerance": Bench(
         "what accuracy costs, by every method on eighteen objects: one file, one sheet; takes "
@@ -72,11 +57,6 @@ BENCHES: Mapping[str, Bench] = {
         "the meshes of a folder (--meshes) explored with noise, five seeds each: errors, bounds, "
         "coverage and pictures in --sheet; goes on where it was ended",
         {"meshes": "real.exploring:real_rows"},
-    ),
-    "scaling": Bench(
-        "error and cost as contours, points, control points, taxels, fingers and nodes grow, with "
-        "the powers of it; the memory of a graph over 10,000 touches",
-        {"growth": "scaling.growth:growth_rows", "memory": "scaling.memory:memory_rows"},
     ),
 }
 ALL = "all"
@@ -105,7 +85,6 @@ def _help() -> str:
 
 @click.command("bench", help=_help())
 @click.argument("what", type=click.Choice([*BENCHES, ALL]), default="speed")
-@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
@@ -115,7 +94,6 @@ def _help() -> str:
 @bench_options
 def bench_command(
     what: str,
-    runs: tuple[Path, ...],
     quick: bool,
     only: str | None,
     as_json: bool,
@@ -125,7 +103,7 @@ def bench_command(
     **more: Any,
 ) -> int:
     """Measure one thing or all; `_help` says which there are."""
-    chosen = _chosen(what, only, runs, BenchOptions(**more))
+    chosen = _chosen(what, only, BenchOptions(**more))
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
@@ -141,9 +119,7 @@ def bench_command(
     return code
 
 
-def _chosen(
-    what: str, only: str | None, runs: tuple[Path, ...], options: BenchOptions
-) -> Mapping[str, str | Group]:
+def _chosen(what: str, only: str | None, options: BenchOptions) -> Mapping[str, str | Group]:
     """Groups as ``bench/group``, each with where it is or what measures it."""
     benches = BENCHES if what == ALL else {what: BENCHES[what]}
     places = {
@@ -157,10 +133,6 @@ def _chosen(
             known = places if what == ALL else benches[what].groups
             raise click.UsageError(f"there is no group {only!r}; there are {', '.join(known)}")
         places = {wanted: places[wanted]}
-    if runs:
-        if RECORDED not in places:
-            raise click.UsageError(f"RUN... belongs to thesis, got {', '.join(map(str, runs))}")
-        return {RECORDED: partial(named(places[RECORDED]), runs=runs)}
     if options.given:
         wanted_by = {name for name, taken in TAKEN.items() if set(options.names) <= set(taken)}
         taking = [name for name in places if name in wanted_by]

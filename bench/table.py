@@ -6,13 +6,10 @@ Beside its text a line has its figures as numbers, by which a later run is compa
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
 import msgspec
@@ -165,20 +162,6 @@ def _number(value: float, form: str, unit: str, more: Mapping[str, Any]) -> Figu
 
 def _bound(value: float, form: str) -> str:
     return f"{100.0 * value:g}%" if form.endswith("%") else f"{value:g}"
-
-
-def run_scene(scene: str, out: Path) -> float:
-    """Run a scene as a user does, in a process of its own; seconds from start to exit.
-
-    Raises RuntimeError, with what it printed, if it does not come to its end.
-    """
-    command = [sys.executable, "-m", "palpate", "run", scene, "--out", str(out), "--quiet"]
-    began = time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, timeout=MOST_SECONDS)
-    wall = time.perf_counter() - began
-    if done.returncode not in (0, 1):  # 1 is a demand that was missed
-        raise RuntimeError(f"{scene} ended with {done.returncode}: {done.stderr.strip()}")
-    return wall
 
 
 def best_seconds(

@@ -39,8 +39,7 @@ LIBRARIES = {
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
     "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
     "palpate.bench.bus": {"numpy", "msgspec", "zmq"},
-    "palpate.bench.rebuild": {"numpy", "scipy", "pymeshlab"},
-    "palpate.bench.tolerance": {"numpy", "scipy", "click", "msgspec", "matplotlib"},
+    "palpate.bench.tolerance": {*("numpy", "scipy", "click", "msgspec", "matplotlib", "pymeshlab")},
     "palpate.bench.real": {"numpy", "scipy", "msgspec", "trimesh", "matplotlib"},
     "palpate.bench.suite": {"numpy", "click"},
 }

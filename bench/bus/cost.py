@@ -1,4 +1,4 @@
-"""What a message costs: the codec, a hop against bare sockets, and the lock.
+"""What a message costs: the codec, and a hop against bare sockets.
 
 What is compared is measured in turns, so that both meet the same load. Bare sockets are what
 there is to be compared with.
@@ -20,16 +20,15 @@ import zmq
 
 from palpate.bench.bus.toy_node import frame, settle, token_ring
 from palpate.bench.table import Row, at_least, at_most, best_seconds, figure, in_turns
-from palpate.launch import free_endpoints, launch
+from palpate.launch import launch
 from palpate.launch.processes import without_main_module
 from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
-from palpate.messages.bus import SocketContext, bind, make_key
+from palpate.messages.bus import SocketContext, bind
 from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime import Ending, Watcher, Wiring
 
 LAPS = 2000
 CORES = ((0, "one core"), (-1, "free cores"))
-MOST_LOCKED = 1.3
 _DEADLINE_MS = 20_000
 
 
@@ -106,27 +105,11 @@ def _hop(laps: int, core: int) -> float:
     return 1e6 * ring_seconds(token_ring(laps, core)) / (2 * (laps - 1))
 
 
-def _bare_hop(laps: int, core: int, key: str | None = None) -> float:
-    """The same number of bytes over bare sockets: local ones, or over TCP with a key or none."""
+def _bare_hop(laps: int, core: int) -> float:
+    """The same number of bytes over bare local sockets."""
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         there, back = (f"ipc://{Path(folder) / name}" for name in "ab")
-        if key is not None:
-            there, back = free_endpoints("127.0.0.1", ("there", "back")).values()
-        return bare_hop(there, back, laps, core=core, key=key or "")
-
-
-def lock_rows(quick: bool, turns: int = 15) -> Iterator[Row]:
-    """A hop over TCP with the lock and without it; fewer laps if quick."""
-    laps = 500 if quick else LAPS
-    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
-        key = Path(folder) / "graph.key"
-        make_key(key)
-        for core, where in CORES:
-            calls = {one: partial(_bare_hop, laps, core, one) for one in ("", str(key))}
-            plain, locked = (min(found) for found in in_turns(calls, turns).values())
-            yield Row(f"one hop over tcp, bare sockets, {where}", f"{plain:.1f} us")
-            yield Row(f"the same, locked, {where}", f"{locked:.1f} us")
-            yield at_most(f"locked over plain, {where}", locked / plain, MOST_LOCKED, kind="time")
+        return bare_hop(there, back, laps, core=core)
 
 
 def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "") -> float:

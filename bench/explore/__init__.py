@@ -1,8 +1,7 @@
 """Explorations.
 
-Several fingers and other axes compared; a Gaussian process that explores by greatest variance with
-the same finger. `harness` makes one exploration in
-this process and keeps what it published; a measurement is a loop over objects around it. It rests
+`harness` makes one in this process and keeps what it published; a measurement is a loop over
+objects around it. A Gaussian process explores by greatest variance with the same finger. It rests
 on launch (a scene file is planned as a user's is) and on bench.objects.
 """
 

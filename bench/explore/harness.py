@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
-from palpate.core import Floats, compose_poses, pose_of, rotations_from_vectors
+from palpate.core import Floats, compose_poses, pose_of
 from palpate.core.shapes import Mesh
 from palpate.launch import EXPLORE, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
@@ -197,12 +197,6 @@ def write_scene(
     path = folder / "scene.yaml"
     path.write_text(json.dumps(scene), encoding="utf-8")  # JSON is YAML too
     return path
-
-
-def leaning(degrees: float, away: float, lift: float) -> Floats:
-    """Pose (7,) of an object that leans about the y axis and stands beside the world's, m."""
-    turn = np.array([[0.0, np.radians(degrees), 0.0]])
-    return pose_of(np.array([away, 0.0, lift]), rotations_from_vectors(turn)[0])
 
 
 class LoopNode(NamedTuple):

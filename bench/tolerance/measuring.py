@@ -12,7 +12,6 @@ import numpy as np
 
 from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.bench.options import BenchOptions
-from palpate.bench.rebuild import poisson_installed
 from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.bench.tolerance import methods, statistics
 from palpate.bench.tolerance.runs import Final, Run, RunsFile, read_runs
@@ -34,7 +33,11 @@ MOST_LOOSE, LEAST_HELD = 0.45, 0.90
 def tolerance_rows(quick: bool, options: BenchOptions = PLAIN) -> Iterator[Row | str]:
     """Make the runs that are missing, draw the sheet, and tell what is demanded."""
     added = [read_runs(path) for path in options.add]
-    names = [name for name in methods.CONTENDERS if name != methods.POISSON or poisson_installed()]
+    names = [
+        name
+        for name in methods.CONTENDERS
+        if name != methods.POISSON or methods.poisson_installed()
+    ]
     absent = [name for name in methods.CONTENDERS if name not in names]
     if ":" in "".join(options.method) and str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))  # where a planner of one's own is looked for, too

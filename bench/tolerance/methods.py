@@ -7,6 +7,7 @@ do so below; what rebuilds from the same touches gets those of the default plann
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import tempfile
 import time
@@ -21,7 +22,6 @@ from msgspec import convert, to_builtins
 
 from palpate.bench import explore
 from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
-from palpate.bench.rebuild import poisson_surface
 from palpate.bench.tolerance.runs import Final, Point, Run
 from palpate.core import Floats, class_by_name
 from palpate.core.geometry import PreparedSurface, nearest_points, prepare_surface
@@ -51,6 +51,8 @@ NEARER = 0.01  # Deviation that a metre of its travel outweighs, m: it does bett
 CHECKPOINTS = (5, 10, 15, 20, 30, 40, 60, 80, 100, 125, 150, 175, 200)  # Touches
 NEAR, FAR = 1e-3, 5e-3  # Thresholds of the F-score, m; the latter also of what counts as touched
 STAGES = (5, 10, 20, 50, 100, 200)  # Touches after which the touched share is told
+PACKAGE = "pymeshlab"  # Of the Poisson surface
+OCTREE_DEPTH = 8  # Of its octree: 256 cells along the object
 
 
 class Model(NamedTuple):
@@ -158,6 +160,29 @@ def poisson(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
         normals = np.concatenate([one.normals for one in some if one.normals is not None])
         mesh = poisson_surface(points[None], normals[None])
         yield Model(mesh, model.touches, model.robot_time, touched, None, compute)
+
+
+def poisson_surface(contours: Floats, normals: Floats) -> Mesh:
+    """A Poisson surface of points (m, n, 3) by PyMeshLab; its ends are what it makes them.
+
+    Kazhdan and Hoppe, *Screened Poisson surface reconstruction*, 2013.
+    `normals` (m, n, 3): outward, else from differences between neighbours. Raises ImportError if
+    the package is not installed.
+    """
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    points = {"vertex_matrix": contours, "v_normals_matrix": normals}
+    meshes.add_mesh(pymeshlab.Mesh(**{name: one.reshape(-1, 3) for name, one in points.items()}))
+    meshes.generate_surface_reconstruction_screened_poisson(depth=OCTREE_DEPTH, threads=1)
+    found = meshes.current_mesh()
+    vertices = np.asarray(found.vertex_matrix(), np.float64)
+    return Mesh(vertices, np.asarray(found.face_matrix(), np.int32))
+
+
+def poisson_installed() -> bool:
+    """Whether the package is there."""
+    return importlib.util.find_spec(PACKAGE) is not None
 
 
 def gaussian_process(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:

@@ -4,23 +4,22 @@ import numpy as np
 import pytest
 
 from palpate.bench import objects
-from palpate.bench.explore.harness import NOISY, Demand, leaning, write_scene
+from palpate.bench.explore.harness import NOISY, Demand, write_scene
 from palpate.bench.objects import (
     EXPLORED_HEIGHT,
     EXPLORED_OBJECTS,
-    REBUILT_SHAPES,
     ROUNDING,
-    SHAPE_HEIGHT,
     mesh_of_radius,
     rounded,
 )
-from palpate.bench.rebuild.peers import truth_of
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners.trial import TUNED
 from palpate.core.geometry.meshes import solidity
 from palpate.core.geometry.nearest import nearest_points
 from palpate.launch.scene import load_scene
 from palpate.nodes.specs.objects import build_shape
+from tests.studies.explorations import leaning
+from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, truth_of
 
 QUICK = ("sphere", "groove", "rounded box")
 SHAPES = [

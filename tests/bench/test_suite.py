@@ -13,13 +13,12 @@ from palpate.tools.cli import command_line as cli
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["explore", "--only", "whale"], "there is no group 'whale'; there are tilted"),
-        (["bus", "--only", "whole"], "there is no group 'whole'; there are locked"),
+        (["effects", "--only", "whale"], "there is no group 'whale'; there are effects"),
+        (["speed", "--only", "whole"], "there is no group 'whole'; there are touches"),
         (["all", "--only", "whole"], "there is no group 'whole'; there are speed/touches, "),
-        (["bus", "some_run"], "RUN... belongs to thesis, got some_run"),
         (["effects", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
         (["effects", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
-        (["bus", "--against", "older"], "--against belongs to speed"),
+        (["effects", "--against", "older"], "--against belongs to speed"),
         (["speed", "--cost", "robot"], "--cost belongs to tolerance"),
         (["speed", "--only", "scenes", "--against", "no/where"], "must be a checkout of palpate"),
     ],
@@ -37,7 +36,7 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
         return 1
 
     monkeypatch.setattr(verb, "run_groups", run)
-    for what in ("explore", "bus"):
+    for what in ("effects", "speed"):
         only, place = next(iter(verb.BENCHES[what].groups.items()))
         wanted = {f"{what}/{only}": f"palpate.bench.{place}"}
         for bench, group in ((what, only), ("all", f"{what}/{only}")):

@@ -16,8 +16,15 @@
     python tests/studies tools                    a graph's rate while a tool listens to it
     python tests/studies templates                step templates of the thesis, by kind of object
     python tests/studies ablation                 explorations without one part, and rebuilt solids
+    python tests/studies explore                  objects that lean, other axes, several fingers
+    python tests/studies lock                     the lock of the message bus between machines
+    python tests/studies thesis [--runs RUN...]   the thesis against today: its two examples, and
+                                                  recordings, rebuilt its way and ours
+    python tests/studies scaling                  error and cost as contours, points, control
+                                                  points, taxels, fingers and nodes grow, with the
+                                                  powers; the memory of a graph over 10,000 touches
 
-Whole explorations, rebuilt solids and the bus are measured by ``palpate bench``. Exits with 1 if a
+Whole scenes, effects and what accuracy costs are measured by ``palpate bench``. Exits with 1 if a
 demand is missed.
 """
 
@@ -26,6 +33,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 # ``module:function`` by name, within this folder.
@@ -49,12 +57,20 @@ STUDIES: Mapping[str, Mapping[str, str]] = {
     "tools": {"introspection": "listening:introspection_rows"},
     "planners": {"planners": "planners:planner_rows"},
     "templates": {"templates": "planners:template_rows"},
+    "explore": {
+        "tilted": "explorations:tilted_rows",
+        "directions": "explorations:direction_rows",
+        "fingers": "explorations:finger_rows",
+    },
+    "lock": {"lock": "locks:lock_rows"},
+    "thesis": {"examples": "thesis:thesis_rows", "recorded": "thesis:recorded_rows"},
+    "scaling": {"growth": "growth:growth_rows", "memory": "memory:memory_rows"},
     "ablation": {"parts": "ablation:part_rows", "taxels": "ablation:taxel_rows"},
 }
 
 
 def main(argv: Sequence[str]) -> int:
-    from palpate.bench.table import run_groups
+    from palpate.bench.table import Group, named, run_groups
 
     parser = argparse.ArgumentParser(
         prog="python tests/studies",
@@ -63,15 +79,21 @@ def main(argv: Sequence[str]) -> int:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(STUDIES))
     parser.add_argument("--quick", action="store_true", help="fewer trials")
+    parser.add_argument("--only", metavar="GROUP", help="one group of figures")
+    parser.add_argument("--runs", nargs="+", type=Path, metavar="RUN", help="of the thesis: which")
     told = parser.parse_args(argv)
     unknown = [name for name in told.names if name not in STUDIES]
     if unknown:
         parser.error(f"there is no study {unknown[0]!r}; there are {', '.join(STUDIES)}")
-    groups = {
+    groups: dict[str, str | Group] = {
         f"{name}/{group}": f"tests.studies.{place}"
         for name in told.names or STUDIES
         for group, place in STUDIES[name].items()
+        if told.only in (None, group)
     }
+    if told.runs:
+        place = STUDIES["thesis"]["recorded"]
+        groups = {"thesis/recorded": partial(named(f"tests.studies.{place}"), runs=told.runs)}
     return run_groups(groups, quick=told.quick, strict=True)
 
 

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.bus.cost import _full_and_bare, lock_rows
+from palpate.bench.bus.cost import _full_and_bare
+from tests.studies.locks import lock_rows
 
 
 @pytest.mark.graph

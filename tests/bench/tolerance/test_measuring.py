@@ -197,7 +197,7 @@ def test_runs_of_another_method_are_laid_beside_ours(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["explore", "--add", "x.json"], "--add belongs to tolerance"),
+        (["effects", "--add", "x.json"], "--add belongs to tolerance"),
         (["tolerance", "--add", "none.json"], "none.json: the results cannot be read"),
         (["tolerance", "--meshes", "."], "has no mesh in it: no .glb"),
         (["tolerance", "--meshes", "nowhere"], "nowhere: is no folder of meshes"),

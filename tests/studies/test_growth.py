@@ -3,13 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild import truth_of
-from palpate.bench.scaling import growth
-from palpate.bench.scaling.growth import Growth, fit_power_law, taxel_growth, touched_contours
 from palpate.bench.table import run_groups
 from palpate.core.geometry.nearest import nearest_points
 from tests import figures
+from tests.studies import growth
+from tests.studies.growth import Growth, fit_power_law, taxel_growth, touched_contours
+from tests.studies.rebuilt import REBUILT_SHAPES, truth_of
 
 SIZES = np.array([4.0, 6.0, 9.0, 14.0, 22.0, 36.0, 60.0])
 
@@ -89,7 +88,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_growths_are_printed_and_drawn(small, tmp_path, capsys):
-    place = "palpate.bench.scaling.growth:growth_rows"
+    place = "tests.studies.growth:growth_rows"
     assert run_groups({"growth": place}, quick=True) == 0
     assert "taxels a side" in capsys.readouterr().out
     assert run_groups({"growth": place}, quick=True, as_json=True) == 0

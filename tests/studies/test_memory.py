@@ -5,8 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from palpate.bench.scaling import memory
-from palpate.bench.scaling.memory import (
+from palpate.nodes.runtime.node import Finished
+from tests.studies import memory
+from tests.studies.memory import (
     NODE,
     FeederParams,
     MemoryWatcher,
@@ -14,7 +15,6 @@ from palpate.bench.scaling.memory import (
     memory_rows,
     own_memory,
 )
-from palpate.nodes.runtime.node import Finished
 
 
 def test_the_growth_is_the_slope_once_caches_are_warm():

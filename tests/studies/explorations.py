@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from palpate.bench.explore.harness import NOISY, Demand, Explored, explore_object, leaning
+from palpate.bench.explore.harness import NOISY, Demand, Explored, explore_object
 from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject, described
 from palpate.bench.table import Row, at_most
-from palpate.core import Floats
+from palpate.core import Floats, pose_of, rotations_from_vectors
 from palpate.tools import single_threaded
 
 FINGERS = 3
@@ -71,6 +71,12 @@ def tilted_rows(quick: bool) -> Iterable[Row]:
             ratio = mean_chamfer(EXPLORED_OBJECTS[name], Demand(), quick, pose) / upright
             title = f"{name}: leaning by {LEAN:g} deg, {1e3 * AWAY:g} mm off"
             yield at_most(title, ratio, MOST_TIMES, ".2f", " x")
+
+
+def leaning(degrees: float, away: float, lift: float) -> Floats:
+    """Pose (7,) of an object that leans about the y axis and stands beside the world's, m."""
+    turn = np.array([[0.0, np.radians(degrees), 0.0]])
+    return pose_of(np.array([away, 0.0, lift]), rotations_from_vectors(turn)[0])
 
 
 def direction_rows(quick: bool) -> Iterable[Row]:

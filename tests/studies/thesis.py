@@ -10,6 +10,8 @@ to the last alone, for nobody has told the thesis where an end is.
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
@@ -18,9 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.objects import WAVY, RoundObject, closed_mesh
-from palpate.bench.rebuild.peers import MeshErrors, TrueSurface, loft_rings, truth_of_mesh
-from palpate.bench.table import Figure, best_seconds, figure_of, run_scene
+from palpate.bench.objects import closed_mesh
+from palpate.bench.table import MOST_SECONDS, Figure, best_seconds, figure_of
 from palpate.core import Floats, thesis, transform_points
 from palpate.core.explore.planners import EXTENT, PlannerTrial, Thesis, run_planner
 from palpate.core.geometry import nearest_points, prepare_surface, solidity
@@ -33,6 +34,14 @@ from palpate.messages import decode
 from palpate.messages.recording import open_recording
 from palpate.messages.types import Truth
 from palpate.tools import single_threaded
+from tests.studies.rebuilt import (
+    WAVY,
+    MeshErrors,
+    RoundObject,
+    TrueSurface,
+    loft_rings,
+    truth_of_mesh,
+)
 
 EXAMPLE_NOISE = 0.005  # Of the object's height, along x and y
 EXAMPLE_HEIGHT = 2.0  # Of both examples; all figures are over it, so its unit does not matter
@@ -225,6 +234,17 @@ def recorded_rows(quick: bool, runs: Sequence[Path] = ()) -> Iterator[ThesisFigu
             yield from rebuilt_rows(Path(folder) / scene)
         for run in runs:
             yield from rebuilt_rows(run)
+
+
+def run_scene(scene: str, out: Path) -> None:
+    """Run a scene as a user does, in a process of its own.
+
+    Raises RuntimeError, with what it printed, if it does not come to its end.
+    """
+    command = [sys.executable, "-m", "palpate", "run", scene, "--out", str(out), "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=MOST_SECONDS)
+    if done.returncode not in (0, 1):  # 1 is a demand that was missed
+        raise RuntimeError(f"{scene} ended with {done.returncode}: {done.stderr.strip()}")
 
 
 def rebuilt_rows(run: Path) -> Iterator[ThesisFigures]:

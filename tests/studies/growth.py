@@ -18,8 +18,6 @@ from numpy.typing import ArrayLike
 
 from palpate.bench.bus import ring_times, token_ring
 from palpate.bench.explore import InProcessLoop, touching_nodes
-from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
-from palpate.bench.rebuild import truth_of
 from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
 from palpate.bench.touch import touch_goals
 from palpate.core import Floats
@@ -29,6 +27,7 @@ from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
 from palpate.nodes import simulator, specs
 from palpate.tools import single_threaded
+from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject, truth_of
 
 SIZES: Mapping[str, tuple[int, ...]] = {
     "contours": (4, 6, 9, 14, 22, 36, 60),

@@ -5,9 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.bench.rebuild import thesis
-from palpate.bench.rebuild.peers import MeshErrors, truth_of_mesh
-from palpate.bench.rebuild.thesis import (
+from palpate.core.geometry.meshes import solidity
+from palpate.core.shapes import Mesh
+from palpate.core.shapes.tessellations import icosphere
+from palpate.launch.files import InputError, MeasuredContours
+from palpate.messages.types import Truth
+from tests.studies import thesis
+from tests.studies.rebuilt import MeshErrors, truth_of_mesh
+from tests.studies.thesis import (
     EXAMPLE_HEIGHT,
     EXAMPLE_NOISE,
     EXAMPLES,
@@ -25,11 +30,6 @@ from palpate.bench.rebuild.thesis import (
     thesis_rows,
     with_noise,
 )
-from palpate.core.geometry.meshes import solidity
-from palpate.core.shapes import Mesh
-from palpate.core.shapes.tessellations import icosphere
-from palpate.launch.files import InputError, MeasuredContours
-from palpate.messages.types import Truth
 
 
 @pytest.fixture
