@@ -39,7 +39,7 @@ BENCHES: Mapping[str, Bench] = {
         "an older checkout (--against); a touch by its taxels; a hop; and how runs grow",
         {
             "touches": "speed:touch_rows",
-            "hops": "bus.cost:hop_rows",
+            "hops": "hops:hop_rows",
             "scenes": "speed:scene_rows",
             "growth": "speed:growth_rows",
         },
@@ -56,7 +56,7 @@ BENCHES: Mapping[str, Bench] = {
     "real": Bench(
         "the meshes of a folder (--meshes) explored with noise, five seeds each: errors, bounds, "
         "coverage and pictures in --sheet; goes on where it was ended",
-        {"meshes": "real.exploring:real_rows"},
+        {"meshes": "real:real_rows"},
     ),
 }
 ALL = "all"

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
+from palpate.bench.harness import InProcessLoop, LoopNode, contour_goal, touching_nodes
 from palpate.bench.table import Figure, figure_of, in_turns
-from palpate.core import IDENTITY_POSE, ROBOT_PRESETS, pad_rotation, pose_of, shapes, touch
+from palpate.core import ROBOT_PRESETS, pad_rotation, pose_of, shapes, touch
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
-from palpate.messages.types import Contour, ContourGoal, TouchGoal
+from palpate.messages.types import Contour, TouchGoal
 from palpate.nodes import simulator, specs, tracer
 
 WORN = "worn_sensor"  # The scene with all the faults of 1999
@@ -153,18 +153,7 @@ def trace_contour(body: str, effects: specs.EffectSpecs) -> TracedContour:
     )
     params = simulator.Params(object=spec, effects=effects, seed=SEED)
     loop = InProcessLoop([*touching_nodes(params), LoopNode(1, tracer.NODE, tracer.Params())])
-    goal = ContourGoal(
-        id=0,
-        finger=1,
-        frame=IDENTITY_POSE,
-        height=size[2],
-        centre=np.zeros(2),
-        radius=max(size[:2]) + APPROACH,
-        gap=0.0,
-        not_before=0.0,
-        most_touches=None,
-        not_after=None,
-    )
+    goal = contour_goal(size[2], max(size[:2]) + APPROACH)
     contour: Contour = loop.publish("/contour/goal", goal)["/contour/traced"]
     if not len(contour.points):
         return TracedContour(contour.status, contour.touches, np.nan, np.nan)

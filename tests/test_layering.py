@@ -38,7 +38,7 @@ LIBRARIES = {
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
     "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
-    "palpate.bench.bus": {"numpy", "msgspec", "zmq"},
+    "palpate.bench.hops": {"zmq"},
     "palpate.bench.tolerance": {*("numpy", "scipy", "click", "msgspec", "matplotlib", "pymeshlab")},
     "palpate.bench.real": {"numpy", "scipy", "msgspec", "trimesh", "matplotlib"},
     "palpate.bench.suite": {"numpy", "click"},

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec import convert, to_builtins
 
-from palpate.bench import explore
+from palpate.bench import harness
 from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
+from palpate.bench.tolerance.gp_explorer import Explorer, GuardedFinger
 from palpate.bench.tolerance.runs import Final, Point, Run
 from palpate.core import Floats, class_by_name
 from palpate.core.geometry import PreparedSurface, nearest_points, prepare_surface
@@ -74,9 +75,9 @@ class Problem:
     scene: Path  # A scene file with it and the default noise, for whoever runs the graph
     box: Floats  # Smallest and largest coordinates of a box that holds it, (2, 3), m
 
-    def finger(self) -> explore.GuardedFinger:
+    def finger(self) -> GuardedFinger:
         """The finger, which has touched nothing yet."""
-        return explore.GuardedFinger(self.scene)
+        return GuardedFinger(self.scene)
 
 
 Method = Callable[[Problem, float, int], Iterable[Model]]  # Of a problem, an error, m, and a seed
@@ -96,13 +97,13 @@ def predicted(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
 @lru_cache(maxsize=1)
 def _explored(scene: Path) -> TimedCollector:
     collector = TimedCollector()
-    explore.compose_scene(scene, KEPT, collector, scored=False)
+    harness.compose_scene(scene, KEPT, collector, scored=False)
     if not (models := collector.kept[ShapeModel]) or not models[-1].final:
         raise RuntimeError("the exploration ended without a final model")
     return collector
 
 
-class TimedCollector(explore.MessageCollector):
+class TimedCollector(harness.MessageCollector):
     """Remembers the processor's time at which each model was made, s."""
 
     def __init__(self) -> None:
@@ -188,7 +189,7 @@ def poisson_installed() -> bool:
 def gaussian_process(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
     """Touches where its surface is least certain, and nearer places rather than farther ones."""
     finger = problem.finger()
-    explorer = explore.Explorer(finger, problem.box, PLACE_NOISE, NEARER)
+    explorer = Explorer(finger, problem.box, PLACE_NOISE, NEARER)
     for count in CHECKPOINTS:
         explorer.touch_until(count)
         yield Model(explorer.mesh(), len(finger.touched), finger.robot_time, finger.touched)
@@ -379,8 +380,8 @@ def write_problem(folder: Path, contender: Contender, unit: Unit) -> Path:
     target = object_of(unit.object, unit.meshes)
     tall = float(np.ptp(target.vertices[:, 2])) if isinstance(target, Mesh) else EXPLORED_HEIGHT
     settings = contender.settings(unit.share)
-    demand = explore.Demand(contender.planner, unit.share * tall, settings, feature=None)
-    return explore.write_scene(folder, target, explore.NOISY, demand, unit.seed)
+    demand = harness.Demand(contender.planner, unit.share * tall, settings, feature=None)
+    return harness.write_scene(folder, target, harness.NOISY, demand, unit.seed)
 
 
 def contender_of(name: str) -> Contender:

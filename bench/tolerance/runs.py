@@ -20,8 +20,8 @@ from palpate.launch.files import InputError
 FORM, VERSION = "palpate tolerance", 1
 # What the runs depend on, beneath the package.
 SOURCES = (
-    *("core", "messages", "nodes", "launch", "bench/explore", "bench/objects.py"),
-    "bench/tolerance/methods.py",
+    *("core", "messages", "nodes", "launch", "bench/harness.py", "bench/objects.py"),
+    *("bench/tolerance/gp_explorer.py", "bench/tolerance/methods.py"),
 )
 Cost = Annotated[float, Meta(ge=0.0)]
 Length = Annotated[float, Meta(ge=0.0)]  # m

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.bench import objects
-from palpate.bench.explore.harness import NOISY, Demand, write_scene
+from palpate.bench.harness import NOISY, Demand, write_scene
 from palpate.bench.objects import (
     EXPLORED_HEIGHT,
     EXPLORED_OBJECTS,

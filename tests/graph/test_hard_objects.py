@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.bench.explore.harness import NOISY, Demand, Explored, explore_scene, write_scene
+from palpate.bench.harness import NOISY, Demand, Explored, explore_scene, write_scene
 from palpate.core.geometry import solidity
 from tests.graph.hard_objects import HARD_OBJECTS, mesh_of
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch import hosts
 from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts import PORTS, free_endpoints, key_file, own_address, read_host

@@ -20,7 +20,7 @@ from unittest import mock
 
 import numpy as np
 
-from palpate.bench.explore import NOISES, NOISY, Demand, Noise, explore_object
+from palpate.bench.harness import NOISES, NOISY, Demand, Noise, explore_object
 from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS
 from palpate.bench.table import Figure, Row, at_most, figure_of
 from palpate.core import Bools, Floats

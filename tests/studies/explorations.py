@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from palpate.bench.explore.harness import NOISY, Demand, Explored, explore_object
+from palpate.bench.harness import NOISY, Demand, Explored, explore_object
 from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject, described
 from palpate.bench.table import Row, at_most
 from palpate.core import Floats, pose_of, rotations_from_vectors

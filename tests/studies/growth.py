@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.bench.bus import ring_times, token_ring
-from palpate.bench.explore import InProcessLoop, touching_nodes
+from palpate.bench.harness import InProcessLoop, touching_nodes
+from palpate.bench.hops import ring_times
 from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
 from palpate.bench.touch import touch_goals
+from palpate.bench.toy_node import token_ring
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.contours import ContactPoints

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from palpate.bench.bus import finished
+from palpate.bench.hops import finished
 from palpate.bench.table import Row, at_most, figure
 from palpate.bench.touch import touch_goals
 from palpate.core import Floats

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.explore import harness
-from palpate.bench.explore.harness import EXACT, Demand, Explored, explore_object
+from palpate.bench import harness
+from palpate.bench.harness import EXACT, Demand, Explored, explore_object
 from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.bench.table import Row
 from palpate.nodes.runtime.composed import Ending

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.bench.explore import NOISY, Explored, percent_of
-from palpate.bench.explore.harness import explore_scene
+from palpate.bench.harness import NOISY, Explored, explore_scene, percent_of
 from palpate.bench.speed import SCENES
 from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.launch import find_scene, load_scene

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.bench.objects import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
-from palpate.core import Floats, compose_poses, pose_of
+from palpate.core import IDENTITY_POSE, Floats, compose_poses, pose_of
 from palpate.core.shapes import Mesh
 from palpate.launch import EXPLORE, plan_run
 from palpate.launch.files import SourceMapped, write_mesh
 from palpate.messages.types import (
     Contour,
+    ContourGoal,
     PlanDone,
     PlanEstimate,
     Score,
@@ -256,6 +257,22 @@ def touching_nodes(simulated: simulator.Params, finger: int = 1) -> list[LoopNod
         LoopNode(finger, filter.NODE, filter.Params()),
         LoopNode(finger, curvature.NODE, curvature.Params()),
     ]
+
+
+def contour_goal(height: float, radius: float) -> ContourGoal:
+    """A level contour about the z axis, at a height and begun at a distance from it, m."""
+    return ContourGoal(
+        id=0,
+        finger=1,
+        frame=IDENTITY_POSE,
+        height=height,
+        centre=np.zeros(2),
+        radius=radius,
+        gap=0.0,
+        not_before=0.0,
+        most_touches=None,
+        not_after=None,
+    )
 
 
 ALL_FINGERS = 0  # A message of no single finger

@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.bench.explore import gp_explorer as peer
-from palpate.bench.explore.gp_explorer import (
+from palpate.bench.harness import NOISES, Demand, write_scene
+from palpate.bench.objects import EXPLORED_OBJECTS
+from palpate.bench.tolerance import gp_explorer as peer
+from palpate.bench.tolerance.gp_explorer import (
     BallPrior,
     CholeskyFactor,
     Explorer,
@@ -17,8 +19,6 @@ from palpate.bench.explore.gp_explorer import (
     farthest_points,
     matern,
 )
-from palpate.bench.explore.harness import NOISES, Demand, write_scene
-from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.core.arrays import Floats
 from palpate.core.geometry.distances import compare_surfaces, prepare_surface
 from palpate.core.geometry.meshes import solidity

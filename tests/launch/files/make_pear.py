@@ -1,6 +1,6 @@
-"""Writes ``pear.ply``: a pear with five lobes, watertight, in millimetres, standing on z = 0.
+"""Writes ``scenes/pear.ply``: a pear with five lobes, watertight, in mm, standing on z = 0.
 
-Run it from anywhere: ``python scenes/make_mesh.py``.
+Run it from anywhere: ``python tests/launch/files/make_pear.py``.
 """
 
 from __future__ import annotations
@@ -61,4 +61,4 @@ def write(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    write(Path(__file__).parent / "pear.ply")
+    write(Path(__file__).parents[3] / "scenes" / "pear.ply")

@@ -18,8 +18,8 @@ from typing import Any
 
 import zmq
 
-from palpate.bench.bus.toy_node import frame, settle, token_ring
 from palpate.bench.table import Row, at_least, at_most, best_seconds, figure, in_turns
+from palpate.bench.toy_node import frame, settle, token_ring
 from palpate.launch import launch
 from palpate.launch.processes import without_main_module
 from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
