@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, advanced_pose, compose_poses
     from palpate.core.poses import inverse_pose, pad_rotation, pose_of, rotation_matrix
     from palpate.core.poses import rotations_from_vectors, split_pose, transform_points
-    from palpate.core.robot_time import ROBOT_PRESETS, ROBOTS, MoveDurations, MoveGeometry
+    from palpate.core.robot_time import ROBOTS, ROBOT_PRESETS, MoveDurations, MoveGeometry
     from palpate.core.robot_time import RobotPreset, SlidingPreset, contact_seconds, free_seconds
     from palpate.core.robot_time import longest_seconds, move_between, move_durations
     from palpate.core.steps import Steps, no_steps
