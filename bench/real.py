@@ -21,8 +21,8 @@ from scipy.spatial import cKDTree
 from trimesh import proximity
 
 from palpate.bench.harness import NOISY, Demand, Explored, explore_object
-from palpate.bench.options import BenchOptions
 from palpate.bench.results import read_form, write_form
+from palpate.bench.suite import BenchOptions
 from palpate.bench.table import Figure, figure_of
 from palpate.bench.tolerance import check_sources, sources_digest
 from palpate.core import Floats

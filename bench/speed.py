@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.bench.harness import InProcessLoop, LoopNode, contour_goal, touching_nodes
-from palpate.bench.options import BenchOptions
+from palpate.bench.suite import BenchOptions
 from palpate.bench.table import MOST_SECONDS, Figure, Row, at_most, figure, figure_of, in_turns
 from palpate.launch.files import InputError
 from palpate.messages.recording import RecordedMessage, open_recording

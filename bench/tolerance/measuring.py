@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.bench.objects import EXPLORED_OBJECTS
-from palpate.bench.options import BenchOptions
+from palpate.bench.suite import BenchOptions
 from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.bench.tolerance import methods, statistics
 from palpate.bench.tolerance.runs import Final, Run, RunsFile, read_runs

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from palpate.launch.processes.fork_server import signals_as_ctrl_c, start_fork_server
     from palpate.launch.processes.fork_server import until_ctrl_c, without_main_module
     from palpate.launch.processes.node_status import SILENCE, LauncherSockets
-    from palpate.launch.processes.process_hosts import ForkServer, ProcessHosts, RemoteHost
+    from palpate.launch.processes.process_table import ForkServer, ProcessHosts, RemoteHost
     from palpate.launch.processes.registry import FOLDER_PREFIX, MESSAGE_LOG_FOLDER, EarlierRun
     from palpate.launch.processes.registry import RunCard, SentMessage, addresses_of, announce
     from palpate.launch.processes.registry import find_run, message_log_folder, private_folder

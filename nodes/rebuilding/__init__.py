@@ -1,7 +1,7 @@
 """What the reconstructor node has received, and the solids and messages that it makes of it.
 
 `fitting` says what belongs to a set and makes or continues its solids, `candidates` chooses between
-them by how they predicted, `model` writes the message. To be tuned: how surely a general
+them by how they predicted, and writes the message. To be tuned: how surely a general
 solid must predict better, and after how many touches it is fitted anew. Rests on
 `palpate.core.rebuild`; used by the reconstructor node, and by those who rebuild from files.
 """
@@ -9,11 +9,11 @@ solid must predict better, and after how many touches it is fitted anew. Rests o
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality
+    from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality, coarse_model
+    from palpate.nodes.rebuilding.candidates import shape_model
     from palpate.nodes.rebuilding.fitting import TOUCHED_OUTCOMES, Goal, State, common_frame
     from palpate.nodes.rebuilding.fitting import fitted_solids, is_coarse, is_complete, is_upright
     from palpate.nodes.rebuilding.fitting import known_space, predicted_squares, rebuild_set
     from palpate.nodes.rebuilding.fitting import spanned_by, touched_ends
-    from palpate.nodes.rebuilding.model import coarse_model, shape_model
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from palpate.bench import speed
-from palpate.bench.options import BenchOptions
 from palpate.bench.speed import SceneSpeed, Timed, handler_seconds, waits_of
+from palpate.bench.suite import BenchOptions
 from palpate.launch.files import InputError
 from palpate.messages.recording import RecordedMessage
 

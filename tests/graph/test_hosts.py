@@ -111,7 +111,7 @@ def node_of(process):
 
 
 def test_who_has_another_key_is_refused(away, watcher, monkeypatch):
-    monkeypatch.setattr("palpate.launch.processes.process_hosts.HOST_PATIENCE", 1.0)
+    monkeypatch.setattr("palpate.launch.processes.process_table.HOST_PATIENCE", 1.0)
     key_file().unlink()
     make_key(key_file())
     with pytest.raises(ValueError, match="gives no answer: palpate host must run there, with the"):

@@ -17,8 +17,17 @@ from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
 from palpate.core.rebuild.general.dissection import Dissection, dissect
 from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
-from palpate.core.rebuild.general.prediction import FOLDS, LOWEST, foot_errors, held_out_errors
-from palpate.core.rebuild.general.solid import COARSE, FINE, POSE, GeneralSolid, cell_weights
+from palpate.core.rebuild.general.solid import (
+    COARSE,
+    FINE,
+    FOLDS,
+    LOWEST,
+    POSE,
+    GeneralSolid,
+    cell_weights,
+    foot_errors,
+    held_out_errors,
+)
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 

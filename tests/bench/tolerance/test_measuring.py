@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.options import BenchOptions
+from palpate.bench.suite import BenchOptions
 from palpate.bench.tolerance import measuring, methods
 from palpate.bench.tolerance.measuring import sheet_rows, tolerance_rows, units_of
 from palpate.bench.tolerance.methods import (
