@@ -8,9 +8,9 @@ on core arrays and ranges alone, and touches nothing: lengths are shares of the 
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.explore.planners.coverage import Span, free_height, longest_first, profile_of
-    from palpate.core.explore.planners.coverage import untouched_spans, untraceable_height
-    from palpate.core.explore.planners.estimate import Estimate, estimate_error
+    from palpate.core.explore.planners.coverage import Estimate, Span, estimate_error, free_height
+    from palpate.core.explore.planners.coverage import longest_first, profile_of, untouched_spans
+    from palpate.core.explore.planners.coverage import untraceable_height
     from palpate.core.explore.planners.fuzzy import Fuzzy
     from palpate.core.explore.planners.predicted import COVERING, UNTOUCHED, Predicted
     from palpate.core.explore.planners.protocol import END_SHARE, LEAST_FEATURE, PLANNER_NAMES
