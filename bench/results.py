@@ -8,7 +8,6 @@ with something else, say nothing of palpate, and are not compared.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 from collections import Counter
@@ -57,7 +56,6 @@ class Results:
     date: str  # As it began, ISO 8601
     quick: bool
     machine: Machine
-    absent: tuple[str, ...]  # Peers that are not installed
     lines: tuple[Measured, ...] = ()
     failed: Mapping[str, str] = field(default_factory=dict)  # Why, by group
 
@@ -69,14 +67,10 @@ class Results:
 
 
 class ResultsFile:
-    """Results as they come in, written anew after each group if there is a place for them.
+    """Results as they come in, written anew after each group if there is a place for them."""
 
-    `peers`: packages by name, with what is measured of each where it is installed.
-    """
-
-    def __init__(self, path: Path | None, *, quick: bool, peers: Mapping[str, str]) -> None:
+    def __init__(self, path: Path | None, *, quick: bool) -> None:
         self._path = path
-        absent = (name for name in peers if importlib.util.find_spec(name) is None)
         self.results = Results(
             form=FORM,
             version=VERSION,
@@ -84,7 +78,6 @@ class ResultsFile:
             date=datetime.now(UTC).isoformat(timespec="seconds"),
             quick=quick,
             machine=this_machine(),
-            absent=tuple(f"{name} ({peers[name]})" for name in absent),
         )
 
     def add(self, group: str, lines: Sequence[Measured], failure: str) -> None:

@@ -25,8 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.harness import InProcessLoop, LoopNode, contour_goal, touching_nodes
-from palpate.bench.suite import BenchOptions
+from palpate.bench.loop import InProcessLoop, LoopNode, contour_goal, touching_nodes
 from palpate.bench.table import MOST_SECONDS, Figure, Row, at_most, figure, figure_of, in_turns
 from palpate.launch.files import InputError
 from palpate.messages.recording import RecordedMessage, open_recording
@@ -80,11 +79,9 @@ class Timed(NamedTuple):
     steps: Mapping[str, float]  # And by step
 
 
-def scene_rows(
-    quick: bool, options: BenchOptions | None = None
-) -> Iterator[SceneSpeed | Row | str]:
+def scene_rows(quick: bool, *, against: Path | None = None) -> Iterator[SceneSpeed | Row | str]:
     """The shipped scenes, or a few; against an older checkout if one is given."""
-    older = None if options is None else options.against
+    older = against
     if older is not None and not (older / "palpate" / "__main__.py").is_file():
         raise InputError(f"{older}: --against must be a checkout of palpate, with its sources")
     yield SceneSpeed.head(older is not None)

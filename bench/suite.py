@@ -1,4 +1,4 @@
-"""``palpate bench``: what it measures, by name, and what single benches are asked besides.
+"""``palpate bench``: what it measures, by name.
 
 The verb is found by name.
 """
@@ -6,10 +6,10 @@ The verb is found by name.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
 
@@ -17,65 +17,8 @@ from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Group, named, run_groups
 from palpate.launch.files import check_new
 
-COSTS = ("touches", "robot", "compute")
-FILE = click.Path(dir_okay=False, path_type=Path)
-FOLDER = click.Path(file_okay=False, path_type=Path)
-OPTIONS = (
-    click.option(
-        "--sheet",
-        type=FOLDER,
-        metavar="DIR",
-        help="Runs and sheet go here; runs that are there are not made again. [bench-tolerance]",
-    ),
-    click.option("--cost", type=click.Choice(COSTS), help="Against which is drawn. [touches]"),
-    click.option("--meshes", type=FOLDER, metavar="DIR", help="Explore the meshes in here, too."),
-    click.option("--add", type=FILE, multiple=True, help="Runs of another method, as JSON."),
-    click.option(
-        "--method", multiple=True, metavar="MODULE:FUNCTION", help="Measure this method, too."
-    ),
-    click.option(
-        "--against",
-        type=FOLDER,
-        metavar="DIR",
-        help="An older checkout, with which scenes are run in turns.",
-    ),
-)
-# The groups that take `BenchOptions`, and which of them.
-METHODS, REAL, SPEED = "tolerance/methods", "real/meshes", "speed/scenes"
-TAKEN: Mapping[str, tuple[str, ...]] = {
-    METHODS: ("sheet", "cost", "meshes", "add", "method"),
-    REAL: ("sheet", "meshes"),
-    SPEED: ("against",),
-}
+SPEED = "speed/scenes"  # The group that takes an older checkout
 RESULTS = click.Path(dir_okay=False, path_type=Path)
-
-
-class BenchOptions(NamedTuple):
-    """What is asked, by the names of the options."""
-
-    sheet: Path | None = None
-    cost: str | None = None
-    meshes: Path | None = None
-    add: tuple[Path, ...] = ()
-    method: tuple[str, ...] = ()
-    against: Path | None = None
-
-    @property
-    def names(self) -> list[str]:
-        """Of those that were given."""
-        return [name for name, value in self._asdict().items() if value]
-
-    @property
-    def given(self) -> str:
-        """The same as they are written; empty if none was."""
-        return ", ".join(f"--{name}" for name in self.names)
-
-
-def bench_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options to a command."""
-    for option in reversed(OPTIONS):
-        command = option(command)
-    return command
 
 
 class Bench(NamedTuple):
@@ -101,20 +44,8 @@ BENCHES: Mapping[str, Bench] = {
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch:effect_rows"},
     ),
-    "tolerance": Bench(
-        "what accuracy costs, by every method on eighteen objects: one file, one sheet; takes "
-        "hours without --quick, and goes on where it was ended (docs/benchmark.md)",
-        {"methods": "tolerance.measuring:tolerance_rows"},
-    ),
-    "real": Bench(
-        "the meshes of a folder (--meshes) explored with noise, five seeds each: errors, bounds, "
-        "coverage and pictures in --sheet; goes on where it was ended",
-        {"meshes": "real:real_rows"},
-    ),
 }
 ALL = "all"
-# Packages that are measured beside palpate where they are installed.
-PEERS: Mapping[str, str] = {"pymeshlab": "Poisson surfaces"}
 
 
 BENCH_HELP = """Measure one thing, or all, here and now.
@@ -144,7 +75,12 @@ def _help() -> str:
 @click.option("--out", metavar="FILE", type=RESULTS, help="Write the results here, as JSON.")
 @click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
-@bench_options
+@click.option(
+    "--against",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="An older checkout, with which scenes are run in turns.",
+)
 def bench_command(
     what: str,
     quick: bool,
@@ -153,16 +89,14 @@ def bench_command(
     out: Path | None,
     compare: Path | None,
     strict: bool,
-    **more: Any,
+    against: Path | None,
 ) -> int:
     """Measure one thing or all; `_help` says which there are."""
-    chosen = _chosen(what, only, BenchOptions(**more))
+    chosen = _chosen(what, only, against)
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
-    kept = ResultsFile(out, quick=quick, peers=PEERS)
-    if what == ALL and not as_json:
-        click.echo(f"peers that are not installed: {', '.join(kept.results.absent) or 'none'}")
+    kept = ResultsFile(out, quick=quick)
     code = run_groups(
         chosen, quick=quick, as_json=as_json, strict=strict, echo=click.echo, keep=kept.add
     )
@@ -172,7 +106,7 @@ def bench_command(
     return code
 
 
-def _chosen(what: str, only: str | None, options: BenchOptions) -> Mapping[str, str | Group]:
+def _chosen(what: str, only: str | None, against: Path | None) -> Mapping[str, str | Group]:
     """Groups as ``bench/group``, each with where it is or what measures it."""
     benches = BENCHES if what == ALL else {what: BENCHES[what]}
     places = {
@@ -186,12 +120,8 @@ def _chosen(what: str, only: str | None, options: BenchOptions) -> Mapping[str, 
             known = places if what == ALL else benches[what].groups
             raise click.UsageError(f"there is no group {only!r}; there are {', '.join(known)}")
         places = {wanted: places[wanted]}
-    if options.given:
-        wanted_by = {name for name, taken in TAKEN.items() if set(options.names) <= set(taken)}
-        taking = [name for name in places if name in wanted_by]
-        if not taking:
-            others = " and to ".join(name.partition("/")[0] for name in TAKEN if name in wanted_by)
-            raise click.UsageError(f"{options.given} belongs to {others or 'several benches'}")
-        given = {name: partial(named(places[name]), options=options) for name in taking}
-        return {**places, **given}
-    return places
+    if against is None:
+        return places
+    if SPEED not in places:
+        raise click.UsageError("--against belongs to speed")
+    return {**places, SPEED: partial(named(places[SPEED]), against=against)}

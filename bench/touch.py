@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.harness import InProcessLoop, LoopNode, contour_goal, touching_nodes
+from palpate.bench.loop import InProcessLoop, LoopNode, contour_goal, touching_nodes
 from palpate.bench.table import Figure, figure_of, in_turns
 from palpate.core import ROBOT_PRESETS, pad_rotation, pose_of, shapes, touch
 from palpate.core.touch.effects import EFFECT_NAMES

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from palpate.bench.harness import NOISY, Demand, Explored, explore_object
-from palpate.bench.objects import EXPLORED_OBJECTS, ExploreObject, described
 from palpate.bench.table import Row, at_most
 from palpate.core import Floats, pose_of, rotations_from_vectors
 from palpate.tools import single_threaded
+from tests.studies.explored import EXPLORED_OBJECTS, ExploreObject, described
+from tests.studies.harness import NOISY, Demand, Explored, explore_object
 
 FINGERS = 3
 FINGER_OBJECTS, QUICK_FINGERS = ("ellipsoid", "box", "vase", "bottle", "twist"), ("vase",)

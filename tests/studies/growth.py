@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.bench.harness import InProcessLoop, touching_nodes
 from palpate.bench.hops import ring_times
+from palpate.bench.loop import InProcessLoop, touching_nodes
 from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
 from palpate.bench.touch import touch_goals
 from palpate.bench.toy_node import token_ring

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from palpate.bench.objects import Radius, closed_mesh, radial_rings
 from palpate.core import Floats, geometry, shapes
 from palpate.core.shapes import Mesh
+from tests.studies.explored import Radius, closed_mesh, radial_rings
 
 SHAPE_HEIGHT = 100.0  # Of every rebuilt object, mm; it lies from -50 to 50, the bent one nearly
 HALF = 0.5 * SHAPE_HEIGHT

@@ -7,11 +7,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from palpate.bench.tolerance.methods import poisson_installed, poisson_surface
 from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import solidity
 from palpate.core.shapes.tessellations import icosphere
 from tests.studies import rebuilt
+from tests.studies.accuracy.methods import poisson_installed, poisson_surface
 from tests.studies.contours import (
     CASES,
     OURS,

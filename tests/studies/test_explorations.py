@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench import harness
-from palpate.bench.harness import EXACT, Demand, Explored, explore_object
-from palpate.bench.objects import EXPLORED_OBJECTS
 from palpate.bench.table import Row
 from palpate.nodes.runtime.composed import Ending
-from tests.studies import explorations
+from tests.studies import explorations, harness
+from tests.studies.explored import EXPLORED_OBJECTS
+from tests.studies.harness import EXACT, Demand, Explored, explore_object
 
 COUNT = 2
 

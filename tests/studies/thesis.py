@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.objects import closed_mesh
 from palpate.bench.table import MOST_SECONDS, Figure, best_seconds, figure_of
 from palpate.core import Floats, thesis, transform_points
 from palpate.core.explore.planners import EXTENT, PlannerTrial, Thesis, run_planner
@@ -34,6 +33,7 @@ from palpate.messages import decode
 from palpate.messages.recording import open_recording
 from palpate.messages.types import Truth
 from palpate.tools import single_threaded
+from tests.studies.explored import closed_mesh
 from tests.studies.rebuilt import (
     WAVY,
     MeshErrors,

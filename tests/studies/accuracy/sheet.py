@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from palpate.bench.tolerance import statistics
-from palpate.bench.tolerance.runs import Run
 from palpate.core import Floats
 from palpate.launch.files import write_atomically
 from palpate.tools.sweep import pareto_front
+from tests.studies.accuracy import statistics
+from tests.studies.accuracy.runs import Run
 
 COSTS = {
     "touches": "touches (grasp apart)",

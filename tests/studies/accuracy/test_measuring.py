@@ -8,10 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.suite import BenchOptions
-from palpate.bench.tolerance import measuring, methods
-from palpate.bench.tolerance.measuring import sheet_rows, tolerance_rows, units_of
-from palpate.bench.tolerance.methods import (
+from palpate.core.geometry import prepare_surface
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.shapes import Mesh, Superquadric
+from palpate.launch.files import InputError, write_mesh
+from tests.studies.__main__ import main
+from tests.studies.accuracy import measuring, methods
+from tests.studies.accuracy.conftest import SIZE, point, run_of
+from tests.studies.accuracy.measuring import accuracy_rows, sheet_rows, units_of
+from tests.studies.accuracy.methods import (
     CONTENDERS,
     OURS,
     Model,
@@ -24,14 +29,8 @@ from palpate.bench.tolerance.methods import (
     runs_of,
     touched_shares,
 )
-from palpate.bench.tolerance.runs import read_runs
-from palpate.bench.tolerance.sheet import COSTS, draw_sheet
-from palpate.core.geometry import prepare_surface
-from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.shapes import Mesh, Superquadric
-from palpate.launch.files import InputError, write_mesh
-from palpate.tools.cli import command_line as cli
-from tests.bench.tolerance.conftest import SIZE, point, run_of
+from tests.studies.accuracy.runs import read_runs
+from tests.studies.accuracy.sheet import COSTS, draw_sheet
 
 BALL = Superquadric(np.full(3, 0.045), np.ones(2)).mesh(3)
 
@@ -177,7 +176,7 @@ def test_runs_of_another_method_are_laid_beside_ours(tmp_path, monkeypatch):
     made = [*finished(1e-3)[:2], run_of(method="thesis")]
     monkeypatch.setattr(measuring, "_make_runs", lambda file, units: file.add(made) or [])
     folder = tmp_path / "here"
-    lines = list(tolerance_rows(True, BenchOptions(folder)))
+    lines = list(accuracy_rows(True, sheet=folder))
     assert {one.name for one in folder.iterdir()} == {"results.json", "sheet.svg", "sheet.png"}
     assert "methods that are not installed: " in str(lines[0])
     other, text = tmp_path / "other.json", (folder / "results.json").read_text()
@@ -186,28 +185,29 @@ def test_runs_of_another_method_are_laid_beside_ours(tmp_path, monkeypatch):
         run["method"] = "older" if run["method"] == OURS else "theirs"
     other.write_text(json.dumps(theirs))
     monkeypatch.setattr(measuring, "_make_runs", lambda file, units: [])
-    rows = list(tolerance_rows(True, BenchOptions(folder, add=(other,))))
+    rows = list(accuracy_rows(True, sheet=folder, add=(other,)))
     assert any("dominates theirs" in str(row) for row in rows)
     other.write_text(json.dumps({**theirs, "methods": {**theirs["methods"], OURS: ""}}))
     with pytest.raises(InputError, match=r"there is a method '.*' already; call it something else"):
-        list(tolerance_rows(True, BenchOptions(folder, add=(other,))))
+        list(accuracy_rows(True, sheet=folder, add=(other,)))
     assert len(read_runs(folder / "results.json").runs) == 3
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["effects", "--add", "x.json"], "--add belongs to tolerance"),
-        (["tolerance", "--add", "none.json"], "none.json: the results cannot be read"),
-        (["tolerance", "--meshes", "."], "has no mesh in it: no .glb"),
-        (["tolerance", "--meshes", "nowhere"], "nowhere: is no folder of meshes"),
-        (["tolerance", "--method", "nothing"], "there is no method 'nothing'"),
+        (["casts", "--add", "x.json"], "--add belongs to accuracy/methods"),
+        (["accuracy", "--add", "none.json"], "none.json: the results cannot be read"),
+        (["accuracy", "--meshes", "."], "has no mesh in it: no .glb"),
+        (["accuracy", "--meshes", "nowhere"], "nowhere: is no folder of meshes"),
+        (["accuracy", "--method", "nothing"], "there is no method 'nothing'"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_starts(
     tmp_path, monkeypatch, capsys, arguments, words
 ):
     monkeypatch.chdir(tmp_path)
-    assert cli.run(["bench", *arguments]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
     assert words in capsys.readouterr().err
     assert not [*tmp_path.iterdir()]

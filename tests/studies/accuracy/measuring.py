@@ -1,4 +1,4 @@
-"""``palpate bench tolerance``: every method on every object, in two processes, and the sheet."""
+"""What accuracy costs: every method on every object, in two processes, and the sheet."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.bench.objects import EXPLORED_OBJECTS
-from palpate.bench.suite import BenchOptions
 from palpate.bench.table import Row, at_least, at_most, figure
-from palpate.bench.tolerance import methods, statistics
-from palpate.bench.tolerance.runs import Final, Run, RunsFile, read_runs
-from palpate.bench.tolerance.sheet import write_sheet
 from palpate.launch.files import InputError
+from tests.studies.accuracy import methods, statistics
+from tests.studies.accuracy.runs import Final, Run, RunsFile, read_runs
+from tests.studies.accuracy.sheet import write_sheet
+from tests.studies.explored import EXPLORED_OBJECTS
 
-PLAIN = BenchOptions()
 FOLDER, FILE = "bench-tolerance", "results.json"
 SHARES, QUICK_SHARES = (0.01, 0.005, 0.002, 0.001, 0.0005), (0.01, 0.002, 0.0005)
 SEEDS, QUICK_SEEDS = 3, 1
@@ -30,20 +28,33 @@ STRICT, MIDDLE, MOST_MIDDLE = 0.003, 0.005, 90  # Targets, over the height; and 
 MOST_LOOSE, LEAST_HELD = 0.45, 0.90
 
 
-def tolerance_rows(quick: bool, options: BenchOptions = PLAIN) -> Iterator[Row | str]:
-    """Make the runs that are missing, draw the sheet, and tell what is demanded."""
-    added = [read_runs(path) for path in options.add]
+def accuracy_rows(
+    quick: bool,
+    *,
+    sheet: Path | None = None,
+    cost: str = "touches",
+    meshes: Path | None = None,
+    add: Sequence[Path] = (),
+    method: Sequence[str] = (),
+) -> Iterator[Row | str]:
+    """Make the runs that are missing, draw the sheet, and tell what is demanded.
+
+    `sheet`: folder of runs and sheet. `cost`: against which is drawn. `meshes`: folder of those
+    that are explored, too. `add`: files of runs of other methods. `method`: functions that are
+    methods, too.
+    """
+    added = [read_runs(path) for path in add]
     names = [
         name
         for name in methods.CONTENDERS
         if name != methods.POISSON or methods.poisson_installed()
     ]
     absent = [name for name in methods.CONTENDERS if name not in names]
-    if ":" in "".join(options.method) and str(Path.cwd()) not in sys.path:
+    if ":" in "".join(method) and str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))  # where a planner of one's own is looked for, too
-    wanted = (*names, *options.method)
-    units = units_of(quick, wanted, options.meshes)
-    folder = options.sheet or Path(FOLDER)
+    wanted = (*names, *method)
+    units = units_of(quick, wanted, meshes)
+    folder = sheet or Path(FOLDER)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -55,7 +66,7 @@ def tolerance_rows(quick: bool, options: BenchOptions = PLAIN) -> Iterator[Row |
     yield f"methods that are not installed: {', '.join(absent) or 'none'}"
     yield from _make_runs(file, [one for one in units if not _is_made(one, file.content.runs)])
     runs = [*file.content.runs, *(run for other in added for run in other.runs)]
-    write_sheet(folder, runs, methods.OURS, options.cost or "touches")
+    write_sheet(folder, runs, methods.OURS, cost)
     yield f"{folder / FILE}, sheet.svg, sheet.png"
     yield from sheet_rows(runs)
 

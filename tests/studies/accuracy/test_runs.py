@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from palpate.bench.tolerance import runs as kept
-from palpate.bench.tolerance.runs import FORM, VERSION, Run, RunsFile, read_runs
 from palpate.launch.files import InputError
-from tests.bench.tolerance.conftest import point, run_of
+from tests.studies.accuracy import runs as kept
+from tests.studies.accuracy.conftest import point, run_of
+from tests.studies.accuracy.runs import FORM, VERSION, Run, RunsFile, read_runs
 
 HEAD = {"form": FORM, "version": VERSION, "methods": {"mine": "a method"}}
 POINT = {"touches": 5, "robot_time_s": 1.0, "compute_s": 0.1, "rms_m": 1e-3, "chamfer_m": 8e-4}

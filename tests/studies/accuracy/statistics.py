@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.tolerance.runs import Run
 from palpate.core import Floats
+from tests.studies.accuracy.runs import Run
 
 TARGETS = np.geomspace(1e-2, 1e-4, 15)  # Root mean square errors over the height
 DRAWS, SEED, BAND = 1000, 0, (2.5, 97.5)  # Of the bootstrap, and its percentiles

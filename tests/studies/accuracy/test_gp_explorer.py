@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.bench.harness import NOISES, Demand, write_scene
-from palpate.bench.objects import EXPLORED_OBJECTS
-from palpate.bench.tolerance import gp_explorer as peer
-from palpate.bench.tolerance.gp_explorer import (
+from palpate.core.arrays import Floats
+from palpate.core.geometry.distances import compare_surfaces, prepare_surface
+from palpate.core.geometry.meshes import solidity
+from palpate.launch.scene import load_scene
+from palpate.nodes.specs.objects import build_shape
+from tests.studies.accuracy import gp_explorer as peer
+from tests.studies.accuracy.gp_explorer import (
     BallPrior,
     CholeskyFactor,
     Explorer,
@@ -19,11 +22,8 @@ from palpate.bench.tolerance.gp_explorer import (
     farthest_points,
     matern,
 )
-from palpate.core.arrays import Floats
-from palpate.core.geometry.distances import compare_surfaces, prepare_surface
-from palpate.core.geometry.meshes import solidity
-from palpate.launch.scene import load_scene
-from palpate.nodes.specs.objects import build_shape
+from tests.studies.explored import EXPLORED_OBJECTS
+from tests.studies.harness import NOISES, Demand, write_scene
 
 NAME = "ellipsoid"
 

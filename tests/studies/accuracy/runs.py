@@ -13,15 +13,15 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-import palpate
 from palpate.bench.results import read_form, this_machine, write_form
 from palpate.launch.files import InputError
 
 FORM, VERSION = "palpate tolerance", 1
-# What the runs depend on, beneath the package.
+# What the runs depend on, in a checkout.
 SOURCES = (
-    *("core", "messages", "nodes", "launch", "bench/harness.py", "bench/objects.py"),
-    *("bench/tolerance/gp_explorer.py", "bench/tolerance/methods.py"),
+    *("core", "messages", "nodes", "launch", "bench/loop.py"),
+    *("tests/studies/harness.py", "tests/studies/explored.py"),
+    *("tests/studies/accuracy/gp_explorer.py", "tests/studies/accuracy/methods.py"),
 )
 Cost = Annotated[float, Meta(ge=0.0)]
 Length = Annotated[float, Meta(ge=0.0)]  # m
@@ -144,7 +144,7 @@ def check_sources(path: Path, sources: str) -> None:
 
 def sources_digest() -> str:
     """SHA-256 of everything that explores."""
-    digest, root = hashlib.sha256(), Path(palpate.__file__).parent
+    digest, root = hashlib.sha256(), Path(__file__).parents[3]
     for place in SOURCES:
         top = root / place
         for path in sorted(top.rglob("*.py")) if top.is_dir() else [top]:

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from palpate.bench.tolerance import statistics
-from palpate.bench.tolerance.statistics import (
+from tests.studies.accuracy import statistics
+from tests.studies.accuracy.conftest import point, run_of
+from tests.studies.accuracy.statistics import (
     TARGETS,
     cost_to_reach,
     dominated_at,
@@ -18,7 +19,6 @@ from palpate.bench.tolerance.statistics import (
     target_costs,
     work_precision,
 )
-from tests.bench.tolerance.conftest import point, run_of
 
 
 def test_targets_fall_evenly_in_the_logarithm():

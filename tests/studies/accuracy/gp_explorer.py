@@ -27,7 +27,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.ndimage import map_coordinates, spline_filter
 
-from palpate.bench.harness import InProcessLoop, touching_nodes
+from palpate.bench.loop import InProcessLoop, touching_nodes
 from palpate.core import Floats, pad_rotation, pose_of, split_pose
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of

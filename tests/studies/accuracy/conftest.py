@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from palpate.bench.tolerance.runs import Point, Run
+from tests.studies.accuracy.runs import Point, Run
 
 SIZE = 0.1
 

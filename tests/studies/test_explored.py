@@ -3,22 +3,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench import objects
-from palpate.bench.harness import NOISY, Demand, write_scene
-from palpate.bench.objects import (
-    EXPLORED_HEIGHT,
-    EXPLORED_OBJECTS,
-    ROUNDING,
-    mesh_of_radius,
-    rounded,
-)
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners.trial import TUNED
 from palpate.core.geometry.meshes import solidity
 from palpate.core.geometry.nearest import nearest_points
 from palpate.launch.scene import load_scene
 from palpate.nodes.specs.objects import build_shape
+from tests.studies import explored
 from tests.studies.explorations import leaning
+from tests.studies.explored import (
+    EXPLORED_HEIGHT,
+    EXPLORED_OBJECTS,
+    ROUNDING,
+    mesh_of_radius,
+    rounded,
+)
+from tests.studies.harness import NOISY, Demand, write_scene
 from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, truth_of
 
 QUICK = ("sphere", "groove", "rounded box")
@@ -91,8 +91,8 @@ def test_a_described_object_is_as_high_as_the_others(name, tmp_path):
 
 
 def test_a_scene_says_what_stands_where_and_what_is_asked(tmp_path, monkeypatch):
-    monkeypatch.setattr(objects, "RINGS", 60)
-    monkeypatch.setattr(objects, "TURNS", 48)
+    monkeypatch.setattr(explored, "RINGS", 60)
+    monkeypatch.setattr(explored, "TURNS", 48)
     demand = Demand("uniform", 3e-4, {"count": 5})
     pose = leaning(25.0, 0.03, 0.07)
     path = write_scene(tmp_path, EXPLORED_OBJECTS["bottle"], NOISY, demand, 9, pose)

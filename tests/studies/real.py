@@ -20,15 +20,14 @@ import trimesh
 from scipy.spatial import cKDTree
 from trimesh import proximity
 
-from palpate.bench.harness import NOISY, Demand, Explored, explore_object
 from palpate.bench.results import read_form, write_form
-from palpate.bench.suite import BenchOptions
 from palpate.bench.table import Figure, figure_of
-from palpate.bench.tolerance import check_sources, sources_digest
 from palpate.core import Floats
 from palpate.core.geometry import areas_and_normals, nearest_points, nearest_search, sample_surface
 from palpate.core.shapes import Mesh
 from palpate.launch.files import InputError, read_mesh
+from tests.studies.accuracy.runs import check_sources, sources_digest
+from tests.studies.harness import NOISY, Demand, Explored, explore_object
 
 FORM, VERSION = "palpate real", 1
 FOLDER, FILE = "bench-real", "runs.json"
@@ -129,18 +128,20 @@ class RealFigures(msgspec.Struct, frozen=True):
         )
 
 
-def real_rows(quick: bool, options: BenchOptions | None = None) -> Iterator[RealFigures | str]:
+def real_rows(
+    quick: bool, *, meshes: Path | None = None, sheet: Path | None = None
+) -> Iterator[RealFigures | str]:
     """Explore every mesh of the folder that ``--meshes`` names, with several seeds.
 
     What is there already is not made again. Raises InputError if there is no folder, or no mesh in
     it.
     """
-    if options is None or options.meshes is None:
-        raise InputError("bench real explores the meshes of a folder: name it with --meshes DIR")
-    paths = sorted(one for one in options.meshes.glob("*") if one.suffix.lower() in SUFFIXES)
+    if meshes is None:
+        raise InputError("real explores the meshes of a folder: name it with --meshes DIR")
+    paths = sorted(one for one in meshes.glob("*") if one.suffix.lower() in SUFFIXES)
     if not paths:
-        raise InputError(f"--meshes: {options.meshes} holds no mesh ({', '.join(SUFFIXES)})")
-    folder = options.sheet or Path(FOLDER)
+        raise InputError(f"--meshes: {meshes} holds no mesh ({', '.join(SUFFIXES)})")
+    folder = sheet or Path(FOLDER)
     folder.mkdir(parents=True, exist_ok=True)
     kept = _kept(folder / FILE)
     yield "lengths in mm; touches at 1 %, 0.5 % and 0.2 % of the size, as far as stated"

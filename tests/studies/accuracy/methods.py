@@ -20,10 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec import convert, to_builtins
 
-from palpate.bench import harness
-from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
-from palpate.bench.tolerance.gp_explorer import Explorer, GuardedFinger
-from palpate.bench.tolerance.runs import Final, Point, Run
 from palpate.core import Floats, class_by_name
 from palpate.core.geometry import PreparedSurface, nearest_points, prepare_surface
 from palpate.core.rebuild import reconstruct
@@ -45,6 +41,10 @@ from palpate.nodes import simulator
 from palpate.nodes.runtime import Finished
 from palpate.nodes.specs import build_shape, pad_of_spec
 from palpate.tools import single_threaded
+from tests.studies import harness
+from tests.studies.accuracy.gp_explorer import Explorer, GuardedFinger
+from tests.studies.accuracy.runs import Final, Point, Run
+from tests.studies.explored import EXPLORED_HEIGHT, EXPLORED_OBJECTS, ExploreObject
 
 KEPT = (Contour, PlanEstimate, Probe, ShapeModel, SurfacePatch, TactileFrame)
 PLACE_NOISE = 1e-4  # Standard deviation of a touch's place that the Gaussian process is told, m
