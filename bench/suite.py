@@ -34,10 +34,8 @@ BENCHES: Mapping[str, Bench] = {
         "the shipped scenes from start to exit: accuracy, and where their time goes, in turns with "
         "an older checkout (--against); a touch by its taxels; a hop; and how runs grow",
         {
-            "touches": "speed:touch_rows",
-            "hops": "hops:hop_rows",
-            "scenes": "speed:scene_rows",
-            "growth": "speed:growth_rows",
+            **{"touches": "speed:touch_rows", "hops": "hops:hop_rows"},
+            **{"scenes": "speed:scene_rows", "growth": "speed:growth_rows"},
         },
     ),
     "effects": Bench(
@@ -46,8 +44,6 @@ BENCHES: Mapping[str, Bench] = {
     ),
 }
 ALL = "all"
-
-
 BENCH_HELP = """Measure one thing, or all, here and now.
 
 \b
