@@ -1,7 +1,5 @@
-"""Every measurement.
+"""What users measure.
 
-What palpate's speed, accuracy and robustness are, printed as rows of a table beside what is
-demanded of them. A demand, a number of trials or an object may be changed, and the figures in
-docs/ are then printed anew; nothing that palpate computes depends on this room, for nothing
-below imports it. It rests on all other rooms; its own top holds the table alone.
+What palpate's speed and effects are, printed as rows of a table beside what is demanded of them.
+Nothing that palpate computes depends on this room, which rests on all others.
 """

@@ -8,7 +8,6 @@ with something else, say nothing of palpate, and are not compared.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 from collections import Counter
@@ -17,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal, NamedTuple, TypedDict, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
@@ -35,18 +34,6 @@ Verdict = Literal["worse", "better", "moved"]
 Kept = TypeVar("Kept")
 
 
-class Machine(TypedDict):
-    """Where it was measured."""
-
-    cpu: str  # Model of the processor
-    cores: int
-    python: str
-    numpy: str
-    scipy: str
-    blas: str
-    load: float  # Processes that wanted to run, in the minute before
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
     """What one call of ``palpate bench`` measured."""
@@ -56,27 +43,16 @@ class Results:
     palpate: str
     date: str  # As it began, ISO 8601
     quick: bool
-    machine: Machine
-    absent: tuple[str, ...]  # Peers that are not installed
+    machine: Mapping[str, Any]  # As `this_machine` tells it
     lines: tuple[Measured, ...] = ()
     failed: Mapping[str, str] = field(default_factory=dict)  # Why, by group
 
-    def tells_times_as(self, other: Results) -> bool:
-        """Whether both are of one machine, which did nothing else."""
-        mine, theirs = self.machine, other.machine
-        idle = all(one["load"] <= BUSY * one["cores"] for one in (mine, theirs))
-        return idle and all(mine[key] == theirs[key] for key in ("cpu", "cores"))
-
 
 class ResultsFile:
-    """Results as they come in, written anew after each group if there is a place for them.
+    """Results as they come in, written anew after each group if there is a place for them."""
 
-    `peers`: packages by name, with what is measured of each where it is installed.
-    """
-
-    def __init__(self, path: Path | None, *, quick: bool, peers: Mapping[str, str]) -> None:
+    def __init__(self, path: Path | None, *, quick: bool) -> None:
         self._path = path
-        absent = (name for name in peers if importlib.util.find_spec(name) is None)
         self.results = Results(
             form=FORM,
             version=VERSION,
@@ -84,7 +60,6 @@ class ResultsFile:
             date=datetime.now(UTC).isoformat(timespec="seconds"),
             quick=quick,
             machine=this_machine(),
-            absent=tuple(f"{name} ({peers[name]})" for name in absent),
         )
 
     def add(self, group: str, lines: Sequence[Measured], failure: str) -> None:
@@ -95,7 +70,7 @@ class ResultsFile:
             write_form(self._path, self.results)
 
 
-def this_machine() -> Machine:
+def this_machine() -> dict[str, Any]:
     """The machine that this runs on, what it calculates with, and how busy it is."""
     import numpy as np  # noqa: F401  # whose library of linear algebra is looked for
     from threadpoolctl import threadpool_info
@@ -108,7 +83,7 @@ def this_machine() -> Machine:
         "numpy": version("numpy"),
         "scipy": version("scipy"),
         "blas": ", ".join(sorted({f"{one['internal_api']} {one['version']}" for one in found})),
-        "load": round(os.getloadavg()[0], 2),
+        "load": round(os.getloadavg()[0], 2),  # Processes that wanted to run, in the last minute
     }
 
 
@@ -164,22 +139,24 @@ class Move(NamedTuple):
     def __str__(self) -> str:
         old, new = self.old, self.new
         name = ", ".join(filter(None, (self.line.name, new.name)))
-        told = f"{self.verdict:<7} {self.line.group}: {name}: {_shown(old)} -> {_shown(new)}"
+        then, now = (
+            f"{'not finite' if one.value is None else f'{one.value:.6g}'} {one.unit}".rstrip()
+            for one in (old, new)
+        )
+        told = f"{self.verdict:<7} {self.line.group}: {name}: {then} -> {now}"
         if old.value and new.value is not None:
             told += f" ({new.value / old.value - 1.0:+.1%})"
         return told if self.line.holds else f"{told}  MISSED"
-
-
-def _shown(one: Figure) -> str:
-    value = "not finite" if one.value is None else f"{one.value:.6g}"
-    return f"{value} {one.unit}".rstrip()
 
 
 def compare_results(old: Results, new: Results) -> tuple[list[Move], dict[str, int]]:
     """What moved beyond noise in the groups that were measured now, and how much did what."""
     groups = {line.group for line in new.lines}
     before, now = _by_name(line for line in old.lines if line.group in groups), _by_name(new.lines)
-    moves, skipped, timed = list[Move](), 0, new.tells_times_as(old)
+    moves, skipped = list[Move](), 0
+    mine, theirs = new.machine, old.machine
+    timed = all(mine[key] == theirs[key] for key in ("cpu", "cores"))
+    timed = timed and max(mine["load"], theirs["load"]) <= BUSY * mine["cores"]
     for key in before.keys() & now.keys():
         (_, first), (line, second) = before[key], now[key]
         if not timed and "time" in (first.kind, second.kind):

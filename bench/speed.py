@@ -25,13 +25,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
-from palpate.bench.options import BenchOptions
+from palpate.bench.loop import InProcessLoop, LoopNode, contour_goal, touching_nodes
 from palpate.bench.table import MOST_SECONDS, Figure, Row, at_most, figure, figure_of, in_turns
-from palpate.core import IDENTITY_POSE
 from palpate.launch.files import InputError
 from palpate.messages.recording import RecordedMessage, open_recording
-from palpate.messages.types import ContourGoal
 from palpate.nodes import reconstructor, simulator, specs, tracer
 
 SCENES = (
@@ -82,11 +79,9 @@ class Timed(NamedTuple):
     steps: Mapping[str, float]  # And by step
 
 
-def scene_rows(
-    quick: bool, options: BenchOptions | None = None
-) -> Iterator[SceneSpeed | Row | str]:
+def scene_rows(quick: bool, *, against: Path | None = None) -> Iterator[SceneSpeed | Row | str]:
     """The shipped scenes, or a few; against an older checkout if one is given."""
-    older = None if options is None else options.against
+    older = against
     if older is not None and not (older / "palpate" / "__main__.py").is_file():
         raise InputError(f"{older}: --against must be a checkout of palpate, with its sources")
     yield SceneSpeed.head(older is not None)
@@ -292,7 +287,6 @@ def touch_rows(quick: bool) -> Iterator[Row]:
 def handler_seconds(side: int) -> dict[str, float]:
     """Processor time of a touch by node, s: of the contour of a ball, touched by a square array."""
     spent: dict[str, float] = {}
-    middle = np.array([0.0, 0.0, BALL])
     ball = specs.ObjectSpec(
         superquadric=specs.SuperquadricSpec(size=(BALL,) * 3, exponents=(1.0, 1.0)),
         pose=specs.PoseSpec(position=(0.0, 0.0, BALL)),
@@ -305,18 +299,7 @@ def handler_seconds(side: int) -> dict[str, float]:
     ]
     loop = InProcessLoop([_timed(one, spent) for one in (*touching, *others)])
     spent.clear()
-    goal = ContourGoal(
-        id=0,
-        finger=1,
-        frame=IDENTITY_POSE,
-        height=float(middle[2]),
-        centre=np.zeros(2),
-        radius=BALL + APPROACH,
-        gap=0.0,
-        not_before=0.0,
-        most_touches=None,
-        not_after=None,
-    )
+    goal = contour_goal(BALL, BALL + APPROACH)
     contour = loop.publish("/contour/goal", goal)["/contour/traced"]
     return {name: seconds / contour.touches for name, seconds in spent.items()}
 

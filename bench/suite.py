@@ -1,4 +1,7 @@
-"""``palpate bench``: what it measures, by name; the verb is found by name."""
+"""``palpate bench``: what it measures, by name.
+
+The verb is found by name.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,15 @@ import textwrap
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
 
-from palpate.bench.options import BenchOptions, bench_options
 from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Group, named, run_groups
 from palpate.launch.files import check_new
 
-RECORDED = "thesis/recorded"  # The group that takes recordings
-# The groups that take `BenchOptions`, and which of them.
-METHODS, REAL, SPEED = "tolerance/methods", "real/meshes", "speed/scenes"
-TAKEN: Mapping[str, tuple[str, ...]] = {
-    METHODS: ("sheet", "cost", "meshes", "add", "method"),
-    REAL: ("sheet", "meshes"),
-    SPEED: ("against",),
-}
+SPEED = "speed/scenes"  # The group that takes an older checkout
 RESULTS = click.Path(dir_okay=False, path_type=Path)
 
 
@@ -39,51 +34,16 @@ BENCHES: Mapping[str, Bench] = {
         "the shipped scenes from start to exit: accuracy, and where their time goes, in turns with "
         "an older checkout (--against); a touch by its taxels; a hop; and how runs grow",
         {
-            "touches": "speed:touch_rows",
-            "hops": "bus.cost:hop_rows",
-            "scenes": "speed:scene_rows",
-            "growth": "speed:growth_rows",
+            **{"touches": "speed:touch_rows", "hops": "hops:hop_rows"},
+            **{"scenes": "speed:scene_rows", "growth": "speed:growth_rows"},
         },
     ),
-    "explore": Bench(
-        "whole explorations: objects that lean, other axes, several fingers",
-        {
-            "tilted": "explore.explorations:tilted_rows",
-            "directions": "explore.explorations:direction_rows",
-            "fingers": "explore.explorations:finger_rows",
-        },
-    ),
-    "bus": Bench("the lock of the message bus between machines", {"locked": "bus.cost:lock_rows"}),
     "effects": Bench(
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch:effect_rows"},
     ),
-    "thesis": Bench(
-        "the thesis against today: its two examples, recordings (RUN..., or a few made here) "
-        "rebuilt its way and ours",
-        {"examples": "rebuild.thesis:thesis_rows", "recorded": "rebuild.thesis:recorded_rows"},
-    ),
-    "tolerance": Bench(
-        "what accuracy costs, by every method on eighteen objects: one file, one sheet; takes "
-        "hours without --quick, and goes on where it was ended (docs/benchmark.md)",
-        {"methods": "tolerance.measuring:tolerance_rows"},
-    ),
-    "real": Bench(
-        "the meshes of a folder (--meshes) explored with noise, five seeds each: errors, bounds, "
-        "coverage and pictures in --sheet; goes on where it was ended",
-        {"meshes": "real.exploring:real_rows"},
-    ),
-    "scaling": Bench(
-        "error and cost as contours, points, control points, taxels, fingers and nodes grow, with "
-        "the powers of it; the memory of a graph over 10,000 touches",
-        {"growth": "scaling.growth:growth_rows", "memory": "scaling.memory:memory_rows"},
-    ),
 }
 ALL = "all"
-# Packages that are measured beside palpate where they are installed.
-PEERS: Mapping[str, str] = {"pymeshlab": "Poisson surfaces"}
-
-
 BENCH_HELP = """Measure one thing, or all, here and now.
 
 \b
@@ -105,33 +65,34 @@ def _help() -> str:
 
 @click.command("bench", help=_help())
 @click.argument("what", type=click.Choice([*BENCHES, ALL]), default="speed")
-@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option("--out", metavar="FILE", type=RESULTS, help="Write the results here, as JSON.")
 @click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
-@bench_options
+@click.option(
+    "--against",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="An older checkout, with which scenes are run in turns.",
+)
 def bench_command(
     what: str,
-    runs: tuple[Path, ...],
     quick: bool,
     only: str | None,
     as_json: bool,
     out: Path | None,
     compare: Path | None,
     strict: bool,
-    **more: Any,
+    against: Path | None,
 ) -> int:
     """Measure one thing or all; `_help` says which there are."""
-    chosen = _chosen(what, only, runs, BenchOptions(**more))
+    chosen = _chosen(what, only, against)
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
-    kept = ResultsFile(out, quick=quick, peers=PEERS)
-    if what == ALL and not as_json:
-        click.echo(f"peers that are not installed: {', '.join(kept.results.absent) or 'none'}")
+    kept = ResultsFile(out, quick=quick)
     code = run_groups(
         chosen, quick=quick, as_json=as_json, strict=strict, echo=click.echo, keep=kept.add
     )
@@ -141,9 +102,7 @@ def bench_command(
     return code
 
 
-def _chosen(
-    what: str, only: str | None, runs: tuple[Path, ...], options: BenchOptions
-) -> Mapping[str, str | Group]:
+def _chosen(what: str, only: str | None, against: Path | None) -> Mapping[str, str | Group]:
     """Groups as ``bench/group``, each with where it is or what measures it."""
     benches = BENCHES if what == ALL else {what: BENCHES[what]}
     places = {
@@ -157,16 +116,8 @@ def _chosen(
             known = places if what == ALL else benches[what].groups
             raise click.UsageError(f"there is no group {only!r}; there are {', '.join(known)}")
         places = {wanted: places[wanted]}
-    if runs:
-        if RECORDED not in places:
-            raise click.UsageError(f"RUN... belongs to thesis, got {', '.join(map(str, runs))}")
-        return {RECORDED: partial(named(places[RECORDED]), runs=runs)}
-    if options.given:
-        wanted_by = {name for name, taken in TAKEN.items() if set(options.names) <= set(taken)}
-        taking = [name for name in places if name in wanted_by]
-        if not taking:
-            others = " and to ".join(name.partition("/")[0] for name in TAKEN if name in wanted_by)
-            raise click.UsageError(f"{options.given} belongs to {others or 'several benches'}")
-        given = {name: partial(named(places[name]), options=options) for name in taking}
-        return {**places, **given}
-    return places
+    if against is None:
+        return places
+    if SPEED not in places:
+        raise click.UsageError("--against belongs to speed")
+    return {**places, SPEED: partial(named(places[SPEED]), against=against)}

@@ -6,14 +6,11 @@ Beside its text a line has its figures as numbers, by which a later run is compa
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
@@ -75,25 +72,6 @@ def printed_figures(text: str) -> tuple[Figure, ...]:
     return tuple(found)
 
 
-class Line(Protocol):
-    """What a group yields: it is printed as text, or in JSON as `Measured`."""
-
-    @property
-    def name(self) -> str:
-        """What was measured; it has no figures in it, for it is found again by its name."""
-        ...
-
-    @property
-    def holds(self) -> bool:
-        """Whether every demand on it is met."""
-        ...
-
-    @property
-    def figures(self) -> Sequence[Figure]:
-        """Its numbers."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Measured:
     """A line as it is kept in a file."""
@@ -106,7 +84,7 @@ class Measured:
     figures: tuple[Figure, ...]
 
 
-def measured(group: str, line: Line) -> Measured:
+def measured(group: str, line: Any) -> Measured:
     """A line for a file; a row's value and demand are told without its name."""
     value, target = (line.value, line.target) if isinstance(line, Row) else (str(line), "")
     return Measured(group, line.name, value, target, bool(line.holds), tuple(line.figures))
@@ -119,27 +97,31 @@ class Row(NamedTuple):
     value: str  # With its unit
     target: str = ""  # What is demanded; empty if nothing is
     holds: bool = True  # Whether it is met
-    number: Figure | None = None  # The value, where it is one number that is known better
+    numbers: tuple[Figure, ...] = ()  # Of the value, where they are known better than it tells
+    text: str = ""  # The whole line, where it is one of a table of its own
 
     @property
     def figures(self) -> Sequence[Figure]:
         """Its number, or those of its text."""
-        return (self.number,) if self.number is not None else printed_figures(self.value)
+        return self.numbers or printed_figures(self.value)
 
     def __str__(self) -> str:
-        line = f"{self.name:<{WIDTH - 1}} {self.value:>14}  {self.target}"
+        line = self.text or f"{self.name:<{WIDTH - 1}} {self.value:>14}  {self.target}"
         return line.rstrip() if self.holds else f"{line}   MISSED"
 
 
-# Measures some figures, one at a time; fewer trials if told to be quick. Text is not of JSON.
-Group = Callable[[bool], Iterable[Line | str]]
+# Measures some figures, one at a time; fewer trials if told to be quick. What it yields is text,
+# which is not of JSON, or a row, or anything else that has `name`, `holds` and `figures` as a row
+# has them, printed by its own ``str``.
+Group = Callable[[bool], Iterable[Any]]
 
 
 def figure(
     name: str, value: float, form: str = ".2f", unit: str = "", target: str = "", **more: Any
 ) -> Row:
     """A figure of which nothing is demanded; `form` is the value's, `more` as of `figure_of`."""
-    return Row(name, f"{value:{form}}{unit}", target, True, _number(value, form, unit, more))
+    known, of = (100.0 * value, "%") if form.endswith("%") else (value, unit)
+    return Row(name, f"{value:{form}}{unit}", target, True, (figure_of(known, of, **more),))
 
 
 def at_most(
@@ -158,27 +140,8 @@ def at_least(
     return row._replace(holds=value >= least)
 
 
-def _number(value: float, form: str, unit: str, more: Mapping[str, Any]) -> Figure:
-    share = form.endswith("%")
-    return figure_of(100.0 * value if share else value, "%" if share else unit, **more)
-
-
 def _bound(value: float, form: str) -> str:
     return f"{100.0 * value:g}%" if form.endswith("%") else f"{value:g}"
-
-
-def run_scene(scene: str, out: Path) -> float:
-    """Run a scene as a user does, in a process of its own; seconds from start to exit.
-
-    Raises RuntimeError, with what it printed, if it does not come to its end.
-    """
-    command = [sys.executable, "-m", "palpate", "run", scene, "--out", str(out), "--quiet"]
-    began = time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, timeout=MOST_SECONDS)
-    wall = time.perf_counter() - began
-    if done.returncode not in (0, 1):  # 1 is a demand that was missed
-        raise RuntimeError(f"{scene} ended with {done.returncode}: {done.stderr.strip()}")
-    return wall
 
 
 def best_seconds(

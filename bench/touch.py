@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.explore import InProcessLoop, LoopNode, touching_nodes
-from palpate.bench.table import Figure, figure_of, in_turns
-from palpate.core import IDENTITY_POSE, ROBOT_PRESETS, pad_rotation, pose_of, shapes, touch
+from palpate.bench.loop import InProcessLoop, LoopNode, contour_goal, touching_nodes
+from palpate.bench.table import Row, figure_of, in_turns
+from palpate.core import ROBOT_PRESETS, pad_rotation, pose_of, shapes, touch
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import load_scene
-from palpate.messages.types import Contour, ContourGoal, TouchGoal
+from palpate.messages.types import Contour, TouchGoal
 from palpate.nodes import simulator, specs, tracer
 
 WORN = "worn_sensor"  # The scene with all the faults of 1999
@@ -24,10 +24,6 @@ EFFECT_FRAMES = 40  # Touches on which a cost is measured at a time
 EFFECT_REPEATS = 15
 SEED = 5
 APPROACH = 0.02  # The finger comes from this far outside of the object, m
-
-
-def _solid() -> shapes.Superquadric:
-    return shapes.Superquadric(np.array(SIZE), np.array(EXPONENTS))
 
 
 def touch_goals(count: int) -> Iterable[TouchGoal]:
@@ -55,39 +51,7 @@ class TracedContour(NamedTuple):
     worst: float  # Largest distance, m
 
 
-class EffectFigures(NamedTuple):
-    """A set of effects: what it costs, and what it does to contours."""
-
-    name: str  # Of the set
-    added: float  # What they add to a frame, s
-    ratio: float  # Of the frame with effects to that without
-    traced: tuple[TracedContour, ...]  # Of each body
-
-    @property
-    def figures(self) -> Sequence[Figure]:
-        """The cost, and the error of each contour."""
-        return (
-            figure_of(1e6 * self.added, "us", name="added"),
-            figure_of(self.ratio, "x", kind="time", name="ratio"),
-            *(figure_of(1e6 * one.rms, "um", name="rms") for one in self.traced),
-            *(figure_of(one.touches, name="touches") for one in self.traced),
-        )
-
-    @property
-    def holds(self) -> bool:
-        """Whether every contour was closed."""
-        return all(one.status == "closed" for one in self.traced)
-
-    def __str__(self) -> str:
-        cells = "".join(
-            f"{1e6 * one.rms:>11.1f}{1e6 * one.worst:>8.0f}{one.touches:>8}  "
-            f"{'' if one.status == 'closed' else one.status:<6}"
-            for one in self.traced
-        )
-        return f"{self.name:<16}{1e6 * self.added:>9.1f}{self.ratio:>8.2f}{cells}".rstrip()
-
-
-def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
+def effect_rows(quick: bool) -> Iterator[Row | str]:
     """The cost of each effect and the error that it causes; fewer frames if quick."""
     frames, repeats = (EFFECT_FRAMES // 2, 3) if quick else (EFFECT_FRAMES, EFFECT_REPEATS)
     sets: dict[str, specs.EffectSpecs] = {
@@ -99,11 +63,26 @@ def effect_rows(quick: bool) -> Iterator[EffectFigures | str]:
     heads = "".join(f"{name + ' um':>11}{'worst':>8}{'touches':>8}  {'':<6}" for name in BODIES)
     yield f"{'effect':<16}{'us/frame':>9}{'ratio':>8}{heads}".rstrip()
     for name, effects in sets.items():
-        traced = tuple(trace_contour(body, effects) for body in BODIES)
-        yield EffectFigures(name, *costs[name][1:], traced)
+        yield _effect_row(name, *costs[name][1:], [trace_contour(body, effects) for body in BODIES])
     ideal, sensor = statistics.median(bare for bare, _, _ in costs.values()), specs.SensorSpec()
     rays = sensor.rows * sensor.cols
     yield f"the ideal frame takes {1e6 * ideal:.0f} us: a superquadric, {rays} rays"
+
+
+def _effect_row(name: str, added: float, ratio: float, traced: Sequence[TracedContour]) -> Row:
+    """What a set of effects adds to a frame, s, the ratio of both times, and its contours."""
+    cells = "".join(
+        f"{1e6 * one.rms:>11.1f}{1e6 * one.worst:>8.0f}{one.touches:>8}  "
+        f"{'' if one.status == 'closed' else one.status:<6}"
+        for one in traced
+    )
+    text = f"{name:<16}{1e6 * added:>9.1f}{ratio:>8.2f}{cells}".rstrip()
+    figures = [figure_of(1e6 * added, "us", name="added")]
+    figures += [figure_of(ratio, "x", kind="time", name="ratio")]
+    figures += [figure_of(1e6 * one.rms, "um", name="rms") for one in traced]
+    figures += [figure_of(one.touches, name="touches") for one in traced]
+    closed = all(one.status == "closed" for one in traced)
+    return Row(name, text, "", closed, tuple(figures), text)
 
 
 def frame_costs(
@@ -133,7 +112,8 @@ def _pipeline(effects: specs.EffectSpecs) -> touch.Pipeline:
 
 def _time(pipeline: touch.Pipeline, frames: int) -> float:
     """Seconds of one frame, of so many at different places of a ball."""
-    shape, starts = _solid(), [goal.pose for goal in touch_goals(frames)]
+    shape = shapes.Superquadric(np.array(SIZE), np.array(EXPONENTS))
+    starts = [goal.pose for goal in touch_goals(frames)]
     states, clock = pipeline.begin(), 0.0
     began = time.perf_counter()
     for number, start in enumerate(starts):
@@ -153,18 +133,7 @@ def trace_contour(body: str, effects: specs.EffectSpecs) -> TracedContour:
     )
     params = simulator.Params(object=spec, effects=effects, seed=SEED)
     loop = InProcessLoop([*touching_nodes(params), LoopNode(1, tracer.NODE, tracer.Params())])
-    goal = ContourGoal(
-        id=0,
-        finger=1,
-        frame=IDENTITY_POSE,
-        height=size[2],
-        centre=np.zeros(2),
-        radius=max(size[:2]) + APPROACH,
-        gap=0.0,
-        not_before=0.0,
-        most_touches=None,
-        not_after=None,
-    )
+    goal = contour_goal(size[2], max(size[:2]) + APPROACH)
     contour: Contour = loop.publish("/contour/goal", goal)["/contour/traced"]
     if not len(contour.points):
         return TracedContour(contour.status, contour.touches, np.nan, np.nan)

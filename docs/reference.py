@@ -23,6 +23,7 @@ ROOMS = (
     "palpate.touch",
     "palpate.effects",
     "palpate.planning",
+    "palpate.procedures",
     "palpate.rebuild",
     "palpate.thesis",
     "palpate.messages",

@@ -10,64 +10,42 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.launch.demand import read_demand as read_demand
-    from palpate.launch.exchange_rate import Scale as Scale
-    from palpate.launch.exchange_rate import draw_svg as draw_svg
-    from palpate.launch.exchange_rate import scale as scale
-    from palpate.launch.graph import Graph as Graph
-    from palpate.launch.graph import ResolvedNode as ResolvedNode
-    from palpate.launch.graph import override as override
-    from palpate.launch.graph import plain_params as plain_params
+    from palpate.launch.exchange_rate import Scale as Scale, draw_svg as draw_svg, scale as scale
+    from palpate.launch.graph import Graph as Graph, ResolvedNode as ResolvedNode
+    from palpate.launch.graph import override as override, plain_params as plain_params
     from palpate.launch.graph import read_arguments as read_arguments
-    from palpate.launch.graph import read_settings as read_settings
-    from palpate.launch.graph import resolve_nodes as resolve_nodes
-    from palpate.launch.hosts import free_endpoints as free_endpoints
-    from palpate.launch.hosts import key_file as key_file
-    from palpate.launch.hosts import read_host as read_host
-    from palpate.launch.hosts import run_host_agent as run_host_agent
-    from palpate.launch.launch_file import arguments_table as arguments_table
-    from palpate.launch.launch_file import describe as describe
+    from palpate.launch.graph import read_settings as read_settings, resolve_nodes as resolve_nodes
+    from palpate.launch.hosts import free_endpoints as free_endpoints, key_file as key_file
+    from palpate.launch.hosts import read_host as read_host, run_host_agent as run_host_agent
+    from palpate.launch.launch_file import arguments_table as arguments_table, describe as describe
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import PROCEDURES as PROCEDURES
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch
-    from palpate.launch.node_kinds import Entry as Entry
-    from palpate.launch.node_kinds import describe_kind as describe_kind
+    from palpate.launch.node_kinds import Entry as Entry, describe_kind as describe_kind
     from palpate.launch.node_kinds import list_kinds as list_kinds
     from palpate.launch.node_kinds import search_current_folder as search_current_folder
-    from palpate.launch.object_database import OBJECTS as OBJECTS
-    from palpate.launch.object_database import ObjectDatabase as ObjectDatabase
+    from palpate.launch.object_database import OBJECTS as OBJECTS, ObjectDatabase as ObjectDatabase
     from palpate.launch.object_database import learn_models as learn_models
     from palpate.launch.object_database import load_models as load_models
     from palpate.launch.object_database import load_objects as load_objects
     from palpate.launch.object_database import write_models as write_models
-    from palpate.launch.printing import counted as counted
-    from palpate.launch.printing import millimetres as millimetres
-    from palpate.launch.printing import size_text as size_text
-    from palpate.launch.printing import text_table as text_table
+    from palpate.launch.printing import counted as counted, millimetres as millimetres
+    from palpate.launch.printing import size_text as size_text, text_table as text_table
     from palpate.launch.printing import titled as titled
-    from palpate.launch.progress import Display as Display
-    from palpate.launch.progress import open_display as open_display
-    from palpate.launch.run import Plan as Plan
-    from palpate.launch.run import Run as Run
-    from palpate.launch.run import check_run as check_run
-    from palpate.launch.run import explore as explore
-    from palpate.launch.run import perform as perform
-    from palpate.launch.run import plan_run as plan_run
-    from palpate.launch.run_directory import RECORDING as RECORDING
-    from palpate.launch.run_directory import RUNS as RUNS
+    from palpate.launch.progress import Display as Display, open_display as open_display
+    from palpate.launch.run import Plan as Plan, Run as Run, check_run as check_run
+    from palpate.launch.run import explore as explore, perform as perform, plan_run as plan_run
+    from palpate.launch.run_directory import RECORDING as RECORDING, RUNS as RUNS
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
-    from palpate.launch.run_directory import find_bag as find_bag
-    from palpate.launch.run_directory import read_summary as read_summary
+    from palpate.launch.run_directory import find_bag as find_bag, read_summary as read_summary
     from palpate.launch.run_directory import versions_text as versions_text
-    from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES
-    from palpate.launch.scene import Scene as Scene
-    from palpate.launch.scene import SceneSpec as SceneSpec
-    from palpate.launch.scene import find_scene as find_scene
-    from palpate.launch.scene import load_scene as load_scene
-    from palpate.launch.scene import scene_title as scene_title
+    from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES, Scene as Scene
+    from palpate.launch.scene import SceneSpec as SceneSpec, find_scene as find_scene
+    from palpate.launch.scene import load_scene as load_scene, scene_title as scene_title
     from palpate.launch.scene import shipped_scenes as shipped_scenes
     from palpate.launch.scene import write_calibration as write_calibration
 else:

@@ -21,21 +21,7 @@ from palpate.core import ROBOT_PRESETS, Floats
 from palpate.core.explore.planners import PLANNER_NAMES, Planner, planner_type
 from palpate.core.touch import CalibrationEstimate, Effect, Pad
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
-from palpate.launch.files import (
-    InputError,
-    KeyPath,
-    MeshFile,
-    SourceMapped,
-    convert,
-    file_within,
-    hint,
-    is_mesh_file,
-    read_mesh,
-    read_yaml,
-    set_within,
-    write_new,
-    yaml_text,
-)
+from palpate.launch import files
 from palpate.launch.node_kinds import search_current_folder
 from palpate.nodes import specs
 
@@ -77,12 +63,12 @@ class Scene:
     path: Path  # The file
     text: str  # The file's text
     spec: SceneSpec  # What it holds, with defaults filled in and the mesh read
-    located: SourceMapped  # The same as plain values, with file and line
+    located: files.SourceMapped  # The same as plain values, with file and line
     size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
     told: str = ""  # A sentence on what was guessed and mended of its mesh; empty if nothing was
 
 
-def load_scene(name: str | Path, changes: Mapping[KeyPath, SourceMapped] = {}) -> Scene:
+def load_scene(name: str | Path, changes: Mapping[files.KeyPath, files.SourceMapped] = {}) -> Scene:
     """The scene in a YAML file, given by its path, or one that comes with palpate, by name.
 
     A mesh file is a scene in which nothing but its solid stands.
@@ -91,27 +77,31 @@ def load_scene(name: str | Path, changes: Mapping[KeyPath, SourceMapped] = {}) -
     value and what would be right.
     """
     path = find_scene(name)
-    is_mesh = is_mesh_file(path)
-    alone = SourceMapped({"object": {"mesh": {"file": path.name}}}, str(path))
-    given = alone if is_mesh else read_yaml(path)
+    is_mesh = files.is_mesh_file(path)
+    alone = files.SourceMapped({"object": {"mesh": {"file": path.name}}}, str(path))
+    given = alone if is_mesh else files.read_yaml(path)
     for key, value in changes.items():
         given = _changed(given, key, value)
-    text = yaml_text(given.value) if changes or is_mesh else path.read_text(encoding="utf-8")
+    text = files.yaml_text(given.value) if changes or is_mesh else path.read_text(encoding="utf-8")
     given, told = _with_mesh(given, path)
     given = with_effects(_with_planner(given))
     given = with_calibration(given, path.resolve().parent)
     check_planner(given)
-    spec = convert(given, SceneSpec)
+    spec = files.convert(given, SceneSpec)
     if spec.world.reach is None:
         reach = specs.fitted_reach(spec.object)
         spec = structs.replace(spec, world=structs.replace(spec.world, reach=reach))
-    located = SourceMapped(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
+    located = files.SourceMapped(
+        to_builtins(spec, builtin_types=(bytes,)), given.source, given.places
+    )
     _check_finger(spec, located)
     size = _check_reach(spec, located)
     return Scene(path.stem, path, text, spec, located, size, told)
 
 
-def _changed(given: SourceMapped, path: KeyPath, value: SourceMapped) -> SourceMapped:
+def _changed(
+    given: files.SourceMapped, path: files.KeyPath, value: files.SourceMapped
+) -> files.SourceMapped:
     """The document with another value at a path; an effect that is not listed is added."""
     listed = given.value.get("effects") or []
     if path[0] == "effects" and isinstance(path[-1], str) and len(path) > 1:
@@ -123,11 +113,11 @@ def _changed(given: SourceMapped, path: KeyPath, value: SourceMapped) -> SourceM
         path = ("effects", at, *path[1:])
     places = {path[:end]: value.source for end in range(1, len(path))}
     places |= {(*path, *inner): place for inner, place in value.places.items()}
-    changed = set_within(given.value, path, value, "the scene")
-    return SourceMapped(changed, given.source, {**places, **given.places, path: value.source})
+    changed = files.set_within(given.value, path, value, "the scene")
+    return files.SourceMapped(changed, given.source, {**places, **given.places, path: value.source})
 
 
-def with_effects(given: SourceMapped) -> SourceMapped:
+def with_effects(given: files.SourceMapped) -> files.SourceMapped:
     """The scene with its list of effects made into a map from name to parameters.
 
     An entry is a name, or a map from the name to the parameters. A user's own effect is named
@@ -148,7 +138,9 @@ def with_effects(given: SourceMapped) -> SourceMapped:
         name, parameters = _listed_effect(given, i, entry)
         if name in effects:
             raise given.error(("effects", i), f"effects lists {name!r} twice; list it once")
-        where: KeyPath = ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
+        where: files.KeyPath = (
+            ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
+        )
         part = replace(given.part(where), value=parameters)
         kind = _checked_effect(part, name)
         if kind in kinds:
@@ -160,7 +152,7 @@ def with_effects(given: SourceMapped) -> SourceMapped:
     return replace(given, value={**given.value, "effects": effects}, places=places)
 
 
-def _listed_effect(given: SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
+def _listed_effect(given: files.SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
     if isinstance(entry, str):
         return entry, {}
     if isinstance(entry, Mapping) and len(entry) == 1:
@@ -173,21 +165,21 @@ def _listed_effect(given: SourceMapped, i: int, entry: Any) -> tuple[str, dict[s
     )
 
 
-def _checked_effect(parameters: SourceMapped, name: str) -> type[Effect]:
+def _checked_effect(parameters: files.SourceMapped, name: str) -> type[Effect]:
     search_current_folder(name)
     try:
         kind = effect_type(name)
     except LookupError:
         place = f"{parameters.source}: " if parameters.source else ""
-        known = hint(name, EFFECT_NAMES)
-        raise InputError(f"{place}there is no effect {name!r}; {known}") from None
+        known = files.hint(name, EFFECT_NAMES)
+        raise files.InputError(f"{place}there is no effect {name!r}; {known}") from None
     except ValueError as error:
         raise parameters.error((), str(error)) from None
-    convert(parameters, kind, f"effects.{name}")
+    files.convert(parameters, kind, f"effects.{name}")
     return kind
 
 
-def _with_mesh(given: SourceMapped, scene: Path) -> tuple[SourceMapped, str]:
+def _with_mesh(given: files.SourceMapped, scene: Path) -> tuple[files.SourceMapped, str]:
     """The scene with the mesh that it names read into it, and what is to be told of that.
 
     A mesh without a pose that stands beside the axis is set on it.
@@ -196,13 +188,13 @@ def _with_mesh(given: SourceMapped, scene: Path) -> tuple[SourceMapped, str]:
         part = given.part(("object", "mesh"))
     except (KeyError, TypeError):
         return given, ""
-    mesh = convert(part, MeshFile, "object.mesh")
+    mesh = files.convert(part, files.MeshFile, "object.mesh")
     folder = scene.resolve().parent
     try:
-        path = file_within(folder, mesh.file, "object.mesh.file")
-        vertices, faces, told = read_mesh(path, mesh.unit)
+        path = files.file_within(folder, mesh.file, "object.mesh.file")
+        vertices, faces, told = files.read_mesh(path, mesh.unit)
     except ValueError as error:
-        if is_mesh_file(scene):  # the sentence names it already
+        if files.is_mesh_file(scene):  # the sentence names it already
             raise
         raise part.error(("file",), str(error)) from None
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -217,7 +209,7 @@ def _with_mesh(given: SourceMapped, scene: Path) -> tuple[SourceMapped, str]:
     return replace(given, value={**given.value, "object": kept}), told
 
 
-def _with_planner(given: SourceMapped) -> SourceMapped:
+def _with_planner(given: files.SourceMapped) -> files.SourceMapped:
     """The scene with a planner: nobody knows of a mesh whether slices of it are simple curves."""
     explore, standing = given.value.get("explore", {}), given.value.get("object")
     if not isinstance(explore, Mapping) or {"planner", "settings", "axis"} & set(explore):
@@ -227,7 +219,7 @@ def _with_planner(given: SourceMapped) -> SourceMapped:
     return replace(given, value={**given.value, "explore": {**explore, "planner": "touches"}})
 
 
-def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
+def with_calibration(given: files.SourceMapped, folder: Path) -> files.SourceMapped:
     """The scene with the calibration file that its sensor names read into it.
 
     Raises InputError if the file is not in the scene's folder, or cannot be used.
@@ -240,7 +232,7 @@ def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
     if not isinstance(name, str):
         raise given.error(where, "sensor.calibration must be the name of a file")
     try:
-        path = file_within(folder, name, "sensor.calibration")
+        path = files.file_within(folder, name, "sensor.calibration")
     except ValueError as error:
         raise given.error(where, str(error)) from None
     found = to_builtins(read_calibration(path))
@@ -249,12 +241,14 @@ def with_calibration(given: SourceMapped, folder: Path) -> SourceMapped:
 
 def read_calibration(path: Path) -> specs.CalibrationSpec:
     """The calibration in a file; InputError names file, line, key and value."""
-    found = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
+    found = files.convert(
+        files.read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration"
+    )
     names = specs.CalibrationSpec.__struct_fields__
     return specs.CalibrationSpec(**{name: getattr(found, name) for name in names})
 
 
-def check_planner(given: SourceMapped) -> Planner | None:
+def check_planner(given: files.SourceMapped) -> Planner | None:
     """Make the planner that a scene describes, ``explore: {planner: NAME, settings: {...}}``.
 
     A user's own is named ``module:Class``; the module is looked for in the current folder as well.
@@ -273,25 +267,27 @@ def check_planner(given: SourceMapped) -> Planner | None:
     try:
         kind = planner_type(name)
     except LookupError:
-        known = hint(name, PLANNER_NAMES)
+        known = files.hint(name, PLANNER_NAMES)
         raise given.error(path, f"there is no planner {name!r}; {known}") from None
     except ValueError as error:
         raise given.error(path, str(error)) from None
-    return convert(_planner_settings(given, explore), kind, "explore.settings")
+    return files.convert(_planner_settings(given, explore), kind, "explore.settings")
 
 
-def _planner_settings(given: SourceMapped, explore: Mapping[str, object]) -> SourceMapped:
+def _planner_settings(
+    given: files.SourceMapped, explore: Mapping[str, object]
+) -> files.SourceMapped:
     """What stands behind ``settings``; nothing is no settings."""
     path = ("explore", "settings")
     settings = explore.get("settings")
     if settings is None:
-        return SourceMapped({}, given.place(path))
+        return files.SourceMapped({}, given.place(path))
     if not isinstance(settings, Mapping):
         raise given.error(path, f"explore.settings is {settings!r}; it must be a map of numbers")
     return given.part(path)
 
 
-def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
+def _check_finger(spec: SceneSpec, located: files.SourceMapped) -> None:
     try:
         specs.build_pipeline(spec.sensor, spec.effects, ROBOT_PRESETS[spec.world.robot])
     except ValueError as error:
@@ -300,7 +296,7 @@ def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
         raise located.error(where, str(error)) from None
 
 
-def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
+def _check_reach(spec: SceneSpec, located: files.SourceMapped) -> tuple[float, float, float]:
     size, aside = specs.object_extents(spec.object)
     least = LEAST_TOUCHED if spec.explore.get("planner") == "touches" else LEAST_SLICED
     if min(size) < least:
@@ -338,8 +334,8 @@ def find_scene(scene: str | Path) -> Path:
         return SHIPPED_SCENES / f"{scene}.yaml"
     if len(path.parts) > 1 or path.suffix:
         kind = "is a folder" if path.is_dir() else "does not exist"
-        raise InputError(f"{path}: the scene {kind}; a scene is a YAML file, or a mesh")
-    raise InputError(f"there is no scene {str(scene)!r}; {hint(str(scene), known)}")
+        raise files.InputError(f"{path}: the scene {kind}; a scene is a YAML file, or a mesh")
+    raise files.InputError(f"there is no scene {str(scene)!r}; {files.hint(str(scene), known)}")
 
 
 def scene_title(name: str) -> str:
@@ -381,7 +377,7 @@ def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> No
     yaml.default_flow_style = None
     yaml.width = 1000
     yaml.dump(document, text)
-    write_new(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
+    files.write_new(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
 def _rounded(value: float) -> float:

@@ -8,23 +8,13 @@ one changes what is refused. Rests on numpy and msgspec; knows nothing of `palpa
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.messages.codec import HEADER_SIZE as HEADER_SIZE
-    from palpate.messages.codec import Header as Header
-    from palpate.messages.codec import codec_of as codec_of
-    from palpate.messages.codec import decode as decode
-    from palpate.messages.codec import derive as derive
-    from palpate.messages.codec import encode as encode
-    from palpate.messages.codec import first_difference as first_difference
-    from palpate.messages.codec import pack_frame as pack_frame
-    from palpate.messages.codec import schema as schema
-    from palpate.messages.codec import schema_hash as schema_hash
-    from palpate.messages.codec import shortened as shortened
+    from palpate.messages.codec import HEADER_SIZE as HEADER_SIZE, Header as Header
+    from palpate.messages.codec import codec_of as codec_of, decode as decode, derive as derive
+    from palpate.messages.codec import encode as encode, first_difference as first_difference
+    from palpate.messages.codec import pack_frame as pack_frame, schema as schema
+    from palpate.messages.codec import schema_hash as schema_hash, shortened as shortened
     from palpate.messages.codec import split_frame as split_frame
-    from palpate.messages.fields import Array as Array
-    from palpate.messages.fields import CodecError as CodecError
-    from palpate.messages.fields import Count as Count
-    from palpate.messages.fields import PerMetre as PerMetre
-    from palpate.messages.fields import Seconds as Seconds
-    from palpate.messages.fields import Vector as Vector
+    from palpate.messages.fields import Array as Array, CodecError as CodecError, Count as Count
+    from palpate.messages.fields import PerMetre as PerMetre, Seconds as Seconds, Vector as Vector
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -8,10 +8,7 @@ computes stands in `palpate.core`. Nodes rest on `runtime` and `specs`, never on
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.nodes.runtime import Finished as Finished
-    from palpate.nodes.runtime import Node as Node
-    from palpate.nodes.runtime import Outputs as Outputs
-    from palpate.nodes.runtime import Source as Source
-    from palpate.nodes.runtime import Timed as Timed
+    from palpate.nodes.runtime import Finished as Finished, Node as Node, Outputs as Outputs
+    from palpate.nodes.runtime import Source as Source, Timed as Timed
 else:
     __getattr__, __dir__ = lazy(__name__)

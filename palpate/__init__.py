@@ -8,12 +8,9 @@ if TYPE_CHECKING:
     from palpate.core.rebuild import reconstruct as reconstruct
     from palpate.core.rebuild.contours import ContactPoints as ContactPoints
     from palpate.core.touch import surface_patch as surface_patch
-    from palpate.launch import Run as Run
-    from palpate.launch import Scene as Scene
-    from palpate.launch import explore as explore
+    from palpate.launch import Run as Run, Scene as Scene, explore as explore
     from palpate.launch import load_scene as load_scene
-    from palpate.launch.files import load as load
-    from palpate.launch.files import save as save
+    from palpate.launch.files import load as load, save as save
     from palpate.nodes.specs import read_frames as read_frames
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -3,11 +3,8 @@
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.touch import Effect as Effect
-    from palpate.core.touch import Fingertip as Fingertip
-    from palpate.core.touch import KeyedRandom as KeyedRandom
-    from palpate.core.touch import Phase as Phase
-    from palpate.core.touch import SimulatedTouch as SimulatedTouch
-    from palpate.core.touch import Stage as Stage
+    from palpate.core.touch import Effect as Effect, Fingertip as Fingertip
+    from palpate.core.touch import KeyedRandom as KeyedRandom, Phase as Phase
+    from palpate.core.touch import SimulatedTouch as SimulatedTouch, Stage as Stage
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -3,30 +3,18 @@
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.shapes import Bend as Bend
-    from palpate.core.shapes import BooleanShape as BooleanShape
+    from palpate.core.shapes import Bend as Bend, BooleanShape as BooleanShape
     from palpate.core.shapes import DeformedShape as DeformedShape
-    from palpate.core.shapes import DeformedSuperquadric as DeformedSuperquadric
-    from palpate.core.shapes import Dent as Dent
+    from palpate.core.shapes import DeformedSuperquadric as DeformedSuperquadric, Dent as Dent
     from palpate.core.shapes import GeneralisedCylinder as GeneralisedCylinder
-    from palpate.core.shapes import HalfSpace as HalfSpace
-    from palpate.core.shapes import Hyperquadric as Hyperquadric
-    from palpate.core.shapes import Intersection as Intersection
-    from palpate.core.shapes import MassMoments as MassMoments
-    from palpate.core.shapes import Mesh as Mesh
-    from palpate.core.shapes import Polyhedron as Polyhedron
-    from palpate.core.shapes import PosedShape as PosedShape
-    from palpate.core.shapes import Shape as Shape
-    from palpate.core.shapes import Superquadric as Superquadric
-    from palpate.core.shapes import Taper as Taper
-    from palpate.core.shapes import TriangleShape as TriangleShape
-    from palpate.core.shapes import Union as Union
-    from palpate.core.shapes import WingedEdges as WingedEdges
-    from palpate.core.shapes import area_samples as area_samples
-    from palpate.core.shapes import complement_of as complement_of
-    from palpate.core.shapes import difference as difference
-    from palpate.core.shapes import inside_outside as inside_outside
-    from palpate.core.shapes import isosurface as isosurface
+    from palpate.core.shapes import HalfSpace as HalfSpace, Hyperquadric as Hyperquadric
+    from palpate.core.shapes import Intersection as Intersection, MassMoments as MassMoments
+    from palpate.core.shapes import Mesh as Mesh, Polyhedron as Polyhedron, PosedShape as PosedShape
+    from palpate.core.shapes import Shape as Shape, Superquadric as Superquadric, Taper as Taper
+    from palpate.core.shapes import TriangleShape as TriangleShape, Union as Union
+    from palpate.core.shapes import WingedEdges as WingedEdges, area_samples as area_samples
+    from palpate.core.shapes import complement_of as complement_of, difference as difference
+    from palpate.core.shapes import inside_outside as inside_outside, isosurface as isosurface
     from palpate.core.shapes import regular_points as regular_points
     from palpate.core.shapes import sampled_surface as sampled_surface
     from palpate.core.shapes import superquadric_moments as superquadric_moments

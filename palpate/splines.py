@@ -3,17 +3,12 @@
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.splines import Basis as Basis
-    from palpate.core.splines import Lattice as Lattice
-    from palpate.core.splines import LatticeLayer as LatticeLayer
-    from palpate.core.splines import PeriodicBasis as PeriodicBasis
-    from palpate.core.splines import box_lattice as box_lattice
-    from palpate.core.splines import clamped_basis as clamped_basis
+    from palpate.core.splines import Basis as Basis, Lattice as Lattice
+    from palpate.core.splines import LatticeLayer as LatticeLayer, PeriodicBasis as PeriodicBasis
+    from palpate.core.splines import box_lattice as box_lattice, clamped_basis as clamped_basis
     from palpate.core.splines import fit_closed_curve as fit_closed_curve
-    from palpate.core.splines import fold_report as fold_report
-    from palpate.core.splines import insert_knots as insert_knots
+    from palpate.core.splines import fold_report as fold_report, insert_knots as insert_knots
     from palpate.core.splines import invert_points as invert_points
-    from palpate.core.splines import layered_lattice as layered_lattice
-    from palpate.core.splines import pull_points as pull_points
+    from palpate.core.splines import layered_lattice as layered_lattice, pull_points as pull_points
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -22,10 +22,6 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from palpate.bench.objects import HALF, REBUILT_SHAPES
-from palpate.bench.rebuild import truth_of
-from palpate.bench.rebuild.thesis import EXAMPLES, Example
-from palpate.bench.scaling.growth import GROWTHS, Growth
 from palpate.core import Floats, touch
 from palpate.core.geometry import nearest_points
 from palpate.core.shapes import Mesh
@@ -34,7 +30,10 @@ from palpate.core.thesis import fit_closed_curve_thesis, rebuild_thesis
 from palpate.launch import load_scene
 from palpate.nodes.specs import build_shape
 from tests.studies.contours import CONTOUR_NOISE, noisy_contours
+from tests.studies.growth import GROWTHS, Growth
 from tests.studies.peers import loft
+from tests.studies.rebuilt import HALF, REBUILT_SHAPES, truth_of
+from tests.studies.thesis import EXAMPLES, Example
 
 if __name__ == "__main__":  # Not this folder: its modules are named as the tests name them
     sys.path[0] = str(Path(__file__).resolve().parents[1])

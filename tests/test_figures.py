@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild.thesis import EXAMPLES
 from palpate.core.geometry.meshes import close_rings
 from palpate.core.shapes.protocol import Mesh
 from tests import figures
 from tests.figures import section_lines, write_thesis_figures
+from tests.studies.rebuilt import REBUILT_SHAPES
+from tests.studies.thesis import EXAMPLES
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "thesis.md"

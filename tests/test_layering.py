@@ -37,12 +37,8 @@ LIBRARIES = {
     "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
-    "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
-    "palpate.bench.bus": {"numpy", "msgspec", "zmq"},
-    "palpate.bench.rebuild": {"numpy", "scipy", "pymeshlab"},
-    "palpate.bench.tolerance": {"numpy", "scipy", "click", "msgspec", "matplotlib"},
-    "palpate.bench.real": {"numpy", "scipy", "msgspec", "trimesh", "matplotlib"},
-    "palpate.bench.suite": {"numpy", "click"},
+    "palpate.bench": {"numpy", "click", "msgspec", "threadpoolctl"},
+    "palpate.bench.hops": {"zmq"},
 }
 CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))
 CLOCK_MODULES = frozenset({"time", "datetime"})

@@ -7,7 +7,7 @@ Rests on palpate.launch; the command line in tools.cli calls it.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.reconstruction import single_threaded as single_threaded
-    from palpate.tools.report import check_scene as check_scene
+    from palpate.tools.reconstruction import single_threaded
+    from palpate.tools.report import check_scene
 else:
     __getattr__, __dir__ = lazy(__name__)

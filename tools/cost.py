@@ -15,16 +15,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from palpate.core import (
-    ROBOTS,
-    Bools,
-    Floats,
-    MoveDurations,
-    MoveGeometry,
-    RobotPreset,
-    SlidingPreset,
-    move_durations,
-)
+from palpate import core
 from palpate.launch import counted, draw_svg, find_bag, read_summary, text_table, titled
 from palpate.launch.files import InputError, hint, write_atomically
 from palpate.messages import CodecError, decode
@@ -72,9 +63,9 @@ def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
     Raises InputError if the recording cannot be read or tells no moves, or a robot is unknown.
     """
     for name in names:
-        if name not in ROBOTS:
-            raise InputError(f"there is no robot {name!r}; {hint(name, ROBOTS)}")
-    return costs_of(read_moves(run), tuple(dict.fromkeys(names)) or tuple(ROBOTS))
+        if name not in core.ROBOTS:
+            raise InputError(f"there is no robot {name!r}; {hint(name, core.ROBOTS)}")
+    return costs_of(read_moves(run), tuple(dict.fromkeys(names)) or tuple(core.ROBOTS))
 
 
 def costs_of(run: RunMoves, names: Sequence[str]) -> Costs:
@@ -96,8 +87,11 @@ def _recorded_figures(run: RunMoves) -> Costs:
     """The recorded times against the sum of the moves, as the same robot makes them."""
     slowest = max(run.fingers, key=lambda one: float(one.ends[-1]))
     ended, missing = float(slowest.ends[-1]), None
-    if all(one.robot in ROBOTS for one in run.fingers):
-        made = [move_durations(one.moves, ROBOTS[str(one.robot)]).total() for one in run.fingers]
+    if all(one.robot in core.ROBOTS for one in run.fingers):
+        made = [
+            core.move_durations(one.moves, core.ROBOTS[str(one.robot)]).total()
+            for one in run.fingers
+        ]
         ends = [one.ends[-1] for one in run.fingers]
         missing = max(abs(float(one.sum() - end)) for one, end in zip(made, ends, strict=True))
     return {
@@ -109,8 +103,10 @@ def _recorded_figures(run: RunMoves) -> Costs:
 
 
 def _cost(run: RunMoves, name: str, touches: int) -> Costs:
-    robot = ROBOTS[name]
-    made = [move_durations(moves, robot) for moves in with_recomputed_waits(run.fingers, robot)]
+    robot = core.ROBOTS[name]
+    made = [
+        core.move_durations(moves, robot) for moves in with_recomputed_waits(run.fingers, robot)
+    ]
     totals = [float(one.total().sum()) for one in made]
     slowest = int(np.argmax(totals))
     phases = np.array(run.fingers[slowest].phases)
@@ -129,11 +125,11 @@ def _cost(run: RunMoves, name: str, touches: int) -> Costs:
 
 
 def with_recomputed_waits(
-    fingers: Sequence[FingerMoves], robot: RobotPreset | SlidingPreset
-) -> list[MoveGeometry]:
+    fingers: Sequence[FingerMoves], robot: core.RobotPreset | core.SlidingPreset
+) -> list[core.MoveGeometry]:
     """The moves of all fingers, with the waits that this robot would have."""
     unwaiting = [one.moves._replace(wait=0.0 * one.moves.wait) for one in fingers]
-    lasts = [move_durations(moves, robot).total() for moves in unwaiting]
+    lasts = [core.move_durations(moves, robot).total() for moves in unwaiting]
     waits = [one.moves.wait.copy() for one in fingers]
     ends = [np.zeros(len(one.ends)) for one in fingers]
     # As they ended: who is waited for comes before who waits.
@@ -159,18 +155,18 @@ def _awaited(fingers: Sequence[FingerMoves], finger: int, move: int) -> tuple[in
     return None
 
 
-def _phase_figures(made: MoveDurations, which: Bools) -> Costs:
+def _phase_figures(made: core.MoveDurations, which: core.Bools) -> Costs:
     parts, moves = _part_figures(made, which), int(which.sum())
     return {"moves": moves, **parts, "per_move_s": parts["total_s"] / moves if moves else None}
 
 
-def _part_figures(made: MoveDurations, which: Bools) -> Costs:
+def _part_figures(made: core.MoveDurations, which: core.Bools) -> Costs:
     parts = {f"{part}_s": float(getattr(made, part)[which].sum()) for part in PARTS}
     return {**parts, "total_s": float(made.total()[which].sum())}
 
 
 # Of a finger: its simulator, and of its moves the figures, goals and ends.
-_Moved = tuple[str, list[Floats], list[int | None], list[float]]
+_Moved = tuple[str, list[core.Floats], list[int | None], list[float]]
 
 
 def read_moves(run: Path) -> RunMoves:
@@ -188,7 +184,7 @@ def read_moves(run: Path) -> RunMoves:
         FingerMoves(
             number,
             robots.get(publisher),
-            MoveGeometry.of_rows(np.array(rows)),
+            core.MoveGeometry.of_rows(np.array(rows)),
             tuple(phases.get(goal, "other") for goal in goals),
             np.array(ends),
         )
@@ -244,9 +240,9 @@ class FingerMoves(NamedTuple):
 
     finger: int  # Its number, from 1
     robot: str | None  # Preset by which its times were made, if the recording says so
-    moves: MoveGeometry  # In their order
+    moves: core.MoveGeometry  # In their order
     phases: tuple[Phase, ...]  # What each move was for
-    ends: Floats  # Recorded robot time at the end of each move, (n,), s
+    ends: core.Floats  # Recorded robot time at the end of each move, (n,), s
 
 
 class RunMoves(NamedTuple):

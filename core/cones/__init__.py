@@ -8,22 +8,12 @@ chapter may be tuned; the equations follow from geometry alone. It rests on core
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.cones.features import ContactFeature as ContactFeature
-    from palpate.core.cones.features import Feature as Feature
-    from palpate.core.cones.features import FeatureGroup as FeatureGroup
-    from palpate.core.cones.features import FeaturePlace as FeaturePlace
-    from palpate.core.cones.features import feature_of_contact as feature_of_contact
-    from palpate.core.cones.interpretation import Interpretation as Interpretation
-    from palpate.core.cones.interpretation import interpretations as interpretations
-    from palpate.core.cones.solving import ConeOrientation as ConeOrientation
-    from palpate.core.cones.solving import ConeOrigin as ConeOrigin
-    from palpate.core.cones.solving import InsufficientFeaturesError as InsufficientFeaturesError
-    from palpate.core.cones.solving import ScaledRadius as ScaledRadius
-    from palpate.core.cones.solving import residual_sigma as residual_sigma
-    from palpate.core.cones.solving import scaled_radii as scaled_radii
-    from palpate.core.cones.solving import solve_orientation as solve_orientation
-    from palpate.core.cones.solving import solve_origin as solve_origin
-    from palpate.core.cones.tables import TableRow as TableRow
-    from palpate.core.cones.tables import row_of as row_of
+    from palpate.core.cones.features import ContactFeature, Feature, FeatureGroup, FeaturePlace
+    from palpate.core.cones.features import feature_of_contact
+    from palpate.core.cones.interpretation import Interpretation, interpretations
+    from palpate.core.cones.solving import ConeOrientation, ConeOrigin, InsufficientFeaturesError
+    from palpate.core.cones.solving import ScaledRadius, residual_sigma, scaled_radii
+    from palpate.core.cones.solving import solve_orientation, solve_origin
+    from palpate.core.cones.tables import TableRow, row_of
 else:
     __getattr__, __dir__ = lazy(__name__)

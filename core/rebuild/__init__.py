@@ -10,11 +10,8 @@ the rooms below (contours, side, ends, surface, lattice, recovery) and on
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.rebuild.general import GeneralSolid as GeneralSolid
-    from palpate.core.rebuild.general import rebuild_general as rebuild_general
-    from palpate.core.rebuild.reconstruction import fit_coarse as fit_coarse
-    from palpate.core.rebuild.reconstruction import reconstruct as reconstruct
-    from palpate.core.rebuild.solid import Method as Method
-    from palpate.core.rebuild.solid import Solid as Solid
+    from palpate.core.rebuild.general import GeneralSolid, rebuild_general
+    from palpate.core.rebuild.reconstruction import fit_coarse, reconstruct
+    from palpate.core.rebuild.solid import Method, Solid
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -11,22 +11,10 @@ no file, scene or run.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.recognition.description import FEATURES as FEATURES
-    from palpate.core.recognition.description import Description as Description
-    from palpate.core.recognition.description import ShapeFeature as ShapeFeature
-    from palpate.core.recognition.description import describe as describe
-    from palpate.core.recognition.description import feature_vector as feature_vector
-    from palpate.core.recognition.matching import NONE as NONE
-    from palpate.core.recognition.matching import UNCERTAINTY as UNCERTAINTY
-    from palpate.core.recognition.matching import Difference as Difference
-    from palpate.core.recognition.matching import ObjectModels as ObjectModels
-    from palpate.core.recognition.matching import Recognition as Recognition
-    from palpate.core.recognition.matching import differences as differences
-    from palpate.core.recognition.matching import object_models as object_models
-    from palpate.core.recognition.matching import recognise as recognise
-    from palpate.core.recognition.scatter import LEARNED_NOISE as LEARNED_NOISE
-    from palpate.core.recognition.scatter import Scatter as Scatter
-    from palpate.core.recognition.scatter import learn_scatter as learn_scatter
-    from palpate.core.recognition.scatter import noisy_copy as noisy_copy
+    from palpate.core.recognition.description import FEATURES, Description, ShapeFeature, describe
+    from palpate.core.recognition.description import feature_vector
+    from palpate.core.recognition.matching import NONE, UNCERTAINTY, Difference, ObjectModels
+    from palpate.core.recognition.matching import Recognition, differences, object_models, recognise
+    from palpate.core.recognition.scatter import LEARNED_NOISE, Scatter, learn_scatter, noisy_copy
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -9,12 +9,8 @@ rests on `palpate.core.splines`, shapes and geometry; `palpate.core.rebuild` off
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.thesis.layers import fit_closed_curve_thesis as fit_closed_curve_thesis
-    from palpate.core.thesis.layers import invert_thesis as invert_thesis
-    from palpate.core.thesis.rebuilding import ThesisSolid as ThesisSolid
-    from palpate.core.thesis.rebuilding import interpolated_parameters as interpolated_parameters
-    from palpate.core.thesis.rebuilding import match_contour as match_contour
-    from palpate.core.thesis.rebuilding import ray_azimuths as ray_azimuths
-    from palpate.core.thesis.rebuilding import rebuild_thesis as rebuild_thesis
+    from palpate.core.thesis.layers import fit_closed_curve_thesis, invert_thesis
+    from palpate.core.thesis.rebuilding import ThesisSolid, interpolated_parameters, match_contour
+    from palpate.core.thesis.rebuilding import ray_azimuths, rebuild_thesis
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -19,8 +19,7 @@ from palpate.launch.processes.node_status import (
     NodeStatusTable,
     TerminationDetector,
 )
-from palpate.launch.processes.process_hosts import ProcessHosts
-from palpate.launch.processes.process_table import ProcessTable
+from palpate.launch.processes.process_table import ProcessHosts, ProcessTable
 from palpate.messages import decode
 from palpate.messages.bus import LAUNCHER, Addresses, ControlMessage, ControlServer
 from palpate.messages.types import LogRecord, NodeStatus

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     from palpate.messages.recording.reader import RecordingEnd as RecordingEnd
     from palpate.messages.recording.reader import counts_of as counts_of
     from palpate.messages.recording.reader import open_recording as open_recording
-    from palpate.messages.recording.reader import part_path as part_path
-    from palpate.messages.recording.reader import parts_of as parts_of
-    from palpate.messages.recording.writer import ABOUT as ABOUT
-    from palpate.messages.recording.writer import MISSING as MISSING
+    from palpate.messages.recording.reader import part_path as part_path, parts_of as parts_of
+    from palpate.messages.recording.writer import ABOUT as ABOUT, MISSING as MISSING
     from palpate.messages.recording.writer import RecordingWriter as RecordingWriter
     from palpate.messages.recording.writer import free_bytes as free_bytes
 else:

@@ -8,35 +8,13 @@ structures, which check what they are given; a new solid is a structure and a `b
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.nodes.specs.frames import DRIVER_OUTPUTS as DRIVER_OUTPUTS
-    from palpate.nodes.specs.frames import FrameSequence as FrameSequence
-    from palpate.nodes.specs.frames import SensorParams as SensorParams
-    from palpate.nodes.specs.frames import is_header as is_header
-    from palpate.nodes.specs.frames import parse_row as parse_row
-    from palpate.nodes.specs.frames import read_frames as read_frames
-    from palpate.nodes.specs.frames import sensor_info as sensor_info
-    from palpate.nodes.specs.frames import tactile_frame as tactile_frame
-    from palpate.nodes.specs.objects import Length as Length
-    from palpate.nodes.specs.objects import ObjectSpec as ObjectSpec
-    from palpate.nodes.specs.objects import PoseSpec as PoseSpec
-    from palpate.nodes.specs.objects import Seed as Seed
-    from palpate.nodes.specs.objects import SuperquadricSpec as SuperquadricSpec
-    from palpate.nodes.specs.objects import build_shape as build_shape
-    from palpate.nodes.specs.objects import encode_mesh as encode_mesh
-    from palpate.nodes.specs.objects import fitted_reach as fitted_reach
-    from palpate.nodes.specs.objects import object_extents as object_extents
-    from palpate.nodes.specs.sensors import CONTACT_ERROR as CONTACT_ERROR
-    from palpate.nodes.specs.sensors import CalibrationSpec as CalibrationSpec
-    from palpate.nodes.specs.sensors import EffectSpecs as EffectSpecs
-    from palpate.nodes.specs.sensors import PadSpec as PadSpec
-    from palpate.nodes.specs.sensors import SensorSpec as SensorSpec
-    from palpate.nodes.specs.sensors import build_pipeline as build_pipeline
-    from palpate.nodes.specs.sensors import calibration_of_info as calibration_of_info
-    from palpate.nodes.specs.sensors import describe_effects as describe_effects
-    from palpate.nodes.specs.sensors import info_of as info_of
-    from palpate.nodes.specs.sensors import pad_of_info as pad_of_info
-    from palpate.nodes.specs.sensors import pad_of_spec as pad_of_spec
-    from palpate.nodes.specs.sensors import resolution_of_info as resolution_of_info
-    from palpate.nodes.specs.sensors import sensed_face as sensed_face
+    from palpate.nodes.specs.frames import DRIVER_OUTPUTS, FrameSequence, SensorParams, is_header
+    from palpate.nodes.specs.frames import parse_row, read_frames, sensor_info, tactile_frame
+    from palpate.nodes.specs.objects import Length, ObjectSpec, PoseSpec, Seed, SuperquadricSpec
+    from palpate.nodes.specs.objects import build_shape, encode_mesh, fitted_reach, object_extents
+    from palpate.nodes.specs.sensors import CONTACT_ERROR, CalibrationSpec, EffectSpecs, PadSpec
+    from palpate.nodes.specs.sensors import SensorSpec, build_pipeline, calibration_of_info
+    from palpate.nodes.specs.sensors import describe_effects, info_of, pad_of_info, pad_of_spec
+    from palpate.nodes.specs.sensors import resolution_of_info, sensed_face
 else:
     __getattr__, __dir__ = lazy(__name__)

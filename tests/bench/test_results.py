@@ -37,7 +37,6 @@ HEAD: dict[str, Any] = {
     "date": "2026-11-22T10:00:00+00:00",
     "quick": True,
     "machine": MACHINE,
-    "absent": [],
 }
 
 
@@ -164,12 +163,11 @@ def test_a_file_that_cannot_be_compared_with_is_refused_in_one_sentence(tmp_path
 
 def test_results_are_in_the_file_after_each_group(tmp_path):
     path = tmp_path / "new.json"
-    file = ResultsFile(path, quick=True, peers={"no_such_peer": "an errand", "numpy": "all"})
+    file = ResultsFile(path, quick=True)
     file.add("a/b", [measured("a/b", Row("touches", "200"))], "")
     file.add("a/c", [], "RuntimeError: died")
     found = read_results(path, quick=True)
     assert found == file.results
-    assert found.absent == ("no_such_peer (an errand)",)
     assert found.failed == {"a/c": "RuntimeError: died"}
     assert [one.figures[0].value for one in found.lines] == [200]
     assert compare_results(found, found)[1]["did not"] == 1

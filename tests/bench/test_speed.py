@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from palpate.bench import speed
-from palpate.bench.options import BenchOptions
 from palpate.bench.speed import SceneSpeed, Timed, handler_seconds, waits_of
 from palpate.launch.files import InputError
 from palpate.messages.recording import RecordedMessage
@@ -118,7 +117,7 @@ def test_growth_is_a_power_of_the_touches_that_were_made(monkeypatch):
 
 def test_what_is_no_checkout_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match="must be a checkout of palpate"):
-        next(iter(speed.scene_rows(True, BenchOptions(against=tmp_path))))
+        next(iter(speed.scene_rows(True, against=tmp_path)))
 
 
 @pytest.mark.slow

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from palpate.bench.explore.harness import NOISY, Demand, Explored, explore_scene, write_scene
 from palpate.core.geometry import solidity
 from tests.graph.hard_objects import HARD_OBJECTS, mesh_of
+from tests.studies.harness import NOISY, Demand, Explored, explore_scene, write_scene
 
 TOLERANCE = 5e-4  # m
 MOST = {"planner.most_touches": 400}

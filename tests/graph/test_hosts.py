@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch import hosts
 from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts import PORTS, free_endpoints, key_file, own_address, read_host
@@ -111,7 +111,7 @@ def node_of(process):
 
 
 def test_who_has_another_key_is_refused(away, watcher, monkeypatch):
-    monkeypatch.setattr("palpate.launch.processes.process_hosts.HOST_PATIENCE", 1.0)
+    monkeypatch.setattr("palpate.launch.processes.process_table.HOST_PATIENCE", 1.0)
     key_file().unlink()
     make_key(key_file())
     with pytest.raises(ValueError, match="gives no answer: palpate host must run there, with the"):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes import supervisor
 from palpate.messages.types.touch import TactileFrame

@@ -16,9 +16,14 @@ from palpate.messages.codec import decode
 from palpate.messages.types.catalogue import NodeStatus
 from palpate.tools.cli import command_line as cli
 from palpate.tools.introspection import requests as asking
-from palpate.tools.introspection.rates import Rates
 from palpate.tools.introspection.requests import request, sample_status
-from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, find_topics
+from palpate.tools.introspection.topics import (
+    Rates,
+    TapMessage,
+    TapSubscription,
+    Topic,
+    find_topics,
+)
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"

@@ -92,7 +92,7 @@ def test_a_procedure_of_ones_own_is_named_by_module_and_function(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     Path("poke.py").write_text(
         "import numpy as np\n"
-        "from palpate.core.procedures import Findings, approach, touch\n"
+        "from palpate.procedures import Findings, approach, touch\n"
         "def poke(setting, times=1):\n"
         "    for _ in range(times):\n"
         "        move = approach(np.zeros(3), np.array([0, 0, 1.0]), 0.1, 0.0)\n"

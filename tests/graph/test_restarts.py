@@ -11,7 +11,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.messages.recording.reader import open_recording, parts_of
 from palpate.nodes import recorder

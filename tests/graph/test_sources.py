@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from palpate.bench.bus.toy_node import ToyParams, frame, toy
+from palpate.bench.toy_node import ToyParams, frame, toy
 from palpate.launch.files.source_map import InputError
 from palpate.launch.launcher import launch
 from palpate.launch.processes.registry import running_graphs

@@ -12,7 +12,7 @@ import pytest
 from palpate.core.archive import arrays_from_bytes, tree_from_arrays
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, compose_poses, pose_of, transform_points
-from palpate.core.rebuild.general.prediction import FARTHEST
+from palpate.core.rebuild.general.solid import FARTHEST
 from palpate.messages.codec import encode
 from palpate.messages.types.model import ModelGoal, PlanDone, ShapeModel, Superquadric
 from palpate.messages.types.motion import ContourGoal, GraspContacts, ProbeGoal

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from palpate.bench.explore.harness import InProcessLoop, LoopNode
+from palpate.bench.loop import InProcessLoop, LoopNode
 from palpate.core.poses import IDENTITY_POSE
 from palpate.messages.types.motion import Contour, ContourGoal
 from palpate.nodes import curvature, filter, simulator, tracer

@@ -20,10 +20,6 @@ from unittest import mock
 
 import numpy as np
 
-from palpate.bench.explore import NOISES, NOISY, Demand, Noise, explore_object
-from palpate.bench.objects import EXPLORED_HEIGHT, EXPLORED_OBJECTS, REBUILT_SHAPES, SHAPE_HEIGHT
-from palpate.bench.rebuild import truth_of
-from palpate.bench.scaling.growth import SHAPES, students_reach
 from palpate.bench.table import Figure, Row, at_most, figure_of
 from palpate.core import Bools, Floats
 from palpate.core.rebuild import reconstruct
@@ -31,6 +27,10 @@ from palpate.core.shapes import Mesh
 from palpate.core.touch import Pad, Patch, fit_jet
 from palpate.tools import single_threaded
 from tests.studies.contours import noisy_contours
+from tests.studies.explored import EXPLORED_HEIGHT, EXPLORED_OBJECTS
+from tests.studies.growth import SHAPES, students_reach
+from tests.studies.harness import NOISES, NOISY, Demand, Noise, explore_object
+from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, truth_of
 
 OBJECTS, QUICK_OBJECTS = ("vase", "box", "tapered and bent"), ("vase",)
 SEEDS, SHAPE_SEEDS = 2, 4

@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.objects import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject
-from palpate.bench.rebuild.peers import PACKAGE, MeshErrors, poisson_installed, truth_of
 from palpate.bench.table import Row
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.shapes import Mesh
 from palpate.tools import single_threaded
 from tests.studies import peers
+from tests.studies.accuracy.methods import PACKAGE, poisson_installed
+from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, MeshErrors, RoundObject, truth_of
 
 INSIDE = 0.005  # Of the height: how far inside the first and the last contour lie
 CONTOUR_NOISE = 0.2  # Standard deviation of a coordinate, mm

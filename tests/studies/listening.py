@@ -18,8 +18,8 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
-from palpate.bench.bus import token_ring
 from palpate.bench.table import Row, at_least, figure
+from palpate.bench.toy_node import token_ring
 from palpate.launch import launch
 from palpate.launch.processes import RunCard, running_graphs
 from palpate.messages import decode

@@ -20,9 +20,9 @@ from typing import Any
 
 import zmq
 
-from palpate.bench.bus.cost import finished, ring_seconds, spawned
-from palpate.bench.bus.toy_node import ToyParams, frame, token_ring, toy
+from palpate.bench.hops import finished, ring_seconds, spawned
 from palpate.bench.table import Row, at_least, in_turns
+from palpate.bench.toy_node import ToyParams, frame, token_ring, toy
 from palpate.launch import EXPLORE, Display, find_scene, launch, perform, plan_run
 from palpate.launch.files import SourceMapped
 from palpate.messages import Header, encode, pack_frame

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.objects import Radius, closed_mesh, radial_rings
 from palpate.core import Floats, shapes
+from tests.studies.explored import Radius, closed_mesh, radial_rings
 
 MARCH_STEP = 0.4e-3  # Of the march along a ray, m: nothing thinner is met for certain
 CAST_HALVINGS = 40

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from palpate.bench.objects import closed_mesh
-from palpate.bench.rebuild.peers import loft_rings, poisson_surface
 from palpate.core import Floats
 from palpate.core.shapes import Mesh
 from palpate.core.thesis import rebuild_thesis
+from tests.studies.accuracy.methods import poisson_surface
+from tests.studies.explored import closed_mesh
+from tests.studies.rebuilt import loft_rings
 
 LOFT_ROWS, LOFT_COLUMNS = 121, 180  # Of the lofts' meshes
 HARMONICS = 16  # Of a contour that are kept by the smoothed loft

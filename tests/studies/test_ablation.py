@@ -6,8 +6,6 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.scaling.growth import touched_contours
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.side import shifts
@@ -30,6 +28,8 @@ from tests.studies.ablation import (
     worth_of,
 )
 from tests.studies.contours import noisy_contours
+from tests.studies.growth import touched_contours
+from tests.studies.rebuilt import REBUILT_SHAPES
 
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 NAMED = {part.name: part for part in PARTS}

@@ -7,12 +7,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from palpate.bench import objects
-from palpate.bench.objects import REBUILT_SHAPES
-from palpate.bench.rebuild.peers import MeshErrors, poisson_installed, poisson_surface, truth_of
 from palpate.core.arrays import Floats
 from palpate.core.geometry.meshes import solidity
 from palpate.core.shapes.tessellations import icosphere
+from tests.studies import rebuilt
+from tests.studies.accuracy.methods import poisson_installed, poisson_surface
 from tests.studies.contours import (
     CASES,
     OURS,
@@ -29,13 +28,14 @@ from tests.studies.peers import (
     shell_and_core,
     smoothed_loft,
 )
+from tests.studies.rebuilt import REBUILT_SHAPES, MeshErrors, truth_of
 
 
 @pytest.fixture(autouse=True, scope="module")
 def coarse_truth():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(objects, "TRUE_ROWS", 121)
-        patch.setattr(objects, "TRUE_COLUMNS", 180)
+        patch.setattr(rebuilt, "TRUE_ROWS", 121)
+        patch.setattr(rebuilt, "TRUE_COLUMNS", 180)
         truth_of.cache_clear()
         yield
     truth_of.cache_clear()

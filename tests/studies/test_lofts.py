@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.bench.objects import REBUILT_SHAPES, WAVY
 from palpate.core.rebuild.side.lofting import fit_contour_loft
 from tests.studies.contours import noisy_contours
 from tests.studies.lofts import (
@@ -18,6 +17,7 @@ from tests.studies.lofts import (
     step_swing,
     with_outliers,
 )
+from tests.studies.rebuilt import REBUILT_SHAPES, WAVY
 
 TIMED = ("fit, ms", "deviation on", "contour more", "time")
 

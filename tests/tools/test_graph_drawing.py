@@ -13,8 +13,18 @@ from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.launch_file import describe
 from palpate.launch.launch_source import EXPLORE
 from palpate.tools.cli import command_line as cli
-from palpate.tools.graph_drawing import back_edges, draw_svg, layers_of
-from palpate.tools.graph_sketch import Box, Sketch, Wire, dot_text, joined, mermaid_text, sketch_of
+from palpate.tools.graph_drawing import (
+    Box,
+    Sketch,
+    Wire,
+    back_edges,
+    dot_text,
+    draw_svg,
+    joined,
+    layers_of,
+    mermaid_text,
+    sketch_of,
+)
 
 SVG = "{http://www.w3.org/2000/svg}"
 Point = tuple[float, float]
@@ -44,7 +54,6 @@ def any_sketch(seed):
     boxes = [
         Box(
             text="n" * rng.randint(1, 20),
-            kind="a.b" * rng.randint(0, 4),
             title="",
             count=rng.randint(1, 8),
         )
@@ -270,7 +279,7 @@ def test_the_picture_is_one_file_of_valid_xml_for_light_and_dark_pages():
 
 @pytest.mark.parametrize("text", ['<b> & "c"', "\x00\x1b", "\ud800", "]]>", "\ufffe"])
 def test_no_name_breaks_the_picture(text):
-    box = Box(text="a", kind=text, title=text)
+    box = Box(text=text or "a", title=text)
     wire = Wire(source=0, targets=(0,), labels=(text,), title=text, latched=True)
     ElementTree.fromstring(draw_svg(Sketch((box,), (wire,), (box,)), text))
 

@@ -7,9 +7,7 @@ what it judges, and should not. Rests on launch.processes and the command line, 
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.chaos.fault_injection import FAULT_KINDS as FAULT_KINDS
-    from palpate.tools.chaos.fault_injection import FloodParams as FloodParams
-    from palpate.tools.chaos.trials import Exploration as Exploration
-    from palpate.tools.chaos.trials import run_trials as run_trials
+    from palpate.tools.chaos.fault_injection import FAULT_KINDS, FloodParams
+    from palpate.tools.chaos.trials import Exploration, run_trials
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -8,6 +8,6 @@ everything else.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.cli.command_line import main as main
+    from palpate.tools.cli.command_line import main
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -7,8 +7,6 @@ palpate.messages.recording.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.replay.rerun import past_differences as past_differences
-    from palpate.tools.replay.rerun import plan_resume as plan_resume
-    from palpate.tools.replay.rerun import replay as replay
+    from palpate.tools.replay.rerun import past_differences, plan_resume, replay
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -16,21 +16,19 @@ from typing import Annotated
 import numpy as np
 
 from palpate.core.explore.planners.coverage import (
-    Span,
-    even_heights,
-    free_height,
-    longest_first,
-    longest_untouched,
-    untouched_spans,
-)
-from palpate.core.explore.planners.estimate import (
     NEAR,
     ORDER,
     ErrorPrediction,
     Estimate,
+    Span,
     estimate_error,
+    even_heights,
+    free_height,
+    longest_first,
+    longest_untouched,
     parts_needed,
     prediction_of,
+    untouched_spans,
 )
 from palpate.core.explore.planners.protocol import (
     END_DEVIATIONS,

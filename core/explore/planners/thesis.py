@@ -22,20 +22,7 @@ from typing import Annotated, Literal, NamedTuple, Protocol
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.explore.planners.protocol import (
-    SAME,
-    Choice,
-    Height,
-    Observation,
-    ObservedSlice,
-    SliceOutcome,
-    Stop,
-    Wait,
-    exhausted_budget,
-    first_and_last,
-    is_near_finger,
-    was_asked,
-)
+from palpate.core.explore.planners import protocol
 from palpate.core.plugins import Range, check_ranges
 
 MOST_BENT = 40.0  # The piecewise linear form reaches so far, in rate times curvature times height
@@ -79,7 +66,7 @@ class Thesis:
         if self.most < self.least:
             raise ValueError(f"most must be at least least, {self.least}, got {self.most}")
 
-    def next(self, observation: Observation) -> Choice:
+    def next(self, observation: protocol.Observation) -> protocol.Choice:
         """The next slice of the search, or that it has ended."""
         return step_search(observation, self, self.perimeter, self.threshold)
 
@@ -128,38 +115,38 @@ class StepRule(Protocol):
 
 
 def step_search(
-    observation: Observation, steps: StepRule, perimeter: float, threshold: float = 0.0
-) -> Choice:
+    observation: protocol.Observation, steps: StepRule, perimeter: float, threshold: float = 0.0
+) -> protocol.Choice:
     """The next slice of a search in one direction and then in the other.
 
     Short of the object's end one is over at a contour shorter than the share `perimeter` of the
     height, for a pole is near; or at a step upwards below the share `threshold`.
     """
-    over = exhausted_budget(observation)
+    over = protocol.exhausted_budget(observation)
     if over is not None:
-        return Stop(over)
+        return protocol.Stop(over)
     if not observation.slices:
         if observation.busy_heights:
-            return Wait("the first slice is under way")
-        return Height(0.5 * (observation.low + observation.high), "half height")
+            return protocol.Wait("the first slice is under way")
+        return protocol.Height(0.5 * (observation.low + observation.high), "half height")
     start = observation.slices[0]
     if not start.usable:
-        return Stop(f"the slice at half height, {start.height:g} m, could not be traced")
+        return protocol.Stop(f"the slice at half height, {start.height:g} m, could not be traced")
     up = 1.0 if mean_normal_rise(start) >= 0.0 else -1.0
     for direction in (up, -up):
         if any((height - start.height) * direction > 0.0 for height in observation.busy_heights):
             continue
         height = _onwards(observation, steps, perimeter, threshold, direction)
-        if height is not None and not is_near_finger(observation, height):
-            return Height(height, "upwards" if direction > 0.0 else "downwards")
+        if height is not None and not protocol.is_near_finger(observation, height):
+            return protocol.Height(height, "upwards" if direction > 0.0 else "downwards")
         if height is not None:
-            return Wait("another finger is too near")
+            return protocol.Wait("another finger is too near")
     if observation.busy_heights:
-        return Wait("a step follows from the slice before it, which is under way")
-    return Stop("the search has ended in both directions")
+        return protocol.Wait("a step follows from the slice before it, which is under way")
+    return protocol.Stop("the search has ended in both directions")
 
 
-def mean_normal_rise(one: ObservedSlice) -> float:
+def mean_normal_rise(one: protocol.ObservedSlice) -> float:
     """Mean upward component of the outward unit normals (the thesis' phi)."""
     radii, turn = one.radii, 2.0 * math.pi / len(one.radii)
     around = (np.roll(radii, -1) - np.roll(radii, 1)) / (2.0 * turn) / radii
@@ -167,20 +154,24 @@ def mean_normal_rise(one: ObservedSlice) -> float:
 
 
 def _onwards(
-    observation: Observation, steps: StepRule, perimeter: float, threshold: float, direction: float
+    observation: protocol.Observation,
+    steps: StepRule,
+    perimeter: float,
+    threshold: float,
+    direction: float,
 ) -> float | None:
     """The next height in this direction, m; None where the search in it is over."""
     start = observation.slices[0]
     way = [one for one in observation.slices[1:] if (one.height - start.height) * direction > 0.0]
-    if any(one.outcome is SliceOutcome.LOST for one in way):
+    if any(one.outcome is protocol.SliceOutcome.LOST for one in way):
         return None
     usable = [start, *(one for one in way if one.usable)]
     last = usable[-1]
     failures = next((i for i, one in enumerate(reversed(way)) if one.usable), len(way))
-    bottom, top = first_and_last(observation)
+    bottom, top = protocol.first_and_last(observation)
     # The ends may have been moved since; where a slice lies beyond them, the way begins at them.
     here, end = min(max(last.height, bottom), top), top if direction > 0.0 else bottom
-    if failures >= MOST_FAILURES or (end - here) * direction <= SAME * observation.extent:
+    if failures >= MOST_FAILURES or (end - here) * direction <= protocol.SAME * observation.extent:
         return None
     if 2.0 * math.pi * float(last.radii.mean()) < perimeter * observation.extent:
         return None
@@ -195,12 +186,12 @@ def _onwards(
     step = min(step * observation.extent * 0.5**failures, (end - here) * direction)
     for shorter in SHORTER:
         height = here + direction * step * shorter
-        if not was_asked(observation, height):
+        if not protocol.was_asked(observation, height):
             return height
     return None
 
 
-def mean_profile_curvature(one: ObservedSlice, extent: float) -> float:
+def mean_profile_curvature(one: protocol.ObservedSlice, extent: float) -> float:
     """Mean curvature along the height, without its sign, times the object's height.
 
     A hollow calls for steps as small as a bulge does; with its sign the step of a hollow would

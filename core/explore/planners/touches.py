@@ -9,15 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners.protocol import (
-    Choice,
-    Height,
-    Observation,
-    Stop,
-    Touch,
-    Wait,
-    exhausted_budget,
-)
+from palpate.core.explore.planners import protocol
 from palpate.core.explore.planners.surface import ObservedSurface, Progress, TouchOffer
 from palpate.core.plugins import Range, check_ranges
 
@@ -45,34 +37,34 @@ class Touches:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def next(self, observation: Observation) -> Choice:
+    def next(self, observation: protocol.Observation) -> protocol.Choice:
         """The next touch, or that the demand is met, or that no touch would bring it nearer."""
-        over = exhausted_budget(observation)
+        over = protocol.exhausted_budget(observation)
         if over is not None:
-            return Stop(over)
+            return protocol.Stop(over)
         surface = observation.surface
         if surface is None:
             return self._first(observation)
         choice = next_touch(observation, surface, self.least_gain)
-        if isinstance(choice, Stop) and observation.busy_heights:
-            return Wait("other fingers are at work")
+        if isinstance(choice, protocol.Stop) and observation.busy_heights:
+            return protocol.Wait("other fingers are at work")
         return choice
 
-    def _first(self, observation: Observation) -> Choice:
+    def _first(self, observation: protocol.Observation) -> protocol.Choice:
         """A slice through the middle: without a solid nobody knows where to touch."""
         if observation.busy_heights:
-            return Wait("other fingers are at work")
+            return protocol.Wait("other fingers are at work")
         if observation.slices:
-            return Stop("there is no solid whose surface could be touched")
-        return Height(0.5 * (observation.low + observation.high), "there is no solid yet")
+            return protocol.Stop("there is no solid whose surface could be touched")
+        return protocol.Height(0.5 * (observation.low + observation.high), "there is no solid yet")
 
 
 def next_touch(
-    observation: Observation,
+    observation: protocol.Observation,
     surface: ObservedSurface,
     least_gain: float,
     bound: float | None = None,
-) -> Touch | Stop:
+) -> protocol.Touch | protocol.Stop:
     """The touch of a surface that takes most of its squared error for its time.
 
     Where the error is within tolerance, what lies far from every touch. `bound`: of the error, m;
@@ -80,7 +72,7 @@ def next_touch(
     """
     if has_settled(surface.progress):
         rest = 1e3 * surface.touchable_bound(observation.tried)
-        return Stop(
+        return protocol.Stop(
             f"further touches no longer lower the error, {rest:.2g} mm where a finger reaches"
         )
     left = surface.left(observation.tried)
@@ -92,15 +84,17 @@ def next_touch(
         wanted = least_gain * observation.tolerance**2 * len(left)
         found = _best(observation, surface, left, wanted)
         if found is not None:
-            return Touch(*found[:3], "the expected error is largest there")
+            return protocol.Touch(*found[:3], "the expected error is largest there")
     reachable = surface.reachable(observation.tried)
     if reachable > LEAST_OPEN:
         found = _best(observation, surface, (surface.away & (left > 0.0)).astype(float), 1.0)
         if found is not None:
-            return Touch(*found[:3], "nothing near to it was touched")
+            return protocol.Touch(*found[:3], "nothing near to it was touched")
     if reachable <= MOST_OPEN and bound <= observation.tolerance and not surface.has_openings:
-        return Stop("the error is within tolerance, and nothing larger than a feature is untouched")
-    return Stop(_reason(observation, surface))
+        return protocol.Stop(
+            "the error is within tolerance, and nothing larger than a feature is untouched"
+        )
+    return protocol.Stop(_reason(observation, surface))
 
 
 def has_settled(progress: Sequence[Progress]) -> bool:
@@ -131,7 +125,7 @@ def _split(
 
 
 def _best(
-    observation: Observation, surface: ObservedSurface, left: Floats, wanted: float
+    observation: protocol.Observation, surface: ObservedSurface, left: Floats, wanted: float
 ) -> TouchOffer | None:
     """The offer that takes most of what is left at the places, (n,), for its time."""
     gains = [float(left[offer.places].sum()) for offer in surface.offers]
@@ -149,18 +143,18 @@ def _best(
     return best
 
 
-def is_known(observation: Observation, surface: ObservedSurface) -> bool:
+def is_known(observation: protocol.Observation, surface: ObservedSurface) -> bool:
     """Whether a general solid is known as well as is asked for."""
     within = surface.rms_bound_95 <= observation.tolerance
     return within and not is_open(observation, surface)
 
 
-def is_open(observation: Observation, surface: ObservedSurface) -> bool:
+def is_open(observation: protocol.Observation, surface: ObservedSurface) -> bool:
     """Whether so much lies far from every touch, or in openings, that a feature may be there."""
     return surface.has_openings or surface.reachable(observation.tried) > MOST_OPEN
 
 
-def _reason(observation: Observation, surface: ObservedSurface) -> str:
+def _reason(observation: protocol.Observation, surface: ObservedSurface) -> str:
     """Why it is over, where no touch is left that would help."""
     if surface.has_openings or surface.open_area.share > MOST_OPEN:
         return f"{describe_opening(surface)}, and no touch reaches it"

@@ -16,18 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.planners import protocol
 from palpate.core.explore.planners.coverage import hermite, stack_slices
-from palpate.core.explore.planners.protocol import (
-    END_SHARE,
-    Height,
-    Observation,
-    ObservedSlice,
-    Planner,
-    SliceOutcome,
-    Stop,
-    check_choice,
-    slice_without_contour,
-)
 
 EXTENT = 0.09  # Height of every object, m
 HALF_BAND = 7.0e-3  # The pad touches as far above and below a slice, m, along the surface
@@ -38,7 +28,7 @@ NOISY_BEND = 1.0  # Standard deviation of a curvature, 1/m
 ROWS = 401  # Heights at which a side is compared with the truth
 MOST_CONTOURS_PLANNED = 21  # A plan that does not get there counts as so many contours
 AROUND = 2.0 * np.pi * np.arange(PROFILE_AZIMUTHS) / PROFILE_AZIMUTHS
-HEIGHTS = np.linspace(END_SHARE, 1.0 - END_SHARE, ROWS)
+HEIGHTS = np.linspace(protocol.END_SHARE, 1.0 - protocol.END_SHARE, ROWS)
 SHARE_STEP = 2e-4  # Of the height: over which derivatives are taken
 Radius = Callable[[Floats, Floats], Floats]  # Of heights z from 0 to 1 and azimuths t
 # None of them had a say in the planner's numbers.
@@ -84,9 +74,9 @@ class PlannerTrial:
         self._normal = 1.0 / np.sqrt(1.0 + truth.slopes**2 + turning**2)
         area = truth.radii / self._normal
         self._share = area / area.sum()
-        self._kept: dict[float, ObservedSlice] = {}
+        self._kept: dict[float, protocol.ObservedSlice] = {}
 
-    def slice_at(self, height: float) -> ObservedSlice:
+    def slice_at(self, height: float) -> protocol.ObservedSlice:
         """What tracing at this height, m, brings."""
         share = height / EXTENT
         if not 0.0 < share < 1.0:
@@ -95,7 +85,7 @@ class PlannerTrial:
             self._kept[height] = self._trace(share)
         return self._kept[height]
 
-    def rms(self, slices: Sequence[ObservedSlice], *, slopes: bool = True) -> float:
+    def rms(self, slices: Sequence[protocol.ObservedSlice], *, slopes: bool = True) -> float:
         """Error of the side through these slices, over the object's height.
 
         `slopes`: use their normals; else positions alone, by monotone cubics.
@@ -113,13 +103,13 @@ class PlannerTrial:
         off = np.sqrt(np.maximum(squares, 0.0)) - self._truth.radii
         return float(np.sqrt((self._share * (off * self._normal) ** 2).sum()))
 
-    def _trace(self, share: float) -> ObservedSlice:
+    def _trace(self, share: float) -> protocol.ObservedSlice:
         exact = measure_side(self._radius, np.array([share]), AROUND)
         found = self._disturbed(exact, share) if self._noise else exact
         reach = HALF_BAND / np.sqrt(1.0 + exact.slopes[0] ** 2)
-        return ObservedSlice(
+        return protocol.ObservedSlice(
             height=share * EXTENT,
-            outcome=SliceOutcome.CLOSED,
+            outcome=protocol.SliceOutcome.CLOSED,
             radii=np.maximum(found.radii[0], 1e-3) * EXTENT,
             slopes=found.slopes[0],
             curvatures=found.curvatures[0] / EXTENT,
@@ -157,32 +147,37 @@ def positions_only(heights: Floats, squares: Floats, wanted: Floats) -> Floats:
     return np.asarray(PchipInterpolator(heights, squares)(wanted))
 
 
-def lost_slice(height: float) -> ObservedSlice:
+def lost_slice(height: float) -> protocol.ObservedSlice:
     """A slice beside the object."""
-    return slice_without_contour(height, SliceOutcome.LOST)
+    return protocol.slice_without_contour(height, protocol.SliceOutcome.LOST)
 
 
 def run_planner(
-    planner: Planner, trial: PlannerTrial, tolerance: float, most: int = MOST_CONTOURS_PLANNED - 1
-) -> tuple[tuple[ObservedSlice, ...], Stop | None]:
+    planner: protocol.Planner,
+    trial: PlannerTrial,
+    tolerance: float,
+    most: int = MOST_CONTOURS_PLANNED - 1,
+) -> tuple[tuple[protocol.ObservedSlice, ...], protocol.Stop | None]:
     """Let a planner work until it stops, or has `most` slices.
 
     `tolerance`: root mean square error asked for, over the object's height. Raises ValueError if
     its answer is none to act on; see `palpate.core.explore.planners.check_choice`.
     """
-    slices: tuple[ObservedSlice, ...] = ()
+    slices: tuple[protocol.ObservedSlice, ...] = ()
     while True:
-        choice = check_choice(planner, observation_of(slices, tolerance))
-        if isinstance(choice, Stop):
+        choice = protocol.check_choice(planner, observation_of(slices, tolerance))
+        if isinstance(choice, protocol.Stop):
             return slices, choice
-        if len(slices) >= most or not isinstance(choice, Height):
+        if len(slices) >= most or not isinstance(choice, protocol.Height):
             return slices, None
         slices = (*slices, trial.slice_at(choice.height))
 
 
-def observation_of(slices: tuple[ObservedSlice, ...], tolerance: float) -> Observation:
+def observation_of(
+    slices: tuple[protocol.ObservedSlice, ...], tolerance: float
+) -> protocol.Observation:
     """What the planner is told."""
-    return Observation(
+    return protocol.Observation(
         low=0.0,
         high=EXTENT,
         tolerance=tolerance * EXTENT,

@@ -7,17 +7,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from palpate.core.explore.planners.protocol import (
-    Choice,
-    Height,
-    Observation,
-    Stop,
-    Wait,
-    exhausted_budget,
-    first_and_last,
-    is_near_finger,
-    was_asked,
-)
+from palpate.core.explore.planners import protocol
 from palpate.core.plugins import Range, check_ranges
 
 TRIES = 2  # For each height; the second one is a quarter of the spacing nearer to the middle
@@ -37,12 +27,12 @@ class Uniform:
         if self.order not in ("sweep", "nested"):
             raise ValueError(f"order must be sweep or nested, got {self.order!r}")
 
-    def next(self, observation: Observation) -> Choice:
+    def next(self, observation: protocol.Observation) -> protocol.Choice:
         """The first height in the order that has neither its slice nor all its tries."""
-        over = exhausted_budget(observation)
+        over = protocol.exhausted_budget(observation)
         if over is not None:
-            return Stop(over)
-        low, high = first_and_last(observation)
+            return protocol.Stop(over)
+        low, high = protocol.first_and_last(observation)
         middle = 0.5 * (low + high)
         heights = np.linspace(low, high, self.count) if self.count > 1 else np.array([middle])
         spacing = (high - low) / max(self.count - 1, 1)
@@ -59,16 +49,16 @@ class Uniform:
             wanted = float(heights[i])
             if tries[i]:
                 wanted += 0.25 * spacing * (1.0 if wanted < middle else -1.0)
-            if was_asked(observation, wanted):
+            if protocol.was_asked(observation, wanted):
                 continue  # the ends have been moved since, and another height with them
-            if not is_near_finger(observation, wanted):
-                return Height(wanted, f"slice {i + 1} of {self.count} even ones")
+            if not protocol.is_near_finger(observation, wanted):
+                return protocol.Height(wanted, f"slice {i + 1} of {self.count} even ones")
             waits = True
         if waits:
-            return Wait("other fingers are too near to the heights that are left")
-        return Stop(f"all {self.count} heights have been visited")
+            return protocol.Wait("other fingers are too near to the heights that are left")
+        return protocol.Stop(f"all {self.count} heights have been visited")
 
-    def settled(self, observation: Observation) -> Choice:
+    def settled(self, observation: protocol.Observation) -> protocol.Choice:
         """The same: no model has a say in it."""
         return self.next(observation)
 

@@ -8,11 +8,8 @@ depth of a plain touch (tracing).
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.explore.probing.ends import End as End
-    from palpate.core.explore.probing.ends import EndObservation as EndObservation
-    from palpate.core.explore.probing.ends import ProbeCommand as ProbeCommand
-    from palpate.core.explore.probing.ends import ProbeResult as ProbeResult
-    from palpate.core.explore.probing.ends import SideContour as SideContour
-    from palpate.core.explore.probing.rule import next_probe as next_probe
+    from palpate.core.explore.probing.ends import End, EndObservation, ProbeCommand, ProbeResult
+    from palpate.core.explore.probing.ends import SideContour
+    from palpate.core.explore.probing.rule import next_probe
 else:
     __getattr__, __dir__ = lazy(__name__)

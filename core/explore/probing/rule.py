@@ -16,26 +16,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp import search_places
-from palpate.core.explore.probing.ends import (
-    FOOT,
-    End,
-    EndFace,
-    EndObservation,
-    ProbeCommand,
-    ProbeResult,
-    SideContour,
-    StopProbing,
-    covers,
-    expected_edge,
-    fit_face,
-    inner_outline,
-    interior_point,
-    is_plane,
-    largest_untouched_disc,
-    next_edge,
-    turned_command,
-    turned_over,
-)
+from palpate.core.explore.probing import ends
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.geometry import edge_distance, signed_area
 from palpate.core.poses import FACING_DOWN, pad_rotation, pose_of, split_pose
@@ -63,7 +44,9 @@ SAME_PLACE = 0.25  # Of the pad's width: a place nearer to a touched one is not 
 MOST_CLIMBS = 8  # Touches after which nobody climbs on
 
 
-def next_probe(end: End, observation: EndObservation) -> ProbeCommand | StopProbing:
+def next_probe(
+    end: ends.End, observation: ends.EndObservation
+) -> ends.ProbeCommand | ends.StopProbing:
     """Where to touch an end next.
 
     To be called again with the answered touch among `observation.probes`. In the slicing frame. It
@@ -76,13 +59,13 @@ def next_probe(end: End, observation: EndObservation) -> ProbeCommand | StopProb
         )
     if end == "upper":
         return _upper(observation)
-    found = _upper(turned_over(observation))
-    return turned_command(found) if isinstance(found, ProbeCommand) else found
+    found = _upper(ends.turned_over(observation))
+    return ends.turned_command(found) if isinstance(found, ends.ProbeCommand) else found
 
 
-def _upper(observation: EndObservation) -> ProbeCommand | StopProbing:
+def _upper(observation: ends.EndObservation) -> ends.ProbeCommand | ends.StopProbing:
     if observation.standing:
-        return StopProbing("it stands on the platform", _below(observation))
+        return ends.StopProbing("it stands on the platform", _below(observation))
     again = _farther(observation)
     if again is not None:
         return again
@@ -91,22 +74,22 @@ def _upper(observation: EndObservation) -> ProbeCommand | StopProbing:
     if observation.contour is None:
         higher = next_uphill(observation.hits, observation.probes, observation.width)
         if higher is None:
-            return StopProbing("the end is found", 0.0)
+            return ends.StopProbing("the end is found", 0.0)
         return probe_along_axis(observation, higher)
     faces = [one for one in observation.hits if one.probing.reason != "edge"]
     if not faces:
-        return StopProbing("only its edge was touched", 0.0)
+        return ends.StopProbing("only its edge was touched", 0.0)
     return _with_wall(observation, observation.contour, faces)
 
 
-def _below(observation: EndObservation) -> float:
+def _below(observation: ends.EndObservation) -> float:
     """Height between the platform and what was touched over it, m."""
     if observation.contour is None:
         return 0.0
     return max(float((observation.height - observation.contour.contact_high).max()), 0.0)
 
 
-def _farther(observation: EndObservation) -> ProbeCommand | None:
+def _farther(observation: ends.EndObservation) -> ends.ProbeCommand | None:
     """The last touch from farther off, if it began inside the object."""
     back = 0
     for one in reversed(observation.probes):
@@ -121,26 +104,26 @@ def _farther(observation: EndObservation) -> ProbeCommand | None:
     return probing._replace(pose=pose, reach=probing.reach + observation.width)
 
 
-def _search(observation: EndObservation) -> ProbeCommand | StopProbing:
+def _search(observation: ends.EndObservation) -> ends.ProbeCommand | ends.StopProbing:
     """The next place at which the end is looked for."""
     if observation.contour is None:
         places = search_places(observation.radius, observation.width, MOST_RINGS)
         if len(observation.probes) < len(places):
             return probe_along_axis(observation, places[len(observation.probes)])
-        return StopProbing("nothing was touched", 2.0 * observation.radius)
+        return ends.StopProbing("nothing was touched", 2.0 * observation.radius)
     if not observation.probes:
-        return probe_along_axis(observation, interior_point(observation.contour))
-    outline = inner_outline(observation.contour)
+        return probe_along_axis(observation, ends.interior_point(observation.contour))
+    outline = ends.inner_outline(observation.contour)
     touched = np.stack([_place(one) for one in observation.probes])
-    gap = largest_untouched_disc(outline, touched, observation.width)
+    gap = ends.largest_untouched_disc(outline, touched, observation.width)
     if gap.radius <= SMALL * observation.width or len(observation.probes) >= MOST_FACE:
-        return StopProbing("nothing was touched", float(np.ptp(outline, axis=0).max()))
+        return ends.StopProbing("nothing was touched", float(np.ptp(outline, axis=0).max()))
     return probe_along_axis(observation, gap.place)
 
 
 def _with_wall(
-    observation: EndObservation, contour: SideContour, faces: list[ProbeResult]
-) -> ProbeCommand | StopProbing:
+    observation: ends.EndObservation, contour: ends.SideContour, faces: list[ends.ProbeResult]
+) -> ends.ProbeCommand | ends.StopProbing:
     """The next touch of an end that is found and has a contour beside it."""
     over = _over(faces, contour, observation.width)
     if not over:
@@ -148,60 +131,67 @@ def _with_wall(
         if first is not None:
             return first
     told = over or faces
-    face = fit_face(told, observation.width)
-    plane = is_plane(face, told, contour, observation.allowed)
+    face = ends.fit_face(told, observation.width)
+    plane = ends.is_plane(face, told, contour, observation.allowed)
     wanted = _next_face(observation, contour, face, told, plane)
-    if isinstance(wanted, ProbeCommand):
+    if isinstance(wanted, ends.ProbeCommand):
         return wanted
     edges = [one for one in observation.probes if one.probing.reason == "edge"]
     touched = np.stack([one.point for one in faces])
     top = max(float(touched[:, 2].max()), observation.height) + observation.allowed
-    edge = expected_edge(face, contour, touched, FOOT * observation.width, top)
-    rest = next_edge(edge, edges, observation.width, observation.allowed)
-    if isinstance(rest, ProbeCommand):
+    edge = ends.expected_edge(face, contour, touched, ends.FOOT * observation.width, top)
+    rest = ends.next_edge(edge, edges, observation.width, observation.allowed)
+    if isinstance(rest, ends.ProbeCommand):
         return rest
-    return StopProbing(_reason(observation, plane, len(told), wanted), max(wanted, rest))
+    return ends.StopProbing(_reason(observation, plane, len(told), wanted), max(wanted, rest))
 
 
-def _over(faces: list[ProbeResult], contour: SideContour, width: float) -> list[ProbeResult]:
+def _over(
+    faces: list[ends.ProbeResult], contour: ends.SideContour, width: float
+) -> list[ends.ProbeResult]:
     """Touches of the face that the contour lies around: others met a flank beside it."""
-    inside = covers(contour, np.stack([one.point[:2] for one in faces]), FOOT * width)
+    inside = ends.covers(contour, np.stack([one.point[:2] for one in faces]), ends.FOOT * width)
     return [one for one, is_in in zip(faces, inside, strict=True) if is_in]
 
 
-def _first_over(observation: EndObservation, contour: SideContour) -> ProbeCommand | None:
+def _first_over(
+    observation: ends.EndObservation, contour: ends.SideContour
+) -> ends.ProbeCommand | None:
     """A touch of the face's middle, unless that was made and met nothing there."""
-    place = interior_point(contour)
+    place = ends.interior_point(contour)
     made = [one.probing.pose[:2] for one in observation.probes if one.probing.reason != "edge"]
-    if min(np.linalg.norm(place - one) for one in made) <= FOOT * observation.width:
+    if min(np.linalg.norm(place - one) for one in made) <= ends.FOOT * observation.width:
         return None
     return probe_along_axis(observation, place)._replace(reason="face")
 
 
 def _next_face(
-    observation: EndObservation,
-    contour: SideContour,
-    face: EndFace,
-    faces: list[ProbeResult],
+    observation: ends.EndObservation,
+    contour: ends.SideContour,
+    face: ends.EndFace,
+    faces: list[ends.ProbeResult],
     plane: bool,
-) -> ProbeCommand | float:
+) -> ends.ProbeCommand | float:
     """The next touch of the face, or the width that stays untouched, m."""
     made = [one for one in observation.probes if one.probing.reason != "edge"]
     touched = np.stack([_place(one) for one in made])
-    gap = largest_untouched_disc(inner_outline(contour), touched, observation.width)
+    gap = ends.largest_untouched_disc(ends.inner_outline(contour), touched, observation.width)
     untouched = max(2.0 * gap.radius, 0.0)
     leans = float(contour.normals[:, 2].mean()) > ROUND
     if len(made) >= MOST_FACE:
         return untouched
     summit = next_uphill(faces, made, observation.width) if leans or not plane else None
-    if summit is not None and covers(contour, summit[None], FOOT * observation.width)[0]:
+    if summit is not None and ends.covers(contour, summit[None], ends.FOOT * observation.width)[0]:
         return probe_along_axis(observation, summit)._replace(reason="face")
     small = gap.radius <= (SMALL_ROUND if leans else SMALL) * observation.width
     enough = len(faces) >= PLANE
     covered = small or (plane and not leans and enough)
     # The mean of more touches tells the height of a flat face on which a whole pad lies.
-    middle = interior_point(contour)
-    wide = float(edge_distance(inner_outline(contour), middle[None])[0]) > FOOT * observation.width
+    middle = ends.interior_point(contour)
+    wide = (
+        float(edge_distance(ends.inner_outline(contour), middle[None])[0])
+        > ends.FOOT * observation.width
+    )
     flat = plane and (enough or not leans)
     sure = not (flat and wide) or len(faces) >= _asked_by_noise(observation, contour)
     if covered and sure:
@@ -209,44 +199,44 @@ def _next_face(
     return _onto(observation, face, middle if small else gap.place)
 
 
-def _place(one: ProbeResult) -> Floats:
+def _place(one: ends.ProbeResult) -> Floats:
     """Where a touch of the face was, (2,), m; under the pad's way if it met nothing."""
     return one.point[:2] if one.touched else one.probing.pose[:2]
 
 
 def next_uphill(
-    touches: Sequence[ProbeResult], made: Sequence[ProbeResult], width: float
+    touches: Sequence[ends.ProbeResult], made: Sequence[ends.ProbeResult], width: float
 ) -> Floats | None:
     """The next place (2,) on the way up, m; None at the top."""
     highest = max(touches, key=lambda one: float(one.point[2]))
     level = float(np.linalg.norm(highest.normal[:2]))
     if not level > math.sin(SUMMIT_LEAN) or len(made) >= MOST_CLIMBS:
         return None
-    place = highest.point[:2] - FOOT * width / level * highest.normal[:2]
+    place = highest.point[:2] - ends.FOOT * width / level * highest.normal[:2]
     tried = [one.probing.pose[:2] for one in made]
     tried += [one.point[:2] for one in made if one.touched]
     away = np.linalg.norm(np.stack(tried) - place, axis=1)
     return place if away.min() > SAME_PLACE * width else None
 
 
-def probe_along_axis(observation: EndObservation, place: Floats) -> ProbeCommand:
+def probe_along_axis(observation: ends.EndObservation, place: Floats) -> ends.ProbeCommand:
     """A touch over a place (2,), along the slicing axis, that nothing known is in the way of."""
     start = highest_expected(observation) + CLEARANCE + TOUCH_DEPTH
     lowest = observation.height - DEEP * (observation.height - observation.other)
     pose = pose_of(np.array([*place, start]), FACING_DOWN)
-    return ProbeCommand(pose, start - lowest, "search", np.array([*place, observation.height]))
+    return ends.ProbeCommand(pose, start - lowest, "search", np.array([*place, observation.height]))
 
 
-def _asked_by_noise(observation: EndObservation, contour: SideContour) -> float:
+def _asked_by_noise(observation: ends.EndObservation, contour: ends.SideContour) -> float:
     """Touches that tell the height of a plane: the more, the more of the surface it is."""
-    outline = inner_outline(contour)
+    outline = ends.inner_outline(contour)
     area = abs(signed_area(outline))
     around = float(np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1).sum())
     whole = 2.0 * area + around * (observation.height - observation.other)
     return area / whole * (observation.noise / (SURE * observation.tolerance)) ** 2
 
 
-def _onto(observation: EndObservation, face: EndFace, place: Floats) -> ProbeCommand:
+def _onto(observation: ends.EndObservation, face: ends.EndFace, place: Floats) -> ends.ProbeCommand:
     """A touch of a place (2,) of the face, along the axis or, where it leans, its normal."""
     normal = face.normal
     lean = math.acos(min(float(normal[2]), 1.0))
@@ -258,10 +248,10 @@ def _onto(observation: EndObservation, face: EndFace, place: Floats) -> ProbeCom
     standoff = max(highest_expected(observation) - float(target[2]), 0.0) + CLEARANCE
     start = target - standoff * axes[:, 2]
     reach = standoff + DEEP * (observation.height - observation.other)
-    return ProbeCommand(pose_of(start, axes), reach, "face", target)
+    return ends.ProbeCommand(pose_of(start, axes), reach, "face", target)
 
 
-def highest_expected(observation: EndObservation) -> float:
+def highest_expected(observation: ends.EndObservation) -> float:
     """The highest that anything is known to be, or may be while the end is not found, m."""
     heights = [float(one.point[2]) for one in observation.hits]
     if observation.contour is not None:
@@ -271,7 +261,7 @@ def highest_expected(observation: EndObservation) -> float:
     return max(heights)
 
 
-def _reason(observation: EndObservation, plane: bool, count: int, untouched: float) -> str:
+def _reason(observation: ends.EndObservation, plane: bool, count: int, untouched: float) -> str:
     if untouched > 2.0 * SMALL_ROUND * observation.width and not (plane and count >= PLANE):
         return f"{count} touches have not reached all of it"
     if plane and count >= PLANE:

@@ -9,14 +9,8 @@ cells stand on top of `solid` and `topology`. It rests on core geometry and the 
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.rebuild.general.prediction import FEW_FOLDS as FEW_FOLDS
-    from palpate.core.rebuild.general.prediction import FOLDS as FOLDS
-    from palpate.core.rebuild.general.prediction import touch_distances as touch_distances
-    from palpate.core.rebuild.general.prediction import touch_squares as touch_squares
-    from palpate.core.rebuild.general.rebuilding import fitting_cell as fitting_cell
-    from palpate.core.rebuild.general.rebuilding import is_flat as is_flat
-    from palpate.core.rebuild.general.rebuilding import rebuild_general as rebuild_general
-    from palpate.core.rebuild.general.solid import FINE as FINE
-    from palpate.core.rebuild.general.solid import GeneralSolid as GeneralSolid
+    from palpate.core.rebuild.general.solid import FEW_FOLDS, FINE, FOLDS, GeneralSolid
+    from palpate.core.rebuild.general.solid import touch_distances, touch_squares
+    from palpate.core.rebuild.general.rebuilding import fitting_cell, is_flat, rebuild_general
 else:
     __getattr__, __dir__ = lazy(__name__)

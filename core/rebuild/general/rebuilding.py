@@ -14,11 +14,10 @@ from scipy.spatial import ConvexHull
 
 from palpate.core.arrays import Floats, Ints, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
+from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
 from palpate.core.rebuild.general.dissection import Dissection, dissect
 from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
-from palpate.core.rebuild.general.prediction import FOLDS, LOWEST, foot_errors, held_out_errors
-from palpate.core.rebuild.general.solid import COARSE, FINE, POSE, GeneralSolid, cell_weights
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
@@ -39,7 +38,7 @@ FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it
 def fitting_cell(contacts: ContactPoints) -> float:
     """Edge of the cells that so many touches can fill, m: finer ones cost more and tell no more."""
     touches = len(np.unique(contacts.touch))
-    return FINE if _hull_area(contacts.points) < DENSE * touches else COARSE
+    return solid.FINE if _hull_area(contacts.points) < DENSE * touches else solid.COARSE
 
 
 def rebuild_general(
@@ -47,11 +46,11 @@ def rebuild_general(
     *,
     free: Floats | None = None,
     platform: float | None = None,
-    cell: float = FINE,
-    pose: float = POSE,
-    folds: int = FOLDS,
+    cell: float = solid.FINE,
+    pose: float = solid.POSE,
+    folds: int = solid.FOLDS,
     step: Steps = no_steps,
-) -> GeneralSolid:
+) -> solid.GeneralSolid:
     """The solid of touched points with normals, of whatever shape it is.
 
     `contacts`: world frame, m. `free` (k, 3): places that a finger has swept. `platform`: height on
@@ -71,14 +70,16 @@ def rebuild_general(
         coarse = _coarse(touched, free, platform, cell)
     with step("implicit spline"):
         setting = Setting(touched, coarse, platform, pose)
-        first = setting.fit(max(cell, COARSE), None)
-        fitted = first if cell >= COARSE else setting.fit(cell, first)
+        first = setting.fit(max(cell, solid.COARSE), None)
+        fitted = first if cell >= solid.COARSE else setting.fit(cell, first)
     with step("held-out touches"):
         known = fitted.fit, fitted.points, fitted.control, fitted.weights, fitted.cell
-        predicted = held_out_errors(*known, folds=folds, dissection=fitted.order)
-        foot = None if platform is None else foot_errors(*known, dissection=fitted.order)
+        predicted = solid.held_out_errors(*known, folds=folds, dissection=fitted.order)
+        foot = None if platform is None else solid.foot_errors(*known, dissection=fitted.order)
     origin = setting.origin
-    return GeneralSolid(origin, cell, fitted.fit, coarse, touched, platform, predicted, foot, pose)
+    return solid.GeneralSolid(
+        origin, cell, fitted.fit, coarse, touched, platform, predicted, foot, pose
+    )
 
 
 def is_flat(points: Floats) -> bool:
@@ -132,7 +133,7 @@ class Setting(NamedTuple):
         places = (self.touched.points - self.origin) / cell
         points = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
         touches = int(points.touch.max()) + 1
-        weights = cell_weights(cell, self.pose)
+        weights = solid.cell_weights(cell, self.pose)
         standing = self.platform is not None
         if before is None:
             cells = _first_cells(self, points, cell)
@@ -164,7 +165,7 @@ def _first_cells(setting: Setting, points: TouchedPoints, cell: float) -> Ints:
     distances = coarse.at(middles * cell + setting.origin)
     near = np.abs(distances) < BAND * cell
     if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
-        lowest = np.percentile(points.places[:, 2], LOWEST) + FOOT
+        lowest = np.percentile(points.places[:, 2], solid.LOWEST) + FOOT
         near |= (middles[:, 2] < lowest) & (distances < BAND * cell)
     found = cells_between(near.reshape(high - low), low)
     return np.concatenate([found, np.floor(points.places).astype(np.int32)])
@@ -182,7 +183,7 @@ def _finer(before: Fitted, points: TouchedPoints, cell: float, *, standing: bool
     away = value / slope * before.cell / cell
     near = np.abs(away) < BAND
     if standing:
-        lowest = np.percentile(points.places[:, 2], LOWEST) + FOOT
+        lowest = np.percentile(points.places[:, 2], solid.LOWEST) + FOOT
         near |= (middles[:, 2] < lowest) & (away < BAND)
     found = np.floor(middles[near]).astype(np.int32)
     return np.concatenate([found, np.floor(points.places).astype(np.int32)])

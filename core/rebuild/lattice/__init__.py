@@ -10,11 +10,7 @@ on a recovered superquadric as prior.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.rebuild.lattice.fit import LatticeFit as LatticeFit
-    from palpate.core.rebuild.lattice.fit import LatticeGrid as LatticeGrid
-    from palpate.core.rebuild.lattice.fit import LatticeSide as LatticeSide
-    from palpate.core.rebuild.lattice.fit import fit_lattice as fit_lattice
-    from palpate.core.rebuild.lattice.fit import lattice_grid as lattice_grid
-    from palpate.core.rebuild.lattice.fit import refine_lattice as refine_lattice
+    from palpate.core.rebuild.lattice.fit import LatticeFit, LatticeGrid, LatticeSide, fit_lattice
+    from palpate.core.rebuild.lattice.fit import lattice_grid, refine_lattice
 else:
     __getattr__, __dir__ = lazy(__name__)

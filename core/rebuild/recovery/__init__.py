@@ -9,10 +9,8 @@ knows of contours.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.rebuild.recovery.distances import Warps as Warps
-    from palpate.core.rebuild.recovery.distances import distances_alone as distances_alone
-    from palpate.core.rebuild.recovery.distances import normal_distances as normal_distances
-    from palpate.core.rebuild.recovery.fitting import recover as recover
-    from palpate.core.rebuild.recovery.report import Recovery as Recovery
+    from palpate.core.rebuild.recovery.distances import Warps, distances_alone, normal_distances
+    from palpate.core.rebuild.recovery.fitting import recover
+    from palpate.core.rebuild.recovery.report import Recovery
 else:
     __getattr__, __dir__ = lazy(__name__)

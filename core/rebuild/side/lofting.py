@@ -18,15 +18,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.rebuild.contours import CUBIC_GAIN
-from palpate.core.rebuild.side.fitting import (
-    ContourFit,
-    ContourRows,
-    Pole,
-    contour_rows,
-    fit_axial_parameter,
-    fit_heights_or_round,
-    fit_rows,
-)
+from palpate.core.rebuild.side import fitting
 from palpate.core.rebuild.side.smoothing import BetweenContours, Smoothed, between_contours
 from palpate.core.rebuild.side.surfaces import ContourSurface
 from palpate.core.splines import PeriodicBasis
@@ -44,7 +36,7 @@ SETTLED = 0.01  # Of the noise: a change between fits that matters no more
 NEAR_ROWS = 2  # Contours on either side whose like deviations are the object's
 MOST = 0.15  # Share of the points beyond which the object sticks out: edges do, of exact points
 LEAST_SPARE = 0.05  # Least share of the points' freedom that is taken as left
-Fit = Callable[[Floats], ContourFit]
+Fit = Callable[[Floats], fitting.ContourFit]
 
 
 class LoftHealth(NamedTuple):
@@ -133,7 +125,7 @@ class LoftInput(NamedTuple):
 
     heights: Floats  # (M,), m
     grid: Floats  # (M, K, 2), m
-    pole: tuple[Pole, Pole]  # Whether it closes in points below and above
+    pole: tuple[fitting.Pole, fitting.Pole]  # Whether it closes in points below and above
     noise: float | None  # Standard deviation of a coordinate, m, if it was known
     places: tuple[Floats | None, Floats | None]  # Places (2,) of those points
 
@@ -144,7 +136,7 @@ def fit_contour_loft(
     *,
     low: float,
     high: float,
-    pole: Sequence[Pole] = (False, False),
+    pole: Sequence[fitting.Pole] = (False, False),
     noise: float | None = None,
 ) -> ContourLoft:
     """Fit a surface through contours at heights (M,), grid (M, K, 2), m.
@@ -157,13 +149,13 @@ def fit_contour_loft(
     otherwise it is estimated. Of 0, no point is left out. Raises ValueError if shapes do not fit, a
     number is not finite, there are too few points, a contour lies outside, or a pole on a contour.
     """
-    rows = contour_rows(heights, grid, low, high, pole)
+    rows = fitting.contour_rows(heights, grid, low, high, pole)
     scaled = None if noise is None else noise / rows.size
-    fit = fit_rows(rows, low, high, scaled)
+    fit = fitting.fit_rows(rows, low, high, scaled)
 
-    def again(points: Floats) -> ContourFit:
+    def again(points: Floats) -> fitting.ContourFit:
         moved = rows._replace(grid=points)
-        return fit_axial_parameter(moved, fit.axial_parameter, scaled, fit.caution)
+        return fitting.fit_axial_parameter(moved, fit.axial_parameter, scaled, fit.caution)
 
     if noise == 0.0:  # who knows that there is no noise knows that no point is wrong
         used, outlying = rows.grid, np.zeros(rows.grid.shape[:2], np.bool_)
@@ -180,8 +172,8 @@ def fit_contour_loft(
 
 
 def without_outliers(
-    grid: Floats, fit: ContourFit, again: Fit, noise: float
-) -> tuple[Floats, ContourFit, Bools]:
+    grid: Floats, fit: fitting.ContourFit, again: Fit, noise: float
+) -> tuple[Floats, fitting.ContourFit, Bools]:
     """Leave out single points that stick out of a grid (m, k, 2), if residuals suggest any.
 
     None is off by less than `noise`, if known, lets expect of the farthest. `again` fits other
@@ -267,7 +259,9 @@ def _less_neighbours(off: Floats, outlying: Bools | None = None) -> Floats:
     return off.copy() if reach == 0 else np.asarray(off - np.median(near, axis=0))
 
 
-def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput) -> ContourLoft:
+def _loft(
+    rows: fitting.ContourRows, fit: fitting.ContourFit, outlying: Bools, given: LoftInput
+) -> ContourLoft:
     """A fit in the contours' own unit."""
     across = fit.across()
     spare = max(fit.smoothed.spare - float(outlying.sum()), 0.5 * fit.smoothed.spare)
@@ -301,12 +295,12 @@ def _loft(rows: ContourRows, fit: ContourFit, outlying: Bools, given: LoftInput)
 def noise_of(heights: Floats, grid: Floats) -> float:
     """Standard deviation across contours (M, K, 2), m, by a fit between the outer two."""
     low, high = float(heights.min()), float(heights.max())
-    rows = contour_rows(heights, grid, low, high, (False, False))
-    fit = fit_heights_or_round(rows, low, high)
+    rows = fitting.contour_rows(heights, grid, low, high, (False, False))
+    fit = fitting.fit_heights_or_round(rows, low, high)
     return rows.size * _sigma(rows, fit, fit.smoothed.spare)
 
 
-def _sigma(rows: ContourRows, fit: ContourFit, spare: float) -> float:
+def _sigma(rows: fitting.ContourRows, fit: fitting.ContourFit, spare: float) -> float:
     """Standard deviation of the rows across the fit, in their unit."""
     off = fit.off(rows.grid, fit.across())
     return float(np.sqrt((rows.weights[:, None] * np.square(off)).sum() / spare))

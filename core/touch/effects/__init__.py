@@ -9,8 +9,6 @@ file of effects imports another.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.touch.effects.catalogue import EFFECT_NAMES as EFFECT_NAMES
-    from palpate.core.touch.effects.catalogue import effect_type as effect_type
-    from palpate.core.touch.effects.catalogue import rank as rank
+    from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
 else:
     __getattr__, __dir__ = lazy(__name__)

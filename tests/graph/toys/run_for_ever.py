@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime import Watcher
 from palpate.nodes.runtime.node import Input, Wiring

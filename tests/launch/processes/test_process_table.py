@@ -8,11 +8,11 @@ import time
 import pytest
 
 from palpate.launch.processes import process_table as pulse
-from palpate.launch.processes.process_hosts import exit_text
 from palpate.launch.processes.process_table import (
     ProcessState,
     RestartPolicy,
     Watchdog,
+    exit_text,
     process_state,
 )
 
@@ -134,7 +134,7 @@ def test_an_exit_code_is_put_into_words(code, words):
 TRACKED = """
 import signal
 from multiprocessing import resource_tracker
-from palpate.launch.processes.process_hosts import ForkServer
+from palpate.launch.processes.process_table import ForkServer
 with ForkServer(()):
     print(open(f"/proc/{resource_tracker._resource_tracker._pid}/status").read())
     assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -19,9 +19,8 @@ from palpate.core.shapes.tessellations import icosphere
 from palpate.core.touch import Pad
 from palpate.messages.types.model import ModelGoal, PlanDone
 from palpate.nodes.rebuilding import State, fitted_solids, spanned_by
-from palpate.nodes.rebuilding.candidates import MeshVolume
+from palpate.nodes.rebuilding.candidates import HOLLOW, MeshVolume, openings
 from palpate.nodes.rebuilding.fitting import MORE, SWEPT, is_swept
-from palpate.nodes.rebuilding.model import HOLLOW, openings
 
 RADIUS, MIDDLE = 0.02, np.array([0.0, 0.0, 0.05])
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)

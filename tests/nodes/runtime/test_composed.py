@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from palpate.bench.bus.toy_node import ToyParams, toy
+from palpate.bench.toy_node import ToyParams, toy
 from palpate.nodes.runtime.composed import run_composed
 from palpate.nodes.runtime.node import Wiring
 from palpate.nodes.specs.objects import ObjectSpec

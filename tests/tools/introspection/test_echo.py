@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.bus.toy_node import frame
+from palpate.bench.toy_node import frame
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.types.model import ShapeModel
 from palpate.messages.types.touch import TactileFrame

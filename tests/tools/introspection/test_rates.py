@@ -4,16 +4,16 @@ from types import SimpleNamespace
 
 import pytest
 
-import palpate.tools.introspection.rates as rates_module
+import palpate.tools.introspection.topics as rates_module
 from palpate.messages.codec import HEADER_SIZE
-from palpate.tools.introspection.rates import (
+from palpate.tools.introspection.topics import (
     RateMonitor,
     Rates,
+    Topic,
     bandwidth_text,
     delay_text,
     rate_text,
 )
-from palpate.tools.introspection.topics import Topic
 
 
 def rates_of(copies, window=10_000):

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from palpate.tools.sweep.workers import Job, Record
+from palpate.tools.sweep.sweep_folder import Job, Record
 
 RECORD: Record = {
     "status": "finished",

@@ -17,7 +17,7 @@ import pytest
 from palpate.launch.files import InputError
 from palpate.tools.sweep import ClusterWorkers, LocalWorkers, read_sweep, run_sweep
 from palpate.tools.sweep.results import TIMES
-from palpate.tools.sweep.workers import Job, explore_away
+from palpate.tools.sweep.sweep_folder import Job, explore_away
 
 PAGE = Path(__file__).parents[3] / "docs" / "sweep.md"
 NO_CLUSTER = "dask.distributed is not installed: the extra [sweep]"
@@ -147,7 +147,7 @@ def test_a_worker_of_a_cluster_hands_back_the_files_of_a_run(two, tmp_path, monk
 
 
 def test_a_scheduler_that_is_not_there_is_told_in_a_sentence(monkeypatch):
-    monkeypatch.setattr("palpate.tools.sweep.workers.ANSWER_TIME", 1.0)
+    monkeypatch.setattr("palpate.tools.sweep.sweep_folder.ANSWER_TIME", 1.0)
     wanted = (
         "--scheduler needs dask.distributed .*: pip install 'palpate|no scheduler can be reached"
     )

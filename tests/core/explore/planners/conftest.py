@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.core.explore.planners.estimate import estimate_error
+from palpate.core.explore.planners.coverage import estimate_error
 from palpate.core.explore.planners.protocol import (
     Height,
     Observation,

@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 
 from palpate.core.explore.planners.coverage import (
     Span,
+    cut_further,
     even_heights,
     free_height,
     longest_first,
+    parts_needed,
     untouched_spans,
     untraceable_height,
 )
-from palpate.core.explore.planners.estimate import cut_further, parts_needed
 from palpate.core.explore.planners.protocol import Observation, ObservedSlice, SliceOutcome
 
 

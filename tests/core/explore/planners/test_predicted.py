@@ -4,19 +4,17 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.planners.coverage import (
-    error_indicators,
-    hermite,
-    profile_of,
-    untouched_spans,
-)
-from palpate.core.explore.planners.estimate import (
     DEVIATION,
     ENDS,
     FEW,
     LEFT,
     NOISE,
+    error_indicators,
     estimate_error,
+    hermite,
     predict_error,
+    profile_of,
+    untouched_spans,
 )
 from palpate.core.explore.planners.predicted import Predicted
 from palpate.core.explore.planners.protocol import Budget, Height, SliceOutcome, Stop, Wait

@@ -15,7 +15,7 @@ from palpate.core.explore.planners import (
     WrongChoiceError,
     check_choice,
 )
-from palpate.core.explore.planners.estimate import estimate_error
+from palpate.core.explore.planners.coverage import estimate_error
 from palpate.core.explore.planners.surface import ObservedSurface, Progress, pad_gaps
 from palpate.core.explore.planners.touches import has_settled
 from palpate.core.geometry.meshes import close_rings

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.core.rebuild.general.prediction import (
+from palpate.core.rebuild.general.solid import (
     DistanceErrors,
     FootErrors,
     open_factors,
