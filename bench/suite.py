@@ -42,6 +42,11 @@ BENCHES: Mapping[str, Bench] = {
         "each effect: its cost, and the error of a contour that it causes",
         {"effects": "touch:effect_rows"},
     ),
+    "procedures": Bench(
+        "every exploratory procedure on twelve objects: error, touches, robot time, and what it "
+        "cannot do (docs/procedures.md)",
+        {"procedures": "procedures:procedure_rows"},
+    ),
 }
 ALL = "all"
 BENCH_HELP = """Measure one thing, or all, here and now.

@@ -204,7 +204,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "numerics": {} if model is None else dict(sorted(model.health.items())),
         "curve": cost_curve(progress, compute),
     }
-    told = done is not None and ending.status == "finished"
+    told = (done or progress.procedure) is not None and ending.status == "finished"
     return {**summary, "missed": missed_goals(summary) if told else []}
 
 

@@ -2,18 +2,20 @@
 
 Allen's first exploratory procedure (Fung, 1999, 1.4.3.2): 30 to 100 contacts from several poses of
 the hand, through which Solina and Bajcsy's superquadric is fitted, tapered and bent. The text's
-hand takes poses that its user chose; here each closing is where it is expected to tell most, and
-more follow where the fit is left in doubt.
+hand takes poses that its user chose; here each closing is where it is expected to tell most, and a
+fit is believed once it has foretold contacts that it did not know.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator
 
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp import Hand, brought_near, next_pose, search_places, search_pose
+from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.procedures.protocol import (
     SEARCH_SPACING,
     UNSUITED,
@@ -26,35 +28,41 @@ from palpate.core.procedures.protocol import (
     close,
 )
 from palpate.core.rebuild import fit_coarse
+from palpate.core.rebuild.recovery import Recovery
+from palpate.core.shapes import FittedSuperquadric
 
 FEWEST, MOST = 30, 100  # Contacts, as the text has them
 CONTACTS = 60  # As many as tell taper and bend
-MORE = 20  # Contacts that are added where the fit is in doubt
-MOST_CLOSINGS = 60  # Once something was met
+# Contacts by which a fit is tried, and how far off one may be beside its error: the mesh's facets,
+# and rims that exponents follow only so far, m.
+FORETOLD, FORETOLD_ROOM = 12, 0.2e-3
+MOST_CLOSINGS = 80  # Once something was met
 OPENING = 0.8  # Of the reach
-MESH_LEVEL = 4
-TOLD = ("one-sided", "loose")  # Doubts that are told with the result, and do not refute it
+MOST_FEET, FOOT = 4, 1.0e-3  # Refits to the platform, and height of what is lowest, m
+MESH_LEVEL = 5
 
 
 def containment(setting: TouchSetting, contacts: int = CONTACTS) -> Exploration:
     """Close the hand until there are so many contacts, and fit a tapered, bent superquadric.
 
-    `contacts`: 30 to 100; where these leave the fit in doubt, there are up to 100. Findings: the
-    recovered superquadric, or ``unsuited`` where contacts are off it by more than three standard
-    deviations. Raises ValueError for another number.
+    `contacts`: 30 to 100. Then the hand closes where the fit has not been touched yet: what it
+    meets there must be foretold, else it counts and the fit is made anew, up to 100 contacts.
+    Findings: the recovered superquadric, or ``unsuited`` where contacts are off it by more than
+    three standard deviations. Raises ValueError for another number.
     """
     if not FEWEST <= contacts <= MOST:
         raise ValueError(f"contacts must be from {FEWEST} to {MOST}, got {contacts}")
     grasp, wanted = _Grasp(setting), contacts
-    while True:
-        yield from grasp.until(wanted)
-        if len(grasp.points) < FEWEST:
-            why = f"the hand made {len(grasp.points)} contacts within reach, {FEWEST} are needed"
-            return Findings(status="incomplete", reason=why)
-        findings = _fitted(setting, grasp.points)
-        wanted += MORE
-        if findings.status != "incomplete" or wanted > MOST or grasp.closings >= MOST_CLOSINGS:
-            return findings
+    yield from grasp.until(wanted)
+    while len(grasp.points) >= FEWEST:
+        found = standing_fit(setting, grasp.points)
+        before = len(grasp.points)
+        yield from grasp.until(before + FORETOLD)
+        off = _distances(found, grasp.points[before:])
+        if len(off) < FORETOLD // 2 or len(grasp.points) >= MOST or off.max() <= _worst(setting):
+            return _findings(setting, grasp.points, found, off)
+    why = f"the hand made {len(grasp.points)} contacts within reach, {FEWEST} are needed"
+    return Findings(status="incomplete", reason=why)
 
 
 class _Grasp:
@@ -88,28 +96,66 @@ class _Grasp:
         return None if found is None else HandMove(self.hand, found)
 
 
-def _fitted(setting: TouchSetting, points: Floats) -> Findings:
-    """The superquadric, unless the contacts refute it."""
-    sigma = setting.sigma
-    found = fit_coarse(points, sigma)
-    figures = {
-        "contacts": float(len(points)),
-        "residual_rms_m": found.rms,
-        "uncovered_share": found.uncovered,
-        "looseness_m": found.looseness,
-    }
+def standing_fit(setting: TouchSetting, points: Floats) -> Recovery:
+    """The superquadric through contacts (n, 3), m, that stands on the platform.
+
+    A hand does not reach under the object: where the fit ends above the platform or below it, the
+    place where it is lowest is taken for a contact at the platform's height.
+    """
+    found = fit_coarse(points, setting.sigma)
+    for _ in range(MOST_FEET if found.rms <= UNSUITED * setting.sigma else 0):
+        try:
+            vertices = found.shape().mesh(MESH_LEVEL).vertices
+        except ValueError:
+            return found
+        heights = vertices[:, 2] - setting.platform
+        if abs(float(heights.min())) <= setting.sigma:
+            break
+        foot = vertices[heights <= heights.min() + FOOT].mean(axis=0)
+        foot[2] = setting.platform
+        found = fit_coarse(np.concatenate([points, foot[None]]), setting.sigma)
+    return found
+
+
+def _distances(found: FittedSuperquadric, points: Floats) -> Floats:
+    """Distances (n,) of contacts from a fit, m; infinite if it folds."""
+    try:
+        vertices, faces = found.shape().mesh(MESH_LEVEL)
+    except ValueError:
+        return np.full(len(points), math.inf)
+    return np.asarray(nearest_points(nearest_search(vertices[faces]), points).distances)
+
+
+def _worst(setting: TouchSetting) -> float:
+    """How far off a contact may be that a fit has foretold, m."""
+    return UNSUITED * setting.sigma + FORETOLD_ROOM
+
+
+def _findings(setting: TouchSetting, points: Floats, before: Recovery, off: Floats) -> Findings:
+    """The superquadric through all contacts, unless they refute it.
+
+    `before`: the fit without the last of them, which are `off` it, m.
+    """
+    sigma, found = setting.sigma, standing_fit(setting, points)
+    foretold = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
+    figures = {"contacts": float(len(points)), "residual_rms_m": found.rms}
+    if math.isfinite(foretold):
+        figures |= {"foretold_rms_m": foretold, "foretold_worst_m": float(off.max(initial=0.0))}
     if found.rms > UNSUITED * sigma:
         why = (
             f"no superquadric contains it: contacts are {1e3 * found.rms:.3f} mm rms off the best "
             f"one, tapered and bent, where one standard deviation is {1e3 * sigma:.3f} mm"
         )
         return Findings(status="unsuited", reason=why, figures=figures)
-    doubts = [one for one in found.warnings if one not in TOLD]
-    if doubts:
-        why = f"{len(points)} contacts do not determine a superquadric: it is {', '.join(doubts)}"
+    if not found.fitted or len(off) < FORETOLD // 2 or off.max() > _worst(setting):
+        why = (
+            f"{len(points)} contacts do not determine a superquadric: the last {len(off)} were off "
+            f"the one before by up to {1e3 * float(off.max(initial=0.0)):.1f} mm"
+        )
         return Findings(status="incomplete", reason=why, figures=figures)
-    reason = f"a superquadric goes through {len(points)} contacts within {1e3 * found.rms:.3f} mm"
-    if found.warnings:
-        reason += f"; it is {', '.join(found.warnings)}"
+    reason = (
+        f"a superquadric goes through {len(points)} contacts within {1e3 * found.rms:.3f} mm, and "
+        f"foretold the last {len(off)} within {1e3 * float(off.max()):.3f} mm"
+    )
     mesh = found.shape().mesh(MESH_LEVEL)
     return Findings(status="done", reason=reason, shape=found, mesh=mesh, figures=figures)
