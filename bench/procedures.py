@@ -21,7 +21,6 @@ from palpate.bench.table import Figure, Row, figure_of
 from palpate.core.geometry import close_rings, compare_surfaces, prepare_surface
 from palpate.core.splines import coons_surface
 from palpate.launch.files import SourceMapped
-from palpate.launch.progress import Display
 from palpate.messages import decode
 from palpate.messages.recording import open_recording
 from palpate.messages.types import TYPES, Contour, Truth
@@ -109,7 +108,7 @@ def _run(file: Path, scene: str, out: Path) -> launch.Run:
         "scene.effects": SourceMapped(NOISE, "noise"),
     }
     plan = launch.plan_run(file, args, {}, name=scene, out=out)
-    return launch.perform(plan, composed=True, display=Display())
+    return launch.perform(plan, composed=True, display=launch.Display())
 
 
 def _coons_error(recording: Path) -> float | None:

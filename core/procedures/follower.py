@@ -123,8 +123,7 @@ def follower(setting: TouchSetting) -> Exploration:
                 f"its sides leave the axis open by {math.degrees(fit.axis_error):.0f} degrees, as "
                 "those of any cone do that is not round, and no plane end was touched"
             )
-        else:
-            fit = found
+        fit = found or fit
     if why:
         return Findings(status="unsuited", reason=why, figures=_figures(fit, others))
     return (yield from _closed(setting, fit, others, len(touches)))

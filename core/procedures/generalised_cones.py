@@ -75,9 +75,8 @@ def fit_cone(
     """
     if len(touches) < 4:
         raise ValueError(f"a cone needs 4 touches, got {len(touches)}")
-    touches = [one[:: max(len(one) // EVERY, 1)] for one in touches]
-    points = np.concatenate(touches)
-    numbers = np.repeat(np.arange(len(touches)), [len(one) for one in touches])
+    some = [one[:: max(len(one) // EVERY, 1)] for one in touches]
+    points, numbers = np.concatenate(some), np.repeat(np.arange(len(some)), list(map(len, some)))
     cone = _begun(points, kind, point, axis, 0 if kind == "revolution" else 2 * harmonics)
     damping, extent = DAMPING[0], float(np.ptp(points, axis=0).max())
     misses = _misses(cone, points)

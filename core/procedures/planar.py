@@ -343,55 +343,57 @@ def _look(survey: PolyhedronSurvey, doubt: Doubt) -> Generator[Move, Met, None]:
 
 def _findings(survey: PolyhedronSurvey, corners: Corners) -> Findings:
     """The polyhedron, unless what was touched refutes it."""
-    sigma = survey.setting.sigma
-    for contact in survey.curved:
-        depths = sorted(-plane.above(contact.middle[None])[0] for plane in survey.planes)
-        if depths[1] > RIM:
-            raise UnsuitedError(f"it is curved beside its edges{_bends(survey)}")
+    doubts = _doubts(survey, corners)
+    rms = _checked_rms(survey, doubts)
     try:
         polyhedron, numbers = polyhedron_of(corners)
     except ValueError as error:
         raise UnsuitedError(f"its faces do not close: {error}") from None
-    fits = [face.fit for face in survey.faces]
-    counts = [len(one) for face in survey.faces for one in face.touches]
-    squares = sum(one.rms**2 * sum(map(len, face.touches)) for one, face in
-                  zip(fits, survey.faces, strict=True))  # fmt: skip
-    rms, worst = math.sqrt(squares / sum(counts)), max(one.worst for one in fits)
-    if rms > UNSUITED * sigma or worst > WORST * sigma:
-        raise UnsuitedError(
-            f"its faces are not plane: {1e3 * rms:.3f} mm rms, {1e3 * worst:.3f} mm the worst touch"
-            f", where one standard deviation is {1e3 * sigma:.3f} mm"
-        )
-    touches = (0, *(len(face.touches) for face in survey.faces))
-    planes = survey.planes
-    model = BoundaryModel(
-        corners.places,
-        polyhedron,
-        tuple(planes[number] for number in numbers),
-        tuple(touches[number] for number in numbers),
-        rms,
-    )
-    left = [one.place for one in _doubts(survey, corners)]
-    for place in left:
-        if any(np.linalg.norm(place - one) <= ASIDE for one in survey.refuted):
-            at = ", ".join(f"{1e3 * x:.0f}" for x in place)
-            raise UnsuitedError(f"at ({at}) mm its planes promise a face that is not there")
+    touches, planes = (0, *(len(face.touches) for face in survey.faces)), survey.planes
+    of_faces = [(planes[number], touches[number]) for number in numbers]
+    model = BoundaryModel(corners.places, polyhedron, *zip(*of_faces, strict=True), rms)
     figures = {
         "faces": float(len(numbers)),
         "edges": float(len(polyhedron.edges.ends)),
         "vertices": float(polyhedron.edges.vertices),
         "volume_m3": polyhedron.volume,
         "residual_rms_m": rms,
-        "normal_error_deg": math.degrees(max(one.normal_error for one in fits)),
-        "untouched_corners": float(len(left)),
+        "normal_error_deg": math.degrees(max(face.fit.normal_error for face in survey.faces)),
+        "untouched_corners": float(len(doubts)),
     }
     told = f"the polyhedron closes with {len(numbers)} faces"
-    if left:
-        why = f"{told}, but near {len(left)} of their corners the finger finds no room"
+    if doubts:
+        why = f"{told}, but near {len(doubts)} of their corners the finger finds no room"
         return Findings(status="incomplete", reason=why, figures=figures)
-    return Findings(
-        status="done", reason=told, shape=model, mesh=polyhedron.mesh(0), figures=figures
-    )
+    mesh = polyhedron.mesh(0)
+    return Findings(status="done", reason=told, shape=model, mesh=mesh, figures=figures)
+
+
+def _checked_rms(survey: PolyhedronSurvey, doubts: list[Doubt]) -> float:
+    """Root mean square distance of all touched points from their planes, m.
+
+    Raises UnsuitedError if it is too large, if something is curved that is no rim, or a face was
+    not where its planes promise it.
+    """
+    sigma = survey.setting.sigma
+    for contact in survey.curved:
+        depths = sorted(-plane.above(contact.middle[None])[0] for plane in survey.planes)
+        if depths[1] > RIM:
+            raise UnsuitedError(f"it is curved beside its edges{_bends(survey)}")
+    counts = np.array([sum(map(len, face.touches)) for face in survey.faces])
+    squares = np.array([face.fit.rms**2 for face in survey.faces])
+    rms = math.sqrt(float(counts @ squares) / float(counts.sum()))
+    worst = max(face.fit.worst for face in survey.faces)
+    if rms > UNSUITED * sigma or worst > WORST * sigma:
+        raise UnsuitedError(
+            f"its faces are not plane: {1e3 * rms:.3f} mm rms, {1e3 * worst:.3f} mm the worst touch"
+            f", where one standard deviation is {1e3 * sigma:.3f} mm"
+        )
+    for doubt in doubts:
+        if any(np.linalg.norm(doubt.place - one) <= ASIDE for one in survey.refuted):
+            at = ", ".join(f"{1e3 * x:.0f}" for x in doubt.place)
+            raise UnsuitedError(f"at ({at}) mm its planes promise a face that is not there")
+    return rms
 
 
 def _bends(survey: PolyhedronSurvey) -> str:

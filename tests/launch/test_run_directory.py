@@ -102,7 +102,7 @@ KEYS = {
     "predicted_m",
     "contacts", "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s",
     "mesh_sha256", "final", "gaps", "duplicates", "restarts", "nodes", "numerics", "curve",
-    "steps", "missed",
+    "steps", "missed", "procedure",
 }  # fmt: skip
 
 

@@ -26,10 +26,10 @@ def test_every_shipped_scene_loads_and_stands_on_the_ground(name):
     assert 0.05 <= max(scene.size) <= 0.15
 
 
-def test_fourteen_scenes_are_shipped():
+def test_nineteen_scenes_are_shipped():
     assert " ".join(shipped_scenes()) == (
-        "bottle box cylinder dented egg from_mesh gem hyperquadric notched oblique sphere twisted "
-        "vase worn_sensor"
+        "amphora block bottle box cone cup cylinder dented egg from_mesh gem hyperquadric notched "
+        "oblique sphere twisted vase wedge worn_sensor"
     )
 
 

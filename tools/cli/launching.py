@@ -108,11 +108,9 @@ def run_command(
     path = launch.find_scene(scene)
     if unit is not None and not is_mesh_file(path):
         raise InputError(f"--unit {unit}: {scene} is no mesh; a scene has object.mesh.unit")
-    args = {
-        "scene": SourceMapped(str(path), ""),
-        "record": SourceMapped(not no_record, "--no-record"),
-    }
+    args = {"scene": SourceMapped(str(path), "")}
     for option, name, value in (
+        ("--no-record", "record", not no_record),
         ("--seed", "seed", seed),
         ("--fingers", "fingers", fingers),
         ("--unit", "scene.object.mesh.unit", unit),
