@@ -350,8 +350,8 @@ def _findings(survey: PolyhedronSurvey, corners: Corners) -> Findings:
     except ValueError as error:
         raise UnsuitedError(f"its faces do not close: {error}") from None
     touches, planes = (0, *(len(face.touches) for face in survey.faces)), survey.planes
-    of_faces = [(planes[number], touches[number]) for number in numbers]
-    model = BoundaryModel(corners.places, polyhedron, *zip(*of_faces, strict=True), rms)
+    of_faces = tuple(planes[one] for one in numbers), tuple(touches[one] for one in numbers)
+    model = BoundaryModel(corners.places, polyhedron, *of_faces, rms)
     figures = {
         "faces": float(len(numbers)),
         "edges": float(len(polyhedron.edges.ends)),
