@@ -116,12 +116,12 @@ def follower(setting: TouchSetting) -> Exploration:
         touches += yield from _leaning(setting, fit)
         fit, others = best_cone(setting, touches, fit)
         why = _misfit(setting, fit, others)
-    if not why and fit.axis_error > LOOSE:
+    if not why and fit.kind != "revolution" and fit.axis_error > LOOSE:
         found = yield from _squared(setting, fit, touches)
         if found is None:
             why = (
-                f"its sides leave the axis open by {math.degrees(fit.axis_error):.0f} degrees, as "
-                "those of any cone do that is not round, and no plane end was touched"
+                f"its sides are not round and leave the axis open by "
+                f"{math.degrees(fit.axis_error):.1f} degrees, and no plane end was touched"
             )
         fit = found or fit
     if why:
