@@ -92,8 +92,12 @@ def _without_solid(told: dict[str, Any]) -> str:
         return str(told["status"])
     if "apex_error_m" in told:
         return f"axis ±{told['axis_error_deg']:.2f}°, apex ±{1e3 * told['apex_error_m']:.1f} mm"
-    counted = {"holes": "hole", "cavities": "cavity", "open_ends": "open end"}
-    found = [f"{told[key]:.0f} {word}" for key, word in counted.items() if told.get(key)]
+    words = (("holes", "hole"), ("cavities", "cavity"), ("open_ends", "open end"))
+    found = [
+        launch.counted(int(told[key]), one, key.replace("_", " "))
+        for key, one in words
+        if told.get(key)
+    ]
     return ", ".join(found) or "no opening"
 
 

@@ -32,15 +32,12 @@ class Bench(NamedTuple):
 BENCHES: Mapping[str, Bench] = {
     "speed": Bench(
         "the shipped scenes from start to exit: accuracy, and where their time goes, in turns with "
-        "an older checkout (--against); a touch by its taxels; a hop; and how runs grow",
+        "an older checkout (--against); a touch by its taxels; and how runs grow",
         {
-            **{"touches": "speed:touch_rows", "hops": "hops:hop_rows"},
-            **{"scenes": "speed:scene_rows", "growth": "speed:growth_rows"},
+            "touches": "speed:touch_rows",
+            "scenes": "speed:scene_rows",
+            "growth": "speed:growth_rows",
         },
-    ),
-    "effects": Bench(
-        "each effect: its cost, and the error of a contour that it causes",
-        {"effects": "touch:effect_rows"},
     ),
     "procedures": Bench(
         "every exploratory procedure on twelve objects: error, touches, robot time, and what it "

@@ -38,7 +38,6 @@ LIBRARIES = {
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
     "palpate.bench": {"numpy", "click", "msgspec", "threadpoolctl"},
-    "palpate.bench.hops": {"zmq"},
 }
 CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))
 CLOCK_MODULES = frozenset({"time", "datetime"})

@@ -13,12 +13,12 @@ from palpate.tools.cli import command_line as cli
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["effects", "--only", "whale"], "there is no group 'whale'; there are effects"),
+        (["procedures", "--only", "whale"], "there is no group 'whale'; there are procedures"),
         (["speed", "--only", "whole"], "there is no group 'whole'; there are touches"),
         (["all", "--only", "whole"], "there is no group 'whole'; there are speed/touches, "),
-        (["effects", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
-        (["effects", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
-        (["effects", "--against", "older"], "--against belongs to speed"),
+        (["procedures", "--out", "no/where.json"], "no/where.json: cannot be written: there is no"),
+        (["procedures", "--compare", "nothing.json"], "nothing.json: the results cannot be read"),
+        (["procedures", "--against", "older"], "--against belongs to speed"),
         (["speed", "--only", "scenes", "--against", "no/where"], "must be a checkout of palpate"),
     ],
 )
@@ -35,7 +35,7 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
         return 1
 
     monkeypatch.setattr(verb, "run_groups", run)
-    for what in ("effects", "speed"):
+    for what in ("procedures", "speed"):
         only, place = next(iter(verb.BENCHES[what].groups.items()))
         wanted = {f"{what}/{only}": f"palpate.bench.{place}"}
         for bench, group in ((what, only), ("all", f"{what}/{only}")):
@@ -61,17 +61,17 @@ def test_results_are_written_and_compared_with(monkeypatch, tmp_path, capsys):
         yield Row("touches", str(touches[0]))
 
     bench = verb.Bench("two figures", {"one": ""})
-    monkeypatch.setattr(verb, "BENCHES", {"effects": bench})
-    monkeypatch.setattr(verb, "_chosen", lambda *_: {"effects/one": rows})
+    monkeypatch.setattr(verb, "BENCHES", {"procedures": bench})
+    monkeypatch.setattr(verb, "_chosen", lambda *_: {"procedures/one": rows})
     out = tmp_path / "new.json"
-    assert cli.run(["bench", "effects", "--out", str(out)]) == 0
-    assert cli.run(["bench", "effects", "--out", str(out)]) == 2
+    assert cli.run(["bench", "procedures", "--out", str(out)]) == 0
+    assert cli.run(["bench", "procedures", "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     touches[0] = 99
-    assert cli.run(["bench", "effects", "--compare", str(out)]) == 0
+    assert cli.run(["bench", "procedures", "--compare", str(out)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told[-2:] == [
-        "moved   effects/one: touches: 100 -> 99 (-1.0%)",
+        "moved   procedures/one: touches: 100 -> 99 (-1.0%)",
         "figures: 1 moved beyond noise",
     ]
 

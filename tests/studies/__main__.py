@@ -18,6 +18,8 @@
     python tests/studies templates                step templates of the thesis, by kind of object
     python tests/studies ablation                 explorations without one part, and rebuilt solids
     python tests/studies explore                  objects that lean, other axes, several fingers
+    python tests/studies effects                  each effect: its cost, and the error of a contour
+    python tests/studies hops                     what a message costs, beside bare sockets
     python tests/studies lock                     the lock of the message bus between machines
     python tests/studies thesis [--runs RUN...]   the thesis against today: its two examples, and
                                                   recordings, rebuilt its way and ours
@@ -30,7 +32,7 @@
                                                   seeds each: errors, bounds, coverage, pictures
 
 The last two take hours, go on where they were ended, and are made only if they are named.
-Whole scenes and effects are measured by ``palpate bench``. Exits with 1 if a demand is missed.
+Whole scenes and procedures are measured by ``palpate bench``. Exits with 1 if a demand is missed.
 """
 
 from __future__ import annotations
@@ -70,6 +72,8 @@ STUDIES: Mapping[str, Mapping[str, str]] = {
         "directions": "explorations:direction_rows",
         "fingers": "explorations:finger_rows",
     },
+    "effects": {"effects": "effects:effect_rows"},
+    "hops": {"hops": "hops:hop_rows"},
     "lock": {"lock": "locks:lock_rows"},
     "thesis": {"examples": "thesis:thesis_rows", "recorded": "thesis:recorded_rows"},
     "scaling": {"growth": "growth:growth_rows", "memory": "memory:memory_rows"},

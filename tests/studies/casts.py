@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from palpate.bench.table import Row
-from palpate.bench.touch import touch_goals
 from palpate.core import Floats, shapes, split_pose
+from tests.studies.effects import touch_goals
 
 SIZE, EXPONENTS = (0.03, 0.025, 0.04), (0.7, 0.9)
 MESH_LEVEL = 5  # 20k faces

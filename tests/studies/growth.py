@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.bench.hops import ring_times
 from palpate.bench.loop import InProcessLoop, touching_nodes
 from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
-from palpate.bench.touch import touch_goals
 from palpate.bench.toy_node import token_ring
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
@@ -28,6 +26,8 @@ from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
 from palpate.nodes import simulator, specs
 from palpate.tools import single_threaded
+from tests.studies.effects import touch_goals
+from tests.studies.hops import ring_times
 from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject, truth_of
 
 SIZES: Mapping[str, tuple[int, ...]] = {

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from palpate.bench.hops import CORES, LAPS, bare_hop
 from palpate.bench.table import Row, at_most, in_turns
 from palpate.launch import free_endpoints
 from palpate.messages.bus import make_key
+from tests.studies.hops import CORES, LAPS, bare_hop
 
 MOST_LOCKED = 1.3
 

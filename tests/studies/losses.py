@@ -20,7 +20,6 @@ from typing import Any
 
 import zmq
 
-from palpate.bench.hops import finished, ring_seconds, spawned
 from palpate.bench.table import Row, at_least, in_turns
 from palpate.bench.toy_node import ToyParams, frame, token_ring, toy
 from palpate.launch import EXPLORE, Display, find_scene, launch, perform, plan_run
@@ -31,6 +30,7 @@ from palpate.messages.types import NodeStatus
 from palpate.nodes import recorder
 from palpate.nodes.runtime import Input, Watcher, Wiring, with_description
 from palpate.tools.chaos import FloodParams
+from tests.studies.hops import finished, ring_seconds, spawned
 from tests.studies.stalling_node import SOURCE, TOPIC, StallingParams, subscriber
 
 MESSAGES, QUICK = 1_000_000, 20_000

@@ -16,15 +16,15 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from palpate.bench.hops import finished
 from palpate.bench.table import Row, at_most, figure
-from palpate.bench.touch import touch_goals
 from palpate.core import Floats
 from palpate.launch import EXPLORE, find_scene, launch, plan_run
 from palpate.launch.files import SourceMapped
 from palpate.messages.types import SurfacePatch
 from palpate.nodes import tracer
 from palpate.nodes.runtime import Finished, Node, Outputs, Watcher
+from tests.studies.effects import touch_goals
+from tests.studies.hops import finished
 
 TOUCHES, QUICK_TOUCHES = 10_000, 2_000
 SIDES, EACH = 60, 20  # Different touches, and touches of a goal

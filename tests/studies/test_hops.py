@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench.hops import _full_and_bare
+from tests.studies.hops import _full_and_bare
 from tests.studies.locks import lock_rows
 
 

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.bench import touch as frames
-from palpate.bench.touch import WORN, frame_costs, trace_contour
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES
+from tests.studies import effects as frames
+from tests.studies.effects import WORN, frame_costs, trace_contour
 
 
 def test_the_table_has_a_row_for_each_effect_and_the_worn_sensor(monkeypatch):
