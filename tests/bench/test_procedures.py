@@ -29,7 +29,7 @@ def test_an_object_is_a_line_with_error_touches_and_robot_time(monkeypatch):
             {"status": "done", "axis_error_deg": 0.3, "apex_error_m": 1e-3},
             "axis ±0.30°, apex ±1.0 mm",
         ),
-        ({"status": "done", "holes": 1.0, "cavities": 2.0, "open_ends": 0.0}, "1 hole, 2 cavity"),
+        ({"status": "done", "holes": 1.0, "cavities": 2.0, "open_ends": 0.0}, "1 hole, 2 cavities"),
         ({"status": "done", "holes": 0.0, "cavities": 0.0, "open_ends": 0.0}, "no opening"),
     ],
 )
