@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ SLICES, COONS = "slices", "coons"  # The exploration in slices, and Coons patche
 # A place that is off by 0.1 mm along each axis, taxels by 10 um.
 NOISE = [{"pose_error": {"sigma": 1e-4}}, {"gaussian_noise": {"sigma": 1e-5}}]
 MERIDIANS = 48
+MOST_TOUCHES = 400  # Of an exploration in slices
 
 
 class Cell(NamedTuple):
@@ -70,7 +71,7 @@ def _figures(name: str, cell: Cell) -> Iterator[Figure]:
 
 def _explored(scene: str, out: Path) -> tuple[dict[str, Cell], float]:
     """The exploration in slices, Coons patches over what it traced, and the sampling floor, m."""
-    run = _run(launch.EXPLORE, scene, out)
+    run = _run(launch.EXPLORE, scene, out, {"planner.most_touches": MOST_TOUCHES})
     summary = run.summary
     spent = int(summary["touches"]), float(summary["robot_time_s"])
     cells = {SLICES: _cell(summary["rms_m"], *spent)}
@@ -106,12 +107,13 @@ def _cell(error: float | None, touches: int, seconds: float, otherwise: str = "n
     return Cell(f"{found}; {touches}; {seconds:.0f} s", error, touches, seconds)
 
 
-def _run(file: Path, scene: str, out: Path) -> launch.Run:
+def _run(file: Path, scene: str, out: Path, settings: Mapping[str, Any] = {}) -> launch.Run:
     args = {
         "scene": SourceMapped(str(launch.find_scene(scene)), "scene"),
         "scene.effects": SourceMapped(NOISE, "noise"),
     }
-    plan = launch.plan_run(file, args, {}, name=scene, out=out)
+    given = {name: SourceMapped(value, name) for name, value in settings.items()}
+    plan = launch.plan_run(file, args, given, name=scene, out=out)
     return launch.perform(plan, composed=True, display=launch.Display())
 
 

@@ -11,23 +11,10 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from palpate.messages.types import (
-    BoundaryRepresentation,
-    ConePose,
-    Contour,
-    GeneralisedCone,
-    GraspContacts,
-    LogRecord,
-    NodeStatus,
-    Openings,
-    PlanDone,
-    PlanEstimate,
-    Probe,
-    ProcedureResult,
-    Score,
-    ShapeModel,
-    Superquadric,
-)
+from palpate.messages.types import BoundaryRepresentation, ConePose, Contour, GeneralisedCone
+from palpate.messages.types import GraspContacts, LogRecord, NodeStatus, Openings, PlanDone
+from palpate.messages.types import PlanEstimate, Probe, ProcedureResult, Score, ShapeModel
+from palpate.messages.types import Superquadric
 from palpate.nodes.runtime import Watcher
 
 if TYPE_CHECKING:

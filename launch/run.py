@@ -24,13 +24,8 @@ from palpate.launch.node_kinds import Entry
 from palpate.launch.printing import summary_text, titled
 from palpate.launch.processes import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
-from palpate.launch.run_directory import (
-    RunDirectory,
-    choose_run_directory,
-    exit_code,
-    summarise,
-    versions_text,
-)
+from palpate.launch.run_directory import RunDirectory, choose_run_directory, exit_code, summarise
+from palpate.launch.run_directory import versions_text
 from palpate.launch.scene import find_scene
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator

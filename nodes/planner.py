@@ -13,42 +13,15 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core import Floats, explore, inverse_pose, transform_points
-from palpate.core.explore.planners import (
-    Choice,
-    Estimate,
-    Height,
-    Observation,
-    ObservedSurface,
-    Planner,
-    Stop,
-    Touch,
-    Touches,
-    Wait,
-    WrongChoiceError,
-    check_choice,
-    estimate_error,
-    make_planner,
-    settled_height,
-    untraceable_height,
-)
+from palpate.core.explore.planners import Choice, Estimate, Height, Observation, ObservedSurface
+from palpate.core.explore.planners import Planner, Stop, Touch, Touches, Wait, WrongChoiceError
+from palpate.core.explore.planners import check_choice, estimate_error, make_planner, settled_height
+from palpate.core.explore.planners import untraceable_height
 from palpate.core.shapes import Mesh
 from palpate.messages import derive
-from palpate.messages.types import (
-    Contour,
-    ContourGoal,
-    FingerClock,
-    GraspContacts,
-    GraspGoal,
-    ModelGoal,
-    PlanDone,
-    PlanEstimate,
-    Probe,
-    ProbeGoal,
-    SensorInfo,
-    ShapeModel,
-    Superquadric,
-    World,
-)
+from palpate.messages.types import Contour, ContourGoal, FingerClock, GraspContacts, GraspGoal
+from palpate.messages.types import ModelGoal, PlanDone, PlanEstimate, Probe, ProbeGoal, SensorInfo
+from palpate.messages.types import ShapeModel, Superquadric, World
 from palpate.nodes import planning
 from palpate.nodes.runtime import Deferred, Node, Outputs
 from palpate.nodes.specs import pad_of_info, resolution_of_info

@@ -9,16 +9,8 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import (
-    Floats,
-    RobotPreset,
-    compose_poses,
-    inverse_pose,
-    longest_seconds,
-    move_between,
-    split_pose,
-    transform_points,
-)
+from palpate.core import Floats, RobotPreset, compose_poses, inverse_pose, longest_seconds
+from palpate.core import move_between, split_pose, transform_points
 from palpate.core.explore import tracing
 from palpate.core.touch import HITS, Jet, Pad
 from palpate.messages import derive, types

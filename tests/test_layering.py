@@ -250,3 +250,25 @@ def test_what_is_allowed_is_let_through(module: str, source: str) -> None:
 
 def test_every_layer_has_modules_to_judge() -> None:
     assert {layer_of(name) for name in MODULES} == set(LAYERS)
+
+
+def unordered(source: str) -> list[tuple[str, str]]:
+    """Neighbouring imports of palpate's own modules that stand in the wrong order."""
+    tree, found = ast.parse(source), []
+    blocks = [tree.body, *(one.body for one in tree.body if isinstance(one, ast.If))]
+    for block in blocks:
+        for one, other in pairwise(block):
+            if not (isinstance(one, ast.ImportFrom) and isinstance(other, ast.ImportFrom)):
+                continue
+            names = str(one.module), str(other.module)
+            if all(name.startswith("palpate") for name in names) and names[0] > names[1]:
+                found.append(names)
+    return found
+
+
+def test_imports_of_palpate_stand_in_the_order_of_their_modules():
+    assert {
+        name: bad for name, path in MODULES.items() if (bad := unordered(path.read_text()))
+    } == {}
+    wrong = "from palpate.nodes import a\nfrom palpate.core import b\n"
+    assert unordered(wrong) == [("palpate.nodes", "palpate.core")]

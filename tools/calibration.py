@@ -12,19 +12,9 @@ import numpy as np
 from palpate.core import FACING_DOWN, ROBOT_PRESETS, Floats, pose_of, split_pose
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.shapes import LEAST_EXPONENT, PosedShape, Shape, Superquadric
-from palpate.core.touch import (
-    Calibration,
-    CalibrationEstimate,
-    CalibrationTouches,
-    Pad,
-    Pipeline,
-    SimulatedTouch,
-    StageStates,
-    clean,
-    contact_mask,
-    estimate_calibration,
-    fit_patch,
-)
+from palpate.core.touch import Calibration, CalibrationEstimate, CalibrationTouches, Pad, Pipeline
+from palpate.core.touch import SimulatedTouch, StageStates, clean, contact_mask
+from palpate.core.touch import estimate_calibration, fit_patch
 from palpate.launch import SceneSpec
 from palpate.nodes import filter
 from palpate.nodes.specs import SensorSpec, build_pipeline, sensed_face

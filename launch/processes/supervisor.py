@@ -12,13 +12,8 @@ from itertools import count
 from typing import Any, Literal, NamedTuple
 
 from palpate.launch.processes.fork_server import Interrupts
-from palpate.launch.processes.node_status import (
-    Edge,
-    LauncherSockets,
-    MessageCounts,
-    NodeStatusTable,
-    TerminationDetector,
-)
+from palpate.launch.processes.node_status import Edge, LauncherSockets, MessageCounts
+from palpate.launch.processes.node_status import NodeStatusTable, TerminationDetector
 from palpate.launch.processes.process_table import ProcessHosts, ProcessTable
 from palpate.messages import decode
 from palpate.messages.bus import LAUNCHER, Addresses, ControlMessage, ControlServer

@@ -7,21 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.messages.fields import (
-    Count,
-    Curvatures,
-    Direction,
-    Directions,
-    FingerNumbers,
-    Lengths,
-    Metres,
-    MoveParts,
-    PlanarPoint,
-    Points,
-    Pose,
-    Seconds,
-    Vector,
-)
+from palpate.messages.fields import Count, Curvatures, Direction, Directions, FingerNumbers, Lengths
+from palpate.messages.fields import Metres, MoveParts, PlanarPoint, Points, Pose, Seconds, Vector
 from palpate.messages.types.touch import Outcome
 
 # How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object

@@ -7,21 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.messages.fields import (
-    Count,
-    LengthImage,
-    Metres,
-    MetresPerSecond,
-    NewtonsPerMetre,
-    PerMetre,
-    Points,
-    Ratio,
-    RatioImage,
-    RobotSpeeds,
-    Triangles,
-    Vector,
-    Voxels,
-)
+from palpate.messages.fields import Count, LengthImage, Metres, MetresPerSecond, NewtonsPerMetre
+from palpate.messages.fields import PerMetre, Points, Ratio, RatioImage, RobotSpeeds, Triangles
+from palpate.messages.fields import Vector, Voxels
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

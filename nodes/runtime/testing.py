@@ -22,15 +22,8 @@ from palpate.messages import Header, codec_of, decode, encode, first_difference,
 from palpate.messages import recording as recordings
 from palpate.messages.bus import Received
 from palpate.messages.types import TYPES
-from palpate.nodes.runtime.node import (
-    Finished,
-    Input,
-    Node,
-    RecordedNode,
-    Source,
-    lone_wiring,
-    recorded_nodes,
-)
+from palpate.nodes.runtime.node import Finished, Input, Node, RecordedNode, Source, lone_wiring
+from palpate.nodes.runtime.node import recorded_nodes
 from palpate.nodes.runtime.sources import SourceWork
 from palpate.nodes.runtime.work import NodeWork, Outgoing
 

@@ -12,15 +12,8 @@ from typing import Annotated, TypeAlias
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import (
-    IDENTITY_POSE,
-    Floats,
-    compose_poses,
-    rotation_matrix,
-    shapes,
-    splines,
-    split_pose,
-)
+from palpate.core import IDENTITY_POSE, Floats, compose_poses, rotation_matrix, shapes, splines
+from palpate.core import split_pose
 
 Solid: TypeAlias = (
     "shapes.Superquadric | shapes.DeformedSuperquadric | shapes.Hyperquadric"

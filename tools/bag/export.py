@@ -17,14 +17,8 @@ from numpy.typing import NDArray
 
 from palpate.launch.files import check_new, write_new
 from palpate.messages import schema
-from palpate.tools.bag.decoding import (
-    DecodedRecording,
-    FieldSurvey,
-    file_stems,
-    is_list,
-    open_decoded,
-    units_of,
-)
+from palpate.tools.bag.decoding import DecodedRecording, FieldSurvey, file_stems, is_list
+from palpate.tools.bag.decoding import open_decoded, units_of
 from palpate.tools.bag.foxglove import write_foxglove
 
 UNITS_FILE = "units.json"  # The file beside the tables that says the units of their columns

@@ -22,14 +22,8 @@ from palpate.launch import RECORDING, read_summary
 from palpate.launch.processes import FOLDER_PREFIX, MESSAGE_LOG_FOLDER, remove_stale_folders
 from palpate.messages.recording import open_recording
 from palpate.nodes.runtime import recorded_nodes
-from palpate.tools.chaos.fault_injection import (
-    Fault,
-    FaultInjector,
-    GraphFacts,
-    InjectionLog,
-    NodeRecovery,
-    draw_faults,
-)
+from palpate.tools.chaos.fault_injection import Fault, FaultInjector, GraphFacts, InjectionLog
+from palpate.tools.chaos.fault_injection import NodeRecovery, draw_faults
 from palpate.tools.chaos.history import causality_violations, digests, read_history, violations_in
 
 FAULTS_PER_RUN = 8  # Of one run, unless one of them ends it

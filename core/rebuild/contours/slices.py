@@ -17,14 +17,8 @@ from numpy.typing import NDArray
 
 from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.rebuild.contours.curves import (
-    ContourCurve,
-    DroppedContour,
-    DropReason,
-    chord_places,
-    curve_places,
-    drop_reasons,
-)
+from palpate.core.rebuild.contours.curves import ContourCurve, DroppedContour, DropReason
+from palpate.core.rebuild.contours.curves import chord_places, curve_places, drop_reasons
 from palpate.core.rebuild.contours.outliers import neighbour_weights
 from palpate.core.splines import ClosedCurve
 

@@ -9,8 +9,8 @@ cells stand on top of `solid` and `topology`. It rests on core geometry and the 
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.core.rebuild.general.rebuilding import fitting_cell, is_flat, rebuild_general
     from palpate.core.rebuild.general.solid import FEW_FOLDS, FINE, FOLDS, GeneralSolid
     from palpate.core.rebuild.general.solid import touch_distances, touch_squares
-    from palpate.core.rebuild.general.rebuilding import fitting_cell, is_flat, rebuild_general
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -27,13 +27,8 @@ from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.dissection import Dissection
-from palpate.core.rebuild.general.fitting import (
-    ImplicitFit,
-    TouchedPoints,
-    Weights,
-    fit_implicit,
-    refit_locally,
-)
+from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
+from palpate.core.rebuild.general.fitting import refit_locally
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.shapes import Mesh, grid_surface
 
