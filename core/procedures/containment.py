@@ -14,7 +14,8 @@ from collections.abc import Generator
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.grasp import Hand, brought_near, next_pose, search_places, search_pose
+from palpate.core.explore.grasp import SEARCH_HEIGHTS, Hand, brought_near, next_pose
+from palpate.core.explore.grasp import search_places, search_pose
 from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.procedures.protocol import SEARCH_SPACING, UNSUITED, Exploration, Findings
 from palpate.core.procedures.protocol import HandMove, Met, Move, TouchSetting, close
@@ -48,6 +49,7 @@ def containment(setting: TouchSetting, contacts: int = CONTACTS) -> Exploration:
     while len(grasp.points) >= FEWEST:
         found = standing_fit(setting, grasp.points)
         before = len(grasp.points)
+        yield from grasp.from_above(found)
         yield from grasp.until(before + FORETOLD)
         off = _distances(found, grasp.points[before:])
         if len(off) < FORETOLD // 2 or len(grasp.points) >= MOST or off.max() <= _worst(setting):
@@ -74,6 +76,20 @@ class _Grasp:
             met = yield from close(move)
             self.points = np.concatenate([self.points, met.points])
             self.normals = np.concatenate([self.normals, met.normals])
+
+    def from_above(self, found: FittedSuperquadric) -> Generator[Move, Met, None]:
+        """Close the hand over the middle of a fit's top: the palm falls into what is hollow."""
+        try:
+            vertices = found.shape().mesh(MESH_LEVEL).vertices
+        except ValueError:
+            return
+        top = float(vertices[:, 2].max())
+        middle = vertices[vertices[:, 2] >= top - FOOT].mean(axis=0)
+        pose = search_pose([middle[:2]], 0, top - SEARCH_HEIGHTS[0])
+        assert pose is not None
+        met = yield from close(HandMove(self.hand, pose))
+        self.points = np.concatenate([self.points, met.points])
+        self.normals = np.concatenate([self.normals, met.normals])
 
     def _next(self) -> HandMove | None:
         known = self.points, self.normals, self.setting.platform

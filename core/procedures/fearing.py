@@ -28,8 +28,14 @@ from palpate.core.procedures.protocol import square_on, touch, touch_from_above,
 FINGERS = 3
 ROUNDS = 4  # Closings of three fingers at most
 DOWN = (18.0e-3, 32.0e-3, 12.0e-3, 25.0e-3)  # Below what was touched from above, m, by closing
+LOW, LEAST_HEIGHT = (
+    0.75,
+    9.0e-3,
+)  # Of the height: where a cone is touched again; and over the platform
 TURN = math.radians(25.0)  # Of the fingers, from one closing to the next
 LEAST_ERROR = 1e-9  # m and rad
+CLEAR = "FP"  # Features that are read surely: faces and parabolic points
+BENT = 2  # Touches that are curved both ways, of which no cone has one
 COMPARED = 5  # Features whose places are tried all ways
 ALIKE = 0.5  # Residuals, in standard deviations, that do not tell interpretations apart
 SAME_AXIS, SAME_APEX = math.radians(3.0), 5.0e-3  # Interpretations that mean the same cone, m
@@ -58,14 +64,22 @@ def fearing(setting: TouchSetting) -> Exploration:
     if first is None:
         return Findings(status="incomplete", reason="nothing was touched within reach")
     first = yield from square_on(setting, first)
-    contacts, why, fit = [first], "", None
+    contacts, why, fit, confirmed = [first], "", None, False
     for closing in range(ROUNDS):
-        contacts += yield from _closing(setting, first.middle, closing)
+        contacts += yield from _closing(setting, first.middle, closing, DOWN[closing])
         if closing == 0:
             contacts += yield from _end_face(setting, contacts)
         fit, why = recovered(setting, contacts)
         if fit is not None and len(fit.interpretations) == 1:
+            # Elsewhere on the sides the same cone must be touched, or it is none.
+            low = LOW * (first.middle[2] - setting.platform)
+            more, known = (yield from _closing(setting, first.middle, closing + 0.5, low)), fit
+            fit, why = recovered(setting, [*contacts, *more])
+            confirmed = fit is not None and len(fit.features) > len(known.features)
             break
+    if fit is not None and not confirmed and len(fit.interpretations) == 1:
+        why = "no cone has all of it: elsewhere on its sides no feature of the same cone is touched"
+        return Findings(status="unsuited", reason=why)
     if fit is None:
         return Findings(status="unsuited", reason=why)
     figures = _figures(fit)
@@ -84,10 +98,10 @@ def fearing(setting: TouchSetting) -> Exploration:
 
 
 def _closing(
-    setting: TouchSetting, top: Floats, closing: int
+    setting: TouchSetting, top: Floats, closing: float, down: float
 ) -> Generator[Move, Met, list[Contact]]:
-    """What three fingers meet that close on the sides, evenly around."""
-    height = max(top[2] - DOWN[closing], setting.platform + 0.3 * (top[2] - setting.platform))
+    """What three fingers meet that close on the sides, evenly around, so far below the top, m."""
+    height = max(top[2] - down, setting.platform + LEAST_HEIGHT)
     place = np.array([top[0], top[1], height])
     moves = []
     for finger in range(FINGERS):
@@ -135,10 +149,13 @@ def recovered(setting: TouchSetting, contacts: list[Contact]) -> tuple[ConePoseF
     if len(features) < FINGERS:
         told = next((one.reason for one in read if one.feature is None), "")
         return None, f"{len(features)} of {len(contacts)} touches met a feature of a cone: {told}"
+    bent = [one.reason for one in read if one.reason.startswith("curved both ways")]
+    if len(bent) >= BENT:
+        return None, f"no cone is what {len(bent)} touches met: {bent[0]}"
     noise = _angle_noise(setting, contacts), max(setting.point_error, LEAST_ERROR)
     fit, why = _solved(features, noise)
     if fit is None:  # edges and vertices tell more than faces, and are the first to be misread
-        clear = [one for one in features if one.group in "FP"]
+        clear = [one for one in features if one.group in CLEAR]
         if FINGERS <= len(clear) < len(features):
             fit, other = _solved(clear, noise)
             why = why if fit is None else other
@@ -159,6 +176,9 @@ def _solved(features: list[Feature], noise: tuple[float, float]) -> tuple[ConePo
     kept = _distinct([one for one in solved
                       if one.residual_sigma <= solved[0].residual_sigma + ALIKE])  # fmt: skip
     placed = _all_placed(kept[0], features, noise)
+    if placed is None:
+        names = " ".join(one.name for one in kept[0].features)
+        return None, f"no cone has all of it: what else was touched is not on that of {names}"
     try:
         orientation, origin = solve_orientation(placed, *noise), solve_origin(placed, *noise)
     except InsufficientFeaturesError as error:
@@ -209,8 +229,11 @@ def _distinct(solved: list[Interpretation]) -> list[Interpretation]:
 
 def _all_placed(
     chosen: Interpretation, features: list[Feature], noise: tuple[float, float]
-) -> list[Feature]:
-    """All features with places: those beyond the compared ones where they fit best."""
+) -> list[Feature] | None:
+    """All features with places: those beyond the compared ones where they fit best.
+
+    None if a face or a parabolic point is nowhere on the cone; edges and vertices may be misread.
+    """
     placed = list(chosen.features)
     for feature in features[len(placed) :]:
         tried = interpretations(
@@ -219,6 +242,8 @@ def _all_placed(
         standing = [one for one in tried if one.stands]
         if standing:
             placed.append(replace(feature, place=standing[0].features[-1].place))
+        elif feature.group in CLEAR:
+            return None
     return placed
 
 

@@ -54,6 +54,7 @@ KINDS: dict[ConeKind, str] = {
 ROUGH_KINDS: tuple[ConeKind, ...] = ("revolution", "linear")  # Told by few contacts
 LOOSE = math.radians(1.0)  # An axis that is not better known is that of a plane end
 RIM = 0.3  # Of the pad's width: so near to an end of the side a touch may reach over its rim
+HOLLOW = 3.0e-3  # Below the end of the side, m: there a finger has fallen in
 OPEN_END = 3.0e-3  # Of a side, m: what is not touched for longer is told
 TALL = 1.0 - 1e-3  # Cosine of the lean of an axis on which the object stands upright
 
@@ -112,8 +113,11 @@ def _closed(
 ) -> Exploration:
     """Touch both ends, and close the solid."""
     ends = []
-    for sign in (-1.0, 1.0):
-        ends.append((yield from _end(setting, fit, sign)))
+    try:
+        for sign in (-1.0, 1.0):
+            ends.append((yield from _end(setting, fit, sign)))
+    except HollowError as error:
+        return Findings(status="unsuited", reason=str(error), figures=_figures(fit, others))
     untouched = [one.untouched for one in ends]
     told = f"{KINDS[fit.kind]} fits all {touches} touches"
     if max(untouched) > OPEN_END:
@@ -325,9 +329,12 @@ def _squared(
     contact feature" (Fearing; Fung, 1999, 1.4.3.1).
     """
     for sign in (1.0, -1.0):
-        contact = yield from _end_contact(setting, fit, sign)
-        plane = None if contact is None else end_plane(setting, contact)
-        if contact is None or plane is None:
+        move = _end_move(setting, fit, sign)
+        if move is None:
+            continue
+        contact = yield from touch(setting, move)
+        plane = end_plane(setting, contact)
+        if plane is None:
             continue
         axis = plane if plane @ fit.axis > 0.0 else -plane
         turned = fit_cone(touches, fit.kind, fit.point, axis, setting.sigma, held=True)
@@ -339,16 +346,10 @@ def _squared(
     return None
 
 
-def _end_contact(
-    setting: TouchSetting, fit: ConeFit, sign: float
-) -> Generator[Move, Met, Contact | None]:
-    """A touch of an end along the axis; None if there is no room, or it meets nothing."""
+def _end_move(setting: TouchSetting, fit: ConeFit, sign: float) -> FingerMove | None:
+    """The move along the axis to an end; None if there is no room."""
     middle = fit.point + (fit.high if sign > 0.0 else fit.low) * fit.axis
-    move = kept_clear(setting, approach(middle, sign * fit.axis, 3.0 * STANDOFF, STANDOFF))
-    if move is None:
-        return None
-    contact = yield from touch(setting, move)
-    return contact if contact.met else None
+    return kept_clear(setting, approach(middle, sign * fit.axis, 3.0 * STANDOFF, STANDOFF))
 
 
 def end_plane(setting: TouchSetting, contact: Contact) -> Floats | None:
@@ -361,6 +362,10 @@ def end_plane(setting: TouchSetting, contact: Contact) -> Floats | None:
     return found.plane.normal if found.rms <= flat else None
 
 
+class HollowError(Exception):
+    """An end is no end."""
+
+
 def _end(setting: TouchSetting, fit: ConeFit, sign: float) -> Generator[Move, Met, SideEnd]:
     """Touch an end along the axis, and once more on four sides if it is round."""
     outward = sign * fit.axis
@@ -369,11 +374,15 @@ def _end(setting: TouchSetting, fit: ConeFit, sign: float) -> Generator[Move, Me
     if outward @ UP < -TALL and middle[2] < setting.platform + setting.width:
         floor = float((setting.platform - fit.point[2]) / fit.axis[2])
         return SideEnd(floor, abs(floor - height))
-    contact = yield from _end_contact(setting, fit, sign)
-    if contact is None:
+    move = _end_move(setting, fit, sign)
+    if move is None:
         return SideEnd(height, setting.width)
+    contact = yield from touch(setting, move)
     heights = (contact.points - fit.point) @ fit.axis
-    far = float(sign * (sign * heights).max())
+    far = float(sign * (sign * heights).max(initial=-math.inf))
+    if sign * (far - height) < -HOLLOW:
+        deep = STANDOFF if math.isinf(far) else abs(far - height)
+        raise HollowError(f"it is hollow: a finger falls {1e3 * deep:.0f} mm or more into its end")
     plane = end_plane(setting, contact)
     if plane is not None and abs(plane @ fit.axis) > SQUARE:
         return SideEnd(float(heights.mean()), abs(far - height))
