@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry import signed_area
-from palpate.core.rebuild import contours
+from palpate.core.rebuild.contours import ContactPoints, ContourCurve, Correspondence
+from palpate.core.rebuild.contours import DroppedContour, FeatureCandidate, Slices
+from palpate.core.rebuild.contours import are_nearly_star_shaped, contour_curves
+from palpate.core.rebuild.contours import inconsistent_contours, look_like_features, match_slices
+from palpate.core.rebuild.contours import neighbour_misfits, point_outliers, refitted_curve, restack
+from palpate.core.rebuild.contours import stack_curves
 
 FEWEST, MOST = 24, 160  # Places around a contour that are matched: as many as its points
 POINT = 0.03  # Of the widest contour: one at an end that is no wider, and meets itself, is a point
@@ -27,18 +32,16 @@ LEAST_SIZE, MOST_SIZE = 1e-50, 1e50  # Of what is rebuilt: its fifth power must 
 class Evidence(NamedTuple):
     """Everything that is known of an object, seen from the slicing frame, in its contours' unit."""
 
-    slices: contours.Slices  # The contours that are used, and those that are not, and why
-    correspondence: contours.Correspondence  # Which places of them belong together
+    slices: Slices  # The contours that are used, and those that are not, and why
+    correspondence: Correspondence  # Which places of them belong together
     bottom: float | None  # Height at which a touch found the lower end
     top: float | None  # Height at which a touch found the upper end
-    contacts: contours.ContactPoints | None  # All touched taxels
+    contacts: ContactPoints | None  # All touched taxels
     noise: float | None  # Standard deviation of a coordinate, if it is known
     # Each contour by itself, as it was given: what more evidence is added to.
-    given: tuple[contours.ContourCurve | contours.DroppedContour, ...] = ()
+    given: tuple[ContourCurve | DroppedContour, ...] = ()
     tops: Floats | None = None  # (k, 3): where single touches found the ends
-    feature_candidates: tuple[
-        contours.FeatureCandidate, ...
-    ] = ()  # Used, though unlike their neighbours
+    feature_candidates: tuple[FeatureCandidate, ...] = ()  # Used, though unlike their neighbours
     frame: Floats | None = None  # Pose (7,) of the slicing frame; None: the world's own
 
     @property
@@ -58,33 +61,33 @@ class Evidence(NamedTuple):
             "outlying_points": float(self.outliers),
             "gaping": float(sum(_gapes(loop) for loop in slices.loops)),
             "tilted": float(slices.tilted.sum()),
-            "not_starlike": float((~contours.are_nearly_star_shaped(away)).sum()),
+            "not_starlike": float((~are_nearly_star_shaped(away)).sum()),
             "self_intersecting": float(slices.self_intersecting.sum()),
         }
 
     def more(self, contour: ArrayLike, height: float | None = None) -> Evidence:
         """The evidence with one contour of the world more: that of all of them at once."""
         level = None if height is None else [height]
-        added = contours.contour_curves([contour], level, len(self.given), self.frame)
+        added = contour_curves([contour], level, len(self.given), self.frame)
         given = (*self.given, *added)
         return gather_curves(given, self.tops, self.contacts, self.noise, self.frame)
 
 
-def _gapes(loop: contours.ContourCurve) -> bool:
+def _gapes(loop: ContourCurve) -> bool:
     """Whether much of the way around lies between two points, where others lie close together."""
     steps = np.linalg.norm(np.roll(loop.points, -1, axis=0) - loop.points, axis=1)
     return bool(steps.max() > max(GAPING * steps.sum(), GAPING_STEPS * np.median(steps)))
 
 
 def gather_curves(
-    given: tuple[contours.ContourCurve | contours.DroppedContour, ...],
+    given: tuple[ContourCurve | DroppedContour, ...],
     tops: Floats | None,
-    contacts: contours.ContactPoints | None,
+    contacts: ContactPoints | None,
     noise: float | None,
     frame: Floats | None = None,
 ) -> Evidence:
     """What is known, put in order: contours as curves and tops (k, 3), seen from the frame."""
-    slices = contours.stack_curves(given)
+    slices = stack_curves(given)
     slices, bottom, top = _ends(slices, tops)
     reached = [*slices.heights[[0, -1]], *(end for end in (bottom, top) if end is not None)]
     size = max(float(slices.perimeter.max()), float(max(reached) - min(reached)))
@@ -102,11 +105,9 @@ def gather_curves(
     if contacts is None:  # else it is not the contours that the surface goes through
         slices, matched = _mended(slices, matched)
     slices, matched, kept = _without_bad(slices, matched)
-    off = np.maximum(contours.neighbour_misfits(slices.heights, matched.grid), kept)
+    off = np.maximum(neighbour_misfits(slices.heights, matched.grid), kept)
     feature_candidates = tuple(
-        contours.FeatureCandidate(
-            int(slices.rows[row]), float(slices.heights[row]), float(off[row])
-        )
+        FeatureCandidate(int(slices.rows[row]), float(slices.heights[row]), float(off[row]))
         for row in np.flatnonzero(off)
     )
     return Evidence(
@@ -114,14 +115,12 @@ def gather_curves(
     )
 
 
-def _without_bad(
-    slices: contours.Slices, matched: contours.Correspondence
-) -> tuple[contours.Slices, contours.Correspondence, Floats]:
+def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:
     """Without contours that neighbours contradict; by how much those are off that stay, (M,)."""
-    found = contours.inconsistent_contours(slices.heights, matched.grid)
+    found = inconsistent_contours(slices.heights, matched.grid)
     if not found.bad.any():
         return slices, matched, np.zeros(len(found.bad))
-    perhaps = contours.look_like_features(matched.grid, slices.star, found.bad)
+    perhaps = look_like_features(matched.grid, slices.star, found.bad)
     bad = found.bad if len(perhaps) >= MANY else found.bad & ~perhaps
     kept = np.where(found.bad & ~bad, found.off, 0.0)[~bad]
     if bad.any():
@@ -130,29 +129,25 @@ def _without_bad(
     return slices, matched, kept
 
 
-def _mended(
-    slices: contours.Slices, matched: contours.Correspondence
-) -> tuple[contours.Slices, contours.Correspondence]:
+def _mended(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence]:
     """Without single points that are wrong, which are looked for again once others are mended."""
     for _ in range(PASSES):
-        outliers = contours.point_outliers(slices.loops, matched.places)
+        outliers = point_outliers(slices.loops, matched.places)
         same = zip(slices.loops, outliers.masks, strict=True)
         if all(np.array_equal(loop.outlier, mask) for loop, mask in same):
             break
-        loops = map(contours.refitted_curve, slices.loops, outliers.mended, outliers.masks)
-        slices = contours.restack(tuple(loops), slices.dropped)
+        loops = map(refitted_curve, slices.loops, outliers.mended, outliers.masks)
+        slices = restack(tuple(loops), slices.dropped)
         matched = _matched(slices)
     return slices, matched
 
 
-def _matched(slices: contours.Slices) -> contours.Correspondence:
+def _matched(slices: Slices) -> Correspondence:
     usual = int(np.median([len(points) for points in slices.points]))
-    return contours.match_slices(slices, min(max(usual, FEWEST), MOST))
+    return match_slices(slices, min(max(usual, FEWEST), MOST))
 
 
-def _ends(
-    slices: contours.Slices, tops: Floats | None
-) -> tuple[contours.Slices, float | None, float | None]:
+def _ends(slices: Slices, tops: Floats | None) -> tuple[Slices, float | None, float | None]:
     """Heights of the touched ends, below and above; contours that are but points tell of them."""
     touched = np.zeros(0) if tops is None else tops[:, 2]
     for row in (0, -1):
