@@ -146,7 +146,7 @@ def take_contacts(
     """Go on with what the hand met."""
     if contacts.number != state.closings - 1:
         raise ValueError(f"nobody asked for closing {contacts.number}")
-    met = HandContacts(contacts.points, contacts.normals, contacts.robot_time)
+    met = HandContacts(contacts.points, contacts.normals, contacts.fingers, contacts.robot_time)
     state = replace(
         state,
         results=(*state.results, met),

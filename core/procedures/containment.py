@@ -30,6 +30,7 @@ CONTACTS = 60  # As many as tell taper and bend
 FORETOLD, FORETOLD_ROOM = 12, 0.2e-3
 MOST_CLOSINGS = 80  # Once something was met
 OPENING = 0.8  # Of the reach
+UNDER = 8.0e-3  # Below the expected top, m: so far the palm comes from above
 MOST_FEET, FOOT = 4, 1.0e-3  # Refits to the platform, and height of what is lowest, m
 MESH_LEVEL = 5
 
@@ -50,6 +51,11 @@ def containment(setting: TouchSetting, contacts: int = CONTACTS) -> Exploration:
         found = standing_fit(setting, grasp.points)
         before = len(grasp.points)
         yield from grasp.from_above(found)
+        if grasp.hollow:
+            why = (
+                f"it is hollow: the palm goes {1e3 * UNDER:.0f} mm below its top and meets nothing"
+            )
+            return Findings(status="unsuited", reason=why)
         yield from grasp.until(before + FORETOLD)
         off = _distances(found, grasp.points[before:])
         if len(off) < FORETOLD // 2 or len(grasp.points) >= MOST or off.max() <= _worst(setting):
@@ -66,6 +72,7 @@ class _Grasp:
         self.hand = Hand(opening=OPENING * setting.reach, reach=OPENING * setting.reach)
         self.points, self.normals = np.zeros((0, 3)), np.zeros((0, 3))
         self.searched = self.closings = 0
+        self.hollow = False  # Whether the palm met nothing where the top should be
 
     def until(self, wanted: int) -> Generator[Move, Met, None]:
         """Close the hand until there are so many contacts, or it finds no more."""
@@ -85,9 +92,10 @@ class _Grasp:
             return
         top = float(vertices[:, 2].max())
         middle = vertices[vertices[:, 2] >= top - FOOT].mean(axis=0)
-        pose = search_pose([middle[:2]], 0, top - SEARCH_HEIGHTS[0])
+        pose = search_pose([middle[:2]], 0, top - UNDER - SEARCH_HEIGHTS[0])
         assert pose is not None
         met = yield from close(HandMove(self.hand, pose))
+        self.hollow = self.hand.fingers not in met.fingers
         self.points = np.concatenate([self.points, met.points])
         self.normals = np.concatenate([self.normals, met.normals])
 

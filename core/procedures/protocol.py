@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Floats, Ints
 from palpate.core.explore.grasp import Hand, search_places
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.poses import axes_along, pose_of
@@ -104,6 +104,7 @@ class HandContacts(NamedTuple):
 
     points: Floats  # (n, 3), m
     normals: Floats  # Outward unit normals, (n, 3)
+    fingers: Ints  # Which finger made each contact, from 0, (n,); the palm is the last
     robot_time: float  # When it had opened again, s
 
 

@@ -64,7 +64,7 @@ def drive(
         if isinstance(move, HandMove):
             when = Closing(closings, 0.0, 0.0)
             grasp, held = close_hand(shape, palm, held, move.hand, move.pose, platform, when)
-            met = HandContacts(grasp.points, grasp.normals, 0.0)
+            met = HandContacts(grasp.points, grasp.normals, np.array(grasp.fingers, np.int32), 0.0)
             closings += 1
             continue
         contacts = []
@@ -161,6 +161,13 @@ def turned(
     heights, scales = np.array(sweep).T
     section = shapes.SuperellipseSection(np.array(size), 1.0)
     return shapes.GeneralisedCylinder(section, heights, scales, smooth=smooth)
+
+
+def cup() -> shapes.BooleanShape:
+    """A cup of 70 mm with a cavity of 60 by 58 mm."""
+    outer = turned([[0.0, 1.0], [0.07, 1.0]], (0.04, 0.04))
+    inner = turned([[0.012, 1.0], [0.08, 1.0]], (0.03, 0.03))
+    return shapes.BooleanShape(shapes.difference(outer, inner))
 
 
 VASE = [[0.0, 0.7], [0.02, 1.05], [0.05, 0.8], [0.075, 0.55], [0.1, 0.8]]

@@ -9,7 +9,7 @@ from palpate.core import shapes
 from palpate.core.geometry import compare_surfaces, prepare_surface
 from palpate.core.procedures.containment import containment
 
-from .conftest import NOISES, VASE, block, drive, posed, turned
+from .conftest import NOISES, VASE, block, cup, drive, posed, turned
 
 EGG = shapes.DeformedSuperquadric(
     shapes.Superquadric(np.array([0.03, 0.025, 0.045]), np.array([0.4, 0.8])),
@@ -67,6 +67,12 @@ def test_what_no_contact_tells_is_not_made_up(name, noise):
     assert compare_surfaces(*surfaces).rms < 0.3e-3
     assert found.mesh.vertices[:, 2].min() == pytest.approx(0.0, abs=0.3e-3)  # on the platform
     assert found.figures["foretold_worst_m"] <= 0.5e-3
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_what_is_hollow_under_the_palm_is_not_contained(noise):
+    found = drive(containment, cup(), NOISES[noise]).findings
+    assert found.status in ("unsuited", "incomplete") and found.mesh is None
 
 
 def test_a_hand_that_meets_nothing_says_so():

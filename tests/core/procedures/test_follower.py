@@ -10,7 +10,7 @@ from palpate.core.geometry import compare_surfaces, prepare_surface
 from palpate.core.procedures.follower import follower
 from palpate.core.procedures.generalised_cones import fit_cone
 
-from .conftest import NOISES, VASE, drive, posed, turned
+from .conftest import NOISES, VASE, cup, drive, posed, turned
 
 UP = np.array([0.0, 0.0, 1.0])
 STRAIGHT, SLOPED = [[0.0, 1.0], [0.09, 1.0]], [[0.0, 1.0], [0.08, 0.4]]
@@ -96,6 +96,12 @@ def test_what_is_no_cone_is_refused_with_its_residuals(name, noise):
     assert found.status == "unsuited" and found.mesh is None and found.shape is None
     assert "no generalised cone fits: residuals in mm rms are revolution" in found.reason
     assert found.figures["residual_revolution_m"] > 3e-4
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_an_end_into_which_a_finger_falls_is_no_end(noise):
+    found = drive(follower, cup(), NOISES[noise], fingers=2).findings
+    assert found.status == "unsuited" and "it is hollow" in found.reason and found.mesh is None
 
 
 def test_one_finger_is_no_pair():

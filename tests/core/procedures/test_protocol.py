@@ -20,7 +20,7 @@ from palpate.core.touch import Pad
 
 PAD = Pad(16, 16, 1e-3, 3e-3, 66.0, 0.8)
 SETTING = TouchSetting(PAD, 0.0, 0.0, 0.12)
-MET = HandContacts(np.zeros((0, 3)), np.zeros((0, 3)), 0.0)
+MET = HandContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int32), 0.0)
 
 
 def counting():
