@@ -17,16 +17,7 @@ import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
 from palpate.core import recognition
-from palpate.launch.files import (
-    InputError,
-    MeshFile,
-    SourceMapped,
-    convert,
-    file_within,
-    read_mesh,
-    read_yaml,
-    write_atomically,
-)
+from palpate.launch import files
 from palpate.nodes import specs
 
 OBJECTS = Path(__file__).parent / "objects.yaml"  # The objects that come with palpate
@@ -58,7 +49,7 @@ class ObjectDatabase(NamedTuple):
 
 def load_objects(path: Path = OBJECTS) -> ObjectDatabase:
     """The objects in a file; InputError names file, line, key and value."""
-    given = read_yaml(path, MAX_DATABASE_VALUES)
+    given = files.read_yaml(path, MAX_DATABASE_VALUES)
     unknown = [key for key in given.value if key != "objects"]
     if unknown or not isinstance(given.value.get("objects"), dict):
         where = (unknown[0],) if unknown else ()
@@ -68,28 +59,28 @@ def load_objects(path: Path = OBJECTS) -> ObjectDatabase:
         if name == recognition.NONE:
             raise given.error(("objects", name), f"no object can be named {name!r}")
         part = _with_mesh(given.part(("objects", name)), path, name)
-        entries[name] = convert(part, ObjectEntry, f"objects.{name}")
+        entries[name] = files.convert(part, ObjectEntry, f"objects.{name}")
     if not entries:
         raise given.error(("objects",), "objects must hold at least one object")
     return ObjectDatabase(path, entries)
 
 
-def _with_mesh(given: SourceMapped, path: Path, name: str) -> SourceMapped:
+def _with_mesh(given: files.SourceMapped, path: Path, name: str) -> files.SourceMapped:
     """An object's description with the mesh file that it names read into it."""
     try:
         part = given.part(("object", "mesh"))
     except (KeyError, TypeError):
         return given
     where = f"objects.{name}.object.mesh"
-    mesh = convert(part, MeshFile, where)
+    mesh = files.convert(part, files.MeshFile, where)
     try:
-        file = file_within(path.resolve().parent, mesh.file, f"{where}.file")
-        vertices, faces, _ = read_mesh(file, mesh.unit)
+        file = files.file_within(path.resolve().parent, mesh.file, f"{where}.file")
+        vertices, faces, _ = files.read_mesh(file, mesh.unit)
     except ValueError as error:
         raise part.error(("file",), str(error)) from None
     data = to_builtins(specs.encode_mesh(vertices, faces), builtin_types=(bytes,))
     kept = {**given.value["object"], "mesh": data}
-    return SourceMapped({**given.value, "object": kept}, given.source, given.places)
+    return files.SourceMapped({**given.value, "object": kept}, given.source, given.places)
 
 
 class LearnedObject(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -120,7 +111,7 @@ def load_models(database: ObjectDatabase) -> recognition.ObjectModels | None:
     path = learned_path(database.path)
     if not path.is_file():
         return None
-    found = convert(read_yaml(path, MAX_DATABASE_VALUES), LearnedFile)
+    found = files.convert(files.read_yaml(path, MAX_DATABASE_VALUES), LearnedFile)
     if found.fingerprint != database.fingerprint():
         return None
     names, count = tuple(database.entries), len(recognition.FEATURES)
@@ -128,17 +119,16 @@ def load_models(database: ObjectDatabase) -> recognition.ObjectModels | None:
         rows = [found.objects[name] for name in names]
         means, deviations, slopes = (
             np.array([getattr(row, key).split() for row in rows], np.float64)
-            for key in ("means", "deviations", "slopes")
+            for key in LearnedObject.__struct_fields__
         )
         correlation = np.zeros((count, count))
         correlation[np.tril_indices(count)] = " ".join(found.correlation).split()
         np.stack([means, deviations, slopes]).reshape(3, len(names), count)
     except (KeyError, ValueError):
-        raise InputError(f"{path}: is damaged; remove it, and it is learned again") from None
+        raise files.InputError(f"{path}: is damaged; remove it, and it is learned again") from None
     correlation = correlation + np.tril(correlation, -1).T
-    return recognition.ObjectModels(
-        names, means, deviations, correlation, slopes, found.scale, found.freedom
-    )
+    fit = found.scale, found.freedom
+    return recognition.ObjectModels(names, means, deviations, correlation, slopes, *fit)
 
 
 def learn_models(
@@ -161,23 +151,22 @@ def learn_object(database: ObjectDatabase, name: str) -> recognition.Scatter:
 
 def write_models(database: ObjectDatabase, models: recognition.ObjectModels) -> Path:
     """Write what was learned beside the objects, whole or not at all; returns where."""
-    correlation = [models.correlation[i, : i + 1] for i in range(len(models.correlation))]
     lines = [
         "# Learned of the objects; remove this file to learn again.",
         f"fingerprint: {database.fingerprint()}",
         f"scale: {models.scale:.{DIGITS}g}",
         f"freedom: {models.freedom:.{DIGITS}g}",
         "correlation:",
-        *(f"  - '{_row(one)}'" for one in correlation),
+        *(f"  - '{_row(one[: i + 1])}'" for i, one in enumerate(models.correlation)),
         "objects:",
     ]
     for i, name in enumerate(models.names):
         lines.append(f"  {name}:")
-        for key in ("means", "deviations", "slopes"):
+        for key in LearnedObject.__struct_fields__:
             lines.append(f"    {key}: {_row(getattr(models, key)[i])}")
     path = learned_path(database.path)
     text = "\n".join(lines) + "\n"
-    write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
+    files.write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
     return path
 
 

@@ -14,7 +14,6 @@ from palpate.core import geometry, recognition
 from palpate.launch import files, titled
 
 RUN_MESH = "mesh.ply"  # The surface in a run directory
-SHOWN = 3  # Features that are told
 UNITS = {"log volume": "ml", "log area": "cm2", "log length": "mm", "angle": "deg"}
 SCALES = {"log volume": 1e6, "log area": 1e4, "log length": 1e3, "angle": 180.0 / math.pi}
 RecognitionRecord = Mapping[str, Any]
@@ -57,7 +56,7 @@ def recognise(
         "limit": found.limit,
         "uncertainty_m": uncertainty,
         "compared_with": other,
-        "differences": [_told(one) for one in apart[:SHOWN]],
+        "differences": [_told(one) for one in apart[:3]],  # The largest
         "probabilities": found.probabilities,
         "titles": titles,
     }
@@ -74,9 +73,8 @@ def _surface(path: Path, unit: str | None) -> tuple[np.ndarray, np.ndarray, floa
     if not mesh.is_file():
         raise files.InputError(f"{path}: holds no rebuilt solid: there is no {RUN_MESH} in it")
     vertices, faces, _ = files.read_mesh(mesh, unit or "m")
-    bound = None
-    if (path / "summary.json").is_file():
-        bound = launch.read_summary(path).get("rms_bound_95_m")
+    told = launch.read_summary(path) if (path / "summary.json").is_file() else {}
+    bound = told.get("rms_bound_95_m")
     known = bound if isinstance(bound, float) and 0.0 < bound < math.inf else 0.0
     return vertices, faces, max(known, recognition.UNCERTAINTY)
 
@@ -94,45 +92,39 @@ def _learned(
 
 
 def _told(one: recognition.Difference) -> dict[str, Any]:
+    def plain(value: float) -> float:
+        return SCALES.get(one.kind, 1.0) * (math.exp(value) if "log" in one.kind else value)
+
     return {
         "feature": one.name,
-        "measured": _plain(one.measured, one.kind),
-        "stored": _plain(one.stored, one.kind),
+        "measured": plain(one.measured),
+        "stored": plain(one.stored),
         "unit": UNITS.get(one.kind, ""),
         "deviations": one.deviations,
     }
 
 
-def _plain(value: float, kind: str) -> float:
-    """A feature in the unit in which it is told."""
-    return SCALES.get(kind, 1.0) * (math.exp(value) if kind.startswith("log") else value)
-
-
 def recognition_text(found: RecognitionRecord) -> str:
     """The answer for a person."""
     titles, name, other = found["titles"], found["object"], found["runner_up"]
-    lines = []
-    if found["recognised"]:
-        chance = _percent(found["probability"])
-        lines += titled("object", f"{name} ({titles[name]}), probability {chance}")
-    else:
-        near = found["nearest"]
-        lines += titled("object", f"{name}, probability {_percent(found['probability'])}")
+    known, near, chance = found["recognised"], found["nearest"], _percent(found["probability"])
+    what = f"{name} ({titles[name]})" if known else name
+    lines = titled("object", f"{what}, probability {chance}")
+    if not known:
         lines += titled("nearest", f"{near} ({titles[near]})")
     if other is not None:
         chance = _percent(found["runner_up_probability"])
         lines += titled("runner-up", f"{other} ({titles[other]}), probability {chance}")
-    lines += titled("told apart" if found["recognised"] else "reason", _reason(found))
+    lines += titled("told apart" if known else "reason", _reason(found))
     return "\n".join(lines)
 
 
 def _reason(found: RecognitionRecord) -> str:
-    features = [
+    told = "; ".join(
         f"{one['feature']} {_value(one['measured'], one['unit'])}, not "
         f"{_value(one['stored'], one['unit'])}"
         for one in found["differences"]
-    ]
-    told = "; ".join(features)
+    )
     if found["recognised"]:
         return told or "there is no other object"
     return (

@@ -1,8 +1,8 @@
 """Cones from a few touches: R. S. Fearing's recovery of axis and apex from contact features.
 
 A touch is read as a vertex, an edge, a face or a parabolic point; tables say which of them suffice,
-and which places on a cone they may have. The tables are data, and the thresholds on top of each
-chapter may be tuned; the equations follow from geometry alone. It rests on core arrays.
+and which places on a cone they may have. The tables are data, and the thresholds of each chapter
+may be tuned; the equations follow from geometry alone. It rests on core arrays.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

@@ -9,6 +9,7 @@ are where these planes meet.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -19,30 +20,16 @@ from palpate.core.arrays import Bools, Floats, Ints, finite_array, not_negative,
 
 FeatureGroup = Literal["V", "E", "F", "P"]  # Vertex, edge, face, parabolic point
 FeaturePlace = Literal["T", "B", "S", "M"]  # Top, bottom, side, meridian
+ENDS: dict[FeaturePlace | None, float] = {"T": 1.0, "B": -1.0}  # Which way each faces on the axis
 ContactKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
 PLACES: dict[str, tuple[FeaturePlace, ...]] = {
-    "V": ("T", "B"),
-    "E": ("T", "B", "M"),
-    "F": ("T", "B", "S"),
-    "P": ("M",),
-}
+    "V": ("T", "B"), "E": ("T", "B", "M"), "F": ("T", "B", "S"), "P": ("M",),
+}  # fmt: skip
 NORMALS = {"V": (0, 1, 2, 3), "E": (0, 2), "F": (1,), "P": (0, 1)}  # How many a feature may have
-UNIT_TOLERANCE = 1e-6  # Directions off unit length by less are normalised; by more an error
 SIGNIFICANT = 3.0  # Standard deviations beyond which a curvature or a distance is none of noise
-FLAT = 2e-3  # Of the patch's width: a jet bends so much on a plane's account
 LEAST_FOLD = np.radians(3.0)  # Faces that meet at less are one
-LEAST_SHARE = 0.04  # Of the touched points, at least, on each face
 LEAST_POINTS = 4  # On each face: three make any plane
 LEAST_WIDTH = 1e-3  # Of the patch: points that spread less beside their line make no plane
-ROUNDING = 1e-9  # Of the patch's width: no distance from a plane is smaller
-STARTS = 12  # Directions in which the patch is split at first
-OFFSETS = (0.3, 0.5, 0.7)  # Shares of the points beyond the first split of two faces
-SWEEPS = 30  # Until no point changes its face
-
-
-def no_normals() -> Floats:
-    """Normals of a feature beside which no face was told apart."""
-    return np.empty((0, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -55,8 +42,8 @@ class Feature:
     # Unit vector along an edge, or along the vanishing curvature of a parabolic point, (3,); its
     # sign means nothing. None for vertices and faces
     direction: Floats | None = None
-    # Outward unit normals of the faces that meet there, (k, 3)
-    normals: Floats = field(default_factory=no_normals)
+    # Outward unit normals of the faces that meet there, (k, 3); none if no face was told apart
+    normals: Floats = field(default_factory=lambda: np.empty((0, 3)))
     curvature: float = 0.0  # Across the meridian of a parabolic point, 1/m; convex is positive
 
     def __post_init__(self) -> None:
@@ -76,10 +63,9 @@ class Feature:
         if self.direction is not None:
             direction = finite_array("direction", self.direction, (3,))
             object.__setattr__(self, "direction", _unit("direction", direction))
-        if not ((self.curvature > 0.0) if self.group == "P" else self.curvature == 0.0):
-            raise ValueError(
-                f"curvature must be positive for P and 0 otherwise, got {self.curvature} 1/m"
-            )
+        bend = self.curvature
+        if not (bend > 0.0 if self.group == "P" else bend == 0.0):
+            raise ValueError(f"curvature must be positive for P and 0 otherwise, got {bend} 1/m")
 
     @property
     def name(self) -> str:
@@ -91,7 +77,7 @@ class Feature:
 
 def _unit(name: str, vectors: Floats) -> Floats:
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    if not (np.abs(lengths - 1.0) <= UNIT_TOLERANCE).all():
+    if not (np.abs(lengths - 1.0) <= 1e-6).all():  # Less is rounding, and normalised
         raise ValueError(f"{name} must be of length 1, got {lengths.ravel().tolist()}")
     return np.asarray(vectors / lengths)
 
@@ -137,10 +123,10 @@ def feature_of_contact(
         return _vertex(touched, outward, noise)
     if kind != "smooth":
         raise ValueError(f"kind must be smooth, edge, corner, insufficient or miss, got {kind!r}")
-    sagitta = max(SIGNIFICANT * noise / np.sqrt(len(touched)), 4.0 * FLAT * float(spread[0]))
-    bent = np.abs(principal) > np.maximum(
-        SIGNIFICANT * np.array(principal_error), 0.5 * sagitta / spread[0] ** 2
-    )
+    # A jet bends by 2e-3 of the patch's width on a plane's account
+    sagitta = max(SIGNIFICANT * noise / np.sqrt(len(touched)), 4.0 * 2e-3 * float(spread[0]))
+    least = np.maximum(SIGNIFICANT * np.array(principal_error), 0.5 * sagitta / spread[0] ** 2)
+    bent = np.abs(principal) > least
     across = finite_array("principal_direction", principal_direction, (3,))
     return _smooth(touched, outward, across, principal, bent)
 
@@ -151,54 +137,36 @@ def _spread(points: Floats) -> Floats:
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
-def _face(points: Floats, outward: Floats) -> ContactFeature:
-    normal, centre = fit_planes(points, np.ones((1, len(points)), bool), outward)
-    misfit = float(np.sqrt(np.mean(((points - centre[0]) @ normal[0]) ** 2)))
-    face = Feature(group="F", point=centre[0], normals=normal)
-    return ContactFeature(face, "flat both ways", misfit)
-
-
 def _smooth(
     points: Floats, outward: Floats, across: Floats, principal: tuple[float, float], bent: Bools
 ) -> ContactFeature:
     """A face, or a parabolic point if it is bent along its first principal direction alone."""
-    k1, k2 = principal
     if not bent.any():
-        return _face(points, outward)
+        normal, centre = fit_planes(points, np.ones((1, len(points)), bool), outward)
+        misfit = float(np.sqrt(np.mean(((points - centre[0]) @ normal[0]) ** 2)))
+        face = Feature(group="F", point=centre[0], normals=normal)
+        return ContactFeature(face, "flat both ways", misfit)
+    k1, k2 = principal
     if bent.all():
         return ContactFeature(None, f"curved both ways, by {k1:.3g} and {k2:.3g} 1/m")
-    curvature = k1 if bent[0] else k2
-    if curvature < 0.0:
-        why = f"concave, by {curvature:.3g} 1/m: the section of a cone is convex"
-        return ContactFeature(None, why)
+    bend = k1 if bent[0] else k2
+    if bend < 0.0:
+        return ContactFeature(None, f"concave, by {bend:.3g} 1/m: the section of a cone is convex")
     across = _unit("principal_direction", across)
-    meridian = np.cross(outward, across)
-    middle = _on_surface(points, np.stack([across, np.cross(outward, across), outward]))
+    along = np.cross(outward, across)
+    # Over the middle the surface is a polynomial of fourth degree where it bends, of second along.
+    middle = points.mean(axis=0)
+    u, v, w = np.stack([across, along, outward]) @ (points - middle).T
+    terms = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v, u**3, u**4])
+    place = middle + np.linalg.lstsq(terms, w, rcond=None)[0][0] * outward
+    along = along / np.linalg.norm(along)
     parabolic = Feature(
-        group="P",
-        point=middle,
-        direction=meridian / np.linalg.norm(meridian),
-        normals=outward[None],
-        curvature=curvature,
+        group="P", point=place, direction=along, normals=outward[None], curvature=bend
     )
     return ContactFeature(parabolic, "flat along one direction")
 
 
-def _on_surface(points: Floats, frame: Floats) -> Floats:
-    """The place (3,) of the surface over the middle of the contact, by a polynomial, m.
-
-    `frame` (3, 3): tangents along and across the curvature, and the normal, as rows. Of fourth
-    degree along it, where the surface bends; of second across.
-    """
-    middle = points.mean(axis=0)
-    u, v, w = frame @ (points - middle).T
-    terms = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v, u**3, u**4])
-    height = np.linalg.lstsq(terms, w, rcond=None)[0][0]
-    return np.asarray(middle + height * frame[2])
-
-
 def _edge(points: Floats, outward: Floats, noise: float) -> ContactFeature:
-    """Where the two planes meet that the points lie on."""
     planes = _separated(points, outward, 2, noise)
     if planes is None:
         return ContactFeature(None, "the touched points do not lie on two faces")
@@ -217,12 +185,11 @@ def _edge(points: Floats, outward: Floats, noise: float) -> ContactFeature:
 def _vertex(points: Floats, outward: Floats, noise: float) -> ContactFeature:
     """Where three planes meet, or the point that stands out farthest if fewer can be told apart."""
     planes = _separated(points, outward, 3, noise)
-    if planes is not None and not planes.hollow:
-        volume = abs(float(np.linalg.det(planes.normals)))
-        if volume > np.sin(LEAST_FOLD) ** 2:
-            place = _meeting(planes.normals, list(planes.centres))
-            vertex = Feature(group="V", point=place, normals=planes.normals)
-            return ContactFeature(vertex, "three faces meet", planes.misfit)
+    least = np.sin(LEAST_FOLD) ** 2
+    if planes and not planes.hollow and abs(np.linalg.det(planes.normals)) > least:
+        place = _meeting(planes.normals, [*planes.centres])
+        vertex = Feature(group="V", point=place, normals=planes.normals)
+        return ContactFeature(vertex, "three faces meet", planes.misfit)
     highest = points[np.argmax(points @ outward)]
     return ContactFeature(Feature(group="V", point=highest), "the point that stands out farthest")
 
@@ -235,8 +202,6 @@ def _meeting(normals: Floats, centres: list[Floats]) -> Floats:
 
 
 class _Planes(NamedTuple):
-    """Planes that share the touched points."""
-
     normals: Floats  # Outward unit normals (k, 3)
     centres: Floats  # Means of their points (k, 3), m
     misfit: float  # Root mean square distance of the points from the nearest plane, m
@@ -245,57 +210,53 @@ class _Planes(NamedTuple):
 
 def _separated(points: Floats, outward: Floats, count: int, noise: float) -> _Planes | None:
     """The planes that fit best, from many first splits; None if the points of one span none."""
-    least = max(LEAST_POINTS, int(LEAST_SHARE * len(points)))
-    width = 4.0 * float(_spread(points)[0])
+    least = max(LEAST_POINTS, int(0.04 * len(points)))  # Points on each face, at least
+    rounding = 1e-9 * 4.0 * float(_spread(points)[0])  # m: no distance from a plane is smaller
     best: tuple[float, Ints] | None = None
-    for labels in _first_splits(points, outward, count):
-        settled = _settled(points, outward, labels, count, least)
+    for split in _first_splits(points, outward, count):
+        settled = _settled(points, outward, split, count, least)
         if settled is not None and (best is None or settled[0] < best[0]):
             best = settled
-            if settled[0] < ROUNDING * width:
+            if settled[0] < rounding:
                 break
     if best is None:
         return None
-    labels = best[1]
-    members = labels == np.arange(count)[:, None]
+    members = best[1] == np.arange(count)[:, None]
     if any(one[1] <= LEAST_WIDTH * one[0] for one in (_spread(points[two]) for two in members)):
         return None
     normals, centres = fit_planes(points, members, outward)
     distances = _distances(points, normals, centres)
-    off = np.abs(distances[labels, np.arange(len(points))])
-    limit = max(SIGNIFICANT * noise, SIGNIFICANT * scaled_mad(off), ROUNDING * width)
+    off = np.abs(distances[best[1], np.arange(len(points))])
+    limit = max(SIGNIFICANT * noise, SIGNIFICANT * scaled_mad(off), rounding)
     kept = members & (off <= limit)
     if (kept.sum(axis=1) >= least).all():
         normals, centres = fit_planes(points, kept, outward)
         distances = _distances(points, normals, centres)
-    standing = max(float(distances[i][kept[j]].mean()) for i, j in _pairs(count))
+    pairs = itertools.permutations(range(count), 2)
+    standing = max(float(distances[i][kept[j]].mean()) for i, j in pairs)
     misfit = float(np.sqrt(np.mean(np.abs(distances).min(axis=0) ** 2)))
     return _Planes(normals, centres, misfit, standing > limit)
 
 
-def _pairs(count: int) -> list[tuple[int, int]]:
-    return [(i, j) for i in range(count) for j in range(count) if i != j]
-
-
 def _first_splits(points: Floats, outward: Floats, count: int) -> list[Ints]:
     """Faces (n,) of the points: halves at many azimuths and offsets, or thirds about the middle."""
-    first = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward))])
-    first /= np.linalg.norm(first)
-    top = points[np.argsort(points @ outward)[-LEAST_POINTS:]].mean(axis=0)
-    plane = (points - (points.mean(axis=0) if count == 2 else top)) @ np.column_stack(
-        [first, np.cross(outward, first)]
-    )
-    turns = np.arange(STARTS) * (np.pi if count == 2 else 2.0 * np.pi / 3.0) / STARTS
+    turns = np.arange(12) * (np.pi if count == 2 else 2.0 * np.pi / 3.0) / 12
     if count == 2:
+        plane = (points - points.mean(axis=0)) @ axes_across(outward).T
         beside = [plane @ [np.cos(turn), np.sin(turn)] for turn in turns]
-        return [
-            (one > np.quantile(one, share)).astype(np.int32) for share in OFFSETS for one in beside
-        ]
-    azimuth = np.arctan2(plane[:, 1], plane[:, 0])
-    return [
-        (np.mod(azimuth - turn, 2.0 * np.pi) * count / (2.0 * np.pi)).astype(np.int32) % count
-        for turn in turns
-    ]
+        splits = itertools.product((0.3, 0.5, 0.7), beside)  # Shares of the points beyond
+        return [(one > np.quantile(one, share)).astype(np.int32) for share, one in splits]
+    top = points[np.argsort(points @ outward)[-LEAST_POINTS:]].mean(axis=0)
+    x, y = ((points - top) @ axes_across(outward).T).T
+    azimuths = np.mod(np.arctan2(y, x) - turns[:, None], 2.0 * np.pi)
+    return [*((azimuths * count / (2.0 * np.pi)).astype(np.int32) % count)]
+
+
+def axes_across(direction: Floats) -> Floats:
+    """Two unit vectors (2, 3) square to a direction (3,) and to each other."""
+    first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(direction, first)])
 
 
 def _settled(
@@ -303,7 +264,7 @@ def _settled(
 ) -> tuple[float, Ints] | None:
     """Misfit and faces (n,) when each point has gone to its nearest plane; None if one dies out."""
     distances = np.zeros((count, len(points)))
-    for _ in range(SWEEPS):
+    for _ in range(30):  # Until no point changes its face
         members = labels == np.arange(count)[:, None]
         if (members.sum(axis=1) < least).any():
             return None

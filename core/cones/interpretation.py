@@ -17,32 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, positive
-from palpate.core.cones.features import PLACES, Feature
-from palpate.core.cones.solving import (
-    ANGLE_NOISE,
-    POSITION_NOISE,
-    ApexFit,
-    AxisFit,
-    ConeOrientation,
-    ConeOrigin,
-    fit_apex,
-    fit_axis,
-    residual_sigma,
-)
-from palpate.core.cones.tables import (
-    APEX_OFF_ENDS,
-    BELOW_APEX,
-    FACES_NOT_PARALLEL,
-    MERIDIAN_SLOPES,
-    TableRow,
-    row_of,
-)
+from palpate.core.cones import solving, tables
+from palpate.core.cones.features import ENDS, PLACES, Feature
 
 TOLERANCE = 3.0  # Standard deviations
 MOST_FEATURES = 6  # Three places each: 729 assignments
-# Of the distance between two points: a difference of heights that is known worse is no ground to
-# refuse what needs one
-UNDECIDED = 0.5
 ON_CIRCLE, ON_SPHERE = 720, 4096  # Axes that are tried where the equations leave a choice
 OUTWARD = "a top face faces along the axis, and a bottom face against it"
 BETWEEN_ENDS = "every contact lies between the planes of the ends, the top above the bottom"
@@ -57,9 +36,9 @@ class Interpretation(NamedTuple):
     """One assignment of places to features, and what becomes of it."""
 
     features: tuple[Feature, ...]  # As given, with their places
-    row: TableRow | None  # Of table 1.3 or 1.4; None if they do not list this combination
-    orientation: ConeOrientation | None  # None if these places leave the axis free
-    origin: ConeOrigin | None  # None if these places leave the apex free
+    row: tables.TableRow | None  # Of table 1.3 or 1.4; None if they do not list this combination
+    orientation: solving.ConeOrientation | None  # None if these places leave the axis free
+    origin: solving.ConeOrigin | None  # None if these places leave the apex free
     redundancy: int  # Equations left over
     # The larger of axis and apex, in standard deviations; 0 if no equation is left over
     residual_sigma: float
@@ -79,8 +58,8 @@ class Interpretation(NamedTuple):
 def interpretations(
     features: Sequence[Feature],
     *,
-    angle_noise: float = ANGLE_NOISE,
-    position_noise: float = POSITION_NOISE,
+    angle_noise: float = solving.ANGLE_NOISE,
+    position_noise: float = solving.POSITION_NOISE,
     tolerance: float = TOLERANCE,
     section_holds_axis: bool = False,
 ) -> tuple[Interpretation, ...]:
@@ -123,43 +102,32 @@ class _Noise(NamedTuple):
 
 
 def _interpretation(placed: list[Feature], noise: _Noise, holds_axis: bool) -> Interpretation:
-    axis = fit_axis(placed, noise.angle, noise.position)
-    apex = fit_apex(placed, noise.angle, noise.position)
-    sides = ConeOrigin(apex.point, np.zeros((3, 3)), apex.squared_misfit, apex.redundancy)
-    worst = max(residual_sigma(one) for one in (axis.orientation, sides) if one is not None)
+    axis = solving.fit_axis(placed, noise.angle, noise.position)
+    apex = solving.fit_apex(placed, noise.angle, noise.position)
+    sides = solving.ConeOrigin(apex.point, np.zeros((3, 3)), apex.squared_misfit, apex.redundancy)
+    solved = [one for one in (axis.orientation, sides) if one is not None]
+    worst = max(solving.residual_sigma(one) for one in solved)
     refusals = [] if worst <= noise.tolerance else [FITS]
-    refusals += [] if _is_convex(placed, noise) else [CONVEX]
-    axes = _axes(placed, axis)
-    verdicts = _verdicts(placed, noise, axes, axis, apex, holds_axis)
-    failed = np.array([~one for one in verdicts.values()])
-    best = int(failed.sum(axis=0).argmin())
-    refusals += [name for name, fails in zip(verdicts, failed[:, best], strict=True) if fails]
-    orientation = axis.orientation
-    if orientation is not None:
-        orientation = orientation._replace(axis=axes[best])
-    row = row_of(one.name for one in placed)
-    return Interpretation(
-        tuple(placed),
-        row,
-        orientation,
-        apex.origin,
-        axis.redundancy + apex.redundancy,
-        worst,
-        tuple(refusals),
-    )
-
-
-def _is_convex(placed: list[Feature], noise: _Noise) -> bool:
-    """Whether all contacts lie behind all faces, wherever on the cone these are."""
     points = np.array([one.point for one in placed])
-    return not any(
+    if any(  # A cone lies behind all its faces, wherever on it these are
         ((points - one.point) @ normal > noise.heights(points - one.point, noise.angle)).any()
         for one in placed
         for normal in one.normals
-    )
+    ):
+        refusals.append(CONVEX)
+    axes = _axes(placed, axis)
+    verdicts = _verdicts(placed, noise, axes, axis, apex, holds_axis)
+    failed = ~np.array([*verdicts.values()])
+    best = int(failed.sum(axis=0).argmin())
+    refusals += [name for name, fails in zip(verdicts, failed[:, best], strict=True) if fails]
+    orientation = axis.orientation and axis.orientation._replace(axis=axes[best])
+    row = tables.row_of(one.name for one in placed)
+    over = axis.redundancy + apex.redundancy
+    told = orientation, apex.origin, over, worst, tuple(refusals)
+    return Interpretation(tuple(placed), row, *told)
 
 
-def _axes(placed: list[Feature], fit: AxisFit) -> Floats:
+def _axes(placed: list[Feature], fit: solving.AxisFit) -> Floats:
     """Unit vectors (c, 3): the axis either way; if more of it is not known, all that may be it."""
     if fit.orientation is not None:
         return np.stack([fit.orientation.axis, -fit.orientation.axis])
@@ -177,34 +145,24 @@ def _axes(placed: list[Feature], fit: AxisFit) -> Floats:
 
 
 def _verdicts(
-    placed: list[Feature],
-    noise: _Noise,
-    axes: Floats,
-    axis: AxisFit,
-    apex: ApexFit,
-    holds_axis: bool,
-) -> dict[str, Bools]:
+    placed: list[Feature], noise: _Noise, axes: Floats,
+    axis: solving.AxisFit, apex: solving.ApexFit, holds_axis: bool,
+) -> dict[str, Bools]:  # fmt: skip
     """Which constraints hold for which axes (c,)."""
     error = min(axis.error, noise.angle) if axis.orientation is None else axis.error
     clear = math.sin(min(noise.tolerance * math.hypot(error, noise.angle), 0.5 * math.pi))
     lines = _stack(one.direction for one in placed if one.place == "M")
     sides = _stack(one.normals[0] for one in placed if one.group == "F" and one.place == "S")
-    tangents = _stack(one.normals[0] for one in placed if one.group == "P" and len(one.normals))
-    outward = np.vstack([sides, tangents])
+    apart = np.linalg.norm(np.cross(axes[:, None], sides), axis=2)
     verdicts = {
-        MERIDIAN_SLOPES: (np.abs(axes @ lines.T) > clear).all(axis=1),
-        FACES_NOT_PARALLEL: (np.linalg.norm(np.cross(axes[:, None], sides), axis=2) > clear).all(
-            axis=1
-        ),
-        OUTWARD: _faces_outward(placed, axes),
-        BETWEEN_ENDS: _between_ends(placed, noise, axes, error),
-        RIM_NORMAL: _rim_normals(placed, axes, math.cos(min(math.asin(clear), 0.5 * math.pi))),
-        **_below_apex(placed, noise, axes, apex, error),
+        tables.MERIDIAN_SLOPES: (np.abs(axes @ lines.T) > clear).all(axis=1),
+        tables.FACES_NOT_PARALLEL: (apart > clear).all(axis=1),
+        **_ends_hold(placed, noise, axes, error, math.cos(math.asin(clear))),
+        **_apex_holds(placed, noise, axes, apex, error),
     }
-    if apex.origin is not None:
-        supported = _rims_support(placed, noise, apex.origin)
-        verdicts[RIM_SUPPORTS] = np.full(len(axes), supported)
     if holds_axis:
+        tangents = _stack(one.normals[0] for one in placed if one.group == "P" and len(one.normals))
+        outward = np.vstack([sides, tangents])
         verdicts[SECTION_HOLDS_AXIS] = (axes @ outward.T > -clear).all(axis=1)
     return verdicts
 
@@ -214,68 +172,62 @@ def _stack(vectors: Iterable[Floats | None]) -> Floats:
     return np.array([one for one in vectors if one is not None], np.float64).reshape(-1, 3)
 
 
-def _faces_outward(placed: list[Feature], axes: Floats) -> Bools:
-    tops = _stack(one.normals[0] for one in placed if one.group == "F" and one.place == "T")
-    bottoms = _stack(one.normals[0] for one in placed if one.group == "F" and one.place == "B")
-    return np.asarray((axes @ np.vstack([tops, -bottoms]).T > 0.0).all(axis=1))
-
-
-def _between_ends(placed: list[Feature], noise: _Noise, axes: Floats, error: float) -> Bools:
+def _ends_hold(
+    placed: list[Feature], noise: _Noise, axes: Floats, error: float, cosine: float
+) -> dict[str, Bools]:
+    """Whether the ends face along the axis, with all contacts between them."""
     points = np.array([one.point for one in placed])
-    holds = np.ones(len(axes), bool)
-    for end, sign in (("T", 1.0), ("B", -1.0)):
-        for mine in (one for one in placed if one.place == end):
+    outward, between, rims = np.ones((3, len(axes)), bool)
+    for mine in placed:
+        if mine.place in ENDS:
             room = noise.heights(points - mine.point, error)
-            others = np.array([one.place != end for one in placed])
-            strictly = np.array([end == "T" and one.place == "B" for one in placed])
-            above = sign * (axes @ (points - mine.point).T)
+            others = np.array([one.place != mine.place for one in placed])
+            strictly = np.array([mine.place == "T" and one.place == "B" for one in placed])
+            above = ENDS[mine.place] * (axes @ (points - mine.point).T)
             limits = np.where(strictly & _decides(room, points - mine.point), -room, room)
-            holds &= (above[:, others] < limits[others]).all(axis=1)
-    return holds
-
-
-def _rim_normals(placed: list[Feature], axes: Floats, cosine: float) -> Bools:
-    holds = np.ones(len(axes), bool)
-    for one in placed:
-        if one.place in ("T", "B") and one.group in "EV" and len(one.normals):
-            sign = 1.0 if one.place == "T" else -1.0
-            holds &= (sign * axes @ one.normals.T).max(axis=1) >= cosine
-    return holds
+            between &= (above[:, others] < limits[others]).all(axis=1)
+            facing = ENDS[mine.place] * axes @ mine.normals.T
+            if mine.group == "F":
+                outward &= facing[:, 0] > 0.0
+            elif len(mine.normals):
+                rims &= facing.max(axis=1) >= cosine
+    return {OUTWARD: outward, BETWEEN_ENDS: between, RIM_NORMAL: rims}
 
 
 def _decides(room: Floats, apart: Floats) -> Bools:
-    """Whether a height is known well enough to be told from 0."""
-    return np.asarray(room < UNDECIDED * np.linalg.norm(apart, axis=-1))
+    """Whether a height is known well enough, to half of the distance, to be told from 0."""
+    return np.asarray(room < 0.5 * np.linalg.norm(apart, axis=-1))
 
 
-def _below_apex(
-    placed: list[Feature], noise: _Noise, axes: Floats, apex: ApexFit, error: float
+def _apex_holds(
+    placed: list[Feature], noise: _Noise, axes: Floats, apex: solving.ApexFit, error: float
 ) -> dict[str, Bools]:
-    """Whether contacts lie below the apex, and it outside the ends' planes.
+    """Whether contacts lie below the apex, it outside the ends' planes, and the body on one side.
 
     Where the apex is free along a direction that is not level it may lie as high as need be.
     """
     apart = apex.point - np.array([one.point for one in placed])
+    heights = axes @ apart.T
     if apex.origin is None:
         rises = np.linalg.norm(axes @ apex.free.T, axis=1) > noise.angle * noise.tolerance
         room = noise.heights(apart, noise.angle)
-        return {BELOW_APEX: rises | (axes @ apart.T > -room).all(axis=1)}
+        return {tables.BELOW_APEX: rises | (heights > -room).all(axis=1)}
     own = np.einsum("ci,ij,cj->c", axes, apex.origin.covariance, axes)
     room = np.hypot(noise.heights(apart, error), noise.tolerance * np.sqrt(own)[:, None])
-    heights = axes @ apart.T
-    ends = np.array([one.place in ("T", "B") for one in placed])
+    ends = np.array([one.place in ENDS for one in placed])
     off = (np.abs(heights) > room) | ~_decides(room, apart)
     return {
-        BELOW_APEX: (heights > -room).all(axis=1),
-        APEX_OFF_ENDS: off[:, ends].all(axis=1),
+        tables.BELOW_APEX: (heights > -room).all(axis=1),
+        tables.APEX_OFF_ENDS: off[:, ends].all(axis=1),
+        RIM_SUPPORTS: np.full(len(axes), _rims_support(placed, noise, apex.origin)),
     }
 
 
-def _rims_support(placed: list[Feature], noise: _Noise, origin: ConeOrigin) -> bool:
+def _rims_support(placed: list[Feature], noise: _Noise, origin: solving.ConeOrigin) -> bool:
     points = np.array([one.point for one in placed])
     own = math.sqrt(float(np.trace(origin.covariance)))
     for one in placed:
-        if one.place in ("T", "B") and one.direction is not None:
+        if one.place in ENDS and one.direction is not None:
             up = origin.point - one.point
             normal = np.cross(one.direction, up)
             size = float(np.linalg.norm(normal))

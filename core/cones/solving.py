@@ -7,7 +7,7 @@ eigenvector. Meridians and side planes pass through the apex: linear in it, but 
 fall with the distance over which a direction is prolonged. Every combination of the tables is a
 case of this, and so is what is overdetermined.
 
-The sides alone never give the axis: Fearing's theorem, and see `NEEDS_END`.
+The sides alone never give the axis: Fearing's theorem.
 """
 
 from __future__ import annotations
@@ -19,21 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, positive
-from palpate.core.cones.features import Feature
+from palpate.core.cones.features import ENDS, Feature, axes_across
 
 ANGLE_NOISE = math.radians(1.0)  # Of both components of a measured direction across itself
 POSITION_NOISE = 1e-4  # Of each coordinate of a touched point, m
-# Share of the largest singular value below which an equation says nothing that rounding does not:
-# half of a double's digits are left to it.
+# Share of the largest singular value: an equation below is rounding, half of a double's digits
 RECIPROCAL = 3e-8
-MOST_ANGLE_ERROR = math.radians(20.0)  # Standard deviation beyond which an axis is not known
 MOST_APEX_ERROR = 0.5  # Beyond which an apex is not known, of its distance from the contacts
-SWEEPS = 50  # Of reweighting; weights change little, so that a few are enough
-SETTLED = 1e-14  # Of the distance from the contacts: an apex that moves less stays
-NEEDS_END = (
-    "nothing of top or bottom was touched: the same sides cut square to any other direction are "
-    "again a cone"
-)
 
 
 class InsufficientFeaturesError(ValueError):
@@ -145,20 +137,22 @@ class AxisFit(NamedTuple):
 
 def fit_axis(features: Sequence[Feature], angle_noise: float, position_noise: float) -> AxisFit:
     """Fit the axis to features of known places."""
-    rows = [np.empty((0, 3))]
-    for end in "TB":
+    rows: list[Floats] = []
+    for end in ENDS:
         mine = [one for one in features if one.place == end]
-        rows += [_across(one.normals[0]) / angle_noise for one in mine if one.group == "F"]
+        rows += [axes_across(one.normals[0]) / angle_noise for one in mine if one.group == "F"]
         rows += [one.direction[None] / angle_noise for one in mine if one.direction is not None]
         if len(mine) > 1:  # They lie in one plane; the mean takes its offset out
             points = np.array([one.point for one in mine])
             rows.append((points - points.mean(axis=0)) / position_noise)
-    equations = np.vstack(rows)
-    _, sizes, directions = np.linalg.svd(np.vstack([equations, np.zeros((3, 3))]))
-    known = max(RECIPROCAL * sizes[0], 1.0 / MOST_ANGLE_ERROR)
+    _, sizes, directions = np.linalg.svd(np.vstack([*rows, np.zeros((3, 3))]))
+    known = max(RECIPROCAL * sizes[0], 1.0 / math.radians(20.0))  # Off by more it is not known
     rank = min(int((sizes > known).sum()), 2)
     error = 1.0 / float(sizes[1]) if sizes[1] > 0.0 else math.inf
-    redundancy = _count(features) - rank
+    ends = [one for one in features if one.place in ENDS]
+    equations = sum({"F": 3, "E": 2}.get(one.group, 1) for one in ends)
+    offsets = len({one.place for one in ends})  # A point of each end goes into its offset
+    redundancy = equations - offsets - rank
     if rank < 2:
         return AxisFit(None, directions[rank:], error, redundancy)
     covariance = (directions[:2].T / sizes[:2] ** 2) @ directions[:2]
@@ -168,46 +162,32 @@ def fit_axis(features: Sequence[Feature], angle_noise: float, position_noise: fl
     return AxisFit(found, axis[None], error, redundancy)
 
 
-def _across(direction: Floats) -> Floats:
-    """Two unit vectors (2, 3) square to a direction and to each other."""
-    first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first)])
-
-
-def _count(features: Sequence[Feature]) -> int:
-    """Equations that the features of the ends make: a point of each end goes into its offset."""
-    own = {"F": 2, "E": 1, "V": 0}
-    ends = [one for one in features if one.place in ("T", "B")]
-    touched = len({one.place for one in ends})
-    return sum(own[one.group] + 1 for one in ends) - touched
-
-
 def _with_sense(features: Sequence[Feature], axis: Floats) -> tuple[Floats, bool, int]:
     """The axis from bottom to top, whether that is known, and faces whose normals contradict it."""
-    ends = {"T": 1.0, "B": -1.0}
     votes = []
     for one in features:
-        if one.place in ends and len(one.normals):
+        if one.place in ENDS and len(one.normals):
             along = one.normals @ axis  # One of the normals is that of the end
-            votes.append(ends[one.place] * float(along[np.argmax(np.abs(along))]))
-    for end, sign in ends.items():
+            votes.append(ENDS[one.place] * float(along[np.argmax(np.abs(along))]))
+    for end, sign in ENDS.items():
         mine = [float(one.point @ axis) for one in features if one.place == end]
         others = [float(one.point @ axis) for one in features if one.place != end]
         if mine and others and not votes:
             votes.append(sign * float(np.mean(mine) - np.mean(others)))
     total = sum(votes)
-    upright = total if total != 0.0 else float(axis[2])
-    turned = -axis if upright < 0.0 else axis
-    faces = [one for one in features if one.group == "F" and one.place in ends]
-    opposed = sum(ends[str(one.place)] * float(one.normals[0] @ turned) < 0.0 for one in faces)
+    turned = -axis if (total or float(axis[2])) < 0.0 else axis
+    faces = [one for one in features if one.group == "F" and one.place in ENDS]
+    opposed = sum(ENDS[one.place] * float(one.normals[0] @ turned) < 0.0 for one in faces)
     return turned, total != 0.0, opposed
 
 
 def _why_the_axis_is_free(features: Sequence[Feature], fit: AxisFit) -> str:
-    ends = [one for one in features if one.place in ("T", "B")]
+    ends = [one for one in features if one.place in ENDS]
     if not ends:
-        return f"the axis is free: {NEEDS_END}"
+        return (
+            "the axis is free: nothing of top or bottom was touched: the same sides cut square to "
+            "any other direction are again a cone"
+        )
     names = " ".join(one.name for one in ends)
     edges = [one for one in ends if one.group == "E"]
     if len(ends) == 1:
@@ -222,9 +202,8 @@ def _why_the_axis_is_free(features: Sequence[Feature], fit: AxisFit) -> str:
         why = "two vertices, or an edge and a vertex of the other end, leave it free to turn"
     else:
         why = "what was touched of the ends lies along one direction"
-    spread = "" if math.isinf(fit.error) or fit.error > math.pi else (
-        f" (known to {math.degrees(fit.error):.3g} degrees)"
-    )  # fmt: skip
+    known = fit.error <= math.pi
+    spread = f" (known to {math.degrees(fit.error):.3g} degrees)" if known else ""
     return f"the axis is free: {why}: {names}{spread}"
 
 
@@ -263,23 +242,23 @@ def fit_apex(features: Sequence[Feature], angle_noise: float, position_noise: fl
     if not sides:
         return ApexFit(None, np.zeros(3), np.eye(3), math.inf, 0.0, 0)
     middle = np.mean([one.point for one in sides], axis=0)
-    lines = [_side_equations(one) for one in sides]
+    # Unit vectors (k, 3) of each square to which the apex lies from its point
+    lines = [one.normals if one.direction is None else axes_across(one.direction) for one in sides]
     rows = np.vstack(lines)
     through = np.repeat([one.point - middle for one in sides], [len(one) for one in lines], axis=0)
     offsets = np.einsum("ij,ij->i", rows, through)
     apex = np.zeros(3)
-    for _ in range(SWEEPS):
+    for _ in range(50):  # Weights change little, so that a few are enough
         before = apex
         away = ((apex - through) ** 2).sum(axis=1)
         weights = 1.0 / np.sqrt(position_noise**2 + angle_noise**2 * away)
-        _, sizes, directions = np.linalg.svd(
-            np.vstack([rows * weights[:, None], np.zeros((3, 3))]), full_matrices=False
-        )
+        weighted = np.vstack([rows * weights[:, None], np.zeros((3, 3))])
+        _, sizes, directions = np.linalg.svd(weighted, full_matrices=False)
         known = sizes > RECIPROCAL * sizes[0]
         inverse = directions[known].T / sizes[known] ** 2 @ directions[known]
         apex = inverse @ (rows.T @ (weights**2 * offsets))
         reach = math.sqrt(float(((apex - through) ** 2).sum(axis=1).mean()))
-        if np.linalg.norm(apex - before) <= SETTLED * reach:
+        if np.linalg.norm(apex - before) <= 1e-14 * reach:
             break
     errors = np.where(known, 1.0 / np.where(known, sizes, 1.0), math.inf)
     squared = float((weights**2 * (rows @ apex - offsets) ** 2).sum())
@@ -288,11 +267,6 @@ def fit_apex(features: Sequence[Feature], angle_noise: float, position_noise: fl
     place, error = apex + middle, float(errors.max())
     origin = ConeOrigin(place, inverse, squared, redundancy) if certain.all() else None
     return ApexFit(origin, place, directions[~certain], error, squared, redundancy)
-
-
-def _side_equations(feature: Feature) -> Floats:
-    """Unit vectors (k, 3) square to which the apex lies from the point."""
-    return feature.normals if feature.direction is None else _across(feature.direction)
 
 
 def _why_the_apex_is_free(features: Sequence[Feature], fit: ApexFit) -> str:
@@ -338,7 +312,6 @@ def scaled_radii(
     for one in features:
         if one.place == "M":
             x, y, z = (one.point - origin.point) @ orientation.rotation
-            radius = math.hypot(x, y)
-            half_angle = math.atan2(radius, -z)
+            half_angle = math.atan2(math.hypot(x, y), -z)
             found.append(ScaledRadius(math.atan2(y, x), math.tan(half_angle), half_angle))
     return tuple(found)

@@ -24,14 +24,8 @@ from palpate.core.rebuild.recovery import recover
 from palpate.core.recognition.faces import PlaneFaces, plane_faces
 from palpate.core.recognition.voids import Voids, convex_hull, find_voids
 
-SEED = 1999
-SAMPLES = 4000  # Places of the surface, by area, of which faces are told
-FITTED = 80  # Of them, to which the superquadric is fitted
-CALIPERS = 300  # Directions in which the width is taken
 WIDTHS = (0.1, 0.5, 1.0)  # Quantiles of the widths
 SECTIONS = 7  # Across the axis, at even shares of the length
-LEAST_RESIDUAL = 1e-3  # Of the size: all fits that are better are alike
-LARGEST_RESIDUAL = 6e-3  # Of the size: with more, what fits best is left to chance
 LEAST = 1e-12
 
 
@@ -99,12 +93,12 @@ def describe(vertices: ArrayLike, faces: ArrayLike) -> Description:
         volume=volume,
         area=float(areas.sum()),
         gyration=np.sqrt(squares),
-        widths=np.quantile(np.ptp(_even_directions(CALIPERS) @ hull[0].T, axis=1), WIDTHS),
+        widths=np.quantile(np.ptp(_even_directions(300) @ hull[0].T, axis=1), WIDTHS),
         extents=np.ptp(local.reshape(-1, 3), axis=0),
         skew=skew,
         facing=np.linalg.eigvalsh((normals * shares[:, None]).T @ normals)[::-1],
     )
-    samples = sample_surface(local, SAMPLES, np.random.default_rng(SEED))
+    samples = sample_surface(local, 4000, np.random.default_rng(1999))
     found = plane_faces(samples.points, (normals @ axes)[samples.faces], whole.area)
     return Description(whole, _fitted(samples.points), voids, found, sections)
 
@@ -125,8 +119,7 @@ def _moments(corners: Floats) -> tuple[float, Floats, Floats, Floats]:
 
 
 def _fitted(points: Floats) -> FittedShape:
-    chosen = points[np.linspace(0, len(points) - 1, FITTED).astype(int)]
-    found = recover(chosen, taper=True, bend=True)
+    found = recover(points[np.linspace(0, len(points) - 1, 80).astype(int)], taper=True, bend=True)
     angle = 2.0 * found.bend.curvature * float(found.size[2])
     taper = float(np.abs(found.taper).max())
     return FittedShape(np.sort(found.size)[::-1], found.exponents, taper, angle, found.rms)
@@ -141,46 +134,42 @@ def _even_directions(count: int) -> Floats:
 
 
 def _sections(corners: Floats, volume: float) -> tuple[Sections, float]:
-    """Sections across z of triangles (m, 3, 3) about the centroid, and the skew along it.
-
-    Each triangle that a plane crosses leaves a segment with the solid on its left: area and moments
-    are sums over those (Green), in whatever order they come.
-    """
+    """Sections across z of triangles (m, 3, 3) about the centroid, and the skew along it."""
     low, high = float(corners[:, :, 2].min()), float(corners[:, :, 2].max())
     heights = low + (high - low) * (np.arange(SECTIONS) + 0.5) / SECTIONS
-    found = [_section(corners, height) for height in heights]
-    areas = np.array([one[0] for one in found])
-    moments = np.array([one[1] for one in found])
+    found = np.array([_section(corners, height) for height in heights])
     variance, third = _axial_moments(corners, volume)
-    if third < 0.0:
-        areas, moments = areas[::-1], moments[::-1]
+    found = found[::-1] if third < 0.0 else found
+    areas, moments = found[:, 0], found[:, 1:]
     compactness = areas**2 / np.maximum(2.0 * math.pi * moments.sum(axis=1), LEAST**2)
     return Sections(areas, moments, compactness), abs(third) / variance**1.5
 
 
-def _section(corners: Floats, height: float) -> tuple[float, tuple[float, float]]:
-    """Area, m2, and principal second moments of area, m4, the larger first, at a height."""
+def _section(corners: Floats, height: float) -> tuple[float, float, float]:
+    """Area, m2, and principal second moments of area, m4, the larger first, at a height.
+
+    Each triangle that the plane crosses leaves a segment with the solid on its left: area and
+    moments are sums over those (Green), in whatever order they come.
+    """
     above = corners[:, :, 2] > height
     crossed = corners[above.any(axis=1) & ~above.all(axis=1)]
     up = crossed[:, :, 2] > height
-    leaves = up & ~np.roll(up, -1, axis=1)  # the edge that goes down through the plane
-    enters = ~up & np.roll(up, -1, axis=1)
-    starts, ends = (_crossing(crossed, edge, height) for edge in (leaves, enters))
+    then = np.roll(up, -1, axis=1)
+    starts, ends = (_crossing(crossed, edge, height) for edge in (up & ~then, ~up & then))
     twice = starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0]
     area = 0.5 * float(twice.sum())
     if not area > 0.0:
-        return 0.0, (0.0, 0.0)
-    middle = twice @ (starts + ends) / (6.0 * area)
+        return 0.0, 0.0, 0.0
     sums = starts + ends
+    middle = twice @ sums / (6.0 * area)
     square = sum((one * twice[:, None]).T @ one for one in (starts, ends, sums)) / 24.0
     small, large = np.linalg.eigvalsh(square - area * np.outer(middle, middle)).tolist()
-    return area, (max(large, 0.0), max(small, 0.0))
+    return area, max(large, 0.0), max(small, 0.0)
 
 
 def _crossing(corners: Floats, edge: np.ndarray, height: float) -> Floats:
     """Where the marked edge of each triangle meets a height, (n, 2)."""
-    row = np.arange(len(corners))
-    first = edge.argmax(axis=1)
+    row, first = np.arange(len(corners)), edge.argmax(axis=1)
     here, there = corners[row, first], corners[row, (first + 1) % 3]
     share = (height - here[:, 2]) / (there[:, 2] - here[:, 2])
     return np.asarray((here + share[:, None] * (there - here))[:, :2])
@@ -212,22 +201,15 @@ def feature_vector(description: Description) -> Floats:
     return np.array([one.of(description) for one in FEATURES])
 
 
-def _face_share(which: int) -> Callable[[Description], float]:
-    def share(one: Description) -> float:
-        areas = one.faces.areas * one.faces.certainty
-        return float(areas[which]) / one.whole.area if which < len(areas) else 0.0
-
-    return share
+def _face_share(one: Description, which: int) -> float:
+    areas = one.faces.areas * one.faces.certainty
+    return float(areas[which]) / one.whole.area if which < len(areas) else 0.0
 
 
-def _facing_share(power: int) -> Callable[[Description], float]:
+def _facing_share(one: Description, power: int) -> float:
     """Mean power of the cosine between plane faces, by their areas as shares of all."""
-
-    def share(one: Description) -> float:
-        parts = one.faces.areas * one.faces.certainty / one.whole.area
-        return float(parts @ (one.faces.normals @ one.faces.normals.T) ** power @ parts)
-
-    return share
+    parts = one.faces.areas * one.faces.certainty / one.whole.area
+    return float(parts @ (one.faces.normals @ one.faces.normals.T) ** power @ parts)
 
 
 def _log(value: float) -> float:
@@ -236,7 +218,8 @@ def _log(value: float) -> float:
 
 def _fit(one: Description) -> float:
     """How far the nearest superquadric says anything: 1 if it fits, 0 if many fit as badly."""
-    off = one.fitted.residual / (LARGEST_RESIDUAL * float(one.whole.widths[-1]))
+    # With more than so much of the size, what fits best is left to chance.
+    off = one.fitted.residual / (6e-3 * float(one.whole.widths[-1]))
     return 1.0 / (1.0 + off**4)
 
 
@@ -249,23 +232,15 @@ def _exponent_roundness(one: Description, which: int) -> float:
     return _fit(one) * float(found[which])
 
 
-def _section_features(which: int) -> list[ShapeFeature]:
-    """Those of one section: its area, how near it is to a disc, and how round."""
-
-    def area(one: Description) -> float:
-        return _log(float(one.sections.areas[which]))
-
-    def compactness(one: Description) -> float:
-        return float(one.sections.compactness[which])
-
+def _section_features(i: int) -> list[ShapeFeature]:
     def roundness(one: Description) -> float:
-        large, small = one.sections.moments[which].tolist()
+        large, small = one.sections.moments[i].tolist()
         return math.sqrt(small / large) if large > 0.0 else 1.0
 
-    where = f"of the section at {100 * (2 * which + 1) // (2 * SECTIONS)} % of the axis"
+    where = f"of the section at {100 * (2 * i + 1) // (2 * SECTIONS)} % of the axis"
     return [
-        ShapeFeature(f"area {where}", "log area", area),
-        ShapeFeature(f"compactness {where}", "share", compactness),
+        ShapeFeature(f"area {where}", "log area", lambda d: _log(float(d.sections.areas[i]))),
+        ShapeFeature(f"compactness {where}", "share", lambda d: float(d.sections.compactness[i])),
         ShapeFeature(f"roundness {where}", "share", roundness),
     ]
 
@@ -282,8 +257,9 @@ FEATURES: tuple[ShapeFeature, ...] = (
     ShapeFeature("skew along the axis", "share", lambda d: d.whole.skew),
     ShapeFeature("area that faces most alike", "share", lambda d: float(d.whole.facing[0])),
     ShapeFeature("area that faces least alike", "share", lambda d: float(d.whole.facing[2])),
+    # Of the size: all fits that are better than so much are alike
     ShapeFeature("distance from a superquadric", "log length",
-                 lambda d: _log(d.fitted.residual + LEAST_RESIDUAL * float(d.whole.widths[2]))),
+                 lambda d: _log(d.fitted.residual + 1e-3 * float(d.whole.widths[2]))),
     ShapeFeature("roundness of an exponent", "share", lambda d: _exponent_roundness(d, 0)),
     ShapeFeature("roundness of the other exponent", "share", lambda d: _exponent_roundness(d, 1)),
     ShapeFeature("taper", "share", lambda d: _fit(d) * d.fitted.taper),
@@ -296,10 +272,10 @@ FEATURES: tuple[ShapeFeature, ...] = (
     ShapeFeature("plane faces", "count", lambda d: float(d.faces.certainty.sum())),
     ShapeFeature("plane share of the area", "share",
                  lambda d: 1.0 - d.faces.round_area / d.whole.area),
-    ShapeFeature("largest face", "share", _face_share(0)),
-    ShapeFeature("second face", "share", _face_share(1)),
-    ShapeFeature("third face", "share", _face_share(2)),
-    ShapeFeature("imbalance of the faces", "share", _facing_share(1)),
-    ShapeFeature("parallelism of the faces", "share", _facing_share(2)),
+    ShapeFeature("largest face", "share", lambda d: _face_share(d, 0)),
+    ShapeFeature("second face", "share", lambda d: _face_share(d, 1)),
+    ShapeFeature("third face", "share", lambda d: _face_share(d, 2)),
+    ShapeFeature("imbalance of the faces", "share", lambda d: _facing_share(d, 1)),
+    ShapeFeature("parallelism of the faces", "share", lambda d: _facing_share(d, 2)),
     *(feature for i in range(SECTIONS) for feature in _section_features(i)),
 )  # fmt: skip

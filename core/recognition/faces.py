@@ -17,12 +17,9 @@ from palpate.core.arrays import Bools, Floats
 
 NEAR = 8e-4  # m: samples nearer to a plane lie on it, if their normals agree
 AGREES = math.cos(math.radians(18.0))
-TRIALS = 300  # Planes that are tried: those of so many samples
-MOST = 30  # Planes that are looked at
 LEAST_FACE, SURE_FACE = 0.02, 0.045  # Of the area: a smaller face is none, a larger one surely is
 # Root mean square turn of the normals over a face: less is surely plane, more is round.
 PLANE, ROUND = math.radians(4.0), math.radians(7.5)
-REFINED = 3  # Times that a plane is fitted to the samples on it
 
 
 class PlaneFaces(NamedTuple):
@@ -42,13 +39,13 @@ class PlaneFaces(NamedTuple):
 def plane_faces(points: Floats, normals: Floats, area: float) -> PlaneFaces:
     """Plane faces of samples (n, 3), even by area, m, with unit normals (n, 3); area in m2."""
     count = len(points)
-    tried = np.linspace(0, count - 1, min(TRIALS, count)).astype(int)
+    tried = np.linspace(0, count - 1, min(300, count)).astype(int)  # Planes that are tried
     offsets = np.einsum("ni,ni->n", points[tried], normals[tried])
     votes = (normals[tried] @ normals.T > AGREES) & (
         np.abs(normals[tried] @ points.T - offsets[:, None]) < NEAR
     )
     free, faces = np.ones(count, bool), []
-    for _ in range(MOST):
+    for _ in range(30):
         counts = votes @ free.astype(np.float32)
         best = int(np.argmax(counts))
         if counts[best] < LEAST_FACE * count:
@@ -68,8 +65,8 @@ def plane_faces(points: Floats, normals: Floats, area: float) -> PlaneFaces:
 
 
 def _refined(points: Floats, normals: Floats, on: Bools) -> tuple[Bools, Floats, float]:
-    """Samples of a face, with its normal (3,) and offset, fitted to those that it began with."""
-    for _ in range(REFINED):
+    """Samples of a face, its normal (3,) and offset, fitted to those that it began with."""
+    for _ in range(3):
         middle, outwards = points[on].mean(axis=0), normals[on].mean(axis=0)
         normal = np.linalg.eigh(np.cov(points[on].T))[1][:, 0]
         normal = normal if normal @ outwards > 0.0 else -normal
@@ -86,8 +83,6 @@ def _refined(points: Floats, normals: Floats, on: Bools) -> tuple[Bools, Floats,
 def _turn(points: Floats, normals: Floats) -> float:
     """How far normals turn steadily with the place, root mean square, rad."""
     away = points - points.mean(axis=0)
-    change = normals - normals.mean(axis=0)
-    plane = np.linalg.svd(away, full_matrices=False)[2][:2].T
-    flat = away @ plane
-    steady = flat @ np.linalg.lstsq(flat, change, rcond=None)[0]
+    flat = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
+    steady = flat @ np.linalg.lstsq(flat, normals - normals.mean(axis=0), rcond=None)[0]
     return float(np.sqrt(np.einsum("ni,ni->n", steady, steady).mean()))

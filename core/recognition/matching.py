@@ -25,10 +25,7 @@ LEVEL = 0.01  # Probability that a stored object is taken for none of them
 # Uncertainty of a surface of which nothing is known, m: a tenth of a millimetre is soon lost.
 UNCERTAINTY = 1e-4
 LEAST_COPIES = 4
-FREEDOMS = (0.5, 200.0)  # Between which degrees of freedom are looked for
 FOLDS = 4  # In which copies are held out, to see how far they lie from the others
-SHRINKAGE = 0.1  # Of the correlations that the copies of all objects show, towards none
-COMMON = 0.3  # Of the median deviation of all objects: what each has at least
 # Deviations that each feature has at least, by its kind.
 LEAST_DEVIATIONS = {
     "log volume": 0.003, "log area": 0.003, "log length": 0.002,
@@ -76,7 +73,7 @@ def _matched(squares: Floats) -> tuple[float, float]:
     def steeper(freedom: float) -> float:
         return float(chdtri(freedom, LEVEL) / chdtri(freedom, 0.5) - tail / middle)
 
-    low, high = FREEDOMS
+    low, high = 0.5, 200.0
     if steeper(low) <= 0.0 or steeper(high) >= 0.0:
         freedom = low if steeper(low) <= 0.0 else high
     else:
@@ -88,11 +85,8 @@ def _held_out(vectors: list[Floats], fold: int) -> Floats:
     """Squared distances of every fourth copy from what the other copies tell."""
     kept = [np.delete(one, np.s_[fold::FOLDS], axis=0) for one in vectors]
     means, deviations, correlation = _distribution(kept)
-    away = [
-        (one[fold::FOLDS] - mean) / deviation
-        for one, mean, deviation in zip(vectors, means, deviations, strict=True)
-    ]
-    stacked = np.concatenate(away)
+    parts = zip(vectors, means, deviations, strict=True)
+    stacked = np.concatenate([(one[fold::FOLDS] - mean) / off for one, mean, off in parts])
     return np.asarray(np.einsum("nk,kn->n", stacked, np.linalg.solve(correlation, stacked.T)))
 
 
@@ -101,11 +95,12 @@ def _distribution(vectors: list[Floats]) -> tuple[Floats, Floats, Floats]:
     means = np.array([one.mean(axis=0) for one in vectors])
     spread = np.array([one.std(axis=0, ddof=1) for one in vectors])
     least = np.array([LEAST_DEVIATIONS[one.kind] for one in FEATURES])
-    least = np.maximum(least, COMMON * np.median(spread, axis=0))
+    least = np.maximum(least, 0.3 * np.median(spread, axis=0))  # A share of what all have
     deviations = np.sqrt(spread**2 + least**2)
     parts = zip(vectors, means, deviations, strict=True)
     away = np.concatenate([(one - mean) / deviation for one, mean, deviation in parts])
-    correlation = (1.0 - SHRINKAGE) * away.T @ away / (len(away) - len(vectors))
+    # Shrunk by a tenth towards none
+    correlation = (1.0 - 0.1) * away.T @ away / (len(away) - len(vectors))
     correlation[np.diag_indices(len(FEATURES))] = 1.0
     return means, deviations, correlation
 
@@ -133,7 +128,8 @@ def recognise(
     from scipy.special import chdtri
 
     not_negative("uncertainty", uncertainty, "m")
-    squares, logs = np.array([_distance(features, models, i, uncertainty) for i in _each(models)]).T
+    each = range(len(models.names))
+    squares, logs = np.array([_distance(features, models, i, uncertainty) for i in each]).T
     weights = -0.5 * (squares + logs)
     order = np.argsort(-weights, kind="stable")
     best = int(order[0])
@@ -142,20 +138,15 @@ def recognise(
     likely = np.exp(weights - weights.max())
     likely /= likely.sum()
     names = (*models.names, NONE)
-    sorted_names = sorted(range(len(names)), key=lambda i: -likely[i])
-    passed = bool(squares[best] <= limit)
+    found = sorted(zip(names, likely.tolist(), strict=True), key=lambda one: -one[1])
     return Recognition(
-        name=models.names[best] if passed else NONE,
-        probabilities={names[i]: float(likely[i]) for i in sorted_names},
+        name=models.names[best] if squares[best] <= limit else NONE,
+        probabilities=dict(found),
         nearest=models.names[best],
         distance=float(squares[best]),
         limit=limit,
         runner_up=models.names[order[1]] if len(order) > 1 else None,
     )
-
-
-def _each(models: ObjectModels) -> range:
-    return range(len(models.names))
 
 
 def _distance(
@@ -195,13 +186,8 @@ def differences(
     off = uncertainty * models.slopes[which]
     total = np.hypot(_deviation(models, which, uncertainty), off)
     away = (features - models.means[which]) / total
-    return [
-        Difference(
-            FEATURES[i].name,
-            FEATURES[i].kind,
-            float(features[i]),
-            float(models.means[which, i]),
-            float(away[i]),
-        )
-        for i in np.argsort(-np.abs(away), kind="stable")
-    ]
+    rows = zip(
+        FEATURES, features.tolist(), models.means[which].tolist(), away.tolist(), strict=True
+    )
+    found = [Difference(one.name, one.kind, *numbers) for one, *numbers in rows]
+    return [found[i] for i in np.argsort(-np.abs(away), kind="stable")]

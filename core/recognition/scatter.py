@@ -18,13 +18,9 @@ from palpate.core.recognition.description import FEATURES, describe, feature_vec
 from palpate.core.shapes import Mesh
 
 LEARNED_NOISE = 1.5e-4  # Of the waves across a surface, root mean square, m
-# Of that, in copies in turns: noise makes what is round less so, and may be missing.
-NOISE_SHARES = (1.0, 1.0, 0.1)
 ROUGH, FINE = 8e-3, 2e-3  # Correlation lengths of both kinds of waves, m
-FINE_SHARE = 1.0 / 3.0  # Of the fine waves' height over the others'
 WAVES = 80  # Of each kind
 EDGES = (2.5e-3, 4e-3)  # Longest edge of a copy's mesh, at random between these, m
-MOST_FACES = 60_000  # Of a copy's mesh
 OFFSET = 2e-4  # By which a surface is moved outwards to see how its description follows, m
 
 
@@ -43,7 +39,8 @@ def learn_scatter(meshes: Sequence[Mesh], copies: int, seed: int = 0) -> Scatter
     vectors = np.empty((copies, len(FEATURES)))
     for i in range(copies):
         rng = np.random.default_rng((seed, i))
-        noise = LEARNED_NOISE * NOISE_SHARES[i % len(NOISE_SHARES)]
+        # Noise makes what is round less so, and may be missing.
+        noise = LEARNED_NOISE * (1.0, 1.0, 0.1)[i % 3]
         vectors[i] = feature_vector(describe(*noisy_copy(meshes[i % len(meshes)], rng, noise)))
     finest = refined(meshes[-1], EDGES[1])
     thick, thin = (
@@ -66,8 +63,8 @@ def noisy_copy(
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     moved = vertices @ turn.T + rng.normal(scale=0.1, size=3)
-    rough = _field(moved, ROUGH, rng)
-    return Mesh(moved + noise * (rough + FINE_SHARE * _field(moved, FINE, rng)), faces)
+    rough, fine = _field(moved, ROUGH, rng), _field(moved, FINE, rng)
+    return Mesh(moved + noise * (rough + 1.0 / 3.0 * fine), faces)
 
 
 def _field(places: Floats, length: float, rng: np.random.Generator) -> Floats:
@@ -80,7 +77,7 @@ def _field(places: Floats, length: float, rng: np.random.Generator) -> Floats:
 def refined(mesh: Mesh, longest: float) -> Mesh:
     """A mesh whose edges are no longer than that, m; longer ones are halved, again and again."""
     vertices, faces = mesh
-    while len(faces) < MOST_FACES:
+    while len(faces) < 60_000:  # Of a copy, at most
         ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2)
         edges, which = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
         first, last = vertices[edges[:, 0]], vertices[edges[:, 1]]

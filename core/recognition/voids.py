@@ -15,11 +15,8 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import signed_volume, solidity
 from palpate.core.poses import principal_axes
 
-CELLS = 56  # Along the longest side
 # Of the hull's volume: a smaller pocket is none, a larger one surely is.
 LEAST_POCKET, SURE_POCKET = 0.004, 0.012
-# Of a cell: places of the columns, so that none passes through an edge of a regular mesh.
-ASIDE = (0.5137, 0.4853)
 
 
 class Voids(NamedTuple):
@@ -58,9 +55,8 @@ def convex_hull(vertices: Floats) -> tuple[Floats, Ints]:
     try:
         hull = ConvexHull(vertices)
     except (QhullError, ValueError):
-        raise ValueError(
-            "the surface must enclose a volume, but its points lie in a plane"
-        ) from None
+        why = "the surface must enclose a volume, but its points lie in a plane"
+        raise ValueError(why) from None
     kept, rows = np.unique(hull.simplices, return_inverse=True)
     rows, places = rows.reshape(-1, 3), vertices[kept]
     corners = places[rows]
@@ -76,7 +72,7 @@ def _pockets(vertices: Floats, faces: Ints, hull: tuple[Floats, Ints]) -> Floats
     axes = principal_axes(hull[0] - hull[0].mean(axis=0))
     inner, outer = vertices @ axes, hull[0] @ axes
     low = outer.min(axis=0)
-    cell = float(np.ptp(outer, axis=0).max()) / CELLS
+    cell = float(np.ptp(outer, axis=0).max()) / 56  # Cells along the longest side
     low, shape = low - cell, np.ceil(np.ptp(outer, axis=0) / cell).astype(int) + 2
     empty = _filled(outer[hull[1]], low, cell, shape) & ~_filled(inner[faces], low, cell, shape)
     labels, count = label(binary_opening(empty))
@@ -87,7 +83,7 @@ def _pockets(vertices: Floats, faces: Ints, hull: tuple[Floats, Ints]) -> Floats
 def _filled(corners: Floats, low: Floats, cell: float, shape: Ints) -> Bools:
     """Cells of a grid whose middles lie inside triangles (m, 3, 3) of a closed surface."""
     places = (corners - low) / cell
-    aside = np.array(ASIDE)
+    aside = np.array([0.5137, 0.4853])  # Of a cell: no column meets an edge of a regular mesh
     first = np.ceil(places[:, :, :2].min(axis=1) - aside).astype(int)
     counts = np.floor(places[:, :, :2].max(axis=1) - aside).astype(int) - first + 1
     many = counts.prod(axis=1)
@@ -98,7 +94,7 @@ def _filled(corners: Floats, low: Floats, cell: float, shape: Ints) -> Bools:
     weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
     hit = (weights > 0.0).all(axis=1) | (weights < 0.0).all(axis=1)
     weights, column = weights[hit], column[hit]
-    depth = np.stack([a[hit, 2], b[hit, 2], c[hit, 2]], axis=1)
+    depth = np.stack([a[:, 2], b[:, 2], c[:, 2]], axis=1)[hit]
     total = weights.sum(axis=1)
     height = (weights * depth).sum(axis=1) / total
     level = np.clip(np.ceil(height - 0.5).astype(int), 0, shape[2] - 1)

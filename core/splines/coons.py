@@ -17,10 +17,6 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.geometry import area_centroid, azimuth_match, signed_area
 
-APART = 1e-9  # Of the patch's size: corners nearer than this are one
-LEAST_CONTOURS = 3  # That a parabola needs, of which the meridians' tangents are taken
-LEAST_MERIDIANS = 3
-
 
 class Slopes(NamedTuple):
     """How fast a patch leaves its four curves inwards or onwards: the way of u and v."""
@@ -58,10 +54,9 @@ def hermite_patch(
     across_rows = [finite_array("slopes", one, (len(rows[0]), 3)) for one in slopes[:2]]
     across_columns = [finite_array("slopes", one, (len(columns[0]), 3)) for one in slopes[2:4]]
     rows, columns = np.stack([*rows, *across_rows]), np.stack([*columns, *across_columns])
-    v, u = (np.linspace(0.0, 1.0, columns.shape[1]), np.linspace(0.0, 1.0, rows.shape[1]))
-    ends = [0, -1]
-    values = np.concatenate([rows[:2, ends], rows[2:, ends]])
-    rates = np.concatenate([columns[2:, ends].swapaxes(0, 1), slopes.twists])
+    v, u = np.linspace(0.0, 1.0, columns.shape[1]), np.linspace(0.0, 1.0, rows.shape[1])
+    values = rows[:, [0, -1]]
+    rates = np.concatenate([columns[2:, [0, -1]].swapaxes(0, 1), slopes.twists])
     corners = np.concatenate([values, rates], axis=1)
     return _boolean_sum(_hermite(v), rows, _hermite(u), columns, corners)
 
@@ -76,13 +71,13 @@ def _checked(
         counts = len(curves[name]), len(curves[other])
         if counts[0] != counts[1] or counts[0] < 2:
             raise ValueError(f"{name} and {other} must have as many points, 2 at least: {counts}")
-    size = float(np.ptp(np.concatenate([*curves.values()]), axis=0).max())
+    size = float(np.ptp(np.vstack([*curves.values()]), axis=0).max())
     for name, other, end, start in (
         ("low", "left", 0, 0), ("low", "right", -1, 0),
         ("high", "left", 0, -1), ("high", "right", -1, -1),
     ):  # fmt: skip
         gap = float(np.linalg.norm(curves[name][end] - curves[other][start]))
-        if gap > APART * size:
+        if gap > 1e-9 * size:
             raise ValueError(f"{name} and {other} must meet at a corner, but are {gap:g} m apart")
     return np.stack([curves["low"], curves["high"]]), np.stack([curves["left"], curves["right"]])
 
@@ -117,21 +112,20 @@ def coons_surface(
     of their distance, and where they are evenly spaced with the fourth. Raises ValueError if there
     are too few contours or meridians, or a contour is not finite or encloses nothing.
     """
-    if len(contours) < LEAST_CONTOURS or meridians < LEAST_MERIDIANS:
-        raise ValueError(
-            f"a surface needs {LEAST_CONTOURS} contours and {LEAST_MERIDIANS} meridians at least, "
-            f"got {len(contours)} and {meridians}"
-        )
+    if len(contours) < 3 or meridians < 3:
+        got = f"got {len(contours)} and {meridians}"
+        raise ValueError(f"a surface needs 3 contours and 3 meridians at least, {got}")
     count = meridians * columns
     rings = np.stack([_resampled(one, i, count) for i, one in enumerate(contours)])
     chords = np.linalg.norm(np.diff(rings, axis=0), axis=2)
     tangents = _tangents(rings, chords)
     round_about = 0.5 * columns * (np.roll(rings, -1, axis=1) - np.roll(rings, 1, axis=1))
     bands = []
-    for low in range(len(rings) - 1):
-        rises = tangents[low : low + 2] * chords[low, :, None]
+    for i in range(len(rings) - 1):
+        two = slice(i, i + 2)
+        rises = tangents[two] * chords[i, :, None]
         patches = [
-            _patch(rings[low : low + 2], rises, round_about[low : low + 2], columns, rows, first)
+            _patch(rings[two], rises, round_about[two], columns, rows, first)
             for first in range(0, count, columns)
         ]
         bands.append(np.concatenate([one[:-1, :-1] for one in patches], axis=1))
@@ -147,15 +141,13 @@ def _resampled(contour: Floats, number: int, count: int) -> Floats:
         raise ValueError(f"contours[{number}] must enclose an area, got {len(points)} points")
     if signed_area(points[:, :2]) < 0.0:
         points = points[::-1]
-    azimuths = 2.0 * np.pi * np.arange(count) / count
     closed = np.concatenate([points, points[:1]])
     steps = np.linalg.norm(np.diff(closed[:, :2], axis=0), axis=1)
     kept = np.concatenate([steps > 0.0, [True]])
     closed, lengths = closed[kept], np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])])
     curve = CubicSpline(lengths / lengths[-1], closed, bc_type="periodic")
-    middle = area_centroid(points)
-    turns = azimuth_match(closed[:-1, :2], middle, azimuths).turns
-    return np.asarray(curve(turns))
+    azimuths = 2.0 * np.pi * np.arange(count) / count
+    return np.asarray(curve(azimuth_match(closed[:-1, :2], area_centroid(points), azimuths).turns))
 
 
 def _tangents(rings: Floats, chords: Floats) -> Floats:
