@@ -54,6 +54,7 @@ KINDS: dict[ConeKind, str] = {
 ROUGH_KINDS: tuple[ConeKind, ...] = ("revolution", "linear")  # Told by few contacts
 LOOSE = math.radians(1.0)  # An axis that is not better known is that of a plane end
 RIM = 0.3  # Of the pad's width: so near to an end of the side a touch may reach over its rim
+FEW_HOLLOW = 6  # Taxels that touch nothing, between others: there is a hole
 HOLLOW = 3.0e-3  # Below the end of the side, m: there a finger has fallen in
 OPEN_END = 3.0e-3  # Of a side, m: what is not touched for longer is told
 TALL = 1.0 - 1e-3  # Cosine of the lean of an axis on which the object stands upright
@@ -105,21 +106,25 @@ def follower(setting: TouchSetting) -> Exploration:
         fit = found or fit
     if why:
         return Findings(status="unsuited", reason=why, figures=_figures(fit, others))
-    return (yield from _closed(setting, fit, others, len(touches)))
+    return (yield from _closed(setting, fit, others, touches))
 
 
 def _closed(
-    setting: TouchSetting, fit: ConeFit, others: dict[ConeKind, float], touches: int
+    setting: TouchSetting, fit: ConeFit, others: dict[ConeKind, float], touches: list[Floats]
 ) -> Exploration:
     """Touch both ends, and close the solid."""
     ends = []
     try:
         for sign in (-1.0, 1.0):
             ends.append((yield from _end(setting, fit, sign)))
-    except HollowError as error:
+    except EndError as error:
         return Findings(status="unsuited", reason=str(error), figures=_figures(fit, others))
     untouched = [one.untouched for one in ends]
-    told = f"{KINDS[fit.kind]} fits all {touches} touches"
+    told = f"{KINDS[fit.kind]} fits all {len(touches)} touches"
+    heights = np.sort((np.concatenate(touches) - fit.point) @ fit.axis)
+    band = float(np.diff(heights).max())
+    if band > OPEN_END:
+        told += f"; a band of {1e3 * band:.0f} mm around it touches nothing, and is bridged"
     if max(untouched) > OPEN_END:
         told += (
             f"; {1e3 * sum(untouched):.0f} mm at its ends are not touched and taken for straight"
@@ -129,7 +134,7 @@ def _closed(
         reason=told,
         shape=fit,
         mesh=cone_mesh(fit, ends[0].shape, ends[1].shape),
-        figures={**_figures(fit, others), "untouched_m": sum(untouched)},
+        figures={**_figures(fit, others), "untouched_m": sum(untouched), "untouched_band_m": band},
     )
 
 
@@ -362,8 +367,8 @@ def end_plane(setting: TouchSetting, contact: Contact) -> Floats | None:
     return found.plane.normal if found.rms <= flat else None
 
 
-class HollowError(Exception):
-    """An end is no end."""
+class EndError(Exception):
+    """An end is none of a right cone."""
 
 
 def _end(setting: TouchSetting, fit: ConeFit, sign: float) -> Generator[Move, Met, SideEnd]:
@@ -382,10 +387,15 @@ def _end(setting: TouchSetting, fit: ConeFit, sign: float) -> Generator[Move, Me
     far = float(sign * (sign * heights).max(initial=-math.inf))
     if sign * (far - height) < -HOLLOW:
         deep = STANDOFF if math.isinf(far) else abs(far - height)
-        raise HollowError(f"it is hollow: a finger falls {1e3 * deep:.0f} mm or more into its end")
+        raise EndError(f"it is hollow: a finger falls {1e3 * deep:.0f} mm or more into its end")
+    if len(contact.hollow) >= FEW_HOLLOW:
+        raise EndError("it is hollow: taxels in the middle of its end touch nothing")
     plane = end_plane(setting, contact)
     if plane is not None and abs(plane @ fit.axis) > SQUARE:
         return SideEnd(float(heights.mean()), abs(far - height))
+    if plane is not None:
+        lean = math.degrees(math.acos(min(abs(float(plane @ fit.axis)), 1.0)))
+        raise EndError(f"its end leans by {lean:.0f} degrees: it is no right cone")
     points = [contact.points]
     for azimuth in (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi):
         across = fit.across @ [math.cos(azimuth), math.sin(azimuth)]

@@ -13,18 +13,20 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.geometry import point_tree, sample_surface
 from palpate.core.poses import axes_along
 from palpate.core.procedures.polyhedron import Corners, Plane, PlaneFit, corners_of, fit_plane
 from palpate.core.procedures.polyhedron import polyhedron_of
 from palpate.core.procedures.protocol import STANDOFF, UNSUITED, UP, WORST, Contact, Exploration
 from palpate.core.procedures.protocol import Findings, FingerMove, Met, Move, TouchSetting, approach
 from palpate.core.procedures.protocol import kept_clear, square_on, touch, touch_from_above
-from palpate.core.shapes import Polyhedron
+from palpate.core.shapes import Mesh, Polyhedron
 
 LIFT, DROP = 5.0e-3, 2.5e-3  # Above the face, and below it, m: where it is no longer touched
 STEP = 0.55  # Of the pad's width, between two touches of a face
@@ -37,6 +39,8 @@ INSET = 9.0e-3  # From a corner's edges, m, where it is looked whether the face 
 SEEN = 4.0e-3  # A place so near to what was touched is known, m
 FEWEST = 12  # Taxels that tell a plane
 FLAT_DEVIATIONS, FLAT_SHARE = 4.0, 1.0  # Within one touch, of a taxel's noise, and of `sigma`
+SHARP = 1.2e-3  # From an edge to the touch on it, m: what is farther is rounded or cut
+SAMPLES = 2000  # Of the faces
 ASIDE = 1.0e-3  # Where it was looked already, m
 AROUND = 8  # Directions from which faces are sought that nothing leads to
 
@@ -95,6 +99,7 @@ class Doubt(NamedTuple):
     beyond: float  # How far beyond the place it goes, m
     face: Face | None = None  # The face that should be there
     corner: tuple[Floats, Floats] | None = None  # Whose it is, and the way out of the object there
+    edge: bool = False  # Whether it is the middle of an edge, which may be rounded or cut
 
 
 @dataclass(slots=True, eq=False)
@@ -107,6 +112,9 @@ class PolyhedronSurvey:
     curved: list[Contact] = field(default_factory=list)  # Smooth and no plane
     met: list[Floats] = field(default_factory=list)  # All touched points, by touch
     refuted: list[Floats] = field(default_factory=list)  # Places where a face should be, and is not
+    gaps: list[tuple[Floats, float]] = field(
+        default_factory=list
+    )  # Of edges' middles to a touch, m
 
     @property
     def near(self) -> float:
@@ -174,7 +182,9 @@ def _all_faces(survey: PolyhedronSurvey) -> Generator[Move, Met, Corners]:
         corners = corners_of(survey.planes, half)
         if corners is not None:
             _check_convex(survey)
-        doubts = _open_sides(survey) if corners is None else _doubts(survey, corners)
+        doubts = _open_sides(survey)
+        if corners is not None:
+            doubts = [*_doubts(survey, corners), *_edges(survey, corners)]
         new = [
             one
             for one in doubts
@@ -290,6 +300,20 @@ def _doubts(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
     return found
 
 
+def _edges(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
+    """The middles of edges, the platform's aside: there shows what rounds an edge or cuts it."""
+    found = []
+    faces = [set(one) for one in corners.faces]
+    for one, other in combinations(range(1, len(faces)), 2):
+        ends = sorted(faces[one] & faces[other])
+        if len(ends) == 2:
+            out = survey.planes[one].normal + survey.planes[other].normal
+            middle = corners.places[ends].mean(axis=0)
+            away = out / np.linalg.norm(out)
+            found.append(Doubt(middle, away, STANDOFF, 2.0 * STANDOFF, edge=True))
+    return found
+
+
 def _inside(ring: Floats, normal: Floats) -> Floats:
     """For each corner of a face a place (n, 3) inside of it, as far from its edges as asked, m.
 
@@ -309,6 +333,12 @@ def _look(survey: PolyhedronSurvey, doubt: Doubt) -> Generator[Move, Met, None]:
     """Touch a doubtful place; where the face is not there, touch what cuts off its corner."""
     move = approach(doubt.place, doubt.outward, doubt.far, doubt.beyond)
     contact = yield from survey.touched(move)
+    if doubt.edge:
+        if contact is not None:
+            gap = -float(((contact.points - doubt.place) @ doubt.outward).max())
+            survey.gaps.append((doubt.place, gap))
+            survey.waiting += [contact] if gap > SHARP else []
+        return
     if contact is not None and (doubt.face is None or not len(survey.take(doubt.face, contact))):
         survey.waiting.append(contact)
         survey.refuted.append(doubt.place)
@@ -341,11 +371,30 @@ def _findings(survey: PolyhedronSurvey, corners: Corners) -> Findings:
         "untouched_corners": float(len(doubts)),
     }
     told = f"the polyhedron closes with {len(numbers)} faces"
+    edges = np.array([one.place for one in _edges(survey, corners)]).reshape(-1, 3)
+    gaps = [
+        gap for place, gap in survey.gaps if np.linalg.norm(edges - place, axis=1).min() < ASIDE
+    ]
+    figures["rim_gap_m"] = max(gaps, default=0.0)
+    figures["farthest_untouched_m"] = _farthest_untouched(survey, polyhedron.mesh(0))
+    if figures["rim_gap_m"] > SHARP:
+        told += f", some of whose edges are cut or rounded by {1e3 * figures['rim_gap_m']:.1f} mm"
+    told += (
+        f"; no place of them is over {1e3 * figures['farthest_untouched_m']:.0f} mm from a touch"
+    )
     if doubts:
         why = f"{told}, but near {len(doubts)} of their corners the finger finds no room"
         return Findings(status="incomplete", reason=why, figures=figures)
     mesh = polyhedron.mesh(0)
     return Findings(status="done", reason=told, shape=model, mesh=mesh, figures=figures)
+
+
+def _farthest_untouched(survey: PolyhedronSurvey, mesh: Mesh) -> float:
+    """How far a place of the faces may be from every touch, the platform's aside, m."""
+    corners = mesh.vertices[mesh.faces]
+    samples = sample_surface(corners, SAMPLES, np.random.default_rng(0)).points
+    above = samples[samples[:, 2] > survey.setting.platform + SAME_OFFSET]
+    return float(np.max(point_tree(np.concatenate(survey.met)).query(above)[0]))
 
 
 def _checked_rms(survey: PolyhedronSurvey, doubts: list[Doubt]) -> float:

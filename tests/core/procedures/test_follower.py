@@ -104,6 +104,18 @@ def test_an_end_into_which_a_finger_falls_is_no_end(noise):
     assert found.status == "unsuited" and "it is hollow" in found.reason and found.mesh is None
 
 
+def test_a_bore_narrower_than_the_pad_and_a_slanted_end_are_refused():
+    rod = turned([[0.0, 1.0], [0.06, 1.0]], (0.03, 0.03))
+    bore = turned([[-0.01, 1.0], [0.07, 1.0]], (0.005, 0.005))
+    tube = shapes.BooleanShape(shapes.difference(rod, bore))
+    found = drive(follower, tube, fingers=2).findings
+    assert found.status == "unsuited" and "touch nothing" in found.reason
+    slope = shapes.HalfSpace(np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0), 0.05)
+    cut = shapes.BooleanShape(shapes.Intersection([rod, slope]))
+    found = drive(follower, cut, fingers=2).findings
+    assert found.status == "unsuited" and "its end leans by 17 degrees" in found.reason
+
+
 def test_one_finger_is_no_pair():
     found = drive(follower, REVOLVED["cylinder"], fingers=1)
     assert found.findings.status == "unsuited" and "two fingers" in found.findings.reason

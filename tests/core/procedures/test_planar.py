@@ -65,6 +65,29 @@ def test_a_rounded_rim_has_no_say_in_where_an_edge_is():
     assert np.abs(np.abs(found.shape.vertices[:, :2]) - size[:2]).max() < 0.4e-3
 
 
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("cut", [4, 8, 12])
+def test_an_edge_that_is_cut_off_is_a_face(cut, noise):
+    size = np.array([30.0, 22.0, 50.0])
+    ring = [[-1, -1], [1, -1], [1, 1 - cut / size[1]], [1 - cut / size[0], 1], [-1, 1]]
+    corners = [[x * size[0], y * size[1], z] for z in (0.0, size[2]) for x, y in ring]
+    sides = [[i, (i + 1) % 5, 5 + (i + 1) % 5, 5 + i] for i in range(5)]
+    solid = shapes.Polyhedron(1e-3 * np.array(corners), [[4, 3, 2, 1, 0], [5, 6, 7, 8, 9], *sides])
+    found = drive(planar, solid, NOISES[noise]).findings
+    assert found.status == "done" and found.figures["faces"] == 7, found.reason
+    surfaces = [prepare_surface(*one) for one in (solid.mesh(0), found.mesh)]
+    assert compare_surfaces(*surfaces).hausdorff < 0.3e-3
+
+
+def test_rims_and_what_lies_between_touches_are_told():
+    solid = posed(shapes.Superquadric(1e-3 * np.array([35, 25, 45]), np.array([0.1, 0.1])), 0.045)
+    found = drive(planar, solid).findings
+    assert 1.2e-3 < found.figures["rim_gap_m"] < 3e-3 and "cut or rounded by" in found.reason
+    assert 5e-3 < found.figures["farthest_untouched_m"] < 20e-3
+    exact = drive(planar, block()).findings
+    assert exact.figures["rim_gap_m"] < 1.2e-3 and "rounded" not in exact.reason
+
+
 def test_every_face_but_the_one_on_which_it_stands_is_touched():
     found = drive(planar, block(), EXACT).findings
     touches = dict(zip([tuple(np.round(p.normal)) for p in found.shape.planes],
