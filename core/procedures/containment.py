@@ -13,10 +13,11 @@ from collections.abc import Generator
 
 import numpy as np
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.grasp import SEARCH_HEIGHTS, Hand, brought_near, next_pose
 from palpate.core.explore.grasp import search_places, search_pose
 from palpate.core.geometry import nearest_points, nearest_search
+from palpate.core.poses import split_pose
 from palpate.core.procedures.protocol import SEARCH_SPACING, UNSUITED, Exploration, Findings
 from palpate.core.procedures.protocol import HandMove, Met, Move, TouchSetting, close
 from palpate.core.rebuild import fit_coarse
@@ -31,6 +32,9 @@ FORETOLD, FORETOLD_ROOM = 12, 0.2e-3
 MOST_CLOSINGS = 80  # Once something was met
 OPENING = 0.8  # Of the reach
 UNDER = 8.0e-3  # Below the expected top, m: so far the palm comes from above
+BEYOND = 6.0e-3  # Along an axis of the solid, m: so far it may reach beyond all contacts
+# Rise of an axis that leads to the platform, where no contact can be, and cosine of what faces it.
+DOWN, FACING = -0.7, 0.5
 MOST_FEET, FOOT = 4, 1.0e-3  # Refits to the platform, and height of what is lowest, m
 MESH_LEVEL = 5
 
@@ -59,7 +63,7 @@ def containment(setting: TouchSetting, contacts: int = CONTACTS) -> Exploration:
         yield from grasp.until(before + FORETOLD)
         off = _distances(found, grasp.points[before:])
         if len(off) < FORETOLD // 2 or len(grasp.points) >= MOST or off.max() <= _worst(setting):
-            return _findings(setting, grasp.points, found, off)
+            return _findings(setting, grasp, off)
     why = f"the hand made {len(grasp.points)} contacts within reach, {FEWEST} are needed"
     return Findings(status="incomplete", reason=why)
 
@@ -146,11 +150,12 @@ def _worst(setting: TouchSetting) -> float:
     return UNSUITED * setting.sigma + FORETOLD_ROOM
 
 
-def _findings(setting: TouchSetting, points: Floats, before: Recovery, off: Floats) -> Findings:
+def _findings(setting: TouchSetting, grasp: _Grasp, off: Floats) -> Findings:
     """The superquadric through all contacts, unless they refute it.
 
-    `before`: the fit without the last of them, which are `off` it, m.
+    The last of them are `off` the fit without them, m.
     """
+    points = grasp.points
     sigma, found = setting.sigma, standing_fit(setting, points)
     foretold = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
     figures = {"contacts": float(len(points)), "residual_rms_m": found.rms}
@@ -168,9 +173,41 @@ def _findings(setting: TouchSetting, points: Floats, before: Recovery, off: Floa
             f"the one before by up to {1e3 * float(off.max(initial=0.0)):.1f} mm"
         )
         return Findings(status="incomplete", reason=why, figures=figures)
+    beyond, unmet = _beyond(found, points), _unmet(found, grasp.normals)
+    if beyond > BEYOND or unmet:
+        why = f"no contact says where it ends: {1e3 * beyond:.0f} mm of it lie beyond them all"
+        return Findings(status="incomplete", reason=why, figures=figures)
     reason = (
         f"a superquadric goes through {len(points)} contacts within {1e3 * found.rms:.3f} mm, and "
         f"foretold the last {len(off)} within {1e3 * float(off.max()):.3f} mm"
     )
     mesh = found.shape().mesh(MESH_LEVEL)
     return Findings(status="done", reason=reason, shape=found, mesh=mesh, figures=figures)
+
+
+def _beyond(found: FittedSuperquadric, points: Floats) -> float:
+    """How far the solid lies beyond contacts (n, 3), not downwards, m: in the world, and its own.
+
+    Corners lie beyond contacts in the world, along no axis of the solid: there half as much counts.
+    """
+    position, axes = split_pose(found.pose)
+    inner = (points - position) @ axes
+    reached = np.stack([inner.max(axis=0), -inner.min(axis=0)])
+    own = np.where(_downward(axes), 0.0, found.size - reached).max()
+    vertices = found.shape().mesh(MESH_LEVEL).vertices
+    above = vertices.max(axis=0) - points.max(axis=0)
+    below = points.min(axis=0) - vertices.min(axis=0)
+    return float(max(own, 0.5 * above.max(), 0.5 * below[:2].max()))
+
+
+def _unmet(found: FittedSuperquadric, normals: Floats) -> int:
+    """Sides of the solid, but that to the platform, that no contact's normal (n, 3) faces."""
+    axes = split_pose(found.pose)[1]
+    facing = normals @ axes
+    met = np.stack([(facing > FACING).any(axis=0), (facing < -FACING).any(axis=0)])
+    return int((~(met | _downward(axes))).sum())
+
+
+def _downward(axes: Floats) -> Bools:
+    """Which ends of three axes, as columns, lead to the platform, (2, 3): where no contact is."""
+    return np.asarray(np.stack([axes[2], -axes[2]]) < DOWN)

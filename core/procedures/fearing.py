@@ -33,6 +33,7 @@ LOW, LEAST_HEIGHT = (
     9.0e-3,
 )  # Of the height: where a cone is touched again; and over the platform
 TURN = math.radians(25.0)  # Of the fingers, from one closing to the next
+LEAST_ROOM = 3.0e-3  # From an apex to the plane of an end, m
 LEAST_ERROR = 1e-9  # m and rad
 CLEAR = "FP"  # Features that are read surely: faces and parabolic points
 BENT = 2  # Touches that are curved both ways, of which no cone has one
@@ -183,6 +184,12 @@ def _solved(features: list[Feature], noise: tuple[float, float]) -> tuple[ConePo
         orientation, origin = solve_orientation(placed, *noise), solve_origin(placed, *noise)
     except InsufficientFeaturesError as error:
         return None, str(error)
+    spread = math.sqrt(float(np.linalg.eigvalsh(origin.covariance)[-1]))
+    for one in placed:
+        if one.place in ("T", "B") and len(one.normals) == 1:
+            off = abs(float((origin.point - one.point) @ one.normals[0]))
+            if off < max(UNSUITED * spread, LEAST_ROOM):
+                return None, f"the apex is on the plane of {one.name}, within its error: no cone is"
     angles = tuple(one.half_angle for one in scaled_radii(placed, orientation, origin))
     readings = tuple(one.name for one in kept)
     residual = residual_sigma(orientation, origin)

@@ -54,6 +54,7 @@ KINDS: dict[ConeKind, str] = {
 ROUGH_KINDS: tuple[ConeKind, ...] = ("revolution", "linear")  # Told by few contacts
 LOOSE = math.radians(1.0)  # An axis that is not better known is that of a plane end
 RIM = 0.3  # Of the pad's width: so near to an end of the side a touch may reach over its rim
+BESIDE = 0.6  # Of the radius: where a plane end is touched besides its middle
 FEW_HOLLOW = 6  # Taxels that touch nothing, between others: there is a hole
 HOLLOW = 3.0e-3  # Below the end of the side, m: there a finger has fallen in
 OPEN_END = 3.0e-3  # Of a side, m: what is not touched for longer is told
@@ -392,7 +393,9 @@ def _end(setting: TouchSetting, fit: ConeFit, sign: float) -> Generator[Move, Me
         raise EndError("it is hollow: taxels in the middle of its end touch nothing")
     plane = end_plane(setting, contact)
     if plane is not None and abs(plane @ fit.axis) > SQUARE:
-        return SideEnd(float(heights.mean()), abs(far - height))
+        level = float(heights.mean())
+        yield from _checked_level(setting, fit, sign, level)
+        return SideEnd(level, abs(far - height))
     if plane is not None:
         lean = math.degrees(math.acos(min(abs(float(plane @ fit.axis)), 1.0)))
         raise EndError(f"its end leans by {lean:.0f} degrees: it is no right cone")
@@ -412,6 +415,23 @@ def _end(setting: TouchSetting, fit: ConeFit, sign: float) -> Generator[Move, Me
     if shape.rms > UNSUITED * setting.sigma or not closes:
         return SideEnd(height, abs(far - height))
     return SideEnd(shape, 0.0)
+
+
+def _checked_level(
+    setting: TouchSetting, fit: ConeFit, sign: float, level: float
+) -> Generator[Move, Met, None]:
+    """Touch a plane end beside its middle; EndError if it is not as high there, m."""
+    for azimuth in (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi):
+        across = fit.across @ [math.cos(azimuth), math.sin(azimuth)]
+        rim = fit.radius(np.array([level]), np.array([azimuth]))[0]
+        place = fit.point + level * fit.axis + BESIDE * rim * across
+        move = kept_clear(setting, approach(place, sign * fit.axis, 3.0 * STANDOFF, STANDOFF))
+        if move is None:
+            continue
+        contact = yield from touch(setting, move)
+        heights = sign * ((contact.points - fit.point) @ fit.axis - level)
+        if abs(float(heights.max(initial=-STANDOFF))) > WORST * setting.sigma:
+            raise EndError("its end is not plane: it is hollow, or raised, beside its middle")
 
 
 def _figures(fit: ConeFit, others: dict[ConeKind, float]) -> dict[str, float]:

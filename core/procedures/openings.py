@@ -329,7 +329,7 @@ def _narrow(
             continue
         one = Opening("open", places.mean(axis=0), outward, width, 0.0)
         near = (
-            np.linalg.norm(other.place - one.place) < max(other.width, one.width)
+            np.linalg.norm(other.place - one.place) < max(other.width, one.width, setting.width)
             for other in (*wide, *kept)
         )
         if not any(near):

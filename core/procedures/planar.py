@@ -39,8 +39,10 @@ INSET = 9.0e-3  # From a corner's edges, m, where it is looked whether the face 
 SEEN = 4.0e-3  # A place so near to what was touched is known, m
 FEWEST = 12  # Taxels that tell a plane
 FLAT_DEVIATIONS, FLAT_SHARE = 4.0, 1.0  # Within one touch, of a taxel's noise, and of `sigma`
-SHARP = 1.2e-3  # From an edge to the touch on it, m: what is farther is rounded or cut
+SHARP = 1.4e-3  # From an edge or a corner to the touch on it, m: else it is rounded or cut
+FEW_HOLLOW = 6  # Taxels that touch nothing, between others
 SAMPLES = 2000  # Of the faces
+LEVEL = 0.05  # Cosine of a direction and a plane that it leads to
 ASIDE = 1.0e-3  # Where it was looked already, m
 AROUND = 8  # Directions from which faces are sought that nothing leads to
 
@@ -83,6 +85,7 @@ class Face:
 
     fit: PlaneFit
     touches: list[Floats]  # What lies on it, by touch, (n, 3) each, m
+    ends: list[tuple[Floats, Floats]] = field(default_factory=list)  # Where it ended, and which way
 
     @property
     def plane(self) -> Plane:
@@ -168,6 +171,9 @@ class PolyhedronSurvey:
         if not contact.met:
             return None
         self.met.append(contact.points)
+        if len(contact.hollow) >= FEW_HOLLOW:
+            at = ", ".join(f"{1e3 * one:.0f}" for one in contact.hollow.mean(axis=0))
+            raise UnsuitedError(f"it is hollow at ({at}) mm, between taxels that touch it")
         return contact
 
 
@@ -223,6 +229,7 @@ def _next_face(survey: PolyhedronSurvey, contact: Contact) -> Generator[Move, Me
     steep = np.cross(fit.plane.normal, level)
     for way in (level, -level, steep, -steep):
         end = yield from _to_the_end(survey, face, contact.middle, way)
+        face.ends.append((end, way))
         yield from _beyond(survey, face, end, way)
     if len(face.touches) == 1:  # where the pad just fits on, it is a rim, and no face
         survey.faces.remove(face)
@@ -311,6 +318,12 @@ def _edges(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
             middle = corners.places[ends].mean(axis=0)
             away = out / np.linalg.norm(out)
             found.append(Doubt(middle, away, STANDOFF, 2.0 * STANDOFF, edge=True))
+    for number, place in enumerate(corners.places):
+        meeting = [k for k, face in enumerate(faces) if number in face]
+        if meeting and meeting[0] > 0:
+            out = np.sum([survey.planes[k].normal for k in meeting], axis=0)
+            away = out / np.linalg.norm(out)
+            found.append(Doubt(place, away, STANDOFF, 2.0 * STANDOFF, edge=True))
     return found
 
 
@@ -417,11 +430,25 @@ def _checked_rms(survey: PolyhedronSurvey, doubts: list[Doubt]) -> float:
             f"its faces are not plane: {1e3 * rms:.3f} mm rms, {1e3 * worst:.3f} mm the worst touch"
             f", where one standard deviation is {1e3 * sigma:.3f} mm"
         )
+    for face in survey.faces:
+        for end, way in face.ends:
+            left = _way_left(survey, face, end, way)
+            if left > survey.setting.width:
+                at = ", ".join(f"{1e3 * x:.0f}" for x in end)
+                raise UnsuitedError(
+                    f"a face stops at ({at}) mm, {1e3 * left:.0f} mm before its edge"
+                )
     for doubt in doubts:
         if any(np.linalg.norm(doubt.place - one) <= ASIDE for one in survey.refuted):
             at = ", ".join(f"{1e3 * x:.0f}" for x in doubt.place)
             raise UnsuitedError(f"at ({at}) mm its planes promise a face that is not there")
     return rms
+
+
+def _way_left(survey: PolyhedronSurvey, face: Face, end: Floats, way: Floats) -> float:
+    """How far it is from a place of a face to its edge in one direction, m."""
+    others = [one for one in survey.planes if one is not face.plane and one.normal @ way > LEVEL]
+    return min(float((one.offset - one.normal @ end) / (one.normal @ way)) for one in others)
 
 
 def _bends(survey: PolyhedronSurvey) -> str:

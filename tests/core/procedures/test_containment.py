@@ -9,7 +9,7 @@ from palpate.core import shapes
 from palpate.core.geometry import compare_surfaces, prepare_surface
 from palpate.core.procedures.containment import containment
 
-from .conftest import NOISES, VASE, block, cup, drive, posed, turned
+from .conftest import NOISES, NOISY, VASE, block, cup, drive, posed, turned
 
 EGG = shapes.DeformedSuperquadric(
     shapes.Superquadric(np.array([0.03, 0.025, 0.045]), np.array([0.4, 0.8])),
@@ -67,6 +67,17 @@ def test_what_no_contact_tells_is_not_made_up(name, noise):
     assert compare_surfaces(*surfaces).rms < 0.3e-3
     assert found.mesh.vertices[:, 2].min() == pytest.approx(0.0, abs=0.3e-3)  # on the platform
     assert found.figures["foretold_worst_m"] <= 0.5e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plate_whose_rim_is_too_low_to_be_touched_is_not_made_longer(seed):
+    plate = block(0.06, 0.06, 0.008)
+    found = drive(containment, plate, NOISY, seed=seed).findings
+    if found.status == "done":
+        surfaces = [prepare_surface(*one) for one in (plate.mesh(4), found.mesh)]
+        assert compare_surfaces(*surfaces).rms < 0.3e-3
+    else:
+        assert found.status == "incomplete" and found.mesh is None
 
 
 @pytest.mark.parametrize("noise", NOISES)

@@ -82,7 +82,8 @@ def test_an_edge_that_is_cut_off_is_a_face(cut, noise):
 def test_rims_and_what_lies_between_touches_are_told():
     solid = posed(shapes.Superquadric(1e-3 * np.array([35, 25, 45]), np.array([0.1, 0.1])), 0.045)
     found = drive(planar, solid).findings
-    assert 1.2e-3 < found.figures["rim_gap_m"] < 3e-3 and "cut or rounded by" in found.reason
+    # its edges lie 1.5 mm inside the faces' intersections, its corners 3.3 mm
+    assert 1.2e-3 < found.figures["rim_gap_m"] < 3.4e-3 and "cut or rounded by" in found.reason
     assert 5e-3 < found.figures["farthest_untouched_m"] < 20e-3
     exact = drive(planar, block()).findings
     assert exact.figures["rim_gap_m"] < 1.2e-3 and "rounded" not in exact.reason
