@@ -9,7 +9,7 @@ palpate.nodes and on launch.files and launch.processes.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.launch.demand import read_demand as read_demand
+    from palpate.launch.demand import read_demand as read_demand, tolerance_of as tolerance_of
     from palpate.launch.exchange_rate import Scale as Scale, draw_svg as draw_svg, scale as scale
     from palpate.launch.graph import Graph as Graph, ResolvedNode as ResolvedNode
     from palpate.launch.graph import override as override, plain_params as plain_params
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from palpate.launch.run import Plan as Plan, Run as Run, check_run as check_run
     from palpate.launch.run import explore as explore, perform as perform, plan_run as plan_run
     from palpate.launch.run_directory import RECORDING as RECORDING, RUNS as RUNS
+    from palpate.launch.run_directory import SUMMARY as SUMMARY
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
@@ -48,5 +49,6 @@ if TYPE_CHECKING:
     from palpate.launch.scene import load_scene as load_scene, scene_title as scene_title
     from palpate.launch.scene import shipped_scenes as shipped_scenes
     from palpate.launch.scene import write_calibration as write_calibration
+    from palpate.launch.summary_text import computing_lines as computing_lines
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -140,6 +140,12 @@ def demand_text(
     return "\n".join(lines)
 
 
+def tolerance_of(wirings: Sequence[Wiring]) -> float | None:
+    """The error that the planner is to reach, m; None without one planner."""
+    found = [one.params.tolerance for one in wirings if isinstance(one.params, planner.Params)]
+    return found[0] if len(found) == 1 else None
+
+
 def _choices(
     asked: planner.Params, qualities: Sequence[str], settings: Mapping[str, SourceMapped]
 ) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -11,14 +12,22 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from palpate.messages.types import BoundaryRepresentation, ConePose, Contour, GeneralisedCone
-from palpate.messages.types import GraspContacts, LogRecord, NodeStatus, Openings, PlanDone
+from palpate.launch.printing import counted
+from palpate.messages.types import BoundaryRepresentation, ConePose, Contour, ContourGoal
+from palpate.messages.types import (
+    GeneralisedCone,
+    GraspContacts,
+    LogRecord,
+    NodeStatus,
+    Openings,
+    PlanDone,
+)
 from palpate.messages.types import PlanEstimate, Probe, ProcedureResult, Score, ShapeModel
 from palpate.messages.types import Superquadric
 from palpate.nodes.runtime import Watcher
 
 if TYPE_CHECKING:
-    from rich.status import Status
+    from rich.console import Group, RenderableType
 
 # What exploratory procedures recover
 PROCEDURE_MODELS = (BoundaryRepresentation, ConePose, GeneralisedCone, Openings, Superquadric)
@@ -26,6 +35,7 @@ PROCEDURE_MODELS = (BoundaryRepresentation, ConePose, GeneralisedCone, Openings,
 GATHERED_TYPES = (
     *PROCEDURE_MODELS,
     Contour,
+    ContourGoal,
     GraspContacts,
     PlanDone,
     PlanEstimate,
@@ -35,6 +45,8 @@ GATHERED_TYPES = (
     ShapeModel,
 )
 TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
+TOUCHES_A_LINE = 25  # Without a contour, between two lines of progress
+BAR, REDRAWN = 70, 8  # Columns of the bar, and how often it is drawn in a second
 LEVELS_SHOWN = frozenset({"warning", "error"})  # That a user sees; the rest is in log.jsonl
 
 
@@ -49,6 +61,8 @@ class Progress:
     procedure: ProcedureResult | None = None  # What an exploratory procedure found
     recovered: Any = None  # Its model, one of `PROCEDURE_MODELS`
     touches: int = 0  # Touches made on contours and probes
+    tolerance: float | None = None  # Error asked for, m
+    goal: ContourGoal | None = None  # The contour in hand
     robot_time: float = 0.0  # Robot time of the last of them, s
     ready: float | None = None  # Time from the launch until all nodes were joined, s
     # Time since the launch, s, and touches made by then, of each contour and probe.
@@ -141,6 +155,8 @@ class ProgressWatcher(Watcher):
         elif isinstance(message, GraspContacts):
             progress.contacts += len(message.points)
             progress.robot_time = max(progress.robot_time, message.robot_time)
+        elif isinstance(message, ContourGoal):
+            progress.goal = message
         elif isinstance(message, PlanDone):
             progress.done = message
         elif isinstance(message, ProcedureResult):
@@ -187,11 +203,11 @@ def open_display(*, quiet: bool) -> Display:
 
 
 class LineDisplay(Display):
-    """One line whenever a model has been scored, and each warning once."""
+    """One line after each contour, and after so many touches without one; each warning once."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self._scored = 0
+        self._told = (0, 0)
         self._noted: set[tuple[str, str]] = set()
 
     def ready(self, nodes: int, seconds: float) -> None:
@@ -199,9 +215,10 @@ class LineDisplay(Display):
         self.print(f"ready    {nodes} nodes in {seconds:.1f} s")
 
     def show(self, progress: Progress) -> None:
-        """Tell how far it is if there is a new score."""
-        if len(progress.scores) > self._scored:
-            self._scored = len(progress.scores)
+        """Tell how far it is if another contour was traced, or many places were touched."""
+        now = progress.contours + progress.failed, progress.touches // TOUCHES_A_LINE
+        if now != self._told:
+            self._told = now
             self.print(f"tracing  {progress_text(progress)}")
 
     def note(self, record: LogRecord) -> None:
@@ -217,45 +234,74 @@ class LineDisplay(Display):
 
 
 class LiveDisplay(LineDisplay):
-    """A line that changes in place, above it what stays."""
+    """A bar towards the tolerance and the contour in hand, which change in place, and warnings."""
 
     def __init__(self) -> None:
         from rich.console import Console
+        from rich.live import Live
 
         super().__init__(sys.stderr)
         self._console = Console(stderr=True, highlight=False, markup=False)
-        self._status: Status | None = None
+        self._live = Live(console=self._console, transient=True, refresh_per_second=REDRAWN)
+        self._running = False
 
     def show(self, progress: Progress) -> None:
-        """Draw the line anew."""
-        text = f"tracing  {progress_text(progress)}"
-        if self._status is None:
-            self._status = self._console.status(text)
-            self._status.start()
-        self._status.update(text)
+        """Draw it anew."""
+        if not self._running:
+            self._running = True
+            self._live.start()
+        self._live.update(_panel(progress))
 
     def close(self) -> None:
-        """Take the line away."""
-        if self._status is not None:
-            self._status.stop()
-            self._status = None
+        """Take it away."""
+        if self._running:
+            self._live.stop()
+            self._running = False
 
     def print(self, line: str) -> None:
-        """Write one line above the live one."""
+        """Write one line above what changes."""
         self._console.print(line)
 
 
+def _panel(progress: Progress) -> Group:
+    """How far it is, the bar, and what is done now and why."""
+    from rich.console import Group
+    from rich.padding import Padding
+    from rich.progress_bar import ProgressBar
+    from rich.text import Text
+
+    shown: list[RenderableType] = [Text(progress_text(progress), no_wrap=True)]
+    if progress.tolerance is not None:
+        bar = ProgressBar(total=1.0, completed=progress_share(progress), width=BAR)
+        shown.append(Padding(bar, 0))
+    if progress.goal is not None and progress.done is None:
+        height, reason = 1e3 * progress.goal.height, progress.goal.reason
+        told = f"contour at {height:.0f} mm" + (f": {reason}" if reason else "")
+        shown.append(Text(told, no_wrap=True, overflow="ellipsis"))
+    return Group(*shown)
+
+
+def progress_share(progress: Progress) -> float:
+    """How far the error bound has come from its first value towards the tolerance, 0 to 1.
+
+    By powers of ten: the way from 2 to 1 mm counts as that from 0.4 to 0.2 mm.
+    """
+    bounds = [one.rms_bound_95 for _, one in progress.estimates if one.rms_bound_95]
+    if not bounds or progress.tolerance is None:
+        return 0.0
+    way, left = (math.log(one / progress.tolerance) for one in (max(bounds), bounds[-1]))
+    return 1.0 if left <= 0.0 else 1.0 - left / way
+
+
 def progress_text(progress: Progress) -> str:
-    """Progress in one line of at most 70 columns."""
+    """Progress in one line of at most 71 columns."""
     if not progress.touches:
         return f"{progress.contacts} contacts of the hand  {progress.wall:.0f} s"
-    parts = [f"{progress.contours} contours"] if progress.contours or progress.failed else []
-    parts.append(f"{progress.touches} touches")
-    if progress.touches_per_s is not None:
-        parts.append(f"{progress.touches_per_s:.0f}/s")
-    score = progress.score
+    parts = [counted(progress.contours, "contour")] if progress.contours or progress.failed else []
+    parts.append(counted(progress.touches, "touch", "touches"))
+    estimate, score, asked = progress.estimate, progress.score, progress.tolerance
+    if estimate is not None and estimate.rms_bound_95 is not None and asked is not None:
+        parts.append(f"bound {1e3 * estimate.rms_bound_95:.3f} of {1e3 * asked:.3g} mm")
     if score is not None:
-        share = 100.0 * score.chamfer / score.size
-        parts.append(f"error {1000.0 * score.chamfer:.3f} mm ({share:.3f} %)")
-    parts.append(f"{progress.wall:.0f} s")
-    return "  ".join(parts)
+        parts.append(f"true {1e3 * score.rms:.3f} mm")
+    return "  ".join([*parts, f"{progress.wall:.0f} s"])

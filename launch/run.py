@@ -15,18 +15,19 @@ from typing import Any
 from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
-from palpate.launch.demand import demand_text
+from palpate.launch.demand import demand_text, tolerance_of
 from palpate.launch.files import SourceMapped, as_input_errors, export_model
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
 from palpate.launch.node_kinds import Entry
-from palpate.launch.printing import summary_text, titled
+from palpate.launch.printing import titled
 from palpate.launch.processes import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
 from palpate.launch.run_directory import RunDirectory, choose_run_directory, exit_code, summarise
 from palpate.launch.run_directory import versions_text
 from palpate.launch.scene import find_scene
+from palpate.launch.summary_text import details_text, headline_text
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
@@ -104,6 +105,7 @@ class Plan:
     about: Mapping[str, str]
     folder: RunDirectory  # Where the results will be
     before: EarlierRun | None = None  # An earlier run, if it goes on with one
+    tolerance: float | None = None  # Error asked for, m; None if nobody plans for one
     asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
 
@@ -120,9 +122,18 @@ class Run:
 
     @property
     def text(self) -> str:
-        """The figures for people."""
-        files = sorted(path.name for path in self.folder.iterdir())
-        return summary_text(self.summary, files, self.folder)
+        """What was found, what it cost and what to doubt, in at most 12 lines."""
+        return headline_text(self.summary, self.files, self.folder)
+
+    @property
+    def details(self) -> str:
+        """All figures for people."""
+        return details_text(self.summary, self.files)
+
+    @property
+    def files(self) -> list[str]:
+        """Names of what the run left in its folder."""
+        return sorted(path.name for path in self.folder.iterdir())
 
 
 def check_run(
@@ -218,7 +229,10 @@ def plan_run(
     asked = [demand_text(wirings, settings, None if scene is None else scene.size[2])]
     if scene is not None and scene.told:
         asked = [*titled("mesh", scene.told), *asked]
-    return Plan(name, told, described.graph.ends, about, folder, asked="\n".join(asked))
+    tolerance = tolerance_of(wirings)
+    return Plan(
+        name, told, described.graph.ends, about, folder, tolerance=tolerance, asked="\n".join(asked)
+    )
 
 
 def _about(described: LaunchDescription, resolved: str) -> dict[str, str]:
@@ -254,6 +268,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
             exports.append(pool.submit(export_model, model, folder.path))
 
         gatherer = ProgressWatcher(len(plan.wirings), display, log, export)
+        gatherer.progress.tolerance = plan.tolerance
         try:
             ending = _start(plan, gatherer, composed=composed)
         finally:

@@ -18,8 +18,9 @@ import numpy as np
 from palpate import __version__
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
-from palpate.launch.printing import known_texts, millimetres, unknown_texts
+from palpate.launch.printing import millimetres
 from palpate.launch.progress import Progress
+from palpate.launch.summary_text import known_texts, unknown_texts
 from palpate.messages.recording import free_bytes
 from palpate.messages.types import PlanDone, ProcedureResult
 from palpate.nodes.runtime import Ending
@@ -179,6 +180,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "seed": seed,
         **distances,
         "rms_bound_95_m": known and known.rms_bound_95,
+        "tolerance_m": progress.tolerance,
         "tolerance_met": done and done.tolerance_met,
         "largest_untouched_m": known and known.largest_untouched,
         **_unknown(done),

@@ -15,10 +15,13 @@ from palpate.launch.files import SourceMapped
 from palpate.nodes.specs import SensorSpec, describe_effects
 
 
-def perform_and_print(plan: launch.Plan, *, composed: bool, as_json: bool, quiet: bool) -> int:
-    """Perform a plan and print its text, or ``summary.json``; returns the exit code.
+def perform_and_print(
+    plan: launch.Plan, *, composed: bool, as_json: bool, quiet: bool, verbose: bool = False
+) -> int:
+    """Perform a plan and print its result, or ``summary.json``; returns the exit code.
 
-    What is asked, and what it is expected to cost, is told before it begins.
+    What is asked, and what it is expected to cost, is told before it begins. The result comes last,
+    so that it stays in sight; `verbose`: all figures before it.
     """
     if plan.asked and not (quiet or as_json):
         click.echo(plan.asked, err=True)
@@ -27,7 +30,7 @@ def perform_and_print(plan: launch.Plan, *, composed: bool, as_json: bool, quiet
     if as_json:
         click.echo(json.dumps(done.summary, indent=2, allow_nan=False))
     elif not quiet:
-        click.echo(done.text)
+        click.echo(f"{done.details}\n{done.text}" if verbose else done.text)
     elif done.exit_code != 0:
         missed = [*done.summary["missed"], done.summary["reason"]]
         click.echo(f"palpate: {done.ending.status}: {'; '.join(missed)}", err=True)

@@ -84,7 +84,7 @@ def test_a_run_leaves_its_results_and_what_was_run_in_its_directory(launch_file)
     assert set(summary["nodes"]) == {"maker", "judge"}
     assert run.model is not None
     np.testing.assert_array_equal(run.model.vertices.shape, (4, 3))
-    assert "mesh.stl" in run.text
+    assert "here/mesh.glb" in run.text and "mesh.stl" in run.details
     text = (run.folder / "launch.yaml").read_text()
     assert "kind: t.maker" in text
     assert "ends: judge" in text

@@ -9,9 +9,9 @@ import pytest
 
 from palpate.launch import run_directory as run_dir
 from palpate.launch.files.source_map import InputError
-from palpate.launch.printing import TEXT_WIDTH, summary_text
 from palpate.launch.progress import Progress
 from palpate.launch.run_directory import choose_run_directory, exit_code, read_summary, summarise
+from palpate.launch.summary_text import headline_text
 from palpate.messages.types.catalogue import NodeStatus
 from palpate.messages.types.model import PlanDone, PlanEstimate
 from palpate.nodes.runtime.composed import Ending
@@ -97,7 +97,8 @@ def test_a_disk_that_is_too_full_is_refused_before_anything_is_made(tmp_path):
 KEYS = {
     "palpate", "status", "reason", "scene", "seed", "chamfer_m", "rms_m", "hausdorff_m", "p95_m",
     "normal_deg", "volume_error", "sampling_floor_m", "size_m", "watertight", "genus", "contours",
-    "contours_failed", "uncovered_m", "rms_bound_95_m", "tolerance_met", "largest_untouched_m",
+    "contours_failed", "uncovered_m", "rms_bound_95_m", "tolerance_m", "tolerance_met",
+    "largest_untouched_m",
     "open_share", "open_width_m", "open_place_m", "open_touches", "under_share", "method",
     "predicted_m",
     "contacts", "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s",
@@ -209,7 +210,7 @@ def test_a_tolerance_that_was_not_reached_is_a_missed_goal_whatever_ended_the_ru
     assert [exit_code(summary, rebuilds=rebuilds) for rebuilds in (True, False)] == [code, code]
     told = "the tolerance was not reached: rms below 0.300 mm (95 %); untouched at most 2.500 mm"
     assert summary["missed"] == ([] if met is not False else [told])
-    text = summary_text(summary, [], tmp_path)
+    text = headline_text(summary, [], tmp_path)
     assert ("missed     the tolerance was not reached" in text) == (met is False)
     assert "the budget is spent: 40 of 40 touches" in text
 
@@ -240,31 +241,3 @@ def test_a_summary_is_read_again_or_refused_with_the_reason(progress, tmp_path):
         Path("here/summary.json").write_text(text)
         with pytest.raises(InputError, match=f"here/summary.json: {why}"):
             read_summary(Path("here"))
-
-
-def test_the_closing_words_fit_on_a_screen(progress, tmp_path):
-    summary = summarise(ending(reason="the tracer died of " + "x " * 300), progress, "vase", 7)
-    files = [f"a_rather_long_name_{i}.json" for i in range(9)]
-    lines = summary_text(summary, files, tmp_path / "r").splitlines()
-    assert max(map(len, lines[:-1])) <= TEXT_WIDTH
-    text = "\n".join(lines)
-    assert "chamfer 0.300 mm (1.00 % of the height)" in text
-    assert "sampling floor 0.050 mm" in text
-    assert "watertight yes" in text
-    assert ["filter", "40", "80", "120", "1.50"] in [line.split() for line in lines]
-    assert all(name in text for name in files)
-    assert "steps      filter 67 %  rest 33 %  of 1.5 s" in lines
-    assert any(line.startswith("cost  ") for line in lines)
-    assert lines[-1] == f"run        {tmp_path / 'r'}"
-
-
-def test_the_closing_words_do_without_figures_and_tell_what_is_promised(tmp_path, progress):
-    summary = summarise(Ending(status="died", reason="boom"), Progress(), None, None)
-    lines = summary_text(summary, [], tmp_path).splitlines()
-    assert lines[0] == "result     no model was measured"
-    assert "died       boom" in lines
-    summary = summarise(ending(), progress, "vase", 7)
-    summary |= {"rms_bound_95_m": 28e-6, "rms_m": 16e-6, "largest_untouched_m": 2.5e-3}
-    text = summary_text(summary, [], tmp_path)
-    assert "rms below 0.028 mm (95 %), in truth 0.016 mm" in text
-    assert "untouched at most 2.500 mm" in text

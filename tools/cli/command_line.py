@@ -51,6 +51,9 @@ def quiet_option(told: str = "Print nothing.") -> Callable[[Command], Command]:
     return click.option("--quiet", is_flag=True, help=told)
 
 
+VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
+
+
 def names_option(flag: str, metavar: str, told: str) -> Callable[[Command], Command]:
     """An option that takes names between commas."""
     return click.option(

@@ -79,6 +79,7 @@ docs/sweep.md says more.
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
 @command_line.json_option("Print summary.json.")
 @command_line.quiet_option()
+@command_line.VERBOSE
 def run_command(
     scene: str,
     out: Path | None,
@@ -91,6 +92,7 @@ def run_command(
     no_record: bool,
     as_json: bool,
     quiet: bool,
+    verbose: bool,
     **demand: Any,
 ) -> int:
     """Explore SCENE, a shipped scene's name, a YAML file or a mesh, and rebuild its object.
@@ -119,7 +121,7 @@ def run_command(
             args[name] = SourceMapped(value, option)
     given = {**launch.read_settings(settings), **launch.read_demand(**demand, procedure=procedure)}
     plan = launch.plan_run(file, args, given, name=path.stem, out=out)
-    return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet)
+    return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 @click.command("sweep", help=SWEEP_HELP)
@@ -183,6 +185,7 @@ def _say(quiet: bool, line: str) -> None:
 @command_line.COMPOSED
 @command_line.json_option("Print summary.json.")
 @command_line.quiet_option()
+@command_line.VERBOSE
 def launch_command(
     file: Path,
     arguments: tuple[str, ...],
@@ -194,6 +197,7 @@ def launch_command(
     composed: bool,
     as_json: bool,
     quiet: bool,
+    verbose: bool,
 ) -> int:
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
     path = launch.find_launch_file(file)
@@ -207,7 +211,9 @@ def launch_command(
     args, given = launch.read_arguments(arguments), launch.read_settings(settings)
     if not (only_print or picture):
         plan = launch.plan_run(path, args, given, name=path.stem, out=out)
-        return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet)
+        return perform_and_print(
+            plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose
+        )
     described, _ = launch.check_run(path, args, given, out or Path("runs"))
     if only_print:
         click.echo(f"launch file {path}\n{described.graph.table()}")

@@ -168,13 +168,15 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
     RUN is the folder of a run, or its topics.mcap. A recording keeps the way, the turn and the
     approach of each touch, so that its time follows for any arm: modern, a collaborative one of
     today; puma, one of the 1990s; sliding, the modern one, if it stayed on the surface between two
-    touches of a contour.
+    touches of a contour. Where computing time went follows, by node and by step, with the
+    diagnostics of the last fit.
 
     With --plot it draws instead what accuracy has cost RUN, a folder: true error and stated bound
     after each contour against touches, robot time and compute time, what the next halving of the
     error is foretold to cost, and where the processor's time went. Every run leaves this as
     cost.svg; docs/cost.md says how to read it.
     """
+    from palpate import launch
     from palpate.tools.cost import plot_cost, robot_time, robot_time_text
 
     if picture is not None:
@@ -183,4 +185,6 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
         plot_cost(run, picture)
         return 0
     command_line.print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
+    if not (robots or as_json) and (run / launch.SUMMARY).is_file():
+        click.echo("\n".join(["", *launch.computing_lines(launch.read_summary(run))]))
     return 0

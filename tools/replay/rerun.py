@@ -194,6 +194,7 @@ def plan_resume(
         about,
         folder,
         before=earlier_run_of(wirings, _until(recording, contour)),
+        tolerance=launch.tolerance_of(wirings),
     )
 
 
