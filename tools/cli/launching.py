@@ -77,6 +77,7 @@ docs/sweep.md says more.
 @command_line.SETTINGS
 @command_line.COMPOSED
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
+@command_line.UNTRUSTED
 @command_line.json_option("Print summary.json.")
 @command_line.quiet_option()
 @command_line.VERBOSE
@@ -90,6 +91,7 @@ def run_command(
     settings: tuple[str, ...],
     composed: bool,
     no_record: bool,
+    untrusted: bool,
     as_json: bool,
     quiet: bool,
     verbose: bool,
@@ -108,6 +110,8 @@ def run_command(
     from palpate.tools.report import perform_and_print
 
     path = launch.find_scene(scene)
+    if untrusted:
+        launch.load_scene(path, untrusted=True)
     if unit is not None and not is_mesh_file(path):
         raise InputError(f"--unit {unit}: {scene} is no mesh; a scene has object.mesh.unit")
     args = {"scene": SourceMapped(str(path), "")}
