@@ -260,7 +260,7 @@ def _with_mesh(
     mesh = files.convert(part, files.MeshFile, "object.mesh")
     path = named[MESH]
     try:
-        vertices, faces, told = files.read_mesh(path, mesh.unit)
+        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up)
     except ValueError as error:
         if files.is_mesh_file(scene):  # the sentence names it already
             raise
@@ -278,11 +278,11 @@ def _with_mesh(
 
 
 def _with_planner(given: files.SourceMapped) -> files.SourceMapped:
-    """The scene with a planner: nobody knows of a mesh whether slices of it are simple curves."""
+    """The scene with a planner: slices of a mesh may be no simple curves, as those of a torus."""
     explore, standing = given.value.get("explore", {}), given.value.get("object")
     if not isinstance(explore, Mapping) or {"planner", "settings", "axis"} & set(explore):
         return given
-    if not isinstance(standing, Mapping) or "mesh" not in standing:
+    if not isinstance(standing, Mapping) or not {"mesh", "torus"} & set(standing):
         return given
     return replace(given, value={**given.value, "explore": {**explore, "planner": "touches"}})
 

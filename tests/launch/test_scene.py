@@ -58,7 +58,7 @@ def test_a_scene_fills_in_its_defaults_and_reads_its_mesh_in_metres(write):
      "bad.yaml:3: object.superquadric.size[1] is -0.03; expected number > 0.0"),
     ("object:\n  superquadric: {size: [0.04, .inf, 0.05], exponents: [1, 1]}",
      "bad.yaml:2: object.superquadric.size[1] is inf; a number must be finite"),
-    ("object: {}", "bad.yaml:1: object: an object is exactly one of superquadric, hyperquadric"),
+    ("object: {}", "bad.yaml:1: object: an object is exactly one of sphere, cylinder, cone"),
     (BALL + "seed: -1", "bad.yaml:3: seed is -1; expected whole number >= 0"),
     (BALL + "world: {reach: 0.05}", "but the finger reaches 0.05 m; enlarge world.reach"),
     ("object:\n  mesh: {file: none.ply, unit: mm}",
