@@ -110,7 +110,7 @@ def echo_topic(
     `say` takes each message, `tell` what is odd. Raises ValueError if what comes is not what the
     topic carries, or cannot be compared as the filter asks.
     """
-    with TapSubscription(card, [topic]) as taps:
+    with TapSubscription(card, [topic], latched=True) as taps:
         shown = 0
         for received in _received(taps, topic, losses, tell):
             text = message_text(topic, received, form)
@@ -134,7 +134,7 @@ def _received(
             yield received
         if quiet is not None and time.monotonic() > quiet:
             quiet = None
-            tell(f"nothing has come on {topic.name} yet; what was published before is not repeated")
+            tell(f"nothing has come on {topic.name} yet; only what is latched is repeated")
 
 
 def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | None:
