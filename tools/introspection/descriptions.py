@@ -22,7 +22,7 @@ from msgspec import structs
 from palpate.launch import Entry, find_bag, load_entry, text_table
 from palpate.launch.files import as_input_errors, hint
 from palpate.launch.processes import RunCard, find_run, running_graphs
-from palpate.messages import recording, schema, type_of_schema
+from palpate.messages import recording, type_of_schema
 from palpate.messages.types import TYPES
 from palpate.nodes.runtime import RecordedNode, Sink, Source, load_node
 from palpate.tools.introspection.echo import TextStyle, field_rows, yaml_lines, yaml_value
@@ -30,7 +30,7 @@ from palpate.tools.introspection.requests import find_node, params_of
 
 OWN_PACKAGE = "palpate."  # Modules that may be imported to look at what they hold
 INDENT = 8  # Columns before the comment of a parameter
-COLUMNS = 100  # Of what is printed, where it can be broken
+COLUMNS = 80  # Of what is printed, where it can be broken
 _BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
@@ -66,8 +66,8 @@ def _in_words(rule: Mapping[str, Any]) -> str:
     if "anyOf" in rule:
         return " or ".join(map(_in_words, rule["anyOf"]))
     if rule.get("type") == "array":
-        items = rule.get("items") or next(iter(rule.get("prefixItems", ())), {})
-        return f"list of {_in_words(items)}"
+        first: Mapping[str, Any] = next(iter(rule.get("prefixItems", ())), {})
+        return f"list of {_in_words(rule.get('items') or first)}"
     if rule.get("type") == "object":
         values = rule.get("additionalProperties")
         return f"table of {_in_words(values)}" if isinstance(values, dict) else "table"
