@@ -185,7 +185,8 @@ def _sources(
 ) -> list[str]:
     """Topics on the wire of an input: in the node's own namespace first, then outside.
 
-    An input that is `fan_in` subscribes to the topic in every namespace.
+    An input that is `fan_in` subscribes to the topic in every namespace; an `optional` one may have
+    none.
     """
     if local in entry.remap:
         candidates = [entry.remap[local]]
@@ -196,7 +197,7 @@ def _sources(
         candidates = [f"/{entry.namespace}{local}"] if entry.namespace else []
         candidates.append(local)
     found = [topic for topic in candidates if topic in published]
-    if not found:
+    if not found and (local in entry.remap or local not in node.optional):
         near = files.hint(candidates[-1], published)
         raise entry.error(f"subscribes to {candidates[-1]}, which nobody publishes; {near}")
     return found if local in node.fan_in else found[:1]

@@ -61,6 +61,7 @@ class Node:
     outputs: Mapping[str, type]  # Topic to message type
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
     fan_in: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
+    optional: tuple[str, ...] = ()  # Inputs that nobody need publish
     # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
     # that of the first finger alone subscribes to and publishes them.
     shared: tuple[str, ...] = ()
