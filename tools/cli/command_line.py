@@ -24,6 +24,7 @@ from palpate.launch.files import InputError, hint
 from palpate.nodes.runtime import THREAD_VARIABLES
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+HELP_OPTIONS = ["-h", "--help"]
 Command = Callable[..., Any]
 # What several verbs take.
 PATH = click.Path(path_type=Path)
@@ -171,7 +172,8 @@ class LazyGroup(NamedGroup):
     """Verbs by name: the module in which each stands, from here, and its help in one line."""
 
     def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
-        super().__init__(name, help=help)
+        # What the outermost verb calls help, all within it do.
+        super().__init__(name, help=help, context_settings={"help_option_names": HELP_OPTIONS})
         self._verbs = verbs
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -207,6 +209,7 @@ palpate_group = LazyGroup(
         "scene": ("solids", "List and check scenes."),
         "node": ("running_graph", "Look at the nodes of a running graph, or at the kinds of node."),
         "topic": ("running_graph", "Receive and publish on the topics of a running graph."),
+        "interface": ("running_graph", "Look at the types of messages."),
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": (
             "running_graph",
