@@ -20,10 +20,10 @@ from threadpoolctl import threadpool_limits
 from palpate import launch
 from palpate.launch.files import SourceMapped, convert
 from palpate.launch.processes import EarlierRun, SentMessage
-from palpate.messages import schema_hash
+from palpate.messages import decode, schema_hash
 from palpate.messages.bus import Consumed
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
-from palpate.messages.types import TYPES, Contour
+from palpate.messages.types import TYPES, Contour, ParameterEvent
 from palpate.nodes import runtime
 from palpate.tools.bag import compare_recordings
 from palpate.tools.replay import exchange
@@ -59,7 +59,8 @@ def replay(
     """
     recording = open_recording(launch.find_bag(bag))
     chosen = with_settings(exchange.choose_nodes(recording, nodes), recording.graph, settings or {})
-    players = [exchange.ReplayedNode(one) for one in chosen]
+    events = [one for one in recording.messages() if one.type == ParameterEvent.__name__]
+    players = [exchange.ReplayedNode(one, runtime.recorded_changes(events, *one)) for one in chosen]
     if not recording.closed:
         echo(f"{recording.path} was never closed: replaying as far as it goes")
     traffic = exchange.MessageExchange(players)
@@ -231,10 +232,13 @@ def earlier_run_of(
     for wiring in wirings:
         for edge in () if wiring.module == runtime.RECORDER else wiring.inputs:
             subscribers.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
+    set_: dict[str, list[bytes]] = {}
     for one in messages:
         for name, publisher in subscribers.get(one.topic, ()):
             received[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
         wiring = publishers[one.topic]
+        if one.type == ParameterEvent.__name__:
+            set_.setdefault(wiring.name, []).append(one.body)
         if wiring.persistent:
             sent[wiring.name].append(SentMessage(one.topic, one.sent_ns, one.schema, one.body))
         else:
@@ -245,7 +249,8 @@ def earlier_run_of(
         else [each for each, _ in received[one.name]]
         for one in wirings
     }
-    return EarlierRun(consumed, sent, times)
+    changes = {name: [decode(ParameterEvent, one) for one in told] for name, told in set_.items()}
+    return EarlierRun(consumed, sent, times, changes)
 
 
 def answered_messages(
