@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -283,7 +283,8 @@ class EarlierRun:
     published: Mapping[str, Sequence[SentMessage]]  # What those had published that act on the world
     # Topics and times, ns, of what the others had published: they do so again with these.
     times: Mapping[str, Sequence[tuple[str, int]]]
-    changes: Mapping[str, Sequence[ParameterEvent]]  # What was set of the parameters of a node
+    # Parameters that were set while a node ran
+    changes: Mapping[str, Sequence[ParameterEvent]] = field(default_factory=dict)
 
     def lay(self, wirings: Sequence[Wiring], place: Addresses) -> None:
         """Write the journals and message logs that the nodes, with their subscribers, will find."""

@@ -15,10 +15,10 @@ from palpate.launch.processes.fork_server import Interrupts
 from palpate.launch.processes.node_status import Edge, LauncherSockets, MessageCounts
 from palpate.launch.processes.node_status import NodeStatusTable, TerminationDetector
 from palpate.launch.processes.process_table import ProcessHosts, ProcessTable
+from palpate.launch.processes.registry import Announcement
 from palpate.messages import decode
 from palpate.messages.bus import LAUNCHER, Addresses, ControlMessage, ControlServer
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.launch.processes.registry import Announcement
 from palpate.nodes.runtime import FAILED, Ending, Node, Source, Watcher, Wiring, load_node
 from palpate.nodes.runtime import with_parameter
 

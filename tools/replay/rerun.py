@@ -194,7 +194,10 @@ def plan_resume(
         about["ends"],
         about,
         folder,
-        before=earlier_run_of(wirings, _until(recording, contour)),
+        before=replace(
+            earlier_run_of(wirings, _until(recording, contour)),
+            changes=_changes(wirings, recording),  # those after that contour, too
+        ),
         tolerance=launch.tolerance_of(wirings),
     )
 
@@ -232,13 +235,10 @@ def earlier_run_of(
     for wiring in wirings:
         for edge in () if wiring.module == runtime.RECORDER else wiring.inputs:
             subscribers.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
-    set_: dict[str, list[bytes]] = {}
     for one in messages:
         for name, publisher in subscribers.get(one.topic, ()):
             received[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
         wiring = publishers[one.topic]
-        if one.type == ParameterEvent.__name__:
-            set_.setdefault(wiring.name, []).append(one.body)
         if wiring.persistent:
             sent[wiring.name].append(SentMessage(one.topic, one.sent_ns, one.schema, one.body))
         else:
@@ -249,8 +249,7 @@ def earlier_run_of(
         else [each for each, _ in received[one.name]]
         for one in wirings
     }
-    changes = {name: [decode(ParameterEvent, one) for one in told] for name, told in set_.items()}
-    return EarlierRun(consumed, sent, times, changes)
+    return EarlierRun(consumed, sent, times)
 
 
 def answered_messages(
@@ -268,6 +267,19 @@ def answered_messages(
         return []
     answers = sum(one.sent_ns > asked[0][1] for one in sent)
     return [one for one, _ in asked[:answers]]
+
+
+def _changes(
+    wirings: Sequence[runtime.Wiring], recording: Recording
+) -> dict[str, list[ParameterEvent]]:
+    """By node the parameters that were set while it ran."""
+    publishers = {topic: one.name for one in wirings for topic in one.outputs.values()}
+    found: dict[str, list[ParameterEvent]] = {}
+    for kept in recording.messages():
+        if kept.type == ParameterEvent.__name__:
+            change = decode(ParameterEvent, kept.body)
+            found.setdefault(publishers[kept.topic], []).append(change)
+    return found
 
 
 def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessage]:
