@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from palpate.tools.introspection.echo import EchoFormat, LossReport, TextStyle, echo_topic
     from palpate.tools.introspection.echo import field_lines, read_filter, read_path
     from palpate.tools.introspection.requests import control_player, dump_params, node_text, notify
-    from palpate.tools.introspection.requests import publish, request, running_nodes
+    from palpate.tools.introspection.requests import publish, request, running_nodes, set_parameter
     from palpate.tools.introspection.topics import STATUS_TOPICS, RateMonitor, TapSubscription
     from palpate.tools.introspection.topics import Topic, bandwidth_text, delay_text, find_topic
     from palpate.tools.introspection.topics import find_topics, rate_text, topics_of, type_of

@@ -120,7 +120,8 @@ def kind_text(name: str) -> str:
     for param, about in parameters_of(node.params).items():
         need = f"default {about.default}" if about.default else "required"
         unit = f"  {about.unit}" if about.unit else ""
-        lines.append(f"  takes {param}  {about.type}{unit}  {need}")
+        may = "  settable" if param in getattr(node, "settable", ()) else ""
+        lines.append(f"  takes {param}  {about.type}{unit}  {need}{may}")
         blank = " " * INDENT
         lines += textwrap.wrap(about.help, COLUMNS, initial_indent=blank, subsequent_indent=blank)
     return "\n".join(lines)
