@@ -43,7 +43,9 @@ if TYPE_CHECKING:
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
-    from palpate.launch.run_directory import find_bag as find_bag, read_summary as read_summary
+    from palpate.launch.run_directory import find_bag as find_bag, find_run_path as find_run_path
+    from palpate.launch.run_directory import read_summary as read_summary
+    from palpate.launch.run_directory import run_directory_of as run_directory_of
     from palpate.launch.run_directory import versions_text as versions_text
     from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES, Scene as Scene
     from palpate.launch.scene import SceneSpec as SceneSpec, find_scene as find_scene

@@ -20,6 +20,7 @@ from palpate import __version__
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
 from palpate.launch.printing import millimetres
+from palpate.launch.processes import running_graphs
 from palpate.launch.progress import Progress
 from palpate.launch.summary_text import known_texts, unknown_texts
 from palpate.messages.recording import free_bytes
@@ -137,6 +138,25 @@ def _free(path: Path) -> Path:
         number += 1
         free = path.with_name(f"{path.name}-{number}")
     return free
+
+
+def find_run_path(path: Path) -> Path:
+    """The run directory of the running graph that a name without a file means; else the path.
+
+    Raises InputError if several running graphs are called so.
+    """
+    if path.exists() or path.suffix or path.parent != Path():
+        return path
+    found = [card for card in running_graphs() if card.folder and card.is_called(path.name)]
+    if len(found) > 1:
+        known = ", ".join(f"{card.run[:6]} in {card.folder}" for card in found)
+        raise InputError(f"{path}: several running graphs are called so: {known}")
+    return Path(found[0].folder) if found else path
+
+
+def run_directory_of(path: Path) -> Path:
+    """The folder in which a recording lies; any other path as it is."""
+    return path.parent if path.suffix == Path(RECORDING).suffix and path.is_file() else path
 
 
 def find_bag(path: Path) -> Path:

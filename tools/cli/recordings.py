@@ -19,7 +19,7 @@ bag_group = command_line.NamedGroup(
 
 @bag_group.command("info", short_help="Say what a recording holds.")
 @command_line.BAG
-@command_line.json_option("Print it as JSON.")
+@command_line.JSON
 def bag_info_command(bag: Path, as_json: bool) -> int:
     """Say what the recording BAG holds.
 
@@ -40,7 +40,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
 @click.option("-l", "--loop", is_flag=True, help="Begin anew at the end, until Ctrl-C.")
 @click.option("--start-offset", default=0.0, help="Begin so many s after the first message.")
 @click.option("--until", type=float, help="End so many s after the first message.")
-@click.option("--topics", multiple=True, metavar="TOPIC", help="Only these; repeatable.")
+@command_line.TOPICS
 @click.option("-m", "--remap", multiple=True, metavar="OLD:=NEW", help="Rename; repeatable.")
 @click.option(
     "--clock",
@@ -87,13 +87,8 @@ def bag_step_command(messages: int, run: str | None) -> None:
 
 @bag_group.command("recover", short_help="Save what is whole of a damaged recording.")
 @command_line.BAG
-@click.option(
-    "-o",
-    "--output",
-    type=command_line.PATH,
-    help="The new file, not there yet; NAME.recovered.mcap beside BAG if left out.",
-)
-def bag_recover_command(bag: Path, output: Path | None) -> int:
+@command_line.out_option("The new file, not there yet; NAME.recovered.mcap beside BAG if left out.")
+def bag_recover_command(bag: Path, out: Path | None) -> int:
     """Save what is whole of the recording BAG.
 
     BAG is a run directory or an MCAP file. All messages from the beginning to the first damage are
@@ -101,14 +96,14 @@ def bag_recover_command(bag: Path, output: Path | None) -> int:
     recorder wrote are joined. The new file is read again and compared before it is put in its
     place.
     """
-    click.echo(bags.recovered_text(bags.recover_recording(bag, output)))
+    click.echo(bags.recovered_text(bags.recover_recording(bag, out)))
     return 0
 
 
 @bag_group.command("diff", short_help="Name the first message in which two recordings differ.")
-@click.argument("a", metavar="A", type=command_line.PATH)
-@click.argument("b", metavar="B", type=command_line.PATH)
-@command_line.names_option("--topics", "/X,/Y", "Topics to compare; all if none.")
+@command_line.run_argument("a")
+@command_line.run_argument("b")
+@command_line.TOPICS
 def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
     """Compare the recordings A and B, message by message, topic by topic.
 
@@ -129,15 +124,9 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
 @click.option(
     "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."
 )
-@click.option(
-    "-o",
-    "--output",
-    type=command_line.PATH,
-    required=True,
-    help="The new file or folder, not there yet.",
-)
-@command_line.names_option("--topics", "A,B", "Topics to write; all if left out.")
-def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ...]) -> None:
+@command_line.out_option("The new file or folder, not there yet.", required=True)
+@command_line.TOPICS
+def bag_export_command(bag: Path, kind: str, out: Path, topics: tuple[str, ...]) -> None:
     """Write the recording BAG in a format that other programs read.
 
     BAG is a run directory or an MCAP file, which must not be damaged: see palpate bag recover.
@@ -146,11 +135,11 @@ def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ..
     one file with an array for each field, messages first, for numpy.load. foxglove is an MCAP file
     in JSON that Foxglove shows: models, contours, touched points, the finger and the log.
     """
-    click.echo(bags.export_bag(bag, kind, output, topics))
+    click.echo(bags.export_bag(bag, kind, out, topics))
 
 
 @click.command("cost")
-@click.argument("run", type=command_line.PATH)
+@command_line.run_argument("run")
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Of this only. Repeatable.")
 @click.option(
     "--plot",
@@ -161,7 +150,7 @@ def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ..
     metavar="[OUT.svg]",
     help="Draw error and bound against cost, to standard output if no file is named.",
 )
-@command_line.json_option()
+@command_line.JSON
 def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_json: bool) -> int:
     """Say what the moves of RUN would have cost each robot, in s.
 

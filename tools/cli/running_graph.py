@@ -11,7 +11,8 @@ from palpate import launch
 from palpate.launch import processes
 from palpate.launch.files import as_input_errors
 from palpate.tools import introspection
-from palpate.tools.cli.command_line import RUN, Command, NamedGroup
+from palpate.tools.cli.command_line import RUN, Command, NamedGroup, complete_node
+from palpate.tools.cli.command_line import complete_topic
 
 if TYPE_CHECKING:
     from palpate.launch.processes import RunCard
@@ -55,7 +56,7 @@ def topic_list_command(
 
 
 @topic_group.command("info", short_help="Say what a topic carries, from whom to whom.")
-@click.argument("topic")
+@click.argument("topic", shell_complete=complete_topic)
 @RUN
 @click.option("-v", "--verbose", is_flag=True, help="Add the fields with their units.")
 def topic_info_command(topic: str, run: str | None, verbose: bool) -> None:
@@ -75,7 +76,7 @@ def topic_info_command(topic: str, run: str | None, verbose: bool) -> None:
 
 
 @topic_group.command("echo", short_help="Print the messages of a topic.")
-@click.argument("topic")
+@click.argument("topic", shell_complete=complete_topic)
 @RUN
 @click.option("--once", is_flag=True, help="Print one message and end.")
 @click.option("-n", "most", type=click.IntRange(1), help="Print so many messages and end.")
@@ -142,7 +143,7 @@ def measuring_options(command: Command) -> Command:
             help="Messages over which figures are taken.",
         ),
         RUN,
-        click.argument("topics", nargs=-1, metavar="TOPIC..."),
+        click.argument("topics", nargs=-1, metavar="TOPIC...", shell_complete=complete_topic),
     ):
         command = option(command)
     return command
@@ -191,7 +192,7 @@ for verb, short, told in (
 
 
 @topic_group.command("pub", short_help="Publish a message on a console's topic.", help=PUB_HELP)
-@click.argument("topic")
+@click.argument("topic", shell_complete=complete_topic)
 @click.argument("body")
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Messages in a second.")
 @click.option("-1", "--once", is_flag=True, help="Publish once.")
@@ -218,7 +219,7 @@ def node_list_command(run: str | None, every: bool) -> None:
 
 
 @node_group.command("info", short_help="Say how a running node is doing, and its topics.")
-@click.argument("node")
+@click.argument("node", shell_complete=complete_node)
 @RUN
 def node_info_command(node: str, run: str | None) -> None:
     """Say how NODE is doing, its topics with publishers and subscribers, and its parameters."""
@@ -235,7 +236,7 @@ def node_kinds_command(kind: str | None) -> None:
 
 
 @param_group.command("dump", short_help="Print parameters in YAML.")
-@click.argument("node", required=False)
+@click.argument("node", required=False, shell_complete=complete_node)
 @RUN
 def param_dump_command(node: str | None, run: str | None) -> None:
     """Print the parameters of NODE, or of all nodes, in YAML; bytes by their size and SHA-256."""

@@ -9,7 +9,8 @@ import click
 
 from palpate import launch
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import PATH, UNTRUSTED, json_option, print_figures, quiet_option
+from palpate.tools.cli.command_line import JSON, PATH, UNTRUSTED, NamedGroup, complete_scene
+from palpate.tools.cli.command_line import out_option, print_figures, quiet_option, run_argument
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -30,11 +31,10 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 
 
 @click.command("rebuild", help=REBUILD_HELP)
-@click.argument("points", type=PATH)
-@click.option(
-    "-o", "--out", "outs", type=PATH, multiple=True,
-    help="File to write: .ply, .stl, .glb, .obj, or .npz with everything. Repeatable.",
-)  # fmt: skip
+@run_argument("points")
+@out_option(
+    "File to write: .ply, .stl, .glb, .obj, or .npz with everything. Repeatable.", multiple=True
+)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of POINTS.")
 @click.option(
     "--method", type=click.Choice(["lattice", "skin", "thesis", "coarse"]), default="lattice",
@@ -46,11 +46,11 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 @click.option("--noise", type=LENGTH, help="Standard deviation of a coordinate, if known.")
 @click.option("--tolerance", type=LENGTH, help="How far triangles may leave the surface.")
 @click.option("--lattice", type=PATH, help="Write the control lattice: .npz or .vtk.")
-@json_option()
+@JSON
 @quiet_option("Show no progress.")
 def rebuild_command(
     points: Path,
-    outs: tuple[Path, ...],
+    out: tuple[Path, ...],
     lattice: Path | None,
     as_json: bool,
     quiet: bool,
@@ -62,7 +62,7 @@ def rebuild_command(
     from palpate.tools import reconstruction
 
     wanted = reconstruction.RebuildOptions(**asked)
-    reconstruction.check_outputs(points, outs, lattice, wanted.method)
+    reconstruction.check_outputs(points, out, lattice, wanted.method)
     shown = sys.stderr.isatty() and not quiet
 
     def say(text: str) -> None:
@@ -70,19 +70,19 @@ def rebuild_command(
             click.echo(f"{text} ...", err=True)
 
     rebuilt = reconstruction.rebuild(points, wanted, say)
-    reconstruction.write_outputs(rebuilt, outs, lattice)
-    record = reconstruction.rebuild_record(rebuilt, points, outs, lattice)
+    reconstruction.write_outputs(rebuilt, out, lattice)
+    record = reconstruction.rebuild_record(rebuilt, points, out, lattice)
     print_figures(record, reconstruction.rebuild_text, as_json=as_json)
     return 0
 
 
 @click.command("score")
-@click.argument("model", type=PATH)
+@run_argument("model")
 @click.argument("reference", type=PATH)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of MODEL.")
 @click.option("--reference-unit", type=UNIT_CHOICE, help="Unit of REFERENCE.")
 @click.option("--align", "aligned", is_flag=True, help="Move MODEL onto REFERENCE first, rigidly.")
-@json_option("Print the figures as JSON, in m.")
+@JSON
 def score_command(
     model: Path,
     reference: Path,
@@ -109,10 +109,10 @@ def score_command(
 
 
 @click.command("recognise")
-@click.argument("run", type=PATH)
+@run_argument("run")
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of a mesh file.")
 @click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
-@json_option("Print the answer as JSON.")
+@JSON
 @quiet_option("Show no progress.")
 def recognise_command(
     run: Path, unit: str | None, objects: Path | None, as_json: bool, quiet: bool
@@ -133,9 +133,7 @@ def recognise_command(
     return 0 if found["recognised"] else 1
 
 
-@click.group("scene")
-def scene_group() -> None:
-    """List and check scenes."""
+scene_group = NamedGroup("scene", help="List and check scenes.")
 
 
 @scene_group.command("list")
@@ -146,7 +144,7 @@ def scene_list() -> None:
 
 
 @scene_group.command("check")
-@click.argument("scene")
+@click.argument("scene", shell_complete=complete_scene)
 @UNTRUSTED
 def scene_check(scene: str, untrusted: bool) -> None:
     """Say whether SCENE can be explored, how large its object is, and what is simulated."""
@@ -164,8 +162,8 @@ def scene_effects() -> None:
 
 
 @click.command("calibrate")
-@click.argument("scene")
-@click.option("--out", type=PATH, help="Write the calibration here, as YAML.")
+@click.argument("scene", shell_complete=complete_scene)
+@out_option("Write the calibration here, as YAML.")
 @quiet_option("No progress.")
 def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
     """Press a known flat and a known ball with the sensor of SCENE, with its effects.
@@ -199,12 +197,10 @@ def _print_press(text: str) -> None:
     click.echo(f"pressing     {text}", err=True)
 
 
-@click.group("init")
-def init_group() -> None:
-    """Begin something of your own from a working example."""
+init_group = NamedGroup("init", help="Begin something of your own from a working example.")
 
 
-@init_group.command("effect")
+@init_group.command("effect", short_help="Begin an effect.")
 @click.argument("name")
 def init_effect_command(name: str) -> None:
     """Write NAME.py here: an effect that works, to be changed."""
@@ -215,7 +211,7 @@ def init_effect_command(name: str) -> None:
     click.echo(f"effects:\n  - {listed}")
 
 
-@init_group.command("planner")
+@init_group.command("planner", short_help="Begin a planner.")
 @click.argument("name")
 def init_planner_command(name: str) -> None:
     """Write NAME.py and test_NAME.py here: a planner that works, to be changed."""
@@ -227,14 +223,14 @@ def init_planner_command(name: str) -> None:
     click.echo(f"explore:\n  planner: {named}")
 
 
-@init_group.command("node")
+@init_group.command("node", short_help="Begin a node.")
 @click.argument("name")
 def init_node_command(name: str) -> None:
     """Write NAME.py, test_NAME.py and NAME.yaml here: a node that works, to be changed."""
     _begin_node("node", name, f"/{name}")
 
 
-@init_group.command("driver")
+@init_group.command("driver", short_help="Begin a driver for a sensor.")
 @click.argument("name")
 def init_driver_command(name: str) -> None:
     """Write NAME.py, test_NAME.py and NAME.yaml here: a driver for a sensor of your own."""
