@@ -30,6 +30,7 @@ from palpate.nodes.runtime import Ending
 RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
+MESH = "mesh.ply"  # Name of the solid, in m
 RESULT = "result.json"  # Name of what an exploratory procedure found
 SUMMARY = "summary.json"  # Name of the figures
 COST_PICTURE = "cost.svg"  # Name of the picture of what accuracy cost
@@ -159,6 +160,21 @@ def run_directory_of(path: Path) -> Path:
     return path.parent if path.suffix == Path(RECORDING).suffix and path.is_file() else path
 
 
+def find_run_mesh(path: Path) -> Path:
+    """The solid of a run, given its directory or its recording; another file is itself.
+
+    Raises InputError if there is no such file, or the run has no solid.
+    """
+    folder = run_directory_of(path)
+    if not folder.is_dir():
+        if not path.exists():
+            raise InputError(f"{path}: does not exist; it must be a run or a file of a solid")
+        return path
+    if not (folder / MESH).is_file():
+        raise InputError(f"{folder}: holds no rebuilt solid: there is no {MESH} in it")
+    return folder / MESH
+
+
 def find_bag(path: Path) -> Path:
     """The recording's first file, given that or a run directory; InputError if there is none."""
     bag = path / RECORDING if path.is_dir() else path
@@ -171,8 +187,8 @@ def find_bag(path: Path) -> Path:
 
 
 def read_summary(run: Path) -> Summary:
-    """The figures of a run directory; InputError if it has none that can be read."""
-    path = run / SUMMARY
+    """The figures of a run, by its directory or recording; InputError if none can be read."""
+    path = run_directory_of(run) / SUMMARY
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError:

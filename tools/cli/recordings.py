@@ -160,7 +160,7 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
     touches of a contour. Where computing time went follows, by node and by step, with the
     diagnostics of the last fit.
 
-    With --plot it draws instead what accuracy has cost RUN, a folder: true error and stated bound
+    With --plot it draws instead what accuracy has cost RUN: true error and stated bound
     after each contour against touches, robot time and compute time, what the next halving of the
     error is foretold to cost, and where the processor's time went. Every run leaves this as
     cost.svg; docs/cost.md says how to read it.
@@ -174,6 +174,6 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
         plot_cost(run, picture)
         return 0
     command_line.print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
-    if not (robots or as_json) and (run / launch.SUMMARY).is_file():
+    if not (robots or as_json) and (launch.run_directory_of(run) / launch.SUMMARY).is_file():
         click.echo("\n".join(["", *launch.computing_lines(launch.read_summary(run))]))
     return 0

@@ -78,7 +78,7 @@ def rebuild_command(
 
 @click.command("score")
 @run_argument("model")
-@click.argument("reference", type=PATH)
+@run_argument("reference")
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of MODEL.")
 @click.option("--reference-unit", type=UNIT_CHOICE, help="Unit of REFERENCE.")
 @click.option("--align", "aligned", is_flag=True, help="Move MODEL onto REFERENCE first, rigidly.")
@@ -93,7 +93,7 @@ def score_command(
 ) -> int:
     """Measure the solid MODEL against REFERENCE.
 
-    MODEL is a PLY, STL, OBJ, OFF or GLB file, or the model.npz of a run or of palpate rebuild.
+    MODEL is a run, a PLY, STL, OBJ, OFF or GLB file, or the .npz that palpate rebuild writes.
     REFERENCE is such a file, a CAD model's mesh say, or measured points: a CSV, TXT or XYZ file, or
     a PLY file without faces. Against points the distances are one-sided, from each point to the
     model.
