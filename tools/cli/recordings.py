@@ -122,7 +122,11 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
 @bag_group.command("export", short_help="Write a recording in a format that other programs read.")
 @command_line.BAG
 @click.option(
-    "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."
+    "--format",
+    "kind",
+    type=click.Choice(["csv", "ply", "npz", "foxglove"]),
+    required=True,
+    help="Format.",
 )
 @command_line.out_option("The new file or folder, not there yet.", required=True)
 @command_line.TOPICS
@@ -131,9 +135,10 @@ def bag_export_command(bag: Path, kind: str, out: Path, topics: tuple[str, ...])
 
     BAG is a run directory or an MCAP file, which must not be damaged: see palpate bag recover.
 
-    csv is a folder with one table a topic, one row a message, and units.json beside them. npz is
-    one file with an array for each field, messages first, for numpy.load. foxglove is an MCAP file
-    in JSON that Foxglove shows: models, contours, touched points, the finger and the log.
+    csv is a folder with one table a topic, one row a message, and units.json beside them; meshes
+    are left to ply, a folder with one file a message. npz is one file with an array for each field,
+    messages first, for numpy.load. foxglove is an MCAP file in JSON that Foxglove shows: models,
+    contours, touched points, the finger and the log.
     """
     click.echo(bags.export_bag(bag, kind, out, topics))
 
