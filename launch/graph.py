@@ -22,11 +22,12 @@ from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
 from palpate.messages import CodecError, schema
 from palpate.messages.bus import LAUNCHER
-from palpate.messages.types import TYPES, Truth
+from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
 from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
 # Modules of the nodes that may know the true shape.
 MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
+MOVED = {TactileFrame, GraspContacts}  # Types of the messages that tell what a robot has done
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
 
@@ -38,6 +39,7 @@ class Graph:
     entries: tuple[Entry, ...]  # The nodes
     ends: str  # Name of the node that ends the graph
     source: str = ""  # ``file:line`` at which `ends` is given
+    rate: float = 0.0  # Robot time that passes in a second; 0: as fast as it is computed
 
     def check(self) -> None:
         """Refuse a graph that could not run.
@@ -68,6 +70,7 @@ class Graph:
                 on_exit=one.entry.on_exit,
                 handler_timeout=one.node.handler_timeout,
                 persistent=is_persistent(one.node),
+                rate=self.rate if MOVED.intersection(one.types.values()) else 0.0,
                 subscribers={
                     topic: tuple(
                         name for name, its in inputs.items() if any(x.topic == topic for x in its)
@@ -176,7 +179,8 @@ def _sources(
 ) -> list[str]:
     """Topics on the wire of an input: in the node's own namespace first, then outside.
 
-    An input that is `fan_in` subscribes to the topic in every namespace.
+    An input that is `fan_in` subscribes to the topic in every namespace; an `optional` one may have
+    none.
     """
     if local in entry.remap:
         candidates = [entry.remap[local]]
@@ -187,7 +191,7 @@ def _sources(
         candidates = [f"/{entry.namespace}{local}"] if entry.namespace else []
         candidates.append(local)
     found = [topic for topic in candidates if topic in published]
-    if not found:
+    if not found and (local in entry.remap or local not in node.optional):
         near = files.hint(candidates[-1], published)
         raise entry.error(f"subscribes to {candidates[-1]}, which nobody publishes; {near}")
     return found if local in node.fan_in else found[:1]
@@ -377,9 +381,8 @@ def resolved_text(
             "params": _portable_params(wiring.params, out),
             **{key: value for key, value in told.items() if value},
         }
-    return files.yaml_text(
-        {**({"args": dict(args)} if args else {}), "nodes": nodes, "ends": graph.ends}
-    )
+    told = {"args": dict(args), "nodes": nodes, "ends": graph.ends, "rate": graph.rate}
+    return files.yaml_text({key: value for key, value in told.items() if value})
 
 
 def _portable_params(params: Any, out: Path) -> dict[str, Any]:

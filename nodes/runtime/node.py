@@ -61,6 +61,7 @@ class Node:
     outputs: Mapping[str, type]  # Topic to message type
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
     fan_in: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
+    optional: tuple[str, ...] = ()  # Inputs that nobody need publish
     # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
     # that of the first finger alone subscribes to and publishes them.
     shared: tuple[str, ...] = ()
@@ -173,6 +174,8 @@ class Wiring:
     on_exit: OnExit = "restart"  # What is done when it dies
     handler_timeout: float = HANDLER_TIMEOUT  # Longest time without a sign of life at work, s
     persistent: bool = False  # Whether what it publishes is kept beyond its death: it cannot again
+    # Robot time that passes in a second where it tells what a robot has done; 0: it does not wait
+    rate: float = 0.0
 
 
 def lone_wiring(

@@ -91,6 +91,9 @@ SEED = click.IntRange(0, 1 << 53)
 SETTINGS = click.option(
     "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable."
 )
+REALTIME = click.option(
+    "--realtime", is_flag=True, help="Robot time passes as fast as time, to watch and to speak to."
+)
 COMPOSED = click.option("--composed", is_flag=True, help="All nodes in one process.")
 RUN = click.option(
     "--run",
