@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from palpate.launch.object_database import load_models as load_models
     from palpate.launch.object_database import load_objects as load_objects
     from palpate.launch.object_database import write_models as write_models
-    from palpate.launch.printing import counted as counted, millimetres as millimetres
+    from palpate.launch.printing import TEXT_WIDTH as TEXT_WIDTH, counted as counted
+    from palpate.launch.printing import millimetres as millimetres
     from palpate.launch.printing import size_text as size_text, text_table as text_table
     from palpate.launch.printing import titled as titled
     from palpate.launch.progress import Display as Display, open_display as open_display

@@ -152,9 +152,9 @@ RUN_FOLDER = out_option("Run directory; new or empty.")
 TOPICS = names_option("--topics", "Only these topics.")
 
 
-def print_figures(figures: Any, text: Callable[[Any], str], *, as_json: bool) -> None:
-    """Print figures for a program, or as text for a person."""
-    click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text(figures))
+def print_figures(figures: Any, text: str, *, as_json: bool) -> None:
+    """Print figures for a program, or the text of them for a person."""
+    click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

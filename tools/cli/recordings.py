@@ -30,7 +30,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     Exits with 0 if the recording is whole, with 1 if it is damaged or was never closed.
     """
     info = bags.bag_info(bag)
-    command_line.print_figures(info, bags.info_text, as_json=as_json)
+    command_line.print_figures(info, bags.info_text(info), as_json=as_json)
     return 0 if info["closed"] else 1
 
 
@@ -88,7 +88,8 @@ def bag_step_command(messages: int, run: str | None) -> None:
 @bag_group.command("recover", short_help="Save what is whole of a damaged recording.")
 @command_line.BAG
 @command_line.out_option("The new file, not there yet; NAME.recovered.mcap beside BAG if left out.")
-def bag_recover_command(bag: Path, out: Path | None) -> int:
+@command_line.JSON
+def bag_recover_command(bag: Path, out: Path | None, as_json: bool) -> int:
     """Save what is whole of the recording BAG.
 
     BAG is a run directory or an MCAP file. All messages from the beginning to the first damage are
@@ -96,7 +97,9 @@ def bag_recover_command(bag: Path, out: Path | None) -> int:
     recorder wrote are joined. The new file is read again and compared before it is put in its
     place.
     """
-    click.echo(bags.recovered_text(bags.recover_recording(bag, out)))
+    saved = bags.recover_recording(bag, out)
+    text = bags.recovered_text(saved)
+    command_line.print_figures(saved.figures(), text, as_json=as_json)
     return 0
 
 
@@ -104,7 +107,8 @@ def bag_recover_command(bag: Path, out: Path | None) -> int:
 @command_line.run_argument("a")
 @command_line.run_argument("b")
 @command_line.TOPICS
-def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
+@command_line.JSON
+def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...], as_json: bool) -> int:
     """Compare the recordings A and B, message by message, topic by topic.
 
     Each is a topics.mcap, or the folder of a run. The n-th message of a topic in A belongs to the
@@ -115,7 +119,7 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
     """
     with as_input_errors():
         found = bags.compare_recordings(a, b, topics)
-    click.echo(bags.diff_text(found))
+    command_line.print_figures(found.figures(), bags.diff_text(found), as_json=as_json)
     return int(bool(found.first))
 
 
@@ -178,7 +182,8 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
             raise InputError("--plot draws the run as it was: leave out --robot and --json")
         plot_cost(run, picture)
         return 0
-    command_line.print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
+    costs = robot_time(run, robots)
+    command_line.print_figures(costs, robot_time_text(costs), as_json=as_json)
     if not (robots or as_json) and (launch.run_directory_of(run) / launch.SUMMARY).is_file():
         click.echo("\n".join(["", *launch.computing_lines(launch.read_summary(run))]))
     return 0

@@ -72,7 +72,7 @@ def rebuild_command(
     rebuilt = reconstruction.rebuild(points, wanted, say)
     reconstruction.write_outputs(rebuilt, out, lattice)
     record = reconstruction.rebuild_record(rebuilt, points, out, lattice)
-    print_figures(record, reconstruction.rebuild_text, as_json=as_json)
+    print_figures(record, reconstruction.rebuild_text(record), as_json=as_json)
     return 0
 
 
@@ -104,7 +104,7 @@ def score_command(
     from palpate.tools.scoring import score, score_text
 
     found = score(model, reference, unit=unit, reference_unit=reference_unit, aligned=aligned)
-    print_figures(found, score_text, as_json=as_json)
+    print_figures(found, score_text(found), as_json=as_json)
     return 0
 
 
@@ -129,7 +129,7 @@ def recognise_command(
             click.echo(f"{text} ...", err=True)
 
     found = recognise(run, unit=unit, objects=objects, say=say)
-    print_figures(found, recognition_text, as_json=as_json)
+    print_figures(found, recognition_text(found), as_json=as_json)
     return 0 if found["recognised"] else 1
 
 
@@ -137,42 +137,49 @@ scene_group = NamedGroup("scene", help="List and check scenes.")
 
 
 @scene_group.command("list")
-def scene_list() -> None:
+@JSON
+def scene_list(as_json: bool) -> None:
     """Name the scenes that come with palpate."""
-    for name in launch.shipped_scenes():
-        click.echo(f"{name:<12} {launch.scene_title(name)}")
+    titles = {name: launch.scene_title(name) for name in launch.shipped_scenes()}
+    text = "\n".join(f"{name:<12} {title}" for name, title in titles.items())
+    print_figures(titles, text, as_json=as_json)
 
 
 @scene_group.command("check")
 @click.argument("scene", shell_complete=complete_scene)
 @UNTRUSTED
-def scene_check(scene: str, untrusted: bool) -> None:
+@JSON
+def scene_check(scene: str, untrusted: bool, as_json: bool) -> None:
     """Say whether SCENE can be explored, how large its object is, and what is simulated."""
-    from palpate.tools.report import check_scene
+    from palpate.tools.report import check_scene, scene_figures, scene_text
 
-    click.echo(check_scene(scene, untrusted=untrusted))
+    found = check_scene(scene, untrusted=untrusted)
+    print_figures(scene_figures(found), scene_text(found), as_json=as_json)
 
 
 @scene_group.command("effects")
-def scene_effects() -> None:
+@JSON
+def scene_effects(as_json: bool) -> None:
     """Name the effects that a scene may list, their parameters, defaults and ranges."""
-    from palpate.tools.report import effects_text
+    from palpate.tools.report import effects_text, list_effects
 
-    click.echo(effects_text())
+    effects = list_effects()
+    print_figures(effects, effects_text(effects), as_json=as_json)
 
 
 @click.command("calibrate")
 @click.argument("scene", shell_complete=complete_scene)
 @out_option("Write the calibration here, as YAML.")
-@quiet_option("No progress.")
-def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
+@JSON
+@quiet_option("Show no progress.")
+def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) -> int:
     """Press a known flat and a known ball with the sensor of SCENE, with its effects.
 
     Estimates the speed of sound, and gain and offset of each taxel, each with its standard
     error. A scene in the same folder reads the file: sensor: {calibration: FILE}.
     """
     from palpate.launch.files import check_new
-    from palpate.tools.calibration import calibrate, calibration_text, calibration_warnings
+    from palpate.tools.calibration import calibrate, calibration_figures, calibration_text
 
     if out is not None:
         check_new(out)
@@ -181,16 +188,16 @@ def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
         found = calibrate(spec, lambda text: None if quiet else _print_press(text))
     except ValueError as error:
         raise InputError(f"{scene}: cannot be calibrated: {error}") from None
-    click.echo(calibration_text(found, spec.sensor))
-    reasons = calibration_warnings(found)
-    for reason in reasons:
-        click.echo(f"{'warning':<13}{reason}")
-    if out is not None and not reasons:
+    figures = calibration_figures(found, spec.sensor)
+    lines = [calibration_text(figures), *(f"{'warning':<13}{one}" for one in figures["warnings"])]
+    if out is not None and not figures["warnings"]:
         launch.write_calibration(out, found.estimate, found.pad)
-        click.echo(f"{'written':<13}{out}")
+        figures["written"] = str(out)
+        lines.append(f"{'written':<13}{out}")
     elif out is not None:
-        click.echo(f"{'not written':<13}{out}: see the warnings")
-    return 1 if reasons else 0
+        lines.append(f"{'not written':<13}{out}: see the warnings")
+    print_figures(figures, "\n".join(lines), as_json=as_json)
+    return 1 if figures["warnings"] else 0
 
 
 def _print_press(text: str) -> None:

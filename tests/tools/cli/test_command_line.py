@@ -277,8 +277,8 @@ def test_a_program_that_exits_from_within_is_no_success(monkeypatch, capsys):
 
 def test_a_scene_is_checked_and_told(capsys):
     assert cli.run(["scene", "check", "worn_sensor"]) == 0
-    first, sensor, simulated, *effects = capsys.readouterr().out.splitlines()
-    assert first.endswith("can be explored; the object measures 60.0 x 52.0 x 90.0 mm")
+    _, size, sensor, _, simulated, *effects = capsys.readouterr().out.splitlines()
+    assert size.strip() == "can be explored; the object measures 60.0 x 52.0 x 90.0 mm"
     assert "16 x 16 taxels" in sensor
     assert "and 7 effects, in this order:" in simulated
     assert effects[0].split() == ["aim", "pose_error", *effects[0].split()[2:]]

@@ -95,7 +95,9 @@ def test_a_mesh_is_explored_as_it_is_and_what_is_mended_is_told_first(tmp_path, 
     assert said.startswith("mesh       box.stl: 1 hole of up to 4.5 mm closed\nasked ")
     assert "unit: m" in (tmp_path / "run" / "scene.yaml").read_text()
     assert run(["scene", "check", str(tmp_path / "box.stl")]) == 0
-    assert "\nbox.stl: taken to be in m, 60 x 50 x 40 mm; 1 hole" in capsys.readouterr().out
+    assert (
+        "\nmesh       box.stl: taken to be in m, 60 x 50 x 40 mm; 1 hole" in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize(("more", "words"), [
