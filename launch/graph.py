@@ -20,7 +20,7 @@ from palpate.launch import files
 from palpate.launch.hosts import read_host
 from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
-from palpate.messages import CodecError, schema
+from palpate.messages import CodecError, schema, schema_hash
 from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
 from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
@@ -65,6 +65,11 @@ class Graph:
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),
                 types={wire: one.types[local].__name__ for local, wire in one.outputs.items()},
+                schemas={
+                    cls.__name__: json.dumps(schema(cls))
+                    for local, cls in one.types.items()
+                    if TYPES.get(cls.__name__) is not cls
+                },
                 host=one.entry.host,
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
@@ -128,12 +133,18 @@ def check_custom_types(published: Mapping[str, Publisher]) -> None:
             schema(cls)
         except CodecError as error:
             raise publisher.placed.entry.error(f"publishes {topic}: {error}") from None
-        if named.setdefault(cls.__name__, cls) is not cls:
+        if not _is_same(named.setdefault(cls.__name__, cls), cls):
             other = named[cls.__name__]
             raise publisher.placed.entry.error(
                 f"publishes {topic} as {cls.__name__} of {cls.__module__}, but {other.__module__} "
                 "has a type of that name; call it otherwise"
             )
+
+
+def _is_same(one: type, other: type) -> bool:
+    """Whether two types are one, or one is the other as a recording describes it."""
+    alike = one.__name__ == other.__name__ and TYPES.get(one.__name__) is None
+    return one is other or (alike and schema_hash(one) == schema_hash(other))
 
 
 def _inputs(
@@ -149,7 +160,7 @@ def _inputs(
             continue
         for topic in _sources(one.entry, one.node, local, published, placed):
             source = published[topic]
-            if wanted is not source.type:
+            if not _is_same(wanted, source.type):
                 raise one.entry.error(
                     f"subscribes to {topic} as {wanted.__name__}, but "
                     f"{source.placed.entry.name!r} publishes it as {source.type.__name__}"
@@ -165,9 +176,7 @@ def _input(one: ResolvedNode, topic: str, local: str, source: Publisher) -> Inpu
             f"subscribes to {topic}, the true shape, which only an evaluator, a view or a recorder "
             "may; take this input away"
         )
-    name = source.type.__name__
-    custom = "" if TYPES.get(name) is source.type else json.dumps(schema(source.type))
-    return Input(source.placed.entry.name, topic, local, name, custom)
+    return Input(source.placed.entry.name, topic, local, source.type.__name__)
 
 
 def _sources(

@@ -90,6 +90,7 @@ def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
         subscriptions=subscriptions,
         publications={one: wiring.subscribers.get(one, ()) for one in wiring.outputs.values()},
         persistent=wiring.persistent,
+        types=wiring.types,
     )
     loop = NodeLoop(wiring.name, station, going=place.going, rate=wiring.rate)
     try:

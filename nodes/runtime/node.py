@@ -155,7 +155,6 @@ class Input:
     topic: str  # The topic on the wire, with namespace and remapping applied
     local: str  # The topic as the node calls it
     type: str  # Name of the message type
-    schema: str = ""  # JSON schema of a type that palpate does not have; empty of its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,6 +168,8 @@ class Wiring:
     outputs: Mapping[str, str]  # The topic as the node calls it, to the topic on the wire
     subscribers: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of its subscribers
     types: Mapping[str, str] = field(default_factory=dict)  # Topic on the wire to its message type
+    # Name of each of these types that palpate does not have, to its JSON schema
+    schemas: Mapping[str, str] = field(default_factory=dict)
     host: str = ""  # Address of the machine on which it runs; empty for the launcher's
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
     on_exit: OnExit = "restart"  # What is done when it dies
@@ -215,6 +216,7 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
     inputs: tuple[Input, ...]
     outputs: dict[str, str]  # The topic as the node calls it, to the topic on the wire
     types: dict[str, str] = {}  # The topic on the wire to the name of its message type
+    schemas: dict[str, str] = {}  # Of these types that palpate does not have, the JSON schema
     nice: int = 0
     on_exit: OnExit = "restart"
 
@@ -257,7 +259,7 @@ def publishers_of(graph: bytes) -> Mapping[str, str]:
 def schemas_of(graph: bytes) -> Mapping[str, str]:
     """Name of each message type that palpate does not have, to its JSON schema."""
     nodes = recorded_nodes(graph) if graph else ()
-    return {edge.type: edge.schema for one in nodes for edge in one.inputs if edge.schema}
+    return {name: text for one in nodes for name, text in one.schemas.items()}
 
 
 def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:

@@ -26,6 +26,7 @@ from palpate.launch.files import InputError, hint
 from palpate.nodes.runtime import THREAD_VARIABLES
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+HELP_OPTIONS = ["-h", "--help"]
 Command = Callable[..., Any]
 COMPLETE_VARIABLE = "_PALPATE_COMPLETE"  # Of the environment: what a shell asks to be completed
 RUNS = Path("runs")  # As in `palpate.launch`, which takes long to be imported
@@ -83,10 +84,28 @@ def _topics(context: click.Context, _: str) -> Iterable[str]:
     return topics_of(find_run(context.params.get("run")))
 
 
+def _located_run(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
+    if path is None or path.exists():  # most often, and nothing is imported
+        return path
+    from palpate.launch import find_run_path
+
+    return find_run_path(path)
+
+
 # What several verbs take.
 PATH = click.Path(path_type=Path)
 complete_scene = completing(_scenes, files=True)
 complete_topic, complete_node = completing(_topics), completing(_nodes)
+TOPIC = click.argument("topic", shell_complete=complete_topic)
+NODE = click.argument("node", shell_complete=complete_node)
+OPTIONAL_NODE = click.argument("node", required=False, shell_complete=complete_node)
+# Of an argument that is a run: its directory, its recording, or a running graph.
+RUN_PATH: dict[str, Any] = {
+    "type": PATH,
+    "callback": _located_run,
+    "shell_complete": completing(_runs, files=True),
+}
+BAG = click.argument("bag", **RUN_PATH)
 SEED = click.IntRange(0, 1 << 53)
 SETTINGS = click.option(
     "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable."
@@ -108,20 +127,6 @@ UNTRUSTED = click.option(
     help="Refuse a scene that names a program, or files outside its folder.",
 )
 VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
-
-
-def run_argument(name: str) -> Callable[[Command], Command]:
-    """An argument that is a run: its directory, its recording, or a running graph."""
-    complete = completing(_runs, files=True)
-    return click.argument(name, type=PATH, callback=_located_run, shell_complete=complete)
-
-
-def _located_run(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
-    if path is None or path.exists():  # most often, and nothing is imported
-        return path
-    from palpate.launch import find_run_path
-
-    return find_run_path(path)
 
 
 def out_option(told: str, **how: Any) -> Callable[[Command], Command]:
@@ -147,7 +152,6 @@ def names_option(flag: str, told: str) -> Callable[[Command], Command]:
     )
 
 
-BAG = run_argument("bag")
 RUN_FOLDER = out_option("Run directory; new or empty.")
 TOPICS = names_option("--topics", "Only these topics.")
 
@@ -250,7 +254,8 @@ class LazyGroup(NamedGroup):
     """Commands by name: the module in which each stands, from here, and its help in one line."""
 
     def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
-        super().__init__(name, help=help)
+        # What the outermost verb calls help, all within it do.
+        super().__init__(name, help=help, context_settings={"help_option_names": HELP_OPTIONS})
         self._verbs = verbs
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -312,6 +317,7 @@ palpate_group = LazyGroup(
         "scene": ("solids", "List and check scenes."),
         "node": ("running_graph", "Look at the nodes of a running graph, and at all kinds."),
         "topic": ("running_graph", "Receive and publish on the topics of a running graph."),
+        "interface": ("running_graph", "Look at the types of messages."),
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": ("running_graph", "Check the machine, the installation and running graphs."),
         "init": ("solids", "Begin a node, a driver, an effect or a planner of your own."),

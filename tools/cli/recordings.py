@@ -104,8 +104,8 @@ def bag_recover_command(bag: Path, out: Path | None, as_json: bool) -> int:
 
 
 @bag_group.command("diff", short_help="Name the first message in which two recordings differ.")
-@command_line.run_argument("a")
-@command_line.run_argument("b")
+@click.argument("a", **command_line.RUN_PATH)
+@click.argument("b", **command_line.RUN_PATH)
 @command_line.TOPICS
 @command_line.JSON
 def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...], as_json: bool) -> int:
@@ -148,7 +148,7 @@ def bag_export_command(bag: Path, kind: str, out: Path, topics: tuple[str, ...])
 
 
 @click.command("cost")
-@command_line.run_argument("run")
+@click.argument("run", **command_line.RUN_PATH)
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Of this only. Repeatable.")
 @click.option(
     "--plot",

@@ -9,8 +9,15 @@ import click
 
 from palpate import launch
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import JSON, PATH, UNTRUSTED, NamedGroup, complete_scene
-from palpate.tools.cli.command_line import out_option, print_figures, quiet_option, run_argument
+from palpate.tools.cli.command_line import (
+    JSON,
+    PATH,
+    RUN_PATH,
+    UNTRUSTED,
+    NamedGroup,
+    complete_scene,
+)
+from palpate.tools.cli.command_line import out_option, print_figures, quiet_option
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -31,7 +38,7 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 
 
 @click.command("rebuild", help=REBUILD_HELP)
-@run_argument("points")
+@click.argument("points", **RUN_PATH)
 @out_option(
     "File to write: .ply, .stl, .glb, .obj, or .npz with everything. Repeatable.", multiple=True
 )
@@ -77,8 +84,8 @@ def rebuild_command(
 
 
 @click.command("score")
-@run_argument("model")
-@run_argument("reference")
+@click.argument("model", **RUN_PATH)
+@click.argument("reference", **RUN_PATH)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of MODEL.")
 @click.option("--reference-unit", type=UNIT_CHOICE, help="Unit of REFERENCE.")
 @click.option("--align", "aligned", is_flag=True, help="Move MODEL onto REFERENCE first, rigidly.")
@@ -109,7 +116,7 @@ def score_command(
 
 
 @click.command("recognise")
-@run_argument("run")
+@click.argument("run", **RUN_PATH)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of a mesh file.")
 @click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
 @JSON
