@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from palpate.launch.hosts import free_endpoints as free_endpoints, key_file as key_file
     from palpate.launch.hosts import read_host as read_host, run_host_agent as run_host_agent
     from palpate.launch.launch_file import arguments_table as arguments_table, describe as describe
+    from palpate.launch.launch_file import list_arguments as list_arguments
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import PROCEDURES as PROCEDURES
     from palpate.launch.launch_source import find_launch_file as find_launch_file

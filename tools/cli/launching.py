@@ -221,7 +221,9 @@ def launch_command(
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
     path = launch.find_launch_file(file)
     if show_args:
-        click.echo(launch.arguments_table(path))
+        taken = launch.list_arguments(path)
+        text = launch.arguments_table(path, taken)
+        command_line.print_figures(taken, text, as_json=as_json)
         return 0
     if not (composed or only_print or picture):
         launch.prestart_fork_server(path)
@@ -235,7 +237,8 @@ def launch_command(
         )
     described, _ = launch.check_run(path, args, given, out or Path("runs"))
     if only_print:
-        click.echo(f"launch file {path}\n{described.graph.table()}")
+        text = f"launch file {path}\n{described.graph.table()}"
+        command_line.print_figures(described.graph.links(), text, as_json=as_json)
     if picture:
         from palpate.tools.graph_drawing import write_picture
 
@@ -277,10 +280,11 @@ def replay_command(
         if settings:
             raise InputError("--set and --from exclude each other: other parameters, other solid")
         return _resume(bag, place, nodes, out, as_json=as_json, quiet=quiet)
-    if out is not None or as_json or quiet:
-        raise InputError("--out, --json and --quiet belong to --from")
+    if out is not None or quiet:
+        raise InputError("--out and --quiet belong to --from")
     with as_input_errors():
-        return replay.replay(bag, nodes, click.echo, settings=launch.read_settings(settings))
+        given = launch.read_settings(settings)
+        return replay.replay(bag, nodes, click.echo, settings=given, as_json=as_json)
 
 
 def _resume(

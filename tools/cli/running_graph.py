@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -59,7 +59,12 @@ def topic_list_command(
             subscribers = ", ".join(topic.subscribers) or "nobody"
             line += f" from {', '.join(topic.publishers)} to {subscribers}"
         lines.append(wrapped(line))
-    print_figures([one._asdict() for one in topics], "\n".join(lines), as_json=as_json)
+    print_figures([topic_figures(one) for one in topics], "\n".join(lines), as_json=as_json)
+
+
+def topic_figures(topic: introspection.Topic) -> dict[str, Any]:
+    """A topic without the schema of its type."""
+    return {name: value for name, value in topic._asdict().items() if name != "schema"}
 
 
 @topic_group.command("type", short_help="Name the type of a topic.")
@@ -101,8 +106,8 @@ def topic_info_command(topic: str, run: str | None, verbose: bool, as_json: bool
         lines.append(wrapped(f"{what} count: {len(nodes)}  {', '.join(nodes)}"))
     if cls is not None:
         lines += ["Fields:", *(f"  {line}" for line in introspection.field_lines(cls))]
-    figures = found._asdict() | ({} if cls is None else {"schema": schema(cls)})
-    print_figures(figures, "\n".join(lines), as_json=as_json)
+    told = {} if cls is None else {"schema": schema(cls)}
+    print_figures({**topic_figures(found), **told}, "\n".join(lines), as_json=as_json)
 
 
 @topic_group.command("echo", short_help="Print the messages of a topic.")
