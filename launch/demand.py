@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,6 +82,38 @@ def read_demand(
         found[target] = SourceMapped(touches, f"--touches {touches}")
     if quality is not None:
         found["reconstructor.quality"] = SourceMapped(quality, f"--quality {quality}")
+    return found
+
+
+# Effects of the presets of noise, by their keys in a scene: of a finger's place and of a taxel, m.
+NOISES: Mapping[str, Mapping[str, float]] = {
+    "none": {},
+    "low": {"pose_error.sigma": 3e-5, "gaussian_noise.sigma": 3e-6},
+    "default": {"pose_error.sigma": 1e-4, "gaussian_noise.sigma": 1e-5},
+    "high": {"pose_error.sigma": 3e-4, "gaussian_noise.sigma": 3e-5},
+}
+
+
+def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]]:
+    """Options, keys of the scene and values for where the object stands and what disturbs touches.
+
+    Raises InputError if the pose is not 3 or 7 numbers.
+    """
+    found: list[tuple[str, str, Any]] = []
+    if pose is not None:
+        try:
+            numbers = [float(one) for one in pose.split(",")]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (3, 7):
+            raise InputError(f"--pose {pose}: must be 3 or 7 numbers, as 0.01,0,0.05")
+        found.append((f"--pose {pose}", "scene.object.pose.position", numbers[:3]))
+        if numbers[3:]:
+            found.append((f"--pose {pose}", "scene.object.pose.rotation", numbers[3:]))
+    if noise == "none":
+        found.append(("--noise none", "scene.effects", []))
+    levels = NOISES[noise] if noise is not None else {}
+    found += [(f"--noise {noise}", f"scene.effects.{key}", one) for key, one in levels.items()]
     return found
 
 

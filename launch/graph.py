@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from msgspec import to_builtins
@@ -352,10 +353,13 @@ def _parsed(text: str, source: str) -> files.SourceMapped:
     return files.SourceMapped(files.parse_yaml(text, source).value, source)
 
 
-def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
-    """The graph as YAML, every reference replaced and every default filled in.
+def resolved_text(
+    graph: Graph, wirings: Sequence[Wiring], out: Path, args: Mapping[str, Any] = {}
+) -> str:
+    """The graph as a launch file, every reference replaced and every default filled in.
 
-    A mesh within a parameter is named by its size and SHA-256.
+    What lies in the run directory `out` is named by ``$(out)``, and a parameter that holds a mesh
+    by the scene's key, ``$(scene.object)``; `args` are the file's own arguments.
     """
     entries = {entry.name: entry for entry in graph.entries}
     nodes = {}
@@ -370,10 +374,34 @@ def resolved_text(graph: Graph, wirings: Sequence[Wiring]) -> str:
         }
         nodes[wiring.name] = {
             "kind": entry.kind or entry.name,
-            "params": plain_params(wiring.params),
+            "params": _portable_params(wiring.params, out),
             **{key: value for key, value in told.items() if value},
         }
-    return files.yaml_text({"nodes": nodes, "ends": graph.ends})
+    return files.yaml_text(
+        {**({"args": dict(args)} if args else {}), "nodes": nodes, "ends": graph.ends}
+    )
+
+
+def _portable_params(params: Any, out: Path) -> dict[str, Any]:
+    """Parameters that mean the same in another run directory."""
+    plain: dict[str, Any] = to_builtins(params, builtin_types=(bytes,))
+    return {
+        key: f"$(scene.{key})" if _holds_bytes(value) else _portable(value, str(out))
+        for key, value in plain.items()
+        if value != b""
+    }
+
+
+def _holds_bytes(value: Any) -> bool:
+    if isinstance(value, dict):
+        return any(map(_holds_bytes, value.values()))
+    return isinstance(value, bytes)
+
+
+def _portable(value: Any, out: str) -> Any:
+    if isinstance(value, str) and value.startswith(f"{out}/"):
+        return f"$(out){value.removeprefix(out)}"
+    return list(value) if isinstance(value, tuple) else value
 
 
 def plain_params(params: Any) -> Any:

@@ -22,7 +22,7 @@ from ruamel.yaml import YAML
 from palpate.launch.files import InputError, SourceMapped, convert, hint, key_path, read_yaml
 from palpate.launch.graph import Graph
 from palpate.launch.launch_source import find_launch_file, read_with_includes, substitute
-from palpate.launch.node_kinds import Entry
+from palpate.launch.node_kinds import Entry, search_inputs
 from palpate.launch.printing import text_table
 from palpate.launch.scene import Scene, load_scene
 from palpate.nodes.runtime import MAX_FINGERS, OnExit
@@ -76,14 +76,15 @@ def describe(path: Path, args: Mapping[str, SourceMapped], out: Path) -> LaunchD
     if path.suffix == ".py":
         plain = {name: value.value for name, value in args.items()}
         return LaunchDescription(describe_python(path, args, out), None, plain)
+    search_inputs(path.parent)
     given = read_with_includes(path, find_launch_file)
-    known, scene = _arguments(given, args, out)
+    known, scene = _arguments(given, args, out, path.parent)
     graph = _graph(given, known)
     return LaunchDescription(graph, scene, {name: value.value for name, value in known.items()})
 
 
 def _arguments(
-    given: SourceMapped, args: Mapping[str, SourceMapped], out: Path
+    given: SourceMapped, args: Mapping[str, SourceMapped], out: Path, folder: Path
 ) -> tuple[dict[str, SourceMapped], Scene | None]:
     """What references may name: the run directory, and the arguments in the order declared."""
     declared = declared_args(given)
@@ -100,7 +101,9 @@ def _arguments(
         known[name] = args.get(name) or substitute(given.part(("args", name)), known)
         if name == "scene":
             changes = {path: args[one] for one, path in paths.items()}
-            scene = load_scene(str(known[name].value), changes)
+            beside = folder / str(known[name].value)  # as in the folder of a run
+            found = beside if name not in args and beside.is_file() else known[name].value
+            scene = load_scene(str(found), changes)
             known[name] = scene.located
     return known, scene
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pkgutil
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,6 +23,7 @@ from palpate.nodes import runtime  # Loads numpy when a node is asked for, not b
 if TYPE_CHECKING:
     from palpate.nodes.runtime import AnyNode, OnExit
 
+INPUTS = "inputs"  # Folder in that of a run: the meshes and modules that it was made with
 KINDS = "palpate.nodes"  # A kind without a dot is a module of this package
 _FINGER = re.compile(r"finger_([1-9])")
 NODE_ATTRIBUTES = ("NODE", "SOURCE", "SINK")  # What a module may hold a node as
@@ -135,6 +136,34 @@ def describe_kind(name: str) -> str:
         need = "required" if one.required else f"default {default!r}"
         lines.append(f"  takes {one.encode_name}  {need}")
     return "\n".join(lines)
+
+
+def search_inputs(folder: Path) -> None:
+    """Have modules that a run was made with looked for in its folder, too, after all others."""
+    inputs = str((folder / INPUTS).absolute())
+    if Path(inputs).is_dir() and inputs not in sys.path:
+        sys.path.append(inputs)
+
+
+def own_modules(names: Iterable[str]) -> dict[str, Path]:
+    """Files of imported modules of the user's own, by their places in a folder of modules.
+
+    `names`: dotted, with or without ``:Class``. Own are those that are neither of palpate nor
+    installed.
+    """
+    found = {}
+    for name in names:
+        module = sys.modules.get(name.partition(":")[0])
+        file = Path(getattr(module, "__file__", None) or "")
+        installed = {"site-packages", "dist-packages"} & set(file.parts)
+        if module is None or not file.is_file() or installed or name.startswith("palpate."):
+            continue
+        *parents, last = module.__name__.split(".")
+        found[str(Path(*parents, f"{last}.py"))] = file
+        for depth, folder in zip(range(len(parents), 0, -1), file.parents, strict=False):
+            if (folder / "__init__.py").is_file():
+                found[str(Path(*parents[:depth], "__init__.py"))] = folder / "__init__.py"
+    return found
 
 
 def search_current_folder(name: str) -> None:

@@ -43,8 +43,15 @@ class ObjectDatabase(NamedTuple):
 
     def fingerprint(self) -> str:
         """SHA-256 of the objects, and of which features are learned of them."""
-        told = [one.name for one in recognition.FEATURES], dict(self.entries)
+        told = [one.name for one in recognition.FEATURES], _given(to_builtins(dict(self.entries)))
         return hashlib.sha256(msgspec.json.encode(told)).hexdigest()
+
+
+def _given(told: Any) -> Any:
+    """A description without the keys that it leaves open: kinds that come later change nothing."""
+    if isinstance(told, dict):
+        return {key: _given(value) for key, value in told.items() if value is not None}
+    return [_given(value) for value in told] if isinstance(told, list | tuple) else told
 
 
 def load_objects(path: Path = OBJECTS) -> ObjectDatabase:

@@ -6,21 +6,25 @@ wiring, and whether sensor, fingers and object allow what is asked for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from msgspec import to_builtins
 
 from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.launch.demand import demand_text, tolerance_of
-from palpate.launch.files import SourceMapped, as_input_errors, export_model
+from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path, parse_yaml
+from palpate.launch.files import set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
-from palpate.launch.node_kinds import Entry
+from palpate.launch.node_kinds import INPUTS, Entry, own_modules
 from palpate.launch.printing import titled
 from palpate.launch.processes import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
@@ -32,6 +36,9 @@ from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
 from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution_of_info
+
+
+_PLUGIN = re.compile(r"[\w.]+:[A-Za-z_]\w*")  # ``module:Class``
 
 
 def explore(
@@ -105,6 +112,8 @@ class Plan:
     about: Mapping[str, str]
     folder: RunDirectory  # Where the results will be
     before: EarlierRun | None = None  # An earlier run, if it goes on with one
+    # Files that the run needs to be run again, by their names in its folder.
+    inputs: Mapping[str, Path] = field(default_factory=dict)
     tolerance: float | None = None  # Error asked for, m; None if nobody plans for one
     asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
@@ -223,24 +232,67 @@ def plan_run(
     """
     folder = choose_run_directory(name, out)
     described, wirings = check_run(path, args, settings, folder.path)
-    about = _about(described, resolved_text(described.graph, wirings))
+    again: dict[str, Any] = {"scene": "scene.yaml"} if described.scene is not None else {}
+    if isinstance(seed := described.args.get("seed"), int):
+        again["seed"] = seed
+    resolved = resolved_text(described.graph, wirings, folder.path, again)
+    about = _about(described, resolved, {**settings, **args})
     told = with_description(wirings, about)
     scene = described.scene
     asked = [demand_text(wirings, settings, None if scene is None else scene.size[2])]
     if scene is not None and scene.told:
         asked = [*titled("mesh", scene.told), *asked]
-    tolerance = tolerance_of(wirings)
+    inputs = dict(scene.inputs) if scene is not None else {}
+    inputs |= {f"{INPUTS}/{place}": file for place, file in own_modules(_named(wirings)).items()}
     return Plan(
-        name, told, described.graph.ends, about, folder, tolerance=tolerance, asked="\n".join(asked)
+        name,
+        told,
+        described.graph.ends,
+        about,
+        folder,
+        inputs=inputs,
+        tolerance=tolerance_of(wirings),
+        asked="\n".join(asked),
     )
 
 
-def _about(described: LaunchDescription, resolved: str) -> dict[str, str]:
+def _named(wirings: Sequence[Wiring]) -> set[str]:
+    """Modules of the nodes, and what their parameters name as ``module:Class``."""
+    return {one.module for one in wirings} | {
+        name
+        for one in wirings
+        for name in _plugins(to_builtins(one.params, builtin_types=(bytes,)))
+    }
+
+
+def _plugins(value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        for key, one in value.items():
+            yield from _plugins(key)
+            yield from _plugins(one)
+    elif isinstance(value, str) and _PLUGIN.fullmatch(value):
+        yield value
+
+
+def _about(
+    described: LaunchDescription, resolved: str, given: Mapping[str, SourceMapped]
+) -> dict[str, str]:
     about = {"launch": resolved, "versions": versions_text(), "ends": described.graph.ends}
     if described.scene is not None:
-        about |= {"scene": described.scene.text, "scene_name": described.scene.name}
+        text = _scene_text(described.scene.text, given)
+        about |= {"scene": text, "scene_name": described.scene.name}
     seed = described.args.get("seed")
     return {**about, "seed": str(seed)} if isinstance(seed, int) else about
+
+
+def _scene_text(text: str, given: Mapping[str, SourceMapped]) -> str:
+    """A scene's text with the seed and what was asked of the planner, so that it runs again."""
+    value = kept = parse_yaml(text, "").value
+    for name, one in given.items():
+        key = ("explore", *key_path(f".{name}")[1:]) if name.startswith("planner.") else (name,)
+        if key[0] == "explore" or name == "seed":
+            value = set_within(value, key, one)
+    return text if value == kept else yaml_text(value)
 
 
 def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
@@ -257,6 +309,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     if "scene" in about:
         folder.write_text("scene.yaml", about["scene"])
     folder.write_text("launch.yaml", about["launch"])
+    folder.copy_inputs(plan.inputs)
     exports: list[Future[object]] = []
     # The final model is written while it is still being measured.
     with (

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -80,6 +81,12 @@ class RunDirectory:
     def write_text(self, name: str, text: str) -> None:
         """Write a file whole or not at all."""
         write_atomically({self.path / name: lambda part: part.write_text(text, encoding="utf-8")})
+
+    def copy_inputs(self, inputs: Mapping[str, Path]) -> None:
+        """Copy the files that the run was made with, by their names in this folder."""
+        for name, file in inputs.items():
+            (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, self.path / name)
 
     def write_json(self, name: str, value: Mapping[str, Any]) -> None:
         """Write a JSON file whole or not at all; infinity and NaN are refused."""

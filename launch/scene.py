@@ -9,12 +9,13 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, Struct, field, structs, to_builtins
+import msgspec
+from msgspec import Meta, Struct, structs, to_builtins
 from ruamel.yaml import YAML
 
 from palpate.core import ROBOT_PRESETS, Floats
@@ -22,11 +23,12 @@ from palpate.core.explore.planners import PLANNER_NAMES, Planner, planner_type
 from palpate.core.touch import CalibrationEstimate, Effect, Pad
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
 from palpate.launch import files
-from palpate.launch.node_kinds import search_current_folder
+from palpate.launch.node_kinds import INPUTS, search_current_folder, search_inputs
 from palpate.nodes import specs
 
 LEAST_SLICED, LEAST_TOUCHED = 5.0e-3, 2.0e-3  # Smallest extents of objects in slices, or not, m
 SHIPPED_SCENES = Path(__file__).parent / "scenes"  # Folder of the scenes that come with palpate
+MESH, CALIBRATION = ("object", "mesh", "file"), ("sensor", "calibration")  # Keys of files
 DIGITS = 6  # Significant digits of what is written: far more than any of it is sure of
 MAX_CALIBRATION_VALUES = 20_000  # Four tables of 64 by 64, and what belongs to them
 
@@ -65,27 +67,45 @@ class Scene:
     spec: SceneSpec  # What it holds, with defaults filled in and the mesh read
     located: files.SourceMapped  # The same as plain values, with file and line
     size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
+    # Files that it names, by their places in the folder of a run; there `text` finds them.
+    inputs: Mapping[str, Path] = field(default_factory=dict)
     told: str = ""  # A sentence on what was guessed and mended of its mesh; empty if nothing was
 
 
-def load_scene(name: str | Path, changes: Mapping[files.KeyPath, files.SourceMapped] = {}) -> Scene:
+def load_scene(
+    name: str | Path,
+    changes: Mapping[files.KeyPath, files.SourceMapped] = {},
+    *,
+    untrusted: bool = False,
+) -> Scene:
     """The scene in a YAML file, given by its path, or one that comes with palpate, by name.
 
     A mesh file is a scene in which nothing but its solid stands.
     `changes` are values in place of the file's, by their paths; of an effect it is that of its
-    parameters, ``effects.gaussian_noise.sigma``. Raises InputError, which names file, line, key,
-    value and what would be right.
+    parameters, ``effects.gaussian_noise.sigma``. A scene below the current folder or that of the
+    user may name any file; one from elsewhere, or an `untrusted` one, only those below its own
+    folder, and an untrusted one no program. Raises InputError, which names file, line, key, value
+    and what would be right.
     """
     path = find_scene(name)
+    search_inputs(path.parent)
     is_mesh = files.is_mesh_file(path)
     alone = files.SourceMapped({"object": {"mesh": {"file": path.name}}}, str(path))
     given = alone if is_mesh else files.read_yaml(path)
     for key, value in changes.items():
         given = _changed(given, key, value)
-    text = files.yaml_text(given.value) if changes or is_mesh else path.read_text(encoding="utf-8")
-    given, told = _with_mesh(given, path)
+    if untrusted:
+        _refuse_programs(given)
+    folder = path.resolve().parent
+    own = not untrusted and any(map(folder.is_relative_to, (Path.cwd(), Path.home())))
+    named = _named_files(given, folder, confined=not (own or is_mesh))
+    inputs = {f"{INPUTS}/{one.name}": one for one in named.values()}
+    text = path.read_text(encoding="utf-8") if not is_mesh else ""
+    if changes or inputs:
+        text = files.yaml_text(_moved_files(given, named).value)
+    given, told = _with_mesh(given, path, named)
     given = with_effects(_with_planner(given))
-    given = with_calibration(given, path.resolve().parent)
+    given = with_calibration(given, named.get(CALIBRATION))
     check_planner(given)
     spec = files.convert(given, SceneSpec)
     if spec.world.reach is None:
@@ -96,7 +116,54 @@ def load_scene(name: str | Path, changes: Mapping[files.KeyPath, files.SourceMap
     )
     _check_finger(spec, located)
     size = _check_reach(spec, located)
-    return Scene(path.stem, path, text, spec, located, size, told)
+    return Scene(path.stem, path, text, spec, located, size, inputs, told)
+
+
+def _refuse_programs(given: files.SourceMapped) -> None:
+    """InputError if a scene names a module, which is a program."""
+    listed, explore = given.value.get("effects"), given.value.get("explore")
+    named: dict[files.KeyPath, Any] = {}
+    if isinstance(listed, list):
+        named = {("effects", i): one for i, one in enumerate(listed)}
+    if isinstance(explore, dict):
+        named["explore", "planner"] = explore.get("planner")
+    for key, one in named.items():
+        name = next(iter(one), "") if isinstance(one, dict) else one
+        if isinstance(name, str) and ":" in name:
+            raise given.error(key, f"{name!r} is a program, which an untrusted scene may not name")
+
+
+def _named_files(
+    given: files.SourceMapped, folder: Path, *, confined: bool
+) -> dict[files.KeyPath, Path]:
+    """The files that a scene names, by the keys that hold their names."""
+    found: dict[files.KeyPath, Path] = {}
+    keys: tuple[files.KeyPath, ...] = (MESH, CALIBRATION)
+    for key in keys:
+        holder = given.value.get(key[0])
+        for one in key[1:-1]:
+            holder = holder.get(one) if isinstance(holder, dict) else None
+        name = holder.get(key[-1]) if isinstance(holder, dict) else None
+        if name is None:
+            continue
+        what = files.path_text(key)
+        if not isinstance(name, str):
+            raise given.error(key, f"{what} must be the name of a file")
+        try:
+            found[key] = files.file_within(folder, name, what, confined=confined)
+        except ValueError as error:
+            raise given.error(key, str(error)) from None
+    return found
+
+
+def _moved_files(
+    given: files.SourceMapped, named: Mapping[files.KeyPath, Path]
+) -> files.SourceMapped:
+    """The scene as it stands in the folder of a run, with the files that it names."""
+    for key, path in named.items():
+        place = files.SourceMapped(f"{INPUTS}/{path.name}", "")
+        given = replace(given, value=files.set_within(given.value, key, place))
+    return given
 
 
 def _changed(
@@ -179,7 +246,9 @@ def _checked_effect(parameters: files.SourceMapped, name: str) -> type[Effect]:
     return kind
 
 
-def _with_mesh(given: files.SourceMapped, scene: Path) -> tuple[files.SourceMapped, str]:
+def _with_mesh(
+    given: files.SourceMapped, scene: Path, named: Mapping[files.KeyPath, Path]
+) -> tuple[files.SourceMapped, str]:
     """The scene with the mesh that it names read into it, and what is to be told of that.
 
     A mesh without a pose that stands beside the axis is set on it.
@@ -189,10 +258,9 @@ def _with_mesh(given: files.SourceMapped, scene: Path) -> tuple[files.SourceMapp
     except (KeyError, TypeError):
         return given, ""
     mesh = files.convert(part, files.MeshFile, "object.mesh")
-    folder = scene.resolve().parent
+    path = named[MESH]
     try:
-        path = files.file_within(folder, mesh.file, "object.mesh.file")
-        vertices, faces, told = files.read_mesh(path, mesh.unit)
+        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up)
     except ValueError as error:
         if files.is_mesh_file(scene):  # the sentence names it already
             raise
@@ -210,33 +278,24 @@ def _with_mesh(given: files.SourceMapped, scene: Path) -> tuple[files.SourceMapp
 
 
 def _with_planner(given: files.SourceMapped) -> files.SourceMapped:
-    """The scene with a planner: nobody knows of a mesh whether slices of it are simple curves."""
+    """The scene with a planner: slices of a mesh may be no simple curves, as those of a torus."""
     explore, standing = given.value.get("explore", {}), given.value.get("object")
     if not isinstance(explore, Mapping) or {"planner", "settings", "axis"} & set(explore):
         return given
-    if not isinstance(standing, Mapping) or "mesh" not in standing:
+    if not isinstance(standing, Mapping) or not {"mesh", "torus"} & set(standing):
         return given
     return replace(given, value={**given.value, "explore": {**explore, "planner": "touches"}})
 
 
-def with_calibration(given: files.SourceMapped, folder: Path) -> files.SourceMapped:
-    """The scene with the calibration file that its sensor names read into it.
+def with_calibration(given: files.SourceMapped, path: Path | None) -> files.SourceMapped:
+    """The scene with the calibration file that its sensor names read into it, if there is one.
 
-    Raises InputError if the file is not in the scene's folder, or cannot be used.
+    Raises InputError if the file cannot be used.
     """
-    sensor = given.value.get("sensor")
-    name = sensor.get("calibration") if isinstance(sensor, dict) else None
-    if name is None:
+    if path is None:
         return given
-    where = ("sensor", "calibration")
-    if not isinstance(name, str):
-        raise given.error(where, "sensor.calibration must be the name of a file")
-    try:
-        path = files.file_within(folder, name, "sensor.calibration")
-    except ValueError as error:
-        raise given.error(where, str(error)) from None
-    found = to_builtins(read_calibration(path))
-    return replace(given, value={**given.value, "sensor": {**sensor, "calibration": found}})
+    found = files.SourceMapped(to_builtins(read_calibration(path)), "")
+    return replace(given, value=files.set_within(given.value, CALIBRATION, found))
 
 
 def read_calibration(path: Path) -> specs.CalibrationSpec:
@@ -347,7 +406,7 @@ def scene_title(name: str) -> str:
 class CalibrationFile(specs.CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A calibration with its standard errors; nothing reads these but people."""
 
-    errors: dict[str, Any] = field(default_factory=dict)  # By the names of the fields
+    errors: dict[str, Any] = msgspec.field(default_factory=dict)  # By the names of the fields
 
 
 def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> None:

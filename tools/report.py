@@ -37,9 +37,11 @@ def perform_and_print(
     return done.exit_code
 
 
-def check_scene(scene: str) -> str:
+def check_scene(scene: str, *, untrusted: bool = False) -> str:
     """That a scene can be explored, its size, and what is simulated; else raises InputError."""
     path = launch.find_scene(scene)
+    if untrusted:
+        launch.load_scene(path, untrusted=True)
     args = {"scene": SourceMapped(str(path), "")}
     described, _ = launch.check_run(launch.EXPLORE, args, {}, launch.RUNS)
     assert described.scene is not None

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from palpate.launch.files.solid_file import LATTICE_SUFFIXES, SOLID_SUFFIX, load, read_npz, save
     from palpate.launch.files.solid_file import write_lattice
     from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, as_input_errors
-    from palpate.launch.files.source_map import hint, key_path, set_within
+    from palpate.launch.files.source_map import hint, key_path, path_text, set_within
     from palpate.launch.files.yaml_file import convert, parse_yaml, read_yaml, yaml_text
 else:
     __getattr__, __dir__ = lazy(__name__)

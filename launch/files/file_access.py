@@ -44,11 +44,12 @@ def read_bounded(path: Path, most: int, what: str = "") -> bytes:
     return data
 
 
-def file_within(folder: Path, name: str, what: str) -> Path:
-    """Path of a file that a scene from elsewhere names, within the scene's own, resolved folder.
+def file_within(folder: Path, name: str, what: str, *, confined: bool = True) -> Path:
+    """Path of a file that a scene names, from the scene's own, resolved folder.
 
-    `what` is the scene's key that holds the name. Raises ValueError if the name leads out of the
-    folder, to something that is no file, or cannot be a name.
+    `what` is the scene's key that holds the name; `confined`: whether it must lie in that folder,
+    for the scene is from elsewhere. Raises ValueError if the name leads out of the folder, to
+    something that is no file, or cannot be a name.
     """
     if not name.isprintable() or len(name) > MAX_PATH_LENGTH:
         raise ValueError(
@@ -61,7 +62,7 @@ def file_within(folder: Path, name: str, what: str) -> Path:
     except (OSError, RuntimeError):  # a loop of links, or a part that is too long
         raise ValueError(f"{what} is {name!r}; it leads nowhere") from None
     # A scene from elsewhere must not have other files of the machine read.
-    if Path(name).is_absolute() or not path.is_relative_to(folder):
+    if confined and (Path(name).is_absolute() or not path.is_relative_to(folder)):
         raise ValueError(f"{what} is {name!r}; it must lie in the scene's own folder")
     if other:
         raise ValueError(f"{what} is {name!r}, which is no file")

@@ -67,6 +67,7 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     file: str  # Path, relative to the scene's folder
     # Unit of the file's coordinates, which it does not tell; guessed where only one is likely.
     unit: Literal["m", "cm", "mm"] | None = None
+    up: Literal["z", "-z", "y", "-y", "x", "-x"] = "z"  # The file's axis that shall point up
 
 
 def is_mesh_file(path: Path) -> bool:
@@ -74,13 +75,14 @@ def is_mesh_file(path: Path) -> bool:
     return path.suffix.lower().lstrip(".") in READERS
 
 
-def read_mesh(path: Path, unit: str | None = None) -> tuple[Vertices, Faces, str]:
+def read_mesh(path: Path, unit: str | None = None, up: str = "z") -> tuple[Vertices, Faces, str]:
     """The one solid in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
 
-    It may be of any genus; small faults are mended (`palpate.shapes.mend_mesh`). Returns its
-    vertices (n, 3), each once, in m, its triangles (m, 3), counter-clockwise seen from outside, and
-    a sentence on what was guessed and mended. Raises InputError if the file cannot be read, is not
-    one solid of fitting size, or might be in several units.
+    `up`: the axis of the file that shall point up. The solid may be of any genus; small faults are
+    mended (`palpate.shapes.mend_mesh`). Returns its vertices (n, 3), each once, in m, its triangles
+    (m, 3), counter-clockwise seen from outside, and a sentence on what was guessed and mended.
+    Raises InputError if the file cannot be read, is not one solid of fitting size, or might be in
+    several units.
     """
     vertices, faces = read_surface(path, "m")
     told = []
@@ -89,12 +91,19 @@ def read_mesh(path: Path, unit: str | None = None) -> tuple[Vertices, Faces, str
         sides = np.ptp(vertices, axis=0)
         size = " x ".join(f"{1e3 * METRES_PER_UNIT[unit] * side:.3g}" for side in sides)
         told.append(f"taken to be in {unit}, {size} mm")
-    vertices = vertices * METRES_PER_UNIT[unit]
+    vertices = _upright(vertices * METRES_PER_UNIT[unit], up)
     _check_size(path, vertices, unit)
     with as_input_errors(path):
         found = mend_mesh(vertices, faces)
     told += found.mends
     return found.vertices, found.faces, f"{path.name}: {'; '.join(told)}" if told else ""
+
+
+def _upright(vertices: Vertices, up: str) -> Vertices:
+    """Vertices turned so that an axis of theirs points up, the others by whole quarters."""
+    axis = "xyz".index(up[-1])
+    turned = vertices[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
+    return turned * [1.0, -1.0, -1.0] if up.startswith("-") else turned
 
 
 def _likely_unit(path: Path, vertices: Vertices) -> str:

@@ -13,7 +13,9 @@ import zmq
 from palpate.messages import bus, decode, schema_hash
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
 
-SILENCE = 5.0  # A node without a sign of life for this long is mentioned in the log, s
+# A node without a sign of life for this long, and for as long as it declared that its work may
+# take, is mentioned in the log, s.
+SILENCE = 5.0
 _MAX_TEXT = 4000
 RETRY = 0.2  # A node that has not answered is asked again after this long, s
 
@@ -21,13 +23,15 @@ RETRY = 0.2  # A node that has not answered is asked again after this long, s
 class NodeStatusTable:
     """The nodes of one graph, as they have reported so far."""
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], declared: Mapping[str, float] = {}) -> None:
+        """`declared`: by name, how long a node says that its work may take, s."""
         self.statuses: dict[str, NodeStatus] = {}  # The latest counters of each node
         self.ready: set[str] = set()  # Nodes of which all inputs are in step
         self.exiting: set[str] = set()  # Nodes that have put away what they held
         self.failed: dict[str, str] = {}  # Nodes that have failed, and of what
         self._alive = dict.fromkeys(names, time.monotonic())
         self._mentioned: set[str] = set()
+        self._patience = {name: max(SILENCE, declared.get(name, 0.0)) for name in names}
 
     def receive(self, name: str, word: bus.ControlMessage) -> list[LogRecord]:
         """Take a node's report about itself; returns what is worth a line in the log.
@@ -67,10 +71,11 @@ class NodeStatusTable:
         """Lines for the log about nodes that have been silent for long, once each."""
         lines = []
         for name, when in self._alive.items():
-            if now - when > SILENCE and name not in self._mentioned and name not in self.exiting:
+            silent = now - when > self._patience[name]
+            if silent and name not in self._mentioned and name not in self.exiting:
                 self._mentioned.add(name)
                 doing = "is still working" if name in self.ready else "is still starting"
-                text = f"{name} {doing}, or hangs: no sign of life for {SILENCE:g} s"
+                text = f"{name} {doing}, or hangs: no sign of life for {self._patience[name]:g} s"
                 lines.append(_log_record(name, "warning", text))
         return lines
 

@@ -66,7 +66,7 @@ class Supervisor:
         edges = [Edge(w.name, one.publisher, one.topic) for w in wirings for one in w.inputs]
         edges += [Edge(LAUNCHER, source, topic) for source in sources for topic in sources[source]]
         self._detector = TerminationDetector([*names, LAUNCHER], edges)
-        self._reports = NodeStatusTable(names)
+        self._reports = NodeStatusTable(names, {one.name: one.handler_timeout for one in wirings})
         self._processes = ProcessTable(wirings, place, hosts, sockets, ahead_ns)
         self._tools = ToolServer(sockets.tools, sockets.line, self._processes, self._reports)
         self._finished: str | None = None

@@ -10,8 +10,9 @@ from palpate.rooms import TYPE_CHECKING, lazy
 if TYPE_CHECKING:
     from palpate.nodes.specs.frames import DRIVER_OUTPUTS, FrameSequence, SensorParams, is_header
     from palpate.nodes.specs.frames import parse_row, read_frames, sensor_info, tactile_frame
-    from palpate.nodes.specs.objects import Length, ObjectSpec, PoseSpec, Seed, SuperquadricSpec
+    from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, Seed, SuperquadricSpec
     from palpate.nodes.specs.objects import build_shape, encode_mesh, fitted_reach, object_extents
+    from palpate.nodes.specs.primitives import Length
     from palpate.nodes.specs.sensors import CONTACT_ERROR, CalibrationSpec, EffectSpecs, PadSpec
     from palpate.nodes.specs.sensors import SensorSpec, build_pipeline, calibration_of_info
     from palpate.nodes.specs.sensors import describe_effects, info_of, pad_of_info, pad_of_spec

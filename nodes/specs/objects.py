@@ -14,6 +14,8 @@ from msgspec import Meta, Struct
 
 from palpate.core import IDENTITY_POSE, Floats, compose_poses, rotation_matrix, shapes, splines
 from palpate.core import split_pose
+from palpate.nodes.specs.primitives import BoxSpec, CapsuleSpec, ConeSpec, CylinderSpec, Length
+from palpate.nodes.specs.primitives import SphereSpec, TorusSpec
 
 Solid: TypeAlias = (
     "shapes.Superquadric | shapes.DeformedSuperquadric | shapes.Hyperquadric"
@@ -24,7 +26,6 @@ TermExponent = Annotated[float, Meta(ge=0.1, le=100, description="1")]
 PlaneNumber = Annotated[float, Meta(ge=-1e6, le=1e6)]
 SectionScale = Annotated[float, Meta(ge=0, le=100, description="1")]
 TermPlane = tuple[PlaneNumber, PlaneNumber, PlaneNumber, PlaneNumber]
-Length = Annotated[float, Meta(gt=0, le=10, description="m")]
 Coordinate = Annotated[float, Meta(ge=-10, le=10, description="m")]
 Degrees = Annotated[float, Meta(ge=-360, le=360, description="degrees")]
 Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
@@ -66,6 +67,10 @@ class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid at most, and where it stands."""
 
+    sphere: SphereSpec | None = None
+    box: BoxSpec | None = None  # With sharp edges
+    cylinder: CylinderSpec | None = None
+    cone: ConeSpec | None = None
     superquadric: SuperquadricSpec | None = None  # A superquadric, perhaps tapered and bent
     hyperquadric: HyperquadricSpec | None = None  # A sum of powers, perhaps with dents
     generalised_cylinder: GeneralisedCylinderSpec | None = None  # A section moved along an axis
@@ -75,8 +80,9 @@ class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def solid(self) -> Solid:
         """The solid that is described, in its own frame; there is one."""
-        kinds = (self.superquadric, self.hyperquadric, self.generalised_cylinder, self.polyhedron)
-        return next(one.build() for one in kinds if one is not None)
+        kinds = (getattr(self, kind) for kind in (*SOLID_KINDS, "box", "polyhedron"))
+        found: Solid = next(one.build() for one in kinds if one is not None)
+        return found
 
 
 class SuperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -212,11 +218,16 @@ def exactly_one(spec: Struct, what: str, names: tuple[str, ...]) -> str:
     )
 
 
-SOLID_KINDS = ("superquadric", "hyperquadric", "generalised_cylinder")
-OBJECT_KINDS = (*SOLID_KINDS, "boolean", "polyhedron", "mesh")
-FACETED = ("polyhedron", "mesh")  # Solids without a function: they are nothing but their faces
+SOLID_KINDS = (
+    "sphere", "cylinder", "cone", "superquadric", "hyperquadric", "generalised_cylinder"
+)  # fmt: skip
+OBJECT_KINDS = (
+    *SOLID_KINDS, "box", "capsule", "torus", "boolean", "polyhedron", "mesh"
+)  # fmt: skip
+# Solids without a function: they are nothing but their faces
+FACETED = ("box", "capsule", "torus", "polyhedron", "mesh")
 COMBINATIONS = ("union", "intersection", "difference")
-PART_KINDS = (*SOLID_KINDS, "polyhedron", "half_space", *COMBINATIONS, "complement")
+PART_KINDS = (*SOLID_KINDS, "box", "polyhedron", "half_space", *COMBINATIONS, "complement")
 
 
 class LayerSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -241,6 +252,8 @@ class MeshSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class ObjectSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One solid of one kind, perhaps deformed by a control lattice."""
 
+    capsule: CapsuleSpec | None = None
+    torus: TorusSpec | None = None
     boolean: PartSpec | None = None  # A combination of solids
     mesh: MeshSpec | None = None  # The solid as triangles
     # Layers of 4 by 4 control points, from the bottom to the top; after taper and bend.
@@ -301,6 +314,9 @@ def _shape_in_its_frame(spec: ObjectSpec) -> shapes.Shape:
         vertices = np.frombuffer(spec.mesh.vertices, "<f8").reshape(-1, 3)
         faces = np.frombuffer(spec.mesh.faces, "<i4").reshape(-1, 3)
         return shapes.TriangleShape(vertices, faces)
+    for rounded in (spec.capsule, spec.torus):
+        if rounded is not None:
+            return rounded.build()
     base = _implicit(spec)
     if spec.lattice is None:
         return base

@@ -4,14 +4,17 @@ from palpate.launch import check_run, find_scene
 from palpate.launch.demand import (
     COSTS,
     LENGTHS,
+    NOISES,
     TIMES,
     demand_text,
     expected_cost,
     read_demand,
     read_quantity,
+    read_setup,
 )
-from palpate.launch.files import InputError, SourceMapped
+from palpate.launch.files import InputError, SourceMapped, key_path
 from palpate.launch.launch_source import EXPLORE
+from palpate.launch.scene import load_scene
 
 
 @pytest.mark.parametrize(
@@ -101,3 +104,28 @@ def test_a_robot_time_in_which_no_hand_can_close_twice_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"--budget 20s: most_seconds is 20 s; the grasp alone"):
         resolved(read_demand(None, None, "20s", None, None), tmp_path)
     resolved(read_demand(None, None, "31s", None, None), tmp_path)
+
+
+def test_pose_and_noise_become_keys_of_the_scene():
+    assert read_setup(None, None) == []
+    at, turn = [0.01, 0.0, 0.05], [0.0, 0.0, 0.6, 0.8]
+    keys = {key: value for _, key, value in read_setup("0.01,0,0.05,0,0,0.6,0.8", "default")}
+    assert keys == {
+        "scene.object.pose.position": at, "scene.object.pose.rotation": turn,
+        "scene.effects.pose_error.sigma": 1e-4, "scene.effects.gaussian_noise.sigma": 1e-5,
+    }  # fmt: skip
+    assert read_setup(None, "none") == [("--noise none", "scene.effects", [])]
+    for text in ("1,2", "a,b,c", ""):
+        with pytest.raises(InputError, match="must be 3 or 7 numbers"):
+            read_setup(text, None)
+
+
+def test_presets_of_noise_are_effects_that_there_are(tmp_path):
+    for noise in NOISES:
+        changes = {
+            key_path(f".{key}")[1:]: SourceMapped(value, option)
+            for option, key, value in read_setup("0,0,0.1", noise)
+        }
+        spec = load_scene("vase", changes).spec
+        assert list(spec.effects) == (["pose_error", "gaussian_noise"] if NOISES[noise] else [])
+        assert spec.object.pose.position == (0.0, 0.0, 0.1)

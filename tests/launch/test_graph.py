@@ -1,6 +1,7 @@
 import json
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import pytest
@@ -312,7 +313,7 @@ def test_a_wrong_argument_is_refused(text):
 def test_the_resolved_text_tells_what_differs_from_the_defaults(pair):
     a = changed(pair[0], remap={"/x": "/z"}, nice=3, host="lab2", on_exit="stop")
     graph = graph_of(a, changed(pair[1], remap={"/x": "/z"}, namespace="one"))
-    assert parse_yaml(resolved_text(graph, graph.wirings()), "f").value == {
+    assert parse_yaml(resolved_text(graph, graph.wirings(), Path("out")), "f").value == {
         "nodes": {
             "a": {
                 "kind": "t.a",
@@ -326,4 +327,4 @@ def test_the_resolved_text_tells_what_differs_from_the_defaults(pair):
         },
         "ends": "b",
     }
-    assert "remap" not in resolved_text(graph_of(*pair), graph_of(*pair).wirings())
+    assert "remap" not in resolved_text(graph_of(*pair), graph_of(*pair).wirings(), Path("out"))

@@ -148,7 +148,7 @@ def test_only_the_sensing_nodes_of_the_shipped_launch_file_are_there_for_each_fi
 
 def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_graph(write):
     graph = described(EXPLORE, scene="sphere", fingers=2, record=False).graph
-    text = resolved_text(graph, graph.wirings())
+    text = resolved_text(graph, graph.wirings(), Path("out"))
     first, again = (
         {one.name: (one.module, one.params, set(one.inputs), one.outputs) for one in wirings}
         for wirings in (graph.wirings(), described(write("again.yaml", text)).graph.wirings())

@@ -113,7 +113,7 @@ def test_a_mesh_file_may_be_an_object(write, tmp_path):
         ("0.03, 0.03]", "-0.03, 0.03]", r"f.yaml:4: objects.ball.object.superquadric.size\[1\]"),
         ("title: a ball", "titel: a ball", r"f.yaml:3: unknown key 'titel' .*'title'"),
         ("    title: a ball\n", "", r"f.yaml:\d: objects.ball lacks the key 'title'"),
-        ("superquadric: {size: [0.02", "sphere: {size: [0.02", r"f.yaml:7: unknown key 'sphere'"),
+        ("superquadric: {size: [0.02", "ball: {size: [0.02", r"f.yaml:7: unknown key 'ball'"),
         ("objects:", "things:", r"f.yaml:1: must be a map named objects"),
         ("  block:", "  none of them:", r"f.yaml:5: no object can be named 'none of them'"),
         ("  block:", "  ball:", r"f.yaml:5: the key 'ball' is given twice"),

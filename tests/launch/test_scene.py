@@ -58,7 +58,7 @@ def test_a_scene_fills_in_its_defaults_and_reads_its_mesh_in_metres(write):
      "bad.yaml:3: object.superquadric.size[1] is -0.03; expected number > 0.0"),
     ("object:\n  superquadric: {size: [0.04, .inf, 0.05], exponents: [1, 1]}",
      "bad.yaml:2: object.superquadric.size[1] is inf; a number must be finite"),
-    ("object: {}", "bad.yaml:1: object: an object is exactly one of superquadric, hyperquadric"),
+    ("object: {}", "bad.yaml:1: object: an object is exactly one of sphere, cylinder, cone"),
     (BALL + "seed: -1", "bad.yaml:3: seed is -1; expected whole number >= 0"),
     (BALL + "world: {reach: 0.05}", "but the finger reaches 0.05 m; enlarge world.reach"),
     ("object:\n  mesh: {file: none.ply, unit: mm}",
@@ -135,6 +135,9 @@ def test_a_mesh_is_a_scene_of_its_own(tmp_path):
     assert scene.told.startswith("box.ply: taken to be in mm, 60 x 50 x 40 mm; 1 hole of up to ")
     assert load_scene(box_file(tmp_path)).told == "box.ply: taken to be in mm, 60 x 50 x 40 mm"
     (tmp_path / "again.yaml").write_text(scene.text, encoding="utf-8")
+    for place, file in scene.inputs.items():
+        (tmp_path / place).parent.mkdir()
+        (tmp_path / place).write_bytes(file.read_bytes())
     again = load_scene(tmp_path / "again.yaml")
     assert again.spec == load_scene(tmp_path / "box.ply").spec
     unit = {("object", "mesh", "unit"): SourceMapped("cm", "--unit")}
@@ -159,6 +162,27 @@ def test_a_mesh_beside_the_axis_is_set_on_it_unless_it_has_a_pose(tmp_path, writ
     near = load_scene(box_file(tmp_path, x=29.0))
     assert middle(near) == pytest.approx([0.029, 0.0, -0.02])
     assert "moved" not in near.told
+
+
+def test_own_scenes_name_any_file_and_untrusted_ones_neither_that_nor_programs(
+    write, tmp_path, monkeypatch
+):
+    box_file(tmp_path)
+    (tmp_path / "scenes").mkdir()
+    above = write("scenes/s.yaml", "object:\n  mesh: {file: ../box.ply, unit: mm}\n")
+    whole = f"object:\n  mesh: {{file: {tmp_path / 'box.ply'}, unit: mm}}\n"
+    program = "object:\n  superquadric: {size: [0.03, 0.03, 0.03], exponents: [1, 1]}\n"
+    with pytest.raises(InputError, match="must lie in the scene's own folder"):
+        load_scene(above)
+    monkeypatch.chdir(tmp_path)
+    for scene in (above, write("scenes/t.yaml", whole)):
+        assert load_scene(scene).inputs == {"inputs/box.ply": tmp_path / "box.ply"}
+        with pytest.raises(InputError, match="must lie in the scene's own folder"):
+            load_scene(scene, untrusted=True)
+    for more in ("effects: ['os:system']", "explore: {planner: 'os:system'}"):
+        with pytest.raises(InputError, match="'os:system' is a program, which an untrusted scene"):
+            load_scene(write("u.yaml", program + more), untrusted=True)
+    assert load_scene(write("v.yaml", program), untrusted=True).inputs == {}
 
 
 def test_a_link_out_of_the_folder_does_not_lead_out_and_a_folder_is_no_scene(write, tmp_path):

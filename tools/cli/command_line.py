@@ -51,6 +51,11 @@ def quiet_option(told: str = "Print nothing.") -> Callable[[Command], Command]:
     return click.option("--quiet", is_flag=True, help=told)
 
 
+UNTRUSTED = click.option(
+    "--untrusted",
+    is_flag=True,
+    help="Refuse a scene that names a program, or files outside its folder.",
+)
 VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
 
 

@@ -59,6 +59,11 @@ docs/sweep.md says more.
 @click.option(
     "--unit", type=click.Choice(["m", "cm", "mm"]), help="Of a mesh: its file tells none."
 )
+@click.option(
+    "--up", type=click.Choice(["z", "-z", "y", "-y", "x", "-x"]), help="Of a mesh: what points up."
+)
+@click.option("--pose", metavar="X,Y,Z[,QX,QY,QZ,QW]", help="Where the object stands, m.")
+@click.option("--noise", type=click.Choice(list(launch.NOISES)), help="Of finger and taxels.")
 @click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
 @click.option(
     "--procedure",
@@ -77,6 +82,7 @@ docs/sweep.md says more.
 @command_line.SETTINGS
 @command_line.COMPOSED
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
+@command_line.UNTRUSTED
 @command_line.json_option("Print summary.json.")
 @command_line.quiet_option()
 @command_line.VERBOSE
@@ -85,11 +91,15 @@ def run_command(
     out: Path | None,
     seed: int | None,
     unit: str | None,
+    up: str | None,
+    pose: str | None,
+    noise: str | None,
     fingers: int | None,
     procedure: str | None,
     settings: tuple[str, ...],
     composed: bool,
     no_record: bool,
+    untrusted: bool,
     as_json: bool,
     quiet: bool,
     verbose: bool,
@@ -108,14 +118,19 @@ def run_command(
     from palpate.tools.report import perform_and_print
 
     path = launch.find_scene(scene)
-    if unit is not None and not is_mesh_file(path):
-        raise InputError(f"--unit {unit}: {scene} is no mesh; a scene has object.mesh.unit")
+    if untrusted:
+        launch.load_scene(path, untrusted=True)
+    for key, value in (("unit", unit), ("up", up)):
+        if value is not None and not is_mesh_file(path):
+            raise InputError(f"--{key} {value}: {scene} is no mesh; a scene has object.mesh.{key}")
     args = {"scene": SourceMapped(str(path), "")}
     for option, name, value in (
         ("--no-record", "record", not no_record),
         ("--seed", "seed", seed),
         ("--fingers", "fingers", fingers),
         ("--unit", "scene.object.mesh.unit", unit),
+        ("--up", "scene.object.mesh.up", up),
+        *launch.read_setup(pose, noise),
     ):
         if value is not None:
             args[name] = SourceMapped(value, option)

@@ -9,7 +9,7 @@ import click
 
 from palpate import launch
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import PATH, json_option, print_figures, quiet_option
+from palpate.tools.cli.command_line import PATH, UNTRUSTED, json_option, print_figures, quiet_option
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -147,11 +147,12 @@ def scene_list() -> None:
 
 @scene_group.command("check")
 @click.argument("scene")
-def scene_check(scene: str) -> None:
+@UNTRUSTED
+def scene_check(scene: str, untrusted: bool) -> None:
     """Say whether SCENE can be explored, how large its object is, and what is simulated."""
     from palpate.tools.report import check_scene
 
-    click.echo(check_scene(scene))
+    click.echo(check_scene(scene, untrusted=untrusted))
 
 
 @scene_group.command("effects")

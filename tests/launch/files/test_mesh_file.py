@@ -17,6 +17,7 @@ from palpate.messages.codec import decode, encode
 from palpate.messages.types.model import ShapeModel
 
 CORNERS = [(0, 0, 0), (10, 0, 0), (0, 10, 0), (0, 0, 10)]
+SKEW = [(0, 0, 0), (1, 0.1, 0.2), (0.1, 0.8, 0.3), (0.2, 0.3, 0.9)]
 FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
 
 
@@ -269,3 +270,16 @@ def test_the_fingerprint_sees_every_bit_of_the_surface(tetrahedron):
     }
     assert len(prints) == 3
     assert mesh_sha256(dataclasses.replace(tetrahedron, number=9)) in prints
+
+
+@pytest.mark.parametrize(
+    ("up", "axis", "sign"),
+    [("z", 2, 1), ("-z", 2, -1), ("y", 1, 1), ("-y", 1, -1), ("x", 0, 1), ("-x", 0, -1)],
+)
+def test_the_axis_that_is_named_points_up_and_nothing_is_mirrored(write, up, axis, sign):
+    plain, faces, _ = read_mesh(write("x.off", off(SKEW)), "m")
+    turned, same, _ = read_mesh(write("x.off", off(SKEW)), "m", up)
+    np.testing.assert_array_equal(faces, same)
+    np.testing.assert_allclose(turned[:, 2], sign * plain[:, axis])
+    volumes = [np.linalg.det(one[faces]).sum() for one in (plain, turned)]
+    assert volumes[0] == pytest.approx(volumes[1]) and volumes[0] > 0.0

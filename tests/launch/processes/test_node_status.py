@@ -61,6 +61,12 @@ def test_silence_is_mentioned_once_until_the_node_reports_again():
     assert line.text.startswith("filter is still working, or hangs")
 
 
+def test_a_node_that_declared_long_work_may_be_silent_for_as_long():
+    roll = NodeStatusTable(["filter", "fit"], {"filter": 1.0, "fit": 120.0})
+    for after, named in ((2 * SILENCE, ["filter"]), (119.0, []), (121.0, ["fit"])):
+        assert [one.node for one in roll.silent(time.monotonic() + after)] == named
+
+
 EDGE = Edge("hearer", "talker", "/talk")
 
 
