@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch
-    from palpate.launch.node_kinds import Entry as Entry, describe_kind as describe_kind
-    from palpate.launch.node_kinds import list_kinds as list_kinds
+    from palpate.launch.node_kinds import Entry as Entry, list_kinds as list_kinds
+    from palpate.launch.node_kinds import load_entry as load_entry
     from palpate.launch.node_kinds import search_current_folder as search_current_folder
     from palpate.launch.object_database import OBJECTS as OBJECTS, ObjectDatabase as ObjectDatabase
     from palpate.launch.object_database import learn_models as learn_models

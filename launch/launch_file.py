@@ -56,6 +56,8 @@ class LaunchSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     args: dict[str, Any] = {}  # What may be set from outside, and its default
     nodes: dict[str, Any]  # The nodes by name
     ends: str  # The node whose Finished ends the graph
+    # Robot time that passes in a second, 1 for a robot's own pace; as fast as can be if left out.
+    rate: Annotated[float, Meta(gt=0, le=1000)] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,7 @@ def _graph(given: SourceMapped, known: Mapping[str, SourceMapped]) -> Graph:
     entries = [
         entry for name in spec.nodes for entry in _entries(name, given.part(("nodes", name)), known)
     ]
-    return Graph(tuple(entries), spec.ends, filled.place(("ends",)))
+    return Graph(tuple(entries), spec.ends, filled.place(("ends",)), spec.rate or 0.0)
 
 
 def _entries(name: str, given: SourceMapped, known: Mapping[str, SourceMapped]) -> list[Entry]:

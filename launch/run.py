@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,7 @@ def explore(
     out: str | Path | None = None,
     composed: bool = False,
     record: bool = True,
+    realtime: bool = False,
     quiet: bool = True,
 ) -> Run:
     """Touch the object of a scene and rebuild it.
@@ -70,6 +71,8 @@ def explore(
         All nodes in this process instead of one process each; the results are the same.
     record : bool
         Keep every message in ``topics.mcap``.
+    realtime : bool
+        Robot time passes as fast as time, so that the run can be watched.
     quiet : bool
         Show no progress.
 
@@ -97,6 +100,7 @@ def explore(
         {key: SourceMapped(value, key) for key, value in (settings or {}).items()},
         name=path.stem,
         out=None if out is None else Path(out),
+        realtime=realtime,
     )
     return perform(plan, composed=composed, display=open_display(quiet=quiet))
 
@@ -146,14 +150,22 @@ class Run:
 
 
 def check_run(
-    path: Path, args: Mapping[str, SourceMapped], settings: Mapping[str, SourceMapped], out: Path
+    path: Path,
+    args: Mapping[str, SourceMapped],
+    settings: Mapping[str, SourceMapped],
+    out: Path,
+    *,
+    realtime: bool = False,
 ) -> tuple[LaunchDescription, tuple[Wiring, ...]]:
     """What a launch file comes to with arguments and settings, checked whole, and its wiring.
 
-    `out` is the run directory, which need not exist. Raises InputError if anything is wrong.
+    `out` is the run directory, which need not exist; `realtime` as in `plan_run`. Raises InputError
+    if anything is wrong.
     """
     found = describe(path, args, out)
     graph = override(found.graph, settings)
+    if realtime:
+        graph = replace(graph, rate=1.0)
     wirings = graph.wirings()
     check_feasibility(graph, wirings)
     return LaunchDescription(graph, found.scene, found.args), wirings
@@ -224,14 +236,16 @@ def plan_run(
     *,
     name: str,
     out: Path | None = None,
+    realtime: bool = False,
 ) -> Plan:
     """Read and check everything that a run needs.
 
-    `settings` are values by ``node.param``; `name` and `out` choose the run directory. Raises
-    InputError if anything is wrong; nothing has been started or written.
+    `settings` are values by ``node.param``; `name` and `out` choose the run directory; `realtime`:
+    robot time passes as fast as time. Raises InputError if anything is wrong; nothing has been
+    started or written.
     """
     folder = choose_run_directory(name, out)
-    described, wirings = check_run(path, args, settings, folder.path)
+    described, wirings = check_run(path, args, settings, folder.path, realtime=realtime)
     again: dict[str, Any] = {"scene": "scene.yaml"} if described.scene is not None else {}
     if isinstance(seed := described.args.get("seed"), int):
         again["seed"] = seed

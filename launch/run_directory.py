@@ -227,11 +227,11 @@ def _procedure(found: ProcedureResult | None) -> dict[str, Any] | None:
 
 def _unknown(done: PlanDone | None) -> dict[str, Any]:
     """What nobody touched, as it was told at the end."""
-    place = None if done is None or not len(done.open_place) else done.open_place[0].tolist()
     return {
         "open_share": done and done.open_share,
         "open_width_m": done and done.open_width,
-        "open_place_m": place,
+        "open_places_m": done and done.open_places.tolist(),
+        "open_normals": done and done.open_normals.tolist(),
         "open_touches": done and done.open_touches,
         "under_share": done and done.under_share,
     }

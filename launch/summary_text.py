@@ -55,7 +55,8 @@ def _found(summary: Mapping[str, Any]) -> list[str]:
         told = summary["procedure"] is not None and not summary["missed"]
         return [] if told else titled("found", "no solid")
     closed = "a surface that is NOT closed" if summary["watertight"] is False else "a closed solid"
-    parts = [f"{closed} from {counted(summary['contours'], 'contour')}"]
+    made_of = ("contours", "contour") if summary["contours"] else ("touches", "touch")
+    parts = [f"{closed} from {counted(summary[made_of[0]], made_of[1], made_of[0])}"]
     if summary["chamfer_m"] is not None:
         parts = [f"{closed}, {1e3 * summary['size_m']:.0f} mm high"]
         parts.append(f"rms error {millimetres(summary['rms_m'])}")
@@ -153,7 +154,7 @@ def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
     """What nobody touched, where, and what the object stands on, in words; nothing if unknown."""
     told = []
     if summary.get("open_share"):
-        place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_place_m"])
+        place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_places_m"][0])
         told.append(
             f"{100.0 * summary['open_share']:.1f} % of the surface lies over 5 mm from any touch, "
             f"the widest opening {millimetres(summary['open_width_m'])} at ({place}) mm"

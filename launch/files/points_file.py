@@ -380,7 +380,8 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
         notes = [f"{len(taxels.points)} taxels of {taxels.touch.max() + 1} touches"]
     if len(closed) < len(contours):
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
-    platform = recorded[World][-1].platform if recorded[World] else None
+    world = recorded[World][-1] if recorded[World] else None
+    platform = None if world is None or world.held else world.platform
     with as_input_errors(path):
         frame = common_frame(closed)
         tops = touched_ends(closed, hits, touches, platform)

@@ -54,6 +54,11 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
         return {topic: name for one in self.nodes for topic, name in one.types.items()}
 
     @property
+    def schemas(self) -> dict[str, str]:
+        """Name of each message type that palpate does not have, to its JSON schema."""
+        return {name: text for one in self.nodes for name, text in one.schemas.items()}
+
+    @property
     def publishers(self) -> dict[str, str]:
         """Topic to the node that publishes it."""
         return {topic: one.name for one in self.nodes for topic in one.outputs.values()}

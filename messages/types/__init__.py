@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from palpate.messages.types.procedure import GeneralisedCone as GeneralisedCone
     from palpate.messages.types.procedure import Openings as Openings
     from palpate.messages.types.procedure import ProcedureResult as ProcedureResult
+    from palpate.messages.types.touch import SequenceEnd as SequenceEnd
     from palpate.messages.types.touch import SurfacePatch as SurfacePatch
     from palpate.messages.types.touch import TactileFrame as TactileFrame
     from palpate.messages.types.touch import TactileImage as TactileImage

@@ -61,6 +61,7 @@ class Node:
     outputs: Mapping[str, type]  # Topic to message type
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
     fan_in: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
+    optional: tuple[str, ...] = ()  # Inputs that nobody need publish
     # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
     # that of the first finger alone subscribes to and publishes them.
     shared: tuple[str, ...] = ()
@@ -154,7 +155,6 @@ class Input:
     topic: str  # The topic on the wire, with namespace and remapping applied
     local: str  # The topic as the node calls it
     type: str  # Name of the message type
-    schema: str = ""  # JSON schema of a type that palpate does not have; empty of its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,11 +168,15 @@ class Wiring:
     outputs: Mapping[str, str]  # The topic as the node calls it, to the topic on the wire
     subscribers: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of its subscribers
     types: Mapping[str, str] = field(default_factory=dict)  # Topic on the wire to its message type
+    # Name of each of these types that palpate does not have, to its JSON schema
+    schemas: Mapping[str, str] = field(default_factory=dict)
     host: str = ""  # Address of the machine on which it runs; empty for the launcher's
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
     on_exit: OnExit = "restart"  # What is done when it dies
     handler_timeout: float = HANDLER_TIMEOUT  # Longest time without a sign of life at work, s
     persistent: bool = False  # Whether what it publishes is kept beyond its death: it cannot again
+    # Robot time that passes in a second where it tells what a robot has done; 0: it does not wait
+    rate: float = 0.0
 
 
 def lone_wiring(
@@ -212,6 +216,7 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
     inputs: tuple[Input, ...]
     outputs: dict[str, str]  # The topic as the node calls it, to the topic on the wire
     types: dict[str, str] = {}  # The topic on the wire to the name of its message type
+    schemas: dict[str, str] = {}  # Of these types that palpate does not have, the JSON schema
     nice: int = 0
     on_exit: OnExit = "restart"
 
@@ -254,7 +259,7 @@ def publishers_of(graph: bytes) -> Mapping[str, str]:
 def schemas_of(graph: bytes) -> Mapping[str, str]:
     """Name of each message type that palpate does not have, to its JSON schema."""
     nodes = recorded_nodes(graph) if graph else ()
-    return {edge.type: edge.schema for one in nodes for edge in one.inputs if edge.schema}
+    return {name: text for one in nodes for name, text in one.schemas.items()}
 
 
 def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:

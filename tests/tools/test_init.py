@@ -156,6 +156,39 @@ def test_a_folder_that_is_not_there_is_told(tmp_path):
         begin("effect", "mine", tmp_path / "no")
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_command_that_the_verb_prints_does_what_it_says(kind, here, capsys):
+    assert cli.run(["init", kind, "printed"]) == 0
+    told = capsys.readouterr().out
+    commands = re.findall(r"python -m .+|palpate (?!in ).+", told)
+    assert len(commands) == {"node": 3, "driver": 3, "effect": 0, "planner": 1}[kind]
+    for command in commands:
+        program, *words = shlex.split(command)
+        if program == "python":
+            again = [sys.executable, *words, "-p", "no:cacheprovider"]
+            done = subprocess.run(again, capture_output=True, text=True, timeout=300)
+            assert done.returncode == 0, done.stdout
+        elif words[0] == "launch":
+            budget = ["--set", "planner.most_touches=30"] if kind == "node" else []
+            assert cli.run([*words, "--composed", "--quiet", "--out", "d", *budget]) in (0, 1)
+        else:
+            graph = describe(here / "printed.yaml", {}, here / "out").graph
+            assert words[:2] == ["topic", "echo"]
+            assert words[2] in graph.topics()
+
+
+@pytest.mark.parametrize(("kind", "key"), [("effect", "effects"), ("planner", "explore")])
+def test_the_lines_that_the_verb_prints_for_a_scene_are_a_scene_s(kind, key, here, capsys):
+    assert cli.run(["init", kind, "printed"]) == 0
+    lines = capsys.readouterr().out.split(f"{key}:\n")[1]
+    scene = here / "scene.yaml"
+    ball = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
+    scene.write_text(f"{ball}{key}:\n{lines}")
+    assert cli.run(["scene", "check", str(scene)]) == 0
+    budget = ["--set", "planner.most_touches=30", "--composed", "--quiet", "--out", "d"]
+    assert cli.run(["run", str(scene), *budget]) in (0, 1)
+
+
 @pytest.mark.parametrize("kind", ["node", "driver"])
 def test_the_verb_says_what_was_written_and_what_to_do_next(kind, here, capsys):
     assert cli.run(["init", kind, "verbal"]) == 0

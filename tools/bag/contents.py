@@ -7,6 +7,7 @@ before it is put in place. Of two recordings digests alone are held.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
@@ -344,20 +345,22 @@ def _difference_text(place: MessageKey, a: recording.Recording, b: recording.Rec
     where = f"{topic} {seq}"
     if one is None or other is None:
         return f"{where}: only in {'A' if one else 'B'}"
-    field, value_a, value_b = _differing_field(one, other)
+    field, value_a, value_b = _differing_field(a, one, other)
     return f"{where} {field}: {value_a} in A, {value_b} in B"
 
 
 def _differing_field(
-    one: recording.RecordedMessage, other: recording.RecordedMessage
+    a: recording.Recording, one: recording.RecordedMessage, other: recording.RecordedMessage
 ) -> tuple[str, str, str]:
     """Field and both values; what the messages are, if they are not of one type."""
     if one.type != other.type:
         return "type", one.type, other.type
     if one.schema != other.schema:
         return "schema", f"{one.schema:08x}", f"{other.schema:08x}"
-    cls = TYPES.get(one.type)
-    found = first_difference(cls, one.body, other.body) if cls else None
+    found = None
+    with suppress(ValueError):  # of another version
+        cls = TYPES.get(one.type) or a.type_of(one.topic, one.schema)
+        found = first_difference(cls, one.body, other.body)
     return found or ("bytes", f"{len(one.body)} bytes", f"{len(other.body)} bytes")
 
 

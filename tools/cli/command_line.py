@@ -24,6 +24,7 @@ from palpate.launch.files import InputError, hint
 from palpate.nodes.runtime import THREAD_VARIABLES
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+HELP_OPTIONS = ["-h", "--help"]
 Command = Callable[..., Any]
 # What several verbs take.
 PATH = click.Path(path_type=Path)
@@ -31,6 +32,9 @@ BAG = click.argument("bag", type=PATH)
 SEED = click.IntRange(0, 1 << 53)
 SETTINGS = click.option(
     "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable."
+)
+REALTIME = click.option(
+    "--realtime", is_flag=True, help="Robot time passes as fast as time, to watch and to speak to."
 )
 COMPOSED = click.option("--composed", is_flag=True, help="All nodes in one process.")
 RUN_FOLDER = click.option("--out", type=PATH, help="Run directory; new or empty.")
@@ -168,7 +172,8 @@ class LazyGroup(NamedGroup):
     """Verbs by name: the module in which each stands, from here, and its help in one line."""
 
     def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
-        super().__init__(name, help=help)
+        # What the outermost verb calls help, all within it do.
+        super().__init__(name, help=help, context_settings={"help_option_names": HELP_OPTIONS})
         self._verbs = verbs
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -204,6 +209,7 @@ palpate_group = LazyGroup(
         "scene": ("solids", "List and check scenes."),
         "node": ("running_graph", "Look at the nodes of a running graph, or at the kinds of node."),
         "topic": ("running_graph", "Receive and publish on the topics of a running graph."),
+        "interface": ("running_graph", "Look at the types of messages."),
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": (
             "running_graph",

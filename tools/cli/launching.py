@@ -81,6 +81,7 @@ docs/sweep.md says more.
 )
 @command_line.SETTINGS
 @command_line.COMPOSED
+@command_line.REALTIME
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
 @command_line.UNTRUSTED
 @command_line.json_option("Print summary.json.")
@@ -98,6 +99,7 @@ def run_command(
     procedure: str | None,
     settings: tuple[str, ...],
     composed: bool,
+    realtime: bool,
     no_record: bool,
     untrusted: bool,
     as_json: bool,
@@ -135,7 +137,7 @@ def run_command(
         if value is not None:
             args[name] = SourceMapped(value, option)
     given = {**launch.read_settings(settings), **launch.read_demand(**demand, procedure=procedure)}
-    plan = launch.plan_run(file, args, given, name=path.stem, out=out)
+    plan = launch.plan_run(file, args, given, name=path.stem, out=out, realtime=realtime)
     return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
@@ -198,6 +200,7 @@ def _say(quiet: bool, line: str) -> None:
 @command_line.RUN_FOLDER
 @command_line.SETTINGS
 @command_line.COMPOSED
+@command_line.REALTIME
 @command_line.json_option("Print summary.json.")
 @command_line.quiet_option()
 @command_line.VERBOSE
@@ -210,6 +213,7 @@ def launch_command(
     out: Path | None,
     settings: tuple[str, ...],
     composed: bool,
+    realtime: bool,
     as_json: bool,
     quiet: bool,
     verbose: bool,
@@ -225,7 +229,7 @@ def launch_command(
 
     args, given = launch.read_arguments(arguments), launch.read_settings(settings)
     if not (only_print or picture):
-        plan = launch.plan_run(path, args, given, name=path.stem, out=out)
+        plan = launch.plan_run(path, args, given, name=path.stem, out=out, realtime=realtime)
         return perform_and_print(
             plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose
         )

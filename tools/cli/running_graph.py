@@ -1,17 +1,18 @@
-"""Verbs on a running graph: topic, node, param and doctor."""
+"""Verbs on a running graph: topic, interface, node, param and doctor."""
 
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from palpate import launch
 from palpate.launch import processes
-from palpate.launch.files import as_input_errors
+from palpate.launch.files import InputError, as_input_errors, hint
 from palpate.tools import introspection
-from palpate.tools.cli.command_line import RUN, Command, NamedGroup
+from palpate.tools.cli.command_line import PATH, RUN, Command, NamedGroup
 
 if TYPE_CHECKING:
     from palpate.launch.processes import RunCard
@@ -30,6 +31,7 @@ topic_group = NamedGroup("topic", help="Receive and publish on the topics of a r
 node_group = NamedGroup(
     "node", help="Look at the nodes of a running graph, or at the kinds of node."
 )
+interface_group = NamedGroup("interface", help="Look at the types of messages.")
 param_group = NamedGroup("param", help="Look at the parameters of a running graph's nodes.")
 
 
@@ -52,6 +54,28 @@ def topic_list_command(
             subscribers = ", ".join(topic.subscribers) or "nobody"
             line += f" from {', '.join(topic.publishers)} to {subscribers}"
         click.echo(line)
+
+
+@topic_group.command("type", short_help="Name the type of a topic.")
+@click.argument("topic")
+@RUN
+def topic_type_command(topic: str, run: str | None) -> None:
+    """Name the message type of TOPIC."""
+    with as_input_errors():
+        click.echo(introspection.find_topic(card_of(run), topic).type)
+
+
+@topic_group.command("find", short_help="Name the topics of a type.")
+@click.argument("kind", metavar="TYPE")
+@RUN
+def topic_find_command(kind: str, run: str | None) -> None:
+    """Name the topics that carry messages of TYPE."""
+    topics = introspection.topics_of(card_of(run)).values()
+    found = [topic.name for topic in topics if topic.type == kind]
+    if not found:
+        raise InputError(f"no topic carries {kind}; {hint(kind, {one.type for one in topics})}")
+    for name in found:
+        click.echo(name)
 
 
 @topic_group.command("info", short_help="Say what a topic carries, from whom to whom.")
@@ -229,9 +253,53 @@ def node_info_command(node: str, run: str | None) -> None:
 @node_group.command("kinds", short_help="List the kinds of node and their topics.")
 @click.argument("kind", required=False)
 def node_kinds_command(kind: str | None) -> None:
-    """Name the kinds of node; of one KIND, tell its topics and its parameters."""
-    for line in launch.list_kinds() if kind is None else [launch.describe_kind(kind)]:
+    """Name the kinds of node; of one KIND, tell what it is, its topics and its parameters."""
+    for line in launch.list_kinds() if kind is None else [introspection.kind_text(kind)]:
         click.echo(line)
+
+
+BAG_TYPES = click.option("--bag", type=PATH, help="Also the types of this recording.")
+
+
+@interface_group.command("list", short_help="Name the types of messages.")
+@RUN
+@BAG_TYPES
+def interface_list_command(run: str | None, bag: Path | None) -> None:
+    """Name the message types of palpate, and those of the running graph's own."""
+    for name in introspection.known_interfaces(run, bag):
+        click.echo(name)
+
+
+@interface_group.command("show", short_help="Say what fields a type has, with their units.")
+@click.argument("kind", metavar="TYPE")
+@RUN
+@BAG_TYPES
+def interface_show_command(kind: str, run: str | None, bag: Path | None) -> None:
+    """Say what fields messages of TYPE have: name, what it holds, unit, and what it means."""
+    with as_input_errors():
+        known = introspection.known_interfaces(run, bag)
+        for line in introspection.interface_lines(kind, known):
+            click.echo(line)
+
+
+@param_group.command("list", short_help="Name the parameters.")
+@click.argument("node", required=False)
+@RUN
+def param_list_command(node: str | None, run: str | None) -> None:
+    """Name the parameters of NODE, or of all nodes."""
+    with as_input_errors():
+        for line in introspection.param_names(card_of(run), node):
+            click.echo(line)
+
+
+@param_group.command("get", short_help="Print a parameter and what is known of it.")
+@click.argument("node")
+@click.argument("param")
+@RUN
+def param_get_command(node: str, param: str, run: str | None) -> None:
+    """Print the value of PARAM of NODE in YAML, with its type, unit, default and meaning."""
+    with as_input_errors():
+        click.echo(introspection.param_text(card_of(run), node, param))
 
 
 @param_group.command("dump", short_help="Print parameters in YAML.")

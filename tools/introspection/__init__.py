@@ -7,6 +7,8 @@ intervals may be tuned. Rests on launch.processes (which graphs run) and on palp
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.tools.introspection.descriptions import interface_lines, kind_text
+    from palpate.tools.introspection.descriptions import known_interfaces, param_names, param_text
     from palpate.tools.introspection.doctor import graphs_findings, machine_findings, report_lines
     from palpate.tools.introspection.echo import EchoFormat, LossReport, TextStyle, echo_topic
     from palpate.tools.introspection.echo import field_lines, read_filter, read_path

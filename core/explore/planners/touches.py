@@ -178,8 +178,7 @@ def _reason(observation: protocol.Observation, surface: ObservedSurface) -> str:
 def describe_opening(surface: ObservedSurface) -> str:
     """What of a surface is not known, where, and how wide."""
     found = surface.open_area
-    assert found.place is not None
-    place = ", ".join(f"{1e3 * one:.0f}" for one in found.place)
+    place = ", ".join(f"{1e3 * one:.0f}" for one in found.places[0])
     return (
         f"{100.0 * found.share:.2g}% of the surface is not known, the largest opening of it "
         f"{1e3 * found.width:.0f} mm wide at ({place}) mm"

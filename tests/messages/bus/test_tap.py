@@ -75,3 +75,45 @@ def test_a_subscriber_that_does_not_listen_holds_nobody_up(bench: Any):
     assert seqs[0] == 0
     assert len(seqs) < 10 * TAP_DEPTH
     close(tap, reader)
+
+
+def latched(number: int) -> bytes:
+    return pack_frame("/world", Header(1, 0, number, 0, 0.0, 0), b"%d" % number)
+
+
+def late(tap: Tap, context: zmq.Context[Any], *, wants: bool = True) -> TapReader:
+    reader = TapReader(context, ["inproc://tap"], ["/world"], latched=wants)
+    assert tap.socket.poll(1000)
+    while tap.socket.poll(100):
+        tap.refresh()
+    return reader
+
+
+def bodies(reader: TapReader) -> list[bytes]:
+    found = []
+    while reader.socket.poll(100) and (received := reader.receive()) is not None:
+        found.append(received[2])
+    return found
+
+
+def test_who_comes_late_gets_as_many_latched_messages_as_count(bench: Any):
+    tap = Tap(bench.context, "inproc://tap", run=1, epoch=0, latched={"/world": 2})
+    for number in range(3):
+        tap.mirror(latched(number))
+    tap.mirror(FRAME)
+    first = late(tap, bench.context)
+    assert bodies(first) == [b"1", b"2"]
+    second = late(tap, bench.context)
+    assert bodies(second) == [b"1", b"2"]
+    tap.mirror(latched(3))
+    assert bodies(second) == [b"3"]
+    close(tap, first, second)
+
+
+def test_who_measures_rates_is_not_sent_what_was_latched(bench: Any):
+    tap = Tap(bench.context, "inproc://tap", run=1, epoch=0, latched={"/world": 1})
+    tap.mirror(latched(0))
+    reader = late(tap, bench.context, wants=False)
+    tap.mirror(latched(1))
+    assert bodies(reader) == [b"1"]
+    close(tap, reader)

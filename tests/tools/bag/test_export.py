@@ -11,9 +11,8 @@ import pytest
 from palpate.launch.files import file_access as new_file
 from palpate.launch.files.file_access import write_new
 from palpate.launch.files.source_map import InputError
-from palpate.messages.codec import Header, encode, schema_hash
+from palpate.messages.codec import Header, encode, schema, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.catalogue import TYPES
 from palpate.messages.types.world import World
 from palpate.tools.bag.decoding import file_stems, open_decoded
 from palpate.tools.bag.export import export_bag, write_csv, write_npz
@@ -71,13 +70,37 @@ def test_another_version_of_a_message_is_refused(tmp_path):
         export_bag(path, "npz", tmp_path / "out")
 
 
-def test_an_unknown_message_is_refused(record, tmp_path, monkeypatch):
-    monkeypatch.setitem(TYPES, "Strange", Strange)
-    path = record([("/a", Strange(1.0)), ("/world", WORLD)])
-    monkeypatch.delitem(TYPES, "Strange")
-    with pytest.raises(InputError, match="/a holds Strange; there is no such type of message"):
+def strange(path, text):
+    """A recording of a type that nobody has, with this text as its schema."""
+    writer = RecordingWriter(path, {"/a": "Strange"}, {}, {}, schemas={"Strange": text})
+    for seq, value in enumerate([1.0, 2.5]):
+        writer.write("/a", Header(0, 0, seq, 0, 0.0, schema_hash(Strange)), encode(Strange(value)))
+    writer.close()
+    return path
+
+
+def test_a_type_that_nobody_has_is_read_by_the_schema_that_was_recorded(tmp_path):
+    path = strange(tmp_path / "topics.mcap", json.dumps(schema(Strange)))
+    export_bag(path, "csv", tmp_path / "out")
+    assert (tmp_path / "out" / "a.csv").read_text().splitlines()[1:] == [
+        "0,0.000000000,1.0",
+        "1,0.000000000,2.5",
+    ]
+    export_bag(path, "npz", tmp_path / "out.npz")
+    assert np.load(tmp_path / "out.npz")["a.value"].tolist() == [1.0, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{}", "/a holds Strange: this is no schema of a message type"),
+        (json.dumps(schema(World)), "/a was recorded with another version of Strange"),
+    ],
+)
+def test_a_schema_that_is_not_that_of_the_messages_is_refused(tmp_path, text, words):
+    path = strange(tmp_path / "topics.mcap", text)
+    with pytest.raises(InputError, match=words):
         export_bag(path, "csv", tmp_path / "out")
-    export_bag(path, "csv", tmp_path / "out", ["/world"])
 
 
 def test_a_damaged_recording_is_to_be_recovered_first(explored, tmp_path):

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.core.explore.tracing.contour_path import TOUCH_DEPTH
 from palpate.launch.files.source_map import InputError
-from palpate.launch.node_kinds import describe_kind, list_kinds
+from palpate.launch.node_kinds import list_kinds
 from palpate.launch.scene import SHIPPED_SCENES
 from palpate.tools.cli import command_line as cli
 
@@ -188,13 +188,7 @@ def test_the_kinds_of_node_are_listed_and_described(capsys):
     text = capsys.readouterr().out
     assert "  subscribes /world  World" in text
     assert "  publishes  /contour/goal  ContourGoal" in text
-    assert "  takes planner  default 'predicted'" in text
-
-
-def test_a_required_parameter_is_reported_to_be_required():
-    assert "  takes object  required" in describe_kind("simulator")
-    with pytest.raises(InputError, match="there is no kind"):
-        describe_kind("none")
+    assert "  takes planner  string  default predicted" in text
 
 
 def command_that(monkeypatch, error):
