@@ -83,8 +83,8 @@ def rebuild_command(
     if wanted.method == "general":
         from palpate.tools.scattered import rebuild_scattered
 
-        record = rebuild_scattered(points, wanted, outs, say)
-        print_figures(record, reconstruction.rebuild_text, as_json=as_json)
+        record = rebuild_scattered(points, wanted, out, say)
+        print_figures(record, reconstruction.rebuild_text(record), as_json=as_json)
         return 0
     rebuilt = reconstruction.rebuild(points, wanted, say)
     reconstruction.write_outputs(rebuilt, out, lattice)
