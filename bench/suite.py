@@ -1,7 +1,4 @@
-"""``palpate bench``: what it measures, by name.
-
-The verb is found by name.
-"""
+"""``palpate bench``: what it measures, by name. The verb is found by name."""
 
 from __future__ import annotations
 

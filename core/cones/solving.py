@@ -91,8 +91,7 @@ class ConeOrigin(NamedTuple):
 def residual_sigma(*solved: ConeOrientation | ConeOrigin) -> float:
     """Root mean square residual of all, in standard deviations; 0 if nothing is left over.
 
-    About 1 if the features are those of a cone; above 3 the object is no cone, or their places are
-    others.
+    About 1 if the features are those of a cone; above 3 it is none, or their places are others.
     """
     redundancy = sum(one.redundancy for one in solved)
     squared = sum(one.squared_misfit for one in solved)
@@ -214,9 +213,8 @@ def solve_origin(
 ) -> ConeOrigin:
     """The apex from meridians and side faces: table 1.2, all rows that apply at once.
 
-    Arguments as `solve_orientation` has them. Raises InsufficientFeaturesError if the apex stays
-    free, or its standard deviation is above half of its distance from the contacts; ValueError if a
-    place is not known.
+    Arguments as of `solve_orientation`. Raises InsufficientFeaturesError if the apex stays free, or
+    is less sure than half of its distance from the contacts; ValueError if a place is not known.
     """
     _check(features, angle_noise, position_noise)
     fit = fit_apex(features, angle_noise, position_noise)
