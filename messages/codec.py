@@ -180,7 +180,7 @@ def codec_of(cls: type) -> Codec:
         _CODECS[cls] = Codec(
             cls=cls,
             names=names,
-            values=attrgetter(*names) if len(names) > 1 else _only(names[0]),
+            values=attrgetter(*names) if len(names) > 1 else lambda one: (getattr(one, names[0]),),
             wire=wire,
             read=msgspec.msgpack.Decoder(wire).decode,
             pack=tuple((place, pack) for place, pack in packed if pack),
@@ -190,11 +190,6 @@ def codec_of(cls: type) -> Codec:
             hash=int.from_bytes(digest[:4], "little"),
         )
     return _CODECS[cls]
-
-
-def _only(name: str) -> Callable[[Any], tuple[Any, ...]]:
-    value = attrgetter(name)
-    return lambda message: (value(message),)
 
 
 class Header(NamedTuple):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -50,9 +49,7 @@ class State:
     high: Floats = field(default_factory=lambda: np.full(3, -np.inf))
     # By goal, the frames received, those of them that touched, and the last of these, or the last
     # if none did.
-    goals: Mapping[int, tuple[int, int, SurfacePatch]] = field(
-        default_factory=lambda: MappingProxyType({})
-    )
+    goals: Mapping[int, tuple[int, int, SurfacePatch]] = field(default_factory=dict)
     end: SequenceEnd | None = None  # Once it is known how many there are
 
     @property

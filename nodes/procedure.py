@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -63,7 +62,7 @@ class State:
     session: Session | None = None  # The procedure; None until world and sensor are known
     results: tuple[Met, ...] = ()  # What its moves met
     # Finger to what its move has met, while others are still under way.
-    pending: Mapping[int, types.SurfacePatch] = field(default_factory=lambda: MappingProxyType({}))
+    pending: Mapping[int, types.SurfacePatch] = field(default_factory=dict)
     under_way: int = 0  # Fingers that move
     moves: int = 0  # Moves of fingers asked for
     closings: int = 0  # Of the hand

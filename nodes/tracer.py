@@ -172,9 +172,9 @@ def _in_time(
     """Whether a touch has ended by the time that its goal names, even if it meets nothing."""
     if goal.not_after is None:
         return True
-    lasts = 0.0
-    if state.robot is not None:
-        lasts = longest_seconds(state.robot, *move_between(state.resting, touch.pose), touch.reach)
+    if state.robot is None:
+        return touch.not_before < goal.not_after
+    lasts = longest_seconds(state.robot, *move_between(state.resting, touch.pose), touch.reach)
     return touch.not_before + lasts < goal.not_after
 
 

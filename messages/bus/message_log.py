@@ -128,11 +128,10 @@ class MessageLog:
             if callable(kept):
                 (kept,) = self._write((kept(),))
                 self._frames[topic][seq] = kept
-            yield kept if isinstance(kept, bytes) else self._frame_at(kept)
-
-    def _frame_at(self, place: int) -> bytes:
-        frame = self._read(place >> 32, place & 0xFFFFFFFF)
-        return frame if not self._epoch else self._of_this_start(*split_frame(frame))
+            if not isinstance(kept, bytes):
+                kept = self._read(kept >> 32, kept & 0xFFFFFFFF)
+                kept = self._of_this_start(*split_frame(kept)) if self._epoch else kept
+            yield kept
 
     def _of_this_start(self, topic: str, header: Header, body: bytes) -> bytes:
         return pack_frame(topic, header._replace(epoch=self._epoch), body)

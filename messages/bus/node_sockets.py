@@ -56,14 +56,12 @@ class Tap:
         """Take note of who listens; who asks for what is latched gets it."""
         while (notice := received(self.socket)) is not None:
             if notice[1:].startswith(LATCHED_MARK):
-                kept = self._latched.get(notice[2:], ()) if notice[0] else ()
-                for frame in kept:
+                for frame in self._latched.get(notice[2:], ()) if notice[0] else ():
                     self.socket.send(LATCHED_MARK + frame, zmq.DONTWAIT)
                 continue
             change = self._wanted.add if notice.startswith(b"\x01") else self._wanted.discard
             change(notice[1:])
-        own = {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
-        self._mirroring = not self._wanted <= own
+        self._mirroring = not self._wanted <= {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
 
     def publish(self, message: NodeStatus | LogRecord) -> None:
         """Send the node's own word, if anybody listens."""

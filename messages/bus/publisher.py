@@ -57,7 +57,7 @@ class Publisher:
         # Time of the latest message sent or received, ns: the next one is sent later
         self.latest_ns = past.latest_ns
         self._subscribers = dict(subscribers)
-        self._past, self._times = past, times
+        self.past, self._times = past, times  # What was published, and when
         self._drain, self._patience, self._ahead_ns = drain, patience, ahead_ns
         self._lacks: dict[tuple[bytes, str], int] | None = {} if again else None
         self.socket = context.socket(zmq.XPUB)
@@ -68,7 +68,7 @@ class Publisher:
     @property
     def sent(self) -> dict[str, int]:
         """Number of messages sent on each topic."""
-        return self._past.counts
+        return self.past.counts
 
     def send(
         self, topic: str, body: bytes, robot_time: float, schema: int, *, outlives: bool = False
@@ -81,21 +81,16 @@ class Publisher:
         Raises KeyError if the topic is not one of this publisher's; BlockedError if a subscriber's
         queue stays full for longer than the patience.
         """
-        seq = self._past.count(topic)
+        seq = self.past.count(topic)
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
         frame = pack_frame(topic, header, body)
-        self._past.add(topic, frame, outlives=outlives)
+        self.past.add(topic, frame, outlives=outlives)
         if self._lacks is None:
             self._put(frame, topic)
             return frame
         for call in self._lacking(topic, seq):
             self._put(handshake.resent_frame(call, frame), topic)
         return frame
-
-    @property
-    def past(self) -> MessageLog:
-        """What has been published so far."""
-        return self._past
 
     def answer(
         self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause
@@ -106,32 +101,32 @@ class Publisher:
         """
         counts, frames = Counter[str](), []
         for topic, body, robot_time, schema in published:
-            seq = self._past.count(topic) + counts[topic]
+            seq = self.past.count(topic) + counts[topic]
             header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
             frames.append((topic, pack_frame(topic, header, body)))
             counts[topic] += 1
-        self._past.answer(frames, cause)
+        self.past.answer(frames, cause)
         for topic, frame in frames:
             self._put(frame, topic)
         return [frame for _, frame in frames]
 
     def was_published(self, topic: str) -> bool:
         """Whether an earlier start had published the message that comes next on a topic."""
-        return self._times.before(topic, self._past.count(topic)) is not None
+        return self._times.before(topic, self.past.count(topic)) is not None
 
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
         """Have a message made and sent if it is a new one, or if somebody lacks it, now or later.
 
         Raises KeyError, BlockedError as `send` does.
         """
-        seq = self._past.count(topic)
+        seq = self.past.count(topic)
         if not self.was_published(topic):
             self.send(topic, make(), 0.0, schema, outlives=True)
             return
         header = Header(self.run, self.epoch, seq, self._time(topic, seq), 0.0, schema)
-        self._past.promise(topic, lambda: pack_frame(topic, header, make()))
+        self.past.promise(topic, lambda: pack_frame(topic, header, make()))
         for call in self._lacking(topic, seq):
-            (frame,) = self._past.since(topic, seq)
+            (frame,) = self.past.since(topic, seq)
             self._put(handshake.resent_frame(call, frame), topic)
 
     def go_live(self) -> None:
@@ -150,7 +145,7 @@ class Publisher:
     def close(self, linger: int) -> None:
         """Close, giving what is still queued this long to leave, ms."""
         self.socket.close(linger)
-        self._past.close()
+        self.past.close()
         self._times.close()
 
     def _lacking(self, topic: str, seq: int) -> list[bytes]:
@@ -176,12 +171,12 @@ class Publisher:
         # of this node carry that start's epoch.
         if request.epoch != self.epoch or request.topic not in self._subscribers:
             return
-        for frame in self._past.since(request.topic, request.wanted):
+        for frame in self.past.since(request.topic, request.wanted):
             self._put(handshake.resent_frame(request.call, frame), request.topic)
         if self._lacks is None:
             self._put(handshake.in_step_notice(request.call, request.topic), request.topic)
         else:
-            published = self._past.count(request.topic)
+            published = self.past.count(request.topic)
             self._lacks[request.call, request.topic] = max(request.wanted, published)
 
     def _put(self, frame: bytes, topic: str) -> None:

@@ -7,18 +7,9 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from palpate.messages.fields import (
-    Array,
-    ControlPoints,
-    Count,
-    Degrees,
-    Directions,
-    Floats,
-    Lengths,
-    Metres,
-)
-from palpate.messages.fields import Numbers, PackedBytes, PerMetre, Points, Pose, Radians, Ratio
-from palpate.messages.fields import Seconds, Triangles, Unit, Vector
+from palpate.messages.fields import Array, ControlPoints, Count, Degrees, Directions, Floats
+from palpate.messages.fields import Lengths, Metres, Numbers, PackedBytes, PerMetre, Points
+from palpate.messages.fields import Pose, Radians, Ratio, Seconds, Triangles, Unit, Vector
 
 Ids = tuple[int, ...]
 

@@ -8,16 +8,8 @@ from typing import Literal
 import numpy as np
 
 from palpate.messages.fields import Count, LengthImage, Metres, MetresPerSecond, NewtonsPerMetre
-from palpate.messages.fields import (
-    PerMetre,
-    PlanarPoint,
-    Points,
-    Ratio,
-    RatioImage,
-    RobotSpeeds,
-    Triangles,
-)
-from palpate.messages.fields import Vector, Voxels
+from palpate.messages.fields import PerMetre, PlanarPoint, Points, Ratio, RatioImage, RobotSpeeds
+from palpate.messages.fields import Triangles, Vector, Voxels
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -29,9 +21,8 @@ class World:
     held: bool = False
     # The finger reaches this far sideways from the axis and up from the platform
     reach: Metres
-    centre: PlanarPoint = field(
-        default_factory=lambda: np.zeros(2)
-    )  # Of that axis, which is upright
+    # Of that axis, which is upright
+    centre: PlanarPoint = field(default_factory=lambda: np.zeros(2))
     fingers: Count  # Number of fingers
     seed: Count  # The run's seed
     # How fast the robot is, so that time can be kept within a limit; empty where nobody knows

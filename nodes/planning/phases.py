@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -67,15 +66,13 @@ class State:
     frame: ObjectFrame | None = None  # Once the object has been grasped
     survey: Survey | None = None  # What is known since
     # Touches of each end.
-    ends: Mapping[End, tuple[ProbeResult, ...]] = field(
-        default_factory=lambda: MappingProxyType({})
-    )
+    ends: Mapping[End, tuple[ProbeResult, ...]] = field(default_factory=dict)
     # Finger to what it is at.
-    tasks: Mapping[int, Task] = field(default_factory=lambda: MappingProxyType({}))
+    tasks: Mapping[int, Task] = field(default_factory=dict)
     # Finger to its result, not yet taken up.
-    pending: Mapping[int, Contour | Probe] = field(default_factory=lambda: MappingProxyType({}))
+    pending: Mapping[int, Contour | Probe] = field(default_factory=dict)
     # Finger to the robot time that it has reached, s.
-    clocks: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
+    clocks: Mapping[int, float] = field(default_factory=dict)
     # Numbers of all slices, in the order in which they were taken up.
     contours: tuple[int, ...] = ()
     probes: tuple[int, ...] = ()  # Numbers of the probes that hit
@@ -89,7 +86,7 @@ class State:
     singles: int = 0  # Single touches that hit
     again: Task | None = None  # The single touch that is to be begun anew from farther off
     # Finger to where its last single touch began, (3,), m.
-    resting: Mapping[int, Floats] = field(default_factory=lambda: MappingProxyType({}))
+    resting: Mapping[int, Floats] = field(default_factory=dict)
     # Whether a goal came back without a touch: what is left of the budget is too little for one.
     cut: bool = False
     # Usable contours, probes and arcs of the last model.
@@ -441,4 +438,4 @@ def with_frame(state: State, axis: Floats | None) -> State:
         pad_width=state.pad_width,
         resolution=state.resolution,
     )
-    return replace(state, frame=frame, survey=survey, ends=MappingProxyType({}))
+    return replace(state, frame=frame, survey=survey, ends={})

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
@@ -197,19 +196,17 @@ class State:
     platform: float | None = 0.0  # Height on which the object stands, m; None if it is held
     pad: Pad | None = None  # The sensor's array
     # Every touch; goals are numbered for all fingers together.
-    touches: TouchesByGoal = field(default_factory=lambda: MappingProxyType({}))
+    touches: TouchesByGoal = field(default_factory=dict)
     # Where the hand met the object, by the number of the closing; each contact is a touch.
-    contacts: Mapping[int, ContactPoints] = field(default_factory=lambda: MappingProxyType({}))
+    contacts: Mapping[int, ContactPoints] = field(default_factory=dict)
     space: SpaceMap | None = None  # Of all that a finger reaches, empty
     # Voxels that the touches of a goal have swept.
-    swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=dict)
     # Places that the pad spanned in a goal's touches, between what it touched.
-    spanned: Mapping[int, tuple[Floats, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    spanned: Mapping[int, tuple[Floats, ...]] = field(default_factory=dict)
     # By number.
-    contours: Mapping[int, types.Contour] = field(default_factory=lambda: MappingProxyType({}))
-    probes: Mapping[int, types.Probe] = field(
-        default_factory=lambda: MappingProxyType({})
-    )  # By number
+    contours: Mapping[int, types.Contour] = field(default_factory=dict)
+    probes: Mapping[int, types.Probe] = field(default_factory=dict)
     asked: tuple[Goal, ...] = ()  # Models still to be fitted, in order
     history: tuple[Goal, ...] = ()  # Those that were fitted, in order
     # What was fitted last, by number, lest it is fitted twice: no model differs for it.

@@ -42,12 +42,7 @@ class SourceWork:
         self._tally = tally
         self._published: Iterator[Timed | Finished | None] = iter(())
         self._next: Timed | Finished | None = None
-        self._doing = "starting"
-
-    @property
-    def doing(self) -> str:
-        """What it was last busy with, in words."""
-        return self._doing
+        self.doing = "starting"  # What it was last busy with, in words
 
     @property
     def can_publish(self) -> bool:
@@ -67,7 +62,7 @@ class SourceWork:
     def wait(self) -> float | None:
         """Time until it has something to publish, s; None while it is paused or at its end."""
         if self._next is None:
-            self._doing = "looking for what comes next"
+            self.doing = "looking for what comes next"
             began = time.perf_counter_ns()
             with self.steps(self._step):
                 self._next = next(self._published, _END)
@@ -100,7 +95,7 @@ class SourceWork:
         if isinstance(published, Finished):
             return published
         assert published is not None
-        self._doing = f"publishing {published.topic}"
+        self.doing = f"publishing {published.topic}"
         self.pace.gone(published.due, time.monotonic())
         packed = self._pack(published)
         if self._tally is not None:

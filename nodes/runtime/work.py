@@ -91,7 +91,7 @@ class NodeWork:
     @property
     def doing(self) -> str:
         """What it was last busy with, in words."""
-        return _doing(self._current, "starting")
+        return "starting" if self._current is None else _handling(self._current)
 
     @property
     def waits(self) -> list[str]:
@@ -282,8 +282,7 @@ class SinkWork:
         *,
         again: bool = False,  # Whether an earlier start of it has written already
     ) -> None:
-        self._current: Received | None = None
-        self._otherwise = "opening"
+        self.doing = "opening"  # What it was last busy with, in words
         self.latency, self.steps, self._step = Latency(), CpuSteps(), sink.step
         self.consumed: dict[Edge, int] = {(one.publisher, one.topic): 0 for one in wiring.inputs}
         self.waits: list[str] = []
@@ -302,18 +301,13 @@ class SinkWork:
         for publisher, topic in self.consumed:
             self.consumed[publisher, topic] = self.had.get(topic, 0)
 
-    @property
-    def doing(self) -> str:
-        """What it was last busy with, in words."""
-        return _doing(self._current, self._otherwise)
-
     def begin(self) -> list[Outgoing | Finished]:
         """Nothing to publish."""
         return []
 
     def take(self, arrival: Received) -> list[Outgoing | Finished]:
         """Write one message."""
-        self._current = arrival
+        self.doing = _handling(arrival)
         began = time.perf_counter_ns()
         with self.steps(self._step):
             self._writer.write(arrival.topic, arrival.header, arrival.body)
@@ -330,15 +324,13 @@ class SinkWork:
 
     def close(self) -> None:
         """Close the writer, so that all that was written can be read."""
-        self._current, self._otherwise = None, "closing"
+        self.doing = "closing"
         with self.steps(self._step):
             self._writer.close(self.missing)
 
 
-def _doing(current: Received | None, otherwise: str) -> str:
-    if current is None:
-        return otherwise
-    return f"handling {current.topic} {current.header.seq} from {current.publisher}"
+def _handling(arrival: Received) -> str:
+    return f"handling {arrival.topic} {arrival.header.seq} from {arrival.publisher}"
 
 
 class CpuSteps:
@@ -354,10 +346,7 @@ class CpuSteps:
     def __call__(self, name: str) -> CpuSteps:
         """Begin a step, which lasts to the end of the ``with`` that it is called for."""
         self.before_each()
-        now = time.thread_time()
-        if self._open:
-            self._add(now)
-        self._since = now
+        self._add()
         self._open.append(name)
         return self
 
@@ -365,14 +354,14 @@ class CpuSteps:
         """The step has begun."""
 
     def __exit__(self, *_: object) -> None:
-        now = time.thread_time()
-        self._add(now)
-        self._since = now
+        self._add()
         self._open.pop()
 
-    def _add(self, now: float) -> None:
-        name = self._open[-1]
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
+    def _add(self) -> None:
+        """Count the time since the last change for the step that is open, if one is."""
+        before, self._since = self._since, time.thread_time()
+        for name in self._open[-1:]:
+            self.seconds[name] = self.seconds.get(name, 0.0) + self._since - before
 
 
 class Latency:

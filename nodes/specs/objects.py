@@ -34,7 +34,7 @@ Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
 WorldCoordinate = Annotated[float, Meta(ge=-1000, le=1000, description="m")]
 # Of a quaternion; so that its length, which must be 1, can be worked out.
 QuaternionPart = Annotated[float, Meta(ge=-10, le=10)]
-
+Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
 
 EXTENT_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
 LEAST_REACH = 0.15  # Of a finger whose reach fits the object, m
@@ -47,12 +47,7 @@ class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # x, y, z, m.
     position: tuple[WorldCoordinate, WorldCoordinate, WorldCoordinate] = (0.0, 0.0, 0.0)
     # Unit quaternion x, y, z, w.
-    rotation: tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart] = (
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-    )
+    rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         if not np.isfinite([*self.position, *self.rotation]).all():

@@ -89,7 +89,7 @@ def test_a_frame_that_is_dropped_on_the_way_is_counted_as_a_gap(bench: Any):
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
     bench.publish(publisher, b"zero")
-    publisher._past.add("/talk", b"lost")
+    publisher.past.add("/talk", b"lost")
     bench.publish(publisher, b"two", b"three")
     assert seqs(bench.receive(subscriber)) == [0]
     assert subscriber.gaps == 3
@@ -101,7 +101,7 @@ def test_a_frame_that_comes_twice_is_counted_and_dropped(bench: Any):
     subscriber = bench.subscriber()
     bench.turn(publisher, subscriber, lambda: subscriber.in_step)
     bench.publish(publisher, b"zero")
-    publisher.socket.send(next(publisher._past.since("/talk", 0)))
+    publisher.socket.send(next(publisher.past.since("/talk", 0)))
     bench.publish(publisher, b"one")
     assert seqs(bench.receive(subscriber)) == [0, 1]
     assert (subscriber.gaps, subscriber.duplicates) == (0, 1)
