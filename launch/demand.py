@@ -60,28 +60,26 @@ def read_demand(
     what it cannot keep.
     """
     found: dict[str, SourceMapped] = {}
-    if procedure is not None:
-        for name, text in (("--tolerance", tolerance), ("--feature", feature),
-                           ("--budget", budget), ("--quality", quality)):  # fmt: skip
-            if text is not None:
-                raise InputError(
-                    f"{name} {text}: --procedure {procedure} explores in its own way; only "
-                    "--touches limits it"
-                )
-    for name, text, units, target in (
+    asked: tuple[tuple[str, str | None, Mapping[str, float], str], ...] = (
         ("--tolerance", tolerance, LENGTHS, "planner.tolerance"),
         ("--feature", feature, LENGTHS, "planner.feature"),
         ("--budget", budget, TIMES, "planner.most_seconds"),
-    ):
+        ("--quality", quality, {}, "reconstructor.quality"),
+    )
+    for name, text, units, target in asked:
+        if text is not None and procedure is not None:
+            raise InputError(
+                f"{name} {text}: --procedure {procedure} explores in its own way; only --touches "
+                "limits it"
+            )
         if text is not None:
-            found[target] = SourceMapped(read_quantity(text, units, name), f"{name} {text}")
+            value = read_quantity(text, units, name) if units else text
+            found[target] = SourceMapped(value, f"{name} {text}")
     if touches is not None:
         if touches < 1:
             raise InputError(f"--touches {touches}: must be at least 1")
         target = "planner.most_touches" if procedure is None else "procedure.most_touches"
         found[target] = SourceMapped(touches, f"--touches {touches}")
-    if quality is not None:
-        found["reconstructor.quality"] = SourceMapped(quality, f"--quality {quality}")
     return found
 
 

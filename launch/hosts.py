@@ -260,7 +260,9 @@ class HostAgent:
                 self._line.send(name, **guest.bury(sentinel))
         while self._receive():
             pass
-        self._see_to_lost(time.monotonic())
+        for name, guest in list(self._guests.items()):
+            if time.monotonic() - guest.last > LAUNCHER_LOST:
+                self._part(name, "is gone; its nodes are ended")
 
     def close(self) -> None:
         """End everybody's nodes."""
@@ -299,11 +301,6 @@ class HostAgent:
                 self._line.send(name, "alive")
             case "end":
                 self._part(name, "has ended")
-
-    def _see_to_lost(self, now: float) -> None:
-        for name, guest in list(self._guests.items()):
-            if now - guest.last > LAUNCHER_LOST:
-                self._part(name, "is gone; its nodes are ended")
 
     def _part(self, name: str, why: str) -> None:
         self._guests.pop(name).close()

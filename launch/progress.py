@@ -14,15 +14,8 @@ import numpy as np
 
 from palpate.launch.printing import counted
 from palpate.messages.types import BoundaryRepresentation, ConePose, Contour, ContourGoal
-from palpate.messages.types import (
-    GeneralisedCone,
-    GraspContacts,
-    LogRecord,
-    NodeStatus,
-    Openings,
-    PlanDone,
-)
-from palpate.messages.types import PlanEstimate, Probe, ProcedureResult, Score, ShapeModel
+from palpate.messages.types import GeneralisedCone, GraspContacts, LogRecord, NodeStatus, Openings
+from palpate.messages.types import PlanDone, PlanEstimate, Probe, ProcedureResult, Score, ShapeModel
 from palpate.messages.types import Superquadric
 from palpate.nodes.runtime import Watcher
 
@@ -31,19 +24,16 @@ if TYPE_CHECKING:
 
 # What exploratory procedures recover
 PROCEDURE_MODELS = (BoundaryRepresentation, ConePose, GeneralisedCone, Openings, Superquadric)
+# Types of which the last message is kept, and the field of `Progress` that holds it.
+LAST_KEPT: Mapping[type, str] = {
+    ContourGoal: "goal",
+    PlanDone: "done",
+    ProcedureResult: "procedure",
+    ShapeModel: "model",
+    **dict.fromkeys(PROCEDURE_MODELS, "recovered"),
+}
 # Types of the messages that are gathered.
-GATHERED_TYPES = (
-    *PROCEDURE_MODELS,
-    Contour,
-    ContourGoal,
-    GraspContacts,
-    PlanDone,
-    PlanEstimate,
-    Probe,
-    ProcedureResult,
-    Score,
-    ShapeModel,
-)
+GATHERED_TYPES = (*LAST_KEPT, Contour, GraspContacts, PlanEstimate, Probe, Score)
 TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
 TOUCHES_A_LINE = 25  # Without a contour, between two lines of progress
 BAR, REDRAWN = 70, 8  # Columns of the bar, and how often it is drawn in a second
@@ -144,27 +134,20 @@ class ProgressWatcher(Watcher):
         """A message on one of the gathered topics."""
         progress = self.progress
         self._stamp()
-        if isinstance(message, (Contour, Probe)):
-            if isinstance(message, Contour):
-                traced = message.status in TRACED_STATUSES and len(message.points) > 0
-                progress.contours += traced
-                progress.failed += not traced
-            progress.touches += message.touches
+        if type(message) in LAST_KEPT:
+            setattr(progress, LAST_KEPT[type(message)], message)
+        if isinstance(message, (Contour, Probe, GraspContacts)):
             progress.robot_time = max(progress.robot_time, message.robot_time)
+        if isinstance(message, Contour):
+            traced = message.status in TRACED_STATUSES and len(message.points) > 0
+            progress.contours += traced
+            progress.failed += not traced
+        if isinstance(message, (Contour, Probe)):
+            progress.touches += message.touches
             progress.reports.append((progress.wall, progress.touches))
         elif isinstance(message, GraspContacts):
             progress.contacts += len(message.points)
-            progress.robot_time = max(progress.robot_time, message.robot_time)
-        elif isinstance(message, ContourGoal):
-            progress.goal = message
-        elif isinstance(message, PlanDone):
-            progress.done = message
-        elif isinstance(message, ProcedureResult):
-            progress.procedure = message
-        elif isinstance(message, PROCEDURE_MODELS):
-            progress.recovered = message
         elif isinstance(message, ShapeModel):
-            progress.model = message
             progress.made[message.number] = progress.wall
             if message.final:
                 self._final(message)

@@ -24,7 +24,7 @@ from palpate.launch.processes import running_graphs
 from palpate.launch.progress import Progress
 from palpate.launch.summary_text import known_texts, unknown_texts
 from palpate.messages.recording import free_bytes
-from palpate.messages.types import PlanDone, ProcedureResult
+from palpate.messages.types import ProcedureResult
 from palpate.nodes.runtime import Ending
 
 RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
@@ -49,6 +49,17 @@ SCORE_FIELDS = {
     "watertight": "watertight",
     "genus": "genus",
 }
+# The same of what nobody touched, in a PlanDone, and of a node, in its status.
+OPEN_FIELDS = {
+    "open_share": "open_share",
+    "open_width_m": "open_width",
+    "open_places_m": "open_places",
+    "open_normals": "open_normals",
+    "open_touches": "open_touches",
+    "under_share": "under_share",
+}
+NODE_FIELDS = {"messages": "messages", "sent": "sent", "p50_us": "p50", "p99_us": "p99"}
+NODE_FIELDS |= {"cpu_s": "cpu"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,16 +109,18 @@ class RunDirectory:
         """Write what an exploratory procedure found, and the model of its kind, as JSON."""
         told = {"result": asdict(result)}
         if recovered is not None:
-            told[type(recovered).__name__] = {
-                name: value.tolist() if isinstance(value, np.ndarray) else value
-                for name, value in asdict(recovered).items()
-            }
+            fields = asdict(recovered).items()
+            told[type(recovered).__name__] = {name: _plain(value) for name, value in fields}
         self.write_json(RESULT, told)
 
     def write_summary(self, summary: Summary) -> None:
         """Write the figures, and what accuracy cost as a picture."""
         self.write_json(SUMMARY, summary)
         self.write_text(COST_PICTURE, draw_svg(summary))
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _link_latest(link: Path, target: str) -> None:
@@ -226,7 +239,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "tolerance_m": progress.tolerance,
         "tolerance_met": done and done.tolerance_met,
         "largest_untouched_m": known and known.largest_untouched,
-        **_unknown(done),
+        **{key: done and _plain(getattr(done, name)) for key, name in OPEN_FIELDS.items()},
         "method": model and model.method,
         "predicted_m": {} if model is None else dict(sorted(model.predicted.items())),
         "contacts": progress.contacts,
@@ -244,7 +257,10 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "gaps": ending.gaps,
         "duplicates": ending.duplicates,
         "restarts": dict(ending.restarts),
-        "nodes": _node_figures(ending),
+        "nodes": {
+            name: {key: getattr(status, field) for key, field in NODE_FIELDS.items()}
+            for name, status in sorted(ending.statuses.items())
+        },
         "steps": time_by_step(ending.statuses),
         "numerics": {} if model is None else dict(sorted(model.health.items())),
         "curve": cost_curve(progress, compute),
@@ -259,31 +275,6 @@ def _procedure(found: ProcedureResult | None) -> dict[str, Any] | None:
         return None
     told = {"name": found.procedure, "status": found.status, "reason": found.reason}
     return {**told, **dict(sorted(found.figures.items()))}
-
-
-def _unknown(done: PlanDone | None) -> dict[str, Any]:
-    """What nobody touched, as it was told at the end."""
-    return {
-        "open_share": done and done.open_share,
-        "open_width_m": done and done.open_width,
-        "open_places_m": done and done.open_places.tolist(),
-        "open_normals": done and done.open_normals.tolist(),
-        "open_touches": done and done.open_touches,
-        "under_share": done and done.under_share,
-    }
-
-
-def _node_figures(ending: Ending) -> dict[str, dict[str, float]]:
-    return {
-        name: {
-            "messages": status.messages,
-            "sent": status.sent,
-            "p50_us": status.p50,
-            "p99_us": status.p99,
-            "cpu_s": status.cpu,
-        }
-        for name, status in sorted(ending.statuses.items())
-    }
 
 
 def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:

@@ -339,11 +339,7 @@ def _accessor_values(
     gltf: Gltf, held: memoryview, number: int | None, shape: str, kinds: dict[int, str]
 ) -> NDArray[np.generic]:
     accessor = _at(gltf.accessors, number)
-    if (
-        accessor.type != shape
-        or accessor.component_type not in kinds
-        or accessor.sparse is not None
-    ):
+    if (accessor.type, accessor.sparse) != (shape, None) or accessor.component_type not in kinds:
         raise ValueError(f"has numbers of a kind that is not read: {accessor.type[:40]!r}")
     view = _at(gltf.buffer_views, accessor.buffer_view)
     width = 3 if shape == "VEC3" else 1
@@ -383,7 +379,7 @@ def apply_node_transform(vertices: Floats, nodes: Sequence[GltfNode]) -> Floats:
     for _ in range(len(nodes) + 1):
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is looked for later
             if number is None:
-                return _transformed(vertices, whole)
+                return np.asarray(vertices @ whole[:3, :3].T + whole[:3, 3])
             whole = _node_matrix(nodes[number]) @ whole
         number = parents.get(number)
     raise ValueError("has a node that is within itself")
@@ -397,11 +393,6 @@ def _parents(nodes: Sequence[GltfNode]) -> dict[int, int]:
                 raise ValueError(f"has a node {child} that is within two others")
             parents[child] = number
     return parents
-
-
-def _transformed(vertices: Floats, motion: Floats) -> Floats:
-    moved: Floats = vertices @ motion[:3, :3].T + motion[:3, 3]
-    return moved
 
 
 def _node_matrix(node: GltfNode) -> Floats:

@@ -176,14 +176,11 @@ def _length_field(name: str) -> str:
 
 
 def _columns(table: NDArray[Any], lengths: dict[str, int], element: Element) -> Columns:
-    return {
-        one.name: table[one.name]
-        if one.length is None
-        else mesh_formats.Ragged(
-            np.full(len(table), lengths[one.name]), table[one.name].reshape(-1)
-        )
-        for one in element.properties
-    }
+    columns: Columns = {one.name: table[one.name] for one in element.properties}
+    for name, length in lengths.items():
+        counts, items = np.full(len(table), length), table[name].reshape(-1)
+        columns[name] = mesh_formats.Ragged(counts, items)
+    return columns
 
 
 def _one_by_one(

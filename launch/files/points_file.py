@@ -278,19 +278,11 @@ def _numbered(path: Path, arrays: Mapping[str, Any], numbers: list[int]) -> Meas
     normals = None
     if any(name.startswith("normals_") for name in arrays):
         normals = tuple(_array(path, arrays, f"normals_{i}", 3) for i in numbers)
-        _check_lengths(path, "normals", contours, normals)
+        for number, (one, other) in enumerate(zip(contours, normals, strict=True)):
+            if len(one) != len(other):
+                text = f"normals_{number} must have {len(one)} rows, as its contour"
+                raise InputError(f"{path}: {text}, got {len(other)}")
     return MeasuredContours(contours, tuple(f"contour {i}" for i in numbers), normals)
-
-
-def _check_lengths(
-    path: Path, name: str, contours: tuple[Floats, ...], others: tuple[Floats, ...]
-) -> None:
-    for number, (one, other) in enumerate(zip(contours, others, strict=True)):
-        if len(one) != len(other):
-            raise InputError(
-                f"{path}: {name}_{number} must have {len(one)} rows, as its contour, "
-                f"got {len(other)}"
-            )
 
 
 def _numbered_points(path: Path, arrays: Mapping[str, Any]) -> MeasuredContours:

@@ -38,15 +38,18 @@ _FAULTS = (
     EOFError,
     LookupError,
     MemoryError,
-    NotImplementedError,
     OSError,
     OverflowError,
-    RecursionError,
     RuntimeError,
     SyntaxError,
     TypeError,
     ValueError,
 )
+# How the header of an array is read, by the version of its format.
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 LATTICE_SUFFIXES = (".npz", ".vtk")
 AXES = "stu"
 
@@ -129,13 +132,9 @@ def _array(parts: zipfile.ZipFile, part: zipfile.ZipInfo) -> NDArray[np.generic]
     try:
         content = io.BytesIO(parts.read(part))
         version = np.lib.format.read_magic(content)
-        if version == (1, 0):
-            header = np.lib.format.read_array_header_1_0(content)
-        elif version == (2, 0):
-            header = np.lib.format.read_array_header_2_0(content)
-        else:
+        if version not in _HEADERS:
             raise ValueError(f"an array of format {version}")
-        shape, _, kind = header
+        shape, _, kind = _HEADERS[version](content)
         if kind.hasobject:
             raise ValueError("an array of objects, which are not read")
         stated = math.prod(shape) * kind.itemsize
@@ -163,8 +162,7 @@ def write_lattice(path: Path, lattice: Lattice) -> None:
     for axis, knots, degree in zip(AXES, parts.knots, parts.degrees, strict=True):
         arrays[f"knots_{axis}"] = knots
         arrays[f"degree_{axis}"] = np.array(degree)
-    with path.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
+    write_arrays(path, arrays)
 
 
 def _vtk(parts: LatticeGrid) -> str:

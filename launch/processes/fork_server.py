@@ -8,10 +8,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from multiprocessing import forkserver, resource_tracker
 from types import FrameType, ModuleType
-from typing import Any
 
 from palpate.nodes.runtime import PRELOAD_VARIABLE, THREAD_VARIABLES
 
@@ -35,13 +34,12 @@ def start_fork_server(modules: Iterable[str]) -> None:
     started, and stays so in all that is forked from it. Blocked, not ignored: a Ctrl-C still comes.
     """
     multiprocessing.get_context("forkserver").set_forkserver_preload([_PRELOADING])
-    blocked = {signal.SIGINT, signal.SIGHUP, signal.SIGTERM}
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:
         # Started first, for it unblocks the signals that it ignores, behind our back; it does
         # not ignore a hangup.
         resource_tracker.ensure_running()
-        signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
+        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
         preloaded = {PRELOAD_VARIABLE: " ".join(preloaded_modules(modules))}
         with without_main_module(), _environment({**NODE_ENVIRONMENT, **preloaded}):
             forkserver.ensure_running()
@@ -80,6 +78,17 @@ def without_main_module() -> Iterator[None]:
         sys.modules["__main__"] = script
 
 
+@contextmanager
+def _handled(numbers: Iterable[signal.Signals], handler: Callable[..., object]) -> Iterator[None]:
+    """Have signals handled otherwise meanwhile."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, other in before.items():
+            signal.signal(number, signal.SIG_DFL if other is None else other)
+
+
 class Interrupts:
     """Within its ``with`` block, a request to end is only noted, however often it comes.
 
@@ -88,23 +97,18 @@ class Interrupts:
 
     def __init__(self) -> None:
         self.came: str | None = None  # Name of the first signal that came
-        self._before: dict[signal.Signals, Any] = {}
+        self._kept = ExitStack()
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is not threading.main_thread():
             raise RuntimeError("a graph can only be launched from the main thread of a process")
-        for number in _SIGNALS:
-            before = signal.getsignal(number)
-            # Under nohup a closed terminal is no reason to end.
-            if number is signal.SIGHUP and before is signal.SIG_IGN:
-                continue
-            self._before[number] = before
-            signal.signal(number, self._note)
+        # Under nohup a closed terminal is no reason to end.
+        ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        self._kept.enter_context(_handled(_SIGNALS[: 2 if ignored else 3], self._note))
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, before in self._before.items():
-            signal.signal(number, signal.SIG_DFL if before is None else before)
+        self._kept.close()
 
     def _note(self, number: int, _: FrameType | None) -> None:
         self.came = self.came or signal.Signals(number).name
@@ -119,15 +123,9 @@ def signals_as_ctrl_c() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler)
-    try:
+    heard = [one for one in _SIGNALS[1:] if signal.getsignal(one) is not signal.SIG_IGN]
+    with _handled(heard, signal.default_int_handler):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 @contextmanager
@@ -145,8 +143,5 @@ def until_ctrl_c() -> Iterator[Callable[[], bool]]:
         came.append(number)
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    before = signal.signal(signal.SIGINT, note)
-    try:
+    with _handled([signal.SIGINT], note):
         yield lambda: bool(came)
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -75,7 +75,10 @@ class ProcessTable:
         epoch, ahead_ns = self.restarts.counts[name], self._ahead_ns(name)
         place = replace(self._addresses, epoch=epoch, going=going, ahead_ns=ahead_ns)
         packed = msgspec.msgpack.encode(place)
-        sentinel = self._hosts.of(name).spawn(name, _packed_wiring(self.wirings[name]), packed)
+        wiring = self.wirings[name]
+        # Its parameters in bytes once more: only the node knows their type.
+        seat = replace(wiring, params=msgspec.msgpack.encode(wiring.params))
+        sentinel = self._hosts.of(name).spawn(name, msgspec.msgpack.encode(seat), packed)
         self._living[sentinel] = name
         self._watchdog.begin(name, time.monotonic())
         self._sockets.watch(sentinel)
@@ -114,11 +117,6 @@ class ProcessTable:
             self._hung[name] = silence
             self._watchdog.forget(name)
             self._hosts.of(name).kill(name)
-
-
-def _packed_wiring(wiring: Wiring) -> bytes:
-    """A wiring in bytes, its parameters once more so: only the node knows their type."""
-    return msgspec.msgpack.encode(replace(wiring, params=msgspec.msgpack.encode(wiring.params)))
 
 
 class RestartPolicy:
