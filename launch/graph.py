@@ -20,7 +20,7 @@ from palpate.launch import files
 from palpate.launch.hosts import read_host
 from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
-from palpate.messages import CodecError, schema, schema_hash
+from palpate.messages import CodecError, derive, schema, schema_hash
 from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
 from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
@@ -41,26 +41,23 @@ class Graph:
     source: str = ""  # ``file:line`` at which `ends` is given
     rate: float = 0.0  # Robot time that passes in a second; 0: as fast as it is computed
 
-    def check(self) -> None:
-        """Refuse a graph that could not run.
+    def wirings(self) -> tuple[Wiring, ...]:
+        """What each process must know; refuses a graph that could not run.
 
         Raises InputError, with file and line where known: a name given twice, an unknown kind or
         parameter, a parameter of the wrong type or range, an input that nobody publishes, a topic
         with two publishers, two types, a node that may not know the truth, an unknown `ends`.
         """
-        self.wirings()
-
-    def wirings(self) -> tuple[Wiring, ...]:
-        """What each process must know; see `check` for what is refused."""
         placed = resolve_nodes(self.entries)
         published = publishers(placed)
         check_custom_types(published)
         inputs = {one.entry.name: _inputs(one, published, placed) for one in placed}
         self._check_ends(placed)
         return tuple(
-            Wiring(
-                name=one.entry.name,
-                module=one.entry.module,
+            derive(
+                Wiring,
+                one.entry,
+                one.node,
                 params=one.params,
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),
@@ -70,10 +67,6 @@ class Graph:
                     for local, cls in one.types.items()
                     if TYPES.get(cls.__name__) is not cls
                 },
-                host=one.entry.host,
-                nice=one.entry.nice,
-                on_exit=one.entry.on_exit,
-                handler_timeout=one.node.handler_timeout,
                 persistent=is_persistent(one.node),
                 rate=self.rate if MOVED.intersection(one.types.values()) else 0.0,
                 subscribers={
@@ -92,11 +85,10 @@ class Graph:
 
     def links(self) -> list[dict[str, Any]]:
         """The resolved wiring: each topic with type, publisher and subscribers."""
-        types = self.topics()
         return [
-            {"topic": topic, "type": types[topic].__name__, "from": wiring.name, "to": subscribers}
-            for wiring in self.wirings()
-            for topic, subscribers in wiring.subscribers.items()
+            {"topic": topic, "type": one.types[topic], "from": one.name, "to": subscribers}
+            for one in self.wirings()
+            for topic, subscribers in one.subscribers.items()
         ]
 
     def table(self) -> str:
@@ -387,13 +379,8 @@ def resolved_text(
     nodes = {}
     for wiring in wirings:
         entry = entries[wiring.name]
-        told = {
-            "remap": dict(entry.remap),
-            "namespace": entry.namespace,
-            "host": entry.host,
-            "nice": entry.nice,
-            "on_exit": entry.on_exit.removeprefix("restart"),
-        }
+        told = {key: getattr(entry, key) for key in ("remap", "namespace", "host", "nice")}
+        told |= {"remap": dict(entry.remap), "on_exit": entry.on_exit.removeprefix("restart")}
         nodes[wiring.name] = {
             "kind": entry.kind or entry.name,
             "params": _portable_params(wiring.params, out),

@@ -20,7 +20,7 @@ from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.launch.demand import demand_text, tolerance_of
-from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path, load
+from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path
 from palpate.launch.files import parse_yaml, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
@@ -93,14 +93,10 @@ def explore(
     path = find_scene(scene)
     if not composed:
         prestart_fork_server(EXPLORE)
-    args = {"scene": SourceMapped(str(path), "scene"), "record": SourceMapped(record, "record")}
-    if seed is not None:
-        args["seed"] = SourceMapped(seed, "seed")
-    if fingers is not None:
-        args["fingers"] = SourceMapped(fingers, "fingers")
+    given = {"scene": str(path), "record": record, "seed": seed, "fingers": fingers}
     plan = plan_run(
         EXPLORE,
-        args,
+        {key: SourceMapped(value, key) for key, value in given.items() if value is not None},
         {key: SourceMapped(value, key) for key, value in (settings or {}).items()},
         name=path.stem,
         out=None if out is None else Path(out),
@@ -156,6 +152,8 @@ class Run:
         """
         if self.model is None or not len(self.model.archive):
             return None
+        from palpate.launch.files import load  # imports scipy, which nobody else here needs
+
         return load(self.folder / "model.npz")
 
     @property

@@ -18,7 +18,7 @@ import msgspec
 from msgspec import Meta, Struct, structs, to_builtins
 from ruamel.yaml import YAML
 
-from palpate.core import ROBOT_PRESETS, Floats
+from palpate.core import ROBOT_PRESETS
 from palpate.core.explore.planners import PLANNER_NAMES, Planner, planner_type
 from palpate.core.touch import CalibrationEstimate, Effect, Pad
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
@@ -338,8 +338,7 @@ def _planner_settings(
 ) -> files.SourceMapped:
     """What stands behind ``settings``; nothing is no settings."""
     path = ("explore", "settings")
-    settings = explore.get("settings")
-    if settings is None:
+    if (settings := explore.get("settings")) is None:
         return files.SourceMapped({}, given.place(path))
     if not isinstance(settings, Mapping):
         raise given.error(path, f"explore.settings is {settings!r}; it must be a map of numbers")
@@ -415,21 +414,16 @@ def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> No
     Raises InputError if the file is there already, or cannot be written.
     """
 
-    def table(flat: Floats) -> list[list[float | None]]:
-        rows = flat.reshape(pad.rows, pad.cols).tolist()
+    def told(name: str) -> Any:
+        value = getattr(estimate, name)
+        if not isinstance(value, np.ndarray):
+            return _rounded(value)
+        rows = value.reshape(pad.rows, pad.cols).tolist()
         return [[_rounded(x) if math.isfinite(x) else None for x in row] for row in rows]
 
-    document = {
-        "sound_speed": _rounded(estimate.sound_speed),
-        "noise": _rounded(estimate.noise),
-        "gain": table(estimate.gain),
-        "offset": table(estimate.offset),
-        "errors": {
-            "sound_speed": _rounded(estimate.sound_speed_error),
-            "gain": table(estimate.gain_error),
-            "offset": table(estimate.offset_error),
-        },
-    }
+    document = {name: told(name) for name in ("sound_speed", "noise", "gain", "offset")}
+    errors = {name: told(f"{name}_error") for name in ("sound_speed", "gain", "offset")}
+    document["errors"] = errors
     text = io.StringIO()
     text.write("# Written by palpate calibrate. Gains: 0 is a taxel not to be trusted.\n")
     yaml = YAML(pure=True)

@@ -59,8 +59,7 @@ def _short(lines: list[str], most: int) -> list[str]:
         return lines
     if most < 1:
         return []
-    last = lines[most - 1]
-    return [*lines[: most - 1], f"{last[:76]} ..."]
+    return [*lines[: most - 1], f"{lines[most - 1][:76]} ..."]
 
 
 def _found(summary: Mapping[str, Any]) -> list[str]:
@@ -155,13 +154,10 @@ def _procedure(summary: Mapping[str, Any]) -> list[str]:
 def _figure_text(name: str, value: float) -> str:
     """A figure whose unit ends its name."""
     stem, _, unit = name.rpartition("_")
-    if unit == "m":
-        return f"{stem.replace('_', ' ')} {millimetres(value)}"
-    if unit == "m3":
-        return f"{stem.replace('_', ' ')} {1e6 * value:.1f} cm3"
-    if unit == "deg":
-        return f"{stem.replace('_', ' ')} {value:.3f} deg"
-    return f"{name.replace('_', ' ')} {value:.4g}"
+    texts = {"m": millimetres(value), "m3": f"{1e6 * value:.1f} cm3", "deg": f"{value:.3f} deg"}
+    if unit not in texts:
+        stem, texts[unit] = name, f"{value:.4g}"
+    return f"{stem.replace('_', ' ')} {texts[unit]}"
 
 
 def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
@@ -183,12 +179,9 @@ def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
 def known_texts(summary: Mapping[str, Any]) -> list[str]:
     """How good the solid is and what is left unknown, as far as it was told, in words."""
     bound, untouched = summary["rms_bound_95_m"], summary["largest_untouched_m"]
-    known = ["no error can be stated"]
-    if bound is not None:
-        known = [f"rms below {millimetres(bound)} (95 %)"]
-    if untouched is not None:
-        known.append(f"untouched at most {millimetres(untouched)}")
-    return known
+    stated = bound is not None
+    known = [f"rms below {millimetres(bound)} (95 %)" if stated else "no error can be stated"]
+    return known + ([] if untouched is None else [f"untouched at most {millimetres(untouched)}"])
 
 
 def _cost(summary: Mapping[str, Any]) -> list[str]:

@@ -73,9 +73,8 @@ def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State
     if hit:
         place = patch.pose[:3]
         state = replace(state, low=np.minimum(state.low, place), high=np.maximum(state.high, place))
-    if entry[0] == FRAMES_A_GOAL:
-        return _when_complete(params, state, [_probe(patch.goal, entry)])
-    return _when_complete(params, state, [])
+    full: Outputs = [_probe(patch.goal, entry)] if entry[0] == FRAMES_A_GOAL else []
+    return _when_complete(params, state, full)
 
 
 def take_end(params: Params, state: State, end: SequenceEnd) -> tuple[State, Outputs]:

@@ -232,13 +232,12 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
         return decide(demand, rule, planning.with_probe(state, task, result))
     assert state.survey is not None
     traced = explore.widened(planning.traced_of(result, task.begun), demand.feature)
+    survey = state.survey.with_slice(traced)
+    state = replace(state, survey=survey, contours=(*state.contours, result.id))
     if not traced.usable:
         cut = result.status == "budget" and result.touches < task.limit
         failed = state.failed or not cut
         state = replace(state, arcs=(*state.arcs, result.id), failed=failed)
-    assert state.survey is not None
-    survey = state.survey.with_slice(traced)
-    state = replace(state, survey=survey, contours=(*state.contours, result.id))
     return decide(demand, rule, state)
 
 
@@ -347,7 +346,7 @@ def _touched(state: State, finger: int, task: Task, allowed: Allowance) -> tuple
     touch = task.touch
     allowed = allowed._replace(most_touches=1)
     task = task._replace(goal=state.goals, begun=state.clock, allowed=allowed)
-    goal = planning.touch_goal(state, finger, touch, allowed)
+    goal = planning.probe_goal(state, finger, touch, allowed)
     return _with_task(replace(state, again=None), finger, task), [("/probe/goal", goal)]
 
 
@@ -386,16 +385,13 @@ def done(
     state = replace(state, models=state.models + 1)
     goal = planning.model_goal(state)
     if observation is None:
-        nothing = {"tolerance_met": False, "rms_bound_95": None, "largest_untouched": None}
-        return state, [
-            ("/plan/done", derive(PlanDone, goal, reason=reason, uncovered=0.0, **nothing))
-        ]
+        told = {"tolerance_met": False, "rms_bound_95": None, "largest_untouched": None}
+        plan_done = derive(PlanDone, goal, reason=reason, uncovered=0.0, **told)
+        return state, [("/plan/done", plan_done)]
     estimate = estimate_error(observation)
     # Single touches of a general solid have no heights.
     uncovered = 0.0 if state.general else untraceable_height(observation)
-    told: dict[str, Any] = {}
-    if estimate.open_area is not None:
-        told = planning.describe_open(estimate.open_area)
+    told = {} if estimate.open_area is None else planning.describe_open(estimate.open_area)
     plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered, **told)
     return state, [("/plan/estimate", _estimate(plan_done, estimate)), ("/plan/done", plan_done)]
 
@@ -404,11 +400,11 @@ def _shape(state: State) -> str:
     """What is to be said of slices that are not star-shaped."""
     assert state.survey is not None
     known = state.survey.uncertainty
-    if state.usable and known is None:
+    if not state.usable or (known is not None and known.starlike):
+        return ""
+    if known is None:
         return "; no solid could be rebuilt from its slices"
-    if state.usable and known is not None and not known.starlike:
-        return "; its slices are not star-shaped: it is rebuilt from contours alone"
-    return ""
+    return "; its slices are not star-shaped: it is rebuilt from contours alone"
 
 
 NODE = Node(

@@ -179,13 +179,11 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
         state.shape, hand.fingers, hand.remembered, shape, goal.pose, state.platform, closing
     )
     clock = closing.begun + contact_seconds(robot, grasp.advance)
-    contacts = types.GraspContacts(
+    contacts = derive(
+        types.GraspContacts,
+        grasp,
         number=goal.number,
-        points=grasp.points,
-        normals=grasp.normals,
         fingers=np.array(grasp.fingers, np.int32),
-        missed=grasp.missed,
-        blocked=grasp.blocked,
         move=np.array([begun - state.clock, travel, turn, grasp.advance, NO_SURFACE_PATH]),
         robot_time=clock,
     )

@@ -78,19 +78,15 @@ def parse_yaml(text: str, source: str, most: int = MAX_VALUES) -> SourceMapped:
     try:
         value = reader.document(yaml.parse(text))
     except YAMLError as error:
-        raise InputError(_syntax(error, source)) from None
+        mark = getattr(error, "problem_mark", None)
+        place = source if mark is None else f"{source}:{mark.line + 1}"
+        problem = _one_line(getattr(error, "problem", None) or str(error))
+        raise InputError(f"{place}: is not YAML: {problem}") from None
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{source}: is not YAML: {_one_line(str(error))}") from None
     return SourceMapped(value, source, reader.places)
-
-
-def _syntax(error: YAMLError, source: str) -> str:
-    mark = getattr(error, "problem_mark", None)
-    place = source if mark is None else f"{source}:{mark.line + 1}"
-    problem = getattr(error, "problem", None) or str(error)
-    return f"{place}: is not YAML: {_one_line(problem)}"
 
 
 def _one_line(text: str) -> str:

@@ -386,10 +386,8 @@ class RemoteHost:
         self.line.close()
 
     def _take(self, word: ControlMessage) -> None:
-        if word["kind"] == "ended":
-            self._end(str(word["node"]), int(word["code"]))
-        elif word["kind"] == "spawn_failed":
-            self._end(str(word["node"]), 1)
+        if word["kind"] in ("ended", "spawn_failed"):
+            self._end(str(word["node"]), int(word.get("code", 1)))
         elif word["kind"] == "closed":
             self._lose()
 

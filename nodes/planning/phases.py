@@ -182,29 +182,16 @@ def contour_limit(state: State) -> int:
     return LEAST_LIMIT + math.ceil(AMPLE_TURNS * longest / (TOUCH_SHARE * state.pad_width))
 
 
-def probe_goal(state: State, finger: int, probing: ProbeCommand, allowed: Allowance) -> ProbeGoal:
-    """A single touch."""
-    assert state.frame is not None
-    return ProbeGoal(
-        id=state.goals,
-        finger=finger,
-        pose=compose_poses(state.frame.pose, probing.pose),
-        reach=probing.reach,
-        not_before=state.clock,
-        not_after=allowed.not_after,
-    )
-
-
-def touch_goal(state: State, finger: int, touch: Touch, allowed: Allowance) -> ProbeGoal:
-    """A single touch of the solid as it is known."""
-    return ProbeGoal(
-        id=state.goals,
-        finger=finger,
-        pose=touch.pose,
-        reach=touch.reach,
-        not_before=state.clock,
-        not_after=allowed.not_after,
-    )
+def probe_goal(
+    state: State, finger: int, touch: ProbeCommand | Touch, allowed: Allowance
+) -> ProbeGoal:
+    """A single touch: of an end, in the slicing frame, or of the solid as it is known."""
+    pose = touch.pose
+    if isinstance(touch, ProbeCommand):
+        assert state.frame is not None
+        pose = compose_poses(state.frame.pose, pose)
+    told = {"id": state.goals, "finger": finger, "pose": pose, "not_before": state.clock}
+    return derive(ProbeGoal, touch, allowed, **told)
 
 
 def with_single(state: State, task: Task, probe: Probe) -> State:
@@ -217,47 +204,34 @@ def with_single(state: State, task: Task, probe: Probe) -> State:
         farther = touch._replace(pose=pose, reach=touch.reach + BACK_OFF)
         return replace(state, again=task._replace(touch=farther, backed=task.backed + 1))
     state = replace(state, aimed=(*state.aimed, touch.target))
-    if probe.outcome not in HITS:
-        refused = (*state.refused, touch.target)
-        missed = state.missed
-        if probe.outcome == "miss":
-            missed = (*missed, probe.id)
-        return replace(state, refused=refused, missed=missed)
-    if np.linalg.norm(probe.point - touch.target) > ASIDE:
+    hit = probe.outcome in HITS
+    if not hit or np.linalg.norm(probe.point - touch.target) > ASIDE:
         state = replace(state, refused=(*state.refused, touch.target))
+    if probe.outcome == "miss":
+        state = replace(state, missed=(*state.missed, probe.id))
+    if not hit:
+        return state
     return replace(state, probes=(*state.probes, probe.id), singles=state.singles + 1)
 
 
 def model_goal(state: State) -> ModelGoal:
     """A model of all that there is."""
-    return ModelGoal(
-        number=state.models,
-        contours=() if state.survey is None else state.usable,
-        probes=state.probes,
-        arcs=state.arcs,
-        failed=state.failed,
-        missed=state.missed,
-        general=state.general,
-        closings=state.grasped.closings,
-        touches=state.touches,
-        robot_time=state.clock,
-    )
+    contours = () if state.survey is None else state.usable
+    told = {"closings": state.grasped.closings, "robot_time": state.clock}
+    return derive(ModelGoal, state, number=state.models, contours=contours, **told)
 
 
 def traced_of(contour: Contour, begun: float) -> TracedContour:
     """A contour as the survey keeps it, slicing frame."""
     into = inverse_pose(contour.frame)
     gaps = transform_points(into, contour.gap_ends) - transform_points(into, contour.gap_starts)
-    return TracedContour(
-        height=contour.height,
-        status=contour.status,
+    return derive(
+        TracedContour,
+        contour,
         points=transform_points(into, contour.points),
         normals=contour.normals @ split_pose(contour.frame)[1],
         across=contour.curvature,
-        contact_low=contour.contact_low,
-        contact_high=contour.contact_high,
         missing=float(np.linalg.norm(gaps, axis=1).sum()),
-        touches=contour.touches,
         seconds=max(contour.robot_time - begun, 0.0),
     )
 

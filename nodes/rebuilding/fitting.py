@@ -149,14 +149,10 @@ def is_swept(volume: MeshVolume, space: SpaceMap) -> bool:
 
 
 def _rebuild(state: State, goal: Goal, step: Steps) -> Solid:
-    touched = {
-        id_: [state.touches[id_][touch] for touch in sorted(state.touches.get(id_, {}))]
-        for id_ in (*goal.contours, *goal.probes, *goal.arcs)
-    }
     return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
         [state.probes[id_] for id_ in goal.probes],
-        touched,
+        {id_: _touches_of(state, id_) for id_ in touched_goals(goal)},
         state.platform,
         "lattice" if is_final(goal) else "draft",
         step,
@@ -258,16 +254,18 @@ def spanned_by(state: State, goal: Goal) -> Floats:
 
 def touched_points(state: State, goal: Goal) -> list[ContactPoints]:
     """What each touch of a set has touched, perhaps nothing."""
-    ids = touched_goals(goal)
-    return [state.touches[id_][n] for id_ in ids for n in sorted(state.touches.get(id_, {}))]
+    return [one for id_ in touched_goals(goal) for one in _touches_of(state, id_)]
+
+
+def _touches_of(state: State, id_: int) -> list[ContactPoints]:
+    return [one for _, one in sorted(state.touches.get(id_, {}).items())]
 
 
 def touched_since(state: State, before: Goal, goal: Goal) -> list[ContactPoints]:
     """What each touch between two goals has touched."""
     known = set(touched_goals(before))
-    ids = [id_ for id_ in touched_goals(goal) if id_ not in known]
-    found = [state.touches[id_][n] for id_ in ids for n in sorted(state.touches.get(id_, {}))]
-    return [one for one in found if len(one.points)]
+    found = (_touches_of(state, id_) for id_ in touched_goals(goal) if id_ not in known)
+    return [one for touches in found for one in touches if len(one.points)]
 
 
 def common_frame(contours: Sequence[types.Contour]) -> Floats:

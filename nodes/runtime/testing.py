@@ -12,6 +12,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -75,13 +76,11 @@ def _published_by(
     outputs = source.outputs(params)
     work = SourceWork(source, params, lone_wiring(params, (), outputs))
     list(work.begin())
-    for number, one in enumerate(work.all()):
+    for one in islice(work.all(), most):
         if isinstance(one, Finished):
             yield one
             return
         yield one.topic, decode(outputs[one.topic], one.body)
-        if number + 1 == most:
-            return
 
 
 def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
@@ -130,14 +129,12 @@ def example(cls: type[Message], **fields: object) -> Message:
     unknown = sorted(fields.keys() - described.keys())
     if unknown:
         raise ValueError(f"a {cls.__name__} has no {unknown[0]}; it has {', '.join(described)}")
-    defaults = {
+    open_ = [
         field.name
         for field in dataclasses.fields(cls)  # type: ignore[arg-type]
-        if field.default is not dataclasses.MISSING
-        or field.default_factory is not dataclasses.MISSING
-    }
-    plain = {name: _plain(rule) for name, rule in described.items() if name not in defaults}
-    message = cls(**{**plain, **fields})
+        if field.default is field.default_factory is dataclasses.MISSING
+    ]
+    message = cls(**{**{name: _plain(described[name]) for name in open_}, **fields})
     encode(message)
     return message
 
@@ -270,11 +267,11 @@ def _recorded_place(bag: recordings.Recording, node: Node, name: str | None) -> 
             names = ", ".join(one.name for one in own)
             raise ValueError(f"recording {bag.path} has {names}; say with name whose place to take")
         return own[0] if own else None
-    for one in places:
-        if one.name == name:
-            return one
-    known = ", ".join(one.name for one in places) or "none"
-    raise ValueError(f"recording {bag.path} has no node {name!r}; it has {known}")
+    named = {one.name: one for one in places}
+    if name not in named:
+        known = ", ".join(named) or "none"
+        raise ValueError(f"recording {bag.path} has no node {name!r}; it has {known}")
+    return named[name]
 
 
 def _holds(place: RecordedNode, node: Node) -> bool:

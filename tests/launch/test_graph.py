@@ -135,7 +135,7 @@ def test_a_sink_takes_every_topic_and_cannot_end_a_graph(pair, make_node):
     assert wirings[0].subscribers == {"/x": ("b", "s")}
     make_node("t.s", value=Sink(params=Dials, open=lambda params, types: None))  # type: ignore[arg-type,return-value]
     with pytest.raises(InputError, match="ends names 's'"):
-        graph_of(*pair, Entry(name="s", kind="t.s"), ends="s").check()
+        graph_of(*pair, Entry(name="s", kind="t.s"), ends="s").wirings()
 
 
 @pytest.mark.parametrize(("which", "change", "words"), [
@@ -158,33 +158,35 @@ def test_a_graph_that_could_not_run_is_refused(pair, which, change, words):
     entries = list(pair)
     entries[which] = changed(entries[which], **change)
     with pytest.raises(InputError, match=re.escape(words)):
-        graph_of(*entries).check()
+        graph_of(*entries).wirings()
 
 
 def test_topics_types_and_parameters_that_do_not_fit_are_refused(pair, make_node):
     a = changed(pair[0], params={"turns": 0}, places={("turns",): "--set a.turns=0"})
     with pytest.raises(InputError, match=r"^--set a.turns=0: a.turns is 0"):
-        graph_of(a, pair[1]).check()
+        graph_of(a, pair[1]).wirings()
     with pytest.raises(InputError, match="publishes /x, which 'a' publishes already"):
-        graph_of(*pair, changed(pair[0], name="c")).check()
+        graph_of(*pair, changed(pair[0], name="c")).wirings()
     make_node("t.c", inputs={"/x": NodeStatus})
     with pytest.raises(
         InputError, match="subscribes to /x as NodeStatus, but 'a' publishes it as L"
     ):
-        graph_of(*pair, Entry(name="c", kind="t.c")).check()
+        graph_of(*pair, Entry(name="c", kind="t.c")).wirings()
 
 
 def test_a_publisher_outside_the_namespace_receives_nothing_within(make_node):
     make_node("t.a", outputs={"/x": LogRecord})
     make_node("t.b", inputs={"/x": LogRecord})
     with pytest.raises(InputError, match="subscribes to /x, which nobody publishes"):
-        graph_of(Entry(name="a", kind="t.a", namespace="one"), Entry(name="b", kind="t.b")).check()
+        graph_of(
+            Entry(name="a", kind="t.a", namespace="one"), Entry(name="b", kind="t.b")
+        ).wirings()
 
 
 @pytest.mark.parametrize("ends", ["c", "", "aa"])
 def test_ends_must_name_a_node(pair, ends):
     with pytest.raises(InputError, match=f"^f.yaml:9: ends names '{ends}'"):
-        graph_of(*pair, ends=ends).check()
+        graph_of(*pair, ends=ends).wirings()
 
 
 @pytest.mark.parametrize("topic", ["/truth", "/harmless"])
@@ -193,9 +195,9 @@ def test_the_truth_is_for_the_evaluator_alone_under_any_name(make_node, topic):
     make_node("t.b", inputs={topic: Truth})
     make_node("palpate.nodes.evaluator", inputs={topic: Truth})
     outputs = Entry(name="a", kind="t.a", remap={"/truth": topic})
-    graph_of(outputs, Entry(name="b", kind="evaluator")).check()
+    graph_of(outputs, Entry(name="b", kind="evaluator")).wirings()
     with pytest.raises(InputError, match="only an evaluator, a view or a recorder may"):
-        graph_of(outputs, Entry(name="b", kind="t.b")).check()
+        graph_of(outputs, Entry(name="b", kind="t.b")).wirings()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

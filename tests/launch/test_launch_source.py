@@ -108,10 +108,10 @@ def test_a_module_of_ones_own_is_a_kind(write, here):
     with pytest.raises(
         InputError, match="node 'a': subscribes to /touch/info, which nobody publishes"
     ):
-        graph.check()
+        graph.wirings()
     wrong = write("g.yaml", "nodes: {a: {kind: 'palpate_test_own:Node'}}\nends: a")
     with pytest.raises(InputError, match=r"is named as module:NODE"):
-        describe(wrong, {}, here).graph.check()
+        describe(wrong, {}, here).graph.wirings()
     for text, words in {
         "NODE = 1/0": "module 'palpate_test_bad0' breaks: ZeroDivisionError: division by zero",
         "def": "module 'palpate_test_bad1' breaks: SyntaxError: invalid syntax",
@@ -122,10 +122,10 @@ def test_a_module_of_ones_own_is_a_kind(write, here):
         write(f"{name}.py", text)
         bad = write("b.yaml", f"nodes: {{a: {{kind: '{name}:NODE'}}}}\nends: a")
         with pytest.raises(InputError, match=f"b.yaml:1: node 'a': {words}"):
-            describe(bad, {}, here).graph.check()
+            describe(bad, {}, here).graph.wirings()
     none = write("h.yaml", "nodes: {a: {kind: 'palpate_test_no:NODE'}}\nends: a")
     with pytest.raises(InputError, match=r"no module 'palpate_test_no'"):
-        describe(none, {}, here).graph.check()
+        describe(none, {}, here).graph.wirings()
 
 
 def test_the_modules_of_the_shipped_graph_are_known_without_reading_it_whole():

@@ -88,7 +88,7 @@ def test_what_is_new_is_free_of_complaints(tmp_path):
 def test_the_new_node_joins_the_graph_of_its_launch_file(here):
     begun, _ = begin("node", "joins", here)
     graph = describe(begun[2], {}, here / "out").graph
-    graph.check()
+    graph.wirings()
     line = next(line for line in graph.table().splitlines() if line.startswith("/joins "))
     assert line.split()[1:] == ["Joins", "joins", "recorder"]
 
