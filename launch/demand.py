@@ -139,16 +139,14 @@ COMPUTE_PER_TOUCH = 0.05
 def expected_cost(share: float) -> ExpectedCost:
     """For a tolerance over the height, between those that were measured by powers."""
     known = np.log(sorted(COSTS))
-    rows = [COSTS[one] for one in sorted(COSTS)]
+    rows = np.log([COSTS[one] for one in sorted(COSTS)])
 
-    def between(values: Sequence[Sequence[float]]) -> tuple[float, float, float]:
-        columns = np.log(np.array(values)).T
-        at = math.log(100.0 * share)
+    def between(which: int) -> tuple[float, float, float]:
+        at, columns = math.log(100.0 * share), rows[:, which].T
         low, middle, high = (float(np.exp(np.interp(at, known, one))) for one in columns)
         return low, middle, high
 
-    touches, seconds = [row.touches for row in rows], [row.seconds for row in rows]
-    return ExpectedCost(between(touches), between(seconds))
+    return ExpectedCost(touches=between(0), seconds=between(1))
 
 
 def demand_text(

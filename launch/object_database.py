@@ -168,9 +168,8 @@ def write_models(database: ObjectDatabase, models: recognition.ObjectModels) -> 
         "objects:",
     ]
     for i, name in enumerate(models.names):
-        lines.append(f"  {name}:")
-        for key in LearnedObject.__struct_fields__:
-            lines.append(f"    {key}: {_row(getattr(models, key)[i])}")
+        keys = LearnedObject.__struct_fields__
+        lines += [f"  {name}:", *(f"    {key}: {_row(getattr(models, key)[i])}" for key in keys)]
     path = learned_path(database.path)
     text = "\n".join(lines) + "\n"
     files.write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -140,10 +141,9 @@ def _named_files(
     found: dict[files.KeyPath, Path] = {}
     keys: tuple[files.KeyPath, ...] = (MESH, CALIBRATION)
     for key in keys:
-        holder = given.value.get(key[0])
-        for one in key[1:-1]:
-            holder = holder.get(one) if isinstance(holder, dict) else None
-        name = holder.get(key[-1]) if isinstance(holder, dict) else None
+        name = None
+        with suppress(KeyError, TypeError):
+            name = given.part(key).value
         if name is None:
             continue
         what = files.path_text(key)

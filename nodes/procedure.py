@@ -208,8 +208,8 @@ def _told(params: Params, state: State, findings: Findings) -> Outputs:
     )
     outputs: Outputs = []
     if findings.shape is not None:
-        told = MODELS.get(type(findings.shape).__name__)  # one's own has no message here
-        outputs += [] if told is None else [told(findings.shape)]
+        topic, told = MODELS.get(type(findings.shape).__name__, ("", None))
+        outputs += [] if told is None else [(topic, told(findings.shape))]  # one's own has none
     mesh: dict[str, Any] = {} if findings.mesh is None else findings.mesh._asdict()
     shape = types.ShapeModel(
         number=0,
@@ -227,8 +227,8 @@ def _told(params: Params, state: State, findings: Findings) -> Outputs:
     return [*outputs, ("/procedure/result", result), ("/model/shape", shape), done]
 
 
-def _superquadric(found: FittedSuperquadric) -> tuple[str, object]:
-    message = derive(
+def _superquadric(found: FittedSuperquadric) -> types.Superquadric:
+    return derive(
         types.Superquadric,
         found,
         number=0,
@@ -236,12 +236,11 @@ def _superquadric(found: FittedSuperquadric) -> tuple[str, object]:
         bend_direction=found.bend.direction,
         residual=found.rms,
     )
-    return "/model/coarse", message
 
 
-def _boundary(found: BoundaryModel) -> tuple[str, object]:
+def _boundary(found: BoundaryModel) -> types.BoundaryRepresentation:
     edges = found.polyhedron.edges
-    message = types.BoundaryRepresentation(
+    return types.BoundaryRepresentation(
         vertices=found.vertices,
         edge_vertices=edges.ends,
         edge_faces=edges.faces,
@@ -254,16 +253,15 @@ def _boundary(found: BoundaryModel) -> tuple[str, object]:
         face_touches=np.array(found.touches, np.int32),
         residual=found.rms,
     )
-    return "/model/boundary", message
 
 
-def _cone(found: ConeFit) -> tuple[str, object]:
+def _cone(found: ConeFit) -> types.GeneralisedCone:
     heights = np.linspace(found.low, found.high, HEIGHTS)
     azimuths = 2.0 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     around = found.radius(np.full(AZIMUTHS, heights[0]), azimuths)
     zero = found.radius(heights, np.zeros(HEIGHTS))
     section = around / around.mean()
-    message = derive(
+    return derive(
         types.GeneralisedCone,
         found,
         azimuth_zero=found.across[:, 0],
@@ -272,11 +270,10 @@ def _cone(found: ConeFit) -> tuple[str, object]:
         section=section,
         residual=found.rms,
     )
-    return "/model/cone", message
 
 
-def _cone_pose(found: ConePoseFit) -> tuple[str, object]:
-    message = derive(
+def _cone_pose(found: ConePoseFit) -> types.ConePose:
+    return derive(
         types.ConePose,
         found.orientation,
         axis_error=float(np.sqrt(np.linalg.eigvalsh(found.orientation.covariance)[-1])),
@@ -287,27 +284,25 @@ def _cone_pose(found: ConePoseFit) -> tuple[str, object]:
         interpretations=found.interpretations,
         residual_sigma=found.residual_sigma,
     )
-    return "/model/cone_pose", message
 
 
-def _openings(found: FoundOpenings) -> tuple[str, object]:
-    message = types.Openings(
+def _openings(found: FoundOpenings) -> types.Openings:
+    return types.Openings(
         kinds=tuple(one.kind for one in found.openings),
         places=np.array([one.place for one in found.openings]).reshape(-1, 3),
         axes=np.array([one.axis for one in found.openings]).reshape(-1, 3),
         widths=np.array([one.width for one in found.openings]),
         depths=np.array([one.depth for one in found.openings]),
     )
-    return "/model/openings", message
 
 
-# Of what a procedure recovers, by its class: the topic and the message.
-MODELS: Mapping[str, Callable[[Any], tuple[str, object]]] = {
-    "Recovery": _superquadric,
-    "BoundaryModel": _boundary,
-    "ConeFit": _cone,
-    "ConePoseFit": _cone_pose,
-    "FoundOpenings": _openings,
+# Of what a procedure recovers, by its class: the topic and what makes the message.
+MODELS: Mapping[str, tuple[str, Callable[[Any], object] | None]] = {
+    "Recovery": ("/model/coarse", _superquadric),
+    "BoundaryModel": ("/model/boundary", _boundary),
+    "ConeFit": ("/model/cone", _cone),
+    "ConePoseFit": ("/model/cone_pose", _cone_pose),
+    "FoundOpenings": ("/model/openings", _openings),
 }
 
 

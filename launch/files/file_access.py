@@ -121,8 +121,6 @@ def _move_into_place(part: Path, path: Path) -> None:
         try:
             os.link(part, path)
             return
-        except FileExistsError:
-            raise
         except OSError as error:  # a file system without links
             if error.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS):
                 raise

@@ -230,11 +230,9 @@ def _finite(names: Sequence[str], values: Floats, lines: Sequence[int]) -> Table
     if left:
         shown = ", ".join(str(line) for line in left[:MOST_LINES_NAMED])
         more = f" and {len(left) - MOST_LINES_NAMED} more" if len(left) > MOST_LINES_NAMED else ""
-        one = len(left) == 1
-        notes = (
-            f"left out {len(left)} point{'' if one else 's'} not finite, "
-            f"line{'' if one else 's'} {shown}{more}",
-        )
+        plural = "" if len(left) == 1 else "s"
+        text = f"left out {len(left)} point{plural} not finite, line{plural} {shown}{more}"
+        notes = (text,)
     columns = {name: values[good, names.index(name)] for name in KNOWN_COLUMNS if name in names}
     return Table(columns, kept, notes)
 

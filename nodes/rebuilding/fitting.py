@@ -124,10 +124,10 @@ def _continued(state: State, goal: Goal, step: Steps) -> tuple[GeneralSolid, int
     if before is None or is_final(goal) or before.missed != goal.missed:
         return None
     kept = set(touched_goals(before)) <= set(touched_goals(goal))
-    known = (
-        fitted_solids(state, before, step) if kept and before.closings == goal.closings else None
-    )
-    if known is None or known.general is None:
+    if not kept or before.closings != goal.closings:
+        return None
+    known = fitted_solids(state, before, step)
+    if known.general is None:
         return None
     more = touched_since(state, before, goal)
     many = len(touched_points(state, goal)) > MORE * known.whole

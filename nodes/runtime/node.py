@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from palpate.core import Steps, no_steps
-from palpate.messages import Header
+from palpate.messages import Header, derive
 from palpate.messages.types import ParameterEvent
 
 MAX_FINGERS = 8  # Fingers that one graph may have
@@ -267,8 +267,7 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
         except msgspec.DecodeError as error:
             text = f"the recorded parameters of {self.name} do not fit: {error}"
             raise ValueError(text) from None
-        rest = {name: getattr(self, name) for name in RECORDED if name != "params"}
-        return Wiring(params=value, subscribers={}, **rest)
+        return derive(Wiring, self, params=value, subscribers={})
 
 
 RECORDED = RecordedNode.__struct_fields__
