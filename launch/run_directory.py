@@ -179,9 +179,9 @@ def find_run_mesh(path: Path) -> Path:
     Raises InputError if there is no such file, or the run has no solid.
     """
     folder = run_directory_of(path)
+    if not path.exists():
+        raise InputError(f"{path}: does not exist; it must be a run or a file of a solid")
     if not folder.is_dir():
-        if not path.exists():
-            raise InputError(f"{path}: does not exist; it must be a run or a file of a solid")
         return path
     if not (folder / MESH).is_file():
         raise InputError(f"{folder}: holds no rebuilt solid: there is no {MESH} in it")

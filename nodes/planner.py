@@ -291,9 +291,8 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
             return _with_task(state, finger, task), [*asked, ("/contour/goal", goal)]
         if state.asked:
             return state, asked
-        if isinstance(choice, Stop) and not state.tasks and not observation.budget.spent:
-            if state.general:  # whose ends are surface like all else: the planner knows of them
-                return state, []
+        stops = isinstance(choice, Stop) and not state.tasks and not observation.budget.spent
+        if stops and not state.general:  # whose ends are surface: the planner knows of them
             touch = planning.next_touch(state, demand.tolerance, last=True)
     if touch is None or allowed is None:
         return state, []

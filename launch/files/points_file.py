@@ -89,10 +89,7 @@ def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
         columns, _, notes = read_table(path)
         if NORMAL_COLUMNS[0] not in columns:
             raise InputError(f"{path}: has no columns nx, ny, nz; points in no order need normals")
-        points, normals = (
-            np.column_stack([columns[name] for name in names])
-            for names in (POSITION_COLUMNS, NORMAL_COLUMNS)
-        )
+        points, normals = _joined(columns, POSITION_COLUMNS), _joined(columns, NORMAL_COLUMNS)
         touch = columns.get(TOUCH_COLUMN)
     else:
         text = "is no format of points with normals; known: .csv, .txt, .xyz, .npz"
@@ -105,8 +102,7 @@ def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
 
 def read_tops(path: Path) -> Floats:
     """Where ends were touched, (k, 3), from a text file of x, y and z."""
-    columns = read_table(path).columns
-    tops = np.column_stack([columns[name] for name in POSITION_COLUMNS])
+    tops = _joined(read_table(path).columns, POSITION_COLUMNS)
     if not len(tops):
         raise InputError(f"{path}: holds no points that are finite")
     return tops
@@ -120,19 +116,21 @@ class Table(NamedTuple):
     notes: tuple[str, ...]  # What was left out
 
 
+def _joined(columns: Mapping[str, Floats], names: Sequence[str]) -> Floats:
+    return np.column_stack([columns[name] for name in names])
+
+
 def _read_text(path: Path) -> MeasuredContours:
     table = read_table(path)
     columns = table.columns
-    points = np.column_stack([columns[name] for name in POSITION_COLUMNS])
+    points = _joined(columns, POSITION_COLUMNS)
     if CONTOUR_COLUMN not in columns:
         found = _cut(path, points)
         passed = [name for name in (*NORMAL_COLUMNS, TOUCH_COLUMN) if name in columns]
         notes = [f"{', '.join(passed)} passed over: there is no column contour"] if passed else []
         return found._replace(notes=(*table.notes, *found.notes, *notes))
     rows, lines = _rows_by_number(columns[CONTOUR_COLUMN]), np.array(table.lines)
-    normals = None
-    if NORMAL_COLUMNS[0] in columns:
-        normals = np.column_stack([columns[name] for name in NORMAL_COLUMNS])
+    normals = _joined(columns, NORMAL_COLUMNS) if NORMAL_COLUMNS[0] in columns else None
     found = _by_contour(points, rows, normals, columns.get(TOUCH_COLUMN))
     places = (
         f"contour {number} (lines {lines[part].min()} to {lines[part].max()})"

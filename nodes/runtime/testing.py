@@ -281,13 +281,11 @@ def _holds(place: RecordedNode, node: Node) -> bool:
 
 def _inputs(bag: recordings.Recording, node: Node, place: RecordedNode | None) -> tuple[Input, ...]:
     """What the node receives of the recording."""
-    if place is None:
-        found = [
-            Input("recording", topic, topic, cls.__name__)
-            for topic, (cls, _) in node.inputs.items()
-            if topic in bag.counts
-        ]
-    else:
+    own = (
+        Input("recording", topic, topic, cls.__name__) for topic, (cls, _) in node.inputs.items()
+    )
+    found = [one for one in own if one.topic in bag.counts]
+    if place is not None:
         found = [one for one in place.inputs if one.local in node.inputs]
     if not found and node.inputs:
         whose = f"what {place.name} received in it" if place else "its topics"
