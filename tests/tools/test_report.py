@@ -1,3 +1,4 @@
+import re
 from dataclasses import fields
 from pathlib import Path
 
@@ -41,25 +42,25 @@ def effect_title(name):
     return str(effect_type(name).__doc__).partition("\n")[0]
 
 
-def section(name):
-    _, found, after = PAGE.partition(f"### {name}\n")
-    assert found, name
-    return after.partition("\n### ")[0]
+def row(name):
+    [found] = [line for line in PAGE.splitlines() if line.startswith(f"| `{name}` |")]
+    return found
 
 
 def test_the_page_has_the_effects_in_their_order():
-    assert [line[4:] for line in PAGE.splitlines() if line.startswith("### ")] == list(EFFECT_NAMES)
+    found = re.findall(r"^\| `(\w+)` \|", PAGE, re.MULTILINE)
+    assert found == list(EFFECT_NAMES)
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
 def test_the_page_has_each_parameter_with_default_range_and_unit(name):
     kind = effect_type(name)
-    text = section(name)
-    assert effect_title(name) in " ".join(text.split())
+    text = row(name)
+    assert f"| {kind.phase.name.lower()} | {effect_title(name)} |" in text
     for field in fields(kind):
         default = "none" if field.default is None else field.default
-        allowed = ranges_of(kind).get(field.name, "")
-        assert f"| `{field.name}` | {default} | {allowed} |" in text
+        allowed = ranges_of(kind).get(field.name)
+        assert f"`{field.name}` {default}" + (f" ({allowed})" if allowed else "") in text
 
 
 def test_the_list_names_every_effect_and_parameter():

@@ -332,6 +332,21 @@ def param_get_command(node: str, param: str, run: str | None, as_json: bool) -> 
     print_figures(found, introspection.param_text(found), as_json=as_json)
 
 
+@param_group.command("set", short_help="Set a parameter between two touches.")
+@click.argument("node")
+@click.argument("param")
+@click.argument("value")
+@RUN
+def param_set_command(node: str, param: str, value: str, run: str | None) -> None:
+    """Set PARAM of NODE to VALUE, in YAML, from the next touch on.
+
+    Only parameters that palpate node kinds NODE calls settable can be set. That it was set is
+    recorded on the node's topic of ParameterEvents, and done at the same touch in a replay.
+    """
+    with as_input_errors():
+        click.echo(introspection.set_parameter(card_of(run), node, param, value))
+
+
 @param_group.command("dump", short_help="Print parameters in YAML.")
 @OPTIONAL_NODE
 @RUN

@@ -29,6 +29,10 @@ REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 .ply .xyz   a cloud of points at repeated heights, in no order
 .mcap       a recording of palpate, or the folder of a run
 
+With --method general points need be in no order, and of no contours, if they have normals: columns
+nx,ny,nz, or arrays points and normals in an .npz; columns touch, if several belong to one touch.
+Handles and hollows are found. --bottom is the height on which the object stands, if it does.
+
 Contours run around the z axis; each may begin anywhere, in either direction, with any number of
 points. Files of points are taken to be in m unless told otherwise; lengths among the options are
 in the same unit. What is written is in m, STL in mm.
@@ -44,8 +48,8 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 )
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of POINTS.")
 @click.option(
-    "--method", type=click.Choice(["lattice", "skin", "thesis", "coarse"]), default="lattice",
-    show_default=True, help="How to rebuild.",
+    "--method", type=click.Choice(["lattice", "skin", "thesis", "coarse", "general"]),
+    default="lattice", show_default=True, help="How to rebuild.",
 )  # fmt: skip
 @click.option("--tops", type=PATH, help="CSV file of points at which the ends were touched.")
 @click.option("--bottom", type=float, help="Height of the lower end.")
@@ -76,6 +80,12 @@ def rebuild_command(
         if shown:
             click.echo(f"{text} ...", err=True)
 
+    if wanted.method == "general":
+        from palpate.tools.scattered import rebuild_scattered
+
+        record = rebuild_scattered(points, wanted, out, say)
+        print_figures(record, reconstruction.rebuild_text(record), as_json=as_json)
+        return 0
     rebuilt = reconstruction.rebuild(points, wanted, say)
     reconstruction.write_outputs(rebuilt, out, lattice)
     record = reconstruction.rebuild_record(rebuilt, points, out, lattice)
@@ -227,11 +237,13 @@ def init_effect_command(name: str) -> None:
 
 @init_group.command("planner", short_help="Begin a planner.")
 @click.argument("name")
-def init_planner_command(name: str) -> None:
+@click.option("--touches", is_flag=True, help="It chooses single touches, not slices.")
+def init_planner_command(name: str, touches: bool) -> None:
     """Write NAME.py and test_NAME.py here: a planner that works, to be changed."""
     from palpate.tools.init import begin
 
-    (path, test), named = begin("planner", name, Path())
+    template = "planner_touches" if touches else "planner"
+    (path, test), named = begin("planner", name, Path(), template)
     click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
     click.echo("name it in a scene, and start palpate in this folder:")
     click.echo(f"explore:\n  planner: {named}")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate.tools.introspection.echo import field_lines, read_filter, read_path, yaml_lines
     from palpate.tools.introspection.requests import control_player, describe_node, dump_params
     from palpate.tools.introspection.requests import node_text, notify, publish, request
-    from palpate.tools.introspection.requests import running_nodes
+    from palpate.tools.introspection.requests import running_nodes, set_parameter
     from palpate.tools.introspection.topics import STATUS_TOPICS, RateMonitor, TapSubscription
     from palpate.tools.introspection.topics import Topic, bandwidth_text, delay_text, find_topic
     from palpate.tools.introspection.topics import find_topics, rate_text, topics_of, type_of

@@ -118,6 +118,7 @@ def describe_kind(name: str) -> dict[str, Any]:
         "subscribes": inputs,
         "publishes": outputs,
         "parameters": {one: about._asdict() for one, about in parameters_of(node.params).items()},
+        "settable": list(getattr(node, "settable", ())),
     }
 
 
@@ -134,7 +135,8 @@ def kind_text(kind: Mapping[str, Any]) -> str:
     for param, about in kind["parameters"].items():
         need = f"default {about['default']}" if about["default"] else "required"
         unit = f"  {about['unit']}" if about["unit"] else ""
-        takes = f"  takes {param}  {about['type']}{unit}  {need}"
+        may = "  settable" if param in kind["settable"] else ""
+        takes = f"  takes {param}  {about['type']}{unit}  {need}{may}"
         lines += textwrap.wrap(takes, TEXT_WIDTH, subsequent_indent=" " * INDENT)
         lines += _paragraph(about["help"], INDENT)
     return "\n".join(lines)

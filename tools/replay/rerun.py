@@ -21,10 +21,10 @@ from threadpoolctl import threadpool_limits
 from palpate import launch
 from palpate.launch.files import SourceMapped, convert
 from palpate.launch.processes import EarlierRun, SentMessage
-from palpate.messages import schema_hash
+from palpate.messages import decode, schema_hash
 from palpate.messages.bus import Consumed
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
-from palpate.messages.types import TYPES, Contour
+from palpate.messages.types import TYPES, Contour, ParameterEvent
 from palpate.nodes import runtime
 from palpate.tools.bag import compare_recordings
 from palpate.tools.replay import exchange
@@ -62,7 +62,8 @@ def replay(
     """
     recording = open_recording(launch.find_bag(bag))
     chosen = with_settings(exchange.choose_nodes(recording, nodes), recording.graph, settings or {})
-    players = [exchange.ReplayedNode(one) for one in chosen]
+    events = [one for one in recording.messages() if one.type == ParameterEvent.__name__]
+    players = [exchange.ReplayedNode(one, runtime.recorded_changes(events, *one)) for one in chosen]
     if not (recording.closed or as_json):
         echo(f"{recording.path} was never closed: replaying as far as it goes")
     traffic = exchange.MessageExchange(players)
@@ -218,7 +219,10 @@ def plan_resume(
         about["ends"],
         about,
         folder,
-        before=earlier_run_of(wirings, _until(recording, contour)),
+        before=replace(
+            earlier_run_of(wirings, _until(recording, contour)),
+            changes=_changes(wirings, recording),  # those after that contour, too
+        ),
         tolerance=launch.tolerance_of(wirings),
     )
 
@@ -288,6 +292,19 @@ def answered_messages(
         return []
     answers = sum(one.sent_ns > asked[0][1] for one in sent)
     return [one for one, _ in asked[:answers]]
+
+
+def _changes(
+    wirings: Sequence[runtime.Wiring], recording: Recording
+) -> dict[str, list[ParameterEvent]]:
+    """By node the parameters that were set while it ran."""
+    publishers = {topic: one.name for one in wirings for topic in one.outputs.values()}
+    found: dict[str, list[ParameterEvent]] = {}
+    for kept in recording.messages():
+        if kept.type == ParameterEvent.__name__:
+            change = decode(ParameterEvent, kept.body)
+            found.setdefault(publishers[kept.topic], []).append(change)
+    return found
 
 
 def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessage]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ MOST_OPEN, LEAST_OPEN = 0.01, 0.002
 class Touches:
     """The planner of single touches."""
 
+    single_touches: ClassVar[bool] = True
     # A touch must take this share of the squared error that is asked for, over the whole surface.
     least_gain: Annotated[float, Range(0.0, 1.0, "1")] = LEAST_GAIN
 
