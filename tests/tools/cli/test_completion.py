@@ -3,7 +3,9 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from contextlib import contextmanager
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -13,7 +15,7 @@ from palpate.launch.processes.registry import LOCK_FILE, RunCard, announce, priv
 from palpate.nodes.runtime.node import RecordedNode
 from palpate.tools.cli import command_line as cli
 
-HEAVY = {"scipy", "trimesh", "ruamel.yaml", "palpate.launch.run"}
+HEAVY = {"scipy", "trimesh", "palpate.launch.run"}
 TIMED = """
 import sys
 from palpate.tools.cli.command_line import main
@@ -26,11 +28,11 @@ finally:
 
 @pytest.fixture(autouse=True)
 def home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "runtime"))
-    (tmp_path / "runtime").mkdir()
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    return tmp_path
+    with tempfile.TemporaryDirectory() as runtime:  # short, as paths of sockets must be
+        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+        yield tmp_path
 
 
 @pytest.fixture
@@ -60,7 +62,7 @@ def running(run="ab12", name="vase"):
         outputs={"/touch/raw": "/touch/raw"},
         types={"/touch/raw": "TactileFrame"},
     )
-    with private_folder() as folder:
+    with private_folder(None) as folder:
         card = RunCard(
             run=run, name=name, began="2026-01-01T00:00:00", pid=1, folder="", ends="simulator",
             nodes=(node,), taps={}, tools="",
@@ -119,8 +121,8 @@ def test_topics_and_nodes_are_those_of_the_running_graph_that_is_meant(complete)
 
 
 @pytest.mark.parametrize("card", [b"", b"{", b"\xff\x00", b'{"run": 3}', b"[]"])
-def test_a_damaged_registry_offers_nothing_and_says_nothing(complete, home, card):
-    folder = home / "runtime" / "palpate-run-x"
+def test_a_damaged_registry_offers_nothing_and_says_nothing(complete, card):
+    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "palpate-run-x"
     folder.mkdir()
     (folder / "run.json").write_bytes(card)
     lock = os.open(folder / LOCK_FILE, os.O_CREAT | os.O_RDWR)
