@@ -1,3 +1,4 @@
+import json
 import os
 import signal
 import subprocess
@@ -133,9 +134,13 @@ def test_a_filter_and_a_field_choose_what_is_shown(home, capsys):
 def test_a_graph_is_told_of_by_its_nodes_topics_and_parameters(home, capsys):
     told = {}
     for words in ("node list", "topic list -t", "topic list -c", "topic info source -v",
-                  "node info source", "param dump source"):  # fmt: skip
+                  "topic list -v", "topic info /node/status", "node info source", "param list",
+                  "param get source burst", "param dump source"):  # fmt: skip
         assert cli.run(words.split()) == 0
         told[words] = capsys.readouterr().out
+        assert cli.run([*words.split(), "--json"]) == 0
+        json.loads(capsys.readouterr().out)
+        assert max(map(len, told[words].splitlines())) <= 80
     assert told["node list"].split() == ["relay", "sink", "source"]
     assert "/relay [TactileFrame]" in told["topic list -t"].splitlines()
     assert told["topic list -c"] == "6\n"
@@ -276,7 +281,7 @@ def test_one_of_several_graphs_is_chosen_by_its_number_and_its_end_ends_the_tool
         monkeypatch.setattr(asking, "REQUEST_PATIENCE", 0.2)
         second.send_signal(signal.SIGSTOP)
         assert cli.run(["doctor"]) == 1
-        told = capsys.readouterr().out
+        told = " ".join(capsys.readouterr().out.split())
         assert f"it is busy or stopped; if it stays so, kill {second.pid}" in told
         assert any(line.startswith("FAIL ") for line in told.splitlines())
 
