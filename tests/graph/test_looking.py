@@ -281,8 +281,8 @@ def test_one_of_several_graphs_is_chosen_by_its_number_and_its_end_ends_the_tool
         monkeypatch.setattr(asking, "REQUEST_PATIENCE", 0.2)
         second.send_signal(signal.SIGSTOP)
         assert cli.run(["doctor"]) == 1
-        told = " ".join(capsys.readouterr().out.split())
-        assert f"it is busy or stopped; if it stays so, kill {second.pid}" in told
+        told = capsys.readouterr().out
+        assert f"it is busy or stopped; if it stays so, kill {second.pid}" in " ".join(told.split())
         assert any(line.startswith("FAIL ") for line in told.splitlines())
 
 
