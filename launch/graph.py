@@ -22,11 +22,12 @@ from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
 from palpate.messages import CodecError, schema, schema_hash
 from palpate.messages.bus import LAUNCHER
-from palpate.messages.types import TYPES, Truth
+from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
 from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
 # Modules of the nodes that may know the true shape.
 MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
+MOVED = {TactileFrame, GraspContacts}  # Types of the messages that tell what a robot has done
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
 
@@ -38,6 +39,7 @@ class Graph:
     entries: tuple[Entry, ...]  # The nodes
     ends: str  # Name of the node that ends the graph
     source: str = ""  # ``file:line`` at which `ends` is given
+    rate: float = 0.0  # Robot time that passes in a second; 0: as fast as it is computed
 
     def check(self) -> None:
         """Refuse a graph that could not run.
@@ -73,6 +75,7 @@ class Graph:
                 on_exit=one.entry.on_exit,
                 handler_timeout=one.node.handler_timeout,
                 persistent=is_persistent(one.node),
+                rate=self.rate if MOVED.intersection(one.types.values()) else 0.0,
                 subscribers={
                     topic: tuple(
                         name for name, its in inputs.items() if any(x.topic == topic for x in its)
@@ -87,14 +90,23 @@ class Graph:
         """Topic on the wire to the type of its messages."""
         return {topic: one.type for topic, one in publishers(resolve_nodes(self.entries)).items()}
 
+    def links(self) -> list[dict[str, Any]]:
+        """The resolved wiring: each topic with type, publisher and subscribers."""
+        types = self.topics()
+        return [
+            {"topic": topic, "type": types[topic].__name__, "from": wiring.name, "to": subscribers}
+            for wiring in self.wirings()
+            for topic, subscribers in wiring.subscribers.items()
+        ]
+
     def table(self) -> str:
         """The resolved wiring, one topic a line."""
-        types = self.topics()
-        rows = [("topic", "type", "from", "to")]
-        for wiring in self.wirings():
-            for topic, subscribers in wiring.subscribers.items():
-                rows.append((topic, types[topic].__name__, wiring.name, ", ".join(subscribers)))
-        return "\n".join((*text_table(rows), f"ends with the Finished of {self.ends}"))
+        rows = [
+            (link["topic"], link["type"], link["from"], ", ".join(link["to"]))
+            for link in self.links()
+        ]
+        lines = text_table([("topic", "type", "from", "to"), *rows])
+        return "\n".join((*lines, f"ends with the Finished of {self.ends}"))
 
     def _check_ends(self, placed: Iterable[ResolvedNode]) -> None:
         nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]
@@ -387,9 +399,8 @@ def resolved_text(
             "params": _portable_params(wiring.params, out),
             **{key: value for key, value in told.items() if value},
         }
-    return files.yaml_text(
-        {**({"args": dict(args)} if args else {}), "nodes": nodes, "ends": graph.ends}
-    )
+    told = {"args": dict(args), "nodes": nodes, "ends": graph.ends, "rate": graph.rate}
+    return files.yaml_text({key: value for key, value in told.items() if value})
 
 
 def _portable_params(params: Any, out: Path) -> dict[str, Any]:

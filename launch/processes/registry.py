@@ -67,6 +67,13 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
         """Topic to the node that publishes it."""
         return {topic: one.name for one in self.nodes for topic in one.outputs.values()}
 
+    def is_called(self, name: str) -> bool:
+        """Whether that is its name, begins its number, or is its folder or a recording there."""
+        path = Path(name).resolve()
+        home = path.parent if path.suffix == ".mcap" else path
+        same = bool(self.folder) and Path(self.folder).resolve() == home
+        return same or self.run.startswith(name) or self.name == name
+
     def subscribers(self, topic: str) -> tuple[str, ...]:
         """The nodes that subscribe to a topic."""
         return tuple(one.name for one in self.nodes for x in one.inputs if x.topic == topic)
@@ -167,7 +174,7 @@ def _read_card(folder: Path) -> RunCard | None:
 
 
 def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
-    """The running graph that is meant: by the beginning of its number, by name, or the latest.
+    """The running graph that is called so, as `RunCard.is_called` says, or the latest.
 
     Raises ValueError if there is none, or several are meant.
     """
@@ -176,7 +183,7 @@ def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
         raise ValueError("no graph of yours is running; start one with palpate run or launch")
     if wanted is None:
         return cards[-1]
-    found = [card for card in cards if card.run.startswith(wanted) or card.name == wanted]
+    found = [card for card in cards if card.is_called(wanted)]
     if len(found) == 1:
         return found[0]
     known = ", ".join(f"{card.run[:6]} ({card.name})" for card in cards)

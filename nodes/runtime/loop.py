@@ -26,7 +26,7 @@ from palpate.messages import bus, encode
 from palpate.messages.types import LogRecord, NodeStatus, ParameterEvent
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
-from palpate.nodes.runtime.sources import SourceWork, Work
+from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
 from palpate.nodes.runtime.work import Latency, NodeWork, Outgoing, Promise, SinkWork
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
@@ -92,7 +92,7 @@ def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
         persistent=wiring.persistent,
         types=wiring.types,
     )
-    loop = NodeLoop(wiring.name, station, going=place.going)
+    loop = NodeLoop(wiring.name, station, going=place.going, rate=wiring.rate)
     try:
         with ExitStack() as kept:
             loop.run(_load(wiring, place, loop, protect, kept))
@@ -155,7 +155,9 @@ class NodeLoop:
 
     # `going`: whether the graph had been started before. The node then goes through what it had
     # done, and that is sent only to those who lack something of it.
-    def __init__(self, name: str, station: bus.NodeSockets, *, going: bool = False) -> None:
+    def __init__(
+        self, name: str, station: bus.NodeSockets, *, going: bool = False, rate: float = 0.0
+    ) -> None:
         self.work: Work | None = None  # What the node does; None until it is loaded
         # Where it puts down what it handles; only of nodes that could do it again
         self.journal: bus.Journal | None = None
@@ -168,6 +170,8 @@ class NodeLoop:
         self._state = "starting"
         self._next_beat = self._next_look = 0.0
         self._looking = False
+        self._pace = RobotPace(rate)
+        self._held: list[Publication] = []  # What is published at its robot time
 
     def end(self) -> None:
         """Leave the loop at the next occasion; may be called from a signal handler."""
@@ -197,6 +201,8 @@ class NodeLoop:
                 self._obey(work)
             if not self._going:
                 self._join()
+            elif self._held:
+                self._let_go(self._held)
             elif received or station.waiting:
                 arrival = station.receive()
                 if arrival is not None:
@@ -225,7 +231,7 @@ class NodeLoop:
     def _patience(self, work: Work) -> int:
         """Longest wait for something to arrive, ms."""
         if self._going:
-            if self._station.waiting:
+            if self._station.waiting or self._held:
                 return 0
             if isinstance(work, SourceWork):
                 return work.patience(IDLE_MS)
@@ -246,7 +252,18 @@ class NodeLoop:
             return
         if self.journal is not None:
             self.journal.note(publisher, topic, seq)
-        self._publish(work.each(arrival) if isinstance(work, NodeWork) else work.take(arrival))
+        self._let_go(work.each(arrival) if isinstance(work, NodeWork) else work.take(arrival))
+
+    def _let_go(self, published: Iterable[Publication]) -> None:
+        """Publish what was handled; what a robot has done is held back until its robot time."""
+        if self._pace.rate:
+            published = [*published]
+            left = self._pace.wait(published, time.monotonic())
+            self._held = published if left > 0.0 else []
+            if self._held:
+                time.sleep(min(left, BUSY_PERIOD))
+                return
+        self._publish(published)
 
     def _go_on(self, work: Work) -> list[Publication]:
         """Take up what an earlier start has done; returns what it had not come to publish."""
@@ -317,7 +334,10 @@ class NodeLoop:
                 # What was imported stays; looking through it again would hold up messages.
                 gc.freeze()
                 self._publish(work.begin())
+                self._pace.start(time.monotonic())
             elif word["kind"] == "count":
+                if self._held:  # it has more to say: whoever counts asks again
+                    continue
                 line.send(
                     "count",
                     round=word["round"],

@@ -193,6 +193,8 @@ class Wiring:
     on_exit: OnExit = "restart"  # What is done when it dies
     handler_timeout: float = HANDLER_TIMEOUT  # Longest time without a sign of life at work, s
     persistent: bool = False  # Whether what it publishes is kept beyond its death: it cannot again
+    # Robot time that passes in a second where it tells what a robot has done; 0: it does not wait
+    rate: float = 0.0
 
 
 def with_parameter(params: Any, name: str, value: str) -> Any:
