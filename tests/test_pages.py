@@ -62,7 +62,10 @@ def test_the_readme_is_read_in_a_minute():
 
 
 def test_the_pages_are_short():
-    pages = [ROOT / "README.md", *(page for page in DOCS.glob("*.md") if page.name not in REFERENCE)]
+    pages = [
+        ROOT / "README.md",
+        *(page for page in DOCS.glob("*.md") if page.name not in REFERENCE),
+    ]
     assert sum(len(page.read_text().split()) for page in pages) <= MOST_WORDS
 
 

@@ -36,8 +36,8 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
 
 
 @bag_group.command("record", short_help="Record a running graph.")
-@click.option("-o", "--out", type=command_line.PATH, required=True, help="The new file.")
-@command_line.names_option("--topics", "/X,/Y", "Topics to record; all if none.")
+@command_line.out_option("The new file.", required=True)
+@command_line.TOPICS
 @click.option("--duration", type=click.FloatRange(0.0, min_open=True), help="End after, s.")
 @command_line.RUN
 def bag_record_command(
