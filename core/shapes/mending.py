@@ -217,9 +217,9 @@ def _turned_alike(faces: Ints) -> tuple[Ints, int]:
 
 
 def _loops(faces: Ints) -> list[Ints]:
-    """Corners around each hole, in the order of the face that would close it.
+    """
 
-    Where holes touch in a corner, each has a loop of its own.
+    orners around each hole, in the order of the face that would close it; touching ones apart.
     """
     onwards: dict[int, list[int]] = {}
     for other, begin in _open_edges(faces).tolist():

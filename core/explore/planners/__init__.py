@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.surface import ObservedSurface, OpenArea, TouchOffer
     from palpate.core.explore.planners.thesis import TEMPLATES, Thesis
     from palpate.core.explore.planners.touches import Touches, next_touch
-    from palpate.core.explore.planners.trial import AROUND, EXTENT, HELD_OUT, MOST_CONTOURS_PLANNED
+    from palpate.core.explore.planners.trial import AROUND, EXTENT, MOST_CONTOURS_PLANNED
     from palpate.core.explore.planners.trial import TUNED, PlannerTrial, Radius, lost_slice
     from palpate.core.explore.planners.trial import measure_side, observation_of, run_planner
     from palpate.core.explore.planners.uniform import Uniform

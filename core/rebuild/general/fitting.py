@@ -234,8 +234,7 @@ def refit_locally(
 ) -> ImplicitFit:
     """The fit with the points of one touch more; control values change within a reach, cells.
 
-    `before`: the points that it was fitted to; their displacements and weights stay. Points outside
-    the band have no weight.
+    `before`: the points it was fitted to, whose displacements and weights stay. Beyond: no weight.
     """
     band = fit.band
     middles = band.cells + 0.5

@@ -1,8 +1,7 @@
 """A general solid of whatever was touched: which cells its surface passes, and the fit over them.
 
 The coarse solid's surface tells where the cells of a first spline lie; it is followed into cells
-beside them that it enters. Where touches lie close together a finer spline is fitted over the cells
-that the first one's surface passes.
+that it enters. Where touches lie close together a finer spline is fitted over its cells.
 """
 
 from __future__ import annotations
@@ -55,9 +54,8 @@ def rebuild_general(
 
     `contacts`: world frame, m. `free` (k, 3): places that a finger has swept. `platform`: height on
     which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
-    standard deviation of the error of a touch's place. `folds`: quarters of the touches that are
-    left out in turn, to predict them from the others. Raises ValueError if there are no normals, or
-    what was touched lies in one plane.
+    standard deviation of a touch's place. `folds`: quarters of the touches that are left out in
+    turn, to predict them. Raises ValueError without normals, or if all lies in one plane.
     """
     contacts = checked_contacts(contacts)
     if contacts.normals is None or not len(contacts.points):
