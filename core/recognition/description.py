@@ -35,7 +35,6 @@ class Whole(NamedTuple):
     area: float  # m2
     gyration: Floats  # Radii of gyration along the principal axes, descending, (3,), m
     widths: Floats  # Quantiles `WIDTHS` of the width between parallel planes, (3,), m
-    extents: Floats  # Along the principal axes, in the order of the radii, (3,), m
     skew: float  # Of the volume along the axis of the sections, not negative, 1
     facing: Floats  # Mean squares of the normals along their principal axes, descending, (3,)
 
@@ -92,7 +91,6 @@ def describe(vertices: ArrayLike, faces: ArrayLike) -> Description:
         area=float(areas.sum()),
         gyration=np.sqrt(squares),
         widths=np.quantile(np.ptp(_even_directions(300) @ hull[0].T, axis=1), WIDTHS),
-        extents=np.ptp(local.reshape(-1, 3), axis=0),
         skew=skew,
         facing=np.linalg.eigvalsh((normals * shares[:, None]).T @ normals)[::-1],
     )

@@ -70,6 +70,17 @@ class ImplicitFit:
     residuals: Floats  # Of each point along its normal, its touch displaced, (k,)
 
 
+class Fitted(NamedTuple):
+    """A spline over cells of one size, and what it was fitted to, in cells."""
+
+    cell: float  # Edge of a cell, m
+    fit: ImplicitFit
+    points: TouchedPoints
+    control: Floats  # Of the coarse solid
+    weights: Weights
+    order: Dissection
+
+
 class Equations:
     """Rows of touched points over a band, and their normal equations."""
 

@@ -15,8 +15,8 @@ from palpate.core.arrays import Floats, Ints, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
-from palpate.core.rebuild.general.dissection import Dissection, dissect
-from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
+from palpate.core.rebuild.general.dissection import dissect
+from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, fit_implicit
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
@@ -71,13 +71,10 @@ def rebuild_general(
         first = setting.fit(max(cell, solid.COARSE), None)
         fitted = first if cell >= solid.COARSE else setting.fit(cell, first)
     with step("held-out touches"):
-        known = fitted.fit, fitted.points, fitted.control, fitted.weights, fitted.cell
-        predicted = solid.held_out_errors(*known, folds=folds, dissection=fitted.order)
-        foot = None if platform is None else solid.foot_errors(*known, dissection=fitted.order)
-    origin = setting.origin
-    return solid.GeneralSolid(
-        origin, cell, fitted.fit, coarse, touched, platform, predicted, foot, pose
-    )
+        predicted = solid.held_out_errors(fitted, folds)
+        foot = None if platform is None else solid.foot_errors(fitted)
+    known = fitted.fit, coarse, touched, platform, predicted, foot, pose
+    return solid.GeneralSolid(setting.origin, cell, *known)
 
 
 def is_flat(points: Floats) -> bool:
@@ -100,17 +97,6 @@ def _coarse(
         most_area=AREA * hull / touches,
         platform=platform,
     )
-
-
-class Fitted(NamedTuple):
-    """A spline over cells of one size, and what it was fitted to, in cells."""
-
-    cell: float  # Edge of a cell, m
-    fit: ImplicitFit
-    points: TouchedPoints
-    control: Floats  # Of the coarse solid
-    weights: Weights
-    order: Dissection
 
 
 class Setting(NamedTuple):
