@@ -283,10 +283,7 @@ class ScaledRadius(NamedTuple):
 def scaled_radii(
     features: Sequence[Feature], orientation: ConeOrientation, origin: ConeOrigin
 ) -> tuple[ScaledRadius, ...]:
-    """What can be told of the scale factor A of (1.4): its product with the section, by meridian.
-
-    One for each meridian edge and parabolic point, in their order.
-    """
+    """The scale factor A of (1.4) times the section, by meridian: edges, parabolic points."""
     found = []
     for one in features:
         if one.place == "M":
