@@ -1,7 +1,4 @@
-"""``palpate dev bench``: what it measures, by name.
-
-The verb is found by name.
-"""
+"""``palpate dev bench``: what it measures, by name. The verb is found by name."""
 
 from __future__ import annotations
 

@@ -68,10 +68,9 @@ def prepare_surface(
 ) -> PreparedSurface:
     """Sample a surface and prepare it for the search.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Faces without area are left out. Of
-    fewer `samples` distances scatter more, as their sampling floor tells.
-    Raises ValueError if a vertex is not finite, a face names a vertex that is not there, or the
-    surface has no area.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of those; ones without area are left out. Of fewer
+    `samples` distances scatter more, as their sampling floor tells. Raises ValueError if a vertex
+    is not finite, a face names none that is there, or the surface has no area.
     """
     corners = triangle_corners(vertices, faces)
     areas, normals = areas_and_normals(corners)
@@ -83,10 +82,7 @@ def prepare_surface(
 
 
 def compare_surfaces(one: PreparedSurface, other: PreparedSurface) -> SurfaceDistances:
-    """Distances between two surfaces, from the samples of each to the other's triangles.
-
-    Both ways count alike: ``compare(a, b) == compare(b, a)``.
-    """
+    """Distances from the samples of each of two surfaces to the other; both count alike."""
     (there, there_angles), (back, back_angles) = _one_way(one, other), _one_way(other, one)
     mean_square = 0.5 * (float(np.mean(there**2)) + float(np.mean(back**2)))
     angles = 0.5 * (float(there_angles.mean()) + float(back_angles.mean()))
@@ -120,9 +116,8 @@ def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> Sur
     """Points on triangles, uniform by area.
 
     Stratified: the faces are laid end to end by area, the line is cut into `count` equal pieces,
-    and each gets one point: means stay unbiased, but scatter as those of a much larger plain
-    sample. Within a face: Osada et al., *Shape distributions*, 2002, (1). Raises ValueError if the
-    triangles have no area.
+    and each gets one point: means stay unbiased, but scatter as those of a larger plain sample.
+    Within a face: Osada et al., *Shape distributions*, 2002, (1). Raises ValueError without area.
     """
     line = np.cumsum(areas_and_normals(corners)[0])
     if not line[-1] > 0.0:
@@ -159,11 +154,10 @@ class _Scaled(NamedTuple):
 
 
 def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
-    """The rigid motion that brings points onto a surface.
+    """The rigid motion that brings points onto a surface; of those that fit alike the least turned.
 
     `points` (n, 3): at least 6, spread over what they were taken from, m. Raises ValueError if
-    there are too few points, all in one place, or one is not finite. Of motions that fit alike, the
-    one that turns least.
+    there are too few points, all in one place, or one is not finite.
     """
     given = finite_array("points", points, (None, 3))
     if len(given) < FEWEST:

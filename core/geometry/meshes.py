@@ -102,29 +102,22 @@ def is_closed(faces: Ints) -> bool:
 
 
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:
-    """Whether the faces, seen from the mesh's middle, look inwards more than outwards.
-
-    `vertices` (n, 3), m. `faces` (m, 3): corners, by number.
-    """
+    """Whether faces (m, 3) of vertices (n, 3), m, seen from their middle, look inwards."""
     return signed_volume((vertices - vertices.mean(axis=0))[faces]) < 0.0
 
 
 def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
-    """Corners of each face.
+    """Corners (m, 3, 3) of each face: face, corner, coordinate.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Returns (m, 3, 3), face, corner,
-    coordinate. Raises ValueError if a vertex is not finite, there is no face, or a face names a
-    vertex that is not there.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of those. Raises ValueError if a vertex is not
+    finite, or as `checked_faces`.
     """
     places = finite_array("vertices", vertices, (None, 3))
     return places[checked_faces(faces, len(places))]
 
 
 def checked_faces(faces: ArrayLike, vertices: int) -> Indices:
-    """Faces (m, 3), all of whose corners are among this many vertices.
-
-    Raises ValueError if there is no face, or a face names a vertex that is not there.
-    """
+    """Faces (m, 3) of so many vertices; ValueError if there is none, or one names another."""
     rows = np.asarray(faces)
     if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows) or rows.dtype.kind not in "iu":
         raise ValueError(
@@ -149,9 +142,8 @@ def areas_and_normals(corners: Floats) -> tuple[Floats, Floats]:
 def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Ints]:
     """Watertight mesh of genus 0 from two poles and the rings between them.
 
-    `bottom` and `top` (3,): the poles, m. `rings` (m, n, 3): from the bottom to the top; each
-    counter-clockwise seen from above. Returns `vertices` (m n + 2, 3): m. `faces` (2 m n, 3):
-    counter-clockwise seen from outside.
+    `bottom` and `top` (3,): the poles, m. `rings` (m, n, 3): upwards, each counter-clockwise seen
+    from above. Returns vertices (m n + 2, 3), m, and faces (2 m n, 3), as `join_rings`.
     """
     count, size = rings.shape[:2]
     vertices = np.concatenate([bottom[None], rings.reshape(-1, 3), top[None]])

@@ -68,8 +68,7 @@ def next_touch(
 ) -> protocol.Touch | protocol.Stop:
     """The touch of a surface that takes most of its squared error for its time.
 
-    Where the error is within tolerance, what lies far from every touch. `bound`: of the error, m;
-    if left out, that of the surface.
+    Where the error is within the `bound`, m, or the surface's own: what lies far from touches.
     """
     if has_settled(surface.progress):
         rest = 1e3 * surface.touchable_bound(observation.tried)
