@@ -14,7 +14,7 @@ from palpate.tools import introspection
 from palpate.tools.cli import command_line
 
 bag_group = command_line.NamedGroup(
-    "bag", help="Look into recordings, play, recover and compare them, and hand them on."
+    "bag", help="Look into recordings; record, play, recover, compare and export them."
 )
 
 

@@ -31,9 +31,7 @@ console in its launch file:
 What is published is recorded and received like any other message.
 """
 topic_group = NamedGroup("topic", help="Receive and publish on the topics of a running graph.")
-node_group = NamedGroup(
-    "node", help="Look at the nodes of a running graph, or at the kinds of node."
-)
+node_group = NamedGroup("node", help="Look at the nodes of a running graph, and at all kinds.")
 interface_group = NamedGroup("interface", help="Look at the types of messages.")
 param_group = NamedGroup("param", help="Look at the parameters of a running graph's nodes.")
 
