@@ -2,8 +2,7 @@
 
 A table in Markdown, an object a line: the true error of the solid, root mean square, or what was
 found where there is no solid; touches, contacts of the hand with them; robot time. Beside an error
-stands the sampling floor of its object. Scenes run in this process, with a noise on places and
-taxels unless the object is tried without.
+stands the object's sampling floor. Places and taxels have noise unless the object is tried without.
 """
 
 from __future__ import annotations

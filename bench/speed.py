@@ -189,10 +189,7 @@ class SceneSpeed(NamedTuple):
 
 
 def run_timed(scene: str, *more: str, tree: Path | None = None) -> Timed:
-    """Run a scene, of another checkout if one is given, and say where its time went.
-
-    Raises RuntimeError, with what it printed, if it does not come to its end.
-    """
+    """Run a scene, perhaps of another checkout; RuntimeError, with what it printed, if it fails."""
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
         out = Path(folder) / "run"
         command = [sys.executable, "-P", "-m", "palpate", "run", scene, "--out", str(out)]

@@ -3,8 +3,7 @@
 The tree's form is one text, which names the class of each node; every array lies beside it under
 its path, ``solid/evidence/noise``. What is read may be from anybody: only dataclasses and named
 tuples of `palpate.core` are built, by their own constructors, and nothing is ever run. A class goes
-by its own name, wherever in core it stands, so that a module may move and every archive is still
-read.
+by its own name alone, so that its module may move and every archive is still read.
 """
 
 from __future__ import annotations
@@ -43,9 +42,8 @@ def tree_to_arrays(tree: object) -> Arrays:
     """Flat arrays that hold a whole tree.
 
     `tree`: dataclasses and named tuples of `palpate.core`, tuples, lists, dicts with texts as keys,
-    numbers, texts, None and numeric arrays, in any depth. Returns arrays by path, and the form of
-    the tree under ``form``. Raises ValueError if something else is in the tree, a function for
-    example: the sentence tells its path.
+    numbers, texts, None and numeric arrays, in any depth. Returns arrays by path, and the tree's
+    form under ``form``. Raises ValueError with the path of anything else, a function for example.
     """
     writer = _Writer()
     form = {"version": VERSION, "tree": writer.node(tree, ROOT)}
@@ -193,10 +191,7 @@ class _Reader:
 
 
 def class_named(name: str) -> type:
-    """The class of a name.
-
-    Raises ValueError if there is no such class, or archives do not hold it.
-    """
+    """The class of a name; ValueError if there is none, or archives do not hold it."""
     found: list[type] = [
         kind
         for module in _homes().get(name, ())
@@ -247,20 +242,14 @@ def declared_types(kind: type) -> dict[str, Any]:
 
 
 def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
-    """Bytes (n,) that hold a tree; the same for the same tree.
-
-    Raises ValueError as `tree_to_arrays`.
-    """
+    """Bytes (n,) that hold a tree, the same for the same tree; errors as of `tree_to_arrays`."""
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **tree_to_arrays(tree))
     return np.frombuffer(data.getvalue(), np.uint8)
 
 
 def arrays_from_bytes(data: NDArray[np.uint8]) -> Arrays:
-    """The arrays in bytes (n,) that `tree_to_bytes` returned, for `from_arrays`.
-
-    Raises ValueError if they are no such bytes.
-    """
+    """The arrays in bytes that `tree_to_bytes` returned, for `from_arrays`, or ValueError."""
     try:
         with np.load(io.BytesIO(data.tobytes()), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}

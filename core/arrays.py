@@ -1,9 +1,8 @@
 """Array types, the checks that public functions start with, and the spread of errors.
 
 Half of the errors may be gross before their median follows them (Hampel, *The influence curve and
-its role in robust estimation*, 1974). The constant of normal noise stands here both ways, each
-rounded as textbooks have it: multiplying by the one differs from dividing by the other in the fifth
-digit.
+its role in robust estimation*, 1974). The constant of normal noise stands here both ways, as
+textbooks round it: multiplying by one differs from dividing by the other in the fifth digit.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ PROBABLE_ERROR = 0.6745  # Median absolute deviation of normal noise, of its sta
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floats:
     """A finite float array of the wanted shape; None stands for any length.
 
-    Raises ValueError if `value` holds anything but real numbers, has another shape, or holds a NaN
-    or an infinity.
+    Raises ValueError if `value` holds anything but finite real numbers, or has another shape.
     """
     try:
         array = np.asarray(value)

@@ -90,14 +90,23 @@ class Graph:
         """Topic on the wire to the type of its messages."""
         return {topic: one.type for topic, one in publishers(resolve_nodes(self.entries)).items()}
 
+    def links(self) -> list[dict[str, Any]]:
+        """The resolved wiring: each topic with type, publisher and subscribers."""
+        types = self.topics()
+        return [
+            {"topic": topic, "type": types[topic].__name__, "from": wiring.name, "to": subscribers}
+            for wiring in self.wirings()
+            for topic, subscribers in wiring.subscribers.items()
+        ]
+
     def table(self) -> str:
         """The resolved wiring, one topic a line."""
-        types = self.topics()
-        rows = [("topic", "type", "from", "to")]
-        for wiring in self.wirings():
-            for topic, subscribers in wiring.subscribers.items():
-                rows.append((topic, types[topic].__name__, wiring.name, ", ".join(subscribers)))
-        return "\n".join((*text_table(rows), f"ends with the Finished of {self.ends}"))
+        rows = [
+            (link["topic"], link["type"], link["from"], ", ".join(link["to"]))
+            for link in self.links()
+        ]
+        lines = text_table([("topic", "type", "from", "to"), *rows])
+        return "\n".join((*lines, f"ends with the Finished of {self.ends}"))
 
     def _check_ends(self, placed: Iterable[ResolvedNode]) -> None:
         nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]

@@ -10,8 +10,9 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 
@@ -19,8 +20,8 @@ from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.launch.demand import demand_text, tolerance_of
-from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path, parse_yaml
-from palpate.launch.files import set_within, yaml_text
+from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path, load
+from palpate.launch.files import parse_yaml, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
@@ -31,12 +32,15 @@ from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, op
 from palpate.launch.run_directory import RunDirectory, choose_run_directory, exit_code, summarise
 from palpate.launch.run_directory import versions_text
 from palpate.launch.scene import find_scene
-from palpate.launch.summary_text import details_text, headline_text
+from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
 from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution_of_info
 
+
+if TYPE_CHECKING:
+    from palpate.core.rebuild import GeneralSolid, Solid
 
 _PLUGIN = re.compile(r"[\w.]+:[A-Za-z_]\w*")  # ``module:Class``
 
@@ -122,7 +126,7 @@ class Plan:
     asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """What a run came to."""
 
@@ -132,6 +136,27 @@ class Run:
     model: ShapeModel | None  # The last model
     # 0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
     exit_code: int
+
+    def __repr__(self) -> str:
+        """Five lines: what was found, its bound, what it cost, how it ended and where it lies."""
+        summary = self.summary
+        return "\n".join(
+            (
+                f"<Run of {summary['scene'] or self.folder.name}, {self.ending.status}",
+                *run_lines(summary),
+                f"  folder  {self.folder}>",
+            )
+        )
+
+    @cached_property
+    def solid(self) -> Solid | GeneralSolid | None:
+        """The last model as a solid, exact at every place; None if nothing was rebuilt.
+
+        Or if it is an exploratory procedure's, or no model was final: `model` has triangles.
+        """
+        if self.model is None or not len(self.model.archive):
+            return None
+        return load(self.folder / "model.npz")
 
     @property
     def text(self) -> str:

@@ -6,6 +6,7 @@ at most 12 lines of a terminal of 80 columns. Timings and diagnostics are for th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from palpate.launch.exchange_rate import draw_text, halving_lines
 from palpate.launch.printing import TITLE_WIDTH, counted, millimetres, text_table, titled
 
-HEADLINE = 12  # Lines at most
+HEADLINE, WIDTH = 12, 80  # Lines at most, and columns
 LEAST_SHARE = 0.5  # Of the processor time, %: a step that took less is not printed
 ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
 OPENED = ("mesh.glb", "result.json", "topics.mcap", "log.jsonl")  # What to look at first
@@ -37,6 +38,19 @@ def headline_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path
     room = HEADLINE - len(found) - len(cost) - len(ended)
     missed = _short(missed, room)
     return "\n".join([*found, *cost, *missed, *_short(doubts, room - len(missed)), *ended])
+
+
+def run_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What was found, how far it is to be trusted and what it cost, a line of 80 columns each."""
+    found = []
+    for lines in (_found(summary), _asked(summary) or titled("bound", "none"), _time(summary)):
+        title, *parts = re.split(r"\s{2,}", "  ".join(lines))
+        told = f"  {title:<6}"
+        for number, part in enumerate(parts):
+            more = f"{told}, {part}" if number else f"{told} {part}"
+            told = more if len(more) < WIDTH else told
+        found.append(told)
+    return found
 
 
 def _short(lines: list[str], most: int) -> list[str]:

@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 
 from palpate.core import Floats, explore, inverse_pose, transform_points
 from palpate.core.explore.planners import Choice, Estimate, Height, Observation, ObservedSurface
-from palpate.core.explore.planners import Planner, Stop, Touch, Touches, Wait, WrongChoiceError
+from palpate.core.explore.planners import Planner, Stop, Touch, Wait, WrongChoiceError
 from palpate.core.explore.planners import check_choice, estimate_error, make_planner, settled_height
 from palpate.core.explore.planners import untraceable_height
 from palpate.messages import derive
@@ -103,7 +103,8 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: close the hand for the first time."""
-    alone = isinstance(params.rule, Touches)  # there will be no slices to make a solid of
+    # Then there will be no slices to make a solid of.
+    alone = bool(getattr(params.rule, "single_touches", False))
     return _grasp_on(params, replace(state, world=world, general=alone))
 
 

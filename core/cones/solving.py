@@ -59,20 +59,6 @@ class ConeOrientation(NamedTuple):
         across = np.array([-s, c, 0.0])
         return np.column_stack([np.cross(across, self.axis), across, self.axis])
 
-    @property
-    def angle_covariance(self) -> Floats:
-        """Covariance (2, 2) of phi and psi, rad^2; phi's is infinite where the axis is upright."""
-        sine = math.sin(self.psi)
-        if sine == 0.0:
-            return np.diag([math.inf, float(np.trace(self.covariance)) / 2.0])
-        by_axis = self.rotation[:, [1, 0]].T / [[sine], [1.0]]
-        return np.asarray(by_axis @ self.covariance @ by_axis.T)
-
-    @property
-    def residual_sigma(self) -> float:
-        """Root mean square residual in standard deviations; 0 if nothing is left over."""
-        return residual_sigma(self)
-
 
 class ConeOrigin(NamedTuple):
     """Apex of a cone: the v of (1.5) for B = 0."""
@@ -82,17 +68,11 @@ class ConeOrigin(NamedTuple):
     squared_misfit: float  # Sum of squared residuals, each over its standard deviation
     redundancy: int  # Equations left over
 
-    @property
-    def residual_sigma(self) -> float:
-        """Root mean square residual in standard deviations; 0 if nothing is left over."""
-        return residual_sigma(self)
-
 
 def residual_sigma(*solved: ConeOrientation | ConeOrigin) -> float:
     """Root mean square residual of all, in standard deviations; 0 if nothing is left over.
 
-    About 1 if the features are those of a cone; above 3 the object is no cone, or their places are
-    others.
+    About 1 if the features are those of a cone; above 3 it is none, or their places are others.
     """
     redundancy = sum(one.redundancy for one in solved)
     squared = sum(one.squared_misfit for one in solved)
@@ -214,9 +194,8 @@ def solve_origin(
 ) -> ConeOrigin:
     """The apex from meridians and side faces: table 1.2, all rows that apply at once.
 
-    Arguments as `solve_orientation` has them. Raises InsufficientFeaturesError if the apex stays
-    free, or its standard deviation is above half of its distance from the contacts; ValueError if a
-    place is not known.
+    Arguments as of `solve_orientation`. Raises InsufficientFeaturesError if the apex stays free, or
+    is less sure than half of its distance from the contacts; ValueError if a place is not known.
     """
     _check(features, angle_noise, position_noise)
     fit = fit_apex(features, angle_noise, position_noise)

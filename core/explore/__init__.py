@@ -1,9 +1,8 @@
 """Where to touch next.
 
 What an exploration has found so far, as one value, from which planners are told. The rooms below
-grasp an object, trace its slices, plan them and probe its ends; all are pure functions of
-values, so that a recorded run can be explored again by another rule. It rests on core touch,
-shapes and geometry.
+grasp an object, trace its slices, plan them and probe its ends; all are pure functions of values,
+so that a recorded run can be explored again. It rests on core touch, shapes and geometry.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

@@ -65,8 +65,7 @@ def empty_map(
 def swept_places(pad: Pad, start: Floats, pose: Floats, step: float, *, touched: bool) -> Floats:
     """Places (n, 3) that the face of a pad has passed on its way, so close together, m.
 
-    `start` and `pose` (7,): of the pad, before and after the move. `touched`: whether it met
-    something at its end.
+    `start` and `pose` (7,): before and after the move. `touched`: whether it met something.
     """
     position, axes = split_pose(start)
     length = float((split_pose(pose)[0] - position) @ axes[:, 2])
@@ -83,8 +82,7 @@ def swept_places(pad: Pad, start: Floats, pose: Floats, step: float, *, touched:
 def spanned_places(pad: Pad, pose: Floats, touched: Bools) -> Floats:
     """Places (n, 3) on the face of a pad that nothing touched, between others that were, m.
 
-    What lies there behind the face is hollow, and nobody knows how deep. `pose` (7,): of the pad.
-    `touched` (rows, cols): its taxels in contact.
+    What lies there behind the face is hollow. `pose` (7,): of the pad. `touched` (rows, cols).
     """
     spanned = np.zeros_like(touched)
     for axis in (0, 1):

@@ -86,9 +86,8 @@ class Survey:
     ) -> Observation:
         """What a rule is told.
 
-        `touches`, `seconds`: what is spent; robot time in s. `busy_heights`: heights at which
-        fingers are at work, m. `cut`: whether not even one touch more fits into what is left. The
-        others are those of `Observation`.
+        `touches`, `seconds`: what is spent; robot time in s. `busy_heights`: of fingers at work, m.
+        `cut`: whether no further touch fits into what is left. Others as in `Observation`.
         """
         budget = Budget(
             most_touches=demand.most_touches,

@@ -68,10 +68,9 @@ def prepare_surface(
 ) -> PreparedSurface:
     """Sample a surface and prepare it for the search.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Faces without area are left out. Of
-    fewer `samples` distances scatter more, as their sampling floor tells.
-    Raises ValueError if a vertex is not finite, a face names a vertex that is not there, or the
-    surface has no area.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of those; ones without area are left out. Of fewer
+    `samples` distances scatter more, as their sampling floor tells. Raises ValueError if a vertex
+    is not finite, a face names none that is there, or the surface has no area.
     """
     corners = triangle_corners(vertices, faces)
     areas, normals = areas_and_normals(corners)
@@ -120,9 +119,8 @@ def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> Sur
     """Points on triangles, uniform by area.
 
     Stratified: the faces are laid end to end by area, the line is cut into `count` equal pieces,
-    and each gets one point: means stay unbiased, but scatter as those of a much larger plain
-    sample. Within a face: Osada et al., *Shape distributions*, 2002, (1). Raises ValueError if the
-    triangles have no area.
+    and each gets one point: means stay unbiased, but scatter as those of a larger plain sample.
+    Within a face: Osada et al., *Shape distributions*, 2002, (1). Raises ValueError without area.
     """
     line = np.cumsum(areas_and_normals(corners)[0])
     if not line[-1] > 0.0:

@@ -110,11 +110,10 @@ def is_inside_out(vertices: Floats, faces: Ints) -> bool:
 
 
 def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
-    """Corners of each face.
+    """Corners (m, 3, 3) of each face: face, corner, coordinate.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of `vertices`. Returns (m, 3, 3), face, corner,
-    coordinate. Raises ValueError if a vertex is not finite, there is no face, or a face names a
-    vertex that is not there.
+    `vertices` (n, 3), m. `faces` (m, 3): rows of those. Raises ValueError if a vertex is not
+    finite, or as `checked_faces`.
     """
     places = finite_array("vertices", vertices, (None, 3))
     return places[checked_faces(faces, len(places))]
@@ -149,9 +148,8 @@ def areas_and_normals(corners: Floats) -> tuple[Floats, Floats]:
 def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Ints]:
     """Watertight mesh of genus 0 from two poles and the rings between them.
 
-    `bottom` and `top` (3,): the poles, m. `rings` (m, n, 3): from the bottom to the top; each
-    counter-clockwise seen from above. Returns `vertices` (m n + 2, 3): m. `faces` (2 m n, 3):
-    counter-clockwise seen from outside.
+    `bottom` and `top` (3,): the poles, m. `rings` (m, n, 3): upwards, each counter-clockwise seen
+    from above. Returns vertices (m n + 2, 3), m, and faces (2 m n, 3), as `join_rings`.
     """
     count, size = rings.shape[:2]
     vertices = np.concatenate([bottom[None], rings.reshape(-1, 3), top[None]])

@@ -5,8 +5,7 @@ begins nearer than that, and whose disc does too, is then measured. The boxes ar
 Morton curve; each four of them get a box about them, up to the root: a search descends one level
 for all points together. Large triangles are cut up. Own code: trimesh's needs a compiled extra, and
 is not exact. Two triangles cross where the line in which their planes meet runs through both:
-Möller, *A fast triangle-triangle intersection test*, 1997; of neighbours only what is beyond shared
-vertices counts.
+Möller, *A fast triangle-triangle intersection test*, 1997; of neighbours beyond shared vertices.
 """
 
 from __future__ import annotations
@@ -44,10 +43,7 @@ PAIRS_AT_ONCE = 400_000  # Pairs that are tested at once
 
 
 def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:
-    """Points (n, k), ready to be searched; balanced, unless they are searched once.
-
-    It is imported here: who names a search need not load what it takes.
-    """
+    """Points (n, k) to be searched, `balanced` unless once; scipy is imported for those who do."""
     from scipy.spatial import cKDTree
 
     return cKDTree(points, balanced_tree=balanced, compact_nodes=balanced)
@@ -124,10 +120,7 @@ def _squared_edges(corners: Floats) -> Floats:
 
 
 def nearest_points(search: NearestSearch, queries: Floats) -> Nearest:
-    """Nearest point of the surface to each query (n, 3).
-
-    Where several faces are equally near, which of them is named is fixed but arbitrary.
-    """
+    """Nearest point of the surface to each query (n, 3); of faces equally near any one is named."""
     faces = search.face[search.centres.query(queries)[1]]
     distances, points = _measure(search.triangles, faces, queries)
     best = Nearest(distances, points, faces)

@@ -92,10 +92,9 @@ def _depth(polygon: Floats, points: Floats) -> Floats:
 def area_centroid(contour: Floats) -> Floats:
     """Centroid (2,) of the area that a closed contour encloses, m.
 
-    Of the area, because the mean of unevenly measured points lies nearer to where they are dense;
-    where there is no area, that mean. `contour` (n, 2) or (n, 3): around it, in either direction,
-    m; a third coordinate is ignored. Raises ValueError if the contour has no point, or is not
-    finite (n, 2) or (n, 3).
+    The mean of unevenly measured points, which stands in where there is no area, lies nearer to
+    where they are dense. `contour` (n, 2) or (n, 3): in either direction, m; a third coordinate is
+    ignored. Raises ValueError if the contour has no point, or another shape, or is not finite.
     """
     polygon = closed_polygon(np.asarray(contour)[..., :2])
     return np.asarray(area_centroids(polygon[None])[0])
@@ -154,8 +153,7 @@ def winding_number(polygon: Floats, points: Floats) -> Ints:
 def edge_distance(polygon: Floats, points: Floats) -> Floats:
     """Distance (k,) of points (k, 2) to the nearest edge of a closed polygon (n, 2), m.
 
-    To the edges, not to the lines that they lie on. Raises ValueError if the polygon has no vertex,
-    or something is not finite or of another shape.
+    Raises ValueError if the polygon has no vertex, or something is not finite or of another shape.
     """
     polygon, points = closed_polygon(polygon), finite_array("points", points, (None, 2))
     along = np.roll(polygon, -1, axis=0) - polygon
@@ -327,9 +325,8 @@ def kernel_point(polygon: Floats) -> Floats | None:
 def turn_between(first: Floats, second: Floats) -> Floats:
     """Angle (...) above -pi and up to pi from one plane direction (..., 2) to another, rad.
 
-    Positive counter-clockwise. By the arc tangent of cross and scalar product: an arc cosine knows
-    nothing of angles below 1e-8. A direction of length 0 is taken to lie along any other. Raises
-    ValueError if a direction is not finite (..., 2).
+    Positive counter-clockwise; 0 if a direction has no length. By the arc tangent: an arc cosine
+    knows nothing of angles below 1e-8. Raises ValueError if a direction is not finite (..., 2).
     """
     first, second = _scaled("first", first), _scaled("second", second)
     along = np.einsum("...d,...d->...", first, second)

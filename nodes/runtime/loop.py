@@ -23,7 +23,7 @@ from pathlib import Path
 import msgspec
 
 from palpate.messages import bus, encode
-from palpate.messages.types import LogRecord, NodeStatus
+from palpate.messages.types import LogRecord, NodeStatus, ParameterEvent
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
@@ -117,7 +117,11 @@ def _load(
         edges = [(one.publisher, one.topic) for one in wiring.inputs]
         if not node.has_side_effects:
             loop.journal = kept.enter_context(closing(bus.Journal(file, edges)))
-        loop.work = NodeWork(node, params, wiring)
+        if node.settable:
+            loop.changes = kept.enter_context(closing(bus.ParameterLog(file)))
+        had = loop.changes.before if loop.changes else ()
+        changes = [msgspec.json.decode(one, type=ParameterEvent) for one in had]
+        loop.work = NodeWork(node, params, wiring, changes)
     elif isinstance(node, Source):
         tally = kept.enter_context(closing(bus.SourceProgress(file))) if node.repeats else None
         loop.work = SourceWork(node, params, wiring, tally)
@@ -157,6 +161,8 @@ class NodeLoop:
         self.work: Work | None = None  # What the node does; None until it is loaded
         # Where it puts down what it handles; only of nodes that could do it again
         self.journal: bus.Journal | None = None
+        self.changes: bus.ParameterLog | None = None  # Where it puts down what is set, if it may be
+        self._unset: list[bus.ControlMessage] = []  # To be set once it has been rebuilt
         self._name, self._station = name, station
         station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
@@ -186,6 +192,8 @@ class NodeLoop:
             self._state, self._next_beat = "running", 0.0
             self._beat_if_due()
             self._publish(owed)
+            for word in self._unset:
+                self._set(work, word)
         while not self._ended:
             received, told = station.wait(self._patience(work))
             self._next_look = time.monotonic() + BUSY_PERIOD
@@ -340,9 +348,21 @@ class NodeLoop:
                 )
             elif word["kind"] == "stop":
                 self._ended = True
+            elif word["kind"] == "set" and self._state == "rebuilding":
+                self._unset.append(word)
+            elif word["kind"] == "set":
+                self._set(work, word)
             elif isinstance(work, SourceWork):
                 self._publish(work.obey(word))
                 line.send("acknowledged", ticket=word["ticket"])
+
+    def _set(self, work: Work, word: bus.ControlMessage) -> None:
+        """Set a parameter before the next message, once it is put down that it is."""
+        assert isinstance(work, NodeWork) and self.changes is not None
+        change = work.change(word["param"], word["value"])
+        self.changes.note(msgspec.json.encode(change))
+        self._publish(work.set(change))
+        self._station.line.send("acknowledged", ticket=word["ticket"])
 
     def _publish(self, published: Iterable[Publication]) -> None:
         for one in published:

@@ -16,9 +16,11 @@ from msgspec import Meta
 
 from palpate.core import Steps, no_steps
 from palpate.messages import Header
+from palpate.messages.types import ParameterEvent
 
 MAX_FINGERS = 8  # Fingers that one graph may have
 HANDLER_TIMEOUT = 1.0  # A handler takes no longer than this, unless its node says otherwise, s
+MAX_VALUE_CHARS = 1000  # Longest value, in JSON, that a parameter is set to while its node runs
 Finger = Annotated[int, Meta(ge=1, le=MAX_FINGERS)]  # Number of a finger, or of fingers
 
 
@@ -70,6 +72,22 @@ class Node:
     # It acts on the world: when it is started again it is not handed once more what it has handled,
     # and begins with a fresh state; what it has published is kept in a file.
     has_side_effects: bool = False
+    # Parameters that may be set while it runs, each with the input between two of whose messages
+    # that is done: its handler alone may look at them. Told on an output of `ParameterEvent`.
+    settable: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse settable parameters that no run could be repeated with."""
+        for param, topic in self.settable.items():
+            if param not in _fields_of(self.params) or topic not in self.inputs:
+                raise ValueError(f"settable: {param!r} by {topic!r} is no parameter by an input")
+        if self.settable and (self.has_side_effects or self.event_topic is None):
+            raise ValueError("settable: the node must publish ParameterEvent and act on nothing")
+
+    @property
+    def event_topic(self) -> str | None:
+        """The output on which it tells that a parameter was set; None if it has none."""
+        return next((topic for topic, cls in self.outputs.items() if cls is ParameterEvent), None)
 
 
 class Timed(NamedTuple):
@@ -177,6 +195,25 @@ class Wiring:
     persistent: bool = False  # Whether what it publishes is kept beyond its death: it cannot again
     # Robot time that passes in a second where it tells what a robot has done; 0: it does not wait
     rate: float = 0.0
+
+
+def with_parameter(params: Any, name: str, value: str) -> Any:
+    """A node's parameters, one of them set to a value in JSON.
+
+    Raises ValueError if there is no such parameter, or the value is none for it.
+    """
+    if len(value) > MAX_VALUE_CHARS:
+        raise ValueError(f"{name}: {len(value)} characters are too many to be set while it runs")
+    field = _fields_of(params)[name]
+    try:
+        made: Any = msgspec.json.decode(value, type=field.type)
+        return msgspec.structs.replace(params, **{field.name: made})
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise ValueError(f"{name} cannot be {value:.60}: {error}") from None
+
+
+def _fields_of(params: Any) -> Mapping[str, msgspec.structs.FieldInfo]:
+    return {one.encode_name: one for one in msgspec.structs.fields(params)}
 
 
 def lone_wiring(

@@ -10,5 +10,6 @@ if TYPE_CHECKING:
     from palpate.tools.bag.contents import recover_recording, recovered_text
     from palpate.tools.bag.export import export_bag
     from palpate.tools.bag.playback import play_recording, player_entry, read_remap
+    from palpate.tools.bag.tables import open_recording
 else:
     __getattr__, __dir__ = lazy(__name__)

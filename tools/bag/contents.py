@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
@@ -198,6 +198,16 @@ class Recovered(NamedTuple):
     counts: dict[str, int]  # Messages by topic
     end: recording.RecordingEnd  # Where the whole records end
 
+    def figures(self) -> dict[str, Any]:
+        """The same, ready for JSON."""
+        part, byte, why = self.end
+        return {
+            "path": str(self.path),
+            "parts": [str(one) for one in self.parts],
+            "messages": self.counts,
+            "end": {"path": str(part), "byte": byte, "why": why},
+        }
+
 
 def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
     """Write all that is whole of a recording into a new file, or into ``NAME.recovered.mcap``.
@@ -270,6 +280,10 @@ class RecordingDiff:
     topics: dict[str, TopicDiff]  # By topic, in the order of their names
     first: str  # The first message that differs, in words; empty if none does
     unfinished: tuple[Path, ...]  # Recordings of the two that were never closed
+
+    def figures(self) -> dict[str, Any]:
+        """The same, ready for JSON."""
+        return asdict(self) | {"unfinished": [str(path) for path in self.unfinished]}
 
 
 def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> RecordingDiff:

@@ -100,46 +100,60 @@ def _comments(source: str) -> Iterator[tuple[str, str]]:
             yield field.target.id, beside if mark else " ".join(told)
 
 
-def kind_text(name: str) -> str:
-    """What a kind of node is, subscribes to, publishes and takes.
+def describe_kind(name: str) -> dict[str, Any]:
+    """What a kind of node is, its topics with their types, and its parameters.
 
-    Raises InputError if there is no such kind.
+    Of a sink and of a source the topics are None. Raises InputError if there is no such kind.
     """
     entry = Entry(name=name, kind=name)
     node = load_entry(entry)
     told, _, _ = (inspect.getdoc(sys.modules[entry.module]) or "").partition("\n\n")
-    lines = [name, *(f"  {line}" for line in told.splitlines())]
-    if isinstance(node, Sink):
+    inputs, outputs = None, None
+    if not isinstance(node, Sink | Source):
+        inputs = {topic: kind.__name__ for topic, (kind, _) in node.inputs.items()}
+        outputs = {topic: kind.__name__ for topic, kind in node.outputs.items()}
+    return {
+        "kind": name,
+        "told": told,
+        "sink": isinstance(node, Sink),
+        "subscribes": inputs,
+        "publishes": outputs,
+        "parameters": {one: about._asdict() for one, about in parameters_of(node.params).items()},
+        "settable": list(getattr(node, "settable", ())),
+    }
+
+
+def kind_text(kind: Mapping[str, Any]) -> str:
+    """The same for people."""
+    lines = [kind["kind"], *(f"  {line}" for line in kind["told"].splitlines())]
+    if kind["sink"]:
         lines.append("  subscribes to everything")
-    elif isinstance(node, Source):
+    elif kind["subscribes"] is None:
         lines.append("  subscribes to nothing; its parameters tell what it publishes")
-    else:
-        inputs = {topic: kind for topic, (kind, _) in node.inputs.items()}
-        for what, topics in (("subscribes", inputs), ("publishes ", node.outputs)):
-            lines += [f"  {what} {topic}  {kind.__name__}" for topic, kind in topics.items()]
-    for param, about in parameters_of(node.params).items():
-        need = f"default {about.default}" if about.default else "required"
-        unit = f"  {about.unit}" if about.unit else ""
-        lines.append(f"  takes {param}  {about.type}{unit}  {need}")
-        blank = " " * INDENT
-        lines += textwrap.wrap(about.help, COLUMNS, initial_indent=blank, subsequent_indent=blank)
+    for what in ("subscribes", "publishes"):
+        topics = kind[what] or {}
+        lines += [f"  {what:<10} {topic}  {type_name}" for topic, type_name in topics.items()]
+    for param, about in kind["parameters"].items():
+        need = f"default {about['default']}" if about["default"] else "required"
+        unit = f"  {about['unit']}" if about["unit"] else ""
+        may = "  settable" if param in kind["settable"] else ""
+        takes = f"  takes {param}  {about['type']}{unit}  {need}{may}"
+        for text in (takes, f"{'':{INDENT}}{about['help']}".rstrip()):
+            lines += textwrap.wrap(text, COLUMNS, subsequent_indent=" " * INDENT)
     return "\n".join(lines)
 
 
-def param_names(card: RunCard, name: str | None) -> list[str]:
-    """The parameters of a node, or of all nodes, each node's below it.
+def param_names(card: RunCard, name: str | None) -> dict[str, list[str]]:
+    """The parameters of a node, or of all nodes, by node.
 
     Raises ValueError if the graph has no such node.
     """
-    if name is not None:
-        return list(params_of(find_node(card, name)))
-    return [
-        line for one in card.nodes for line in (f"{one.name}:", *(f"  {p}" for p in params_of(one)))
-    ]
+    nodes = card.nodes if name is None else (find_node(card, name),)
+    return {one.name: list(params_of(one)) for one in nodes}
 
 
-def param_text(card: RunCard, name: str, param: str) -> str:
-    """The value of a parameter in YAML, with type, unit, default and comment where they are known.
+def describe_param(card: RunCard, name: str, param: str) -> dict[str, Any]:
+    """The value of a parameter, with type, unit, default and comment where they are known.
 
     ``a.b`` is an entry within a parameter. Raises ValueError if there is no such node or parameter.
     """
@@ -151,10 +165,14 @@ def param_text(card: RunCard, name: str, param: str) -> str:
             raise ValueError(f"{node.name} has no parameter {param!r}; {hint(part, known)}")
         value = value[part]
     about = _known_parameters(node).get(param)
-    told = {key: text for key, text in (about._asdict() if about else {}).items() if text}
-    default = told.pop("default", None)
-    lines = [*yaml_lines({"value": value}), *yaml_lines(told)]
-    return "\n".join([*lines, *([f"default: {default}"] if default else [])])
+    return {"value": value, **{k: t for k, t in (about._asdict() if about else {}).items() if t}}
+
+
+def param_text(described: Mapping[str, Any]) -> str:
+    """The same in YAML, in which the default is already."""
+    told = {key: value for key, value in described.items() if key != "default"}
+    default = [f"default: {described['default']}"] if "default" in described else []
+    return "\n".join([*yaml_lines(told), *default])
 
 
 def _known_parameters(node: RecordedNode) -> dict[str, Parameter]:
@@ -178,15 +196,17 @@ def known_interfaces(run: str | None, bag: Path | None) -> dict[str, str]:
     return dict(sorted({**found, **dict.fromkeys(TYPES, "")}.items()))
 
 
-def interface_lines(name: str, known: Mapping[str, str]) -> list[str]:
-    """What a message type is: a line for each field, with type, unit and comment.
-
-    Raises ValueError if it is not among those that are known, or its schema is none.
-    """
+def find_interface(name: str, known: Mapping[str, str]) -> type:
+    """A message type; ValueError if it is not among those that are known, or has no schema."""
     if name not in known:
         raise ValueError(f"there is no type {name!r}; {hint(name, known)}")
-    cls = TYPES.get(name) or type_of_schema(known[name])
-    comments = comments_of(cls) if name in TYPES else {}
+    return TYPES.get(name) or type_of_schema(known[name])
+
+
+def interface_text(cls: type) -> str:
+    """What a message type is: a line for each field, with type, unit and comment."""
+    comments = comments_of(cls) if cls.__name__ in TYPES else {}
     told = inspect.getdoc(cls) or ""
     rows = [(*line, comments.get(line[0], "")) for line in field_rows(cls)]
-    return [name, *(f"  {line}" for line in [*told.splitlines(), "", *text_table(rows)])]
+    lines = [*told.splitlines(), "", *text_table(rows)]
+    return "\n".join([cls.__name__, *(f"  {line}" for line in lines)])

@@ -7,12 +7,13 @@ alone. Printed as by ros2.
 
 from __future__ import annotations
 
+import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import zmq
@@ -209,10 +210,17 @@ def type_of(topic: Topic) -> type:
 
 
 class RateMonitor:
-    """Figures of some topics, each publisher by itself, over so many messages."""
+    """Figures of some topics, each publisher by itself, over so many messages.
+
+    Without `say` all of them are printed as one object of JSON a line.
+    """
 
     def __init__(
-        self, topics: Sequence[Topic], window: int, say: RateText, echo: Callable[[str], None]
+        self,
+        topics: Sequence[Topic],
+        window: int,
+        say: RateText | None,
+        echo: Callable[[str], None],
     ) -> None:
         self._say, self._echo = say, echo
         self._rates = {(one.name, node): Rates(window) for one in topics for node in one.publishers}
@@ -237,9 +245,12 @@ class RateMonitor:
         for (topic, node), rates in self._rates.items():
             news = rates.last != self._printed.get((topic, node))
             label = f"{topic} of {node}" if topic in self._crowds else topic
-            text = self._say(rates) if news else None
+            text = self._say(rates) if self._say and news else None
             self._printed[topic, node] = rates.last
-            if text is not None:
+            if self._say is None:
+                if news or not last:
+                    self._echo(json.dumps({"topic": topic, "publisher": node, **rates.figures()}))
+            elif text is not None:
                 self._echo(f"{label}\n{text}" if self._several or self._crowds else text)
             elif not rates.received and (news or not last):
                 self._echo(f"no messages on {label}")
@@ -317,6 +328,18 @@ class Rates:
         """Bytes a second, what was not received taken for as large as the rest; or None."""
         rate, sizes = self.rate(), self.sizes()
         return None if rate is None or sizes is None else rate * sizes.mean
+
+    def figures(self) -> dict[str, Any]:
+        """All that is known, ready for JSON."""
+        statistics = {
+            "period_s": self.periods(), "size_bytes": self.sizes(), "delay_s": self.delays()
+        }  # fmt: skip
+        return {
+            "messages": self.received,
+            "rate_hz": self.rate(),
+            "bytes_per_s": self.bandwidth(),
+            **{name: found and found._asdict() for name, found in statistics.items()},
+        }
 
     def _columns(self) -> Integers:
         return np.array(self._kept, np.int64).reshape(-1, 4).T

@@ -69,8 +69,7 @@ def _apart(one: Floats, other: Floats) -> float:
 def extrusion_axis(normals: Floats, axis: Floats) -> Floats | None:
     """The axis near another one to which the sides' normals are square; None if they are not.
 
-    `normals` (n, 3): of the contacts, unit vectors. `axis` (3,): about where it lies, a unit
-    vector.
+    `normals` (n, 3): of the contacts. `axis` (3,): about where it lies. Both are unit vectors.
     """
     facing = int((np.abs(normals @ axis) < math.sin(NEAR[0])).sum())
     for near in NEAR:
@@ -99,9 +98,8 @@ class RevolutionAxis(NamedTuple):
 def revolution_axis(points: Floats, normals: Floats, axes: Floats) -> RevolutionAxis:
     """The axis that most normals meet best.
 
-    `points`, `normals` (n, 3): at least 6, m, and unit vectors. `axes` (k, 3): axes with which to
-    start, beside three that the normals suggest. Raises ValueError if there are fewer than 6
-    contacts.
+    `points`, `normals` (n, 3): at least 6, m, and unit vectors. `axes` (k, 3): to start with,
+    beside three that the normals suggest. Raises ValueError if there are fewer contacts.
     """
     if len(points) < LEAST:
         raise ValueError(f"points must be at least {LEAST}, got {len(points)}")

@@ -57,9 +57,8 @@ def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> F
     """Pose (7,) from which a hand is expected to touch where nothing was touched yet.
 
     `points`, `normals` (n, 3): contacts so far, at least one, m, and outward unit normals.
-    `platform`: height of the platform, m. Farthest-point sampling: of a fixed set of poses the one
-    is taken whose expected contacts are together farthest from those that there are, and from each
-    other.
+    `platform`: its height, m. Farthest-point sampling: of a fixed set of poses the one is taken
+    whose expected contacts are together farthest from those that there are, and from each other.
     """
     middle, axes, size = expected_ellipsoid(points, normals, platform)
     middles = middle + (SHIFTS * size) @ axes.T
@@ -161,8 +160,7 @@ def _distances(places: Floats, points: Floats) -> Floats:
 class Hand:
     """How many fingers a hand has, and how wide it opens.
 
-    Raises ValueError if it has no finger or more than 20, or the opening or the reach is not
-    positive.
+    Raises ValueError unless it has 1 to 20 fingers, and the opening and the reach are positive.
     """
 
     fingers: int = 5  # Beside the palm

@@ -151,8 +151,7 @@ def solid_on_platform(
 ) -> CorrectedSolid:
     """The solid through its contacts, one of which it has with the platform.
 
-    That one is below the middle of all that is about as low: a corner of a level foot that leans a
-    little would draw the solid aside with it.
+    That one is below the middle of all that is about as low: a corner would draw it aside.
     """
     mesh = found.shape().mesh(LEVEL)
     heights = mesh.vertices[:, 2]

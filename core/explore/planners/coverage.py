@@ -105,8 +105,7 @@ def untraceable_height(observation: Observation) -> float:
 def even_heights(observation: Observation, span: Span) -> list[float]:
     """Heights at which as few slices as can be touch an untouched span, m, from below.
 
-    Where only contours count, what is touched beside them tells nothing: the middle is as good as
-    any place.
+    Where only contours count, what is touched beside them tells nothing: it takes the middle.
     """
     if not observation.all_taxels or not any(one.usable for one in observation.slices):
         return [span.middle]
@@ -125,8 +124,7 @@ def even_heights(observation: Observation, span: Span) -> list[float]:
 def _expected_bands(observation: Observation, heights: Floats) -> Floats:
     """Height (n,) of the band that a slice at each height (n,) is expected to touch, m.
 
-    Along the surface a pad touches as much as its neighbours' pads did; where the surface leans,
-    that is less of the height.
+    Along the surface a pad touches as much as its neighbours' did: less height if it leans.
     """
     usable = sorted((one for one in observation.slices if one.usable), key=lambda one: one.height)
     touched = [np.quantile(one.contact_high - one.contact_low, OPEN) for one in usable]

@@ -168,8 +168,7 @@ def _along_with(observation: Observation, spans: Sequence[Span], wanted: float) 
 def _untouched_height(observation: Observation, spans: Sequence[Span]) -> float | None:
     """Where to touch what was not touched: into the longest span, m.
 
-    Beside other fingers, where the most slices are left so close together that only one finger at a
-    time can trace them: else they are left over for a single one.
+    Beside other fingers, where most slices are left that only one finger at a time can trace.
     """
     feature = observation.feature
     wanted = [span for span in longest_first(spans, feature) if span.length > feature]

@@ -220,7 +220,8 @@ class Planner(Protocol):
     """A rule, with its numbers. It remembers nothing: the same `Observation`, the same answer.
 
     One that has slices in which no model has a say may have a second method, `settled`, which
-    answers with such a `Height` or None: it is begun while a model is in the making.
+    answers with such a `Height` or None: it is begun while a model is in the making. One that
+    chooses single touches says so by ``single_touches``, true: its solid has any shape.
     """
 
     def next(self, observation: Observation) -> Choice:
@@ -350,8 +351,7 @@ def _wrong_height(observation: Observation, height: float) -> str:
 def planner_type(name: str) -> type[Planner]:
     """The description of a planner: by its name, or a user's own as ``module:Class``.
 
-    Raises LookupError if there is no such planner. Raises ValueError if the module cannot be
-    imported, or holds no such planner.
+    Raises LookupError if there is none; ValueError if the module cannot be imported, or holds none.
     """
     found = class_by_name(name, what="planner", names=PLANNER_NAMES, package=str(__package__))
     wanted = name.rpartition(":")[2]
@@ -366,8 +366,7 @@ def planner_type(name: str) -> type[Planner]:
 def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
     """A planner with its numbers.
 
-    Raises LookupError if there is no such planner. Raises ValueError if the module is none, or a
-    number is unknown or out of its range.
+    Raises errors as `planner_type`, and ValueError if a number is unknown or out of its range.
     """
     described = planner_type(name)
     fields = set(getattr(described, "__dataclass_fields__"))  # noqa: B009

@@ -191,10 +191,7 @@ class ObservedSurface:
 
     @cached_property
     def hidden(self) -> float:
-        """What the open area may hide of which slices know nothing, over the whole surface, m.
-
-        They tell of their error where a touch can come.
-        """
+        """What the open area may hide of which slices know nothing, over the whole surface, m."""
         slope = np.where(self.places.spanned, SPANNED_SLOPE, HIDDEN_SLOPE)
         square = np.square(slope * self.places.distances) * (self.far & ~self.reached)
         return float(np.sqrt(square.mean()))

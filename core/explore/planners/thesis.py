@@ -194,8 +194,7 @@ def _onwards(
 def mean_profile_curvature(one: protocol.ObservedSlice, extent: float) -> float:
     """Mean curvature along the height, without its sign, times the object's height.
 
-    A hollow calls for steps as small as a bulge does; with its sign the step of a hollow would
-    exceed the largest.
+    A hollow calls for steps as small as a bulge; with its sign they would exceed the largest.
     """
     return float(np.abs(one.curvatures).mean()) * extent
 

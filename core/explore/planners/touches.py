@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ MOST_OPEN, LEAST_OPEN = 0.01, 0.002
 class Touches:
     """The planner of single touches."""
 
+    single_touches: ClassVar[bool] = True
     # A touch must take this share of the squared error that is asked for, over the whole surface.
     least_gain: Annotated[float, Range(0.0, 1.0, "1")] = LEAST_GAIN
 
@@ -67,8 +68,7 @@ def next_touch(
 ) -> protocol.Touch | protocol.Stop:
     """The touch of a surface that takes most of its squared error for its time.
 
-    Where the error is within tolerance, what lies far from every touch. `bound`: of the error, m;
-    if left out, that of the surface.
+    Where the error is within the `bound`, m, or the surface's own: what lies far from touches.
     """
     if has_settled(surface.progress):
         rest = 1e3 * surface.touchable_bound(observation.tried)

@@ -86,10 +86,7 @@ class PlannerTrial:
         return self._kept[height]
 
     def rms(self, slices: Sequence[protocol.ObservedSlice], *, slopes: bool = True) -> float:
-        """Error of the side through these slices, over the object's height.
-
-        `slopes`: use their normals; else positions alone, by monotone cubics.
-        """
+        """Error of the side over the object's height; without `slopes` by monotone cubics."""
         usable = sorted((one for one in slices if one.usable), key=lambda one: one.height)
         if len(usable) < 2:
             return 1.0

@@ -334,8 +334,7 @@ def covers(contour: SideContour, places: Floats, beside: float) -> Bools:
 def largest_untouched_disc(outline: Floats, tried: Floats, width: float) -> UntouchedDisc:
     """The largest disc inside an outline that no touch has reached.
 
-    `outline` (n, 2): inside which something is unknown, m. `tried` (k, 2): where the touches were,
-    at least one. `width`: of the pad, m.
+    `outline` (n, 2): of the unknown, m. `tried` (k, 2): at least one touch. `width`: the pad's.
     """
     places, inwards = _places_inside(outline.tobytes(), width)
     if not len(places):

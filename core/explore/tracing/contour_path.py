@@ -207,9 +207,8 @@ def heading_at_end(path: Path, heading: float, width: float) -> Heading:
     """Direction and curvature of a path at its last point.
 
     A parabola is fitted to the path's end, or to less of it where that does not fit: a longer
-    window would mix two faces. The measured normal is a better heading than the parabola, unless
-    they contradict each other. `heading`: azimuth of the outward normal at the last touch, rad.
-    `width`: width of the pad, m.
+    window would mix two faces. The measured normal, of azimuth `heading`, rad, is a better heading
+    unless it contradicts the parabola. `width`: of the pad, m.
     """
     tangent = travel_direction(heading)
     curvature, good = 0.0, False
@@ -282,10 +281,9 @@ def arc_in_slice(
 ) -> SliceArc | None:
     """Arc of a touched surface at a slice height.
 
-    `pose` (7,): pose of the pad in the slicing frame. `surface` (rows, cols): surface over the
-    plane of the pad's face, m. `touched` (rows, cols) of bool: where the pad touches. `jet`: the
-    surface's jet; without one the pad's own normal stands in. `height`: height of the slice, m.
-    None if nothing is touched.
+    `pose` (7,): pose of the pad in the slicing frame. `surface` (rows, cols): over the plane of the
+    pad's face, m. `touched` (rows, cols) of bool. `jet`: the surface's jet; without one the pad's
+    own normal stands in. `height`: of the slice, m. None if nothing is touched.
     """
     if not touched.any():
         return None

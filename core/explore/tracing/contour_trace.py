@@ -229,8 +229,7 @@ def reacquire(
     """The contour met again beyond a stretch that cannot be followed, or None.
 
     Approaches come from ever farther round, the last from where the contour began; then the stretch
-    between is probed like any gap. `centre` (2,): where the object's axis is expected, m. `radius`:
-    distance from which the pad approaches, m.
+    between is probed like any gap. `centre` (2,), `radius`: as of `approach_from`, m.
     """
     first, last = path.points[0, :2] - centre, path.points[-1, :2] - centre
     from_ = math.atan2(last[1], last[0])

@@ -56,9 +56,8 @@ class FirstArc(NamedTuple):
 def search_first_arc(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[FirstArc | NoArc]:
     """Approach the slice from one direction after the other until an arc is met.
 
-    `centre` (2,): where the object's axis is expected, m. `radius`: distance from which the pad
-    approaches, m. A pad that meets the object below the slice is held off, or the object ends
-    there. One touch from above tells them apart.
+    The pad comes from a `radius`, m, about `centre` (2,), the expected axis. Where it meets the
+    object below the slice, that holds it off or ends there: one touch from above tells them apart.
     """
     held_off = 0
     for azimuth in AZIMUTHS:
