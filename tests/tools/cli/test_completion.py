@@ -64,7 +64,7 @@ def running(run="ab12", name="vase"):
     )
     with private_folder(None) as folder:
         card = RunCard(
-            run=run, name=name, began="2026-01-01T00:00:00", pid=1, folder="", ends="simulator",
+            run=run, name=name, began=run, pid=1, folder="", ends="simulator",
             nodes=(node,), taps={}, tools="",
         )  # fmt: skip
         announce(folder, card)
