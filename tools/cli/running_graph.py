@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from palpate import launch
+from palpate import launch, messages
 from palpate.launch import processes
 from palpate.launch.files import InputError, as_input_errors, hint
-from palpate.messages import schema
 from palpate.tools import introspection
 from palpate.tools.cli.command_line import JSON, NODE, OPTIONAL_NODE, RUN, RUN_PATH, TOPIC, Command
 from palpate.tools.cli.command_line import NamedGroup, complete_topic, print_figures
@@ -104,7 +103,7 @@ def topic_info_command(topic: str, run: str | None, verbose: bool, as_json: bool
         lines.append(wrapped(f"{what} count: {len(nodes)}  {', '.join(nodes)}"))
     if cls is not None:
         lines += ["Fields:", *(f"  {line}" for line in introspection.field_lines(cls))]
-    told = {} if cls is None else {"schema": schema(cls)}
+    told = {} if cls is None else {"schema": messages.schema(cls)}
     print_figures({**topic_figures(found), **told}, "\n".join(lines), as_json=as_json)
 
 
@@ -299,7 +298,7 @@ def interface_show_command(kind: str, run: str | None, bag: Path | None, as_json
     """Say what fields messages of TYPE have: name, what it holds, unit, and what it means."""
     with as_input_errors():
         cls = introspection.find_interface(kind, introspection.known_interfaces(run, bag))
-    print_figures(schema(cls), introspection.interface_text(cls), as_json=as_json)
+    print_figures(messages.schema(cls), introspection.interface_text(cls), as_json=as_json)
 
 
 @param_group.command("list", short_help="Name the parameters.")
