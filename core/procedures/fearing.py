@@ -3,8 +3,7 @@
 Finger 1 looks for the object from above; then three fingers close on its sides at once, and each
 touch is read as a vertex, an edge, a face or a parabolic point. Which of them belong to the top,
 the bottom or the sides nobody says: the interpretations that tables and geometry leave are
-compared, and more touches are made until one is left. Fung, 1999, 1.4.3.1; `palpate.core.cones` has
-the rest.
+compared, and more touches made until one is left: `palpate.core.cones`; Fung, 1999, 1.4.3.1.
 """
 
 from __future__ import annotations
@@ -56,8 +55,7 @@ class ConePoseFit(NamedTuple):
 def fearing(setting: TouchSetting) -> Exploration:
     """Close three fingers on a cone until its axis and apex are known.
 
-    Findings: a `ConePoseFit`, or ``unsuited`` with the combination that was touched and why it does
-    not suffice or fit.
+    Findings: a `ConePoseFit`, or ``unsuited``: what was touched and why it does not suffice or fit.
     """
     if setting.fingers < FINGERS:
         return Findings(status="unsuited", reason=f"it takes {FINGERS} fingers at once")

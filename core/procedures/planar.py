@@ -4,8 +4,7 @@ On each face the finger lifts, moves parallel to it and lowers, outwards in two 
 opposites, until the pad shows that the face ends. Beyond each end it turns to the face that comes
 next. Planes are fitted by total least squares. Where the text stops once a face is measured, here
 the planes' intersection is looked at: near each of its corners the face is touched, and a corner
-that is not there leads to the face that cuts it off; so the polyhedron closes only where it was
-touched.
+that is not there leads to the face that cuts it off: it closes only where touched.
 """
 
 from __future__ import annotations
@@ -413,8 +412,7 @@ def _farthest_untouched(survey: PolyhedronSurvey, mesh: Mesh) -> float:
 def _checked_rms(survey: PolyhedronSurvey, doubts: list[Doubt]) -> float:
     """Root mean square distance of all touched points from their planes, m.
 
-    Raises UnsuitedError if it is too large, if something is curved that is no rim, or a face was
-    not where its planes promise it.
+    Raises UnsuitedError if it is too large, something but a rim is curved, or a face is missing.
     """
     sigma = survey.setting.sigma
     for contact in survey.curved:

@@ -217,10 +217,7 @@ def _turned_alike(faces: Ints) -> tuple[Ints, int]:
 
 
 def _loops(faces: Ints) -> list[Ints]:
-    """Corners around each hole, in the order of the face that would close it.
-
-    Where holes touch in a corner, each has a loop of its own.
-    """
+    """Corners around each hole, in the order of the face that would close it; each its own."""
     onwards: dict[int, list[int]] = {}
     for other, begin in _open_edges(faces).tolist():
         onwards.setdefault(begin, []).append(other)

@@ -173,10 +173,7 @@ def rebuild_set(
     method: Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
 ) -> Solid:
-    """The solid of a set.
-
-    Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
-    """
+    """The solid of a set; ValueError unless traced in one frame, or as `reconstruct` does."""
     frame = common_frame(contours)
     points = [each for of_goal in touched.values() for each in of_goal]
     return reconstruct(
@@ -274,10 +271,7 @@ def touched_since(state: State, before: Goal, goal: Goal) -> list[ContactPoints]
 
 
 def common_frame(contours: Sequence[types.Contour]) -> Floats:
-    """Pose (7,) of the frame in which all contours were traced.
-
-    Raises ValueError if they were not all traced in the same.
-    """
+    """Pose (7,) of the frame in which all contours were traced; ValueError if they differ."""
     first = contours[0]
     for other in contours[1:]:
         if not np.array_equal(other.frame, first.frame):

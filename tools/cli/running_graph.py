@@ -333,7 +333,7 @@ def param_get_command(node: str, param: str, run: str | None, as_json: bool) -> 
 
 
 @param_group.command("set", short_help="Set a parameter between two touches.")
-@click.argument("node")
+@NODE
 @click.argument("param")
 @click.argument("value")
 @RUN

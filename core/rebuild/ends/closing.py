@@ -111,8 +111,7 @@ def close_ends(
     They run counter-clockwise at ascending heights (m,), grid (m, k, 2); `noise` is the standard
     deviation of a point, in the same unit. `bottom` and `top` are heights at which a touch found
     the ends, left out where nobody touched. Raises ValueError if the contours are not like that or
-    have no width, if an end lies inside the contours by more than a spacing, or if `noise` is
-    negative.
+    have no width, an end lies inside them by more than a spacing, or `noise` is negative.
     """
     down, up = (_stack(heights, grid, noise, upper=upper) for upper in (False, True))
     return _end("bottom", down, bottom, False, None), _end("top", up, top, False, None)
@@ -183,8 +182,7 @@ def _end(
 def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
     """How far beyond the last contour the solid closes; None where nobody can know.
 
-    By ascending outward coordinates (n,), mean radii there, and a mean radius's deviation
-    `scatter`.
+    By ascending outward coordinates (n,), mean radii there, and the deviation `scatter` of these.
     """
     if len(depths) < POLE_FEWEST:
         return None
