@@ -237,10 +237,9 @@ def test_the_commands_of_a_page_work_as_they_are_pasted(name):
         if not line.startswith("palpate ") or ELSEWHERE.match(line):
             continue
         ran = subprocess.run(line, shell=True, capture_output=True, text=True, timeout=300)
-        # A run may end without its tolerance, which then is said
-        assert ran.returncode in ((0, 1) if line.startswith("palpate run") else (0,)), (
-            f"{line}\n{ran.stdout}\n{ran.stderr}"
-        )
+        # These may end without their tolerance, which then is said
+        missed = line.startswith(("palpate run", "palpate sweep", "palpate recognise"))
+        assert ran.returncode in range(1 + missed), f"{line}\n{ran.stdout}\n{ran.stderr}"
 
 
 @pytest.mark.slow
