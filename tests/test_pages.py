@@ -203,3 +203,46 @@ def test_the_tutorial_works_as_it_is_pasted(at_a_prompt):
     assert "curvature: 4" in printed[next(one for one in pasted if "topic echo" in one)]
     assert "bends: identical, 6 on /bends" in printed[pasted[-1]]
     assert (at_a_prompt / "tables" / "bends.csv").read_text().count("\n") == 7
+
+
+# What needs another terminal, another machine or hours; two pages have tests of their own
+ELSEWHERE = re.compile(
+    r"palpate (topic|keys|host|launch (lab|bends|mine|driver)|dev|.* --scheduler)|git clone|python "
+)
+PASTED = sorted({page for page, _ in COMMANDS} - {"tutorial.md", "own_node.md", "machines.md"})
+
+
+@pytest.fixture
+def in_a_checkout(at_a_prompt):
+    """A folder with the files that ship, a run, and those that the pages show."""
+    for name in ("scenes", "examples"):
+        (at_a_prompt / name).symlink_to(ROOT / name)
+    run = ["palpate", "run", "vase", "--tolerance", "1mm", "--composed", "--quiet"]
+    subprocess.run(run, check=True, timeout=100)
+    for page, language, name in (
+        ("sweep", "yaml", "two.yaml"),
+        ("procedures", "python", "poke.py"),
+    ):
+        Path(name).write_text(blocks(DOCS / f"{page}.md", language)[0])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.usefixtures("in_a_checkout")
+@pytest.mark.parametrize("name", PASTED)
+def test_the_commands_of_a_page_work_as_they_are_pasted(name):
+    page = ROOT / name if name == "README.md" else DOCS / name
+    for line in "".join(blocks(page, "sh")).replace("\\\n", "").splitlines():
+        line = line.replace("./go", "palpate")
+        if not line.startswith("palpate ") or ELSEWHERE.match(line):
+            continue
+        ran = subprocess.run(line, shell=True, capture_output=True, text=True, timeout=300)
+        # These may end without their tolerance, which then is said
+        missed = line.startswith(("palpate run", "palpate sweep", "palpate recognise"))
+        assert ran.returncode in range(1 + missed), f"{line}\n{ran.stdout}\n{ran.stderr}"
+
+
+@pytest.mark.slow
+def test_the_python_of_the_readme_works_as_it_is_pasted(at_a_prompt):
+    [block] = blocks(ROOT / "README.md", "python")
+    assert "95 % error bound" in finish(start(block), block)
