@@ -1,4 +1,4 @@
-"""``palpate bench``: what it measures, by name. The verb is found by name."""
+"""``palpate dev bench``: what it measures, by name. The verb is found by name."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ import click
 from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Group, named, run_groups
 from palpate.launch.files import check_new
+from palpate.tools.cli import JSON, out_option
 
 SPEED = "speed/scenes"  # The group that takes an older checkout
 RESULTS = click.Path(dir_okay=False, path_type=Path)
 
 
 class Bench(NamedTuple):
-    """What ``palpate bench`` measures by one name."""
+    """What ``palpate dev bench`` measures by one name."""
 
     told: str  # What it measures, for the help
     # ``module:function`` by name, within palpate.bench, each imported at its turn; quickest first.
@@ -58,7 +59,7 @@ counts by anything, times by 10 %, and the rest by 2 %.
 
 def _help() -> str:
     told = {**{name: one.told for name, one in BENCHES.items()}, ALL: "all of these"}
-    wrap = textwrap.TextWrapper(90, subsequent_indent=11 * " ", break_on_hyphens=False)
+    wrap = textwrap.TextWrapper(76, subsequent_indent=11 * " ", break_on_hyphens=False)
     return BENCH_HELP.format(benches="\n".join(wrap.fill(f"{n:<10} {t}") for n, t in told.items()))
 
 
@@ -66,8 +67,8 @@ def _help() -> str:
 @click.argument("what", type=click.Choice([*BENCHES, ALL]), default="speed")
 @click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
 @click.option("--only", metavar="GROUP", help="One group of figures.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-@click.option("--out", metavar="FILE", type=RESULTS, help="Write the results here, as JSON.")
+@JSON
+@out_option("Write the results here, as JSON.", type=RESULTS)
 @click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
 @click.option(

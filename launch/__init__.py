@@ -19,20 +19,22 @@ if TYPE_CHECKING:
     from palpate.launch.hosts import free_endpoints as free_endpoints, key_file as key_file
     from palpate.launch.hosts import read_host as read_host, run_host_agent as run_host_agent
     from palpate.launch.launch_file import arguments_table as arguments_table, describe as describe
+    from palpate.launch.launch_file import list_arguments as list_arguments
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import PROCEDURES as PROCEDURES
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch
-    from palpate.launch.node_kinds import Entry as Entry, describe_kind as describe_kind
-    from palpate.launch.node_kinds import list_kinds as list_kinds
+    from palpate.launch.node_kinds import Entry as Entry, list_kinds as list_kinds
+    from palpate.launch.node_kinds import load_entry as load_entry
     from palpate.launch.node_kinds import search_current_folder as search_current_folder
     from palpate.launch.object_database import OBJECTS as OBJECTS, ObjectDatabase as ObjectDatabase
     from palpate.launch.object_database import learn_models as learn_models
     from palpate.launch.object_database import load_models as load_models
     from palpate.launch.object_database import load_objects as load_objects
     from palpate.launch.object_database import write_models as write_models
-    from palpate.launch.printing import counted as counted, millimetres as millimetres
+    from palpate.launch.printing import TEXT_WIDTH as TEXT_WIDTH, counted as counted
+    from palpate.launch.printing import millimetres as millimetres
     from palpate.launch.printing import size_text as size_text, text_table as text_table
     from palpate.launch.printing import titled as titled
     from palpate.launch.progress import Display as Display, open_display as open_display
@@ -43,7 +45,10 @@ if TYPE_CHECKING:
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
-    from palpate.launch.run_directory import find_bag as find_bag, read_summary as read_summary
+    from palpate.launch.run_directory import find_bag as find_bag, find_run_path as find_run_path
+    from palpate.launch.run_directory import find_run_mesh as find_run_mesh
+    from palpate.launch.run_directory import read_summary as read_summary
+    from palpate.launch.run_directory import run_directory_of as run_directory_of
     from palpate.launch.run_directory import versions_text as versions_text
     from palpate.launch.scene import SHIPPED_SCENES as SHIPPED_SCENES, Scene as Scene
     from palpate.launch.scene import SceneSpec as SceneSpec, find_scene as find_scene

@@ -20,13 +20,14 @@ from palpate.launch import files
 from palpate.launch.hosts import read_host
 from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
-from palpate.messages import CodecError, schema
+from palpate.messages import CodecError, schema, schema_hash
 from palpate.messages.bus import LAUNCHER
-from palpate.messages.types import TYPES, Truth
+from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
 from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
 # Modules of the nodes that may know the true shape.
 MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
+MOVED = {TactileFrame, GraspContacts}  # Types of the messages that tell what a robot has done
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
 
@@ -38,6 +39,7 @@ class Graph:
     entries: tuple[Entry, ...]  # The nodes
     ends: str  # Name of the node that ends the graph
     source: str = ""  # ``file:line`` at which `ends` is given
+    rate: float = 0.0  # Robot time that passes in a second; 0: as fast as it is computed
 
     def check(self) -> None:
         """Refuse a graph that could not run.
@@ -63,11 +65,17 @@ class Graph:
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),
                 types={wire: one.types[local].__name__ for local, wire in one.outputs.items()},
+                schemas={
+                    cls.__name__: json.dumps(schema(cls))
+                    for local, cls in one.types.items()
+                    if TYPES.get(cls.__name__) is not cls
+                },
                 host=one.entry.host,
                 nice=one.entry.nice,
                 on_exit=one.entry.on_exit,
                 handler_timeout=one.node.handler_timeout,
                 persistent=is_persistent(one.node),
+                rate=self.rate if MOVED.intersection(one.types.values()) else 0.0,
                 subscribers={
                     topic: tuple(
                         name for name, its in inputs.items() if any(x.topic == topic for x in its)
@@ -82,14 +90,23 @@ class Graph:
         """Topic on the wire to the type of its messages."""
         return {topic: one.type for topic, one in publishers(resolve_nodes(self.entries)).items()}
 
+    def links(self) -> list[dict[str, Any]]:
+        """The resolved wiring: each topic with type, publisher and subscribers."""
+        types = self.topics()
+        return [
+            {"topic": topic, "type": types[topic].__name__, "from": wiring.name, "to": subscribers}
+            for wiring in self.wirings()
+            for topic, subscribers in wiring.subscribers.items()
+        ]
+
     def table(self) -> str:
         """The resolved wiring, one topic a line."""
-        types = self.topics()
-        rows = [("topic", "type", "from", "to")]
-        for wiring in self.wirings():
-            for topic, subscribers in wiring.subscribers.items():
-                rows.append((topic, types[topic].__name__, wiring.name, ", ".join(subscribers)))
-        return "\n".join((*text_table(rows), f"ends with the Finished of {self.ends}"))
+        rows = [
+            (link["topic"], link["type"], link["from"], ", ".join(link["to"]))
+            for link in self.links()
+        ]
+        lines = text_table([("topic", "type", "from", "to"), *rows])
+        return "\n".join((*lines, f"ends with the Finished of {self.ends}"))
 
     def _check_ends(self, placed: Iterable[ResolvedNode]) -> None:
         nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]
@@ -125,12 +142,18 @@ def check_custom_types(published: Mapping[str, Publisher]) -> None:
             schema(cls)
         except CodecError as error:
             raise publisher.placed.entry.error(f"publishes {topic}: {error}") from None
-        if named.setdefault(cls.__name__, cls) is not cls:
+        if not _is_same(named.setdefault(cls.__name__, cls), cls):
             other = named[cls.__name__]
             raise publisher.placed.entry.error(
                 f"publishes {topic} as {cls.__name__} of {cls.__module__}, but {other.__module__} "
                 "has a type of that name; call it otherwise"
             )
+
+
+def _is_same(one: type, other: type) -> bool:
+    """Whether two types are one, or one is the other as a recording describes it."""
+    alike = one.__name__ == other.__name__ and TYPES.get(one.__name__) is None
+    return one is other or (alike and schema_hash(one) == schema_hash(other))
 
 
 def _inputs(
@@ -146,7 +169,7 @@ def _inputs(
             continue
         for topic in _sources(one.entry, one.node, local, published, placed):
             source = published[topic]
-            if wanted is not source.type:
+            if not _is_same(wanted, source.type):
                 raise one.entry.error(
                     f"subscribes to {topic} as {wanted.__name__}, but "
                     f"{source.placed.entry.name!r} publishes it as {source.type.__name__}"
@@ -162,9 +185,7 @@ def _input(one: ResolvedNode, topic: str, local: str, source: Publisher) -> Inpu
             f"subscribes to {topic}, the true shape, which only an evaluator, a view or a recorder "
             "may; take this input away"
         )
-    name = source.type.__name__
-    custom = "" if TYPES.get(name) is source.type else json.dumps(schema(source.type))
-    return Input(source.placed.entry.name, topic, local, name, custom)
+    return Input(source.placed.entry.name, topic, local, source.type.__name__)
 
 
 def _sources(
@@ -176,7 +197,8 @@ def _sources(
 ) -> list[str]:
     """Topics on the wire of an input: in the node's own namespace first, then outside.
 
-    An input that is `fan_in` subscribes to the topic in every namespace.
+    An input that is `fan_in` subscribes to the topic in every namespace; an `optional` one may have
+    none.
     """
     if local in entry.remap:
         candidates = [entry.remap[local]]
@@ -187,7 +209,7 @@ def _sources(
         candidates = [f"/{entry.namespace}{local}"] if entry.namespace else []
         candidates.append(local)
     found = [topic for topic in candidates if topic in published]
-    if not found:
+    if not found and (local in entry.remap or local not in node.optional):
         near = files.hint(candidates[-1], published)
         raise entry.error(f"subscribes to {candidates[-1]}, which nobody publishes; {near}")
     return found if local in node.fan_in else found[:1]
@@ -377,9 +399,8 @@ def resolved_text(
             "params": _portable_params(wiring.params, out),
             **{key: value for key, value in told.items() if value},
         }
-    return files.yaml_text(
-        {**({"args": dict(args)} if args else {}), "nodes": nodes, "ends": graph.ends}
-    )
+    told = {"args": dict(args), "nodes": nodes, "ends": graph.ends, "rate": graph.rate}
+    return files.yaml_text({key: value for key, value in told.items() if value})
 
 
 def _portable_params(params: Any, out: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import json
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -56,6 +56,8 @@ class LaunchSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     args: dict[str, Any] = {}  # What may be set from outside, and its default
     nodes: dict[str, Any]  # The nodes by name
     ends: str  # The node whose Finished ends the graph
+    # Robot time that passes in a second, 1 for a robot's own pace; as fast as can be if left out.
+    rate: Annotated[float, Meta(gt=0, le=1000)] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,7 @@ def _graph(given: SourceMapped, known: Mapping[str, SourceMapped]) -> Graph:
     entries = [
         entry for name in spec.nodes for entry in _entries(name, given.part(("nodes", name)), known)
     ]
-    return Graph(tuple(entries), spec.ends, filled.place(("ends",)))
+    return Graph(tuple(entries), spec.ends, filled.place(("ends",)), spec.rate or 0.0)
 
 
 def _entries(name: str, given: SourceMapped, known: Mapping[str, SourceMapped]) -> list[Entry]:
@@ -175,17 +177,24 @@ def describe_python(path: Path, args: Mapping[str, SourceMapped], out: Path) -> 
     return graph
 
 
-def arguments_table(path: Path) -> str:
-    """A table of the arguments that a launch file takes; nothing is started.
+def list_arguments(path: Path) -> list[dict[str, str]]:
+    """The arguments that a launch file takes; nothing is started.
 
     Of a YAML file the comment behind an argument is its explanation; of a Python file, which is run
-    up to its ``describe``, the type is shown. Raises InputError if the file cannot be used.
+    up to its ``describe``, the type is told. Raises InputError if the file cannot be used.
     """
     python = path.suffix == ".py"
-    rows = list(_python_rows(path) if python else _yaml_rows(path))
-    if not rows:
+    keys = ("argument", "type", "default") if python else ("argument", "default", "help")
+    rows = _python_rows(path) if python else _yaml_rows(path)
+    return [dict(zip(keys, row, strict=True)) for row in rows]
+
+
+def arguments_table(path: Path, arguments: Sequence[Mapping[str, str]]) -> str:
+    """A table of the arguments that a launch file takes."""
+    if not arguments:
         return f"{path} takes no arguments"
-    head = ("argument", "type", "default") if python else ("argument", "default", "")
+    head = ["" if key == "help" else key for key in arguments[0]]
+    rows = [list(one.values()) for one in arguments]
     return "\n".join([f"{path} takes, each as NAME:=VALUE", *text_table([head, *rows])])
 
 

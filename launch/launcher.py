@@ -57,7 +57,7 @@ def launch(
             complete = _with_subscribers(wirings, watch)
             if before is not None:
                 before.lay(complete, place)
-            processes.announce(folder, _card(wirings, place, name, ends, run_dir))
+            card = _card(wirings, place, name, ends, run_dir)
             return processes.Supervisor(
                 complete,
                 ends=ends,
@@ -65,6 +65,7 @@ def launch(
                 watcher=watcher,
                 place=place,
                 sockets=sockets,
+                announcement=processes.Announcement(folder, card),
                 hosts=hosts,
                 ahead_ns=remote.ahead_ns,
                 interrupts=interrupts,

@@ -14,8 +14,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msgspec import structs
-
 import palpate.nodes
 from palpate.launch.files import InputError, KeyPath, SourceMapped, hint
 from palpate.nodes import runtime  # Loads numpy when a node is asked for, not before
@@ -117,25 +115,6 @@ def load_entry(entry: Entry) -> AnyNode:
     if mark and getattr(sys.modules[entry.module], held, None) is not node:
         raise entry.error(f"module {entry.module!r} holds no {held}")
     return node
-
-
-def describe_kind(name: str) -> str:
-    """What a node of this kind subscribes to, publishes and takes, as a text."""
-    node = load_entry(Entry(name=name, kind=name))
-    lines = [name]
-    if isinstance(node, runtime.Sink):
-        lines.append("  subscribes to everything")
-    elif isinstance(node, runtime.Source):
-        lines.append("  subscribes to nothing; its parameters tell what it publishes")
-    else:
-        inputs = {topic: kind for topic, (kind, _) in node.inputs.items()}
-        for what, topics in (("subscribes", inputs), ("publishes ", node.outputs)):
-            lines += [f"  {what} {topic}  {kind.__name__}" for topic, kind in topics.items()]
-    for one in structs.fields(node.params):
-        default = one.default_factory() if callable(one.default_factory) else one.default
-        need = "required" if one.required else f"default {default!r}"
-        lines.append(f"  takes {one.encode_name}  {need}")
-    return "\n".join(lines)
 
 
 def search_inputs(folder: Path) -> None:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 
@@ -19,8 +20,8 @@ from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.launch.demand import demand_text, tolerance_of
-from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path, parse_yaml
-from palpate.launch.files import set_within, yaml_text
+from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path, load
+from palpate.launch.files import parse_yaml, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.launch_source import EXPLORE, prestart_fork_server
@@ -31,12 +32,15 @@ from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, op
 from palpate.launch.run_directory import RunDirectory, choose_run_directory, exit_code, summarise
 from palpate.launch.run_directory import versions_text
 from palpate.launch.scene import find_scene
-from palpate.launch.summary_text import details_text, headline_text
+from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
 from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution_of_info
 
+
+if TYPE_CHECKING:
+    from palpate.core.rebuild import GeneralSolid, Solid
 
 _PLUGIN = re.compile(r"[\w.]+:[A-Za-z_]\w*")  # ``module:Class``
 
@@ -50,6 +54,7 @@ def explore(
     out: str | Path | None = None,
     composed: bool = False,
     record: bool = True,
+    realtime: bool = False,
     quiet: bool = True,
 ) -> Run:
     """Touch the object of a scene and rebuild it.
@@ -70,6 +75,8 @@ def explore(
         All nodes in this process instead of one process each; the results are the same.
     record : bool
         Keep every message in ``topics.mcap``.
+    realtime : bool
+        Robot time passes as fast as time, so that the run can be watched.
     quiet : bool
         Show no progress.
 
@@ -97,6 +104,7 @@ def explore(
         {key: SourceMapped(value, key) for key, value in (settings or {}).items()},
         name=path.stem,
         out=None if out is None else Path(out),
+        realtime=realtime,
     )
     return perform(plan, composed=composed, display=open_display(quiet=quiet))
 
@@ -118,7 +126,7 @@ class Plan:
     asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """What a run came to."""
 
@@ -128,6 +136,27 @@ class Run:
     model: ShapeModel | None  # The last model
     # 0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
     exit_code: int
+
+    def __repr__(self) -> str:
+        """Five lines: what was found, its bound, what it cost, how it ended and where it lies."""
+        summary = self.summary
+        return "\n".join(
+            (
+                f"<Run of {summary['scene'] or self.folder.name}, {self.ending.status}",
+                *run_lines(summary),
+                f"  folder  {self.folder}>",
+            )
+        )
+
+    @cached_property
+    def solid(self) -> Solid | GeneralSolid | None:
+        """The last model as a solid, exact at every place; None if nothing was rebuilt.
+
+        Or if it is an exploratory procedure's, or no model was final: `model` has triangles.
+        """
+        if self.model is None or not len(self.model.archive):
+            return None
+        return load(self.folder / "model.npz")
 
     @property
     def text(self) -> str:
@@ -146,14 +175,22 @@ class Run:
 
 
 def check_run(
-    path: Path, args: Mapping[str, SourceMapped], settings: Mapping[str, SourceMapped], out: Path
+    path: Path,
+    args: Mapping[str, SourceMapped],
+    settings: Mapping[str, SourceMapped],
+    out: Path,
+    *,
+    realtime: bool = False,
 ) -> tuple[LaunchDescription, tuple[Wiring, ...]]:
     """What a launch file comes to with arguments and settings, checked whole, and its wiring.
 
-    `out` is the run directory, which need not exist. Raises InputError if anything is wrong.
+    `out` is the run directory, which need not exist; `realtime` as in `plan_run`. Raises InputError
+    if anything is wrong.
     """
     found = describe(path, args, out)
     graph = override(found.graph, settings)
+    if realtime:
+        graph = replace(graph, rate=1.0)
     wirings = graph.wirings()
     check_feasibility(graph, wirings)
     return LaunchDescription(graph, found.scene, found.args), wirings
@@ -224,14 +261,16 @@ def plan_run(
     *,
     name: str,
     out: Path | None = None,
+    realtime: bool = False,
 ) -> Plan:
     """Read and check everything that a run needs.
 
-    `settings` are values by ``node.param``; `name` and `out` choose the run directory. Raises
-    InputError if anything is wrong; nothing has been started or written.
+    `settings` are values by ``node.param``; `name` and `out` choose the run directory; `realtime`:
+    robot time passes as fast as time. Raises InputError if anything is wrong; nothing has been
+    started or written.
     """
     folder = choose_run_directory(name, out)
-    described, wirings = check_run(path, args, settings, folder.path)
+    described, wirings = check_run(path, args, settings, folder.path, realtime=realtime)
     again: dict[str, Any] = {"scene": "scene.yaml"} if described.scene is not None else {}
     if isinstance(seed := described.args.get("seed"), int):
         again["seed"] = seed

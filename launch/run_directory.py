@@ -20,6 +20,7 @@ from palpate import __version__
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
 from palpate.launch.printing import millimetres
+from palpate.launch.processes import running_graphs
 from palpate.launch.progress import Progress
 from palpate.launch.summary_text import known_texts, unknown_texts
 from palpate.messages.recording import free_bytes
@@ -29,6 +30,7 @@ from palpate.nodes.runtime import Ending
 RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
+MESH = "mesh.ply"  # Name of the solid, in m
 RESULT = "result.json"  # Name of what an exploratory procedure found
 SUMMARY = "summary.json"  # Name of the figures
 COST_PICTURE = "cost.svg"  # Name of the picture of what accuracy cost
@@ -139,6 +141,40 @@ def _free(path: Path) -> Path:
     return free
 
 
+def find_run_path(path: Path) -> Path:
+    """The run directory of the running graph that a name without a file means; else the path.
+
+    Raises InputError if several running graphs are called so.
+    """
+    if path.exists() or path.suffix or path.parent != Path():
+        return path
+    found = [card for card in running_graphs() if card.folder and card.is_called(path.name)]
+    if len(found) > 1:
+        known = ", ".join(f"{card.run[:6]} in {card.folder}" for card in found)
+        raise InputError(f"{path}: several running graphs are called so: {known}")
+    return Path(found[0].folder) if found else path
+
+
+def run_directory_of(path: Path) -> Path:
+    """The folder in which a recording lies; any other path as it is."""
+    return path.parent if path.suffix == Path(RECORDING).suffix and path.is_file() else path
+
+
+def find_run_mesh(path: Path) -> Path:
+    """The solid of a run, given its directory or its recording; another file is itself.
+
+    Raises InputError if there is no such file, or the run has no solid.
+    """
+    folder = run_directory_of(path)
+    if not folder.is_dir():
+        if not path.exists():
+            raise InputError(f"{path}: does not exist; it must be a run or a file of a solid")
+        return path
+    if not (folder / MESH).is_file():
+        raise InputError(f"{folder}: holds no rebuilt solid: there is no {MESH} in it")
+    return folder / MESH
+
+
 def find_bag(path: Path) -> Path:
     """The recording's first file, given that or a run directory; InputError if there is none."""
     bag = path / RECORDING if path.is_dir() else path
@@ -151,8 +187,8 @@ def find_bag(path: Path) -> Path:
 
 
 def read_summary(run: Path) -> Summary:
-    """The figures of a run directory; InputError if it has none that can be read."""
-    path = run / SUMMARY
+    """The figures of a run, by its directory or recording; InputError if none can be read."""
+    path = run_directory_of(run) / SUMMARY
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError:
@@ -227,11 +263,11 @@ def _procedure(found: ProcedureResult | None) -> dict[str, Any] | None:
 
 def _unknown(done: PlanDone | None) -> dict[str, Any]:
     """What nobody touched, as it was told at the end."""
-    place = None if done is None or not len(done.open_place) else done.open_place[0].tolist()
     return {
         "open_share": done and done.open_share,
         "open_width_m": done and done.open_width,
-        "open_place_m": place,
+        "open_places_m": done and done.open_places.tolist(),
+        "open_normals": done and done.open_normals.tolist(),
         "open_touches": done and done.open_touches,
         "under_share": done and done.under_share,
     }

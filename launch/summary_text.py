@@ -6,6 +6,7 @@ at most 12 lines of a terminal of 80 columns. Timings and diagnostics are for th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from palpate.launch.exchange_rate import draw_text, halving_lines
 from palpate.launch.printing import TITLE_WIDTH, counted, millimetres, text_table, titled
 
-HEADLINE = 12  # Lines at most
+HEADLINE, WIDTH = 12, 80  # Lines at most, and columns
 LEAST_SHARE = 0.5  # Of the processor time, %: a step that took less is not printed
 ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
 OPENED = ("mesh.glb", "result.json", "topics.mcap", "log.jsonl")  # What to look at first
@@ -39,6 +40,19 @@ def headline_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path
     return "\n".join([*found, *cost, *missed, *_short(doubts, room - len(missed)), *ended])
 
 
+def run_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What was found, how far it is to be trusted and what it cost, a line of 80 columns each."""
+    found = []
+    for lines in (_found(summary), _asked(summary) or titled("bound", "none"), _time(summary)):
+        title, *parts = re.split(r"\s{2,}", "  ".join(lines))
+        told = f"  {title:<6}"
+        for number, part in enumerate(parts):
+            more = f"{told}, {part}" if number else f"{told} {part}"
+            told = more if len(more) < WIDTH else told
+        found.append(told)
+    return found
+
+
 def _short(lines: list[str], most: int) -> list[str]:
     """Lines, of which no more are kept; that there were more is told."""
     if len(lines) <= most:
@@ -55,7 +69,8 @@ def _found(summary: Mapping[str, Any]) -> list[str]:
         told = summary["procedure"] is not None and not summary["missed"]
         return [] if told else titled("found", "no solid")
     closed = "a surface that is NOT closed" if summary["watertight"] is False else "a closed solid"
-    parts = [f"{closed} from {counted(summary['contours'], 'contour')}"]
+    made_of = ("contours", "contour") if summary["contours"] else ("touches", "touch")
+    parts = [f"{closed} from {counted(summary[made_of[0]], made_of[1], made_of[0])}"]
     if summary["chamfer_m"] is not None:
         parts = [f"{closed}, {1e3 * summary['size_m']:.0f} mm high"]
         parts.append(f"rms error {millimetres(summary['rms_m'])}")
@@ -153,7 +168,7 @@ def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
     """What nobody touched, where, and what the object stands on, in words; nothing if unknown."""
     told = []
     if summary.get("open_share"):
-        place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_place_m"])
+        place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_places_m"][0])
         told.append(
             f"{100.0 * summary['open_share']:.1f} % of the surface lies over 5 mm from any touch, "
             f"the widest opening {millimetres(summary['open_width_m'])} at ({place}) mm"

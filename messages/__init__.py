@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from palpate.messages.codec import pack_frame as pack_frame, schema as schema
     from palpate.messages.codec import schema_hash as schema_hash, shortened as shortened
     from palpate.messages.codec import split_frame as split_frame
+    from palpate.messages.described import type_of_schema as type_of_schema
     from palpate.messages.fields import Array as Array, CodecError as CodecError, Count as Count
     from palpate.messages.fields import PerMetre as PerMetre, Seconds as Seconds, Vector as Vector
 else:

@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from palpate.messages.types import SequenceEnd
 from palpate.nodes import specs
 from palpate.nodes.runtime import Finished, Source, Timed
 
@@ -45,10 +46,13 @@ def open_file(params: Params) -> Iterator[Timed | Finished | None]:
     if times is None:
         times = np.arange(len(frames.images)) / params.rate
     yield Timed(0.0, "/touch/info", specs.sensor_info(params))
+    time = 0.0
     for touch, time in enumerate((times - times[0]).tolist()):
         due = 0.0 if params.at_once else time
         pose, image = frames.poses[touch], frames.images[touch]
         yield Timed(due, "/touch/raw", specs.tactile_frame(params, touch, time, pose, image))
+    ended = SequenceEnd(frames=len(frames.images), robot_time=time)
+    yield Timed(0.0 if params.at_once else time, "/touch/end", ended)
     yield Finished(f"published the {len(frames.images)} frames of {params.path}")
 
 

@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 from palpate.core import Bools
 from palpate.core.touch import CONTACT, Calibration, FilterOrder, Pad, clean
 from palpate.messages import derive
-from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
+from palpate.messages.types import ParameterEvent, SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime import Node, Outputs
 from palpate.nodes.specs import calibration_of_info, pad_of_info
 
@@ -68,6 +68,7 @@ NODE = Node(
     step="filter",
     start=lambda params: (None, []),
     inputs={"/touch/info": (SensorInfo, calibrate), "/touch/raw": (TactileFrame, take_frame)},
-    outputs={"/touch/image": TactileImage},
+    outputs={"/touch/image": TactileImage, "/filter/parameter_events": ParameterEvent},
+    settable={"order": "/touch/raw", "contact": "/touch/raw"},
     needs=("/touch/info",),
 )

@@ -14,10 +14,9 @@ from msgspec import Meta, Struct
 
 from palpate.core import Floats, explore, inverse_pose, transform_points
 from palpate.core.explore.planners import Choice, Estimate, Height, Observation, ObservedSurface
-from palpate.core.explore.planners import Planner, Stop, Touch, Touches, Wait, WrongChoiceError
+from palpate.core.explore.planners import Planner, Stop, Touch, Wait, WrongChoiceError
 from palpate.core.explore.planners import check_choice, estimate_error, make_planner, settled_height
 from palpate.core.explore.planners import untraceable_height
-from palpate.core.shapes import Mesh
 from palpate.messages import derive
 from palpate.messages.types import Contour, ContourGoal, FingerClock, GraspContacts, GraspGoal
 from palpate.messages.types import ModelGoal, PlanDone, PlanEstimate, Probe, ProbeGoal, SensorInfo
@@ -101,7 +100,8 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: close the hand for the first time."""
-    alone = isinstance(params.rule, Touches)  # there will be no slices to make a solid of
+    # Then there will be no slices to make a solid of.
+    alone = bool(getattr(params.rule, "single_touches", False))
     return _grasp_on(params, replace(state, world=world, general=alone))
 
 
@@ -172,21 +172,9 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 def _surface(state: State, model: ShapeModel) -> ObservedSurface | None:
     """The model as planners of single touches are told of it; None if nothing tells of errors."""
     assert state.world is not None and state.pad is not None
-    if not len(model.vertex_errors):
-        return None
-    return ObservedSurface(
-        mesh=Mesh(model.vertices, model.faces),
-        errors=model.vertex_errors,
-        bounds=model.vertex_bounds,
-        distances=model.vertex_distances,
-        pad=state.pad,
-        platform=state.world.platform,
-        reach=state.world.reach,
-        refused=np.reshape(state.refused, (-1, 3)),
-        openings=model.openings,
-        touches=model.touches,
-        earlier=state.surface.progress if state.surface is not None and state.general else (),
-    )
+    earlier = state.surface.progress if state.surface is not None and state.general else ()
+    refused = np.reshape(state.refused, (-1, 3))
+    return planning.observed_surface(model, state.pad, state.world, refused, earlier)
 
 
 def _estimate(model: ShapeModel | PlanDone, estimate: Estimate) -> PlanEstimate:
@@ -404,10 +392,7 @@ def done(
     uncovered = 0.0 if state.general else untraceable_height(observation)
     told: dict[str, Any] = {}
     if estimate.open_area is not None:
-        found = estimate.open_area
-        place = np.zeros((0, 3)) if found.place is None else found.place[None]
-        told = {"open_share": found.share, "open_width": found.width, "open_place": place}
-        told |= {"open_touches": found.touches, "under_share": found.under}
+        told = planning.describe_open(estimate.open_area)
     plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered, **told)
     return state, [("/plan/estimate", _estimate(plan_done, estimate)), ("/plan/done", plan_done)]
 

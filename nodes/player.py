@@ -9,7 +9,6 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from palpate.messages import schema_hash
 from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, Clock
 from palpate.nodes.runtime import Finished, Source, Timed
@@ -52,7 +51,7 @@ def outputs(params: Params) -> Mapping[str, type]:
         if topic not in recording.counts:
             known = ", ".join(sorted(recording.counts)) or "none"
             raise ValueError(f"recording {params.path} has no topic {topic!r}; it has {known}")
-    published = {topic: _type_of(topic, recording) for topic in sorted(_played(params, recording))}
+    published = {topic: recording.type_of(topic) for topic in sorted(_played(params, recording))}
     return {**published, CLOCK_TOPIC: Clock} if params.clock else published
 
 
@@ -78,19 +77,6 @@ def _played(params: Params, recording: Recording) -> frozenset[str]:
     return wanted - {CLOCK_TOPIC} if params.clock else wanted
 
 
-def _type_of(topic: str, recording: Recording) -> type:
-    name, schema = recording.types[topic]
-    cls = TYPES.get(name)
-    if cls is None:
-        raise ValueError(f"{topic} was recorded as {name!r}, which is not known here")
-    if schema_hash(cls) != schema:
-        raise ValueError(
-            f"{topic} was recorded with another version of {name} "
-            f"(schema {schema:08x}, now {schema_hash(cls):08x})"
-        )
-    return cls
-
-
 def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Iterator[Timed]:
     """The recording once; due counts from its beginning, in s of the recording."""
     before: dict[tuple[str, int], bytes] | None = {}
@@ -104,7 +90,7 @@ def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Itera
         if kept.topic not in played:
             continue
         if time < params.start_offset and before is not None:
-            cls = TYPES[kept.type]
+            cls = TYPES.get(kept.type)
             if cls in LATCHED:  # the last of its topic counts, or all of them
                 before[kept.topic, kept.seq if cls in ALL_KEPT else 0] = kept.body
             continue

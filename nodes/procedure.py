@@ -42,10 +42,10 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     procedure: str
     settings: dict[str, Any] = {}  # Its numbers
     most_touches: Annotated[int, Meta(ge=1, le=100_000)] = 1000  # Touches that may be made
-    # Standard deviations of a finger's place along each axis, m, and of how it is turned, rad: what
-    # is three times as far off a model refutes it.
+    # Standard deviation of a finger's place along each axis, m: what is three times as far off a
+    # model refutes it.
     point_error: Metres = POINT_ERROR
-    angle_error: Radians = ANGLE_ERROR
+    angle_error: Radians = ANGLE_ERROR  # Standard deviation of how a finger is turned, rad
 
     def __post_init__(self) -> None:
         try:

@@ -36,7 +36,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
     """Remember the platform."""
-    return replace(state, platform=world.platform, space=empty_map(world.reach, world.platform)), []
+    space = empty_map(world.reach, world.platform, world.centre.tolist())
+    return replace(state, platform=None if world.held else world.platform, space=space), []
 
 
 def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
@@ -83,7 +84,9 @@ def take_probe(params: Params, state: State, probe: types.Probe) -> tuple[State,
 
 
 def take_goal(params: Params, state: State, goal: Goal) -> tuple[State, Outputs]:
-    """Fit a set, at once or when all of it has been received."""
+    """Fit a set, at once or when all of it has been received; one that is fitted not again."""
+    if any(goal.number == one.number for one in state.history):
+        return state, []
     return _fit_ready(replace(state, asked=(*state.asked, goal)))
 
 
@@ -120,7 +123,7 @@ def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
 
 
 def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
-    final = isinstance(goal, types.PlanDone)
+    final = rebuilding.is_final(goal)
     candidates = rebuilding.fitted_solids(state, goal, step)
     with step("prediction"):
         predicted, enough = rebuilding.predicted_squares(state, goal, step)
@@ -155,4 +158,5 @@ NODE = Node(
     },
     needs=("/world", "/touch/info"),
     fan_in=("/touch/patch", "/contour/traced", "/probe/traced"),
+    optional=("/hand/contacts", "/contour/traced"),  # touches of a driver come without
 )

@@ -12,6 +12,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from palpate.messages.types import SequenceEnd
 from palpate.nodes import specs
 from palpate.nodes.runtime import Finished, Source, Timed
 
@@ -56,6 +57,7 @@ def listen(params: Params) -> Iterator[Timed | Finished | None]:
     """
     yield Timed(0.0, "/touch/info", specs.sensor_info(params))
     touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True
+    time = 0.0
     for line in _lines(params.address):
         if line is None:
             yield None
@@ -69,6 +71,7 @@ def listen(params: Params) -> Iterator[Timed | Finished | None]:
         frame = specs.tactile_frame(params, touch, time - began, row.pose, row.image)
         yield Timed(0.0, "/touch/raw", frame)
         touch += 1
+    yield Timed(0.0, "/touch/end", SequenceEnd(frames=touch, robot_time=time - began))
     yield Finished(f"{params.address} closed the connection after {touch} frames")
 
 

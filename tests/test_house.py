@@ -100,12 +100,16 @@ def test_the_top_module_offers_its_names_and_no_others():
     assert callable(palpate.explore)
     assert {name for name in dir(palpate) if not name.startswith("__")} == {
         "ContactPoints",
+        "GeneralSolid",
         "Run",
         "Scene",
+        "Solid",
         "explore",
         "load",
         "load_scene",
+        "open_recording",
         "read_frames",
+        "rebuild_general",
         "reconstruct",
         "save",
         "surface_patch",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -161,46 +161,72 @@ def _ideal_compression(shape: Shape, pad: Pad, pose: Floats) -> Floats:
     return compression.reshape((pad.rows, pad.cols))
 
 
-def calibration_text(found: Calibrated, sensor: SensorSpec) -> str:
-    """One line for each quantity with its standard error, and a check on the ball."""
+def calibration_figures(found: Calibrated, sensor: SensorSpec) -> dict[str, Any]:
+    """Each quantity with its standard error, a check on the ball, and reasons for doubt, SI."""
     estimate, reached = found.estimate, found.estimate.reached
-    gain, offset = estimate.gain[reached], 1e6 * estimate.offset[reached]
-    gain_error = float(np.median(estimate.gain_error[reached]))
-    offset_error = 1e6 * float(np.median(estimate.offset_error[reached]))
-    lost = int((~estimate.trusted).sum())
-    unreached = int((estimate.trusted & ~reached).sum())
-    sheet = sensor.pad.sound_speed
-    common = float(np.median(offset))
-    speed = f"{estimate.sound_speed:.1f} +- {estimate.sound_speed_error:.1f} m/s"
-    if not estimate.sound_speed_error:
-        speed = f"{estimate.sound_speed:.1f} m/s, not estimated: the array sends forces"
+    gain, offset = estimate.gain[reached], estimate.offset[reached]
+    before, after = _radii(found)
+    return {
+        "touches": found.touches,
+        "robot": ROBOT,
+        "robot_time_s": found.robot_time,
+        "sound_speed_m_s": estimate.sound_speed,
+        "sound_speed_error_m_s": estimate.sound_speed_error,  # 0: not estimated
+        "sheet_sound_speed_m_s": sensor.pad.sound_speed,
+        "gain": [float(gain.min()), float(gain.max())],
+        "gain_error": float(np.median(estimate.gain_error[reached])),
+        "offset_m": [float(offset.min()), float(offset.max())],
+        "common_offset_m": float(np.median(offset)),
+        "offset_error_m": float(np.median(estimate.offset_error[reached])),
+        "noise_m": estimate.noise,
+        "pose_error_m": estimate.pose_error,
+        "calibrated": int(reached.sum()),
+        "not_reached": int((estimate.trusted & ~reached).sum()),
+        "not_trusted": int((~estimate.trusted).sum()),
+        "ball_radius_m": BALL_RADIUS,
+        "measured_radius_m": after and after._asdict(),
+        "measured_radius_by_sheet_m": before and before._asdict(),
+        "warnings": calibration_warnings(found),
+    }
+
+
+def calibration_text(figures: Mapping[str, Any]) -> str:
+    """One line for each quantity with its standard error, and a check on the ball."""
+    one = figures
+    common = 1e6 * one["common_offset_m"]
+    low, high = (1e6 * value - common for value in one["offset_m"])
+    speed = f"{one['sound_speed_m_s']:.1f} +- {one['sound_speed_error_m_s']:.1f} m/s"
+    if not one["sound_speed_error_m_s"]:
+        speed = f"{one['sound_speed_m_s']:.1f} m/s, not estimated: the array sends forces"
     rows = [
-        ("touches", f"{found.touches} in {found.robot_time:.0f} s of robot time ({ROBOT})"),
-        ("sound speed", f"{speed}   (data sheet {sheet:g})"),
-        ("gain", f"{gain.min():.4f} to {gain.max():.4f}, each +- {gain_error:.4f}"),
+        ("touches", f"{one['touches']} in {one['robot_time_s']:.0f} s of robot time ({ROBOT})"),
+        ("sound speed", f"{speed}   (data sheet {one['sheet_sound_speed_m_s']:g})"),
+        ("gain", "{:.4f} to {:.4f}".format(*one["gain"]) + f", each +- {one['gain_error']:.4f}"),
         (
             "offset",
-            f"{float(offset.min()) - common:.1f} to {float(offset.max()) - common:.1f} um about "
-            f"a common {common:.1f} um, each +- {offset_error:.1f} um",
+            f"{low:.1f} to {high:.1f} um about a common {common:.1f} um, each +- "
+            f"{1e6 * one['offset_error_m']:.1f} um",
         ),
-        ("noise", f"{1e6 * estimate.noise:.2f} um, one taxel"),
-        ("arm", f"{1e6 * estimate.pose_error:.0f} um off along the pad's normal, one touch"),
-        ("taxels", f"{int(reached.sum())} calibrated, {unreached} not reached, {lost} not trusted"),
-        ("ball", ball_text(found)),
+        ("noise", f"{1e6 * one['noise_m']:.2f} um, one taxel"),
+        ("arm", f"{1e6 * one['pose_error_m']:.0f} um off along the pad's normal, one touch"),
+        (
+            "taxels",
+            f"{one['calibrated']} calibrated, {one['not_reached']} not reached, "
+            f"{one['not_trusted']} not trusted",
+        ),
+        (
+            "ball",
+            f"of {1e3 * BALL_RADIUS:g} mm measured as {_mm(one['measured_radius_m'])}; "
+            f"by sheet {_mm(one['measured_radius_by_sheet_m'])}",
+        ),
     ]
     return "\n".join(f"{name:<13}{text}" for name, text in rows)
 
 
-def ball_text(found: Calibrated) -> str:
-    """Radius of the ball as it is measured, with and without the calibration."""
-    before, after = _radii(found)
-    return f"of {1e3 * BALL_RADIUS:g} mm measured as {_mm(after)}; {_mm(before)} by the data sheet"
-
-
-def _mm(radius: MeasuredRadius | None) -> str:
+def _mm(radius: Mapping[str, float] | None) -> str:
     if radius is None:
         return "nothing smooth"
-    return f"{1e3 * radius.mean:.2f} +- {1e3 * radius.error:.2f} mm"
+    return f"{1e3 * radius['mean']:.2f} +- {1e3 * radius['error']:.2f} mm"
 
 
 def calibration_warnings(found: Calibrated) -> list[str]:

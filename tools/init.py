@@ -23,7 +23,10 @@ _WORD = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 def begin(
-    kind: Literal["node", "driver", "effect", "planner"], name: str, folder: Path
+    kind: Literal["node", "driver", "effect", "planner"],
+    name: str,
+    folder: Path,
+    template: str = "",  # Which one, if not that of the kind's own name
 ) -> tuple[tuple[Path, ...], str]:
     """Write the module NAME.py and what belongs to it; returns the files, and ``module:Class``.
 
@@ -31,8 +34,9 @@ def begin(
     underscores, that of a node at most 32 letters long. Raises InputError if it cannot be a
     module's, or is taken, or a file cannot be written: then none is.
     """
-    ends = [end for end in (".py", "_check.py", ".yaml") if (TEMPLATES / (kind + end)).exists()]
-    texts = [(TEMPLATES / (kind + end)).read_text(encoding="utf-8") for end in ends]
+    like = template or kind
+    ends = [end for end in (".py", "_check.py", ".yaml") if (TEMPLATES / (like + end)).exists()]
+    texts = [(TEMPLATES / (like + end)).read_text(encoding="utf-8") for end in ends]
     files = [folder / f"{name}{end}" for end in ends]
     if len(files) > 1:
         files[1] = folder / f"test_{name}.py"
@@ -47,7 +51,7 @@ def begin(
         )
     words = {
         f"Template of {article}:": f"The {kind} {name}:",
-        f"palpate.tools.templates.{kind}": name,
+        f"palpate.tools.templates.{like}": name,
         "Template": cls,
         "template": name,
     }

@@ -13,7 +13,6 @@ from palpate import launch
 from palpate.core import geometry, recognition
 from palpate.launch import files, titled
 
-RUN_MESH = "mesh.ply"  # The surface in a run directory
 UNITS = {"log volume": "ml", "log area": "cm2", "log length": "mm", "angle": "deg"}
 SCALES = {"log volume": 1e6, "log area": 1e4, "log length": 1e3, "angle": 180.0 / math.pi}
 RecognitionRecord = Mapping[str, Any]
@@ -64,16 +63,12 @@ def recognise(
 
 def _surface(path: Path, unit: str | None) -> tuple[np.ndarray, np.ndarray, float]:
     """Vertices (n, 3), m, faces (m, 3), and how uncertain the surface is, m."""
-    if not path.exists():
-        raise files.InputError(f"{path}: does not exist")
-    if not path.is_dir():
+    mesh = launch.find_run_mesh(path)
+    if mesh == path:
         vertices, faces, _ = files.read_mesh(path, unit)
         return vertices, faces, recognition.UNCERTAINTY
-    mesh = path / RUN_MESH
-    if not mesh.is_file():
-        raise files.InputError(f"{path}: holds no rebuilt solid: there is no {RUN_MESH} in it")
     vertices, faces, _ = files.read_mesh(mesh, unit or "m")
-    told = launch.read_summary(path) if (path / "summary.json").is_file() else {}
+    told = launch.read_summary(path) if mesh.with_name(launch.SUMMARY).is_file() else {}
     bound = told.get("rms_bound_95_m")
     known = bound if isinstance(bound, float) and 0.0 < bound < math.inf else 0.0
     return vertices, faces, max(known, recognition.UNCERTAINTY)

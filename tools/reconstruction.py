@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -66,7 +66,8 @@ class RebuildOptions(NamedTuple):
     """What is asked for; lengths in the unit of the points."""
 
     unit: str | None = None  # Of the points; m if None
-    method: Method = "lattice"  # See `palpate.reconstruct`
+    # See `palpate.reconstruct`; "general": of points with normals, see `tools.scattered`
+    method: Method | Literal["general"] = "lattice"
     tops: Path | None = None  # File of points at which the ends were touched
     bottom: float | None = None  # Height of the lower end
     top: float | None = None  # Height of the upper end
@@ -92,6 +93,8 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
     # Heavy, and not needed by those who ask for help.
     from palpate.core.rebuild import reconstruct
 
+    method = wanted.method
+    assert method != "general"
     for name in ("bottom", "top", "noise", "tolerance"):
         value = getattr(wanted, name)
         if value is not None and not math.isfinite(value):
@@ -112,7 +115,7 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
                 found.normals,
                 found.taxels,
                 tops=tops,
-                method=wanted.method,
+                method=method,
                 frame=found.frame,
                 noise=None if wanted.noise is None else metres * wanted.noise,
             )
@@ -170,7 +173,7 @@ def _meshed(solid: Solid, tolerance: float | None, unit: str) -> SurfaceMesh:
         ) from None
 
 
-def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, method: Method) -> None:
+def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, method: str) -> None:
     """Refuse names of files that cannot be written, before anything is done.
 
     Raises InputError if an ending is unknown, a folder is not there, there will be no lattice, or
@@ -229,10 +232,7 @@ def rebuild_record(
     rebuilt: RebuildResult, points: Path, outs: Sequence[Path], lattice: Path | None = None
 ) -> dict[str, Any]:
     """Everything that is told, by stable names with the unit in them."""
-    written = [
-        {"file": str(path), "holds": files.MESH_UNITS.get(path.suffix.lower(), "everything, in m")}
-        for path in outs
-    ]
+    written = written_files(outs)
     if lattice is not None:
         written.append({"file": str(lattice), "holds": "the control lattice, in m"})
     solid, mesh, found = rebuilt.solid, rebuilt.mesh, rebuilt.found
@@ -274,10 +274,7 @@ def rebuild_warnings(
     solid: Solid, mesh: SurfaceMesh, found: files.MeasuredContours, unit: str, crossings: int
 ) -> list[str]:
     """Sentences about everything that a user should doubt."""
-    told, health = list[str](), solid.health()
-    size = float(np.ptp(mesh.vertices, axis=0).max())
-    if not MIN_PLAUSIBLE_SIZE <= size <= MAX_PLAUSIBLE_SIZE:
-        told.append(f"the solid is {size:.3g} m in size when read in {unit}: is the unit right?")
+    told, health = size_warnings(mesh.vertices, unit), solid.health()
     told += _contours(solid, found.places)
     for name, (one, more) in COUNT_WARNINGS.items():
         if count := round(health.get(name, 0.0)):
@@ -295,6 +292,22 @@ def rebuild_warnings(
             "contours close together are too unlike"
         )
     return told + _ends(solid, mesh.vertices)
+
+
+def size_warnings(vertices: Floats, unit: str) -> list[str]:
+    """A sentence if the size of a solid, m, lets doubt the unit in which it was read."""
+    size = float(np.ptp(vertices, axis=0).max())
+    if MIN_PLAUSIBLE_SIZE <= size <= MAX_PLAUSIBLE_SIZE:
+        return []
+    return [f"the solid is {size:.3g} m in size when read in {unit}: is the unit right?"]
+
+
+def written_files(outs: Sequence[Path]) -> list[dict[str, str]]:
+    """What was written, and what it holds."""
+    return [
+        {"file": str(path), "holds": files.MESH_UNITS.get(path.suffix.lower(), "everything, in m")}
+        for path in outs
+    ]
 
 
 def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
@@ -362,9 +375,10 @@ def _ends(solid: Solid, vertices: Floats) -> list[str]:
 def rebuild_text(record: Mapping[str, Any]) -> str:
     """A record as lines; lengths in mm."""
     assumed = " (assumed; if not, give --unit)" if record["unit_assumed"] else ""
+    contours = f"{record['contours']} contours, " if record["contours"] else ""
     lines = titled(
         "read",
-        f"{record['points']}: {record['contours']} contours, {record['points_read']} points, "
+        f"{record['points']}: {contours}{record['points_read']} points, "
         f"unit {record['unit']}{assumed}",
     )
     for note in record["notes"]:
@@ -384,7 +398,10 @@ def rebuild_text(record: Mapping[str, Any]) -> str:
     confidence = f"the method {record['method']} does not say how far its surface can be trusted"
     if record["self_intersections"]:
         confidence = "none: the surface passes through itself"
-    if record["error_rms_m"] is not None:
+    if "error_bound_95_m" in record:
+        bound = 1e3 * record["error_bound_95_m"]
+        confidence = f"95 % bound of the root mean square error {bound:.3g} mm"
+    elif record["error_rms_m"] is not None:
         confidence = (
             f"side within {1e3 * record['error_rms_m']:.3g} mm (root mean square), "
             f"{1e3 * record['error_most_m']:.3g} mm at most, if nothing on it is narrower than "

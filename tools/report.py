@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from dataclasses import fields
 from typing import Any, get_args, get_type_hints
 
 import click
+import msgspec
 
 from palpate import launch
 from palpate.core import ranges_of
@@ -37,23 +39,44 @@ def perform_and_print(
     return done.exit_code
 
 
-def check_scene(scene: str, *, untrusted: bool = False) -> str:
-    """That a scene can be explored, its size, and what is simulated; else raises InputError."""
+def check_scene(scene: str, *, untrusted: bool = False) -> launch.Scene:
+    """The scene, which can be explored; else raises InputError."""
     path = launch.find_scene(scene)
     if untrusted:
         launch.load_scene(path, untrusted=True)
     args = {"scene": SourceMapped(str(path), "")}
     described, _ = launch.check_run(launch.EXPLORE, args, {}, launch.RUNS)
     assert described.scene is not None
-    size = " x ".join(f"{1000.0 * side:.1f}" for side in described.scene.size)
-    text = f"{path}: can be explored; the object measures {size} mm"
-    told = f"\n{described.scene.told}" * bool(described.scene.told)
-    return f"{text}{told}\n{simulation_text(described.scene.spec)}"
+    return described.scene
+
+
+def scene_figures(scene: launch.Scene) -> dict[str, Any]:
+    """A scene: its file, the object's size, m, what was guessed of a mesh, sensor and effects."""
+    effects = describe_effects(scene.spec.effects).items()
+    return {
+        "scene": str(scene.path),
+        "size_m": scene.size,
+        "told": scene.told,
+        "sensor": msgspec.to_builtins(scene.spec.sensor),
+        "effects": [
+            {"name": name, "phase": effect.phase.name.lower(), **msgspec.to_builtins(effect)}
+            for name, effect in effects
+        ],
+    }
+
+
+def scene_text(scene: launch.Scene) -> str:
+    """That a scene can be explored, its size, and what is simulated."""
+    size = " x ".join(f"{1000.0 * side:.1f}" for side in scene.size)
+    measures = f"can be explored; the object measures {size} mm"
+    lines = launch.titled("scene", str(scene.path), measures)
+    lines += launch.titled("mesh", scene.told) if scene.told else []
+    return "\n".join([*lines, simulation_text(scene.spec)])
 
 
 def simulation_text(scene: launch.SceneSpec) -> str:
-    """The sensor, and the effects in the order in which they act, one a line."""
-    lines = [f"sensor     {_sensor(scene.sensor)}"]
+    """The sensor, and the effects in the order in which they act."""
+    lines = launch.titled("sensor", *_sensor(scene.sensor))
     effects = describe_effects(scene.effects)
     if not effects:
         return "\n".join([*lines, "simulated  exact contact, and no effects"])
@@ -61,19 +84,21 @@ def simulation_text(scene: launch.SceneSpec) -> str:
     lines.append(f"simulated  exact contact, and {count}, in this order:")
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
-        place = effect.phase.name.lower()
-        lines.append(f"  {place:<7} {name:<{width}}  {_parameters(effect)}".rstrip())
+        head = f"  {effect.phase.name.lower():<7} {name:<{width}}  "
+        told = [line.rstrip() for line in launch.titled(head, _parameters(effect), width=len(head))]
+        lines += told
     return "\n".join(lines)
 
 
-def _sensor(sensor: SensorSpec) -> str:
+def _sensor(sensor: SensorSpec) -> tuple[str, ...]:
     pad = sensor.pad
     face = "flat" if pad.radius is None else f"domed {_mm(pad.radius)}"
     sends = {"time": "times of flight", "force": "forces"}[sensor.signal]
     known = "as its data sheet says" if sensor.calibration is None else "calibrated"
     return (
         f"{sensor.rows} x {sensor.cols} taxels, pitch {_mm(sensor.pitch)}; pad {face}, "
-        f"{_mm(pad.thickness)} thick; sends {sends}, {known}"
+        f"{_mm(pad.thickness)} thick;",
+        f"sends {sends}, {known}",
     )
 
 
@@ -93,17 +118,29 @@ def _parameters(effect: Any) -> str:
     return ", ".join(told)
 
 
-def effects_text() -> str:
-    """Every effect that palpate has, with its parameters, their ranges and defaults."""
-    lines = []
+def list_effects() -> list[dict[str, Any]]:
+    """Every effect that palpate has, with its parameters, their defaults and what they may be."""
+    found = []
     for name in EFFECT_NAMES:
         kind = effect_type(name)
-        lines.append(f"{name}: {(kind.__doc__ or '').partition(chr(10))[0]}")
-        allowed, hints = ranges_of(kind), get_type_hints(kind)
+        allowed, hints, params = ranges_of(kind), get_type_hints(kind), {}
         for field in fields(kind):  # type: ignore[arg-type]
-            given = "" if field.default is None else f"{field.default}"
             hint = hints[field.name]
             span = "true or false" if hint is bool else " or ".join(map(str, get_args(hint)))
             span = str(allowed.get(field.name, span))
-            lines.append(f"  {field.name:<14}{given:<10}{span}".rstrip())
+            params[field.name] = {"default": field.default, "allowed": span}
+        told = (kind.__doc__ or "").partition("\n")[0]
+        found.append({"name": name, "told": told, "parameters": params})
+    return found
+
+
+def effects_text(effects: list[dict[str, Any]]) -> str:
+    """The same for people."""
+    lines = []
+    for effect in effects:
+        head = f"{effect['name']}: {effect['told']}"
+        lines += textwrap.wrap(head, launch.TEXT_WIDTH, subsequent_indent="    ")
+        for name, one in effect["parameters"].items():
+            given = "" if one["default"] is None else f"{one['default']}"
+            lines.append(f"  {name:<14}{given:<10}{one['allowed']}".rstrip())
     return "\n".join(lines)

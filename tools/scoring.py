@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core import FORM_KEY, Floats, geometry, inverse_pose, transform_points
-from palpate.launch import files, millimetres, titled
+from palpate.launch import files, find_run_mesh, millimetres, titled
 
 MAX_SIZE_RATIO = 5.0  # Times as large or as small: one of the units is probably wrong
 ScoreRecord = Mapping[str, Any]
@@ -31,9 +31,11 @@ def score(
 ) -> ScoreRecord:
     """Distances between a surface and what it should be, by stable names; one-sided against points.
 
-    `aligned` moves the model onto the reference first, rigidly. Raises InputError if a file cannot
-    be read or does not hold what it must.
+    Each may be a run, by its directory or recording, whose solid is meant. `aligned` moves the
+    model onto the reference first, rigidly. Raises InputError if a file cannot be read or does not
+    hold what it must.
     """
+    model, reference = find_run_mesh(model), find_run_mesh(reference)
     solid = _outwards(read_mesh_or_points(model, unit))
     wanted = _outwards(read_mesh_or_points(reference, reference_unit))
     if not len(solid.faces):

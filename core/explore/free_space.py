@@ -7,6 +7,7 @@ for poses err. The rest is unknown, the inside of the object with it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,9 +53,11 @@ class SpaceMap:
         return np.argwhere(self.states == FREE) * self.step + self.low
 
 
-def empty_map(reach: float, platform: float, step: float = VOXEL) -> SpaceMap:
-    """A map of all that a finger reaches, so far sideways and up from the platform, m."""
-    low = np.array([-reach, -reach, platform])
+def empty_map(
+    reach: float, platform: float, centre: Sequence[float] = (0.0, 0.0), step: float = VOXEL
+) -> SpaceMap:
+    """A map of all that a finger reaches, so far sideways of `centre` and up from platform, m."""
+    low = np.array([centre[0] - reach, centre[1] - reach, platform])
     shape = [int(np.ceil(side / step)) + 1 for side in (2.0 * reach, 2.0 * reach, reach)]
     return SpaceMap(low, step, np.zeros(shape, np.uint8))
 

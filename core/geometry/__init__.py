@@ -11,6 +11,7 @@ knows no solid, spline or touch.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.core.geometry.closed_body import ClosedBody
     from palpate.core.geometry.distances import SAMPLES, Alignment, PreparedSurface, align
     from palpate.core.geometry.distances import compare_surfaces, prepare_surface, sample_surface
     from palpate.core.geometry.meshes import are_outside, areas_and_normals, close_rings, facet_sag

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.geometry import self_intersection, solidity
+from palpate.core.geometry import ClosedBody, self_intersection, solidity
 from palpate.core.poses import split_pose
 from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
@@ -43,6 +43,7 @@ SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16  # Of the side, and of each end piece: ar
 # Of the height of an edge that nobody touched: what its rounding may be wrong by, root mean square
 # over the edge and as much of the end. With noise, a superellipse taken for an arc errs by that.
 HIDES = 0.15
+SKETCH = 0.01  # Of the size: tolerance of the mesh that tells how large a solid is
 RING = 128  # Points of a rim
 
 
@@ -55,7 +56,7 @@ class MeshCheck(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Solid:
+class Solid(ClosedBody):
     """A closed solid, and how it came about; lengths in the unit of the contours.
 
     It answers in the world, but heights count along the z axis of the slicing frame; where ends are
@@ -115,6 +116,18 @@ class Solid:
     def measures(self) -> SolidMeasures:
         """Volume, centroid, second moments, inertia and area."""
         return measure_surface(self.surface)
+
+    def signed_distances(self, places: Floats) -> Floats:
+        """Of places (n, 3) from the exact surface, (n,), negative inside."""
+        return self.search().nearest(places).distances
+
+    def __repr__(self) -> str:
+        low, high = (
+            getattr(self.mesh(SKETCH * self.surface.size).vertices, end)(0)
+            for end in ("min", "max")
+        )
+        size = " x ".join(f"{side:.3g}" for side in high - low)
+        return f"<Solid {size}, {self.method} of {len(self.slices.rows)} contours>"
 
     def search(self) -> SurfaceSearch:
         """Nearest points, signed distances and what lies inside: prepared once for many points."""

@@ -104,7 +104,7 @@ def slices_by_height(z: Floats) -> tuple[Ints, float]:
     if not cuts or ratio[cuts - 1] < GAP_RATIO or ranked[cuts - 1] <= least:
         raise ValueError(
             "the points do not lie at repeated heights: give each contour a number in a column "
-            "named contour, or slice the cloud first"
+            "named contour, or the points normals, and take --method general"
         )
     apart = 0.5 * (ranked[cuts - 1] + ranked[cuts])
     slice_of = np.empty(len(z), np.int32)

@@ -73,6 +73,36 @@ def read_points(path: Path) -> MeasuredContours:
     return found
 
 
+def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
+    """Points with outward normals in no order, in the file's own unit; and what was left out.
+
+    Text with the columns x, y, z, nx, ny, nz, or NPZ with ``points`` and ``normals`` (n, 3); maybe
+    with ``touch``, the number of the touch that met each, else each is a touch of its own. Raises
+    InputError, with file and line, if it cannot be read, or the points have no normals.
+    """
+    kind = path.suffix.lower()
+    if kind == ".npz":
+        arrays = read_arrays(path)
+        points, normals = (_array(path, arrays, name, 3) for name in ("points", "normals"))
+        touch, notes = arrays.get("touch"), tuple[str, ...]()
+    elif kind in (".csv", ".txt", ".xyz"):
+        columns, _, notes = read_table(path)
+        if NORMAL_COLUMNS[0] not in columns:
+            raise InputError(f"{path}: has no columns nx, ny, nz; points in no order need normals")
+        points, normals = (
+            np.column_stack([columns[name] for name in names])
+            for names in (POSITION_COLUMNS, NORMAL_COLUMNS)
+        )
+        touch = columns.get(TOUCH_COLUMN)
+    else:
+        text = "is no format of points with normals; known: .csv, .txt, .xyz, .npz"
+        raise InputError(f"{path}: {kind or 'no suffix'!r} {text}")
+    numbers = np.arange(len(points)) if touch is None else np.unique(touch, return_inverse=True)[1]
+    if len(normals) != len(points) or len(numbers) != len(points):
+        raise InputError(f"{path}: must have as many normals and touches as points, {len(points)}")
+    return ContactPoints(points, normals, numbers.astype(np.int32).reshape(-1)), notes
+
+
 def read_tops(path: Path) -> Floats:
     """Where ends were touched, (k, 3), from a text file of x, y and z."""
     columns = read_table(path).columns
@@ -380,7 +410,8 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
         notes = [f"{len(taxels.points)} taxels of {taxels.touch.max() + 1} touches"]
     if len(closed) < len(contours):
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
-    platform = recorded[World][-1].platform if recorded[World] else None
+    world = recorded[World][-1] if recorded[World] else None
+    platform = None if world is None or world.held else world.platform
     with as_input_errors(path):
         frame = common_frame(closed)
         tops = touched_ends(closed, hits, touches, platform)

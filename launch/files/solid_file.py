@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core import FORM_KEY, Floats, tree_from_arrays, tree_to_arrays
-from palpate.core.rebuild import Solid
+from palpate.core.rebuild import GeneralSolid, Solid
 from palpate.core.rebuild.lattice import LatticeGrid, lattice_grid
 from palpate.core.splines import Lattice
 from palpate.launch.files.file_access import read_bounded, write_atomically
@@ -51,13 +51,13 @@ LATTICE_SUFFIXES = (".npz", ".vtk")
 AXES = "stu"
 
 
-def save(solid: Solid, path: str | Path) -> None:
-    """Write everything that there is to a solid, as `palpate.reconstruct` returned it.
+def save(solid: Solid | GeneralSolid, path: str | Path) -> None:
+    """Write everything that there is to a solid that was rebuilt.
 
     `path`: a name that ends in ``.npz``; it is replaced as a whole. Raises InputError if it ends
     otherwise, or the file cannot be written; TypeError if it is no solid.
     """
-    if not isinstance(solid, Solid):
+    if not isinstance(solid, Solid | GeneralSolid):
         raise TypeError(f"solid must be a Solid, as reconstruct returns it, got {solid!r:.60}")
     path = Path(path)
     if path.suffix != SOLID_SUFFIX:
@@ -72,7 +72,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def load(path: str | Path) -> Solid:
+def load(path: str | Path) -> Solid | GeneralSolid:
     """The solid that `save` wrote, or that a run left in its ``model.npz``.
 
     The file may be from anybody: nothing in it is ever run. Raises InputError if it cannot be read,
@@ -84,7 +84,7 @@ def load(path: str | Path) -> Solid:
         raise InputError(f"{path}: holds no solid: it was not written by palpate.save")
     with as_input_errors(path):
         found = tree_from_arrays(arrays)
-    if not isinstance(found, Solid):
+    if not isinstance(found, Solid | GeneralSolid):
         raise InputError(f"{path}: holds a {type(found).__name__}, not a solid")
     return found
 

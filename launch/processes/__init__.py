@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from palpate.launch.processes.node_status import SILENCE, LauncherSockets
     from palpate.launch.processes.process_table import ForkServer, ProcessHosts, RemoteHost
     from palpate.launch.processes.registry import FOLDER_PREFIX, MESSAGE_LOG_FOLDER, EarlierRun
-    from palpate.launch.processes.registry import RunCard, SentMessage, addresses_of, announce
+    from palpate.launch.processes.registry import Announcement, RunCard, SentMessage, addresses_of
     from palpate.launch.processes.registry import find_run, message_log_folder, private_folder
     from palpate.launch.processes.registry import remove_stale_folders, running_graphs
     from palpate.launch.processes.registry import runtime_folder, stale_folders

@@ -14,22 +14,24 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import zmq
 
 from palpate.messages import Header, pack_frame
-from palpate.messages.bus import Addresses, Cause, Consumed, Journal, MessageLog, SendTimes
+from palpate.messages.bus import Addresses, Cause, Consumed, Journal, MessageLog, ParameterLog
+from palpate.messages.bus import SendTimes
+from palpate.messages.types import ParameterEvent
 from palpate.nodes.runtime import RecordedNode, Wiring
 
 FOLDER_PREFIX = "palpate-run-"
 CARD_FILE, LOCK_FILE = "run.json", "lock"
 MESSAGE_LOG_FOLDER = ".published"  # In the run directory, for what is published and not remembered
 # What a private folder may hold: one that holds anything else is somebody's own.
-OWN_FILES = re.compile(r"[jnpst]\d+|control|tools|lock|\.?run\.json")
+OWN_FILES = re.compile(r"[jnpst]\d+|j\d+c|control|tools|lock|\.?run\.json")
 GRACE_AGE = 60.0  # A folder without a card may just be coming up until it is so old, s
 _RUN_BITS = 63
 
@@ -47,6 +49,8 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
     taps: dict[str, str]  # Name of the node to the address of its tap
     tools: str  # Address at which the launcher answers tools
     key: str = ""  # File of the key that tools need; empty within one machine
+    # Parameters with which it began, of each node of which some were set since
+    initial: dict[str, msgspec.Raw] = {}
 
     @property
     def topics(self) -> dict[str, str]:
@@ -54,9 +58,21 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
         return {topic: name for one in self.nodes for topic, name in one.types.items()}
 
     @property
+    def schemas(self) -> dict[str, str]:
+        """Name of each message type that palpate does not have, to its JSON schema."""
+        return {name: text for one in self.nodes for name, text in one.schemas.items()}
+
+    @property
     def publishers(self) -> dict[str, str]:
         """Topic to the node that publishes it."""
         return {topic: one.name for one in self.nodes for topic in one.outputs.values()}
+
+    def is_called(self, name: str) -> bool:
+        """Whether that is its name, begins its number, or is its folder or a recording there."""
+        path = Path(name).resolve()
+        home = path.parent if path.suffix == ".mcap" else path
+        same = bool(self.folder) and Path(self.folder).resolve() == home
+        return same or self.run.startswith(name) or self.name == name
 
     def subscribers(self, topic: str) -> tuple[str, ...]:
         """The nodes that subscribe to a topic."""
@@ -78,6 +94,23 @@ def announce(folder: Path, card: RunCard) -> None:
     part = folder / f".{CARD_FILE}"
     part.write_bytes(msgspec.json.encode(card))
     part.replace(folder / CARD_FILE)
+
+
+class Announcement:
+    """The card of a graph that runs; it tells parameters as they were set last."""
+
+    def __init__(self, folder: Path, card: RunCard) -> None:
+        self._folder, self._card = folder, card
+        announce(folder, card)
+
+    def set(self, name: str, params: Any) -> None:
+        """A node has other parameters."""
+        raw, card = msgspec.Raw(msgspec.json.encode(params)), self._card
+        nodes = {one.name: one for one in card.nodes}
+        initial = {name: nodes[name].params, **card.initial}
+        nodes[name] = msgspec.structs.replace(nodes[name], params=raw)
+        self._card = msgspec.structs.replace(card, nodes=(*nodes.values(),), initial=initial)
+        announce(self._folder, self._card)
 
 
 def running_graphs(parent: Path | None = None) -> list[RunCard]:
@@ -141,7 +174,7 @@ def _read_card(folder: Path) -> RunCard | None:
 
 
 def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
-    """The running graph that is meant: by the beginning of its number, by name, or the latest.
+    """The running graph that is called so, as `RunCard.is_called` says, or the latest.
 
     Raises ValueError if there is none, or several are meant.
     """
@@ -150,7 +183,7 @@ def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
         raise ValueError("no graph of yours is running; start one with palpate run or launch")
     if wanted is None:
         return cards[-1]
-    found = [card for card in cards if card.run.startswith(wanted) or card.name == wanted]
+    found = [card for card in cards if card.is_called(wanted)]
     if len(found) == 1:
         return found[0]
     known = ", ".join(f"{card.run[:6]} ({card.name})" for card in cards)
@@ -258,6 +291,8 @@ class EarlierRun:
     published: Mapping[str, Sequence[SentMessage]]  # What those had published that act on the world
     # Topics and times, ns, of what the others had published: they do so again with these.
     times: Mapping[str, Sequence[tuple[str, int]]]
+    # Parameters that were set while a node ran
+    changes: Mapping[str, Sequence[ParameterEvent]] = field(default_factory=dict)
 
     def lay(self, wirings: Sequence[Wiring], place: Addresses) -> None:
         """Write the journals and message logs that the nodes, with their subscribers, will find."""
@@ -276,6 +311,10 @@ class EarlierRun:
         with closing(Journal(Path(place.journals[wiring.name]), edges)) as journal:
             for one in self.consumed.get(wiring.name, ()):
                 journal.note(*one)
+        if changes := self.changes.get(wiring.name):
+            with closing(ParameterLog(Path(place.journals[wiring.name]))) as log:
+                for change in changes:
+                    log.note(msgspec.json.encode(change))
         topics = [topic for topic in wiring.outputs.values() if wiring.subscribers.get(topic)]
         with closing(SendTimes(Path(place.times[wiring.name]), wiring.name, topics)) as times:
             for topic, sent_ns in self.times.get(wiring.name, ()):

@@ -15,10 +15,12 @@ from palpate.launch.processes.fork_server import Interrupts
 from palpate.launch.processes.node_status import Edge, LauncherSockets, MessageCounts
 from palpate.launch.processes.node_status import NodeStatusTable, TerminationDetector
 from palpate.launch.processes.process_table import ProcessHosts, ProcessTable
+from palpate.launch.processes.registry import Announcement
 from palpate.messages import decode
 from palpate.messages.bus import LAUNCHER, Addresses, ControlMessage, ControlServer
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.runtime import FAILED, Ending, Source, Watcher, Wiring, load_node
+from palpate.nodes.runtime import FAILED, Ending, Node, Source, Watcher, Wiring, load_node
+from palpate.nodes.runtime import with_parameter
 
 TICK = 0.1  # The watcher is called this often, s
 STALL = 3.0  # A graph in which nothing moves for this long, without an end, is stalled, s
@@ -54,6 +56,7 @@ class Supervisor:
         watcher: Watcher,
         place: Addresses,
         sockets: LauncherSockets,
+        announcement: Announcement,
         hosts: ProcessHosts,
         ahead_ns: Callable[[str], int],
         interrupts: Interrupts,
@@ -68,7 +71,8 @@ class Supervisor:
         self._detector = TerminationDetector([*names, LAUNCHER], edges)
         self._reports = NodeStatusTable(names, {one.name: one.handler_timeout for one in wirings})
         self._processes = ProcessTable(wirings, place, hosts, sockets, ahead_ns)
-        self._tools = ToolServer(sockets.tools, sockets.line, self._processes, self._reports)
+        lines = sockets.tools, sockets.line
+        self._tools = ToolServer(*lines, self._processes, self._reports, announcement)
         self._finished: str | None = None
         self._going, self._stopping = going, False
         self._next_tick = 0.0
@@ -275,10 +279,13 @@ class ToolServer:
         nodes: ControlServer,
         processes: ProcessTable,
         reports: NodeStatusTable,
+        announcement: Announcement,
     ) -> None:
         self._line, self._nodes, self._processes, self._reports = line, nodes, processes, reports
+        self._announcement = announcement
+        self._params: dict[str, Any] = {}  # Of each node of which some were set
         self._began = time.monotonic()
-        self._pending: dict[int, tuple[str, str]] = {}
+        self._pending: dict[int, tuple[str, str, ControlMessage]] = {}  # Tool, node and request
         self._tickets = count()
 
     def serve(self) -> None:
@@ -298,13 +305,17 @@ class ToolServer:
 
     def done(self, ticket: int) -> None:
         """A node has done what a tool had asked for."""
-        tool, _ = self._pending.pop(ticket, ("", ""))
+        tool, node, word = self._pending.pop(ticket, ("", "", {"kind": ""}))
+        if word["kind"] == "set":
+            params = self._with_set(node, word)
+            self._params[node] = params
+            self._announcement.set(node, params)
         if tool:
             self._line.send(tool, "done")
 
     def buried(self, name: str) -> None:
         """A node has died: what it had been asked for may not have been done."""
-        for ticket, (tool, node) in list(self._pending.items()):
+        for ticket, (tool, node, _) in list(self._pending.items()):
             if node == name:
                 del self._pending[ticket]
                 self._line.send(tool, "refused", text=f"{name} died before it had done that")
@@ -324,7 +335,7 @@ class ToolServer:
         return {"kind": "status", "launcher": os.getpid(), "for_s": for_s, "nodes": nodes}
 
     def _tell(self, tool: str, word: ControlMessage) -> dict[str, Any] | None:
-        """Hand a request on to a source, which reports when it has done it."""
+        """Hand a request on to a node, which reports when it has done it."""
         name, ticket = str(word["node"]), next(self._tickets)
         try:
             self._check(name, word)
@@ -333,7 +344,7 @@ class ToolServer:
         fields = {key: value for key, value in word.items() if key not in ("kind", "node")}
         if not self._nodes.send(name, word["kind"], **{**fields, "ticket": ticket}):
             return {"kind": "not_ready", "text": f"{name} is not up"}
-        self._pending[ticket] = tool, name
+        self._pending[ticket] = tool, name, word
         while len(self._pending) > _MAX_PENDING:
             self._pending.pop(next(iter(self._pending)))
         return None
@@ -344,6 +355,9 @@ class ToolServer:
         if wiring is None:
             raise ValueError(f"there is no node {name!r}")
         node = load_node(wiring.module)
+        if word["kind"] == "set":
+            self._with_set(name, word)
+            return
         if not isinstance(node, Source):
             raise ValueError(f"{name} is no source: it publishes when it receives something")
         if word["kind"] == "publish":
@@ -352,3 +366,13 @@ class ToolServer:
                 raise ValueError(f"{name} does not publish {topic!r} for tools")
             local = next(one for one, wire in wiring.outputs.items() if wire == topic)
             decode(node.outputs(wiring.params)[local], word["body"])
+
+    def _with_set(self, name: str, word: ControlMessage) -> Any:
+        """A node's parameters with one that a tool sets; ValueError if it cannot be set so."""
+        wiring, param = self._processes.wirings[name], word["param"]
+        node = load_node(wiring.module)
+        settable = sorted(node.settable) if isinstance(node, Node) else []
+        if param not in settable:
+            can = ", ".join(settable) or "none"
+            raise ValueError(f"{name}.{param} cannot be set while it runs; of {name} can: {can}")
+        return with_parameter(self._params.get(name, wiring.params), param, word["value"])

@@ -66,6 +66,7 @@ TO_NODES = ControlProtocol(
         "resume": {"ticket": _Count},
         "step": {"number": _Count, "ticket": _Count},
         "publish": {"topic": str, "body": bytes, "ticket": _Count},
+        "set": {"param": str, "value": str, "ticket": _Count},
     }
 )
 
@@ -179,6 +180,7 @@ FROM_TOOLS = ControlProtocol(
         "resume": {"node": str},
         "step": {"node": str, "number": _Count},
         "publish": {"node": str, "topic": str, "body": bytes},
+        "set": {"node": str, "param": str, "value": str},
     }
 )
 # What the launcher answers.

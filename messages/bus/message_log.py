@@ -324,6 +324,30 @@ class Journal:
         return tuple(Consumed(*edges[number - 1], seq) for seq, number in entries)
 
 
+class ParameterLog:
+    """Parameters that were set while a node ran, beyond its death, in a file beside its journal.
+
+    Raises OSError if the file cannot be read or written.
+    """
+
+    def __init__(self, journal: Path) -> None:
+        path = journal.with_name(f"{journal.name}c")
+        self._file = os.open(path, _FLAGS | os.O_APPEND, 0o600)
+        # What earlier starts have put down, one a line; a line that was cut off was never done
+        self.before = path.read_bytes().splitlines(keepends=True)
+        if self.before and not self.before[-1].endswith(b"\n"):
+            os.ftruncate(self._file, sum(map(len, self.before[:-1])))
+            self.before.pop()
+
+    def note(self, change: bytes) -> None:
+        """Put down what is about to be set, without a line break in it."""
+        os.write(self._file, change + b"\n")
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)
+
+
 class SourceProgress:
     """How much a source has published, beyond its death.
 

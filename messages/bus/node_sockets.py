@@ -2,7 +2,9 @@
 
 By the tap a node publishes what it says of itself, and copies of its messages for tools. The tap
 may lose messages, so that nobody who subscribes to it can hold up the graph: a tool that is
-stopped or slow is left out. Copies are made only while somebody wants them.
+stopped or slow is left out. Copies are made only while somebody wants them; of latched topics the
+last are kept, for those who come late and ask for them by a name of their own, `LATCHED_MARK`.
+Who wants all that was published before asks for it by `PAST_MARK`, a little at a time.
 """
 
 from __future__ import annotations
@@ -10,7 +12,9 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import count, islice
 from pathlib import Path
+from types import MappingProxyType
 
 import zmq
 
@@ -20,33 +24,66 @@ from palpate.messages.bus.publisher import Publisher
 from palpate.messages.bus.sockets import Addresses, Socket, SocketContext, bind, connect, received
 from palpate.messages.bus.subscriber import RECONNECT_MS, Received, Subscriber
 from palpate.messages.codec import Header, encode, pack_frame, schema_hash, split_frame
-from palpate.messages.types import LogRecord, NodeStatus
+from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, LogRecord, NodeStatus
 
 STATUS_TOPIC, LOG_TOPIC = "/node/status", "/log"
 TAP_DEPTH = 64  # Messages that a slow tool may lag behind before it loses some
+LATCHED_DEPTH = TAP_DEPTH // 2  # Most messages of a latched topic that a late tool receives
+LATCHED_MARK = b"\x02"  # Before a topic: what was latched before the subscription
+PAST_MARK = b"\x03"  # Before a topic: what is sent once more to who asks for it
+PAST_BATCH = TAP_DEPTH // 2  # Most messages that are sent once more at one request
 
 
 class Tap:
     """The lossy outlet of one node."""
 
     def __init__(
-        self, context: zmq.Context[Socket], endpoint: str, *, run: int, epoch: int
+        self,
+        context: zmq.Context[Socket],
+        endpoint: str,
+        *,
+        run: int,
+        epoch: int,
+        latched: Mapping[str, int] = MappingProxyType({}),  # Topic to how many messages count
+        past: MessageLog | None = None,  # What was published before
     ) -> None:
         self.run, self.epoch = run, epoch
+        self._past = past
+        self._latched = {_prefix(topic): deque[bytes](maxlen=n) for topic, n in latched.items()}
         self._published: Counter[str] = Counter()
         self._wanted: set[bytes] = set()
         self._mirroring = False
         self.socket = context.socket(zmq.XPUB)
         self.socket.setsockopt(zmq.SNDHWM, TAP_DEPTH)
+        self.socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # The second who asks is late, too
         bind(self.socket, endpoint)
 
     def refresh(self) -> None:
-        """Take note of who listens."""
+        """Take note of who listens; who asks for what is latched gets it."""
         while (notice := received(self.socket)) is not None:
+            if notice[1:].startswith(LATCHED_MARK):
+                kept = self._latched.get(notice[2:], ()) if notice[0] else ()
+                for frame in kept:
+                    self.socket.send(LATCHED_MARK + frame, zmq.DONTWAIT)
+                continue
+            if notice[1:].startswith(PAST_MARK):
+                if notice[0]:
+                    self._send_past(*notice[2:].partition(b"\0")[::2])
+                continue
             change = self._wanted.add if notice.startswith(b"\x01") else self._wanted.discard
             change(notice[1:])
         own = {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
         self._mirroring = not self._wanted <= own
+
+    def _send_past(self, topic: bytes, wanted: bytes) -> None:
+        """Send messages of a topic from a number on once more, and a mark behind them."""
+        number = wanted.partition(b".")[0]
+        if self._past is None or not (0 < len(number) < 20 and number.isdigit()):
+            return
+        frames = self._past.since(topic.decode(errors="replace"), int(number))
+        for frame in islice(frames, PAST_BATCH):
+            self.socket.send(PAST_MARK + frame, zmq.DONTWAIT)
+        self.socket.send(PAST_MARK + topic + b"\0", zmq.DONTWAIT)
 
     def publish(self, message: NodeStatus | LogRecord) -> None:
         """Send the node's own word, if anybody listens."""
@@ -57,8 +94,14 @@ class Tap:
         header = Header(self.run, self.epoch, seq, time.monotonic_ns(), robot_time, schema)
         self.socket.send(pack_frame(topic, header, encode(message)), zmq.DONTWAIT)
 
+    def keep(self, frame: bytes) -> None:
+        """Keep a copy of a reliable frame for those who come late, if its topic is latched."""
+        if self._latched and (kept := self._latched.get(frame[: frame.index(0) + 1])) is not None:
+            kept.append(frame)
+
     def mirror(self, frame: bytes) -> None:
-        """Send a copy of a reliable frame, if anybody wants copies."""
+        """Send a copy of a reliable frame, if anybody wants copies; keep it if it is latched."""
+        self.keep(frame)
         if self._mirroring:
             self.socket.send(frame, zmq.DONTWAIT)
 
@@ -76,12 +119,16 @@ class TapReader:
         endpoints: Iterable[str],
         topics: Iterable[str],
         depth: int = TAP_DEPTH,  # Most messages in the queue from one tap
+        *,
+        latched: bool = False,  # Whether what was latched before is wanted, too
     ) -> None:
         self.socket = context.socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, depth)
         self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         for topic in topics:
             self.socket.subscribe(_prefix(topic))
+            if latched:
+                self.socket.subscribe(LATCHED_MARK + _prefix(topic))
         for endpoint in endpoints:
             connect(self.socket, endpoint)
 
@@ -91,7 +138,44 @@ class TapReader:
         Raises ValueError if what arrived is not a frame.
         """
         frame = received(self.socket)
-        return None if frame is None else split_frame(frame)
+        return None if frame is None else split_frame(frame.removeprefix(LATCHED_MARK))
+
+    def close(self) -> None:
+        """Close at once."""
+        self.socket.close(0)
+
+
+class PastReader:
+    """Asks one node for what it has published, by its tap: nobody waits for who asks."""
+
+    def __init__(self, context: zmq.Context[Socket], endpoint: str, topics: Iterable[str]) -> None:
+        self._request, self._numbers = b"", count()
+        self.socket = context.socket(zmq.SUB)
+        self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        for topic in topics:
+            self.socket.subscribe(PAST_MARK + _prefix(topic))
+        connect(self.socket, endpoint)
+
+    def ask(self, topic: str, seq: int) -> None:
+        """Ask for the next messages of a topic, `PAST_BATCH` at most, from a number on."""
+        if self._request:
+            self.socket.unsubscribe(self._request)
+        # No two requests are alike, for the second of such would not be sent.
+        self._request = PAST_MARK + _prefix(topic) + b"%d.%d" % (seq, next(self._numbers))
+        self.socket.subscribe(self._request)
+
+    def receive(self) -> tuple[str, tuple[Header, bytes] | None] | None:
+        """A topic and a message of it, or None behind the last that was asked for.
+
+        None if nothing has come. Raises ValueError if what arrived is not a frame.
+        """
+        frame = received(self.socket)
+        if frame is None:
+            return None
+        if frame.endswith(b"\0") and frame.count(b"\0") == 1:
+            return frame[1:-1].decode(errors="replace"), None
+        topic, header, body = split_frame(frame.removeprefix(PAST_MARK))
+        return topic, (header, body)
 
     def close(self) -> None:
         """Close at once."""
@@ -122,6 +206,7 @@ class NodeSockets:
         # Each topic that the node publishes, with the names of its subscribers
         publications: Mapping[str, tuple[str, ...]],
         persistent: bool = False,  # Whether what it publishes is kept beyond the node's death
+        types: Mapping[str, str] = MappingProxyType({}),  # Topic to its message type, if known
     ) -> None:
         wanted = [topic for topic, subscribers in publications.items() if subscribers]
         past = MessageLog(
@@ -138,13 +223,21 @@ class NodeSockets:
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
         # Called now and then while a subscriber's queue is full: who waits for it does not hang
         self.while_blocked: Callable[[], None] = lambda: None
+        kept = {
+            topic: LATCHED_DEPTH if TYPES[kind] in ALL_KEPT else 1
+            for topic, kind in types.items()
+            if TYPES.get(kind) in LATCHED
+        }
         try:
             again = place.going and not persistent
-            self._open(name, place, subscriptions, publications, past, times, again=again)
+            self._open(name, place, subscriptions, publications, past, times, kept, again=again)
         except zmq.ZMQError:
             self._wires.destroy()
             times.close()
             raise
+        for topic, number in kept.items():  # what an earlier start has published
+            for frame in past.since(topic, max(past.count(topic) - number, 0)):
+                self.tap.keep(frame)
         # The publisher by its descriptor: it wakes when a place in a queue has come free.
         self._blocked.register(self.subscriber.socket, zmq.POLLIN)
         self._blocked.register(self.publisher.socket.getsockopt(zmq.FD), zmq.POLLIN)
@@ -159,6 +252,7 @@ class NodeSockets:
         publications: Mapping[str, tuple[str, ...]],
         past: MessageLog,
         times: SendTimes,
+        latched: Mapping[str, int],
         *,
         again: bool,
     ) -> None:
@@ -187,7 +281,8 @@ class NodeSockets:
             again=again,
             ahead_ns=place.ahead_ns,
         )
-        self.tap = Tap(context, place.taps[name], run=run, epoch=epoch)
+        tap = place.taps[name]
+        self.tap = Tap(context, tap, run=run, epoch=epoch, latched=latched, past=past)
 
     @property
     def waiting(self) -> bool:

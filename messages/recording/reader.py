@@ -18,8 +18,12 @@ from typing import NamedTuple
 
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 
+from palpate.messages.codec import schema_hash
+from palpate.messages.described import type_of_schema
+from palpate.messages.fields import CodecError
 from palpate.messages.recording.mcap_reading import Closed, DamagedRecording, placed_records
 from palpate.messages.recording.writer import ABOUT, COUNTS, PROFILE, AtomicFile, mcap_writer
+from palpate.messages.types import TYPES
 
 NOT_PALPATE = "was not written by palpate, or ends before it began"
 
@@ -47,8 +51,29 @@ class Recording:
     graph: bytes  # Description of the graph that ran; empty if it has none
     counts: Mapping[str, int]  # Messages by topic
     types: Mapping[str, tuple[str, int]]  # Topic to its message type and the hash of its schema
+    schemas: Mapping[str, str]  # Message type to its JSON schema, as it was recorded
     about: Mapping[str, str]  # All that the recording says of itself, text by name
     closed: bool  # False if the recorder was killed: then the last messages may be missing
+
+    def type_of(self, topic: str, recorded: int | None = None) -> type:
+        """Message type of a topic: palpate's own, or made from the schema that was recorded.
+
+        `recorded` is the hash that a message says its schema has; the topic's last if None. Raises
+        ValueError if it was recorded with another version of the type, or the schema is none of a
+        message type; KeyError if there is no such topic.
+        """
+        name, last = self.types[topic]
+        recorded = last if recorded is None else recorded
+        try:
+            cls = TYPES.get(name) or type_of_schema(self.schemas[name])
+        except CodecError as error:
+            raise ValueError(f"{topic} holds {name}: {error}") from None
+        if recorded != schema_hash(cls):
+            raise ValueError(
+                f"{topic} was recorded with another version of {name} "
+                f"(schema {recorded:08x}, now {schema_hash(cls):08x})"
+            )
+        return cls
 
     def messages(self) -> Iterator[RecordedMessage]:
         """The messages in the order in which the recorder received them."""
@@ -76,6 +101,7 @@ def open_recording(path: Path) -> Recording:
     """
     about: Mapping[str, str] | None = None
     types: dict[str, tuple[str, int]] = {}
+    schemas: dict[str, str] = {}
     counts = Counter[str]()
     closed = False
     for _, _, record, channel, schema in checked_records(path):
@@ -83,6 +109,7 @@ def open_recording(path: Path) -> Recording:
             counts[channel.topic] += 1
         elif channel is not None and schema is not None:
             types[channel.topic] = schema.name, int(channel.metadata["schema_hash"], 16)
+            schemas[schema.name] = schema.data.decode(errors="replace")
         elif isinstance(record, Metadata) and record.name == ABOUT:
             about = record.metadata
         closed = isinstance(record, Closed)
@@ -94,6 +121,7 @@ def open_recording(path: Path) -> Recording:
         graph=about.get("graph", "").encode(),
         counts=dict(counts),
         types=types,
+        schemas=schemas,
         about=about,
         closed=closed,
     )

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from palpate.messages.types.catalogue import ALL_KEPT as ALL_KEPT, LATCHED as LATCHED
     from palpate.messages.types.catalogue import TYPES as TYPES, Clock as Clock
     from palpate.messages.types.catalogue import LogRecord as LogRecord, NodeStatus as NodeStatus
+    from palpate.messages.types.catalogue import ParameterEvent as ParameterEvent
     from palpate.messages.types.model import ModelGoal as ModelGoal, PlanDone as PlanDone
     from palpate.messages.types.model import PlanEstimate as PlanEstimate, Score as Score
     from palpate.messages.types.model import ShapeModel as ShapeModel, Superquadric as Superquadric
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from palpate.messages.types.procedure import GeneralisedCone as GeneralisedCone
     from palpate.messages.types.procedure import Openings as Openings
     from palpate.messages.types.procedure import ProcedureResult as ProcedureResult
+    from palpate.messages.types.touch import SequenceEnd as SequenceEnd
     from palpate.messages.types.touch import SurfacePatch as SurfacePatch
     from palpate.messages.types.touch import TactileFrame as TactileFrame
     from palpate.messages.types.touch import TactileImage as TactileImage

@@ -1,4 +1,4 @@
-"""What nodes publish about themselves, by the lossy tap; and every message type by its name."""
+"""What nodes publish about themselves, and every message type by its name."""
 
 from __future__ import annotations
 
@@ -39,6 +39,16 @@ class LogRecord:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ParameterEvent:
+    """A parameter was set while the node ran. On ``/filter/parameter_events`` and the like."""
+
+    param: str  # Name of the parameter
+    value: str  # What it was set to, in JSON
+    topic: str  # The input, as the node calls it, between two of whose messages that was done
+    after: Count  # Messages of this input that the node had handled by then
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Clock:
     """The time of a recording that is played. On ``/clock``."""
 
@@ -54,7 +64,8 @@ TYPES: dict[str, type] = dict(
         if isinstance(cls, type) and is_dataclass(cls) and cls.__module__ == subject.__name__
     )
 )
-ALL_KEPT = frozenset({motion.Contour, motion.Probe})  # Latched types whose every message counts
+# Latched types whose every message counts
+ALL_KEPT = frozenset({motion.Contour, motion.Probe, ParameterEvent})
 # Types of latched topics: whoever comes late needs what was published before; of those
 # that are not in `ALL_KEPT`, the last message
 LATCHED = ALL_KEPT | {

@@ -7,7 +7,16 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from palpate.messages.fields import Array, ControlPoints, Count, Degrees, Floats, Lengths, Metres
+from palpate.messages.fields import (
+    Array,
+    ControlPoints,
+    Count,
+    Degrees,
+    Directions,
+    Floats,
+    Lengths,
+    Metres,
+)
 from palpate.messages.fields import Numbers, PackedBytes, PerMetre, Points, Pose, Radians, Ratio
 from palpate.messages.fields import Seconds, Triangles, Unit, Vector
 
@@ -31,6 +40,8 @@ class ModelGoal:
     # Closings of the hand that there were; without contours and probes, the coarse model is fitted
     # to their contacts
     closings: Count
+    # Whether it is the last, with all that belongs to a final model: its PlanDone comes after it
+    final: bool = False
     touches: Count  # Touches spent so far, failed contours included
     robot_time: Seconds  # Robot time spent so far
 
@@ -86,7 +97,10 @@ class PlanDone:
     # looked
     open_share: Ratio | None = None
     open_width: Metres | None = None  # Width of the largest opening in what was touched
-    open_place: Points = field(default_factory=lambda: np.zeros((0, 3)))  # Its middle, if any
+    # Middles of the largest openings, if there are any, the largest first
+    open_places: Points = field(default_factory=lambda: np.zeros((0, 3)))
+    # Outward unit normals of the solid there: a touch comes from where they point
+    open_normals: Directions = field(default_factory=lambda: np.zeros((0, 3)))
     # Touches that it would take, if all of it could be reached
     open_touches: Annotated[float, Unit("#")] | None = None
     under_share: Ratio | None = None  # Share of the surface on which the object stands

@@ -78,7 +78,10 @@ class ProbeGoal:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Probe:
-    """What a single touch found. Latched, all kept, on ``/probe/traced``."""
+    """What a single touch found, or one goal's frames of a driver.
+
+    Latched, all kept, on ``/probe/traced``.
+    """
 
     id: Count  # Number of the goal
     finger: Count  # The finger that touched

@@ -43,6 +43,14 @@ class TactileFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SequenceEnd:
+    """No more frames will come. Driver to collector on ``/touch/end``."""
+
+    frames: Count  # Frames published
+    robot_time: Seconds  # Robot time of the last of them
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TactileImage:
     """One calibrated and filtered frame. On ``/touch/image``."""
 

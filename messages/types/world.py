@@ -8,7 +8,15 @@ from typing import Literal
 import numpy as np
 
 from palpate.messages.fields import Count, LengthImage, Metres, MetresPerSecond, NewtonsPerMetre
-from palpate.messages.fields import PerMetre, Points, Ratio, RatioImage, RobotSpeeds, Triangles
+from palpate.messages.fields import (
+    PerMetre,
+    PlanarPoint,
+    Points,
+    Ratio,
+    RatioImage,
+    RobotSpeeds,
+    Triangles,
+)
 from palpate.messages.fields import Vector, Voxels
 
 
@@ -17,8 +25,13 @@ class World:
     """What a robot knows before it touches anything. Latched on ``/world``."""
 
     platform: Metres  # Height of the pedestal on which the object stands
-    # The finger reaches this far sideways from the world's axis and up from the platform
+    # Whether it does not stand, but is held; then the finger's reach begins at that height
+    held: bool = False
+    # The finger reaches this far sideways from the axis and up from the platform
     reach: Metres
+    centre: PlanarPoint = field(
+        default_factory=lambda: np.zeros(2)
+    )  # Of that axis, which is upright
     fingers: Count  # Number of fingers
     seed: Count  # The run's seed
     # How fast the robot is, so that time can be kept within a limit; empty where nobody knows

@@ -10,7 +10,7 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality, coarse_model
-    from palpate.nodes.rebuilding.candidates import shape_model
+    from palpate.nodes.rebuilding.candidates import is_final, shape_model
     from palpate.nodes.rebuilding.fitting import TOUCHED_OUTCOMES, Goal, State, common_frame
     from palpate.nodes.rebuilding.fitting import fitted_solids, is_coarse, is_complete, is_upright
     from palpate.nodes.rebuilding.fitting import known_space, predicted_squares, rebuild_set

@@ -40,6 +40,11 @@ HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows th
 NO_ARCHIVE = np.zeros(0, np.uint8)
 
 
+def is_final(goal: Goal) -> bool:
+    """Whether a goal asks for the final model."""
+    return isinstance(goal, types.PlanDone) or goal.final
+
+
 class Quality(NamedTuple):
     """How finely the final model is meshed."""
 
@@ -164,7 +169,7 @@ def shape_model(
         dropped = {one.which: one.why for one in candidates.sliced.slices.dropped}
     elif candidates.why:
         dropped = dict.fromkeys(range(len(goal.contours)), candidates.why)
-    final = isinstance(goal, types.PlanDone)
+    final = is_final(goal)
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
     frame = IDENTITY_POSE
     deviation = None

@@ -21,6 +21,7 @@ from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, MeshVolume, Quality
+from palpate.nodes.rebuilding.candidates import is_final
 
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid
@@ -97,7 +98,7 @@ def _general(
     # Of objects that slices tell of, nobody waits for these imports.
     from palpate.core.rebuild import general
 
-    final = isinstance(goal, types.PlanDone)
+    final = is_final(goal)
     grasped = [state.contacts[number] for number in range(goal.closings)]
     evidence = stack_points([one for one in grasped if len(one.points)] + touched)
     if general.is_flat(evidence.points):
@@ -121,7 +122,7 @@ def _continued(state: State, goal: Goal, step: Steps) -> tuple[GeneralSolid, int
     beside the solid; and where a finger went through what was taken for solid.
     """
     before = next((one for one in reversed(state.history) if one.number < goal.number), None)
-    if before is None or isinstance(goal, types.PlanDone) or before.missed != goal.missed:
+    if before is None or is_final(goal) or before.missed != goal.missed:
         return None
     kept = set(touched_goals(before)) <= set(touched_goals(goal))
     known = (
@@ -158,7 +159,7 @@ def _rebuild(state: State, goal: Goal, step: Steps) -> Solid:
         [state.probes[id_] for id_ in goal.probes],
         touched,
         state.platform,
-        "lattice" if isinstance(goal, types.PlanDone) else "draft",
+        "lattice" if is_final(goal) else "draft",
         step,
     )
 
@@ -168,7 +169,7 @@ def rebuild_set(
     probes: Sequence[types.Probe],  # Single touches beside them
     # What each touch of these measured, and of unfinished contours, by the goal's number
     touched: Mapping[int, Sequence[ContactPoints]],
-    platform: float,  # Height on which the object stands, m
+    platform: float | None,  # Height on which the object stands, m; None if it is held
     method: Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
 ) -> Solid:
@@ -190,7 +191,7 @@ class State:
     """What has been received."""
 
     quality: Quality = QUALITIES["normal"]  # Of the final mesh
-    platform: float = 0.0  # Height on which the object stands, m
+    platform: float | None = 0.0  # Height on which the object stands, m; None if it is held
     pad: Pad | None = None  # The sensor's array
     # Every touch; goals are numbered for all fingers together.
     touches: TouchesByGoal = field(default_factory=lambda: MappingProxyType({}))

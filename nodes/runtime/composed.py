@@ -23,7 +23,7 @@ from palpate.messages.bus import Received
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole
-from palpate.nodes.runtime.sources import SourceWork, Work
+from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
 from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
@@ -122,6 +122,7 @@ class Composition:
         self._watch, self._watcher = set(watch), watcher
         self._sent: dict[str, dict[str, int]] = {name: {} for name in self._wirings}
         self._cpu = dict.fromkeys(self._wirings, 0.0)
+        self._paces = {one.name: RobotPace(one.rate) for one in wirings if one.rate}
         self._next_tick = time.monotonic() + TICK_PERIOD
 
     def open(self) -> Sequence[tuple[str, Work]]:
@@ -146,6 +147,8 @@ class Composition:
         """Start every node."""
         for name, work in self.works.items():
             self._publish(name, work.begin)
+        for pace in self._paces.values():
+            pace.start(time.monotonic())
 
     def deliver(self) -> bool:
         """Hand over one message; False when none is left."""
@@ -153,10 +156,13 @@ class Composition:
             return self._ask_sources()
         _, name, arrival = found
         self._publish(name, lambda: self.works[name].take(arrival))
+        self._tick()
+        return True
+
+    def _tick(self) -> None:
         if time.monotonic() >= self._next_tick:
             self._next_tick = time.monotonic() + TICK_PERIOD
             self._watcher.tick(self.statuses())
-        return True
 
     def statuses(self) -> dict[str, NodeStatus]:
         """Counters of all nodes; of the processor's time, what handling their messages took."""
@@ -197,11 +203,19 @@ class Composition:
         finally:
             self.doing = f"{name} {work.doing}"
             self._cpu[name] += time.thread_time() - began
+        if name in self._paces:
+            self._hold(self._paces[name], published)
         for one in published:
             if isinstance(one, Finished):
                 self.finished.setdefault(name, one.reason)
             else:
                 self._send(name, one)
+
+    def _hold(self, pace: RobotPace, published: Iterable[Outgoing | Finished]) -> None:
+        """Wait for the robot time of what acting on the world has come to."""
+        while (left := pace.wait(published, time.monotonic())) > 0.0:
+            time.sleep(min(left, TICK_PERIOD))
+            self._tick()
 
     def _send(self, name: str, parcel: Outgoing) -> None:
         topic, body, robot_time, schema, _ = parcel

@@ -23,10 +23,10 @@ from pathlib import Path
 import msgspec
 
 from palpate.messages import bus, encode
-from palpate.messages.types import LogRecord, NodeStatus
+from palpate.messages.types import LogRecord, NodeStatus, ParameterEvent
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
-from palpate.nodes.runtime.sources import SourceWork, Work
+from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
 from palpate.nodes.runtime.work import Latency, NodeWork, Outgoing, Promise, SinkWork
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
@@ -90,8 +90,9 @@ def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
         subscriptions=subscriptions,
         publications={one: wiring.subscribers.get(one, ()) for one in wiring.outputs.values()},
         persistent=wiring.persistent,
+        types=wiring.types,
     )
-    loop = NodeLoop(wiring.name, station, going=place.going)
+    loop = NodeLoop(wiring.name, station, going=place.going, rate=wiring.rate)
     try:
         with ExitStack() as kept:
             loop.run(_load(wiring, place, loop, protect, kept))
@@ -116,7 +117,11 @@ def _load(
         edges = [(one.publisher, one.topic) for one in wiring.inputs]
         if not node.has_side_effects:
             loop.journal = kept.enter_context(closing(bus.Journal(file, edges)))
-        loop.work = NodeWork(node, params, wiring)
+        if node.settable:
+            loop.changes = kept.enter_context(closing(bus.ParameterLog(file)))
+        had = loop.changes.before if loop.changes else ()
+        changes = [msgspec.json.decode(one, type=ParameterEvent) for one in had]
+        loop.work = NodeWork(node, params, wiring, changes)
     elif isinstance(node, Source):
         tally = kept.enter_context(closing(bus.SourceProgress(file))) if node.repeats else None
         loop.work = SourceWork(node, params, wiring, tally)
@@ -150,10 +155,14 @@ class NodeLoop:
 
     # `going`: whether the graph had been started before. The node then goes through what it had
     # done, and that is sent only to those who lack something of it.
-    def __init__(self, name: str, station: bus.NodeSockets, *, going: bool = False) -> None:
+    def __init__(
+        self, name: str, station: bus.NodeSockets, *, going: bool = False, rate: float = 0.0
+    ) -> None:
         self.work: Work | None = None  # What the node does; None until it is loaded
         # Where it puts down what it handles; only of nodes that could do it again
         self.journal: bus.Journal | None = None
+        self.changes: bus.ParameterLog | None = None  # Where it puts down what is set, if it may be
+        self._unset: list[bus.ControlMessage] = []  # To be set once it has been rebuilt
         self._name, self._station = name, station
         station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
@@ -161,6 +170,8 @@ class NodeLoop:
         self._state = "starting"
         self._next_beat = self._next_look = 0.0
         self._looking = False
+        self._pace = RobotPace(rate)
+        self._held: list[Publication] = []  # What is published at its robot time
 
     def end(self) -> None:
         """Leave the loop at the next occasion; may be called from a signal handler."""
@@ -181,6 +192,8 @@ class NodeLoop:
             self._state, self._next_beat = "running", 0.0
             self._beat_if_due()
             self._publish(owed)
+            for word in self._unset:
+                self._set(work, word)
         while not self._ended:
             received, told = station.wait(self._patience(work))
             self._next_look = time.monotonic() + BUSY_PERIOD
@@ -188,6 +201,8 @@ class NodeLoop:
                 self._obey(work)
             if not self._going:
                 self._join()
+            elif self._held:
+                self._let_go(self._held)
             elif received or station.waiting:
                 arrival = station.receive()
                 if arrival is not None:
@@ -216,7 +231,7 @@ class NodeLoop:
     def _patience(self, work: Work) -> int:
         """Longest wait for something to arrive, ms."""
         if self._going:
-            if self._station.waiting:
+            if self._station.waiting or self._held:
                 return 0
             if isinstance(work, SourceWork):
                 return work.patience(IDLE_MS)
@@ -237,7 +252,18 @@ class NodeLoop:
             return
         if self.journal is not None:
             self.journal.note(publisher, topic, seq)
-        self._publish(work.each(arrival) if isinstance(work, NodeWork) else work.take(arrival))
+        self._let_go(work.each(arrival) if isinstance(work, NodeWork) else work.take(arrival))
+
+    def _let_go(self, published: Iterable[Publication]) -> None:
+        """Publish what was handled; what a robot has done is held back until its robot time."""
+        if self._pace.rate:
+            published = [*published]
+            left = self._pace.wait(published, time.monotonic())
+            self._held = published if left > 0.0 else []
+            if self._held:
+                time.sleep(min(left, BUSY_PERIOD))
+                return
+        self._publish(published)
 
     def _go_on(self, work: Work) -> list[Publication]:
         """Take up what an earlier start has done; returns what it had not come to publish."""
@@ -308,7 +334,10 @@ class NodeLoop:
                 # What was imported stays; looking through it again would hold up messages.
                 gc.freeze()
                 self._publish(work.begin())
+                self._pace.start(time.monotonic())
             elif word["kind"] == "count":
+                if self._held:  # it has more to say: whoever counts asks again
+                    continue
                 line.send(
                     "count",
                     round=word["round"],
@@ -319,9 +348,21 @@ class NodeLoop:
                 )
             elif word["kind"] == "stop":
                 self._ended = True
+            elif word["kind"] == "set" and self._state == "rebuilding":
+                self._unset.append(word)
+            elif word["kind"] == "set":
+                self._set(work, word)
             elif isinstance(work, SourceWork):
                 self._publish(work.obey(word))
                 line.send("acknowledged", ticket=word["ticket"])
+
+    def _set(self, work: Work, word: bus.ControlMessage) -> None:
+        """Set a parameter before the next message, once it is put down that it is."""
+        assert isinstance(work, NodeWork) and self.changes is not None
+        change = work.change(word["param"], word["value"])
+        self.changes.note(msgspec.json.encode(change))
+        self._publish(work.set(change))
+        self._station.line.send("acknowledged", ticket=word["ticket"])
 
     def _publish(self, published: Iterable[Publication]) -> None:
         for one in published:

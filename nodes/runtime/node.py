@@ -16,9 +16,11 @@ from msgspec import Meta
 
 from palpate.core import Steps, no_steps
 from palpate.messages import Header
+from palpate.messages.types import ParameterEvent
 
 MAX_FINGERS = 8  # Fingers that one graph may have
 HANDLER_TIMEOUT = 1.0  # A handler takes no longer than this, unless its node says otherwise, s
+MAX_VALUE_CHARS = 1000  # Longest value, in JSON, that a parameter is set to while its node runs
 Finger = Annotated[int, Meta(ge=1, le=MAX_FINGERS)]  # Number of a finger, or of fingers
 
 
@@ -61,6 +63,7 @@ class Node:
     outputs: Mapping[str, type]  # Topic to message type
     needs: tuple[str, ...] = ()  # Latched inputs without which no other input is handed over
     fan_in: tuple[str, ...] = ()  # Inputs with one publisher in each finger's namespace
+    optional: tuple[str, ...] = ()  # Inputs that nobody need publish
     # Topics that stay outside the fingers' namespaces: where there is such a node for each finger,
     # that of the first finger alone subscribes to and publishes them.
     shared: tuple[str, ...] = ()
@@ -69,6 +72,22 @@ class Node:
     # It acts on the world: when it is started again it is not handed once more what it has handled,
     # and begins with a fresh state; what it has published is kept in a file.
     has_side_effects: bool = False
+    # Parameters that may be set while it runs, each with the input between two of whose messages
+    # that is done: its handler alone may look at them. Told on an output of `ParameterEvent`.
+    settable: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse settable parameters that no run could be repeated with."""
+        for param, topic in self.settable.items():
+            if param not in _fields_of(self.params) or topic not in self.inputs:
+                raise ValueError(f"settable: {param!r} by {topic!r} is no parameter by an input")
+        if self.settable and (self.has_side_effects or self.event_topic is None):
+            raise ValueError("settable: the node must publish ParameterEvent and act on nothing")
+
+    @property
+    def event_topic(self) -> str | None:
+        """The output on which it tells that a parameter was set; None if it has none."""
+        return next((topic for topic, cls in self.outputs.items() if cls is ParameterEvent), None)
 
 
 class Timed(NamedTuple):
@@ -154,7 +173,6 @@ class Input:
     topic: str  # The topic on the wire, with namespace and remapping applied
     local: str  # The topic as the node calls it
     type: str  # Name of the message type
-    schema: str = ""  # JSON schema of a type that palpate does not have; empty of its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,11 +186,34 @@ class Wiring:
     outputs: Mapping[str, str]  # The topic as the node calls it, to the topic on the wire
     subscribers: Mapping[str, tuple[str, ...]]  # Topic on the wire to the names of its subscribers
     types: Mapping[str, str] = field(default_factory=dict)  # Topic on the wire to its message type
+    # Name of each of these types that palpate does not have, to its JSON schema
+    schemas: Mapping[str, str] = field(default_factory=dict)
     host: str = ""  # Address of the machine on which it runs; empty for the launcher's
     nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
     on_exit: OnExit = "restart"  # What is done when it dies
     handler_timeout: float = HANDLER_TIMEOUT  # Longest time without a sign of life at work, s
     persistent: bool = False  # Whether what it publishes is kept beyond its death: it cannot again
+    # Robot time that passes in a second where it tells what a robot has done; 0: it does not wait
+    rate: float = 0.0
+
+
+def with_parameter(params: Any, name: str, value: str) -> Any:
+    """A node's parameters, one of them set to a value in JSON.
+
+    Raises ValueError if there is no such parameter, or the value is none for it.
+    """
+    if len(value) > MAX_VALUE_CHARS:
+        raise ValueError(f"{name}: {len(value)} characters are too many to be set while it runs")
+    field = _fields_of(params)[name]
+    try:
+        made: Any = msgspec.json.decode(value, type=field.type)
+        return msgspec.structs.replace(params, **{field.name: made})
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise ValueError(f"{name} cannot be {value:.60}: {error}") from None
+
+
+def _fields_of(params: Any) -> Mapping[str, msgspec.structs.FieldInfo]:
+    return {one.encode_name: one for one in msgspec.structs.fields(params)}
 
 
 def lone_wiring(
@@ -209,6 +250,7 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
     inputs: tuple[Input, ...]
     outputs: dict[str, str]  # The topic as the node calls it, to the topic on the wire
     types: dict[str, str] = {}  # The topic on the wire to the name of its message type
+    schemas: dict[str, str] = {}  # Of these types that palpate does not have, the JSON schema
     nice: int = 0
     on_exit: OnExit = "restart"
 
@@ -251,7 +293,7 @@ def publishers_of(graph: bytes) -> Mapping[str, str]:
 def schemas_of(graph: bytes) -> Mapping[str, str]:
     """Name of each message type that palpate does not have, to its JSON schema."""
     nodes = recorded_nodes(graph) if graph else ()
-    return {edge.type: edge.schema for one in nodes for edge in one.inputs if edge.schema}
+    return {name: text for one in nodes for name, text in one.schemas.items()}
 
 
 def with_description(wirings: Sequence[Wiring], about: Mapping[str, str]) -> tuple[Wiring, ...]:

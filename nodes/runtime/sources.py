@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any
 
@@ -165,6 +165,26 @@ def _wait(seconds: float) -> None:
         time.sleep(seconds - SLEEP_OVERSHOOT)
     while time.monotonic() < end:
         pass
+
+
+class RobotPace:
+    """Says how long what a robot has done is held back, so that it is published at its time."""
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate  # Robot time that passes in a second; 0: as fast as can be
+        self._began: float | None = None  # Monotonic time at which robot time was 0
+
+    def start(self, now: float) -> None:
+        """Robot time begins now, a monotonic time, s."""
+        self._began = now
+
+    def wait(self, published: Iterable[object], now: float) -> float:
+        """Time until the latest of these, s; where nobody has said when it began, it is due now."""
+        times = (one.robot_time for one in published if isinstance(one, work.Outgoing))
+        due = max(times, default=0.0) / self.rate
+        if self._began is None:
+            self._began = now - due
+        return max(0.0, self._began + due - now)
 
 
 class PlaybackClock:

@@ -25,7 +25,7 @@ from palpate.messages.types import TYPES
 from palpate.nodes.runtime.node import Finished, Input, Node, RecordedNode, Source, lone_wiring
 from palpate.nodes.runtime.node import recorded_nodes
 from palpate.nodes.runtime.sources import SourceWork
-from palpate.nodes.runtime.work import NodeWork, Outgoing
+from palpate.nodes.runtime.work import NodeWork, Outgoing, recorded_changes
 
 # Topic, as the node calls it, and message each, in the order in which they were published.
 Published = list[tuple[str, Any] | Finished]
@@ -231,7 +231,7 @@ def feed(
     given = params_of(node, params)
     edges = _inputs(bag, node, place)
     wiring = lone_wiring(given, edges, node.outputs, place.name if place else "node")
-    work = NodeWork(node, given, wiring)
+    work = NodeWork(node, given, wiring, recorded_changes(bag.messages(), node, wiring))
     publishers = {one.topic: one.publisher for one in edges}
     published: list[Outgoing | Finished] = work.begin()
     # Processes of one machine share the clock; the recorder may have another order.

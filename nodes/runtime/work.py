@@ -9,13 +9,19 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import Received
+from palpate.messages.types import ParameterEvent
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Sink, SinkWriter, Wiring
+from palpate.nodes.runtime.node import with_parameter
+
+if TYPE_CHECKING:
+    from palpate.messages.recording import RecordedMessage
 
 Edge = tuple[str, str]  # Publisher and topic on the wire
 Output = tuple[str, object] | Finished
@@ -52,7 +58,14 @@ class NodeWork:
     Raises ContractError if the wiring names an input or output that the node does not declare.
     """
 
-    def __init__(self, node: Node, params: Any, wiring: Wiring) -> None:
+    def __init__(
+        self,
+        node: Node,
+        params: Any,  # Instance of the node's parameter type
+        wiring: Wiring,
+        # Parameters that an earlier run or start of it had set: they are set at the same places
+        changes: Iterable[ParameterEvent] = (),
+    ) -> None:
         unknown = [one.local for one in wiring.inputs if one.local not in node.inputs]
         unknown += [local for local in wiring.outputs if local not in node.outputs]
         if unknown:
@@ -67,7 +80,11 @@ class NodeWork:
         self._step = node.step or wiring.name
         self._wires = wiring.outputs
         self._received = {one.topic: node.inputs[one.local] for one in wiring.inputs}
+        self._locals = {one.topic: one.local for one in wiring.inputs}
+        self._handled = Counter[str]()  # Messages by the topic as the node calls it
+        self._changes = [*changes]  # Parameters that are still to be set
         self._current: Received | None = None
+        self._begun = False
         self._missing = {one.topic for one in wiring.inputs if one.local in node.needs}
         self._held: list[Received] = []
 
@@ -94,7 +111,26 @@ class NodeWork:
         """Start the node, and return what it publishes."""
         with self.steps(self._step):
             self._state, outputs = self._node.start(self._params)
-            return [self._pack(output) for output in outputs]
+            self._begun = True
+            return [*(self._pack(output) for output in outputs), *self._set_due(self._pack)]
+
+    def change(self, param: str, value: str) -> ParameterEvent:
+        """That a settable parameter is set, to a value in JSON, before the next message."""
+        topic = self._node.settable[param]
+        return ParameterEvent(param=param, value=value, topic=topic, after=self._handled[topic])
+
+    def set(self, change: ParameterEvent) -> list[Outgoing | Finished]:
+        """Set a parameter, as soon as the node has started; what it publishes of that."""
+        self._changes.append(change)
+        return self._set_due(self._pack) if self._begun else []
+
+    def _set_due(self, pack: Callable[[Output], OutputT]) -> list[OutputT]:
+        """Set what is to be set at this place, each told of in one message."""
+        due = [one for one in self._changes if one.after <= self._handled[one.topic]]
+        self._changes = [one for one in self._changes if one not in due]
+        for one in due:
+            self._params = with_parameter(self._params, one.param, one.value)
+        return [pack((self._node.event_topic or "", one)) for one in due]
 
     def take(self, arrival: Received) -> list[Outgoing | Finished]:
         """Handle one message, or hold it until the needs are met; return what the node publishes.
@@ -149,7 +185,7 @@ class NodeWork:
         if len(ready) < len(outputs):
             return chain(ready, self._long(arrival, outputs[len(ready) :], pack, spent))
         self._count(arrival, spent)
-        return ready
+        return [*ready, *self._set_due(pack)] if self._changes else ready
 
     def _long(
         self,
@@ -166,10 +202,12 @@ class NodeWork:
             spent += time.perf_counter_ns() - began
             yield packed
         self._count(arrival, spent)
+        yield from self._set_due(pack)
 
     def _count(self, arrival: Received, spent: int) -> None:
         self.latency.add(spent)
         self.consumed[arrival.publisher, arrival.topic] += 1
+        self._handled[self._locals[arrival.topic]] += 1
 
     def _promise(self, output: Output) -> Outgoing | Promise | Finished:
         if isinstance(output, Finished):
@@ -204,6 +242,14 @@ class NodeWork:
                 f"{self.name} published {local}, which another finger's node publishes"
             )
         return self._wires[local]
+
+
+def recorded_changes(
+    messages: Iterable[RecordedMessage], node: Node, wiring: Wiring
+) -> list[ParameterEvent]:
+    """Parameters that were set, according to a recording, while a node ran."""
+    topic = wiring.outputs.get(node.event_topic or "")
+    return [decode(ParameterEvent, one.body) for one in messages if one.topic == topic]
 
 
 def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:

@@ -8,7 +8,8 @@ structures, which check what they are given; a new solid is a structure and a `b
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.nodes.specs.frames import DRIVER_OUTPUTS, FrameSequence, SensorParams, is_header
+    from palpate.nodes.specs.frames import DRIVER_OUTPUTS, FRAMES_A_GOAL, MOST_FRAMES
+    from palpate.nodes.specs.frames import FrameSequence, SensorParams, is_header
     from palpate.nodes.specs.frames import parse_row, read_frames, sensor_info, tactile_frame
     from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, Seed, SuperquadricSpec
     from palpate.nodes.specs.objects import build_shape, encode_mesh, fitted_reach, object_extents

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from palpate.core import Floats, split_pose
 from palpate.core.touch import CONTACT, contact_mask
-from palpate.messages.types import SensorInfo, TactileFrame
+from palpate.messages.types import SensorInfo, SequenceEnd, TactileFrame
 from palpate.nodes.specs import sensors
 
 MAX_FILE_BYTES = 256 << 20  # Largest file, also when it is unpacked
@@ -29,8 +29,14 @@ POSE_NUMBERS = 7  # Numbers of a pose: x, y, z in m, and a quaternion x, y, z, w
 MIN_SIDE, MAX_SIDE = 4, 64  # Rows or columns of an array
 QUATERNION_TOLERANCE = 0.01  # A quaternion may be rounded; its length is 1 within this
 ArraySize = tuple[int, int]
+# Frames of a sequence that make a goal; a message lists 4096 goals at most.
+FRAMES_A_GOAL, MOST_FRAMES = 25, 100_000
 # Topics of every driver.
-DRIVER_OUTPUTS: dict[str, type] = {"/touch/info": SensorInfo, "/touch/raw": TactileFrame}
+DRIVER_OUTPUTS: dict[str, type] = {
+    "/touch/info": SensorInfo,
+    "/touch/raw": TactileFrame,
+    "/touch/end": SequenceEnd,
+}
 
 
 class FrameSequence(NamedTuple):
@@ -246,8 +252,10 @@ def tactile_frame(
 
     Frames count from 0; two of one number are one frame to the filter. The time is in s; the pad's
     pose is x, y, z in m, a quaternion x, y, z, w, and its z axis points into the object; the image
-    is what the taxels sent, in the driver's own unit.
+    is what the taxels sent, in the driver's own unit. Raises ValueError if there are too many.
     """
+    if touch >= MOST_FRAMES:
+        raise ValueError(f"frame {touch}: a sequence has {MOST_FRAMES} frames at most")
     info = sensor_info(sensing)
     calibration, pad = sensors.calibration_of_info(info), sensors.pad_of_info(info)
     scaled = sensing.scale * np.asarray(image, np.float64)
@@ -257,8 +265,8 @@ def tactile_frame(
     bottomed = float(compression.max()) >= pad.saturation * pad.thickness
     _, axes = split_pose(pose)
     return TactileFrame(
-        goal=0,
-        touch=touch,
+        goal=touch // FRAMES_A_GOAL,
+        touch=touch % FRAMES_A_GOAL,
         finger=1,
         direction=axes[:, 0].copy(),
         pose=np.array(pose, np.float64),

@@ -144,11 +144,11 @@ def test_what_was_only_printed_is_not_known_better_than_its_last_digit():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("not JSON", "holds no results of palpate bench: JSON is malformed"),
-        ("[]", "holds no results of palpate bench"),
-        (json.dumps({"form": "other"}), "holds no results of palpate bench"),
+        ("not JSON", "holds no results of palpate dev bench: JSON is malformed"),
+        ("[]", "holds no results of palpate dev bench"),
+        (json.dumps({"form": "other"}), "holds no results of palpate dev bench"),
         (json.dumps({**HEAD, "version": 9}), "holds results of version 9; this palpate reads"),
-        (json.dumps({"form": FORM, "version": VERSION}), "holds no results of palpate bench"),
+        (json.dumps({"form": FORM, "version": VERSION}), "holds no results of palpate dev bench"),
         (json.dumps({**HEAD, "quick": False}), "was measured without --quick; measure as it was"),
     ],
 )

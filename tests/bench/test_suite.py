@@ -23,7 +23,7 @@ from palpate.tools.cli import command_line as cli
     ],
 )
 def test_options_of_another_bench_are_refused_in_one_sentence(capsys, arguments, words):
-    assert cli.run(["bench", *arguments]) == 2
+    assert cli.run(["dev", "bench", *arguments]) == 2
     assert words in capsys.readouterr().err
 
 
@@ -39,9 +39,9 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
         only, place = next(iter(verb.BENCHES[what].groups.items()))
         wanted = {f"{what}/{only}": f"palpate.bench.{place}"}
         for bench, group in ((what, only), ("all", f"{what}/{only}")):
-            assert cli.run(["bench", bench, "--quick", "--only", group, "--json"]) == 1
+            assert cli.run(["dev", "bench", bench, "--quick", "--only", group, "--json"]) == 1
             assert asked.pop() == (wanted, True, True, False)
-    assert cli.run(["bench", "--strict"]) == 1
+    assert cli.run(["dev", "bench", "--strict"]) == 1
     places = verb.BENCHES["speed"].groups.items()
     wanted = {f"speed/{name}": f"palpate.bench.{place}" for name, place in places}
     assert asked.pop() == (wanted, False, False, True)
@@ -50,7 +50,7 @@ def test_one_group_of_any_bench_can_be_had_as_json(monkeypatch):
 def test_all_is_every_group_of_every_bench(monkeypatch):
     asked: list[Any] = []
     monkeypatch.setattr(verb, "run_groups", lambda groups, **_: asked.extend(groups) or 0)
-    assert cli.run(["bench", "all"]) == 0
+    assert cli.run(["dev", "bench", "all"]) == 0
     assert len(asked) == sum(len(one.groups) for one in verb.BENCHES.values())
 
 
@@ -64,11 +64,11 @@ def test_results_are_written_and_compared_with(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(verb, "BENCHES", {"procedures": bench})
     monkeypatch.setattr(verb, "_chosen", lambda *_: {"procedures/one": rows})
     out = tmp_path / "new.json"
-    assert cli.run(["bench", "procedures", "--out", str(out)]) == 0
-    assert cli.run(["bench", "procedures", "--out", str(out)]) == 2
+    assert cli.run(["dev", "bench", "procedures", "--out", str(out)]) == 0
+    assert cli.run(["dev", "bench", "procedures", "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     touches[0] = 99
-    assert cli.run(["bench", "procedures", "--compare", str(out)]) == 0
+    assert cli.run(["dev", "bench", "procedures", "--compare", str(out)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told[-2:] == [
         "moved   procedures/one: touches: 100 -> 99 (-1.0%)",
@@ -77,7 +77,7 @@ def test_results_are_written_and_compared_with(monkeypatch, tmp_path, capsys):
 
 
 def test_the_help_names_every_bench(capsys):
-    assert cli.run(["bench", "--help"]) == 0
+    assert cli.run(["dev", "bench", "--help"]) == 0
     told = capsys.readouterr().out
     for name, one in verb.BENCHES.items():
         assert f"  {name:<10} {one.told[:30]}" in told

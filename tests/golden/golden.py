@@ -293,7 +293,8 @@ def help_texts(_: Workshop) -> str:
 
 def _help(command: click.Command, name: str, parent: click.Context | None) -> Iterator[str]:
     # Two columns less than the terminal has, as click itself keeps free.
-    context = click.Context(command, info_name=name, parent=parent, terminal_width=78)
+    settings = command.context_settings
+    context = click.Context(command, info_name=name, parent=parent, terminal_width=78, **settings)
     yield f"$ {context.command_path} --help\n{command.get_help(context)}\n"
     if isinstance(command, click.Group):
         for verb in command.list_commands(context):

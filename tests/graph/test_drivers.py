@@ -1,13 +1,16 @@
 """A sensor of one's own in the simulator's place, and a node of one's own beside it."""
 
+import json
 import socket
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from palpate.launch.files import read_mesh
 from palpate.messages.types.touch import SurfacePatch
 from palpate.nodes.runtime.testing import assert_same, recorded
 from palpate.tools.init import begin
@@ -84,3 +87,32 @@ def test_a_node_of_ones_own_and_its_type_are_found_by_every_process(frames, tmp_
     from own_bends import OwnBends  # type: ignore[import-not-found]
 
     assert [one.touch for one in recorded(run, "/own_bends", OwnBends)] == list(range(12))
+
+
+def summary(run):
+    return json.loads((run / "summary.json").read_text())
+
+
+def test_a_driver_of_ones_own_ends_with_a_solid_and_its_bound(tmp_path):
+    begin("driver", "own_pad", tmp_path)
+    run = launched(tmp_path, "own_pad.yaml")
+    found = summary(run)
+    assert (run / "mesh.stl").is_file() and found["touches"] == 60
+    assert found["rms_bound_95_m"] < 5e-5 and found["open_share"] == 0.0
+
+
+@pytest.mark.slow
+def test_the_example_becomes_a_ring_whose_missing_touches_are_told(tmp_path):
+    example = Path(__file__).parents[2] / "examples" / "frames.csv"
+    words = (f"path:={example}", "scale:=0.001", "platform:=0", "at_once:=true")
+    run = launched(tmp_path, "driver.yaml", *words)
+    found = summary(run)
+    places, normals = np.array(found["open_places_m"]), np.array(found["open_normals"])
+    assert found["touches"] == 200 and 0.05 < found["open_share"] < 0.12 and len(places) > 2
+    outward = places - 0.062 * places / np.linalg.norm(places[:, :2], axis=1)[:, None]
+    outward[:, 2] = places[:, 2] - 0.021
+    assert (np.einsum("ni,ni->n", outward, normals) > 0.0).all()
+    mesh = read_mesh(run / "mesh.ply", "m")
+    vertices = mesh[0][mesh[0][:, 2] > 1e-6]  # where it stands it is cut off
+    off = np.hypot(np.linalg.norm(vertices[:, :2], axis=1) - 0.062, vertices[:, 2] - 0.021) - 0.021
+    assert np.sqrt(np.mean(off**2)) < found["rms_bound_95_m"] < 2e-4

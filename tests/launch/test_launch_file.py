@@ -5,7 +5,7 @@ import pytest
 
 from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.graph import resolved_text
-from palpate.launch.launch_file import arguments_table, describe
+from palpate.launch.launch_file import arguments_table, describe, list_arguments
 from palpate.launch.launch_source import EXPLORE, find_launch_file
 
 TWO = """
@@ -225,12 +225,12 @@ def rows(text):
 
 
 def test_arguments_are_shown_with_default_and_comment_if_there_are_any(tmp_path):
-    shown = rows(arguments_table(EXPLORE))
+    shown = rows(arguments_table(EXPLORE, list_arguments(EXPLORE)))
     assert "scene vase name of a shipped scene, or a path" in shown
     assert "seed $(scene.seed)" in shown
     assert "record true keep every message in topics.mcap" in shown
     path = written(tmp_path, "graph.yaml", "nodes: {}\nends: x\n")
-    assert arguments_table(path) == f"{path} takes no arguments"
+    assert arguments_table(path, list_arguments(path)) == f"{path} takes no arguments"
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_arguments_are_shown_with_default_and_comment_if_there_are_any(tmp_path)
 )
 def test_a_comment_is_what_stands_behind_the_argument(tmp_path, line, row):
     path = written(tmp_path, "graph.yaml", f"args:\n  {line}\nnodes: {{}}\nends: x\n")
-    assert rows(arguments_table(path)) == [row]
+    assert rows(arguments_table(path, list_arguments(path))) == [row]
 
 
 def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp_path):
@@ -254,7 +254,7 @@ def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp
         "def describe(turns: int = 3, *, name, out: str, speed: 'float | None' = None, **more):\n"
     )
     path = written(tmp_path, "graph.py", text + "    raise SystemExit('called')\n")
-    assert rows(arguments_table(path)) == [
+    assert rows(arguments_table(path, list_arguments(path))) == [
         "turns int 3",
         "name required",
         "speed float | None None",
@@ -269,7 +269,7 @@ def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp
 ])  # fmt: skip
 def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, text, words):
     with pytest.raises(InputError, match=words):
-        arguments_table(written(tmp_path, name, text))
+        list_arguments(written(tmp_path, name, text))
 
 
 def test_an_argument_within_the_scene_changes_one_of_its_values():

@@ -60,7 +60,7 @@ def test_the_result_never_takes_more_than_twelve_lines(progress, met, status):
     progress.failed = 3
     progress.done = planned(
         tolerance_met=met, reason="x " * 400, open_share=0.4, open_width=0.02, under_share=0.1,
-        open_place=np.array([[0.01, 0.02, 0.03]]), open_touches=100.0,
+        open_places=np.array([[0.01, 0.02, 0.03]]), open_touches=100.0,
     )  # fmt: skip
     lines = headline_text(summary_of(progress, status, "y " * 400), ["a"], RUN).splitlines()
     assert len(lines) <= HEADLINE and max(map(len, lines)) <= TEXT_WIDTH

@@ -43,7 +43,7 @@ def table(tmp_path: Path) -> Path:
 
 def test_the_frames_of_a_file_become_patches(table: Path):
     published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
-    images = drive(filter.NODE, published)
+    images = drive(filter.NODE, published[:-2])
     patches = messages_on(drive(curvature.NODE, [*published[:1], *images]), "/touch/patch")
     assert published[-1] == Finished(f"published the 3 frames of {table}")
     assert [patch.kind for patch in patches] == ["smooth"] * 3
@@ -57,11 +57,11 @@ def test_the_frames_of_a_file_become_patches(table: Path):
 def test_a_frame_is_due_at_its_time_or_at_once(table: Path):
     params = msgspec.convert({**PAD, "path": str(table), "rate": 20.0}, driver.Params)
     published = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
-    assert [one.due for one in published] == [0.0, 0.0, 0.05, 0.1]
+    assert [one.due for one in published] == [0.0, 0.0, 0.05, 0.1, 0.1]
     times = [one.message.robot_time for one in published[1:]]  # type: ignore[attr-defined]
-    assert times == [0.0, 0.05, 0.1]
+    assert times == [0.0, 0.05, 0.1, 0.1]
     quick = driver.SOURCE.open(msgspec.structs.replace(params, at_once=True))
-    assert [one.due for one in quick if isinstance(one, Timed)] == [0.0] * 4
+    assert [one.due for one in quick if isinstance(one, Timed)] == [0.0] * 5
 
 
 def test_the_times_of_the_file_count_from_its_first_frame(table: Path):
@@ -69,7 +69,7 @@ def test_the_times_of_the_file_count_from_its_first_frame(table: Path):
     table.write_text("\n".join(f"{t},{one}" for t, one in zip((7.0, 7.5, 9.0), lines, strict=True)))
     params = msgspec.convert({**PAD, "path": str(table)}, driver.Params)
     published = [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
-    assert [one.due for one in published] == [0.0, 0.0, 0.5, 2.0]
+    assert [one.due for one in published] == [0.0, 0.0, 0.5, 2.0, 2.0]
 
 
 def test_a_file_that_cannot_be_published_is_refused_before_the_start(table: Path):
@@ -141,8 +141,9 @@ def test_lines_become_frames_as_they_come(server: socket.socket):
         first = next(one for one in published if one is not None)
     rest = [one for one in published if one is not None]
     assert isinstance(first, Timed) and first.due == 0.0
-    assert [one.message.touch for one in (first, *rest[:-1])] == [0, 1]  # type: ignore[union-attr]
+    assert [one.message.touch for one in (first, *rest[:-2])] == [0, 1]  # type: ignore[union-attr]
     assert rest[0].message.robot_time == 0.25  # type: ignore[union-attr]
+    assert rest[-2].message.frames == 2  # type: ignore[union-attr]
     assert rest[-1] == Finished(f"{params.address} closed the connection after 2 frames")
     image = first.message.array  # type: ignore[attr-defined]
     assert surface_patch(0.003 - 500.0 * image, 1e-3).principal == pytest.approx(

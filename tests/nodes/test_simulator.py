@@ -112,7 +112,7 @@ def test_an_unknown_robot_is_refused_with_those_that_exist(ball: ObjectSpec):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({}, "an object is exactly one of superquadric, .* and mesh; got none of them"),
+        ({}, "an object is exactly one of sphere, .* and mesh; got none of them"),
         (
             {
                 "superquadric": {"size": [1, 1, 1], "exponents": [1, 1]},

@@ -32,7 +32,7 @@
                                                   seeds each: errors, bounds, coverage, pictures
 
 The last two take hours, go on where they were ended, and are made only if they are named.
-Whole scenes and procedures are measured by ``palpate bench``. Exits with 1 if a demand is missed.
+``palpate dev bench`` measures whole scenes and procedures. Exits with 1 if a demand is missed.
 """
 
 from __future__ import annotations

@@ -46,9 +46,6 @@ def test_the_tables_have_the_rows_of_the_documentation_in_its_order(printed):
     names = [name for name in first_words(table) if name in ESTIMATORS]
     assert names == list(ESTIMATORS)
     assert [name for name in first_words(printed) if name in ESTIMATORS] == names
-    documented = [line.split()[0] for line in table if line.strip()]
-    shown = [line.split()[0] for line in printed if line.strip()]
-    assert shown == documented
 
 
 @pytest.fixture(scope="module")

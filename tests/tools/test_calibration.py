@@ -4,7 +4,12 @@ import pytest
 from palpate.launch.files.source_map import InputError
 from palpate.launch.scene import load_scene, read_calibration, write_calibration
 from palpate.tools import calibration
-from palpate.tools.calibration import calibrate, calibration_text, calibration_warnings
+from palpate.tools.calibration import (
+    calibrate,
+    calibration_figures,
+    calibration_text,
+    calibration_warnings,
+)
 
 WORN = """
 object:
@@ -47,16 +52,17 @@ def test_errors_are_a_fifth_of_what_the_data_sheet_leaves(calibrated):
 
 def test_the_report_gives_each_figure_with_its_error(calibrated, worn):
     lines = dict(
-        line.split(maxsplit=1) for line in calibration_text(calibrated, worn.sensor).splitlines()
+        line.split(maxsplit=1)
+        for line in calibration_text(calibration_figures(calibrated, worn.sensor)).splitlines()
     )
     assert set(lines) == {"touches", "sound", "gain", "offset", "noise", "arm", "taxels", "ball"}
     assert all("+-" in lines[name] for name in ("sound", "gain", "offset", "ball"))
 
 
 def test_the_ball_is_measured_better_with_the_calibration(calibrated, worn):
-    ball = calibration_text(calibrated, worn.sensor).splitlines()[-1]
+    ball = calibration_text(calibration_figures(calibrated, worn.sensor)).splitlines()[-1]
     measured, by_sheet = (
-        part.split(" +- ") for part in ball.partition("measured as ")[2].split("; ")
+        part.split(" +- ") for part in ball.partition("measured as ")[2].split("; by sheet ")
     )
     radius, error = float(measured[0]), float(measured[1].split()[0])
     radius_by_sheet, error_by_sheet = float(by_sheet[0]), float(by_sheet[1].split()[0])
@@ -70,7 +76,9 @@ def test_a_flat_pad_that_sends_forces_is_calibrated_too(worn, write):
     found = calibrate(spec, lambda text: None)
     assert found.estimate.reached.sum() > 240
     assert found.estimate.sound_speed_error == 0.0
-    assert "not estimated: the array sends forces" in calibration_text(found, spec.sensor)
+    assert "not estimated: the array sends forces" in calibration_text(
+        calibration_figures(found, spec.sensor)
+    )
 
 
 def test_a_written_calibration_is_read_by_a_scene(calibrated, write, tmp_path):

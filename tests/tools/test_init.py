@@ -1,3 +1,4 @@
+import json
 import os
 import re
 import shlex
@@ -18,13 +19,13 @@ from palpate.messages.types.touch import SurfacePatch
 from palpate.nodes.runtime.testing import recorded
 from palpate.tools.cli import command_line as cli
 from palpate.tools.init import begin
-from palpate.tools.templates import driver_check, node_check, planner_check
+from palpate.tools.templates import driver_check, node_check, planner_check, planner_touches_check
 from palpate.tools.templates.planner import Template
 
 KINDS = ("node", "driver", "effect", "planner")
 CHECKS = [
     (module, name)
-    for module in (node_check, driver_check, planner_check)
+    for module in (node_check, driver_check, planner_check, planner_touches_check)
     for name in vars(module)
     if name.startswith("test_")
 ]
@@ -32,14 +33,15 @@ FILES = {
     "node": ("my_node.py", "test_my_node.py", "my_node.yaml"),
     "driver": ("my_driver.py", "test_my_driver.py", "my_driver.yaml"),
     "planner": ("my_planner.py", "test_my_planner.py"),
+    "planner_touches": ("my_planner_touches.py", "test_my_planner_touches.py"),
 }
 
 
 def test_what_is_new_works_at_once_and_its_tests_pass(tmp_path):
     for kind, names in FILES.items():
-        begun, named = begin(kind, f"my_{kind}", tmp_path)
+        begun, named = begin(kind.partition("_")[0], f"my_{kind}", tmp_path, kind)
         assert tuple(path.name for path in begun) == names
-        assert named == f"my_{kind}:My{kind.capitalize()}"
+        assert named == f"my_{kind}:My{kind.title().replace('_', '')}"
         assert not any("emplate" in path.read_text() for path in begun)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
@@ -154,6 +156,39 @@ def test_nothing_is_overwritten_and_nothing_half_written(kind, there, tmp_path):
 def test_a_folder_that_is_not_there_is_told(tmp_path):
     with pytest.raises(InputError, match=r"mine\.py: cannot be written: there is no folder"):
         begin("effect", "mine", tmp_path / "no")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_command_that_the_verb_prints_does_what_it_says(kind, here, capsys):
+    assert cli.run(["init", kind, "printed"]) == 0
+    told = capsys.readouterr().out
+    commands = re.findall(r"python -m .+|palpate (?!in ).+", told)
+    assert len(commands) == {"node": 3, "driver": 3, "effect": 0, "planner": 1}[kind]
+    for command in commands:
+        program, *words = shlex.split(command)
+        if program == "python":
+            again = [sys.executable, *words, "-p", "no:cacheprovider"]
+            done = subprocess.run(again, capture_output=True, text=True, timeout=300)
+            assert done.returncode == 0, done.stdout
+        elif words[0] == "launch":
+            budget = ["--set", "planner.most_touches=30"] if kind == "node" else []
+            assert cli.run([*words, "--composed", "--quiet", "--out", "d", *budget]) in (0, 1)
+        else:
+            graph = describe(here / "printed.yaml", {}, here / "out").graph
+            assert words[:2] == ["topic", "echo"]
+            assert words[2] in graph.topics()
+
+
+@pytest.mark.parametrize(("kind", "key"), [("effect", "effects"), ("planner", "explore")])
+def test_the_lines_that_the_verb_prints_for_a_scene_are_a_scene_s(kind, key, here, capsys):
+    assert cli.run(["init", kind, "printed"]) == 0
+    lines = capsys.readouterr().out.split(f"{key}:\n")[1]
+    scene = here / "scene.yaml"
+    ball = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
+    scene.write_text(f"{ball}{key}:\n{lines}")
+    assert cli.run(["scene", "check", str(scene)]) == 0
+    budget = ["--set", "planner.most_touches=30", "--composed", "--quiet", "--out", "d"]
+    assert cli.run(["run", str(scene), *budget]) in (0, 1)
 
 
 @pytest.mark.parametrize("kind", ["node", "driver"])
@@ -272,3 +307,13 @@ def test_what_the_table_names_is_there():
 
     named = re.findall(r"`([a-z_]+)\(", PAGE)
     assert {*named} == {*palpate.testing.__all__}
+
+
+def test_a_planner_of_single_touches_explores_without_slices(here):
+    assert cli.run(["init", "planner", "--touches", "pokes"]) == 0
+    asked = ["--set", "planner.planner=pokes:Pokes", "--touches", "32", "--composed", "--quiet"]
+    assert cli.run(["run", "sphere", *asked, "--out", "out"]) in (0, 1)
+    found = json.loads((here / "out" / "summary.json").read_text())
+    assert (found["contours"], found["touches"], found["method"]) == (1, 32, "general")
+    probes = recorded(here / "out", "/probe/traced")
+    assert 5 < len(probes) < 32

@@ -376,3 +376,53 @@ def test_ends_along_a_tilted_axis_are_doubted_by_their_height(recorded, capsys):
     assert (
         "--top 0.01: must lie beyond the contours, which go from -0.045" in capsys.readouterr().err
     )
+
+
+@pytest.fixture
+def ring():
+    """Points of a torus in no order, in mm, with normals."""
+    u, v = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, (2, 700))
+    normals = np.column_stack([np.cos(u) * np.cos(v), np.sin(u) * np.cos(v), np.sin(v)])
+    middle = 30.0 * np.column_stack([np.cos(u), np.sin(u), np.zeros(700)])
+    return middle + 12.0 * normals, normals
+
+
+def write_table(path, rows, header="x,y,z,nx,ny,nz"):
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+
+
+def test_points_in_no_order_become_a_solid_with_a_hole(ring, home, capsys):
+    write_table(home / "ring.csv", np.hstack(ring))
+    np.savez(home / "ring.npz", points=ring[0], normals=ring[1])
+    for name in ("ring.csv", "ring.npz"):
+        out = home / f"{name}.npz"
+        asked = ("--method", "general", "--unit", "mm", "-o", out, "-o", home / f"{name}.stl")
+        assert run(home / name, *asked, "--json") == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["genus"] == 1 and found["watertight"] and found["far_share"] < 0.08
+        assert found["volume_m3"] == pytest.approx(2.0 * np.pi**2 * 0.03 * 0.012**2, rel=0.01)
+        off = np.abs(load(out).distance([[0.042, 0.0, 0.0], [0.0, 0.03, 0.012]]))
+        assert off.max() < found["error_bound_95_m"] < 5e-4
+
+
+def test_what_no_point_is_near_to_is_told(ring, home, capsys):
+    points, normals = (one[ring[0][:, 0] > -10.0] for one in ring)
+    np.savez(home / "half.npz", points=points, normals=normals)
+    assert run(home / "half.npz", "--method", "general", "--unit", "mm") == 0
+    assert "of the surface lies over 5 mm from any point" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("header", "options", "words"),
+    [
+        ("x,y,z,a,b,c", (), "has no columns nx, ny, nz; points in no order need normals"),
+        ("x,y,z,nx,ny,nz", ("--top", "3"), "--top is of no use with --method general"),
+        ("x,y,z,nx,ny,nz", (), "must not all lie in one plane"),
+    ],
+)
+def test_points_that_make_no_general_solid_are_one_sentence(home, capsys, header, options, words):
+    level = np.random.default_rng(1).uniform(size=(9, 2))
+    write_table(home / "flat.csv", np.column_stack([level, np.zeros((9, 3)), np.ones(9)]), header)
+    assert run(home / "flat.csv", "--method", "general", "-o", home / "a.stl", *options) == 2
+    assert words in sentence(capsys)
+    assert not (home / "a.stl").exists()

@@ -175,7 +175,7 @@ def test_the_command_prints_json(saved, capsys):
     [
         (["score"], "Missing argument 'MODEL'"),
         (["score", "a.ply"], "Missing argument 'REFERENCE'"),
-        (["score", "a.ply", "b.ply"], "a.ply: the mesh cannot be read: No such file"),
+        (["score", "a.ply", "b.ply"], "a.ply: does not exist; it must be a run"),
         (["score", "a.ply", "b.ply", "--unit", "km"], "'km' is not one of 'm', 'cm', 'mm'"),
     ],
 )

@@ -7,7 +7,8 @@ before it is put in place. Of two recordings digests alone are held.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
@@ -197,6 +198,16 @@ class Recovered(NamedTuple):
     counts: dict[str, int]  # Messages by topic
     end: recording.RecordingEnd  # Where the whole records end
 
+    def figures(self) -> dict[str, Any]:
+        """The same, ready for JSON."""
+        part, byte, why = self.end
+        return {
+            "path": str(self.path),
+            "parts": [str(one) for one in self.parts],
+            "messages": self.counts,
+            "end": {"path": str(part), "byte": byte, "why": why},
+        }
+
 
 def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
     """Write all that is whole of a recording into a new file, or into ``NAME.recovered.mcap``.
@@ -269,6 +280,10 @@ class RecordingDiff:
     topics: dict[str, TopicDiff]  # By topic, in the order of their names
     first: str  # The first message that differs, in words; empty if none does
     unfinished: tuple[Path, ...]  # Recordings of the two that were never closed
+
+    def figures(self) -> dict[str, Any]:
+        """The same, ready for JSON."""
+        return asdict(self) | {"unfinished": [str(path) for path in self.unfinished]}
 
 
 def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> RecordingDiff:
@@ -344,20 +359,22 @@ def _difference_text(place: MessageKey, a: recording.Recording, b: recording.Rec
     where = f"{topic} {seq}"
     if one is None or other is None:
         return f"{where}: only in {'A' if one else 'B'}"
-    field, value_a, value_b = _differing_field(one, other)
+    field, value_a, value_b = _differing_field(a, one, other)
     return f"{where} {field}: {value_a} in A, {value_b} in B"
 
 
 def _differing_field(
-    one: recording.RecordedMessage, other: recording.RecordedMessage
+    a: recording.Recording, one: recording.RecordedMessage, other: recording.RecordedMessage
 ) -> tuple[str, str, str]:
     """Field and both values; what the messages are, if they are not of one type."""
     if one.type != other.type:
         return "type", one.type, other.type
     if one.schema != other.schema:
         return "schema", f"{one.schema:08x}", f"{other.schema:08x}"
-    cls = TYPES.get(one.type)
-    found = first_difference(cls, one.body, other.body) if cls else None
+    found = None
+    with suppress(ValueError):  # of another version
+        cls = TYPES.get(one.type) or a.type_of(one.topic, one.schema)
+        found = first_difference(cls, one.body, other.body)
     return found or ("bytes", f"{len(one.body)} bytes", f"{len(other.body)} bytes")
 
 

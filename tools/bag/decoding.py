@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 
 from palpate.launch import find_bag
 from palpate.launch.files import InputError, hint
-from palpate.messages import CodecError, decode, schema, schema_hash
+from palpate.messages import CodecError, decode, schema
 from palpate.messages.recording import DamagedRecording, RecordedMessage, Recording, open_recording
-from palpate.messages.types import TYPES
 
 MAX_STEM_LENGTH = 100  # Characters of a topic's name in a file's name
 FIRST_FIELD = "robot_time"  # The field that comes first
@@ -51,19 +50,15 @@ class DecodedRecording(NamedTuple):
                 yield DecodedMessage(kept.topic, kept.seq, kept.sent_ns, self._decoded(kept))
 
     def _decoded(self, kept: RecordedMessage) -> Any:
-        place = f"{self.recording.path}: {kept.topic}"
-        cls = TYPES.get(kept.type)
-        if cls is None:
-            raise InputError(f"{place} holds {kept.type}; there is no such type of message")
-        if kept.schema != schema_hash(cls):
-            raise InputError(
-                f"{place} was recorded with another version of {kept.type} "
-                f"(schema {kept.schema:08x}, now {schema_hash(cls):08x})"
-            )
+        path, topic = self.recording.path, kept.topic
+        try:
+            cls = self.recording.type_of(topic, kept.schema)
+        except ValueError as error:
+            raise InputError(f"{path}: {error}") from None
         try:
             return decode(cls, kept.body)
         except CodecError as error:
-            raise InputError(f"{place} {kept.seq}: {error}") from None
+            raise InputError(f"{path}: {topic} {kept.seq}: {error}") from None
 
 
 def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:

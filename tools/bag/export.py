@@ -1,4 +1,4 @@
-"""A recording in other formats: CSV (one table a topic), NPZ (one array a field), Foxglove."""
+"""A recording in other formats: CSV (a table a topic), NPZ (an array a field), PLY, Foxglove."""
 
 from __future__ import annotations
 
@@ -15,13 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.launch.files import check_new, write_new
+from palpate.launch import counted
+from palpate.launch.files import InputError, check_new, write_mesh, write_new
 from palpate.messages import schema
+from palpate.messages.types import ShapeModel, Truth
 from palpate.tools.bag.decoding import DecodedRecording, FieldSurvey, file_stems, is_list
 from palpate.tools.bag.decoding import open_decoded, units_of
 from palpate.tools.bag.foxglove import write_foxglove
 
 UNITS_FILE = "units.json"  # The file beside the tables that says the units of their columns
+# Types of messages that are a mesh before anything else.
+MESH_TYPES = frozenset(kind.__name__ for kind in (ShapeModel, Truth))
 MAX_COLUMNS = 4096  # Of one array: a larger one is written into one cell
 Values = NDArray[Any]
 
@@ -29,22 +33,38 @@ Values = NDArray[Any]
 def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> str:
     """Write a recording as a format of `FORMATS`; returns what was written, in a line.
 
-    Raises InputError if the recording is damaged, has other message types than today's or no such
-    topic, or there is something at `out` already.
+    Tables are written of all topics but meshes, PLY files of meshes alone. Raises InputError if
+    the recording is damaged, has other message types than today's, no such topic or none for this
+    format, or there is something at `out` already.
     """
     check_new(out)
     source = open_decoded(bag, topics)
+    taken, left = _topics_of_format(source, kind)
     write, what = FORMATS[kind]
-    written: list[object] = []
-    write_new(out, lambda part: written.append(write(source, part)))
-    count = written[0] if isinstance(written[0], int) else len(written[0])  # type: ignore[arg-type]
-    text = f"{out}: {count} {what} of {len(source.topics)} topics"
-    lacks = "; the recording was never closed, it may lack its end"
-    return text if source.recording.closed else text + lacks
+    written: list[int] = []
+    write_new(out, lambda part: written.append(write(source._replace(topics=taken), part)))
+    text = f"{out}: {written[0]} {what} of {counted(len(taken), 'topic')}"
+    if not source.recording.closed:
+        text += "; the recording was never closed, it may lack its end"
+    return text + (f"\nleft to --format ply, as meshes: {', '.join(left)}" if left else "")
 
 
-def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
-    """Write a new folder with a table for each topic; returns the names of the files.
+def _topics_of_format(
+    source: DecodedRecording, kind: str
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The topics that a format takes, and those of meshes that it leaves to PLY."""
+    types = source.recording.types
+    meshes = tuple(topic for topic in source.topics if types[topic][0] in MESH_TYPES)
+    others = tuple(topic for topic in source.topics if topic not in meshes)
+    taken, left = {"csv": (others, meshes), "ply": (meshes, ())}.get(kind, (source.topics, ()))
+    if not taken:
+        why = "are meshes: take --format ply" if left else "are no meshes, so there is no ply"
+        raise InputError(f"{source.recording.path}: {', '.join(source.topics)} {why}")
+    return taken, left
+
+
+def write_csv(source: DecodedRecording, folder: Path) -> int:
+    """Write a new folder with a table for each topic; returns the number of files.
 
     A row has ``seq``, ``sent_s`` (since the first message of the recording), ``robot_time`` if the
     message has one, and all its other fields. An array that has the same shape in all rows takes a
@@ -74,7 +94,7 @@ def write_csv(source: DecodedRecording, folder: Path) -> tuple[str, ...]:
             tables[decoded.topic].writerow(row)
     units = {names[topic]: {"sent_s": "s", **units_of(one.cls)} for topic, one in surveys.items()}
     (folder / UNITS_FILE).write_text(json.dumps(units, indent=2) + "\n", encoding="utf-8")
-    return (*names.values(), UNITS_FILE)
+    return len(names) + 1
 
 
 def _head(survey: FieldSurvey) -> Iterator[str]:
@@ -173,8 +193,24 @@ def _arrays(survey: FieldSurvey, field: str, values: list[Any]) -> dict[str, Val
     return {"": np.concatenate([array.ravel() for array in arrays]), ".shapes": shapes}
 
 
+def write_ply(source: DecodedRecording, folder: Path) -> int:
+    """Write a new folder with a mesh for each message, m, world frame; returns their number.
+
+    ``model_shape.12.ply`` is message 12 of its topic; what has no triangles is left out.
+    """
+    folder.mkdir()
+    names, count = file_stems(source.topics), 0
+    for decoded in source.published():
+        if len(decoded.message.faces):
+            path = folder / f"{names[decoded.topic]}.{decoded.seq}.ply"
+            write_mesh(path, decoded.message.vertices, decoded.message.faces)
+            count += 1
+    return count
+
+
 FORMATS = {
     "csv": (write_csv, "files"),
+    "ply": (write_ply, "meshes"),
     "npz": (write_npz, "arrays"),
     "foxglove": (write_foxglove, "messages"),
 }

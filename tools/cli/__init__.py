@@ -8,6 +8,6 @@ everything else.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.cli.command_line import main
+    from palpate.tools.cli.command_line import JSON, main, out_option
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -12,45 +12,115 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
 import click
+from click.shell_completion import CompletionItem, get_completion_class
 
 from palpate import __version__
 from palpate.launch.files import InputError, hint
 from palpate.nodes.runtime import THREAD_VARIABLES
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+HELP_OPTIONS = ["-h", "--help"]
 Command = Callable[..., Any]
+COMPLETE_VARIABLE = "_PALPATE_COMPLETE"  # Of the environment: what a shell asks to be completed
+RUNS = Path("runs")  # As in `palpate.launch`, which takes long to be imported
+
+
+def completing(
+    names: Callable[[click.Context, str], Iterable[str]], *, files: bool = False
+) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """What completes an argument: those names that begin as it does, or else `files`."""
+
+    def complete(
+        context: click.Context, _: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        found = [name for name in names(context, incomplete) if name.startswith(incomplete)]
+        fallback = [CompletionItem(incomplete, type="file")] if files else []
+        return [CompletionItem(name) for name in found] or fallback
+
+    return complete
+
+
+def _scenes(_: click.Context, incomplete: str) -> Iterable[str]:
+    """Shipped scenes, and the files that are scenes in the folder that was begun."""
+    from palpate.launch import shipped_scenes
+    from palpate.launch.files import is_mesh_file
+
+    folder = incomplete[: incomplete.rfind("/") + 1]
+    beside = sorted(path for path in Path(folder).glob("*") if path.is_file())
+    yield from shipped_scenes()
+    for path in beside:
+        if path.suffix in (".yaml", ".yml") or is_mesh_file(path):
+            yield folder + path.name
+
+
+def _runs(_: click.Context, __: str) -> list[str]:
+    """Run directories, the latest first."""
+    return sorted((str(path) for path in RUNS.glob("*") if path.is_dir()), reverse=True)
+
+
+def _graphs(_: click.Context, __: str) -> Iterable[str]:
+    from palpate.launch.processes import running_graphs
+
+    return [name for card in running_graphs() for name in (card.run[:6], card.name)]
+
+
+def _nodes(context: click.Context, _: str) -> Iterable[str]:
+    from palpate.launch.processes import find_run
+
+    return sorted(one.name for one in find_run(context.params.get("run")).nodes)
+
+
+def _topics(context: click.Context, _: str) -> Iterable[str]:
+    from palpate.launch.processes import find_run
+    from palpate.tools.introspection import topics_of
+
+    return topics_of(find_run(context.params.get("run")))
+
+
+def _located_run(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
+    if path is None or path.exists():  # most often, and nothing is imported
+        return path
+    from palpate.launch import find_run_path
+
+    return find_run_path(path)
+
+
 # What several verbs take.
 PATH = click.Path(path_type=Path)
-BAG = click.argument("bag", type=PATH)
+complete_scene = completing(_scenes, files=True)
+complete_topic, complete_node = completing(_topics), completing(_nodes)
+TOPIC = click.argument("topic", shell_complete=complete_topic)
+NODE = click.argument("node", shell_complete=complete_node)
+OPTIONAL_NODE = click.argument("node", required=False, shell_complete=complete_node)
+# Of an argument that is a run: its directory, its recording, or a running graph.
+RUN_PATH: dict[str, Any] = {
+    "type": PATH,
+    "callback": _located_run,
+    "shell_complete": completing(_runs, files=True),
+}
+BAG = click.argument("bag", **RUN_PATH)
 SEED = click.IntRange(0, 1 << 53)
 SETTINGS = click.option(
     "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable."
 )
+REALTIME = click.option(
+    "--realtime", is_flag=True, help="Robot time passes as fast as time, to watch and to speak to."
+)
 COMPOSED = click.option("--composed", is_flag=True, help="All nodes in one process.")
-RUN_FOLDER = click.option("--out", type=PATH, help="Run directory; new or empty.")
 RUN = click.option(
     "--run",
     metavar="ID",
-    help="Beginning of the run's number, or its name; the latest if left out.",
+    shell_complete=completing(_graphs),
+    help="Beginning of the run's number, its name or directory; the latest if left out.",
 )
-
-
-def json_option(told: str = "Print the figures as JSON.") -> Callable[[Command], Command]:
-    """The option to print for programs."""
-    return click.option("--json", "as_json", is_flag=True, help=told)
-
-
-def quiet_option(told: str = "Print nothing.") -> Callable[[Command], Command]:
-    """The option to print less."""
-    return click.option("--quiet", is_flag=True, help=told)
-
-
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 UNTRUSTED = click.option(
     "--untrusted",
     is_flag=True,
@@ -59,20 +129,36 @@ UNTRUSTED = click.option(
 VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
 
 
-def names_option(flag: str, metavar: str, told: str) -> Callable[[Command], Command]:
-    """An option that takes names between commas."""
+def out_option(told: str, **how: Any) -> Callable[[Command], Command]:
+    """The option that says where to write."""
+    return click.option("-o", "--out", help=told, **{"type": PATH, **how})
+
+
+def quiet_option(told: str = "Print nothing.") -> Callable[[Command], Command]:
+    """The option to print less."""
+    return click.option("--quiet", is_flag=True, help=told)
+
+
+def names_option(flag: str, told: str) -> Callable[[Command], Command]:
+    """An option that takes names between commas, and is repeatable."""
     return click.option(
         flag,
-        metavar=metavar,
-        help=told,
-        default="",
-        callback=lambda _, __, text: tuple(filter(None, map(str.strip, text.split(",")))),
+        metavar="A,B",
+        multiple=True,
+        help=f"{told} Repeatable.",
+        callback=lambda _, __, texts: tuple(
+            name for text in texts for name in map(str.strip, text.split(",")) if name
+        ),
     )
 
 
-def print_figures(figures: Any, text: Callable[[Any], str], *, as_json: bool) -> None:
-    """Print figures for a program, or as text for a person."""
-    click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text(figures))
+RUN_FOLDER = out_option("Run directory; new or empty.")
+TOPICS = names_option("--topics", "Only these topics.")
+
+
+def print_figures(figures: Any, text: str, *, as_json: bool) -> None:
+    """Print figures for a program, or the text of them for a person."""
+    click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -80,9 +166,18 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # Idle threads of linear algebra wait in a loop, which took a tenth of a run's processor time.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
+    if COMPLETE_VARIABLE in os.environ:
+        sys.exit(answer_shell())
     code = run(sys.argv[1:] if arguments is None else arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
     sys.exit(code)
+
+
+def answer_shell() -> int:
+    """Answer a shell; what goes wrong while it asks is not for the line that is being typed."""
+    with suppress(Exception, SystemExit):
+        palpate_group.main([], prog_name="palpate", standalone_mode=False)
+    return DONE
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -139,7 +234,7 @@ def _bug_text(error: Exception) -> str:
 
 
 class NamedGroup(click.Group):
-    """Verbs in the order in which they were defined; one that is mistyped is hinted at."""
+    """Commands in the order of their definition; one that is mistyped is hinted at."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the verbs."""
@@ -151,43 +246,64 @@ class NamedGroup(click.Group):
         """The verb that the arguments begin with."""
         verbs = self.list_commands(ctx)
         if args[0] not in verbs and not args[0].startswith("-"):
-            raise click.UsageError(f"there is no verb {args[0]!r}; {hint(args[0], verbs)}", ctx)
+            raise click.UsageError(f"there is no command {args[0]!r}; {hint(args[0], verbs)}", ctx)
         return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs."""
-        with formatter.section("Verbs"):
-            formatter.write_dl([(verb, self.in_short(verb)) for verb in self.list_commands(ctx)])
-
-    def in_short(self, verb: str) -> str:
-        """What a verb does, in one line."""
-        return self.commands[verb].short_help or ""
 
 
 class LazyGroup(NamedGroup):
-    """Verbs by name: the module in which each stands, from here, and its help in one line."""
+    """Commands by name: the module in which each stands, from here, and its help in one line."""
 
     def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
-        super().__init__(name, help=help)
+        # What the outermost verb calls help, all within it do.
+        super().__init__(name, help=help, context_settings={"help_option_names": HELP_OPTIONS})
         self._verbs = verbs
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the verbs."""
+        """Names of the commands."""
         return list(self._verbs)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The verb of a name."""
+        """The command of a name."""
         if cmd_name not in self._verbs:
             return None
         module = import_module(f".{self._verbs[cmd_name][0]}", __package__)
         command: click.Command | None = getattr(module, f"{cmd_name}_command", None)
         return command or getattr(module, f"{cmd_name}_group")
 
-    def in_short(self, verb: str) -> str:
-        """What a verb does, in one line; nothing is imported."""
-        return self._verbs[verb][1]
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands; nothing is imported."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(verb, told) for verb, (_, told) in self._verbs.items()])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """What completes the name of a command, or an option; nothing is imported."""
+        return [
+            *(
+                CompletionItem(verb, help=told)
+                for verb, (_, told) in self._verbs.items()
+                if verb.startswith(incomplete)
+            ),
+            *click.Command.shell_complete(self, ctx, incomplete),
+        ]
 
 
+def print_script(context: click.Context, _: click.Parameter, shell: str | None) -> None:
+    """Print what makes a shell complete, and end."""
+    if shell is not None and not context.resilient_parsing:
+        kind = get_completion_class(shell)
+        assert kind is not None
+        click.echo(kind(context.command, {}, "palpate", COMPLETE_VARIABLE).source())
+        context.exit()
+
+
+dev_group = LazyGroup(
+    "dev",
+    {
+        "bench": ("..bench.suite", "Measure speed and accuracy."),
+        "chaos": ("launching", "Put faults into explorations and say what they survive."),
+    },
+    "Measure palpate itself, and put faults into it.",
+)
 palpate_group = LazyGroup(
     "palpate",
     {
@@ -197,27 +313,29 @@ palpate_group = LazyGroup(
         "host": ("launching", "Lend this machine to graphs that are launched elsewhere."),
         "keys": ("launching", "Make the key that the machines of a graph share."),
         "replay": ("launching", "Run nodes on a recording and compare what they publish."),
-        "bag": (
-            "recordings",
-            "Look into recordings, play, recover and compare them, and hand them on.",
-        ),
+        "bag": ("recordings", "Look into recordings; play, recover, compare and export them."),
         "scene": ("solids", "List and check scenes."),
-        "node": ("running_graph", "Look at the nodes of a running graph, or at the kinds of node."),
+        "node": ("running_graph", "Look at the nodes of a running graph, and at all kinds."),
         "topic": ("running_graph", "Receive and publish on the topics of a running graph."),
+        "interface": ("running_graph", "Look at the types of messages."),
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
-        "doctor": (
-            "running_graph",
-            "Say whether machine, installation and running graphs are well.",
-        ),
+        "doctor": ("running_graph", "Check the machine, the installation and running graphs."),
         "init": ("solids", "Begin a node, a driver, an effect or a planner of your own."),
         "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
         "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
-        "bench": ("..bench.suite", "Measure speed and accuracy."),
-        "chaos": ("launching", "Put faults into explorations and say what they survive."),
+        "dev": ("command_line", "Measure palpate itself, and put faults into it."),
     },
-    "Touches an unknown object with a simulated fingertip and rebuilds it as a solid.",
+    "Touches an unknown object with a simulated fingertip and rebuilds its shape.",
 )
 click.version_option(__version__, prog_name="palpate")(palpate_group)
+click.option(
+    "--completion",
+    type=click.Choice(["bash", "zsh", "fish"]),
+    is_eager=True,
+    expose_value=False,
+    callback=print_script,
+    help="Print the script by which a shell completes.",
+)(palpate_group)

@@ -1,4 +1,4 @@
-"""Verbs that start graphs: run, sweep, launch, replay, chaos; host and keys for more machines."""
+"""Verbs that start graphs: run, sweep, launch, replay, dev chaos; host and keys for machines."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ docs/sweep.md says more.
 
 
 @click.command("run")
-@click.argument("scene", default="vase")
+@click.argument("scene", default="vase", shell_complete=command_line.complete_scene)
 @command_line.RUN_FOLDER
 @click.option("--seed", type=command_line.SEED, help="Overrides the scene's seed.")
 @click.option(
@@ -63,7 +63,9 @@ docs/sweep.md says more.
     "--up", type=click.Choice(["z", "-z", "y", "-y", "x", "-x"]), help="Of a mesh: what points up."
 )
 @click.option("--pose", metavar="X,Y,Z[,QX,QY,QZ,QW]", help="Where the object stands, m.")
-@click.option("--noise", type=click.Choice(list(launch.NOISES)), help="Of finger and taxels.")
+@click.option(
+    "--noise", type=click.Choice(["none", "low", "default", "high"]), help="Of finger and taxels."
+)
 @click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
 @click.option(
     "--procedure",
@@ -81,9 +83,10 @@ docs/sweep.md says more.
 )
 @command_line.SETTINGS
 @command_line.COMPOSED
+@command_line.REALTIME
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
 @command_line.UNTRUSTED
-@command_line.json_option("Print summary.json.")
+@command_line.JSON
 @command_line.quiet_option()
 @command_line.VERBOSE
 def run_command(
@@ -98,6 +101,7 @@ def run_command(
     procedure: str | None,
     settings: tuple[str, ...],
     composed: bool,
+    realtime: bool,
     no_record: bool,
     untrusted: bool,
     as_json: bool,
@@ -135,19 +139,17 @@ def run_command(
         if value is not None:
             args[name] = SourceMapped(value, option)
     given = {**launch.read_settings(settings), **launch.read_demand(**demand, procedure=procedure)}
-    plan = launch.plan_run(file, args, given, name=path.stem, out=out)
+    plan = launch.plan_run(file, args, given, name=path.stem, out=out, realtime=realtime)
     return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 @click.command("sweep", help=SWEEP_HELP)
 @click.argument("file", type=command_line.PATH)
-@click.option(
-    "--out", type=command_line.PATH, help="Folder of the sweep; new, empty, or one to go on with."
-)
+@command_line.out_option("Folder of the sweep; new, empty, or one to go on with.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes; one a core if left out.")
 @click.option("--scheduler", metavar="ADDRESS", help="Send the runs to this dask cluster instead.")
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
-@command_line.json_option("Print folder, counts and table.")
+@command_line.JSON
 @command_line.quiet_option()
 def sweep_command(
     file: Path,
@@ -198,7 +200,8 @@ def _say(quiet: bool, line: str) -> None:
 @command_line.RUN_FOLDER
 @command_line.SETTINGS
 @command_line.COMPOSED
-@command_line.json_option("Print summary.json.")
+@command_line.REALTIME
+@command_line.JSON
 @command_line.quiet_option()
 @command_line.VERBOSE
 def launch_command(
@@ -210,6 +213,7 @@ def launch_command(
     out: Path | None,
     settings: tuple[str, ...],
     composed: bool,
+    realtime: bool,
     as_json: bool,
     quiet: bool,
     verbose: bool,
@@ -217,7 +221,9 @@ def launch_command(
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
     path = launch.find_launch_file(file)
     if show_args:
-        click.echo(launch.arguments_table(path))
+        taken = launch.list_arguments(path)
+        text = launch.arguments_table(path, taken)
+        command_line.print_figures(taken, text, as_json=as_json)
         return 0
     if not (composed or only_print or picture):
         launch.prestart_fork_server(path)
@@ -225,13 +231,14 @@ def launch_command(
 
     args, given = launch.read_arguments(arguments), launch.read_settings(settings)
     if not (only_print or picture):
-        plan = launch.plan_run(path, args, given, name=path.stem, out=out)
+        plan = launch.plan_run(path, args, given, name=path.stem, out=out, realtime=realtime)
         return perform_and_print(
             plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose
         )
     described, _ = launch.check_run(path, args, given, out or Path("runs"))
     if only_print:
-        click.echo(f"launch file {path}\n{described.graph.table()}")
+        text = f"launch file {path}\n{described.graph.table()}"
+        command_line.print_figures(described.graph.links(), text, as_json=as_json)
     if picture:
         from palpate.tools.graph_drawing import write_picture
 
@@ -241,11 +248,11 @@ def launch_command(
 
 @click.command("replay")
 @command_line.BAG
-@command_line.names_option("--nodes", "A,B", "Nodes to run; all exact ones if none.")
+@command_line.names_option("--nodes", "Nodes to run; all exact ones if none.")
 @command_line.SETTINGS
 @click.option("--from", "place", metavar="contour=N|end", help="Go on with the exploration.")
-@click.option("--out", type=command_line.PATH, help="With --from: the run directory.")
-@command_line.json_option("With --from: print summary.json.")
+@command_line.out_option("With --from: the run directory.")
+@command_line.JSON
 @command_line.quiet_option("With --from: print nothing.")
 def replay_command(
     bag: Path,
@@ -273,10 +280,11 @@ def replay_command(
         if settings:
             raise InputError("--set and --from exclude each other: other parameters, other solid")
         return _resume(bag, place, nodes, out, as_json=as_json, quiet=quiet)
-    if out is not None or as_json or quiet:
-        raise InputError("--out, --json and --quiet belong to --from")
+    if out is not None or quiet:
+        raise InputError("--out and --quiet belong to --from")
     with as_input_errors():
-        return replay.replay(bag, nodes, click.echo, settings=launch.read_settings(settings))
+        given = launch.read_settings(settings)
+        return replay.replay(bag, nodes, click.echo, settings=given, as_json=as_json)
 
 
 def _resume(
@@ -299,10 +307,15 @@ def _resume(
 @click.command("chaos", help=CHAOS_HELP)
 @click.option("--seed", type=command_line.SEED, default=1, help="Of the first run.")
 @click.option("--minutes", type=click.FloatRange(0), default=5.0, help="Begin no run after that.")
-@click.option("--scene", default="vase", help="A shipped scene's name or a YAML file.")
+@click.option(
+    "--scene",
+    default="vase",
+    shell_complete=command_line.complete_scene,
+    help="A shipped scene's name or a YAML file.",
+)
 @click.option("--fingers", type=click.IntRange(1, 8), default=1, help="Fingers that explore.")
-@command_line.names_option("--kinds", "A,B", "Only these faults.")
-@command_line.json_option("Print all figures.")
+@command_line.names_option("--kinds", "Only these faults.")
+@command_line.JSON
 def chaos_command(
     seed: int, minutes: float, scene: str, fingers: int, kinds: tuple[str, ...], as_json: bool
 ) -> int:
@@ -324,7 +337,7 @@ def chaos_command(
         )
     click.echo(json.dumps(tally.figures) if as_json else str(tally))
     for failed, what in tally.failed:
-        click.echo(f"palpate: chaos --seed {failed} --minutes 0: {what}", err=True)
+        click.echo(f"palpate: dev chaos --seed {failed} --minutes 0: {what}", err=True)
     return 1 if tally.failed else 0
 
 

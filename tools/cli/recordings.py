@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from palpate.launch import processes
 from palpate.launch.files import InputError, as_input_errors
 from palpate.tools import bag as bags
 from palpate.tools import introspection
@@ -19,7 +20,7 @@ bag_group = command_line.NamedGroup(
 
 @bag_group.command("info", short_help="Say what a recording holds.")
 @command_line.BAG
-@command_line.json_option("Print it as JSON.")
+@command_line.JSON
 def bag_info_command(bag: Path, as_json: bool) -> int:
     """Say what the recording BAG holds.
 
@@ -30,8 +31,34 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     Exits with 0 if the recording is whole, with 1 if it is damaged or was never closed.
     """
     info = bags.bag_info(bag)
-    command_line.print_figures(info, bags.info_text, as_json=as_json)
+    command_line.print_figures(info, bags.info_text(info), as_json=as_json)
     return 0 if info["closed"] else 1
+
+
+@bag_group.command("record", short_help="Record a running graph.")
+@command_line.out_option("The new file.", required=True)
+@command_line.TOPICS
+@click.option("--duration", type=click.FloatRange(0.0, min_open=True), help="End after, s.")
+@command_line.RUN
+def bag_record_command(
+    out: Path, topics: tuple[str, ...], duration: float | None, run: str | None
+) -> int:
+    """Record a running graph until it ends, or Ctrl-C, from its first message on.
+
+    What it had published before is asked for, and what is lost on the way as well. What no node
+    has subscribed to is recorded from now on only. A graph of palpate run or launch records itself;
+    this is for one that does not, or for some of its topics.
+
+    Exits with 1 if something is missing.
+    """
+    with as_input_errors():
+        card = processes.find_run(run)
+        known = introspection.topics_of(card)
+        names = topics or [name for name in known if name not in introspection.STATUS_TOPICS]
+        found = introspection.find_topics(card, names)
+        done = bags.record_graph(card, found, out, duration=duration, echo=click.echo)
+    click.echo(bags.recorded_text(done))
+    return int(bool(done.lost))
 
 
 @bag_group.command("play", short_help="Publish again what a recording holds, at its own pace.")
@@ -40,7 +67,7 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
 @click.option("-l", "--loop", is_flag=True, help="Begin anew at the end, until Ctrl-C.")
 @click.option("--start-offset", default=0.0, help="Begin so many s after the first message.")
 @click.option("--until", type=float, help="End so many s after the first message.")
-@click.option("--topics", multiple=True, metavar="TOPIC", help="Only these; repeatable.")
+@command_line.TOPICS
 @click.option("-m", "--remap", multiple=True, metavar="OLD:=NEW", help="Rename; repeatable.")
 @click.option(
     "--clock",
@@ -87,13 +114,9 @@ def bag_step_command(messages: int, run: str | None) -> None:
 
 @bag_group.command("recover", short_help="Save what is whole of a damaged recording.")
 @command_line.BAG
-@click.option(
-    "-o",
-    "--output",
-    type=command_line.PATH,
-    help="The new file, not there yet; NAME.recovered.mcap beside BAG if left out.",
-)
-def bag_recover_command(bag: Path, output: Path | None) -> int:
+@command_line.out_option("The new file, not there yet; NAME.recovered.mcap beside BAG if left out.")
+@command_line.JSON
+def bag_recover_command(bag: Path, out: Path | None, as_json: bool) -> int:
     """Save what is whole of the recording BAG.
 
     BAG is a run directory or an MCAP file. All messages from the beginning to the first damage are
@@ -101,15 +124,18 @@ def bag_recover_command(bag: Path, output: Path | None) -> int:
     recorder wrote are joined. The new file is read again and compared before it is put in its
     place.
     """
-    click.echo(bags.recovered_text(bags.recover_recording(bag, output)))
+    saved = bags.recover_recording(bag, out)
+    text = bags.recovered_text(saved)
+    command_line.print_figures(saved.figures(), text, as_json=as_json)
     return 0
 
 
 @bag_group.command("diff", short_help="Name the first message in which two recordings differ.")
-@click.argument("a", metavar="A", type=command_line.PATH)
-@click.argument("b", metavar="B", type=command_line.PATH)
-@command_line.names_option("--topics", "/X,/Y", "Topics to compare; all if none.")
-def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
+@click.argument("a", **command_line.RUN_PATH)
+@click.argument("b", **command_line.RUN_PATH)
+@command_line.TOPICS
+@command_line.JSON
+def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...], as_json: bool) -> int:
     """Compare the recordings A and B, message by message, topic by topic.
 
     Each is a topics.mcap, or the folder of a run. The n-th message of a topic in A belongs to the
@@ -120,37 +146,36 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...]) -> int:
     """
     with as_input_errors():
         found = bags.compare_recordings(a, b, topics)
-    click.echo(bags.diff_text(found))
+    command_line.print_figures(found.figures(), bags.diff_text(found), as_json=as_json)
     return int(bool(found.first))
 
 
 @bag_group.command("export", short_help="Write a recording in a format that other programs read.")
 @command_line.BAG
 @click.option(
-    "--format", "kind", type=click.Choice(["csv", "npz", "foxglove"]), required=True, help="Format."
-)
-@click.option(
-    "-o",
-    "--output",
-    type=command_line.PATH,
+    "--format",
+    "kind",
+    type=click.Choice(["csv", "ply", "npz", "foxglove"]),
     required=True,
-    help="The new file or folder, not there yet.",
+    help="Format.",
 )
-@command_line.names_option("--topics", "A,B", "Topics to write; all if left out.")
-def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ...]) -> None:
+@command_line.out_option("The new file or folder, not there yet.", required=True)
+@command_line.TOPICS
+def bag_export_command(bag: Path, kind: str, out: Path, topics: tuple[str, ...]) -> None:
     """Write the recording BAG in a format that other programs read.
 
     BAG is a run directory or an MCAP file, which must not be damaged: see palpate bag recover.
 
-    csv is a folder with one table a topic, one row a message, and units.json beside them. npz is
-    one file with an array for each field, messages first, for numpy.load. foxglove is an MCAP file
-    in JSON that Foxglove shows: models, contours, touched points, the finger and the log.
+    csv is a folder with one table a topic, one row a message, and units.json beside them; meshes
+    are left to ply, a folder with one file a message. npz is one file with an array for each field,
+    messages first, for numpy.load. foxglove is an MCAP file in JSON that Foxglove shows: models,
+    contours, touched points, the finger and the log.
     """
-    click.echo(bags.export_bag(bag, kind, output, topics))
+    click.echo(bags.export_bag(bag, kind, out, topics))
 
 
 @click.command("cost")
-@click.argument("run", type=command_line.PATH)
+@click.argument("run", **command_line.RUN_PATH)
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Of this only. Repeatable.")
 @click.option(
     "--plot",
@@ -161,7 +186,7 @@ def bag_export_command(bag: Path, kind: str, output: Path, topics: tuple[str, ..
     metavar="[OUT.svg]",
     help="Draw error and bound against cost, to standard output if no file is named.",
 )
-@command_line.json_option()
+@command_line.JSON
 def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_json: bool) -> int:
     """Say what the moves of RUN would have cost each robot, in s.
 
@@ -171,7 +196,7 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
     touches of a contour. Where computing time went follows, by node and by step, with the
     diagnostics of the last fit.
 
-    With --plot it draws instead what accuracy has cost RUN, a folder: true error and stated bound
+    With --plot it draws instead what accuracy has cost RUN: true error and stated bound
     after each contour against touches, robot time and compute time, what the next halving of the
     error is foretold to cost, and where the processor's time went. Every run leaves this as
     cost.svg; docs/cost.md says how to read it.
@@ -184,7 +209,8 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
             raise InputError("--plot draws the run as it was: leave out --robot and --json")
         plot_cost(run, picture)
         return 0
-    command_line.print_figures(robot_time(run, robots), robot_time_text, as_json=as_json)
-    if not (robots or as_json) and (run / launch.SUMMARY).is_file():
+    costs = robot_time(run, robots)
+    command_line.print_figures(costs, robot_time_text(costs), as_json=as_json)
+    if not (robots or as_json) and (launch.run_directory_of(run) / launch.SUMMARY).is_file():
         click.echo("\n".join(["", *launch.computing_lines(launch.read_summary(run))]))
     return 0

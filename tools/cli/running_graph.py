@@ -1,17 +1,21 @@
-"""Verbs on a running graph: topic, node, param and doctor."""
+"""Verbs on a running graph: topic, interface, node, param and doctor."""
 
 from __future__ import annotations
 
+import textwrap
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from palpate import launch
 from palpate.launch import processes
-from palpate.launch.files import as_input_errors
+from palpate.launch.files import InputError, as_input_errors, hint
+from palpate.messages import schema
 from palpate.tools import introspection
-from palpate.tools.cli.command_line import RUN, Command, NamedGroup
+from palpate.tools.cli.command_line import JSON, NODE, OPTIONAL_NODE, RUN, RUN_PATH, TOPIC, Command
+from palpate.tools.cli.command_line import NamedGroup, complete_topic, print_figures
 
 if TYPE_CHECKING:
     from palpate.launch.processes import RunCard
@@ -30,6 +34,7 @@ topic_group = NamedGroup("topic", help="Receive and publish on the topics of a r
 node_group = NamedGroup(
     "node", help="Look at the nodes of a running graph, or at the kinds of node."
 )
+interface_group = NamedGroup("interface", help="Look at the types of messages.")
 param_group = NamedGroup("param", help="Look at the parameters of a running graph's nodes.")
 
 
@@ -38,44 +43,75 @@ param_group = NamedGroup("param", help="Look at the parameters of a running grap
 @click.option("-t", "--show-types", is_flag=True, help="Add the type.")
 @click.option("-c", "--count-topics", is_flag=True, help="Print only how many there are.")
 @click.option("-v", "--verbose", is_flag=True, help="Add publishers and subscribers.")
+@JSON
 def topic_list_command(
-    run: str | None, show_types: bool, count_topics: bool, verbose: bool
+    run: str | None, show_types: bool, count_topics: bool, verbose: bool, as_json: bool
 ) -> None:
     """Name the topics of the running graph."""
     topics = introspection.topics_of(card_of(run)).values()
     if count_topics:
         click.echo(len(topics))
         return
+    lines = []
     for topic in topics:
         line = f"{topic.name} [{topic.type}]" if show_types or verbose else topic.name
         if verbose:
             subscribers = ", ".join(topic.subscribers) or "nobody"
             line += f" from {', '.join(topic.publishers)} to {subscribers}"
-        click.echo(line)
+        lines.append(wrapped(line))
+    print_figures([topic_figures(one) for one in topics], "\n".join(lines), as_json=as_json)
+
+
+def topic_figures(topic: introspection.Topic) -> dict[str, Any]:
+    """A topic without the schema of its type."""
+    return {name: value for name, value in topic._asdict().items() if name != "schema"}
+
+
+@topic_group.command("type", short_help="Name the type of a topic.")
+@TOPIC
+@RUN
+@JSON
+def topic_type_command(topic: str, run: str | None, as_json: bool) -> None:
+    """Name the message type of TOPIC."""
+    with as_input_errors():
+        found = introspection.find_topic(card_of(run), topic).type
+    print_figures(found, found, as_json=as_json)
+
+
+@topic_group.command("find", short_help="Name the topics of a type.")
+@click.argument("kind", metavar="TYPE")
+@RUN
+@JSON
+def topic_find_command(kind: str, run: str | None, as_json: bool) -> None:
+    """Name the topics that carry messages of TYPE."""
+    topics = introspection.topics_of(card_of(run)).values()
+    found = [topic.name for topic in topics if topic.type == kind]
+    if not found:
+        raise InputError(f"no topic carries {kind}; {hint(kind, {one.type for one in topics})}")
+    print_figures(found, "\n".join(found), as_json=as_json)
 
 
 @topic_group.command("info", short_help="Say what a topic carries, from whom to whom.")
-@click.argument("topic")
+@TOPIC
 @RUN
 @click.option("-v", "--verbose", is_flag=True, help="Add the fields with their units.")
-def topic_info_command(topic: str, run: str | None, verbose: bool) -> None:
+@JSON
+def topic_info_command(topic: str, run: str | None, verbose: bool, as_json: bool) -> None:
     """Say what TOPIC carries, who publishes it and who subscribes."""
     with as_input_errors():
         found = introspection.find_topic(card_of(run), topic)
-        lines = introspection.field_lines(introspection.type_of(found)) if verbose else []
-    click.echo(f"Type: {found.type or 'not known'}")
-    click.echo(f"Publisher count: {len(found.publishers)}  {', '.join(found.publishers)}")
-    click.echo(
-        f"Subscription count: {len(found.subscribers)}  {', '.join(found.subscribers)}".rstrip()
-    )
-    if lines:
-        click.echo("Fields:")
-    for line in lines:
-        click.echo(f"  {line}")
+        cls = introspection.type_of(found) if verbose else None
+    lines = [f"Type: {found.type or 'not known'}"]
+    for what, nodes in (("Publisher", found.publishers), ("Subscription", found.subscribers)):
+        lines.append(wrapped(f"{what} count: {len(nodes)}  {', '.join(nodes)}"))
+    if cls is not None:
+        lines += ["Fields:", *(f"  {line}" for line in introspection.field_lines(cls))]
+    told = {} if cls is None else {"schema": schema(cls)}
+    print_figures({**topic_figures(found), **told}, "\n".join(lines), as_json=as_json)
 
 
 @topic_group.command("echo", short_help="Print the messages of a topic.")
-@click.argument("topic")
+@TOPIC
 @RUN
 @click.option("--once", is_flag=True, help="Print one message and end.")
 @click.option("-n", "most", type=click.IntRange(1), help="Print so many messages and end.")
@@ -142,7 +178,8 @@ def measuring_options(command: Command) -> Command:
             help="Messages over which figures are taken.",
         ),
         RUN,
-        click.argument("topics", nargs=-1, metavar="TOPIC..."),
+        JSON,
+        click.argument("topics", nargs=-1, metavar="TOPIC...", shell_complete=complete_topic),
     ):
         command = option(command)
     return command
@@ -155,6 +192,7 @@ def measure(
     window: int,
     every: bool,
     duration: float | None,
+    as_json: bool,
     verb: str,
 ) -> None:
     """Measure topics of a running graph until it ends, the time is over, or Ctrl-C."""
@@ -170,7 +208,8 @@ def measure(
             "bw": introspection.bandwidth_text,
             "delay": introspection.delay_text,
         }[verb]
-        introspection.RateMonitor(found, window, say, click.echo).run(card, found, duration)
+        monitor = introspection.RateMonitor(found, window, None if as_json else say, click.echo)
+        monitor.run(card, found, duration)
 
 
 for verb, short, told in (
@@ -191,7 +230,7 @@ for verb, short, told in (
 
 
 @topic_group.command("pub", short_help="Publish a message on a console's topic.", help=PUB_HELP)
-@click.argument("topic")
+@TOPIC
 @click.argument("body")
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Messages in a second.")
 @click.option("-1", "--once", is_flag=True, help="Publish once.")
@@ -208,39 +247,115 @@ def topic_pub_command(
 @node_group.command("list", short_help="Name the nodes of a running graph.")
 @RUN
 @click.option("-a", "--all", "every", is_flag=True, help="Also nodes that have ended.")
-def node_list_command(run: str | None, every: bool) -> None:
+@JSON
+def node_list_command(run: str | None, every: bool, as_json: bool) -> None:
     """Name the nodes of the running graph."""
     card = card_of(run)
     with as_input_errors():
         names = [one.name for one in card.nodes] if every else introspection.running_nodes(card)
-    for name in sorted(names):
-        click.echo(name)
+    print_figures(sorted(names), "\n".join(sorted(names)), as_json=as_json)
 
 
 @node_group.command("info", short_help="Say how a running node is doing, and its topics.")
-@click.argument("node")
+@NODE
 @RUN
-def node_info_command(node: str, run: str | None) -> None:
+@JSON
+def node_info_command(node: str, run: str | None, as_json: bool) -> None:
     """Say how NODE is doing, its topics with publishers and subscribers, and its parameters."""
     with as_input_errors():
-        click.echo(introspection.node_text(card_of(run), node))
+        found = introspection.describe_node(card_of(run), node)
+    print_figures(found, introspection.node_text(found), as_json=as_json)
 
 
 @node_group.command("kinds", short_help="List the kinds of node and their topics.")
 @click.argument("kind", required=False)
-def node_kinds_command(kind: str | None) -> None:
-    """Name the kinds of node; of one KIND, tell its topics and its parameters."""
-    for line in launch.list_kinds() if kind is None else [launch.describe_kind(kind)]:
-        click.echo(line)
+@JSON
+def node_kinds_command(kind: str | None, as_json: bool) -> None:
+    """Name the kinds of node; of one KIND, tell what it is, its topics and its parameters."""
+    if kind is None:
+        print_figures(launch.list_kinds(), "\n".join(launch.list_kinds()), as_json=as_json)
+        return
+    found = introspection.describe_kind(kind)
+    print_figures(found, introspection.kind_text(found), as_json=as_json)
+
+
+BAG_TYPES = click.option("--bag", **RUN_PATH, help="Also the types of this recording.")
+
+
+@interface_group.command("list", short_help="Name the types of messages.")
+@RUN
+@BAG_TYPES
+@JSON
+def interface_list_command(run: str | None, bag: Path | None, as_json: bool) -> None:
+    """Name the message types of palpate, and those of the running graph's own."""
+    names = list(introspection.known_interfaces(run, bag))
+    print_figures(names, "\n".join(names), as_json=as_json)
+
+
+@interface_group.command("show", short_help="Say what fields a type has, with their units.")
+@click.argument("kind", metavar="TYPE")
+@RUN
+@BAG_TYPES
+@JSON
+def interface_show_command(kind: str, run: str | None, bag: Path | None, as_json: bool) -> None:
+    """Say what fields messages of TYPE have: name, what it holds, unit, and what it means."""
+    with as_input_errors():
+        cls = introspection.find_interface(kind, introspection.known_interfaces(run, bag))
+    print_figures(schema(cls), introspection.interface_text(cls), as_json=as_json)
+
+
+@param_group.command("list", short_help="Name the parameters.")
+@OPTIONAL_NODE
+@RUN
+@JSON
+def param_list_command(node: str | None, run: str | None, as_json: bool) -> None:
+    """Name the parameters of NODE, or of all nodes."""
+    with as_input_errors():
+        found = introspection.param_names(card_of(run), node)
+    lines = [
+        line
+        for name, params in found.items()
+        for line in (params if node else (f"{name}:", *(f"  {param}" for param in params)))
+    ]
+    print_figures(found, "\n".join(lines), as_json=as_json)
+
+
+@param_group.command("get", short_help="Print a parameter and what is known of it.")
+@NODE
+@click.argument("param")
+@RUN
+@JSON
+def param_get_command(node: str, param: str, run: str | None, as_json: bool) -> None:
+    """Print the value of PARAM of NODE in YAML, with its type, unit, default and meaning."""
+    with as_input_errors():
+        found = introspection.describe_param(card_of(run), node, param)
+    print_figures(found, introspection.param_text(found), as_json=as_json)
+
+
+@param_group.command("set", short_help="Set a parameter between two touches.")
+@NODE
+@click.argument("param")
+@click.argument("value")
+@RUN
+def param_set_command(node: str, param: str, value: str, run: str | None) -> None:
+    """Set PARAM of NODE to VALUE, in YAML, from the next touch on.
+
+    Only parameters that palpate node kinds NODE calls settable can be set. That it was set is
+    recorded on the node's topic of ParameterEvents, and done at the same touch in a replay.
+    """
+    with as_input_errors():
+        click.echo(introspection.set_parameter(card_of(run), node, param, value))
 
 
 @param_group.command("dump", short_help="Print parameters in YAML.")
-@click.argument("node", required=False)
+@OPTIONAL_NODE
 @RUN
-def param_dump_command(node: str | None, run: str | None) -> None:
+@JSON
+def param_dump_command(node: str | None, run: str | None, as_json: bool) -> None:
     """Print the parameters of NODE, or of all nodes, in YAML; bytes by their size and SHA-256."""
     with as_input_errors():
-        click.echo(introspection.dump_params(card_of(run), node))
+        found = introspection.dump_params(card_of(run), node)
+    print_figures(found, "\n".join(introspection.yaml_lines(found)), as_json=as_json)
 
 
 def card_of(run: str | None) -> RunCard:
@@ -256,6 +371,11 @@ def card_of(run: str | None) -> RunCard:
     return card
 
 
+def wrapped(line: str) -> str:
+    """A line as lines of 80 columns."""
+    return textwrap.fill(line, launch.TEXT_WIDTH, subsequent_indent=" " * 4, break_on_hyphens=False)
+
+
 def print_aside(text: str) -> None:
     """Say something beside the output."""
     click.echo(f"palpate: {text}", err=True)
@@ -263,16 +383,22 @@ def print_aside(text: str) -> None:
 
 @click.command("doctor")
 @click.option("-r", "--report", is_flag=True, help="Add versions, environment and graphs.")
-def doctor_command(report: bool) -> int:
+@JSON
+def doctor_command(report: bool, as_json: bool) -> int:
     """Look at machine, installation and running graphs, and say what to do.
 
     Exits with 1 if anything fails.
     """
-    cards, failed = processes.running_graphs(), False
+    cards, found = processes.running_graphs(), []
     for look in (introspection.machine_findings(), introspection.graphs_findings(cards)):
         for finding in look:
-            failed = failed or finding.level == "FAIL"
-            click.echo(str(finding))
-    for line in introspection.report_lines(cards) if report else ():
-        click.echo(line)
-    return int(failed)
+            found.append(finding._asdict())
+            if not as_json:  # some of it takes seconds to find out
+                click.echo(str(finding))
+    lines = list(introspection.report_lines(cards)) if report else []
+    if as_json:
+        print_figures({"findings": found, "report": lines}, "", as_json=True)
+    else:
+        for line in lines:
+            click.echo(wrapped(line))
+    return int(any(one["level"] == "FAIL" for one in found))

@@ -9,7 +9,15 @@ import click
 
 from palpate import launch
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import PATH, UNTRUSTED, json_option, print_figures, quiet_option
+from palpate.tools.cli.command_line import (
+    JSON,
+    PATH,
+    RUN_PATH,
+    UNTRUSTED,
+    NamedGroup,
+    complete_scene,
+)
+from palpate.tools.cli.command_line import out_option, print_figures, quiet_option
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -21,6 +29,10 @@ REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 .ply .xyz   a cloud of points at repeated heights, in no order
 .mcap       a recording of palpate, or the folder of a run
 
+With --method general points need be in no order, and of no contours, if they have normals: columns
+nx,ny,nz, or arrays points and normals in an .npz; columns touch, if several belong to one touch.
+Handles and hollows are found. --bottom is the height on which the object stands, if it does.
+
 Contours run around the z axis; each may begin anywhere, in either direction, with any number of
 points. Files of points are taken to be in m unless told otherwise; lengths among the options are
 in the same unit. What is written is in m, STL in mm.
@@ -30,15 +42,14 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 
 
 @click.command("rebuild", help=REBUILD_HELP)
-@click.argument("points", type=PATH)
-@click.option(
-    "-o", "--out", "outs", type=PATH, multiple=True,
-    help="File to write: .ply, .stl, .glb, .obj, or .npz with everything. Repeatable.",
-)  # fmt: skip
+@click.argument("points", **RUN_PATH)
+@out_option(
+    "File to write: .ply, .stl, .glb, .obj, or .npz with everything. Repeatable.", multiple=True
+)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of POINTS.")
 @click.option(
-    "--method", type=click.Choice(["lattice", "skin", "thesis", "coarse"]), default="lattice",
-    show_default=True, help="How to rebuild.",
+    "--method", type=click.Choice(["lattice", "skin", "thesis", "coarse", "general"]),
+    default="lattice", show_default=True, help="How to rebuild.",
 )  # fmt: skip
 @click.option("--tops", type=PATH, help="CSV file of points at which the ends were touched.")
 @click.option("--bottom", type=float, help="Height of the lower end.")
@@ -46,11 +57,11 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 @click.option("--noise", type=LENGTH, help="Standard deviation of a coordinate, if known.")
 @click.option("--tolerance", type=LENGTH, help="How far triangles may leave the surface.")
 @click.option("--lattice", type=PATH, help="Write the control lattice: .npz or .vtk.")
-@json_option()
+@JSON
 @quiet_option("Show no progress.")
 def rebuild_command(
     points: Path,
-    outs: tuple[Path, ...],
+    out: tuple[Path, ...],
     lattice: Path | None,
     as_json: bool,
     quiet: bool,
@@ -62,27 +73,33 @@ def rebuild_command(
     from palpate.tools import reconstruction
 
     wanted = reconstruction.RebuildOptions(**asked)
-    reconstruction.check_outputs(points, outs, lattice, wanted.method)
+    reconstruction.check_outputs(points, out, lattice, wanted.method)
     shown = sys.stderr.isatty() and not quiet
 
     def say(text: str) -> None:
         if shown:
             click.echo(f"{text} ...", err=True)
 
+    if wanted.method == "general":
+        from palpate.tools.scattered import rebuild_scattered
+
+        record = rebuild_scattered(points, wanted, out, say)
+        print_figures(record, reconstruction.rebuild_text(record), as_json=as_json)
+        return 0
     rebuilt = reconstruction.rebuild(points, wanted, say)
-    reconstruction.write_outputs(rebuilt, outs, lattice)
-    record = reconstruction.rebuild_record(rebuilt, points, outs, lattice)
-    print_figures(record, reconstruction.rebuild_text, as_json=as_json)
+    reconstruction.write_outputs(rebuilt, out, lattice)
+    record = reconstruction.rebuild_record(rebuilt, points, out, lattice)
+    print_figures(record, reconstruction.rebuild_text(record), as_json=as_json)
     return 0
 
 
 @click.command("score")
-@click.argument("model", type=PATH)
-@click.argument("reference", type=PATH)
+@click.argument("model", **RUN_PATH)
+@click.argument("reference", **RUN_PATH)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of MODEL.")
 @click.option("--reference-unit", type=UNIT_CHOICE, help="Unit of REFERENCE.")
 @click.option("--align", "aligned", is_flag=True, help="Move MODEL onto REFERENCE first, rigidly.")
-@json_option("Print the figures as JSON, in m.")
+@JSON
 def score_command(
     model: Path,
     reference: Path,
@@ -93,7 +110,7 @@ def score_command(
 ) -> int:
     """Measure the solid MODEL against REFERENCE.
 
-    MODEL is a PLY, STL, OBJ, OFF or GLB file, or the model.npz of a run or of palpate rebuild.
+    MODEL is a run, a PLY, STL, OBJ, OFF or GLB file, or the .npz that palpate rebuild writes.
     REFERENCE is such a file, a CAD model's mesh say, or measured points: a CSV, TXT or XYZ file, or
     a PLY file without faces. Against points the distances are one-sided, from each point to the
     model.
@@ -104,15 +121,15 @@ def score_command(
     from palpate.tools.scoring import score, score_text
 
     found = score(model, reference, unit=unit, reference_unit=reference_unit, aligned=aligned)
-    print_figures(found, score_text, as_json=as_json)
+    print_figures(found, score_text(found), as_json=as_json)
     return 0
 
 
 @click.command("recognise")
-@click.argument("run", type=PATH)
+@click.argument("run", **RUN_PATH)
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of a mesh file.")
 @click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
-@json_option("Print the answer as JSON.")
+@JSON
 @quiet_option("Show no progress.")
 def recognise_command(
     run: Path, unit: str | None, objects: Path | None, as_json: bool, quiet: bool
@@ -129,52 +146,57 @@ def recognise_command(
             click.echo(f"{text} ...", err=True)
 
     found = recognise(run, unit=unit, objects=objects, say=say)
-    print_figures(found, recognition_text, as_json=as_json)
+    print_figures(found, recognition_text(found), as_json=as_json)
     return 0 if found["recognised"] else 1
 
 
-@click.group("scene")
-def scene_group() -> None:
-    """List and check scenes."""
+scene_group = NamedGroup("scene", help="List and check scenes.")
 
 
 @scene_group.command("list")
-def scene_list() -> None:
+@JSON
+def scene_list(as_json: bool) -> None:
     """Name the scenes that come with palpate."""
-    for name in launch.shipped_scenes():
-        click.echo(f"{name:<12} {launch.scene_title(name)}")
+    titles = {name: launch.scene_title(name) for name in launch.shipped_scenes()}
+    text = "\n".join(f"{name:<12} {title}" for name, title in titles.items())
+    print_figures(titles, text, as_json=as_json)
 
 
 @scene_group.command("check")
-@click.argument("scene")
+@click.argument("scene", shell_complete=complete_scene)
 @UNTRUSTED
-def scene_check(scene: str, untrusted: bool) -> None:
+@JSON
+def scene_check(scene: str, untrusted: bool, as_json: bool) -> None:
     """Say whether SCENE can be explored, how large its object is, and what is simulated."""
-    from palpate.tools.report import check_scene
+    from palpate.tools.report import check_scene, scene_figures, scene_text
 
-    click.echo(check_scene(scene, untrusted=untrusted))
+    found = check_scene(scene, untrusted=untrusted)
+    print_figures(scene_figures(found), scene_text(found), as_json=as_json)
 
 
 @scene_group.command("effects")
-def scene_effects() -> None:
+@JSON
+def scene_effects(as_json: bool) -> None:
     """Name the effects that a scene may list, their parameters, defaults and ranges."""
-    from palpate.tools.report import effects_text
+    from palpate.tools.report import effects_text, list_effects
 
-    click.echo(effects_text())
+    effects = list_effects()
+    print_figures(effects, effects_text(effects), as_json=as_json)
 
 
 @click.command("calibrate")
-@click.argument("scene")
-@click.option("--out", type=PATH, help="Write the calibration here, as YAML.")
-@quiet_option("No progress.")
-def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
+@click.argument("scene", shell_complete=complete_scene)
+@out_option("Write the calibration here, as YAML.")
+@JSON
+@quiet_option("Show no progress.")
+def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) -> int:
     """Press a known flat and a known ball with the sensor of SCENE, with its effects.
 
     Estimates the speed of sound, and gain and offset of each taxel, each with its standard
     error. A scene in the same folder reads the file: sensor: {calibration: FILE}.
     """
     from palpate.launch.files import check_new
-    from palpate.tools.calibration import calibrate, calibration_text, calibration_warnings
+    from palpate.tools.calibration import calibrate, calibration_figures, calibration_text
 
     if out is not None:
         check_new(out)
@@ -183,28 +205,26 @@ def calibrate_command(scene: str, out: Path | None, quiet: bool) -> int:
         found = calibrate(spec, lambda text: None if quiet else _print_press(text))
     except ValueError as error:
         raise InputError(f"{scene}: cannot be calibrated: {error}") from None
-    click.echo(calibration_text(found, spec.sensor))
-    reasons = calibration_warnings(found)
-    for reason in reasons:
-        click.echo(f"{'warning':<13}{reason}")
-    if out is not None and not reasons:
+    figures = calibration_figures(found, spec.sensor)
+    lines = [calibration_text(figures), *(f"{'warning':<13}{one}" for one in figures["warnings"])]
+    if out is not None and not figures["warnings"]:
         launch.write_calibration(out, found.estimate, found.pad)
-        click.echo(f"{'written':<13}{out}")
+        figures["written"] = str(out)
+        lines.append(f"{'written':<13}{out}")
     elif out is not None:
-        click.echo(f"{'not written':<13}{out}: see the warnings")
-    return 1 if reasons else 0
+        lines.append(f"{'not written':<13}{out}: see the warnings")
+    print_figures(figures, "\n".join(lines), as_json=as_json)
+    return 1 if figures["warnings"] else 0
 
 
 def _print_press(text: str) -> None:
     click.echo(f"pressing     {text}", err=True)
 
 
-@click.group("init")
-def init_group() -> None:
-    """Begin something of your own from a working example."""
+init_group = NamedGroup("init", help="Begin something of your own from a working example.")
 
 
-@init_group.command("effect")
+@init_group.command("effect", short_help="Begin an effect.")
 @click.argument("name")
 def init_effect_command(name: str) -> None:
     """Write NAME.py here: an effect that works, to be changed."""
@@ -215,26 +235,28 @@ def init_effect_command(name: str) -> None:
     click.echo(f"effects:\n  - {listed}")
 
 
-@init_group.command("planner")
+@init_group.command("planner", short_help="Begin a planner.")
 @click.argument("name")
-def init_planner_command(name: str) -> None:
+@click.option("--touches", is_flag=True, help="It chooses single touches, not slices.")
+def init_planner_command(name: str, touches: bool) -> None:
     """Write NAME.py and test_NAME.py here: a planner that works, to be changed."""
     from palpate.tools.init import begin
 
-    (path, test), named = begin("planner", name, Path())
+    template = "planner_touches" if touches else "planner"
+    (path, test), named = begin("planner", name, Path(), template)
     click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
     click.echo("name it in a scene, and start palpate in this folder:")
     click.echo(f"explore:\n  planner: {named}")
 
 
-@init_group.command("node")
+@init_group.command("node", short_help="Begin a node.")
 @click.argument("name")
 def init_node_command(name: str) -> None:
     """Write NAME.py, test_NAME.py and NAME.yaml here: a node that works, to be changed."""
     _begin_node("node", name, f"/{name}")
 
 
-@init_group.command("driver")
+@init_group.command("driver", short_help="Begin a driver for a sensor.")
 @click.argument("name")
 def init_driver_command(name: str) -> None:
     """Write NAME.py, test_NAME.py and NAME.yaml here: a driver for a sensor of your own."""

@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple
 import zmq
 
 from palpate import __version__
-from palpate.launch import VERSIONED_PACKAGES
+from palpate.launch import VERSIONED_PACKAGES, titled
 from palpate.launch.processes import FOLDER_PREFIX, SILENCE, RunCard, runtime_folder, stale_folders
 from palpate.nodes.runtime import THREAD_VARIABLES
 from palpate.tools.introspection.requests import StatusSample, request, sample_status
@@ -38,7 +38,7 @@ class Finding(NamedTuple):
     text: str  # What was found, and what to do about it, in one sentence
 
     def __str__(self) -> str:
-        return f"{self.level:<5}{self.text}"
+        return "\n".join(titled(self.level, self.text, width=5))
 
 
 fine, doubtful, failing = (partial(Finding, level) for level in ("ok", "WARN", "FAIL"))

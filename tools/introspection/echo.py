@@ -110,7 +110,7 @@ def echo_topic(
     `say` takes each message, `tell` what is odd. Raises ValueError if what comes is not what the
     topic carries, or cannot be compared as the filter asks.
     """
-    with TapSubscription(card, [topic]) as taps:
+    with TapSubscription(card, [topic], latched=True) as taps:
         shown = 0
         for received in _received(taps, topic, losses, tell):
             text = message_text(topic, received, form)
@@ -134,7 +134,7 @@ def _received(
             yield received
         if quiet is not None and time.monotonic() > quiet:
             quiet = None
-            tell(f"nothing has come on {topic.name} yet; what was published before is not repeated")
+            tell(f"nothing has come on {topic.name} yet; only what is latched is repeated")
 
 
 def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | None:
@@ -207,8 +207,8 @@ def _cells(value: Any, style: TextStyle) -> list[Any]:
 
 def field_lines(cls: type) -> list[str]:
     """One line for each field: name, what it holds, unit."""
-    fields = schema(cls)["properties"]
-    return text_table([(name, *_described(rule)) for name, rule in fields.items()])
+    fields = schema(cls)["properties"].items()
+    return text_table([(name, "  ".join(filter(None, _described(rule)))) for name, rule in fields])
 
 
 def _described(rule: dict[str, Any]) -> tuple[str, str]:

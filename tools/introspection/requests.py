@@ -7,6 +7,7 @@ import binascii
 import dataclasses
 import hashlib
 import os
+import textwrap
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,12 +17,13 @@ from typing import Any, NamedTuple, get_type_hints
 import msgspec
 import numpy as np
 
+from palpate.launch import TEXT_WIDTH
 from palpate.launch.files import InputError, as_input_errors, hint, parse_yaml
 from palpate.launch.processes import RunCard, find_run
 from palpate.messages import Array, bus, decode, encode
 from palpate.messages.types import TYPES, NodeStatus
 from palpate.nodes.runtime import RecordedNode, Source, load_node
-from palpate.tools.introspection.echo import yaml_lines
+from palpate.tools.introspection.echo import TextStyle, yaml_lines, yaml_value
 from palpate.tools.introspection.topics import TapSubscription, Topic, topics_of
 
 NODES_PACKAGE = "palpate.nodes."
@@ -37,46 +39,74 @@ def running_nodes(card: RunCard) -> list[str]:
     return sorted(name for name, about in request(card, "status")["nodes"].items() if about["pid"])
 
 
-def node_text(card: RunCard, name: str) -> str:
+def describe_node(card: RunCard, name: str) -> dict[str, Any]:
     """What a node is and how it is doing; raises ValueError if there is none, or nobody answers."""
     node = find_node(card, name)
     about = request(card, "status")["nodes"][node.name]
     beats = sample_status(card, [node.name]) if about["pid"] else {}
+    found, topics = beats.get(node.name), topics_of(card)
+    return {
+        "node": node.name,
+        "kind": node.module.removeprefix(NODES_PACKAGE),
+        "pid": about["pid"] or None,
+        "restarts": about["restarts"],
+        "silent_s": about["silent_s"],
+        "status": found and msgspec.to_builtins(found.status),
+        "load": found and found.load,
+        "subscribes": [
+            {"topic": one.topic, "type": one.type, "publisher": one.publisher}
+            for one in node.inputs
+        ],
+        "publishes": [
+            {"topic": wire, "type": topics[wire].type, "subscribers": topics[wire].subscribers}
+            for wire in node.outputs.values()
+        ],
+        "params": params_of(node),
+    }
+
+
+def node_text(about: Mapping[str, Any]) -> str:
+    """The same for people."""
     return "\n".join(
         [
-            node.name,
-            f"  kind      {node.module.removeprefix(NODES_PACKAGE)}",
-            *_health_lines(about, beats.get(node.name)),
-            *_traffic_lines(card, node),
+            about["node"],
+            f"  kind      {about['kind']}",
+            *_health_lines(about),
+            *_traffic_lines(about),
             "  params",
-            *(f"    {line}" for line in yaml_lines(params_of(node))),
+            *(f"    {line}" for line in yaml_lines(about["params"])),
         ]
     )
 
 
-def _health_lines(about: Mapping[str, Any], beats: StatusSample | None) -> Iterator[str]:
+def _health_lines(about: Mapping[str, Any]) -> Iterator[str]:
     yield f"  pid       {about['pid'] or 'none: it does not run'}"
     yield f"  restarts  {about['restarts']}"
-    if beats is not None:
-        status = beats.status
-        load = "" if beats.load is None else f", {100.0 * beats.load:.0f} % of a core now"
-        yield f"  state     {status.state}"
-        yield f"  messages  {status.messages} handled, {status.sent} sent"
-        yield f"  gaps      {status.gaps}, duplicates {status.duplicates}"
-        yield f"  handler   p50 {status.p50:.0f} us, p99 {status.p99:.0f} us"
-        yield f"  cpu       {status.cpu:.2f} s{load}"
+    status = about["status"]
+    if status is not None:
+        load = "" if about["load"] is None else f", {100.0 * about['load']:.0f} % of a core now"
+        yield f"  state     {status['state']}"
+        yield f"  messages  {status['messages']} handled, {status['sent']} sent"
+        yield f"  gaps      {status['gaps']}, duplicates {status['duplicates']}"
+        yield f"  handler   p50 {status['p50']:.0f} us, p99 {status['p99']:.0f} us"
+        yield f"  cpu       {status['cpu']:.2f} s{load}"
     elif about["pid"]:
         yield f"  state     silent for {about['silent_s']:.1f} s: it works, or hangs"
 
 
-def _traffic_lines(card: RunCard, node: RecordedNode) -> Iterator[str]:
-    topics = topics_of(card)
+def _traffic_lines(about: Mapping[str, Any]) -> Iterator[str]:
     yield "  subscribes"
-    yield from (f"    {one.topic}  {one.type}  from {one.publisher}" for one in node.inputs)
+    for one in about["subscribes"]:
+        yield f"    {one['topic']}  {one['type']}  from {one['publisher']}"
     yield "  publishes"
-    for wire in node.outputs.values():
-        to = ", ".join(topics[wire].subscribers) or "nobody"
-        yield f"    {wire}  {topics[wire].type}  to {to}"
+    for one in about["publishes"]:
+        to = ", ".join(one["subscribers"]) or "nobody"
+        yield from textwrap.wrap(
+            f"{one['topic']}  {one['type']}  to {to}",
+            TEXT_WIDTH,
+            initial_indent=" " * 4,
+            subsequent_indent=" " * 8,
+        )
 
 
 class StatusSample(NamedTuple):
@@ -108,13 +138,13 @@ def sample_status(card: RunCard, names: Collection[str]) -> dict[str, StatusSamp
     return found
 
 
-def dump_params(card: RunCard, name: str | None = None) -> str:
+def dump_params(card: RunCard, name: str | None = None) -> dict[str, Any]:
     """Parameters of one node or of all, ``node: {params: ...}``; bytes by their size and SHA-256.
 
     Raises ValueError if the graph has no such node.
     """
     nodes = card.nodes if name is None else (find_node(card, name),)
-    return "\n".join(yaml_lines({one.name: {"params": params_of(one)} for one in nodes}))
+    return {one.name: {"params": params_of(one)} for one in nodes}
 
 
 def find_node(card: RunCard, name: str) -> RecordedNode:
@@ -146,6 +176,23 @@ def _named(text: str) -> str:
     except (binascii.Error, ValueError):
         data, what = text.encode(), "bytes of text"
     return f"{len(data)} {what}, sha256 {hashlib.sha256(data).hexdigest()}"
+
+
+def set_parameter(card: RunCard, name: str, param: str, value: str) -> str:
+    """Set a parameter, to a value in YAML, between two touches; returns what it was and is.
+
+    Raises ValueError if there is no such node, the parameter cannot be set while it runs, or the
+    value is none for it.
+    """
+    node = find_node(card, name)
+    made = parse_yaml(value, "VALUE").value
+    request(card, "set", node=node.name, param=param, value=msgspec.json.encode(made).decode())
+    before = params_of(node)[param]
+    return f"{node.name}.{param}: {_inline(before)} -> {_inline(made)}"
+
+
+def _inline(value: Any) -> str:
+    return yaml_value(value, TextStyle(flow=True))
 
 
 def notify(card: RunCard, kind: str, **fields: Any) -> None:

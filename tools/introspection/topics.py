@@ -7,12 +7,13 @@ alone. Printed as by ros2.
 
 from __future__ import annotations
 
+import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import zmq
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from palpate.core import Floats
 from palpate.launch.files import hint
 from palpate.launch.processes import RunCard, running_graphs, until_ctrl_c
-from palpate.messages import HEADER_SIZE, Header
+from palpate.messages import HEADER_SIZE, Header, type_of_schema
 from palpate.messages.bus import LAUNCHER, LOG_TOPIC, STATUS_TOPIC, SocketContext, TapReader
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
 
@@ -73,7 +74,13 @@ class SequenceTracker:
 class TapSubscription:
     """Copies of what a running graph publishes on some topics."""
 
-    def __init__(self, card: RunCard, topics: Iterable[Topic]) -> None:
+    def __init__(
+        self,
+        card: RunCard,
+        topics: Iterable[Topic],
+        *,
+        latched: bool = False,  # Whether what was latched before is wanted, too
+    ) -> None:
         self._card = card
         self._run = int(card.run, 16)
         self._sockets = SocketContext(card.key)
@@ -83,7 +90,9 @@ class TapSubscription:
         self._readers: dict[zmq.Socket[bytes], tuple[str, TapReader]] = {}
         self._orders: dict[tuple[str, str], SequenceTracker] = {}
         for node, names in taps_of(card, topics).items():
-            reader = TapReader(self._sockets.context, [card.taps[node]], names, TAP_DEPTH)
+            reader = TapReader(
+                self._sockets.context, [card.taps[node]], names, TAP_DEPTH, latched=latched
+            )
             self._readers[reader.socket] = node, reader
             self._poller.register(reader.socket, zmq.POLLIN)
             for name in names:
@@ -156,15 +165,17 @@ class Topic(NamedTuple):
     type: str  # Name of its message type; empty if the graph does not say
     publishers: tuple[str, ...]  # Who publish it: one, or all where nodes speak of themselves
     subscribers: tuple[str, ...]  # The nodes that receive it
+    schema: str = ""  # JSON schema of a type that palpate does not have, if the graph tells it
 
 
 def topics_of(card: RunCard) -> dict[str, Topic]:
     """The topics of a running graph by name, sorted."""
-    types, publishers = card.topics, card.publishers
-    found = {
-        name: Topic(name, types.get(name, ""), (publisher,), card.subscribers(name))
-        for name, publisher in publishers.items()
-    }
+    types, schemas = card.topics, card.schemas
+    found = dict[str, Topic]()
+    for name, publisher in card.publishers.items():
+        kind = types.get(name, "")
+        subscribers = card.subscribers(name)
+        found[name] = Topic(name, kind, (publisher,), subscribers, schemas.get(kind, ""))
     everybody = tuple(one.name for one in card.nodes)
     for name, cls in STATUS_TOPICS.items():
         found[name] = Topic(name, cls.__name__, everybody, (LAUNCHER,))
@@ -186,7 +197,12 @@ def find_topic(card: RunCard, name: str) -> Topic:
 
 
 def type_of(topic: Topic) -> type:
-    """The message type of a topic; raises ValueError if this palpate does not know it."""
+    """The message type of a topic, palpate's own or made from the schema that its graph tells.
+
+    Raises ValueError if it is not known here, or the schema is none of a message type.
+    """
+    if topic.type not in TYPES and topic.schema:
+        return type_of_schema(topic.schema)
     if topic.type not in TYPES:
         what = f"the type {topic.type!r}" if topic.type else "a type that its graph does not name"
         raise ValueError(f"{topic.name} carries {what}, which is not known here; --raw shows bytes")
@@ -194,10 +210,17 @@ def type_of(topic: Topic) -> type:
 
 
 class RateMonitor:
-    """Figures of some topics, each publisher by itself, over so many messages."""
+    """Figures of some topics, each publisher by itself, over so many messages.
+
+    Without `say` all of them are printed as one object of JSON a line.
+    """
 
     def __init__(
-        self, topics: Sequence[Topic], window: int, say: RateText, echo: Callable[[str], None]
+        self,
+        topics: Sequence[Topic],
+        window: int,
+        say: RateText | None,
+        echo: Callable[[str], None],
     ) -> None:
         self._say, self._echo = say, echo
         self._rates = {(one.name, node): Rates(window) for one in topics for node in one.publishers}
@@ -222,9 +245,12 @@ class RateMonitor:
         for (topic, node), rates in self._rates.items():
             news = rates.last != self._printed.get((topic, node))
             label = f"{topic} of {node}" if topic in self._crowds else topic
-            text = self._say(rates) if news else None
+            text = self._say(rates) if self._say and news else None
             self._printed[topic, node] = rates.last
-            if text is not None:
+            if self._say is None:
+                if news or not last:
+                    self._echo(json.dumps({"topic": topic, "publisher": node, **rates.figures()}))
+            elif text is not None:
                 self._echo(f"{label}\n{text}" if self._several or self._crowds else text)
             elif not rates.received and (news or not last):
                 self._echo(f"no messages on {label}")
@@ -302,6 +328,18 @@ class Rates:
         """Bytes a second, what was not received taken for as large as the rest; or None."""
         rate, sizes = self.rate(), self.sizes()
         return None if rate is None or sizes is None else rate * sizes.mean
+
+    def figures(self) -> dict[str, Any]:
+        """All that is known, ready for JSON."""
+        statistics = {
+            "period_s": self.periods(), "size_bytes": self.sizes(), "delay_s": self.delays()
+        }  # fmt: skip
+        return {
+            "messages": self.received,
+            "rate_hz": self.rate(),
+            "bytes_per_s": self.bandwidth(),
+            **{name: found and found._asdict() for name, found in statistics.items()},
+        }
 
     def _columns(self) -> Integers:
         return np.array(self._kept, np.int64).reshape(-1, 4).T

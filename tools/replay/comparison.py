@@ -60,6 +60,11 @@ class TopicComparison:
         elif not self.first and self.more:
             self.first = f"{self.topic} {self.compared}: published now, but not recorded"
 
+    def figures(self) -> dict[str, Any]:
+        """What was counted, and the changes, ready for JSON."""
+        counts = {name: getattr(self, name) for name in ("compared", "differ", "fewer", "more")}
+        return {**counts, "fields": {k: one.figures() for k, one in self.changes.fields.items()}}
+
     def _compare(self) -> None:
         if not (self._then and self._now):
             return
@@ -104,6 +109,14 @@ class FieldChange:
     def rms(self) -> float:
         """Root mean square change of a number."""
         return math.sqrt(self.squares / self.numbers) if self.numbers else 0.0
+
+    def figures(self) -> dict[str, Any]:
+        """The same, ready for JSON."""
+        sizes = (self.largest, self.rms) if self.numbers else (math.nan, math.nan)
+        largest, rms = (size if math.isfinite(size) else None for size in sizes)
+        notes = {kind: dataclasses.asdict(note) for kind, note in self.notes.items()}
+        counts = {"unit": self.unit, "first": self.first, "differ": self.differ}
+        return {**counts, "largest": largest, "rms": rms, "notes": notes}
 
     def measure(self, then: Any, now: Any) -> None:
         """Take up a number, or an array of numbers, that differs."""

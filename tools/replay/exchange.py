@@ -19,6 +19,7 @@ from palpate.launch import search_current_folder
 from palpate.messages import Header, schema_hash
 from palpate.messages.bus import Received
 from palpate.messages.recording import RecordedMessage, Recording
+from palpate.messages.types import ParameterEvent
 from palpate.nodes import runtime
 from palpate.tools.replay.comparison import TopicComparison
 
@@ -144,11 +145,11 @@ class MessageExchange:
 class ReplayedNode:
     """A node under replay; ValueError if it was recorded with topics that it has no more."""
 
-    def __init__(self, chosen: ReplayNode) -> None:
+    def __init__(self, chosen: ReplayNode, changes: Iterable[ParameterEvent] = ()) -> None:
         node, wiring = chosen
         self.name = wiring.name
         try:
-            self._work = runtime.NodeWork(node, wiring.params, wiring)
+            self._work = runtime.NodeWork(node, wiring.params, wiring, changes)
         except runtime.ContractError as error:
             raise ValueError(f"{error}; it was recorded with another version of it") from None
         self.failure = ""

@@ -9,6 +9,7 @@ From there the graph goes on, and comes to the same solid.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,10 +21,10 @@ from threadpoolctl import threadpool_limits
 from palpate import launch
 from palpate.launch.files import SourceMapped, convert
 from palpate.launch.processes import EarlierRun, SentMessage
-from palpate.messages import schema_hash
+from palpate.messages import decode, schema_hash
 from palpate.messages.bus import Consumed
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
-from palpate.messages.types import TYPES, Contour
+from palpate.messages.types import TYPES, Contour, ParameterEvent
 from palpate.nodes import runtime
 from palpate.tools.bag import compare_recordings
 from palpate.tools.replay import exchange
@@ -48,19 +49,22 @@ def replay(
     echo: Callable[[str], None] = print,
     *,
     settings: Mapping[str, SourceMapped] | None = None,
+    as_json: bool = False,
 ) -> int:
     """Run nodes of a recording again, all that can be replayed exactly if none is named.
 
     What one of them publishes now is what the others receive; all else comes from the recording.
-    `settings` are laid over the recorded parameters. Returns 1 if a node raised, or without
+    `settings` are laid over the recorded parameters. `echo` is told of the differences in lines, or
+    `as_json` in one text. Returns 1 if a node raised, or without
     settings if one did not publish the same, byte for byte; else 0. Raises ValueError if the
     recording cannot be read or lacks messages, or a node is unknown, cannot be replayed, or was
     recorded with other message types; InputError if a setting cannot be used.
     """
     recording = open_recording(launch.find_bag(bag))
     chosen = with_settings(exchange.choose_nodes(recording, nodes), recording.graph, settings or {})
-    players = [exchange.ReplayedNode(one) for one in chosen]
-    if not recording.closed:
+    events = [one for one in recording.messages() if one.type == ParameterEvent.__name__]
+    players = [exchange.ReplayedNode(one, runtime.recorded_changes(events, *one)) for one in chosen]
+    if not (recording.closed or as_json):
         echo(f"{recording.path} was never closed: replaying as far as it goes")
     traffic = exchange.MessageExchange(players)
     with threadpool_limits(limits=1):  # as when it was recorded: several threads round otherwise
@@ -78,12 +82,13 @@ def replay(
         traffic.end()
     for player in players:
         player.end(closed=recording.closed)
-        echo(verdict(player))
-    if recording.closed:
-        for shortage in traffic.shortages():
-            echo(shortage_text(shortage))
-    for line in change_table(players):
-        echo(line)
+    shortages = list(traffic.shortages()) if recording.closed else []
+    if as_json:
+        echo(json.dumps(replay_figures(recording, players, shortages), indent=2))
+    else:
+        lines = [*map(verdict, players), *map(shortage_text, shortages), *change_table(players)]
+        for line in lines:
+            echo(line)
     failed = any(player.failure for player in players)
     return int(failed or (not settings and any(player.first for player in players)))
 
@@ -125,6 +130,27 @@ def _entry(place: runtime.Wiring | runtime.RecordedNode) -> launch.Entry:
     within = any(topic.startswith(f"/{finger}/") for topic in place.outputs.values())
     space = finger if within else ""
     return launch.Entry(name=place.name, kind=place.module, params=place.params, namespace=space)
+
+
+def replay_figures(
+    recording: Recording,
+    players: Sequence[exchange.ReplayedNode],
+    shortages: Sequence[exchange.Shortage],
+) -> dict[str, Any]:
+    """What has changed, ready for JSON; a change that no float holds is None."""
+    return {
+        "recording": str(recording.path),
+        "complete": recording.closed,
+        "nodes": {
+            player.name: {
+                "failure": player.failure or None,
+                "first_difference": player.first or None,
+                "topics": {topic: one.figures() for topic, one in player.publications.items()},
+            }
+            for player in players
+        },
+        "shortages": [shortage._asdict() for shortage in shortages],
+    }
 
 
 def verdict(player: exchange.ReplayedNode) -> str:
@@ -193,7 +219,10 @@ def plan_resume(
         about["ends"],
         about,
         folder,
-        before=earlier_run_of(wirings, _until(recording, contour)),
+        before=replace(
+            earlier_run_of(wirings, _until(recording, contour)),
+            changes=_changes(wirings, recording),  # those after that contour, too
+        ),
         tolerance=launch.tolerance_of(wirings),
     )
 
@@ -263,6 +292,19 @@ def answered_messages(
         return []
     answers = sum(one.sent_ns > asked[0][1] for one in sent)
     return [one for one, _ in asked[:answers]]
+
+
+def _changes(
+    wirings: Sequence[runtime.Wiring], recording: Recording
+) -> dict[str, list[ParameterEvent]]:
+    """By node the parameters that were set while it ran."""
+    publishers = {topic: one.name for one in wirings for topic in one.outputs.values()}
+    found: dict[str, list[ParameterEvent]] = {}
+    for kept in recording.messages():
+        if kept.type == ParameterEvent.__name__:
+            change = decode(ParameterEvent, kept.body)
+            found.setdefault(publishers[kept.topic], []).append(change)
+    return found
 
 
 def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessage]:

@@ -4,8 +4,9 @@ It joins the graph by its launch file; start palpate in the folder of this file:
 
     palpate launch template.yaml
 
-As it is, it presses a flat pad of 16 by 16 taxels onto a ball, again and again. Frames that lie in
-a file, or come over TCP, need no driver of your own: `palpate launch driver.yaml path:=frames.csv`,
+As it is, it presses a flat pad of 16 by 16 taxels onto a ball, from all sides, and the launch file
+makes a solid of that. Frames that lie in a file, or come over TCP, need no driver of your own:
+`palpate launch driver.yaml path:=frames.csv`,
 `palpate launch socket_driver.yaml address:=127.0.0.1:5555`.
 """
 
@@ -17,7 +18,8 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from palpate.core import IDENTITY_POSE, Floats
+from palpate.core import Floats, pad_rotation, pose_of
+from palpate.messages.types import SequenceEnd
 from palpate.nodes import Finished, Source, Timed
 from palpate.nodes.specs import (
     DRIVER_OUTPUTS,
@@ -34,7 +36,7 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     # The array: rows, columns, distance between taxels in m, and the pad over them.
     sensor: SensorSpec = SensorSpec(rows=16, cols=16, pitch=0.001, pad=PadSpec(radius=None))
-    frames: Annotated[int, Meta(ge=1)] = 20  # Frames until it ends
+    frames: Annotated[int, Meta(ge=1)] = 60  # Frames until it ends
     rate: Annotated[float, Meta(gt=0)] = 50.0  # Frames per second, Hz
     radius: Annotated[float, Meta(gt=0)] = 0.02  # Of the ball, m
 
@@ -44,18 +46,23 @@ def read_frame(params: Params, number: int) -> tuple[Floats, Floats] | None:
 
     YOUR HARDWARE HERE. Return None if there is no new frame yet, and wait no longer than 0.1 s for
     one. Times and compressions are made of your numbers by `scale` and `values` in the launch file.
+    The pose is x, y, z in m of the middle of the pad's face, undeformed, and a quaternion x, y, z,
+    w; the pad's z axis points into the object, x runs along its columns.
     """
     side = (np.arange(params.sensor.rows) - (params.sensor.rows - 1) / 2) * params.sensor.pitch
     x, y = np.meshgrid(side, side)
     depth = 0.5e-3 + 0.3e-3 * np.sin(0.5 * number)
     gap = params.radius - np.sqrt(params.radius**2 - x**2 - y**2)
-    return np.maximum(depth - gap, 0.0), IDENTITY_POSE
+    # From all sides of the ball, evenly: down a spiral about its axis.
+    heading, height = 2.4 * number, 1.0 - (2 * number + 1) / params.frames
+    axes = pad_rotation(heading, float(np.arcsin(height)))
+    return np.maximum(depth - gap, 0.0), pose_of((depth - params.radius) * axes[:, 2], axes)
 
 
 def read(params: Params) -> Iterator[Timed | Finished | None]:
     """The sensor, and each frame as it comes."""
     yield Timed(0.0, "/touch/info", sensor_info(params))
-    touch = 0
+    touch, time = 0, 0.0
     while touch < params.frames:
         found = read_frame(params, touch)
         if found is None:
@@ -66,6 +73,7 @@ def read(params: Params) -> Iterator[Timed | Finished | None]:
         # With hardware: due 0.0, for it is time to say what has come; and the time that it gives.
         yield Timed(time, "/touch/raw", tactile_frame(params, touch, time, pose, image))
         touch += 1
+    yield Timed(time, "/touch/end", SequenceEnd(frames=touch, robot_time=time))
     yield Finished(f"published {touch} frames")
 
 

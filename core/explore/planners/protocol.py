@@ -219,7 +219,8 @@ class Planner(Protocol):
     """A rule, with its numbers. It remembers nothing: the same `Observation`, the same answer.
 
     One that has slices in which no model has a say may have a second method, `settled`, which
-    answers with such a `Height` or None: it is begun while a model is in the making.
+    answers with such a `Height` or None: it is begun while a model is in the making. One that
+    chooses single touches says so by ``single_touches``, true: its solid has any shape.
     """
 
     def next(self, observation: Observation) -> Choice:

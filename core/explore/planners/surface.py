@@ -44,6 +44,8 @@ DOWNWARD = -0.7  # Upward part of the normals of what faces down
 SAME = 1e-9  # Targets that differ by less are one, m
 OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
 HIDDEN_SLOPE = 0.5  # Error that an untouched place may hide, over its distance from touch
+OPENINGS = 8  # Of which the middles are told
+LEAST_MEAN = 0.3  # Length of a mean normal below which they point everywhere
 BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes it, m
 HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
 CREASED = 1.0e-3  # Between a pad that rests on what is about a place, and the place: a crease, m
@@ -126,12 +128,12 @@ class ObservedSurface:
         places = self.places
         far = self.far
         known = np.count_nonzero(~places.under)
-        widest = np.where(far, places.distances, 0.0)
-        most = int(widest.argmax())
+        middles = _middles(places, far)
         return OpenArea(
             float(far.sum()) / max(int(known), 1),
-            2.0 * float(widest[most]) if far.any() else 0.0,
-            places.points[most] if far.any() else None,
+            2.0 * float(places.distances[middles].max(initial=0.0)),
+            places.points[middles],
+            np.array([_outward(places, one) for one in middles]).reshape(-1, 3),
             float(places.under.mean()),
             float(far.sum()) / PLACES * self.area / TOUCHED_AREA,
         )
@@ -244,7 +246,8 @@ class OpenArea(NamedTuple):
 
     share: float  # Of the surface, the underside apart
     width: float  # Of the largest opening, m; 0 if there is none
-    place: Floats | None  # Its middle, (3,), m
+    places: Floats  # Middles of the largest, (k, 3), m, the largest first; `OPENINGS` at most
+    normals: Floats  # Outward there, (k, 3)
     under: float  # Share of the surface on which the object stands
     touches: float  # That it would take, if all of it can be reached
 
@@ -261,6 +264,26 @@ class SurfacePlaces(NamedTuple):
     # Or it faces down so near to that, (n,), that the pedestal is in the way of most touches.
     under: Bools
     spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
+
+
+def _middles(places: SurfacePlaces, far: Bools) -> Ints:
+    """Numbers of the places in the middle of openings, the widest first, none within another."""
+    distances, found = np.where(far, places.distances, 0.0), list[int]()
+    while len(found) < OPENINGS and distances.max() > 0.0:
+        most = int(distances.argmax())
+        found.append(most)
+        beside = np.linalg.norm(places.points - places.points[most], axis=1)
+        distances[beside < 2.0 * places.distances[most]] = 0.0
+    return np.array(found, np.int32)
+
+
+def _outward(places: SurfacePlaces, number: int) -> Floats:
+    """Mean outward normal (3,) of the opening about a place; off the middle where they cancel."""
+    away = np.linalg.norm(places.points - places.points[number], axis=1)
+    mean = places.normals[away < 0.5 * places.distances[number]].mean(axis=0)
+    if np.linalg.norm(mean) < LEAST_MEAN:  # what nothing was touched of may be folded
+        mean = places.points[number] - places.points.mean(axis=0)
+    return np.asarray(mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny))
 
 
 def pad_width(pad: Pad) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ MOST_OPEN, LEAST_OPEN = 0.01, 0.002
 class Touches:
     """The planner of single touches."""
 
+    single_touches: ClassVar[bool] = True
     # A touch must take this share of the squared error that is asked for, over the whole surface.
     least_gain: Annotated[float, Range(0.0, 1.0, "1")] = LEAST_GAIN
 
@@ -177,8 +178,7 @@ def _reason(observation: protocol.Observation, surface: ObservedSurface) -> str:
 def describe_opening(surface: ObservedSurface) -> str:
     """What of a surface is not known, where, and how wide."""
     found = surface.open_area
-    assert found.place is not None
-    place = ", ".join(f"{1e3 * one:.0f}" for one in found.place)
+    place = ", ".join(f"{1e3 * one:.0f}" for one in found.places[0])
     return (
         f"{100.0 * found.share:.2g}% of the surface is not known, the largest opening of it "
         f"{1e3 * found.width:.0f} mm wide at ({place}) mm"

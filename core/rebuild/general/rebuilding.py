@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
-from palpate.core.arrays import Floats, Ints, positive
+from palpate.core.arrays import Floats, Ints, finite_array, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
@@ -41,7 +42,8 @@ def fitting_cell(contacts: ContactPoints) -> float:
 
 
 def rebuild_general(
-    contacts: ContactPoints,
+    contacts: ContactPoints | ArrayLike,
+    normals: ArrayLike | None = None,
     *,
     free: Floats | None = None,
     platform: float | None = None,
@@ -52,11 +54,16 @@ def rebuild_general(
 ) -> solid.GeneralSolid:
     """The solid of touched points with normals, of whatever shape it is.
 
-    `contacts`: world frame, m. `free` (k, 3): places that a finger has swept. `platform`: height on
+    `contacts`: world frame, m; or points (n, 3), each a touch of its own, with outward `normals`
+    (n, 3) of any length. `free` (k, 3): places that a finger has swept. `platform`: height on
     which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
     standard deviation of a touch's place. `folds`: quarters of the touches that are left out in
     turn, to predict them. Raises ValueError without normals, or if all lies in one plane.
     """
+    if not isinstance(contacts, ContactPoints):
+        points = finite_array("contacts", contacts, (None, 3))
+        outward = None if normals is None else np.asarray(normals, np.float64)
+        contacts = ContactPoints(points, outward, np.arange(len(points), dtype=np.int32))
     contacts = checked_contacts(contacts)
     if contacts.normals is None or not len(contacts.points):
         raise ValueError("patches must have points and normals for a general solid, got none")

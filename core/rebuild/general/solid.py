@@ -23,7 +23,7 @@ from scipy.ndimage import label
 from scipy.spatial import ConvexHull, cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import nearest_points, nearest_search
+from palpate.core.geometry import ClosedBody, nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, Weights
@@ -66,7 +66,7 @@ LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GeneralSolid:
+class GeneralSolid(ClosedBody):
     """A solid as an implicit spline; lengths in m, places in the world."""
 
     origin: Floats  # Of the cells, (3,), on the platform
@@ -116,8 +116,13 @@ class GeneralSolid:
             places[flat, 2] = self.origin[2]
         return Mesh(places, faces)
 
-    def distance(self, places: Floats) -> Floats:
-        """Signed distances (n,) of places (n, 3) from the surface, negative inside, m."""
+    def __repr__(self) -> str:
+        low, high = self.contacts.points.min(axis=0), self.contacts.points.max(axis=0)
+        size = " x ".join(f"{side:.3g}" for side in high - low)
+        return f"<GeneralSolid {size} m, of {len(self.fit.displacements)} touches>"
+
+    def signed_distances(self, places: Floats) -> Floats:
+        """Of places (n, 3) from the surface, (n,), negative inside, m."""
         mesh = self.mesh()
         found = nearest_points(nearest_search(mesh.vertices[mesh.faces]), places)
         value, _ = self.evaluate(places)

@@ -1,4 +1,6 @@
+import json
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,9 +14,12 @@ from palpate.launch.processes.node_status import (
     NodeStatusTable,
     TerminationDetector,
 )
+from palpate.launch.processes.registry import Announcement, RunCard
 from palpate.launch.processes.supervisor import ToolServer
 from palpate.messages.codec import encode
 from palpate.messages.types.catalogue import NodeStatus
+from palpate.nodes.filter import Params
+from palpate.nodes.runtime.node import describe_wirings, lone_wiring, recorded_nodes
 
 STATUS = NodeStatus(
     node="filter",
@@ -137,6 +142,52 @@ def test_complaints_name_who_waits_for_what():
     assert one.complaints() == ["hearer has received nothing on /talk (talker)"]
 
 
+def test_a_tool_sets_what_a_node_calls_settable_and_no_more(tmp_path):
+    filter_ = lone_wiring(Params(), (), ())
+    wirings = {"filter": replace(filter_, module="palpate.nodes.filter")}
+    card = RunCard(
+        run="ab01",
+        name="vase",
+        pid=1,
+        began="",
+        folder="",
+        ends="filter",
+        nodes=recorded_nodes(describe_wirings([replace(wirings["filter"], name="filter")])),
+        taps={},
+        tools="",
+    )
+    told: list[dict[str, Any]] = []
+    sent: list[dict[str, Any]] = []
+    line = SimpleNamespace(receive=lambda: asked.pop(0), send=lambda _, *a, **w: told.append(w))
+    nodes = SimpleNamespace(send=lambda _, kind, **fields: not sent.append(fields))
+    server: Any = ToolServer
+    processes = SimpleNamespace(wirings=wirings)
+    served = server(line, nodes, processes, None, Announcement(tmp_path, card))
+
+    def ask(param, value):
+        asked.append(("tool", {"kind": "set", "node": "filter", "param": param, "value": value}))
+        served.serve()
+
+    asked: list[Any] = []
+    line.receive = lambda: asked.pop(0) if asked else None
+    ask("path", "1")
+    ask("order", "1")
+    ask("contact", "5")
+    ask("contact", '"' + "1" * 2000 + '"')
+    assert [word["text"].partition(":")[0] for word in told] == [
+        "filter.path cannot be set while it runs; of filter can",
+        "order cannot be 1",
+        "contact cannot be 5",
+        "contact",
+    ]
+    assert not sent
+    ask("contact", "1e-4")
+    assert sent == [{"param": "contact", "value": "1e-4", "ticket": 4}]
+    served.done(4)
+    [node] = json.loads((tmp_path / "run.json").read_text())["nodes"]
+    assert node["params"] == {"order": "auto", "contact": 1e-4}
+
+
 def test_a_tool_is_told_of_every_node_and_of_the_process_of_those_that_live():
     asked: list[Any] = [("tool", {"kind": "status"}), None]
     told: list[dict[str, Any]] = []
@@ -148,7 +199,7 @@ def test_a_tool_is_told_of_every_node_and_of_the_process_of_those_that_live():
         restarts=SimpleNamespace(counts={"a": 2, "b": 0}),
     )
     server: Any = ToolServer
-    server(line, None, processes, NodeStatusTable(["a", "b"])).serve()
+    server(line, None, processes, NodeStatusTable(["a", "b"]), None).serve()
     [status] = told
     assert status["kind"] == "status" and status["for_s"] >= 0.0
     assert {name: (one["pid"], one["restarts"]) for name, one in status["nodes"].items()} == {

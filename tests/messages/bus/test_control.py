@@ -129,7 +129,7 @@ def test_each_side_receives_the_words_of_the_other_alone():
     assert TO_NODES.read(msgpack.packb({"kind": "go"})) == {"kind": "go"}
     with pytest.raises(
         ValueError,
-        match=r"not a word of go, count, stop, pause, resume, step, publish: .* 'ready'",
+        match=r"not a word of go, count, stop, pause, resume, step, publish, set: .* 'ready'",
     ):
         TO_NODES.read(msgpack.packb({"kind": "ready"}))
 

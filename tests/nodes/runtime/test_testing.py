@@ -149,7 +149,7 @@ def test_a_source_is_given_no_inputs():
 def test_an_example_has_the_fields_that_matter_and_plain_ones_otherwise():
     image = example(TactileImage, touch=3)
     assert (image.touch, image.outcome, image.mask.shape) == (3, "hit", (0, 0))
-    with pytest.raises(ValueError, match="a World has no hight; it has platform, reach"):
+    with pytest.raises(ValueError, match="a World has no hight; it has platform, held, reach"):
         example(World, hight=1)
     with pytest.raises(CodecError, match="seed must be int"):
         example(World, seed="x")

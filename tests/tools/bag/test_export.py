@@ -10,17 +10,26 @@ import pytest
 
 from palpate.launch.files import file_access as new_file
 from palpate.launch.files.file_access import write_new
+from palpate.launch.files.mesh_file import read_mesh
 from palpate.launch.files.source_map import InputError
-from palpate.messages.codec import Header, encode, schema_hash
+from palpate.messages.codec import Header, encode, schema, schema_hash
 from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.catalogue import TYPES
 from palpate.messages.types.world import World
 from palpate.tools.bag.decoding import file_stems, open_decoded
 from palpate.tools.bag.export import export_bag, write_csv, write_npz
 from palpate.tools.cli import command_line as cli
 
 WORLD = World(platform=0.0, reach=0.3, fingers=1, seed=3)
-EVERY = pytest.mark.parametrize("kind", ["csv", "npz", "foxglove"])
+EVERY = pytest.mark.parametrize("kind", ["csv", "ply", "npz", "foxglove"])
+
+
+COUNTS = {
+    "csv": "8 files of 7 topics",
+    "ply": "2 meshes of 2 topics",
+    "npz": r"\d+ arrays of 9 topics",
+    "foxglove": r"\d+ messages of 9 topics",
+}
+LEFT_OUT = "left to --format ply, as meshes: /model/shape, /truth\n"
 
 
 @dataclass(frozen=True)
@@ -32,9 +41,7 @@ class Strange:
 def test_each_format_is_written_whole_and_reported(explored, tmp_path, kind, capsys):
     out = tmp_path / "out"
     assert cli.run(["bag", "export", str(explored), "--format", kind, "-o", str(out)]) == 0
-    assert re.fullmatch(
-        rf"{out}: \d+ (files|arrays|messages) of 9 topics\n", capsys.readouterr().out
-    )
+    assert re.fullmatch(rf"{out}: {COUNTS[kind]}\n", capsys.readouterr().out.replace(LEFT_OUT, ""))
     assert sorted(one.name for one in tmp_path.iterdir()) == ["out", "topics.mcap"]
 
 
@@ -48,7 +55,7 @@ def test_nothing_is_overwritten(explored, tmp_path, kind):
     assert (tmp_path / "file").read_text() == "mine"
 
 
-@EVERY
+@pytest.mark.parametrize("kind", ["csv", "npz", "foxglove"])
 def test_a_message_that_cannot_be_decoded_leaves_nothing_behind(record, tmp_path, kind):
     path = tmp_path / "topics.mcap"
     writer = RecordingWriter(path, {"/world": "World"}, {}, {})
@@ -71,13 +78,37 @@ def test_another_version_of_a_message_is_refused(tmp_path):
         export_bag(path, "npz", tmp_path / "out")
 
 
-def test_an_unknown_message_is_refused(record, tmp_path, monkeypatch):
-    monkeypatch.setitem(TYPES, "Strange", Strange)
-    path = record([("/a", Strange(1.0)), ("/world", WORLD)])
-    monkeypatch.delitem(TYPES, "Strange")
-    with pytest.raises(InputError, match="/a holds Strange; there is no such type of message"):
+def strange(path, text):
+    """A recording of a type that nobody has, with this text as its schema."""
+    writer = RecordingWriter(path, {"/a": "Strange"}, {}, {}, schemas={"Strange": text})
+    for seq, value in enumerate([1.0, 2.5]):
+        writer.write("/a", Header(0, 0, seq, 0, 0.0, schema_hash(Strange)), encode(Strange(value)))
+    writer.close()
+    return path
+
+
+def test_a_type_that_nobody_has_is_read_by_the_schema_that_was_recorded(tmp_path):
+    path = strange(tmp_path / "topics.mcap", json.dumps(schema(Strange)))
+    export_bag(path, "csv", tmp_path / "out")
+    assert (tmp_path / "out" / "a.csv").read_text().splitlines()[1:] == [
+        "0,0.000000000,1.0",
+        "1,0.000000000,2.5",
+    ]
+    export_bag(path, "npz", tmp_path / "out.npz")
+    assert np.load(tmp_path / "out.npz")["a.value"].tolist() == [1.0, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{}", "/a holds Strange: this is no schema of a message type"),
+        (json.dumps(schema(World)), "/a was recorded with another version of Strange"),
+    ],
+)
+def test_a_schema_that_is_not_that_of_the_messages_is_refused(tmp_path, text, words):
+    path = strange(tmp_path / "topics.mcap", text)
+    with pytest.raises(InputError, match=words):
         export_bag(path, "csv", tmp_path / "out")
-    export_bag(path, "csv", tmp_path / "out", ["/world"])
 
 
 def test_a_damaged_recording_is_to_be_recovered_first(explored, tmp_path):
@@ -229,9 +260,31 @@ def test_the_units_lie_beside_the_tables(folder):
 
 
 def test_topics_that_are_not_wanted_are_left_out(explored, tmp_path):
-    written = write_csv(open_decoded(explored, ["/score", "/log"]), tmp_path / "tables")
-    assert sorted(written) == ["log.csv", "score.csv", "units.json"]
+    assert write_csv(open_decoded(explored, ["/score", "/log"]), tmp_path / "tables") == 3
+    written = sorted(os.listdir(tmp_path / "tables"))
+    assert written == ["log.csv", "score.csv", "units.json"]
     assert rows(tmp_path / "tables" / "score.csv")[0]["sent_s"] == "0.070000000"
+
+
+def test_meshes_are_left_to_ply_and_it_is_told_how(explored, tmp_path, tetrahedron):
+    assert LEFT_OUT.rstrip() in export_bag(explored, "csv", tmp_path / "tables")
+    assert not {"model_shape.csv", "truth.csv"} & set(os.listdir(tmp_path / "tables"))
+    export_bag(explored, "ply", tmp_path / "meshes")
+    # The second model has no triangles.
+    assert sorted(os.listdir(tmp_path / "meshes")) == ["model_shape.0.ply", "truth.0.ply"]
+    vertices, faces, _ = read_mesh(tmp_path / "meshes" / "model_shape.0.ply", "m")
+    assert np.allclose(np.sort(vertices, axis=0), np.sort(tetrahedron.vertices, axis=0))
+    assert len(faces) == len(tetrahedron.faces)
+
+
+@pytest.mark.parametrize(
+    ("kind", "topic", "why"),
+    [("csv", "/truth", "are meshes: take --format ply"), ("ply", "/score", "are no meshes, so")],
+)
+def test_a_format_for_which_nothing_is_left_is_refused(explored, tmp_path, kind, topic, why):
+    with pytest.raises(InputError, match=f"{topic} {why}"):
+        export_bag(explored, kind, tmp_path / "out", [topic])
+    assert os.listdir(tmp_path) == ["topics.mcap"]
 
 
 def test_names_of_files_are_harmless_and_differ():

@@ -13,7 +13,7 @@ from palpate.tools.sweep.sweep_folder import SweepResult
 
 
 def test_a_kind_that_there_is_not_is_refused(capsys):
-    assert run(["chaos", "--kinds", "kil"]) == 2
+    assert run(["dev", "chaos", "--kinds", "kil"]) == 2
     text = capsys.readouterr().err
     assert text.startswith("palpate: --kinds kil: there is no 'kil'; ") and "kill" in text
 
@@ -26,12 +26,12 @@ def test_the_line_says_what_came_of_all_runs(monkeypatch, capsys):
     tally.injected.update(one.kind for one in InjectionLog([fault, fault]).faults)
     tally.back += back
     monkeypatch.setattr("palpate.tools.chaos.run_trials", lambda *_, **__: tally)
-    assert run(["chaos"]) == 1
+    assert run(["dev", "chaos"]) == 1
     text = capsys.readouterr()
     recovery = "recovery p50 0.50 s p99 0.75 s stopped p50 1.00 s p99 1.00 s"
     assert text.out == f"injected 2 survived 1 lost 1 duplicated 0 {recovery}\n"
-    assert text.err == "palpate: chaos --seed 6 --minutes 0: gap: /a 1 of b is not there\n"
-    run(["chaos", "--json"])
+    assert text.err == "palpate: dev chaos --seed 6 --minutes 0: gap: /a 1 of b is not there\n"
+    run(["dev", "chaos", "--json"])
     assert json.loads(capsys.readouterr().out)["recovery_p99_s"] == 0.75
 
 
@@ -95,7 +95,9 @@ def test_a_mesh_is_explored_as_it_is_and_what_is_mended_is_told_first(tmp_path, 
     assert said.startswith("mesh       box.stl: 1 hole of up to 4.5 mm closed\nasked ")
     assert "unit: m" in (tmp_path / "run" / "scene.yaml").read_text()
     assert run(["scene", "check", str(tmp_path / "box.stl")]) == 0
-    assert "\nbox.stl: taken to be in m, 60 x 50 x 40 mm; 1 hole" in capsys.readouterr().out
+    assert (
+        "\nmesh       box.stl: taken to be in m, 60 x 50 x 40 mm; 1 hole" in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize(("more", "words"), [

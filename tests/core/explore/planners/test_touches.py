@@ -127,7 +127,7 @@ def test_an_opening_that_a_pad_spanned_is_known_to_be_unknown(ball_of):
     assert "is not known, the largest opening of it 6 mm wide at (" in choice.reason
     assert not estimate.tolerance_met
     assert estimate.rms_bound_95 > 1e-4  # what it may hide counts
-    assert np.linalg.norm(estimate.open_area.place - top) < 5e-3
+    assert np.linalg.norm(estimate.open_area.places[0] - top) < 5e-3
     touched = ball_of(lambda at: 1e-5, openings=mouth)  # since then, all of it
     assert estimate_error(touched).tolerance_met
 

@@ -1,0 +1,194 @@
+"""Collector node: makes a solid of touches that somebody else has chosen, in the planner's place.
+
+It gives out no goals. When a driver says that no more frames will come, it asks the reconstructor
+for a solid of all of them, says how good that is and where touches are missing, and ends the graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from palpate.core import Floats
+from palpate.core.explore.planners import MOST_OPEN, describe_opening
+from palpate.core.touch import HITS
+from palpate.messages import derive
+from palpate.messages.types import ModelGoal, PlanDone, Probe, SensorInfo, SequenceEnd
+from palpate.messages.types import ShapeModel, SurfacePatch, World
+from palpate.nodes import planning
+from palpate.nodes.runtime import Finished, Node, Outputs
+from palpate.nodes.specs import FRAMES_A_GOAL, Length, pad_of_info
+
+if TYPE_CHECKING:
+    from palpate.core.explore.planners import ObservedSurface
+    from palpate.core.touch import Pad
+
+MARGIN = 0.02  # About all that was touched, m: nothing of the object lies farther off
+
+
+class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the launch file may set."""
+
+    # Height on which the object stands, in the frame of the poses, m; null: it is held.
+    platform: Annotated[float, Meta(ge=-10, le=10, description="m")] | None = None
+    # Root mean square error that is asked for, m; null: whatever the touches give.
+    tolerance: Length | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """What has been received."""
+
+    pad: Pad | None = None
+    world: World | None = None  # Once all touches are there
+    low: Floats = field(default_factory=lambda: np.full(3, np.inf))  # Of the pads that touched, m
+    high: Floats = field(default_factory=lambda: np.full(3, -np.inf))
+    # By goal, the frames received, those of them that touched, and the last of these, or the last
+    # if none did.
+    goals: Mapping[int, tuple[int, int, SurfacePatch]] = field(
+        default_factory=lambda: MappingProxyType({})
+    )
+    end: SequenceEnd | None = None  # Once it is known how many there are
+
+    @property
+    def touches(self) -> tuple[int, int]:
+        """Frames received, and those of them that touched."""
+        counts = [one[:2] for one in self.goals.values()]
+        return sum(one[0] for one in counts), sum(one[1] for one in counts)
+
+
+def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
+    """Remember the sensor."""
+    return replace(state, pad=pad_of_info(info)), []
+
+
+def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
+    """Count a touch, and report its goal when that is full."""
+    count, met, last = state.goals.get(patch.goal, (0, 0, patch))
+    hit = patch.outcome in HITS
+    entry = (count + 1, met + hit, patch if hit or not met else last)
+    state = replace(state, goals={**state.goals, patch.goal: entry})
+    if hit:
+        place = patch.pose[:3]
+        state = replace(state, low=np.minimum(state.low, place), high=np.maximum(state.high, place))
+    if entry[0] == FRAMES_A_GOAL:
+        return _when_complete(params, state, [_probe(patch.goal, entry)])
+    return _when_complete(params, state, [])
+
+
+def take_end(params: Params, state: State, end: SequenceEnd) -> tuple[State, Outputs]:
+    """Remember how many there are."""
+    return _when_complete(params, replace(state, end=end), [])
+
+
+def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[State, Outputs]:
+    """With all frames received: the world as they tell of it, and a model to judge by."""
+    frames, met = state.touches
+    if state.end is None or frames < state.end.frames:
+        return state, outputs
+    rest = [(goal, one) for goal, one in state.goals.items() if one[0] < FRAMES_A_GOAL]
+    outputs = [*outputs, *(_probe(goal, one) for goal, one in rest)]
+    state = replace(state, world=_world(params, state))
+    outputs.append(("/world", state.world))
+    if not met:
+        done = _done(state, f"none of the {frames} frames shows a contact")
+        return state, [*outputs, *_ended(state, done)[1]]
+    return state, [*outputs, ("/model/goal", _goal(state))]
+
+
+def _probe(goal: int, entry: tuple[int, int, SurfacePatch]) -> tuple[str, Probe]:
+    count, _, last = entry
+    told = {"outcome": last.outcome, "point": last.pose[:3], "normal": last.normal}
+    return "/probe/traced", derive(Probe, last, id=goal, touches=count, **told)
+
+
+def _world(params: Params, state: State) -> World:
+    """The room about what was touched, upright on the platform, or lowest where that is unknown."""
+    low, high = state.low - MARGIN, state.high + MARGIN
+    if not np.isfinite(low).all():
+        low, high = np.zeros(3), np.full(3, MARGIN)
+    platform = float(low[2]) if params.platform is None else params.platform
+    sides = 0.5 * np.linalg.norm(high[:2] - low[:2]), high[2] - platform
+    return World(
+        platform=platform,
+        held=params.platform is None,
+        reach=max(*map(float, sides), MARGIN),
+        centre=0.5 * (low[:2] + high[:2]),
+        fingers=1,
+        seed=0,
+    )
+
+
+def _goal(state: State) -> ModelGoal:
+    """All touches, for the one model that there is."""
+    assert state.end is not None
+    return ModelGoal(
+        number=1,
+        contours=(),
+        probes=tuple(sorted(goal for goal, one in state.goals.items() if one[1])),
+        missed=tuple(sorted(goal for goal, one in state.goals.items() if not one[1])),
+        general=True,
+        closings=0,
+        final=True,
+        touches=state.touches[0],
+        robot_time=state.end.robot_time,
+    )
+
+
+def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
+    """Judge the model, and end."""
+    assert state.pad is not None and state.world is not None
+    frames, met = state.touches
+    surface = planning.observed_surface(model, state.pad, state.world)
+    if surface is None:
+        reason = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
+        return _ended(state, _done(state, reason))
+    opened = surface.open_area
+    reason = f"all {frames} frames were used, {met} of which show a contact"
+    if surface.has_openings or opened.share > MOST_OPEN:
+        reason = f"{reason}; {describe_opening(surface)}"
+    bound = {"rms_bound_95": surface.rms_bound_95, "largest_untouched": opened.width}
+    told = {**bound, **planning.describe_open(opened)}
+    return _ended(state, _done(state, reason, _is_met(params, surface), **told))
+
+
+def _is_met(params: Params, surface: ObservedSurface) -> bool | None:
+    if params.tolerance is None:
+        return None
+    closed = not surface.has_openings and surface.open_area.share <= MOST_OPEN
+    return closed and surface.rms_bound_95 <= params.tolerance
+
+
+def _done(state: State, reason: str, met: bool | None = None, **told: Any) -> PlanDone:
+    nothing = {"rms_bound_95": None, "largest_untouched": None, "uncovered": 0.0}
+    return derive(PlanDone, _goal(state), reason=reason, tolerance_met=met, **{**nothing, **told})
+
+
+def _ended(state: State, done: PlanDone) -> tuple[State, Outputs]:
+    return state, [("/plan/done", done), Finished("all frames were used")]
+
+
+NODE = Node(
+    params=Params,
+    step="planning",
+    start=lambda params: (State(), []),
+    handler_timeout=20.0,
+    inputs={
+        "/touch/info": (SensorInfo, know_sensor),
+        "/touch/patch": (SurfacePatch, take_patch),
+        "/touch/end": (SequenceEnd, take_end),
+        "/model/shape": (ShapeModel, take_model),
+    },
+    outputs={
+        "/world": World,
+        "/probe/traced": Probe,
+        "/model/goal": ModelGoal,
+        "/plan/done": PlanDone,
+    },
+    needs=("/touch/info",),
+)

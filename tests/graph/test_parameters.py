@@ -1,0 +1,102 @@
+"""A graph whose parameters are set and whose node dies: recorded, replayed, gone on with."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+
+import pytest
+
+from palpate.launch.processes.registry import running_graphs
+from palpate.messages.types.catalogue import ParameterEvent
+from palpate.messages.types.touch import TactileImage
+from palpate.nodes.runtime.testing import recorded
+from palpate.tools.bag.contents import compare_recordings
+from palpate.tools.cli import command_line as cli
+from palpate.tools.introspection.requests import params_of, request, sample_status, set_parameter
+
+pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
+WITHIN = 60.0  # A deadline that only a broken graph misses, s
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    """A run whose filter was set, killed, and set once more."""
+    folder = tmp_path_factory.mktemp("tuned")
+    command = [sys.executable, "-m", "palpate", "run", "vase", "--tolerance", "0.1mm", "--quiet"]
+    env = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+    with (
+        ExitStack() as stack,
+        subprocess.Popen([*command, "--out", str(folder / "run")], env=env) as process,
+    ):
+        try:
+            card = wait_for(lambda: next(iter(running_graphs(folder)), None))
+            wait_for(lambda: handled(card) > 10)
+            assert set_parameter(card, "filter", "contact", "1.0e-4").endswith("5.0e-05 -> 0.0001")
+            os.kill(about(card)["pid"], signal.SIGKILL)
+            wait_for(lambda: about(card)["restarts"] == 1)
+            set_parameter(card, "filter", "order", "median")
+            record = [
+                sys.executable,
+                "-m",
+                "palpate",
+                "bag",
+                "record",
+                "-o",
+                str(folder / "o.mcap"),
+            ]
+            stack.enter_context(subprocess.Popen(record, env=env))
+            (card,) = running_graphs(folder)
+            [node] = [one for one in card.nodes if one.name == "filter"]
+            assert params_of(node) == {"order": "median", "contact": 1e-4}
+            with pytest.raises(ValueError, match=r"planner\.axis cannot be set while it runs"):
+                set_parameter(card, "planner", "axis", "true")
+            assert process.wait(WITHIN) in (0, 1)
+        finally:
+            process.kill()
+    return folder / "run"
+
+
+def wait_for(what):
+    deadline = time.monotonic() + WITHIN
+    while not (found := what()):
+        assert time.monotonic() < deadline, "nothing came of it"
+    return found
+
+
+def about(card):
+    return request(card, "status")["nodes"]["filter"]
+
+
+def handled(card):
+    found = sample_status(card, ["filter"]).get("filter")
+    return 0 if found is None else found.status.messages
+
+
+def test_it_is_recorded_where_each_was_set_but_once(tuned):
+    first, second = recorded(tuned, "/filter/parameter_events", ParameterEvent)
+    assert (first.param, first.value) == ("contact", "0.0001")
+    assert (second.param, second.value) == ("order", '"median"')
+    images = len(recorded(tuned, "/touch/image", TactileImage))
+    assert 10 <= first.after <= second.after < images
+
+
+def test_a_replay_publishes_the_same_as_it_sets_the_same(tuned, capsys):
+    assert cli.run(["replay", str(tuned)]) == 0
+    assert "2 on /filter/parameter_events" in capsys.readouterr().out
+
+
+def test_who_records_it_from_outside_has_it_from_the_first_message_on(tuned):
+    outside = tuned.parent / "o.mcap"
+    assert all(one.identical for one in compare_recordings(tuned, outside).topics.values())
+    assert cli.run(["replay", str(outside)]) == 0
+
+
+@pytest.mark.parametrize("place", ["contour=1", "end"])
+def test_who_goes_on_from_anywhere_comes_to_the_same_solid(place, tuned, tmp_path):
+    again = tmp_path / "again"
+    assert cli.run(["replay", str(tuned), "--from", place, "--quiet", "--out", str(again)]) == 0
+    assert (again / "mesh.stl").read_bytes() == (tuned / "mesh.stl").read_bytes()
+    assert all(one.identical for one in compare_recordings(tuned, again).topics.values())

@@ -1,0 +1,119 @@
+"""The topics of a recording as numpy structured arrays, and as pandas frames, for notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.launch.files import InputError, hint
+from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording, FieldSurvey
+from palpate.tools.bag.decoding import open_decoded, units_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def open_recording(path: str | Path) -> RecordedTables:
+    """A recording as tables: ``open_recording("runs/latest")["/touch/patch"]["k1"]``.
+
+    `path`: a ``topics.mcap``, or the folder of a run. Types of one's own need not be importable.
+    Raises InputError if there is no such recording, or it is damaged.
+    """
+    return RecordedTables(open_decoded(Path(path)))
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTables(Mapping[str, NDArray[np.void]]):
+    """The topics of a recording by name; each is read when it is first asked for.
+
+    A table has a row for each message: ``seq``, ``sent_s`` since the first message of the
+    recording, and the message's fields in the units of `units`. Arrays that have one shape in all
+    messages are subarrays; others, lists and tables are objects. Numbers that may be missing are
+    NaN where they are.
+    """
+
+    source: DecodedRecording
+    _read: dict[str, NDArray[np.void]] = field(default_factory=dict, repr=False)
+
+    def __getitem__(self, topic: str) -> NDArray[np.void]:
+        if topic not in self.source.topics:
+            raise InputError(
+                f"{self.source.recording.path}: has no topic {topic!r}; "
+                f"{hint(topic, self.source.topics)}"
+            )
+        if topic not in self._read:
+            self._read[topic] = _table(list(self.source.published([topic])), self.source.first_ns)
+        return self._read[topic]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.source.topics)
+
+    def __len__(self) -> int:
+        return len(self.source.topics)
+
+    def __contains__(self, topic: object) -> bool:
+        return topic in self.source.topics
+
+    def __repr__(self) -> str:
+        counts = self.source.recording.counts
+        told = ", ".join(f"{topic} {counts[topic]}" for topic in self)
+        return f"<recording {self.source.recording.path}: {told}>"
+
+    def units(self, topic: str) -> dict[str, str]:
+        """Units of a topic's fields, by name; those without one are left out."""
+        cls = self.source.recording.type_of(topic)
+        return {"sent_s": "s", **units_of(cls)}
+
+    def frame(self, topic: str) -> pd.DataFrame:
+        """A topic as a pandas frame; elements of arrays of one shape are columns, ``pose.0``.
+
+        Raises InputError if pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("frames need pandas: pip install pandas") from None
+        columns: dict[str, Any] = {}
+        table = self[topic]
+        for name in table.dtype.names or ():
+            values = table[name]
+            if values.ndim == 1:
+                columns[name] = values
+            for place in np.ndindex(values.shape[1:] if values.ndim > 1 else (0,)):
+                columns[".".join([name, *map(str, place)])] = values[(slice(None), *place)]
+        return pd.DataFrame(columns)
+
+
+def _table(messages: list[DecodedMessage], first_ns: int) -> NDArray[np.void]:
+    survey = FieldSurvey(type(messages[0].message))
+    for one in messages:
+        survey.add(one.message)
+    columns = {
+        "seq": np.array([one.seq for one in messages], np.int64),
+        "sent_s": 1e-9 * np.array([one.sent_ns - first_ns for one in messages], np.float64),
+    }
+    for name in survey.fields():
+        columns[name] = _column([getattr(one.message, name) for one in messages], survey, name)
+    kinds = [(name, column.dtype, column.shape[1:]) for name, column in columns.items()]
+    table = np.zeros(len(messages), kinds)
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def _column(values: list[Any], survey: FieldSurvey, name: str) -> NDArray[Any]:
+    """One field of all messages, (n, ...)."""
+    if isinstance(values[0], np.ndarray) and survey.shapes[name] is not None:
+        return np.stack(values)
+    if all(isinstance(value, bool | int | float | str) for value in values):
+        return np.array(values)
+    if all(value is None or isinstance(value, bool | int | float) for value in values):
+        return np.array([np.nan if value is None else value for value in values], np.float64)
+    column = np.empty(len(values), object)
+    column[:] = values
+    return column
