@@ -16,11 +16,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats, finite_array
+from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.geometry import signed_volume
 from palpate.core.splines import spline_volumes
 from palpate.core.splines.bases import CUBIC, clamped_basis
 from palpate.core.splines.inversion import invert_points
 
+LEAST_STRETCH = 1e-9  # Of the largest: what is squeezed more counts as squeezed by that much
 SIDE = 4  # Control points across a layer, each way: the fewest that a cubic basis takes
 LEAST_CHANGE = 0.005  # Of its volume: the least to which a part of the box may shrink
 ACROSS, ALONG = 5, 257  # Places at which that is looked at, across the box each way and along it
@@ -86,7 +88,8 @@ class Lattice:
     def jacobian(self, points: Floats) -> Floats:
         """Derivative of `deform` at points (n, 3): (n, 3, 3), a column for each of x, y, z.
 
-        Directions that an undeformed lattice, squeezed flat itself, does not span count as held.
+        Where an undeformed lattice without parallelepiped is itself squeezed flat, directions that
+        it does not span count as held.
         """
         return self.deform_with_jacobian(points)[1]
 
@@ -107,8 +110,8 @@ class Lattice:
     def relative(self) -> spline_volumes.SplineVolume:
         """The deformed volume in such units that its slopes' determinant is the change of volume.
 
-        Against the mean of an undeformed lattice that is no parallelepiped; against 1 if it is
-        flat.
+        Against the mean of the undeformed lattice where that is no parallelepiped; against 1 where
+        it is squeezed flat.
         """
         if isinstance(self.undeformed, spline_volumes.Parallelepiped):
             local = self.undeformed.local(self.control)
@@ -128,6 +131,33 @@ class Lattice:
         """
         return spline_volumes.slope_determinant(self.relative, s, t, u)
 
+    def deform_normals(self, points: Floats, normals: Floats) -> Floats:
+        """Unit normals (n, 3) of a deformed surface, from normals (n, 3) at points (n, 3).
+
+        Outwards stays outwards. They are finite where the lattice is squeezed flat, too. Raises
+        ValueError if points lie outside, or a normal has no direction.
+        """
+        normals = finite_array("normals", normals, (len(points), 3))
+        if not np.abs(normals).max(axis=1, initial=0.0).all():
+            raise ValueError("normals must have a direction, got zero")
+        return deformed_normals(self.jacobian(points), normals)
+
+    def deform_mesh(self, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+        """Vertices (n, 3) and triangles (m, 3) of a deformed surface.
+
+        The triangles are turned round if the lattice mirrors, so that a closed surface keeps its
+        outside. Raises ValueError if vertices lie outside, or a triangle has not three of them.
+        """
+        vertices, faces = finite_array("vertices", vertices, (None, 3)), np.asarray(faces)
+        if faces.shape[1:] != (3,):
+            raise ValueError(f"faces must have shape (any, 3), got {faces.shape}")
+        unknown = faces[(faces < 0) | (faces >= len(vertices))]
+        if len(unknown):
+            raise ValueError(f"faces must name the {len(vertices)} vertices, got {unknown[0]}")
+        moved = self.deform(vertices)
+        mirrored = _handedness(vertices, faces) * _handedness(moved, faces) < 0.0
+        return moved, faces[:, ::-1] if mirrored else faces
+
 
 def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
     if beyond.any():
@@ -137,6 +167,40 @@ def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
             f"points must lie in the lattice, got {np.count_nonzero(beyond)} of {len(points)} "
             f"outside, the worst ({x:g}, {y:g}, {z:g}) m by {beyond[worst]:g} {unit}"
         )
+
+
+def deformed_normals(slopes: Floats, normals: Floats) -> Floats:
+    """Unit normals (n, 3) after a deformation with derivatives (n, 3, 3).
+
+    A normal follows the cofactors of the derivative, which need no inverse, with the sign of the
+    determinant, so that what pointed outwards still does after a reflection. Where the derivative
+    squeezes it to nothing, the limit of squeezing a little less is given.
+    """
+    size = np.abs(slopes).max(axis=(1, 2), keepdims=True)
+    slopes = slopes / np.where(size > 0.0, size, 1.0)
+    x, y, z = slopes.transpose(2, 0, 1)
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=2)
+    volume = np.einsum("ni,ni->n", cofactors[:, :, 0], x)
+    turned = np.where(volume < 0.0, -1.0, 1.0)[:, None] * (cofactors @ normals[:, :, None])[:, :, 0]
+    length = np.linalg.norm(turned, axis=1)
+    lost = ~(length > LEAST_STRETCH * np.linalg.norm(normals, axis=1))
+    if lost.any():
+        left, stretch, right = np.linalg.svd(slopes[lost])
+        least = np.maximum(LEAST_STRETCH * stretch[:, :1], np.finfo(float).tiny)
+        along = (right @ normals[lost][:, :, None])[:, :, 0] * (least / np.maximum(stretch, least))
+        squeezed = (left @ along[:, :, None])[:, :, 0]
+        turned[lost] = squeezed / np.abs(squeezed).max(axis=1, keepdims=True)
+        length[lost] = np.linalg.norm(turned[lost], axis=1)
+    return np.asarray(turned / length[:, None])
+
+
+def _handedness(vertices: Floats, faces: Ints) -> float:
+    """1, or -1 where faces enclose their volume clockwise; 0 where they enclose none."""
+    if not len(faces):
+        return 0.0
+    size = float(np.ptp(vertices, axis=0).max())
+    near = (vertices - vertices.mean(axis=0)) / (size if size > 0.0 else 1.0)
+    return float(np.sign(signed_volume(near[faces])))
 
 
 def box_lattice(
@@ -165,7 +229,8 @@ class LatticeLayer(NamedTuple):
 def layered_lattice(box: Floats, layers: Sequence[LatticeLayer]) -> Lattice:
     """A control lattice over a box, each layer scaled, turned, then shifted.
 
-    `box` (2, 3): smallest and largest coordinates, m. `layers`: upwards, at least 4.
+    `box` (2, 3): smallest and largest coordinates, m. `layers`: from the bottom to the top; at
+    least 4.
     """
     lattice = box_lattice(box[0], box[1] - box[0], (SIDE, SIDE, len(layers)))
     control = lattice.control.copy()

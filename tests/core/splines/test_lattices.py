@@ -7,11 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.core.shapes.protocol import Mesh
 from palpate.core.splines.bases import clamped_basis
 from palpate.core.splines.lattices import (
     Lattice,
     LatticeLayer,
     box_lattice,
+    deformed_normals,
     folded_share,
     layered_lattice,
     pull_points,
@@ -208,6 +210,53 @@ def test_a_deformed_lattice_over_another_one_takes_its_parameters():
     assert np.allclose(lattice.deform(points), bent().volume.at(at), rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("make", [bent, skewed, wedge])
+def test_normals_are_those_of_the_deformed_surface(make):
+    lattice, step = make(), 1e-6
+    at = np.random.default_rng(6).uniform(0.1, 0.9, (30, 3))
+    before = lattice.undeformed
+    points = before.points(at) if isinstance(before, Parallelepiped) else before.at(at)
+    normals = np.random.default_rng(7).normal(size=(30, 3))
+    first = np.cross(normals, [1.0, 2.0, 3.0])
+    second = np.cross(normals, first)
+    one, other = (
+        lattice.deform(points + step * way) - lattice.deform(points - step * way)
+        for way in (first, second)
+    )
+    wanted = np.cross(one, other)
+    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
+    found = lattice.deform_normals(points, normals)
+    assert np.allclose(found, wanted, rtol=0, atol=1e-4)
+
+
+def test_normals_are_finite_where_the_lattice_is_flat():
+    control = undeformed().control * [1.0, 1.0, 0.0]
+    found = undeformed().with_control(control).deform_normals(places(9), np.eye(3)[[0, 1, 2] * 3])
+    assert np.allclose(np.linalg.norm(found, axis=1), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("normals", "words"),
+    [
+        (np.zeros((1, 3)), "normals must have a direction, got zero"),
+        (np.zeros((2, 3)), r"normals must have shape \(1, 3\)"),
+        (np.full((1, 3), math.inf), "normals must be finite"),
+    ],
+)
+def test_normals_that_are_none_are_refused(normals, words):
+    with pytest.raises(ValueError, match=words):
+        bent().deform_normals(places(1), normals)
+
+
+def test_a_deformed_mesh_keeps_its_outside(ball, is_closed, signed_volume):
+    box = np.array([[-0.03, -0.03, -0.03], [0.03, 0.03, 0.03]])
+    plain, mesh = box_lattice(box[0], box[1] - box[0], (4, 4, 4)), ball.mesh(3)
+    for control in (plain.control * [2, 1, 1], plain.control * [-2, 1, 1]):
+        found = Mesh(*plain.with_control(control).deform_mesh(*mesh))
+        assert is_closed(found)
+        assert signed_volume(found) == pytest.approx(2 * signed_volume(mesh))
+
+
 def test_moved_control_points_must_be_as_many_as_before():
     with pytest.raises(ValueError, match=r"control must have shape \(6, 4, 5, 3\)"):
         undeformed().with_control(np.zeros((4, 4, 4, 3)))
@@ -228,6 +277,58 @@ def test_a_box_that_is_none_is_refused():
         box_lattice(LOW, np.array([1.0, 0.0, 1.0]), COUNTS)
     with pytest.raises(ValueError, match="count must be larger than the degree 3, got 3"):
         box_lattice(LOW, EXTENT, (6, 3, 5))
+
+
+SURFACE_RNG = np.random.default_rng(2)
+
+
+def test_normals_stay_at_right_angles_to_the_surface_and_outside():
+    slopes = SURFACE_RNG.normal(size=(100, 3, 3))
+    normals = SURFACE_RNG.normal(size=(100, 3))
+    found = deformed_normals(slopes, normals)
+    tangents = np.cross(normals, SURFACE_RNG.normal(size=(100, 3)))
+    moved = (slopes @ tangents[:, :, None])[:, :, 0]
+    assert np.allclose(np.einsum("ni,ni->n", found, moved), 0.0, rtol=0, atol=1e-12)
+    assert np.allclose(np.linalg.norm(found, axis=1), 1.0, rtol=0, atol=1e-14)
+    outwards = np.einsum("ni,nij,nj->n", found, slopes, normals)
+    assert (outwards > 0.0).all()  # also where the derivative mirrors
+
+
+def test_normals_are_the_same_in_any_unit():
+    slopes, normals = SURFACE_RNG.normal(size=(20, 3, 3)), SURFACE_RNG.normal(size=(20, 3))
+    plain = deformed_normals(slopes, normals)
+    for scale in (1e-150, 1e100):
+        assert np.allclose(deformed_normals(scale * slopes, normals), plain, rtol=0, atol=1e-13)
+
+
+def test_normals_are_unit_where_everything_is_squeezed_onto_a_plane_a_line_or_a_point():
+    flat, line, point = np.diag([1.0, 1.0, 0.0]), np.diag([1.0, 0.0, 0.0]), np.zeros((3, 3))
+    for squeezed in (flat, line, point):
+        normals = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
+        found = deformed_normals(np.broadcast_to(squeezed, (3, 3, 3)), normals)
+        assert np.allclose(np.linalg.norm(found, axis=1), 1.0, rtol=0, atol=1e-14)
+    found = deformed_normals(flat[None], np.array([[0.6, 0.0, 0.8]]))
+    assert np.allclose(found, [[0.0, 0.0, 1.0]], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("scale", [1e-110, 1e-60, 1.0, 1e110])
+def test_a_mirrored_mesh_is_turned_round_in_any_unit(scale):
+    vertices = scale * np.vstack([np.zeros(3), np.eye(3)])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
+    plain = box_lattice(np.zeros(3), np.full(3, scale), (4, 4, 4))
+    mirrored = plain.with_control(plain.control * [1, 1, -1])
+    assert np.array_equal(plain.deform_mesh(vertices, faces)[1], faces)
+    assert np.array_equal(mirrored.deform_mesh(vertices, faces)[1], faces[:, ::-1])
+    assert mirrored.deform_mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))[1].shape == (0, 3)
+
+
+def test_triangles_of_vertices_that_are_not_there_are_refused():
+    plain = box_lattice(np.zeros(3), np.ones(3), (4, 4, 4))
+    for number in (3, -1):
+        with pytest.raises(ValueError, match=f"faces must name the 3 vertices, got {number}"):
+            plain.deform_mesh(np.eye(3), np.array([[0, 1, number]], np.int32))
+    with pytest.raises(ValueError, match=r"faces must have shape \(any, 3\), got \(1, 4\)"):
+        plain.deform_mesh(np.eye(3), np.array([[0, 1, 2, 0]], np.int32))
 
 
 BOX = np.array([[-0.03, -0.02, -0.05], [0.03, 0.02, 0.07]])
