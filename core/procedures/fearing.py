@@ -27,10 +27,7 @@ from palpate.core.procedures.protocol import square_on, touch, touch_from_above,
 FINGERS = 3
 ROUNDS = 4  # Closings of three fingers at most
 DOWN = (18.0e-3, 32.0e-3, 12.0e-3, 25.0e-3)  # Below what was touched from above, m, by closing
-LOW, LEAST_HEIGHT = (
-    0.75,
-    9.0e-3,
-)  # Of the height: where a cone is touched again; and over the platform
+LOW, LEAST_HEIGHT = 0.75, 9.0e-3  # Of the height: where a cone is touched again; over the platform
 TURN = math.radians(25.0)  # Of the fingers, from one closing to the next
 LEAST_ROOM = 3.0e-3  # From an apex to the plane of an end, m
 LEAST_ERROR = 1e-9  # m and rad

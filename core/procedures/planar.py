@@ -114,9 +114,8 @@ class PolyhedronSurvey:
     curved: list[Contact] = field(default_factory=list)  # Smooth and no plane
     met: list[Floats] = field(default_factory=list)  # All touched points, by touch
     refuted: list[Floats] = field(default_factory=list)  # Places where a face should be, and is not
-    gaps: list[tuple[Floats, float]] = field(
-        default_factory=list
-    )  # Of edges' middles to a touch, m
+    # Of edges' middles to a touch, m.
+    gaps: list[tuple[Floats, float]] = field(default_factory=list)
 
     @property
     def near(self) -> float:
@@ -308,22 +307,21 @@ def _doubts(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
 
 def _edges(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
     """The middles of edges, the platform's aside: there shows what rounds an edge or cuts it."""
-    found = []
     faces = [set(one) for one in corners.faces]
-    for one, other in combinations(range(1, len(faces)), 2):
-        ends = sorted(faces[one] & faces[other])
+    places: list[tuple[Floats, tuple[int, ...]]] = []  # And the faces that meet there
+    for pair in combinations(range(1, len(faces)), 2):
+        ends = sorted(faces[pair[0]] & faces[pair[1]])
         if len(ends) == 2:
-            out = survey.planes[one].normal + survey.planes[other].normal
-            middle = corners.places[ends].mean(axis=0)
-            away = out / np.linalg.norm(out)
-            found.append(Doubt(middle, away, STANDOFF, 2.0 * STANDOFF, edge=True))
+            places.append((corners.places[ends].mean(axis=0), pair))
     for number, place in enumerate(corners.places):
-        meeting = [k for k, face in enumerate(faces) if number in face]
+        meeting = tuple(k for k, face in enumerate(faces) if number in face)
         if meeting and meeting[0] > 0:
-            out = np.sum([survey.planes[k].normal for k in meeting], axis=0)
-            away = out / np.linalg.norm(out)
-            found.append(Doubt(place, away, STANDOFF, 2.0 * STANDOFF, edge=True))
-    return found
+            places.append((place, meeting))
+    outward = [np.sum([survey.planes[k].normal for k in meeting], axis=0) for _, meeting in places]
+    return [
+        Doubt(place, out / np.linalg.norm(out), STANDOFF, 2.0 * STANDOFF, edge=True)
+        for (place, _), out in zip(places, outward, strict=True)
+    ]
 
 
 def _inside(ring: Floats, normal: Floats) -> Floats:

@@ -108,9 +108,7 @@ class Crossings(NamedTuple):
 
 
 def _crossings(solid: Manifold) -> Crossings:
-    again = as_manifold(
-        *arrays_of(solid)
-    )  # after a boolean, rays number faces otherwise than arrays
+    again = as_manifold(*arrays_of(solid))  # After a boolean, rays number faces otherwise
     solid = solid if again is None else again
     vertices, faces = arrays_of(solid)
     _, same = np.unique(vertices, axis=0, return_inverse=True)  # fans that touch in a corner

@@ -223,9 +223,7 @@ class ContourStack(NamedTuple):
 
     points: Floats  # (m, n, 2), each point once; from -1 to 1
     heights: Floats  # (m,), from -1 to 1, not falling
-    box: (
-        splines.Parallelepiped
-    )  # The box around the contours, m, which the cube from -1 to 1 stands for
+    box: splines.Parallelepiped  # Around the contours, m: the cube from -1 to 1 stands for it
     order: Ints  # (m,): which of the given contours each is
 
 

@@ -202,11 +202,9 @@ class State:
     swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=lambda: MappingProxyType({}))
     # Places that the pad spanned in a goal's touches, between what it touched.
     spanned: Mapping[int, tuple[Floats, ...]] = field(default_factory=lambda: MappingProxyType({}))
-    # By number.
+    # Both by number.
     contours: Mapping[int, types.Contour] = field(default_factory=lambda: MappingProxyType({}))
-    probes: Mapping[int, types.Probe] = field(
-        default_factory=lambda: MappingProxyType({})
-    )  # By number
+    probes: Mapping[int, types.Probe] = field(default_factory=lambda: MappingProxyType({}))
     asked: tuple[Goal, ...] = ()  # Models still to be fitted, in order
     history: tuple[Goal, ...] = ()  # Those that were fitted, in order
     # What was fitted last, by number, lest it is fitted twice: no model differs for it.

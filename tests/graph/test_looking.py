@@ -5,7 +5,6 @@ import sys
 import time
 from contextlib import contextmanager, suppress
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
@@ -26,7 +25,7 @@ from palpate.tools.introspection.topics import (
 )
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
-SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
+SCRIPT = "tests.graph.toys.run_for_ever"
 WITHIN = 30.0  # A deadline that only a broken graph or tool misses, s
 # Messages that no queue on the way to a tool can hold: 64 at the node, 1000 at the tool, each twice
 # as libzmq counts them, and the kernel's.
@@ -39,7 +38,7 @@ WORK = 2e-4
 def launched(folder):
     """A ring of two nodes and a sink that runs for ever, up and turning."""
     with subprocess.Popen(
-        [sys.executable, str(SCRIPT), str(folder), str(WORK)],
+        [sys.executable, "-m", SCRIPT, str(folder), str(WORK)],
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,

@@ -238,19 +238,11 @@ def neighbour_deviation(beside: Floats, ahead: Floats) -> NeighbourDeviation:
     in_frame = np.einsum("nij,nkj->ink", frame, beside)
     one, two = np.array(PAIRS).T
     share = ahead[:, one] / (ahead[:, one] - ahead[:, two])
-    off = [-_middle_of_five(own[:, one] + share * (own[:, two] - own[:, one])) for own in in_frame]
+    lines = (own[:, one] + share * (own[:, two] - own[:, one]) for own in in_frame)
+    off = [-np.sort(five, axis=1)[:, 2] for five in lines]  # Their medians
     cubic = np.einsum("nk,nkd->nd", _lagrange_weights(ahead[:, CUBIC]), beside[:, CUBIC])
     bend = -np.einsum("nij,nj->ni", frame, cubic)
     return NeighbourDeviation(np.stack(off, axis=1), bend, frame, point)
-
-
-def _middle_of_five(values: Floats) -> Floats:
-    """Medians (N,) of rows (N, 5): no less than three of the five, and no more than three."""
-    a, b, c, d, e = values.T
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    low, high = np.maximum(low, np.minimum(c, d)), np.minimum(high, np.maximum(c, d))
-    # Of four values the two in the middle are left; the fifth is between them, or not.
-    return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e)))
 
 
 def _over(off: Floats, allowed: Floats) -> Floats:

@@ -39,10 +39,8 @@ Family = Callable[[Floats, Floats, float], Profile]
 FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "superellipse": superellipse}
 # Those for contours so close together that they show how a leaning wall is rounded.
 DENSE: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
-LEVEL: tuple[ProfileKind, ProfileKind] = (
-    "flat",
-    "flared",
-)  # Families that end level, as a wall does that an arc rounds off
+# Families that end level, as a wall does that an arc rounds off.
+LEVEL: tuple[ProfileKind, ProfileKind] = "flat", "flared"
 # By how much better either must be than a sharp edge where that tells the last row; else an arc
 # than a superellipse, which looks like one, and how well it must then follow the rows, as a share
 # of the radius.
