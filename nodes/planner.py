@@ -86,10 +86,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
-    """Remember how wide the finger is, and what it can tell.
-
-    Raises ValueError if the tolerance is below that.
-    """
+    """Remember the finger's width and what it tells; ValueError if the tolerance is below that."""
     resolution = resolution_of_info(info)
     if params.tolerance < resolution:
         raise ValueError(

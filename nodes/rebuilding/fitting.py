@@ -168,10 +168,7 @@ def rebuild_set(
     method: Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
 ) -> Solid:
-    """The solid of a set.
-
-    Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
-    """
+    """The solid of a set; ValueError unless traced in one frame, or as `reconstruct` does."""
     frame = common_frame(contours)
     points = [each for of_goal in touched.values() for each in of_goal]
     return reconstruct(
@@ -200,7 +197,7 @@ class State:
     swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=dict)
     # Places that the pad spanned in a goal's touches, between what it touched.
     spanned: Mapping[int, tuple[Floats, ...]] = field(default_factory=dict)
-    # By number.
+    # Both by number.
     contours: Mapping[int, types.Contour] = field(default_factory=dict)
     probes: Mapping[int, types.Probe] = field(default_factory=dict)
     asked: tuple[Goal, ...] = ()  # Models still to be fitted, in order
@@ -269,10 +266,7 @@ def touched_since(state: State, before: Goal, goal: Goal) -> list[ContactPoints]
 
 
 def common_frame(contours: Sequence[types.Contour]) -> Floats:
-    """Pose (7,) of the frame in which all contours were traced.
-
-    Raises ValueError if they were not all traced in the same.
-    """
+    """Pose (7,) of the frame in which all contours were traced; ValueError if they differ."""
     first = contours[0]
     for other in contours[1:]:
         if not np.array_equal(other.frame, first.frame):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from palpate.tools.introspection.requests import running_nodes, set_parameter
     from palpate.tools.introspection.topics import STATUS_TOPICS, RateMonitor, TapSubscription
     from palpate.tools.introspection.topics import Topic, bandwidth_text, delay_text, find_topic
-    from palpate.tools.introspection.topics import find_topics, rate_text, topics_of, type_of
+    from palpate.tools.introspection.topics import find_topics, rate_text, taps_of, topics_of
+    from palpate.tools.introspection.topics import type_of
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -207,12 +207,8 @@ def _cells(value: Any, style: TextStyle) -> list[Any]:
 
 def field_lines(cls: type) -> list[str]:
     """One line for each field: name, what it holds, unit."""
-    return text_table(field_rows(cls))
-
-
-def field_rows(cls: type) -> list[tuple[str, str, str]]:
-    """Name, what it holds, and unit of each field."""
-    return [(name, *_described(rule)) for name, rule in schema(cls)["properties"].items()]
+    fields = schema(cls)["properties"].items()
+    return text_table([(name, "  ".join(filter(None, _described(rule)))) for name, rule in fields])
 
 
 def _described(rule: dict[str, Any]) -> tuple[str, str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime import Watcher
+from tests.studies.toy_node import ToyParams, toy
 
 
 class Telling(Watcher):
