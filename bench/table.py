@@ -6,7 +6,6 @@ Beside its text a line has its figures as numbers, by which a later run is compa
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -132,28 +131,8 @@ def at_most(
     return row._replace(holds=value <= most)
 
 
-def at_least(
-    name: str, value: float, least: float, form: str = ".2f", unit: str = "", **more: Any
-) -> Row:
-    """A figure that may not be smaller than this; `form` is the value's."""
-    row = figure(name, value, form, unit, f">= {_bound(least, form)}{unit}", **more)
-    return row._replace(holds=value >= least)
-
-
 def _bound(value: float, form: str) -> str:
     return f"{100.0 * value:g}%" if form.endswith("%") else f"{value:g}"
-
-
-def best_seconds(
-    call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.perf_counter
-) -> float:
-    """The least time of some rounds: what a busy computer adds is not the call's."""
-    times = []
-    for _ in range(rounds):
-        began = clock()
-        call()
-        times.append(clock() - began)
-    return min(times)
 
 
 def in_turns(calls: Mapping[Key, Callable[[], Found]], turns: int) -> dict[Key, list[Found]]:

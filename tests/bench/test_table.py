@@ -11,9 +11,7 @@ from palpate.bench.table import (
     Figure,
     Measured,
     Row,
-    at_least,
     at_most,
-    best_seconds,
     figure,
     figure_of,
     in_turns,
@@ -22,6 +20,7 @@ from palpate.bench.table import (
     run_groups,
 )
 from palpate.launch.files import InputError
+from tests.studies.rows import at_least, best_seconds
 
 told: list[bool] = []
 

@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 import zmq
 
-from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch import hosts
 from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts import PORTS, free_endpoints, key_file, own_address, read_host
 from palpate.launch.launcher import launch
 from palpate.messages.bus.control import ControlClient
 from palpate.messages.bus.sockets import SocketContext, bind, make_key, read_key
+from tests.graph.toy_node import ToyParams, toy
 
 pytestmark = [
     pytest.mark.graph,

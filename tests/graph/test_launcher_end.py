@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes import supervisor
 from palpate.messages.types.touch import TactileFrame
 from palpate.nodes.runtime.node import Input, Wiring
+from tests.graph.toy_node import ToyParams, toy
 
 pytestmark = pytest.mark.graph
 

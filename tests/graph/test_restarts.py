@@ -11,11 +11,11 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.messages.recording.reader import open_recording, parts_of
 from palpate.nodes import recorder
 from palpate.nodes.runtime.node import Input, Wiring, with_description
+from tests.graph.toy_node import ToyParams, toy
 from tests.studies.stalling_node import StallingParams, subscriber
 
 pytestmark = pytest.mark.graph

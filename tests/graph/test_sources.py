@@ -6,7 +6,6 @@ import time
 
 import pytest
 
-from palpate.bench.toy_node import ToyParams, frame, toy
 from palpate.launch.files.source_map import InputError
 from palpate.launch.launcher import launch
 from palpate.launch.processes.registry import running_graphs
@@ -17,6 +16,7 @@ from palpate.nodes import console, player
 from palpate.nodes.runtime.node import Wiring
 from palpate.tools.introspection.requests import control_player, publish, request
 from tests.graph.test_restarts import Harm
+from tests.graph.toy_node import ToyParams, frame, toy
 
 pytestmark = pytest.mark.graph
 

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.bench.loop import InProcessLoop, touching_nodes
-from palpate.bench.table import Figure, Kind, best_seconds, figure_of, in_turns
-from palpate.bench.toy_node import token_ring
+from palpate.bench.table import Figure, Kind, figure_of, in_turns
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.contours import ContactPoints
@@ -26,9 +25,11 @@ from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
 from palpate.nodes import simulator, specs
 from palpate.tools import single_threaded
+from tests.graph.toy_node import token_ring
 from tests.studies.effects import touch_goals
 from tests.studies.hops import ring_times
 from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject, truth_of
+from tests.studies.rows import best_seconds
 
 SIZES: Mapping[str, tuple[int, ...]] = {
     "contours": (4, 6, 9, 14, 22, 36, 60),

@@ -19,9 +19,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.bench.table import Row, at_least, at_most, best_seconds, figure
+from palpate.bench.table import Row, at_most, figure
 from palpate.core.explore import planners as rules
 from tests.studies.drawn import drawn_objects
+from tests.studies.rows import at_least, best_seconds
 
 DEMAND = 0.0025  # Root mean square error of the side, over the height
 # None is below what the noise alone makes of the error.

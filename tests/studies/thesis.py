@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.bench.table import MOST_SECONDS, Figure, best_seconds, figure_of
+from palpate.bench.table import MOST_SECONDS, Figure, figure_of
 from palpate.core import Floats, thesis, transform_points
 from palpate.core.explore.planners import EXTENT, PlannerTrial, Thesis, run_planner
 from palpate.core.geometry import nearest_points, prepare_surface, solidity
@@ -42,6 +42,7 @@ from tests.studies.rebuilt import (
     loft_rings,
     truth_of_mesh,
 )
+from tests.studies.rows import best_seconds
 
 EXAMPLE_NOISE = 0.005  # Of the object's height, along x and y
 EXAMPLE_HEIGHT = 2.0  # Of both examples; all figures are over it, so its unit does not matter

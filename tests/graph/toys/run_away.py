@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
-from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime import Watcher
+
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+from tests.graph.toy_node import ToyParams, toy
 
 
 class Telling(Watcher):

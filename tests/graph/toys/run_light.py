@@ -6,10 +6,13 @@ import os
 import sys
 from pathlib import Path
 
-from palpate.bench.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime import Watcher
 from palpate.nodes.runtime.node import Input, Wiring
+
+sys.path.insert(0, str(Path(__file__).parents[3]))
+
+from tests.graph.toy_node import ToyParams, toy
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from palpate.bench.toy_node import ToyParams, toy
 from palpate.nodes.runtime.composed import run_composed
 from palpate.nodes.runtime.node import Wiring
 from palpate.nodes.specs.objects import ObjectSpec
+from tests.graph.toy_node import ToyParams, toy
 
 Exploration = Callable[..., tuple[Wiring, ...]]
 

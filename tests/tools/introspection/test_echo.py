@@ -3,7 +3,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.bench.toy_node import frame
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.types.model import ShapeModel
 from palpate.messages.types.touch import TactileFrame
@@ -16,6 +15,7 @@ from palpate.tools.introspection.echo import (
     read_path,
 )
 from palpate.tools.introspection.topics import TapMessage, Topic
+from tests.graph.toy_node import frame
 
 TOPIC = Topic("/t", "TactileFrame", ("talker",), ())
 
