@@ -152,6 +152,18 @@ def names_option(flag: str, told: str) -> Callable[[Command], Command]:
     )
 
 
+def picture_option(flag: str, told: str) -> Callable[[Command], Command]:
+    """The option to draw instead, into a file or, if none is named, to standard output."""
+    path = click.Path(path_type=Path, allow_dash=True)
+    how: dict[str, Any] = {
+        "type": path,
+        "is_flag": False,
+        "flag_value": "-",
+        "metavar": "[OUT.svg]",
+    }
+    return click.option(flag, "picture", help=told, **how)
+
+
 RUN_FOLDER = out_option("Run directory; new or empty.")
 TOPICS = names_option("--topics", "Only these topics.")
 
@@ -159,6 +171,11 @@ TOPICS = names_option("--topics", "Only these topics.")
 def print_figures(figures: Any, text: str, *, as_json: bool) -> None:
     """Print figures for a program, or the text of them for a person."""
     click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text)
+
+
+def progress_printer(shown: bool, form: str = "{}") -> Callable[[str], None]:
+    """What says on standard error, if that is shown, how far something is."""
+    return lambda text: click.echo(form.format(text), err=True) if shown else None
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
