@@ -96,7 +96,11 @@ def write_picture(graph: Graph, path: Path, title: str) -> None:
     }
     if kind not in writers:
         raise InputError(f"--graph: {path}: must end in one of {', '.join(writers)}")
-    text = writers[kind](sketch_of(graph))
+    write_drawing(path, writers[kind](sketch_of(graph)))
+
+
+def write_drawing(path: Path, text: str) -> None:
+    """Write a drawing whole, ``-`` to standard output; raises InputError if it cannot be."""
     if str(path) == "-":
         sys.stdout.write(text)
     else:
@@ -125,14 +129,16 @@ def sketch_of(graph: Graph) -> Sketch:
             for local, topic in wiring.outputs.items():
                 alike.setdefault(local, []).append((wiring, topic))
         for local, topics in alike.items():
-            edges = [(wiring.name, topic, wiring.subscribers[topic]) for wiring, topic in topics]
-            told = [
-                f"{topic}: {types[topic]}, {name} to {', '.join(to) or 'nobody'}"
-                for name, topic, to in edges
-            ]
+            told, targets = [], set[int]()
+            for wiring, topic in topics:
+                to = wiring.subscribers[topic]
+                told.append(
+                    f"{topic}: {types[topic]}, {wiring.name} to {', '.join(to) or 'nobody'}"
+                )
+                targets |= {box_of[name] for name in to if name in box_of}
             wire = Wire(
                 source=source,
-                targets=tuple(sorted({box_of[n] for *_, to in edges for n in to if n in box_of})),
+                targets=tuple(sorted(targets)),
                 labels=(topics[0][1] if len(topics) == 1 else f"{local} {TIMES} {len(topics)}",),
                 title="\n".join(told),
                 latched=any(topic in latched for _, topic in topics),

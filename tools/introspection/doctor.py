@@ -58,7 +58,8 @@ def machine_findings() -> Iterator[Finding]:
     yield space_finding(runtime_folder())
     yield socket_finding(runtime_folder())
     yield cores_finding()
-    yield threads_finding()
+    told = ", ".join(f"{one} {os.environ.get(one, 'is not set')}" for one in THREAD_VARIABLES)
+    yield fine(f"linear algebra of nodes runs on one thread; elsewhere {told}")
     yield files_finding()
     yield proc_finding(Path("/proc"))
     yield stale_finding(stale_folders())
@@ -128,12 +129,6 @@ def cores_finding() -> Finding:
     if cores < 2:
         return doubtful(f"{found}: nodes take turns; --composed is faster here")
     return fine(found)
-
-
-def threads_finding() -> Finding:
-    """Whether linear algebra outside nodes keeps to one thread, as that of nodes does."""
-    told = ", ".join(f"{one} {os.environ.get(one, 'is not set')}" for one in THREAD_VARIABLES)
-    return fine(f"linear algebra of nodes runs on one thread; elsewhere {told}")
 
 
 def files_finding() -> Finding:
