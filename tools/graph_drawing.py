@@ -374,22 +374,18 @@ def layers_of(edges: Edges) -> list[list[int]]:
     depth: dict[int, int] = {}
     for box in TopologicalSorter(before).static_order():
         depth[box] = max((depth[one] + 1 for one in before[box]), default=0)
-    columns: list[list[int]] = [[] for _ in range(max(depth.values(), default=-1) + 1)]
-    for box in edges:
-        columns[depth[box]].append(box)
+    deepest = max(depth.values(), default=-1)
+    columns = [[box for box in edges if depth[box] == level] for level in range(deepest + 1)]
     place: dict[int, float] = {}
     for column in columns:
-        column.sort(
-            key=lambda box: fmean(place[one] for one in before[box]) if before[box] else 0.0
-        )
+        column.sort(key=lambda box: fmean([place[one] for one in before[box]] or [0.0]))
         place |= {box: (i + 0.5) / len(column) for i, box in enumerate(column)}
     return columns
 
 
 def back_edges(edges: Edges) -> set[tuple[int, int]]:
     """Edges to a box from which the way to their source has come; without them is no cycle."""
-    back: set[tuple[int, int]] = set()
-    seen: set[int] = set()
+    back, seen = set[tuple[int, int]](), set[int]()
     for start in edges:
         # A way is kept by hand, its boxes to what is left of their edges: a launch file may be
         # deeper than Python's own stack.

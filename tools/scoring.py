@@ -75,15 +75,15 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     elif kind == ".ply":
         points = files.read_cloud(path, taken)
     if points is not None:
-        if (count := len(points)) < MIN_POINTS:
+        count, finite = len(points), np.isfinite(points).all(axis=1)
+        if count < MIN_POINTS:
             raise files.InputError(
                 f"{path}: holds {count} points; at least {MIN_POINTS} are needed"
             )
-        if not np.isfinite(points).all():
-            bad = int(np.argmin(np.isfinite(points).all(axis=1)))
-            raise files.InputError(f"{path}: point {bad} is not finite")
+        if not finite.all():
+            raise files.InputError(f"{path}: point {np.argmin(finite)} is not finite")
         if not np.ptp(points, axis=0).any():
-            raise files.InputError(f"{path}: all {len(points)} points are in one place")
+            raise files.InputError(f"{path}: all {count} points are in one place")
         vertices, faces = points, np.zeros((0, 3), np.int32)
     elif kind == ".npz":
         vertices, faces = _read_model(path)

@@ -184,17 +184,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
     if COMPLETE_VARIABLE in os.environ:
-        sys.exit(answer_shell())
+        # What goes wrong while a shell asks is not for the line that is being typed.
+        with suppress(Exception, SystemExit):
+            palpate_group.main([], prog_name="palpate", standalone_mode=False)
+        sys.exit(DONE)
     code = run(sys.argv[1:] if arguments is None else arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
     sys.exit(code)
-
-
-def answer_shell() -> int:
-    """Answer a shell; what goes wrong while it asks is not for the line that is being typed."""
-    with suppress(Exception, SystemExit):
-        palpate_group.main([], prog_name="palpate", standalone_mode=False)
-    return DONE
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -213,9 +209,8 @@ def run(arguments: Sequence[str]) -> int:
         # With 1 it is click's own answer to a pipe that was closed while it wrote.
         if error.code == 1:
             return DONE
-        return _print_error(
-            f"something in the program called exit({error.code}); nothing is done", DIED
-        )
+        text = f"something in the program called exit({error.code}); nothing is done"
+        return _print_error(text, DIED)
     except (KeyboardInterrupt, click.Abort):
         return _print_error("interrupted", INTERRUPTED)
     except BrokenPipeError:
@@ -223,9 +218,8 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:
-        return _print_error(
-            f"{error.filename or 'the system'}: {error.strerror or error}", BAD_INPUT
-        )
+        text = f"{error.filename or 'the system'}: {error.strerror or error}"
+        return _print_error(text, BAD_INPUT)
     except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
         return _print_error(_bug_text(error), DIED)
     return code if isinstance(code, int) else DONE
@@ -294,14 +288,9 @@ class LazyGroup(NamedGroup):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """What completes the name of a command, or an option; nothing is imported."""
-        return [
-            *(
-                CompletionItem(verb, help=told)
-                for verb, (_, told) in self._verbs.items()
-                if verb.startswith(incomplete)
-            ),
-            *click.Command.shell_complete(self, ctx, incomplete),
-        ]
+        verbs = [(verb, told) for verb, (_, told) in self._verbs.items()]
+        found = [CompletionItem(verb, help=t) for verb, t in verbs if verb.startswith(incomplete)]
+        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
 def print_script(context: click.Context, _: click.Parameter, shell: str | None) -> None:
