@@ -1,9 +1,8 @@
 """What benches measured, in a file; and what moved between two such files beyond noise.
 
 A figure has moved if the ranges of its repeats do not meet. Where it was measured once, a rule
-stands for them: counts are exact, times move by 10 %, anything else by 2 %, and what is known only
-as it was printed also by half of its last digit. Times of two machines, or of one that was busy
-with something else, say nothing of palpate, and are not compared.
+stands for them: counts are exact, times move by 10 %, anything else by 2 %, and what is known as
+printed also by half of its last digit. Times of other or busy machines are not compared.
 """
 
 from __future__ import annotations

@@ -127,9 +127,20 @@ def at_most(
     name: str, value: float, most: float, form: str = ".2f", unit: str = "", **more: Any
 ) -> Row:
     """A figure that may not be larger than this; `form` is the value's."""
-    bound = f"{100.0 * most:g}%" if form.endswith("%") else f"{most:g}"
-    row = figure(name, value, form, unit, f"<= {bound}{unit}", **more)
+    row = figure(name, value, form, unit, f"<= {_bound(most, form)}{unit}", **more)
     return row._replace(holds=value <= most)
+
+
+def at_least(
+    name: str, value: float, least: float, form: str = ".2f", unit: str = "", **more: Any
+) -> Row:
+    """A figure that may not be smaller than this; `form` is the value's."""
+    row = figure(name, value, form, unit, f">= {_bound(least, form)}{unit}", **more)
+    return row._replace(holds=value >= least)
+
+
+def _bound(value: float, form: str) -> str:
+    return f"{100.0 * value:g}%" if form.endswith("%") else f"{value:g}"
 
 
 def in_turns(calls: Mapping[Key, Callable[[], Found]], turns: int) -> dict[Key, list[Found]]:

@@ -2,8 +2,7 @@
 
 These chapters serve all its rooms: array types and their checks, poses, batched least squares,
 archives of values, plug-ins and their parameters, what moves cost a robot, and steps of long work.
-Of them only the presets of `robot_time` are assumptions that may be replaced; the rest is to be
-relied on. They rest on numpy alone.
+Only the presets of `robot_time` are assumptions, to be replaced. They rest on numpy alone.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

@@ -167,10 +167,7 @@ def _moves(
 def _bounded_step(
     system: Floats, slope: Floats, held: Bools, room: tuple[Floats, Floats]
 ) -> Floats:
-    """Steps (b, p) that solve the systems as far as there is room.
-
-    A parameter that would pass its bound is put there, and the others are solved for anew.
-    """
+    """Steps (b, p) that solve the systems; what would pass its bound is put there, others anew."""
     moves, which = np.zeros_like(slope), np.arange(slope.shape[1])
     for _ in range(PASSES):
         free = ~held

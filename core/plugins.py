@@ -61,8 +61,7 @@ def ranges_of(described: type) -> Mapping[str, Range]:
 def check_ranges(value: Any) -> None:
     """Refuse a dataclass with a number outside its range; call it in ``__post_init__``.
 
-    Raises ValueError with the field, its value, the range and the unit; also if it is no number, or
-    should be a whole one.
+    Raises ValueError with field, value, range and unit; also if it is none, or no whole one.
     """
     described: type = type(value)
     for name, (allowed, members) in _declared(described).items():

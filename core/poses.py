@@ -151,10 +151,7 @@ def rotation_angle(first: Floats, second: Floats) -> float:
 
 
 def rotations_from_vectors(vectors: Floats) -> Floats:
-    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), in rad.
-
-    Rodrigues's formula by sinc, so that no turn at all is nothing special.
-    """
+    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), rad: Rodrigues's formula by sinc."""
     cross = _cross_matrices(vectors)
     angle = np.sqrt(np.einsum("bi,bi->b", vectors, vectors))[:, None, None]
     half = np.sinc(angle / (2.0 * np.pi))
@@ -163,10 +160,9 @@ def rotations_from_vectors(vectors: Floats) -> Floats:
 
 
 def right_jacobians(vectors: Floats) -> Floats:
-    """How small changes of rotation vectors turn the body, (b, 3, 3).
+    """How small changes of rotation vectors turn the body, (b, 3, 3), to first order.
 
-    With R the rotation of v and J this matrix, that of v + dv is R times that of J dv, to first
-    order.
+    With R the rotation of v and J this matrix, that of v + dv is R times that of J dv.
     """
     cross = _cross_matrices(vectors)
     square = np.einsum("bi,bi->b", vectors, vectors)[:, None, None]

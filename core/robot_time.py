@@ -64,10 +64,7 @@ def move_between(before: Floats | None, pose: Floats) -> tuple[float, float]:
 
 
 def longest_seconds(preset: RobotPreset, travel: float, turn: float, reach: float) -> float:
-    """Robot time of a touch that meets something at the end of its reach, s; lengths in m, rad.
-
-    It presses no deeper than `DEEPEST` beyond.
-    """
+    """Robot time, s, of a touch at the end of its reach and `DEEPEST` beyond; lengths in m, rad."""
     return free_seconds(preset, travel, turn) + contact_seconds(preset, reach + DEEPEST)
 
 
@@ -149,10 +146,7 @@ class SlidingPreset:
 
 
 def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
-    """Durations of moves, as this robot would make them.
-
-    With the preset of which a recording was made they add up to its robot times.
-    """
+    """Durations of moves by a robot; of the preset of a recording they sum to its robot times."""
     if isinstance(robot, SlidingPreset):
         return _slid(moves, robot)
     return MoveDurations(

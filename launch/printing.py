@@ -9,7 +9,8 @@ import textwrap
 from collections.abc import Collection, Sequence
 from typing import Literal
 
-TEXT_WIDTH = 80  # Columns of what is printed; tables may be wider, so that no cell is broken
+TEXT_WIDTH = 80  # Columns of what is printed; tables may be wider, so that no number is broken
+MAX_INDENT = 60  # Columns before the last cell of a row: beyond it a long one stands below
 TITLE_WIDTH = 11  # Columns before the parts of a block
 GAP = "  "  # Between two columns, and between two parts of a block
 
@@ -20,7 +21,8 @@ def text_table(
     """Rows of cells, the heads first, as lines in which columns are aligned.
 
     Columns whose numbers are in `right` stand to the right, as numbers do; `least` is the least
-    width of each. What a row lacks at its end is empty.
+    width of each. What a row lacks at its end is empty. A last cell of words is broken between them
+    so that lines have 80 columns.
     """
     from rich.console import Console
     from rich.table import Table
@@ -35,7 +37,21 @@ def text_table(
     console = Console(width=1_000_000, no_color=True, force_terminal=False)
     with console.capture() as printed:
         console.print(grid)
-    return [line.rstrip() for line in printed.get().splitlines()]
+    lines = [line.rstrip() for line in printed.get().splitlines()]
+    return [
+        piece for line, row in zip(lines, rows, strict=True) for piece in _folded(line, row[-1])
+    ]
+
+
+def _folded(line: str, last: str) -> list[str]:
+    """A line of a table whose last cell, if it is long, goes on below it, or stands below."""
+    begins = len(line) - len(last.rstrip())
+    if len(line) <= TEXT_WIDTH or " " not in last:
+        return [line]
+    head, indent = ("", begins) if begins <= MAX_INDENT else (line[:begins].rstrip(), 4)
+    rest = textwrap.wrap(last, TEXT_WIDTH - indent, break_long_words=False, break_on_hyphens=False)
+    lines = [f"{'':{indent}}{piece}" for piece in rest]
+    return [head, *lines] if head else [line[:begins] + rest[0], *lines[1:]]
 
 
 def titled(title: str, *parts: str, width: int = TITLE_WIDTH) -> list[str]:

@@ -25,10 +25,7 @@ class Params(specs.SensorParams, frozen=True, kw_only=True, forbid_unknown_field
 
 
 def frames_of(params: Params) -> specs.FrameSequence:
-    """The frames that will be published.
-
-    Raises ValueError with file and line, if the file cannot be used.
-    """
+    """The frames that will be published; ValueError with file and line if it cannot be used."""
     try:
         changed = Path(params.path).stat().st_mtime_ns
     except OSError:

@@ -1,7 +1,6 @@
-"""Evaluator node: measures each model against the truth. Only a simulation has one.
+"""Evaluator node: measures each model against the truth, which only a simulation has.
 
-Silent until it has received the truth; then one score for each model, and the end of the graph
-after the score of the final one.
+Silent until it has the truth; then a score for each model, and the end after the final one.
 """
 
 from __future__ import annotations

@@ -86,10 +86,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
-    """Remember how wide the finger is, and what it can tell.
-
-    Raises ValueError if the tolerance is below that.
-    """
+    """Remember the finger's width and what it tells; ValueError if the tolerance is below that."""
     resolution = resolution_of_info(info)
     if params.tolerance < resolution:
         raise ValueError(
@@ -347,7 +344,7 @@ def _touched(state: State, finger: int, task: Task, allowed: Allowance) -> tuple
     touch = task.touch
     allowed = allowed._replace(most_touches=1)
     task = task._replace(goal=state.goals, begun=state.clock, allowed=allowed)
-    goal = planning.touch_goal(state, finger, touch, allowed)
+    goal = planning.probe_goal(state, finger, touch, allowed)
     return _with_task(replace(state, again=None), finger, task), [("/probe/goal", goal)]
 
 

@@ -36,6 +36,7 @@ LIBRARIES = {
     "palpate.tools.cli": {"click", "rich"},
     "palpate.tools.bag": {"numpy", "msgspec", "rich", "mcap"},
     "palpate.tools.bag.tables": {"numpy", "pandas"},
+    "palpate.tools.ros2_bridge": {"numpy", "click", "msgspec", "rclpy", "rosidl_runtime_py"},
     "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},

@@ -208,7 +208,7 @@ def calibration_text(figures: Mapping[str, Any]) -> str:
         (
             "ball",
             f"of {1e3 * BALL_RADIUS:g} mm measured as {_mm(one['measured_radius_m'])}; "
-            f"{_mm(one['measured_radius_by_sheet_m'])} by the data sheet",
+            f"by sheet {_mm(one['measured_radius_by_sheet_m'])}",
         ),
     ]
     return "\n".join(f"{name:<13}{text}" for name, text in rows)

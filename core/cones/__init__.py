@@ -1,8 +1,8 @@
 """Cones from a few touches: R. S. Fearing's recovery of axis and apex from contact features.
 
-A touch is read as a vertex, an edge, a face or a parabolic point; measured geometry says which of
-them suffice, and which places on a cone they may have. Thresholds of each chapter may be tuned; the
-equations follow from geometry alone. It rests on core arrays.
+A touch is read as a vertex, an edge, a face or a parabolic point; tables say which of them suffice,
+and which places on a cone they may have. The tables are data, and the thresholds of each chapter
+may be tuned; the equations follow from geometry alone. It rests on core arrays.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy
@@ -14,5 +14,6 @@ if TYPE_CHECKING:
     from palpate.core.cones.solving import ConeOrientation, ConeOrigin, InsufficientFeaturesError
     from palpate.core.cones.solving import ScaledRadius, residual_sigma, scaled_radii
     from palpate.core.cones.solving import solve_orientation, solve_origin
+    from palpate.core.cones.tables import TableRow, row_of
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -2,9 +2,8 @@
 
 Fearing, *Tactile sensing for shape interpretation*, 1990, as told by Fung, 1999, section 1.4.3.1: a
 linear straight homogeneous generalised cylinder has no others. A parabolic point is as good as a
-meridian edge: the surface is straight along its meridian. The pad's springs measure points of the
-object itself, so that faces are planes through them by total least squares, and edges and vertices
-are where these planes meet.
+meridian edge: the surface is straight along it. The pad's springs measure points of the object
+itself: faces are planes through them by total least squares, edges and vertices their meets.
 """
 
 from __future__ import annotations
@@ -279,10 +278,7 @@ def _settled(
 
 
 def fit_planes(points: Floats, members: Bools, outward: Floats) -> tuple[Floats, Floats]:
-    """Outward unit normals and centres (k, 3) of planes by total least squares.
-
-    `members` (k, n): which points lie on which plane.
-    """
+    """Outward unit normals and centres (k, 3) of planes with `members` (k, n), by least squares."""
     shares = members / members.sum(axis=1, keepdims=True)
     centres = shares @ points
     centred = points - centres[:, None]

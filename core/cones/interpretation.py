@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, positive
-from palpate.core.cones import solving
+from palpate.core.cones import solving, tables
 from palpate.core.cones.features import ENDS, PLACES, Feature
 
 TOLERANCE = 3.0  # Standard deviations
@@ -28,17 +28,15 @@ BETWEEN_ENDS = "every contact lies between the planes of the ends, the top above
 RIM_NORMAL = "one of the faces beside an edge of an end is that end"
 RIM_SUPPORTS = "the body lies on one side of the plane through the apex and an edge of an end"
 CONVEX = "no contact lies outside a touched face"
+SECTION_HOLDS_AXIS = "a side face looks away from the axis and upwards"
 FITS = "the equations of these places hold within the noise"
-MERIDIAN_SLOPES = "a meridian is not parallel to an end face"
-APEX_OFF_ENDS = "the apex is not on the plane of an end face"
-BELOW_APEX = "a contact lies below the apex"
-FACES_NOT_PARALLEL = "end and side planes are not parallel"
 
 
 class Interpretation(NamedTuple):
     """One assignment of places to features, and what becomes of it."""
 
     features: tuple[Feature, ...]  # As given, with their places
+    row: tables.TableRow | None  # Of table 1.3 or 1.4; None if they do not list this combination
     orientation: solving.ConeOrientation | None  # None if these places leave the axis free
     origin: solving.ConeOrigin | None  # None if these places leave the apex free
     redundancy: int  # Equations left over
@@ -63,14 +61,16 @@ def interpretations(
     angle_noise: float = solving.ANGLE_NOISE,
     position_noise: float = solving.POSITION_NOISE,
     tolerance: float = TOLERANCE,
+    section_holds_axis: bool = False,
 ) -> tuple[Interpretation, ...]:
     """All assignments of places: first those that stand, by their residual, then those refused.
 
     `features`: 1 to 6; those that have a place keep it. `angle_noise`: standard deviation of a
     measured direction in each component across it, rad; `position_noise`: of a coordinate, m.
     `tolerance`: how many standard deviations an equation may be off, and an inequality must be
-    clear. Besides the tables' combinations those are tried in which an edge bounds a touched end.
-    Raises ValueError if there are no features, or more than 6.
+    clear. `section_holds_axis`: whether the axis is known to run through the section. Besides the
+    combinations of the tables those are tried in which an edge bounds a touched end. Raises
+    ValueError if there are no features, or more than 6.
     """
     if not 1 <= len(features) <= MOST_FEATURES:
         raise ValueError(f"features must be 1 to {MOST_FEATURES}, got {len(features)}")
@@ -83,7 +83,7 @@ def interpretations(
     found = []
     for places in itertools.product(*choices):
         placed = [replace(one, place=place) for one, place in zip(features, places, strict=True)]
-        found.append(_interpretation(placed, noise))
+        found.append(_interpretation(placed, noise, section_holds_axis))
     return tuple(sorted(found, key=lambda one: (len(one.refusals) > 0, one.residual_sigma)))
 
 
@@ -101,7 +101,7 @@ class _Noise(NamedTuple):
         return np.asarray(self.tolerance * np.sqrt(square))
 
 
-def _interpretation(placed: list[Feature], noise: _Noise) -> Interpretation:
+def _interpretation(placed: list[Feature], noise: _Noise, holds_axis: bool) -> Interpretation:
     axis = solving.fit_axis(placed, noise.angle, noise.position)
     apex = solving.fit_apex(placed, noise.angle, noise.position)
     sides = solving.ConeOrigin(apex.point, np.zeros((3, 3)), apex.squared_misfit, apex.redundancy)
@@ -116,14 +116,15 @@ def _interpretation(placed: list[Feature], noise: _Noise) -> Interpretation:
     ):
         refusals.append(CONVEX)
     axes = _axes(placed, axis)
-    verdicts = _verdicts(placed, noise, axes, axis, apex)
+    verdicts = _verdicts(placed, noise, axes, axis, apex, holds_axis)
     failed = ~np.array([*verdicts.values()])
     best = int(failed.sum(axis=0).argmin())
     refusals += [name for name, fails in zip(verdicts, failed[:, best], strict=True) if fails]
     orientation = axis.orientation and axis.orientation._replace(axis=axes[best])
+    row = tables.row_of(one.name for one in placed)
     over = axis.redundancy + apex.redundancy
     told = orientation, apex.origin, over, worst, tuple(refusals)
-    return Interpretation(tuple(placed), *told)
+    return Interpretation(tuple(placed), row, *told)
 
 
 def _axes(placed: list[Feature], fit: solving.AxisFit) -> Floats:
@@ -144,20 +145,26 @@ def _axes(placed: list[Feature], fit: solving.AxisFit) -> Floats:
 
 
 def _verdicts(
-    placed: list[Feature], noise: _Noise, axes: Floats, axis: solving.AxisFit, apex: solving.ApexFit
-) -> dict[str, Bools]:
+    placed: list[Feature], noise: _Noise, axes: Floats,
+    axis: solving.AxisFit, apex: solving.ApexFit, holds_axis: bool,
+) -> dict[str, Bools]:  # fmt: skip
     """Which constraints hold for which axes (c,)."""
     error = min(axis.error, noise.angle) if axis.orientation is None else axis.error
     clear = math.sin(min(noise.tolerance * math.hypot(error, noise.angle), 0.5 * math.pi))
     lines = _stack(one.direction for one in placed if one.place == "M")
     sides = _stack(one.normals[0] for one in placed if one.group == "F" and one.place == "S")
     apart = np.linalg.norm(np.cross(axes[:, None], sides), axis=2)
-    return {
-        MERIDIAN_SLOPES: (np.abs(axes @ lines.T) > clear).all(axis=1),
-        FACES_NOT_PARALLEL: (apart > clear).all(axis=1),
+    verdicts = {
+        tables.MERIDIAN_SLOPES: (np.abs(axes @ lines.T) > clear).all(axis=1),
+        tables.FACES_NOT_PARALLEL: (apart > clear).all(axis=1),
         **_ends_hold(placed, noise, axes, error, math.cos(math.asin(clear))),
         **_apex_holds(placed, noise, axes, apex, error),
     }
+    if holds_axis:
+        tangents = _stack(one.normals[0] for one in placed if one.group == "P" and len(one.normals))
+        outward = np.vstack([sides, tangents])
+        verdicts[SECTION_HOLDS_AXIS] = (axes @ outward.T > -clear).all(axis=1)
+    return verdicts
 
 
 def _stack(vectors: Iterable[Floats | None]) -> Floats:
@@ -204,14 +211,14 @@ def _apex_holds(
     if apex.origin is None:
         rises = np.linalg.norm(axes @ apex.free.T, axis=1) > noise.angle * noise.tolerance
         room = noise.heights(apart, noise.angle)
-        return {BELOW_APEX: rises | (heights > -room).all(axis=1)}
+        return {tables.BELOW_APEX: rises | (heights > -room).all(axis=1)}
     own = np.einsum("ci,ij,cj->c", axes, apex.origin.covariance, axes)
     room = np.hypot(noise.heights(apart, error), noise.tolerance * np.sqrt(own)[:, None])
     ends = np.array([one.place in ENDS for one in placed])
     off = (np.abs(heights) > room) | ~_decides(room, apart)
     return {
-        BELOW_APEX: (heights > -room).all(axis=1),
-        APEX_OFF_ENDS: off[:, ends].all(axis=1),
+        tables.BELOW_APEX: (heights > -room).all(axis=1),
+        tables.APEX_OFF_ENDS: off[:, ends].all(axis=1),
         RIM_SUPPORTS: np.full(len(axes), _rims_support(placed, noise, apex.origin)),
     }
 

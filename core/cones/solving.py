@@ -59,6 +59,20 @@ class ConeOrientation(NamedTuple):
         across = np.array([-s, c, 0.0])
         return np.column_stack([np.cross(across, self.axis), across, self.axis])
 
+    @property
+    def angle_covariance(self) -> Floats:
+        """Covariance (2, 2) of phi and psi, rad^2; phi's is infinite where the axis is upright."""
+        sine = math.sin(self.psi)
+        if sine == 0.0:
+            return np.diag([math.inf, float(np.trace(self.covariance)) / 2.0])
+        by_axis = self.rotation[:, [1, 0]].T / [[sine], [1.0]]
+        return np.asarray(by_axis @ self.covariance @ by_axis.T)
+
+    @property
+    def residual_sigma(self) -> float:
+        """Root mean square residual in standard deviations; 0 if nothing is left over."""
+        return residual_sigma(self)
+
 
 class ConeOrigin(NamedTuple):
     """Apex of a cone: the v of (1.5) for B = 0."""
@@ -67,6 +81,11 @@ class ConeOrigin(NamedTuple):
     covariance: Floats  # (3, 3), m^2
     squared_misfit: float  # Sum of squared residuals, each over its standard deviation
     redundancy: int  # Equations left over
+
+    @property
+    def residual_sigma(self) -> float:
+        """Root mean square residual in standard deviations; 0 if nothing is left over."""
+        return residual_sigma(self)
 
 
 def residual_sigma(*solved: ConeOrientation | ConeOrigin) -> float:
@@ -283,10 +302,7 @@ class ScaledRadius(NamedTuple):
 def scaled_radii(
     features: Sequence[Feature], orientation: ConeOrientation, origin: ConeOrigin
 ) -> tuple[ScaledRadius, ...]:
-    """What can be told of the scale factor A of (1.4): its product with the section, by meridian.
-
-    One for each meridian edge and parabolic point, in their order.
-    """
+    """The scale factor A of (1.4) times the section, by meridian: edges, parabolic points."""
     found = []
     for one in features:
         if one.place == "M":

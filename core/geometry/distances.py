@@ -82,10 +82,7 @@ def prepare_surface(
 
 
 def compare_surfaces(one: PreparedSurface, other: PreparedSurface) -> SurfaceDistances:
-    """Distances between two surfaces, from the samples of each to the other's triangles.
-
-    Both ways count alike: ``compare(a, b) == compare(b, a)``.
-    """
+    """Distances from the samples of each of two surfaces to the other; both count alike."""
     (there, there_angles), (back, back_angles) = _one_way(one, other), _one_way(other, one)
     mean_square = 0.5 * (float(np.mean(there**2)) + float(np.mean(back**2)))
     angles = 0.5 * (float(there_angles.mean()) + float(back_angles.mean()))
@@ -157,11 +154,10 @@ class _Scaled(NamedTuple):
 
 
 def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
-    """The rigid motion that brings points onto a surface.
+    """The rigid motion that brings points onto a surface; of those that fit alike the least turned.
 
     `points` (n, 3): at least 6, spread over what they were taken from, m. Raises ValueError if
-    there are too few points, all in one place, or one is not finite. Of motions that fit alike, the
-    one that turns least.
+    there are too few points, all in one place, or one is not finite.
     """
     given = finite_array("points", points, (None, 3))
     if len(given) < FEWEST:

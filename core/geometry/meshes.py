@@ -102,10 +102,7 @@ def is_closed(faces: Ints) -> bool:
 
 
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:
-    """Whether the faces, seen from the mesh's middle, look inwards more than outwards.
-
-    `vertices` (n, 3), m. `faces` (m, 3): corners, by number.
-    """
+    """Whether faces (m, 3) of vertices (n, 3), m, seen from their middle, look inwards."""
     return signed_volume((vertices - vertices.mean(axis=0))[faces]) < 0.0
 
 
@@ -120,10 +117,7 @@ def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
 
 
 def checked_faces(faces: ArrayLike, vertices: int) -> Indices:
-    """Faces (m, 3), all of whose corners are among this many vertices.
-
-    Raises ValueError if there is no face, or a face names a vertex that is not there.
-    """
+    """Faces (m, 3) of so many vertices; ValueError if there is none, or one names another."""
     rows = np.asarray(faces)
     if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows) or rows.dtype.kind not in "iu":
         raise ValueError(

@@ -123,10 +123,9 @@ def _cross(first: Floats, second: Floats) -> Floats:
 
 
 def signed_area(polygon: Floats) -> float:
-    """Area of a closed polygon (n, 2), m^2: positive where it runs counter-clockwise.
+    """Area of a closed polygon (n, 2), m^2, about a vertex: positive if counter-clockwise.
 
-    About its first vertex, so that a small polygon far from the origin keeps its digits. Raises
-    ValueError if the polygon has no vertex, or is not finite (n, 2).
+    Raises ValueError if the polygon has no vertex, or is not finite (n, 2).
     """
     polygon = closed_polygon(polygon)
     near = polygon - polygon[0]

@@ -2,9 +2,8 @@
 
 Allen's grasp by containment, planar surface explorer, surface contour follower and hole explorer,
 and Fearing's three fingers on a cone, each a generator that yields moves and is sent what they met.
-A user adds one by writing such a function and naming it ``module:function``. They rest on core
-touch, shapes, explore, rebuild and cones; standard deviations and steps on top of each chapter may
-be tuned.
+A user adds one by naming such a function as ``module:function``. They rest on core touch, shapes,
+explore, rebuild and cones; deviations and steps may be tuned.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

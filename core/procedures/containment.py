@@ -151,10 +151,7 @@ def _worst(setting: TouchSetting) -> float:
 
 
 def _findings(setting: TouchSetting, grasp: _Grasp, off: Floats) -> Findings:
-    """The superquadric through all contacts, unless they refute it.
-
-    The last of them are `off` the fit without them, m.
-    """
+    """The superquadric through all contacts, unless they refute it; the last are `off`, m."""
     points = grasp.points
     sigma, found = setting.sigma, standing_fit(setting, points)
     foretold = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0

@@ -3,8 +3,7 @@
 Finger 1 looks for the object from above; then three fingers close on its sides at once, and each
 touch is read as a vertex, an edge, a face or a parabolic point. Which of them belong to the top,
 the bottom or the sides nobody says: the interpretations that tables and geometry leave are
-compared, and more touches are made until one is left. Fung, 1999, 1.4.3.1; `palpate.core.cones` has
-the rest.
+compared, and more touches made until one is left: `palpate.core.cones`; Fung, 1999, 1.4.3.1.
 """
 
 from __future__ import annotations
@@ -28,10 +27,7 @@ from palpate.core.procedures.protocol import square_on, touch, touch_from_above,
 FINGERS = 3
 ROUNDS = 4  # Closings of three fingers at most
 DOWN = (18.0e-3, 32.0e-3, 12.0e-3, 25.0e-3)  # Below what was touched from above, m, by closing
-LOW, LEAST_HEIGHT = (
-    0.75,
-    9.0e-3,
-)  # Of the height: where a cone is touched again; and over the platform
+LOW, LEAST_HEIGHT = 0.75, 9.0e-3  # Of the height: where a cone is touched again; over the platform
 TURN = math.radians(25.0)  # Of the fingers, from one closing to the next
 LEAST_ROOM = 3.0e-3  # From an apex to the plane of an end, m
 LEAST_ERROR = 1e-9  # m and rad
@@ -56,8 +52,7 @@ class ConePoseFit(NamedTuple):
 def fearing(setting: TouchSetting) -> Exploration:
     """Close three fingers on a cone until its axis and apex are known.
 
-    Findings: a `ConePoseFit`, or ``unsuited`` with the combination that was touched and why it does
-    not suffice or fit.
+    Findings: a `ConePoseFit`, or ``unsuited``: what was touched and why it does not suffice or fit.
     """
     if setting.fingers < FINGERS:
         return Findings(status="unsuited", reason=f"it takes {FINGERS} fingers at once")

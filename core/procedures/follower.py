@@ -3,9 +3,8 @@
 Thumb and index close on the object as a pair, are lifted, and go on along the axis until one of
 them fails to make contact. The text is given the axis, and takes the height of a contact for that
 of the finger; here pairs all around give a first axis, which the fit moves with everything else,
-and every touched taxel counts where it is: on a sloping side the finger's height is off by
-millimetres. The pair turns about the axis as it goes, so that a section that is not round shows.
-Fung, 1999, 1.4.3.2.
+and every touched taxel counts where it is: on a sloping side the finger is off by millimetres. The
+pair turns as it goes, so that a section that is not round shows. Fung, 1999, 1.4.3.2.
 """
 
 from __future__ import annotations
@@ -69,10 +68,9 @@ class SideEnd(NamedTuple):
 
 
 def follower(setting: TouchSetting) -> Exploration:
-    """Follow the contour on both sides, and fit a generalised cone.
+    """Follow the contour on both sides, with two fingers, and fit a generalised cone.
 
-    Two fingers. Findings: a `ConeFit`, or ``unsuited`` for what none fits to three standard
-    deviations.
+    Findings: a `ConeFit`, or ``unsuited`` for what none fits to three standard deviations.
     """
     if setting.fingers < 2:
         return Findings(status="unsuited", reason="thumb and index are two fingers, there is one")

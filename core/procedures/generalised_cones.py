@@ -69,9 +69,8 @@ def fit_cone(
     """The cone through touches, (n, 3) points each, m, from an axis that is near its own.
 
     `point`, `axis` (3,): on the axis, m, and a unit vector along it. `sigma`: standard deviation of
-    a touch across the surface, m, from which the axis's own error follows. `harmonics`: of a
-    section that is not round. `held`: whether the axis keeps its direction. Raises ValueError if
-    there are fewer than 4 touches.
+    a touch across the surface, m, from which the axis's error follows. `harmonics`: of a section
+    that is not round. `held`: its direction. Raises ValueError of fewer than 4 touches.
     """
     if len(touches) < 4:
         raise ValueError(f"a cone needs 4 touches, got {len(touches)}")

@@ -66,9 +66,8 @@ class _Probed(NamedTuple):
 def openings(setting: TouchSetting, pitch: float = PITCH) -> Exploration:
     """Probe from above and from four sides, and tell the holes and cavities.
 
-    `pitch`: distance of the places over the pad's width, 0.3 to 1. Findings: `FoundOpenings`, maybe
-    none. What is narrower than the pad is seen where a pad happens to stand over it. Raises
-    ValueError for another pitch.
+    `pitch`: distance of the places over the pad's width, 0.3 to 1, else ValueError. Findings:
+    `FoundOpenings`, maybe none. What is narrower than the pad is seen only from above it.
     """
     if not 0.3 <= pitch <= 1.0:
         raise ValueError(f"pitch must be from 0.3 to 1, got {pitch}")
@@ -123,7 +122,7 @@ def _probe(
     if move is None:
         return None
     contact = yield from touch(setting, move)
-    axis, met = axis_of(move), contact.outcome != "miss"
+    axis, met = axis_of(move.pose), contact.outcome != "miss"
     if contact.outcome != "inside":
         end = contact.pose
         if not met:
@@ -212,10 +211,7 @@ def _findings(setting: TouchSetting, found: _Probed) -> Findings:
 
 
 def openings_in(space: SpaceMap, points: Floats) -> tuple[Opening, ...]:
-    """What is free in the convex hull of touched points (n, 3), m, the widest first.
-
-    None of points that lie in a plane.
-    """
+    """What is free in the convex hull of points (n, 3), m, the widest first; none of a plane."""
     from scipy.ndimage import label
     from scipy.spatial import ConvexHull, QhullError
 

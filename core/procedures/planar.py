@@ -4,8 +4,7 @@ On each face the finger lifts, moves parallel to it and lowers, outwards in two 
 opposites, until the pad shows that the face ends. Beyond each end it turns to the face that comes
 next. Planes are fitted by total least squares. Where the text stops once a face is measured, here
 the planes' intersection is looked at: near each of its corners the face is touched, and a corner
-that is not there leads to the face that cuts it off; so the polyhedron closes only where it was
-touched.
+that is not there leads to the face that cuts it off: it closes only where touched.
 """
 
 from __future__ import annotations
@@ -115,9 +114,8 @@ class PolyhedronSurvey:
     curved: list[Contact] = field(default_factory=list)  # Smooth and no plane
     met: list[Floats] = field(default_factory=list)  # All touched points, by touch
     refuted: list[Floats] = field(default_factory=list)  # Places where a face should be, and is not
-    gaps: list[tuple[Floats, float]] = field(
-        default_factory=list
-    )  # Of edges' middles to a touch, m
+    # Of edges' middles to a touch, m.
+    gaps: list[tuple[Floats, float]] = field(default_factory=list)
 
     @property
     def near(self) -> float:
@@ -309,22 +307,21 @@ def _doubts(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
 
 def _edges(survey: PolyhedronSurvey, corners: Corners) -> list[Doubt]:
     """The middles of edges, the platform's aside: there shows what rounds an edge or cuts it."""
-    found = []
     faces = [set(one) for one in corners.faces]
-    for one, other in combinations(range(1, len(faces)), 2):
-        ends = sorted(faces[one] & faces[other])
+    places: list[tuple[Floats, tuple[int, ...]]] = []  # And the faces that meet there
+    for pair in combinations(range(1, len(faces)), 2):
+        ends = sorted(faces[pair[0]] & faces[pair[1]])
         if len(ends) == 2:
-            out = survey.planes[one].normal + survey.planes[other].normal
-            middle = corners.places[ends].mean(axis=0)
-            away = out / np.linalg.norm(out)
-            found.append(Doubt(middle, away, STANDOFF, 2.0 * STANDOFF, edge=True))
+            places.append((corners.places[ends].mean(axis=0), pair))
     for number, place in enumerate(corners.places):
-        meeting = [k for k, face in enumerate(faces) if number in face]
+        meeting = tuple(k for k, face in enumerate(faces) if number in face)
         if meeting and meeting[0] > 0:
-            out = np.sum([survey.planes[k].normal for k in meeting], axis=0)
-            away = out / np.linalg.norm(out)
-            found.append(Doubt(place, away, STANDOFF, 2.0 * STANDOFF, edge=True))
-    return found
+            places.append((place, meeting))
+    outward = [np.sum([survey.planes[k].normal for k in meeting], axis=0) for _, meeting in places]
+    return [
+        Doubt(place, out / np.linalg.norm(out), STANDOFF, 2.0 * STANDOFF, edge=True)
+        for (place, _), out in zip(places, outward, strict=True)
+    ]
 
 
 def _inside(ring: Floats, normal: Floats) -> Floats:
@@ -413,8 +410,7 @@ def _farthest_untouched(survey: PolyhedronSurvey, mesh: Mesh) -> float:
 def _checked_rms(survey: PolyhedronSurvey, doubts: list[Doubt]) -> float:
     """Root mean square distance of all touched points from their planes, m.
 
-    Raises UnsuitedError if it is too large, if something is curved that is no rim, or a face was
-    not where its planes promise it.
+    Raises UnsuitedError if it is too large, something but a rim is curved, or a face is missing.
     """
     sigma = survey.setting.sigma
     for contact in survey.curved:

@@ -49,8 +49,7 @@ def fit_plane(
 
     The points of one touch share the errors of its pose, `point`, m, and `angle`, rad, beside the
     taxels' own `noise`, m: how a touch leans and where it lies count by what each is worth.
-    `outward` (3,): to which side the normal points. Raises ValueError if there are fewer than 3
-    points, or they lie on a line.
+    `outward` (3,): the normal's side. Raises ValueError of fewer than 3 points, or on a line.
     """
     places = np.concatenate(touches)
     if len(places) < 3:
@@ -137,9 +136,6 @@ def _around(places: Floats, on: Floats, normal: Floats) -> tuple[int, ...]:
 
 
 def polyhedron_of(corners: Corners) -> tuple[Polyhedron, list[int]]:
-    """The solid with winged edges, and which plane each of its faces lies in.
-
-    Raises ValueError if the corners do not close it.
-    """
+    """The solid with winged edges, and the plane of each face; ValueError if it does not close."""
     planes = [number for number, face in enumerate(corners.faces) if face]
     return Polyhedron(corners.places, [corners.faces[number] for number in planes]), planes

@@ -136,7 +136,7 @@ def touch(setting: TouchSetting, move: FingerMove) -> Touching:
         (met,) = yield from touch_pair((move,))
         if met.outcome != "inside":
             break
-        axis = axis_of(move)
+        axis = axis_of(move.pose)
         back = np.concatenate([move.pose[:3] - BACK_OFF * axis, move.pose[3:]])
         farther = kept_clear(setting, FingerMove(back, move.reach + BACK_OFF, move.depth))
         if farther is None:
@@ -168,15 +168,15 @@ def approach(place: Floats, outward: Floats, standoff: float, beyond: float) -> 
     return FingerMove(pose_of(start, axes_along(-outward)), standoff + beyond)
 
 
-def axis_of(move: FingerMove) -> Floats:
-    """The direction (3,) in which a finger moves."""
-    x, y, z, w = move.pose[3:].tolist()
+def axis_of(pose: Floats) -> Floats:
+    """The z axis (3,) of a pose (7,), along which a finger moves."""
+    x, y, z, w = pose[3:].tolist()
     return np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
 
 
 def kept_clear(setting: TouchSetting, move: FingerMove) -> FingerMove | None:
     """The move, shortened so that the finger stays above the platform; None if it cannot."""
-    axis = axis_of(move)
+    axis = axis_of(move.pose)
     room = move.pose[2] - setting.platform - CLEARANCE * math.sqrt(max(1.0 - axis[2] ** 2, 0.0))
     if room < -1e-9 * setting.reach:
         return None
@@ -204,7 +204,7 @@ def touch_from_above(setting: TouchSetting) -> Generator[Move, Met, Contact | No
 def square_on(setting: TouchSetting, contact: Contact, turns: int = 3) -> Touching:
     """The contact, touched again along its own normal until the pad stands square to it."""
     for _ in range(turns):
-        outward = -split_axis(contact.pose)
+        outward = -axis_of(contact.pose)
         normal = contact.normal if contact.kind == "smooth" else _plane_normal(contact, outward)
         if contact.kind == "smooth" and normal @ outward > math.cos(math.radians(3.0)):
             break
@@ -216,11 +216,6 @@ def square_on(setting: TouchSetting, contact: Contact, turns: int = 3) -> Touchi
             break
         contact = again
     return contact
-
-
-def split_axis(pose: Floats) -> Floats:
-    """The z axis (3,) of a pose (7,)."""
-    return axis_of(FingerMove(pose, 0.0))
 
 
 def _plane_normal(contact: Contact, outward: Floats) -> Floats:

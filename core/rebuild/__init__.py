@@ -1,10 +1,9 @@
 """From contacts to a closed solid.
 
 `reconstruct` takes contours, normals and contact points and answers a `Solid`, exact at every
-place. What may be tuned are the named thresholds on top of each chapter (shares of a size,
-standard deviations, counts); each method in `reconstruction` may be replaced alone. It rests on
-the rooms below (contours, side, ends, surface, lattice, recovery) and on
-`palpate.core.thesis`.
+place. What may be tuned are the thresholds on top of each chapter (shares of a size, standard
+deviations, counts); each method may be replaced alone. It rests on the rooms below (contours, side,
+ends, surface, lattice, recovery) and on `palpate.core.thesis`.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

@@ -1,8 +1,7 @@
 """From contacts to a closed solid, by one of five methods: lattice, skin, draft, thesis, coarse.
 
 The last two stand at the end: one superquadric, tapered and bent where its points ask for it
-(chosen by Schwarz's criterion, 1978), and the solid of `palpate.core.thesis` as a closed surface
-like any other.
+(Schwarz's criterion, 1978), and the solid of `palpate.core.thesis` as a closed surface.
 """
 
 from __future__ import annotations
@@ -242,9 +241,8 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
     Contacts of a hand, or points of contours; `noise` is the standard deviation of a coordinate, if
     it is known: what is less explains nothing. Tapered and bent where that pays; of points too few,
     or all in a plane, an ellipsoid in their extents, which says so in its warnings. Raises
-    ValueError if the points are not finite, or the noise is not positive. Fung, 1999, 3.2.2, step
-    1, with pose, taper, bend and free exponents. Chosen by Schwarz, *Estimating the dimension of a
-    model*, 1978.
+    ValueError if points are not finite, or the noise not positive. Fung, 1999, 3.2.2, step 1, with
+    pose, taper, bend and free exponents; Schwarz, *Estimating the dimension of a model*, 1978.
     """
     places = finite_array("points", points, (None, 3))
     if noise is not None:

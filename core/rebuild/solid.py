@@ -160,9 +160,8 @@ class Solid(ClosedBody):
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
         """Standard deviation of the side along its normal, on a grid (a, b), without the ends.
 
-        At heights (a,) along the z axis of the slicing frame and turns (b,), of which a whole one
-        is 1. None with the methods "thesis" and "coarse", which do not say. Raises ValueError if a
-        number is not finite.
+        At heights (a,) along the z axis of the slicing frame and turns (b,), a whole one being 1.
+        None with the methods "thesis" and "coarse". Raises ValueError if a number is not finite.
         """
         if self.closed is None:
             return None

@@ -1,11 +1,10 @@
 """What a closed surface is like in any pose: object, components, surfaces and patches.
 
-Four levels, as those of the database of Allen, *Integrating vision and touch for object
-recognition tasks*, 1988 (Fung, 1999, 1.4.2): the whole object; its components, that is the
-superquadric nearest to it and what it lacks of its hull; its surfaces, plane faces and round sides;
-and patches, here the sections across its axis. Allen's patches bound a few places of a surface that
-was touched here and there; our surface is closed, and sections say more of it. A mirror image has
-the same description.
+Four levels, as those of the database of Allen, *Integrating vision and touch for object recognition
+tasks*, 1988 (Fung, 1999, 1.4.2): the whole object; its components, that is the superquadric nearest
+to it and what it lacks of its hull; its surfaces, plane faces and round sides; and patches, here
+the sections across its axis. Allen's patches bound a few places that were touched; our surface is
+closed, and sections say more of it. A mirror image has the same one.
 """
 
 from __future__ import annotations
@@ -36,7 +35,6 @@ class Whole(NamedTuple):
     area: float  # m2
     gyration: Floats  # Radii of gyration along the principal axes, descending, (3,), m
     widths: Floats  # Quantiles `WIDTHS` of the width between parallel planes, (3,), m
-    extents: Floats  # Along the principal axes, in the order of the radii, (3,), m
     skew: float  # Of the volume along the axis of the sections, not negative, 1
     facing: Floats  # Mean squares of the normals along their principal axes, descending, (3,)
 
@@ -75,8 +73,7 @@ def describe(vertices: ArrayLike, faces: ArrayLike) -> Description:
 
     `vertices` (n, 3), m. `faces` (m, 3): rows of those, counter-clockwise seen from outside. Raises
     ValueError unless it is closed, with a volume. The axis of the sections is the principal axis
-    whose moment is farthest from the other two: of a solid of revolution, its axis. Repeatable:
-    samples are the same each time.
+    whose moment is farthest from the other two: of a solid of revolution, its axis. Repeatable.
     """
     corners = triangle_corners(vertices, faces)
     places, rows = np.asarray(vertices, np.float64), np.asarray(faces, np.int32)
@@ -94,7 +91,6 @@ def describe(vertices: ArrayLike, faces: ArrayLike) -> Description:
         area=float(areas.sum()),
         gyration=np.sqrt(squares),
         widths=np.quantile(np.ptp(_even_directions(300) @ hull[0].T, axis=1), WIDTHS),
-        extents=np.ptp(local.reshape(-1, 3), axis=0),
         skew=skew,
         facing=np.linalg.eigvalsh((normals * shares[:, None]).T @ normals)[::-1],
     )

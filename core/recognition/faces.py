@@ -28,12 +28,7 @@ class PlaneFaces(NamedTuple):
     areas: Floats  # (n,), m2
     certainty: Floats  # How surely each is a plane face, (n,), more than 0 and at most 1
     normals: Floats  # Outward unit normals, (n, 3)
-    offsets: Floats  # Of the planes from the centroid, (n,), m
     round_area: float  # Of what is in no plane face: areas count as they are certain, m2
-
-    def angles(self) -> Floats:
-        """Angles between the outward normals of every two faces, (n, n), rad."""
-        return np.arccos(np.clip(self.normals @ self.normals.T, -1.0, 1.0))
 
 
 def plane_faces(points: Floats, normals: Floats, area: float) -> PlaneFaces:
@@ -50,22 +45,22 @@ def plane_faces(points: Floats, normals: Floats, area: float) -> PlaneFaces:
         best = int(np.argmax(counts))
         if counts[best] < LEAST_FACE * count:
             break
-        on, normal, offset = _refined(points, normals, votes[best] & free)
+        on, normal = _refined(points, normals, votes[best] & free)
         share = float((on & free).mean())
         flat = (ROUND - _turn(points[on], normals[on])) / (ROUND - PLANE)
         large = (share - LEAST_FACE) / (SURE_FACE - LEAST_FACE)
         certain = min(max(flat, 0.0), 1.0) * min(max(large, 0.0), 1.0)
         if certain > 0.0:
-            faces.append((share, certain, *normal, offset))
+            faces.append((share, certain, *normal))
         free &= ~on & ~votes[best]
     faces.sort(key=lambda one: -one[0] * one[1])
-    table = np.array(faces).reshape(-1, 6)
+    table = np.array(faces).reshape(-1, 5)
     areas, certainty = area * table[:, 0], table[:, 1]
-    return PlaneFaces(areas, certainty, table[:, 2:5], table[:, 5], area - float(areas @ certainty))
+    return PlaneFaces(areas, certainty, table[:, 2:5], area - float(areas @ certainty))
 
 
-def _refined(points: Floats, normals: Floats, on: Bools) -> tuple[Bools, Floats, float]:
-    """Samples of a face, its normal (3,) and offset, fitted to those that it began with."""
+def _refined(points: Floats, normals: Floats, on: Bools) -> tuple[Bools, Floats]:
+    """Samples of a face and its normal (3,), fitted to those that it began with."""
     for _ in range(3):
         middle, outwards = points[on].mean(axis=0), normals[on].mean(axis=0)
         normal = np.linalg.eigh(np.cov(points[on].T))[1][:, 0]
@@ -77,7 +72,7 @@ def _refined(points: Floats, normals: Floats, on: Bools) -> tuple[Bools, Floats,
         if again.sum() < 3:
             break
         on = again
-    return on, normal, offset
+    return on, normal
 
 
 def _turn(points: Floats, normals: Floats) -> float:

@@ -5,8 +5,7 @@ the scatter of the copies plus what the measured surface itself is uncertain by.
 each follows from Bayes' rule, all being as likely before. A description that is farther from the
 most likely object than all but one in a hundred copies would be, is of none of them: a test of
 chi-square, its scale and degrees of freedom matched to distances of copies that were held out,
-since features are not quite normal. `NONE` counts in the probabilities as an object that is just
-as far away as this test lets pass.
+since features are not quite normal. `NONE` counts as an object just as far as this lets pass.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How descriptions of one object scatter: copies of it, turned, meshed again, with noisy surfaces.
 
 The noise is a random field that moves every place of space, rough waves over fine ones: however
-finely a mesh is cut, its surface is moved alike and crosses itself nowhere. Waves of random lengths
-and phases make the field: Rahimi and Recht, *Random features for large-scale kernel machines*,
+finely a mesh is cut, its surface is moved alike and crosses itself nowhere. It is made of waves of
+random lengths and phases: Rahimi and Recht, *Random features for large-scale kernel machines*,
 2007.
 """
 
@@ -32,10 +32,7 @@ class Scatter(NamedTuple):
 
 
 def learn_scatter(meshes: Sequence[Mesh], copies: int, seed: int = 0) -> Scatter:
-    """Describe copies of one object, given as meshes of several resolutions, in turns.
-
-    `copies`: at least 2. The same arguments give the same numbers.
-    """
+    """Describe so many `copies`, at least 2, of one object's meshes in turns, repeatably."""
     vectors = np.empty((copies, len(FEATURES)))
     for i in range(copies):
         rng = np.random.default_rng((seed, i))

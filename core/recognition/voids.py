@@ -46,10 +46,7 @@ def find_voids(vertices: Floats, faces: Ints, hull: tuple[Floats, Ints]) -> Void
 
 
 def convex_hull(vertices: Floats) -> tuple[Floats, Ints]:
-    """Vertices (k, 3) and outward triangles of the convex hull of points (n, 3).
-
-    Raises ValueError if they lie in a plane.
-    """
+    """Vertices (k, 3) and outward triangles of the hull of points (n, 3); ValueError if flat."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:

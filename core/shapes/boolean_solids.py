@@ -39,9 +39,8 @@ class BooleanShape(ImplicitShape):
     """A tree of unions, intersections, differences and complements of solids.
 
     `tree`: of `Union`, `Intersection`, `difference` and `complement_of`. Raises ValueError if the
-    tree has more than 64 parts, or the whole is unbounded or empty. Fung, 1999, (2.31) to (2.35).
-    The combination is regularised: what has no inside, such as the face in which two solids touch,
-    is left out.
+    tree has more than 64 parts, or the whole is unbounded or empty. Fung, 1999, (2.31) to (2.35),
+    regularised: what has no inside, as the face in which solids touch, is left out.
     """
 
     def __init__(self, tree: Tree):

@@ -184,11 +184,7 @@ class FittedSuperquadric:
         return not any(warning.endswith("points") for warning in self.warnings)
 
     def shape(self) -> PosedShape:
-        """The solid where it stands.
-
-        Raises ValueError if it has no extent, as all points were in one place, or its bend folds
-        it.
-        """
+        """The solid where it stands; ValueError if it has no extent, or its bend folds it."""
         base = Superquadric(self.size, self.exponents)
         if not self.taper.any() and self.bend.curvature == 0.0:
             return PosedShape(base, self.pose)

@@ -22,8 +22,7 @@ class HalfSpace:
     """The points p with normal p <= offset.
 
     `normal` (3,): outward normal of any length but 0. `offset`: distance of the plane from the
-    origin along the normal, m. Raises ValueError if a number is not finite or the normal has no
-    length.
+    origin along the normal, m. Raises ValueError if a number is not finite, or the normal 0.
     """
 
     def __init__(self, normal: Floats, offset: float):

@@ -35,8 +35,7 @@ class Hyperquadric(ImplicitShape):
     `planes` (n, 4): a, b, c in 1/m, and d, of each term; 24 terms at most. `exponents` (n,): g of
     each term, 0.1 to 100. If none is below 1, a solid without dents is convex. `dents`: exponential
     terms. Raises ValueError if a number is not finite or out of range, the strips leave a direction
-    unbounded, or the solid is empty. Fung, 1999, (2.28) to (2.30). Rays are followed exactly:
-    nothing thin is passed.
+    unbounded, or the solid is empty. Fung, 1999, (2.28) to (2.30), followed exactly.
     """
 
     def __init__(self, planes: Floats, exponents: Floats, dents: tuple[Dent, ...] = ()):

@@ -108,9 +108,7 @@ class Crossings(NamedTuple):
 
 
 def _crossings(solid: Manifold) -> Crossings:
-    again = as_manifold(
-        *arrays_of(solid)
-    )  # after a boolean, rays number faces otherwise than arrays
+    again = as_manifold(*arrays_of(solid))  # After a boolean, rays number faces otherwise
     solid = solid if again is None else again
     vertices, faces = arrays_of(solid)
     _, same = np.unique(vertices, axis=0, return_inverse=True)  # fans that touch in a corner
@@ -217,10 +215,7 @@ def _turned_alike(faces: Ints) -> tuple[Ints, int]:
 
 
 def _loops(faces: Ints) -> list[Ints]:
-    """Corners around each hole, in the order of the face that would close it.
-
-    Where holes touch in a corner, each has a loop of its own.
-    """
+    """Corners around each hole, in the order of the face that would close it; each its own."""
     onwards: dict[int, list[int]] = {}
     for other, begin in _open_edges(faces).tolist():
         onwards.setdefault(begin, []).append(other)

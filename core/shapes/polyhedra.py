@@ -40,9 +40,8 @@ class Polyhedron(TriangleShape, ImplicitShape):
     Faces may all be turned inwards: they are then turned around. Whether faces cross each other is
     not looked at. `vertices` (n, 3), m. `faces`: corners of each face by number, from 0,
     counter-clockwise seen from outside. Raises ValueError if the surface is not closed, in one
-    piece and of plane faces with an area, or encloses nothing: the sentence names the face, the
-    edge or the vertex. Fung, 1999, section 2.5.3. Rays are cast at the planes of the faces'
-    triangles.
+    piece and of plane faces with an area, or encloses nothing, naming the face, edge or vertex.
+    Fung, 1999, section 2.5.3. Rays are cast at the planes of the faces' triangles.
     """
 
     def __init__(self, vertices: Floats, faces: Sequence[Sequence[int]]):

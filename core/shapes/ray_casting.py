@@ -67,11 +67,10 @@ def marched_spans(
     ends: Floats,
     tolerance: float,
 ) -> Floats:
-    """Spans found by going from surface to surface.
+    """Spans (n, k, 2), at most 64, found by going from surface to surface.
 
     `entering` and `leaving`: bounds from below of a function that is negative inside, and of its
-    negative; outside `starts` and `ends` (n,) a ray is outside. Returns (n, k, 2), at most 64
-    spans.
+    negative; outside `starts` and `ends` (n,) a ray is outside.
     """
     found: list[Floats] = []
     rows = np.flatnonzero(starts <= ends)
@@ -183,9 +182,8 @@ def guaranteed_first_roots(
 ) -> Floats:
     """First place (n,) from `starts` on where each function is not positive.
 
-    `below` gives parabolas below the functions. Returns (n,), `MISS` where there is no root to the
-    tolerance, or none was found in 2000 steps; the start itself, to the bit, if the function is not
-    positive there.
+    `below` gives parabolas below the functions. `MISS` where there is no root to the tolerance, or
+    none in 2000 steps; the start itself, to the bit, if it is not positive there.
     """
     found = np.full(len(starts), MISS)
     rows: Ints = np.flatnonzero(starts <= ends).astype(np.int32)

@@ -170,8 +170,7 @@ def area_samples(surface: SampledSurface, count: int, rng: np.random.Generator) 
 def _over(surface: SampledSurface, places: Floats, heights: Floats) -> Floats:
     """Area of the surface over that of the facet, at places (n, 3) of facets.
 
-    A patch that is thrown along the radii keeps its solid angle; a map stretches its normal by the
-    cofactors of its Jacobian.
+    Thrown along radii a patch keeps its solid angle; normals stretch by the Jacobian's cofactors.
     """
     size = surface.shape.size
     gauge, slope = gauge_and_gradient(places / size, surface.shape.exponents)

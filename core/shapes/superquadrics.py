@@ -35,9 +35,8 @@ class Superquadric(ImplicitShape):
 
     `size` (3,): semi-axes, m. `exponents` (2,): e1 along z and e2 across, from 0.02 (nearly a box)
     over 1 (ellipsoid) to 2 (octahedron). Raises ValueError if a semi-axis is not positive or an
-    exponent is out of its range. Fung, 1999, (2.1) and (2.6), with powers of absolute values and
-    scaled by the largest coordinate, so that no exponent can overflow. The text's F is the gauge
-    squared.
+    exponent is out of its range. Fung, 1999, (2.1) and (2.6), with powers of absolute values,
+    scaled by the largest coordinate, lest an exponent overflows. The text's F is the gauge squared.
     """
 
     size: Floats
@@ -127,9 +126,8 @@ class Superquadric(ImplicitShape):
     def gauge_along(self, scaled: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Gauge and its derivative along directions, in coordinates divided by the semi-axes.
 
-        `scaled` (3, n): points, by coordinate, 1. `direction` (3, n) or (3, 1): directions, scaled
-        likewise. Returns `gauge`, `slope` (n,): a slope where the gauge has a crease is one of
-        those between its two sides.
+        `scaled` (3, n): points, by coordinate, 1. `direction` (3, n) or (3, 1), scaled likewise.
+        Returns `gauge`, `slope` (n,): in a crease one of those between its two sides.
         """
         p, q = 2.0 / float(self.exponents[1]), 2.0 / float(self.exponents[0])
         x, y, z = np.abs(scaled)
@@ -139,10 +137,7 @@ class Superquadric(ImplicitShape):
 
 
 def p_norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tuple[Floats, Floats]:
-    """The p-norm of x and y, not negative, and its slope: by the ratio, so that nothing overflows.
-
-    With s the smaller and l the larger: l (1 + (s/l)^p)^(1/p).
-    """
+    """The p-norm l (1 + (s/l)^p)^(1/p) of x and y, not negative, s the smaller, and its slope."""
     first = x >= y
     larger = np.maximum(x, y)
     ratio = np.minimum(x, y) / (larger + SMALLEST)
@@ -302,8 +297,7 @@ def _power(value: Floats, exponent: float) -> Floats:
 def regular_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
     """Points of (2.4) and (2.5): where the radii of the scaled solid meet its surface.
 
-    Parameters, errors and units as for `trigonometric_points`. Normals across a crease are the mean
-    of its two sides.
+    As `trigonometric_points`; normals across a crease are the mean of its two sides.
     """
     cos_eta, sin_eta, cos_omega, sin_omega = _cosines(eta, omega)
     radii = np.column_stack([cos_eta * cos_omega, cos_eta * sin_omega, sin_eta])

@@ -33,11 +33,10 @@ EdgeFunction = Callable[[Floats], tuple[Floats, Floats]]
 
 @cache
 def icosphere(level: int) -> tuple[Floats, Ints]:
-    """Icosahedron, its faces split in four `level` times, on the unit sphere.
+    """Icosahedron, its faces split in four `level` times, on the unit sphere; read-only.
 
-    Returns `directions` (10 * 4**level + 2, 3): unit vectors; read-only. `faces` (20 * 4**level,
-    3): counter-clockwise seen from outside; read-only. Raises ValueError if `level` is not between
-    0 and 8.
+    Returns `directions` (10 * 4**level + 2, 3): unit vectors; `faces` (20 * 4**level, 3):
+    counter-clockwise from outside. Raises ValueError if `level` is not between 0 and 8.
     """
     if not 0 <= level <= MOST_LEVELS:
         raise ValueError(f"level must be between 0 and {MOST_LEVELS}, got {level}")

@@ -69,10 +69,7 @@ class TriangleShape(Shape):
         return self._mesh
 
     def first_hits(self, origins: Floats, direction: Floats) -> Hits:
-        """First faces met from outside along parallel rays, however far.
-
-        The range is `INSIDE` where a ray starts inside.
-        """
+        """First faces met from outside along parallel rays; `INSIDE` for one that starts there."""
         hits = self._backend.first_hits(origins, direction)
         behind = np.flatnonzero(self._from_behind(hits, direction))
         if self.closed and len(behind):
@@ -107,8 +104,7 @@ class Hits(NamedTuple):
 class Embree:
     """Triangles, ready for rays.
 
-    Embree works in single precision: it finds the face, and the range is then that of the face's
-    plane in double precision.
+    Embree, in single precision, finds the face; its plane tells the range in double precision.
     """
 
     def __init__(self, vertices: Floats, faces: Ints):
@@ -183,8 +179,7 @@ def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:
 class CrossedMesh:
     """A closed mesh, ready to be crossed.
 
-    `vertices` (n, 3), m. `faces` (m, 3): corners by number, counter-clockwise seen from outside;
-    each edge has two faces.
+    `vertices` (n, 3), m. `faces` (m, 3): counter-clockwise from outside; each edge has two.
     """
 
     def __init__(self, vertices: Floats, faces: Ints):
@@ -285,8 +280,7 @@ class DeformedShape:
     """A solid of which every point is moved.
 
     `base`: what is deformed. `deformation`: how; it must fold nothing. `exact`: whether rays are
-    taken from the facets to the exact surface, at some six times the cost. Rays that pass a facet
-    by still miss.
+    taken from facets to the exact surface, at six times the cost. Those that miss them still miss.
     """
 
     def __init__(self, base: ImplicitShape, deformation: Deformation, exact: bool = False):

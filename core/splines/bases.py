@@ -4,8 +4,7 @@ A basis of `count` functions of degree p has ``count + p + 1`` knots; it is whol
 from the knot p to the knot `count`. Values come from the triangular scheme of Cox and de Boor,
 which divides by no distance but those of knots on either side of the place, so that nothing is 0/0
 however often knots repeat. Own code: scipy's gives no derivatives in matrix form. Of a tensor
-product, places that lie anywhere take the few control points that reach them; those on a grid go
-one axis at a time.
+product, scattered places take the control points that reach them; grids go axis by axis.
 """
 
 from __future__ import annotations
@@ -65,8 +64,7 @@ class Basis:
     def nonzero(self, x: Floats, derivatives: int = 0) -> LocalBasis:
         """The ``degree + 1`` functions that do not vanish at places (m,), with derivatives.
 
-        Raises ValueError if a place lies outside the domain by more than rounding, or is not
-        finite; if `derivatives` is negative.
+        Raises ValueError if a place is not finite, or outside the domain by more than rounding.
         """
         if derivatives < 0:
             raise ValueError(f"derivatives must be 0 or more, got {derivatives}")
@@ -172,8 +170,7 @@ def _overlaid(falling: Floats, rising: Floats) -> Floats:
 class PeriodicBasis:
     """The B-splines of uniform knots around a circle, whose turn is 1.
 
-    `count`: functions; more than the degree. `degree`: at least 1. Raises ValueError if there are
-    too few functions.
+    `count`: functions; more than the `degree`, which is at least 1, or ValueError is raised.
     """
 
     count: int
@@ -357,9 +354,8 @@ def evaluate_grid(
 ) -> Floats:
     """A tensor product, or a derivative of it, on a grid.
 
-    Along each axis by its basis, parameters and order; the value if `orders` are left out. Returns
-    (len(axes[0]), ..., c) from `control` (count_1, ..., count_d, c). Raises ValueError as
-    `evaluate_scattered`.
+    Along each axis by its basis, parameters and order, 0 if left out. Returns (len(axes[0]), ...,
+    c) from `control` (count_1, ..., count_d, c). Raises ValueError as `evaluate_scattered`.
     """
     orders = (0,) * len(bases) if orders is None else orders
     values = _checked(bases, control, [orders])
@@ -395,9 +391,8 @@ def interpolate_grid(
 ) -> Interpolant:
     """The spline that takes given values on a grid.
 
-    Raises ValueError if there are not sites for each basis, as many as it has functions, if the
-    values (n_1, ..., n_d, c) do not fit them or are not finite, or the sites of an axis determine
-    no spline.
+    Raises ValueError if there are not sites for each basis, as many as it has functions, the values
+    (n_1, ..., n_d, c) do not fit them or are not finite, or sites determine no spline.
     """
     if len(sites) != len(bases):
         raise ValueError(f"sites must be given for {len(bases)} axes, got {len(sites)}")
@@ -421,8 +416,7 @@ def interpolate_grid(
 def is_interpolable(basis: Basis, sites: Floats) -> bool:
     """Whether exactly one spline takes given values at given sites (n,).
 
-    Schoenberg and Whitney, 1953: there are as many sites as functions, they increase, and each lies
-    where its function does not vanish.
+    Schoenberg and Whitney, 1953: as many as functions, rising, each where its own does not vanish.
     """
     sites = finite_array("sites", sites, (None,))
     if len(sites) != basis.count or not (np.diff(sites) > 0.0).all():

@@ -168,8 +168,7 @@ def local_noise(points: Floats, parameters: Floats) -> float:
     """Standard deviation of the noise across the curve, in the points' unit; 0 where there is none.
 
     Each point is compared with the cubic through its two neighbours on either side. Of a smooth
-    curve, the deviations of neighbours agree; of noise they are opposed. The median knows nothing
-    of corners, for they are few.
+    curve, deviations of neighbours agree; of noise they oppose. The median knows no corners.
     """
     count = len(points)
     if count < LEAST_POINTS:
@@ -288,8 +287,7 @@ def _canonical(points: Floats) -> Ints:
 def _begin(rank: NDArray[np.int64]) -> int:
     """Where to begin so that the ranks (m,), read around, come last in alphabetical order.
 
-    Where several places may do, they are told apart by what follows, and by twice as much of it
-    each time.
+    Where several places may do, what follows decides, and twice as much of it each time.
     """
     reach = 1
     while reach < len(rank) and np.count_nonzero(rank == rank.max()) > 1:

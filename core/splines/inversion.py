@@ -1,8 +1,7 @@
 """Point inversion: which parameters of a spline volume belong to a point of space.
 
 The closed form where the control points are an affine image of the Greville abscissae, three
-inversions of one variable where they lie on parallel planes, else small least-squares problems side
-by side.
+inversions of one variable where they lie on parallel planes, else small least-squares problems.
 """
 
 from __future__ import annotations

@@ -46,10 +46,9 @@ class SplineVolume:
     """A spline solid over parameters s, t, u between 0 and 1.
 
     `control` (l, m, n, 3): control points along s, t, u, m. `bases`: one for each axis, with as
-    many functions as there are control points, over [0, 1]. `weights` (l, m, n): positive weights
-    of the control points; without them all are alike. Raises ValueError if shapes do not fit,
-    something is not finite, or a weight is not positive. Fung, 1999, (2.20), (2.22), and with
-    weights (2.24), (2.25).
+    many functions as there are control points, over [0, 1]. `weights` (l, m, n): of the control
+    points; without them all are alike. Raises ValueError if shapes do not fit, something is not
+    finite, or a weight is not positive. Fung, 1999, (2.20), (2.22), and (2.24), (2.25).
     """
 
     control: Floats
@@ -307,11 +306,10 @@ class Parallelepiped:
         return self._grid([basis.greville() for basis in bases])
 
     def even_control(self, counts: tuple[int, int, int]) -> Floats:
-        """Control points (l, m, n, 3) in even steps along each edge: (2.19), m.
+        """Control points (l, m, n, 3), m, in even steps along each edge: (2.19).
 
-        They deform nothing under Bernstein polynomials alone; under other bases the parameters of a
-        point are to be found by inversion. Raises ValueError if there are fewer than two along an
-        edge.
+        They deform nothing under Bernstein polynomials alone; under other bases parameters are
+        found by inversion. Raises ValueError if there are fewer than two along an edge.
         """
         if min(counts) < 2:
             raise ValueError(f"counts must be at least 2 along each edge, got {counts}")
@@ -331,10 +329,7 @@ def _combine(columns: list[Floats], matrix: Floats) -> Floats:
 
 
 def upright_parallelepiped(low: Floats, extent: Floats) -> Parallelepiped:
-    """Frame of an upright box: smallest coordinates (3,) and edge lengths (3,), m.
-
-    Raises ValueError if a length is not positive.
-    """
+    """Frame of an upright box: low corner (3,) and positive edge lengths (3,), m, or ValueError."""
     extent = finite_array("extent", extent, (3,))
     if not (extent > 0.0).all():
         raise ValueError(f"extent must be positive, got {extent.tolist()} m")

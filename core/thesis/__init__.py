@@ -1,9 +1,8 @@
 """Fung's own way from contours to a solid (1999, chapter 4 and appendix).
 
-Kept to compare others with. Nothing here is to be tuned: a superquadric in a control lattice, its
-shell the control polygons of contours, its core what fits inside, as corrected or as printed. It
-rests on `palpate.core.splines`, shapes and geometry; `palpate.core.rebuild` offers it as the method
-"thesis".
+Kept to compare others with; nothing here is to be tuned: a superquadric in a control lattice, its
+shell the control polygons of contours, its core what fits inside, as corrected or printed. It rests
+on core splines, shapes and geometry; `palpate.core.rebuild` offers it as "thesis".
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

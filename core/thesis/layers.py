@@ -50,8 +50,7 @@ def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
     `points` (k, 2): of the contour, counter-clockwise, begun where all layers begin. `sides`:
     control points along s and t, at least 4. The polygon is that of a periodic spline, which
     closes. The core is the largest rectangle inside it that has the proportions of the box around
-    it. As printed it is the box around the largest such ellipse, the corners of which stand out of
-    a round polygon.
+    it; as printed it is the box around the largest such ellipse, whose corners stand out.
     """
     polygon = _polygon(points, 2 * (sides[0] + sides[1]) - 4)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
@@ -89,8 +88,7 @@ def rectangle_scale(polygon: Floats, middle: Floats, half_sides: Floats) -> floa
     """The largest factor of a rectangle's half sides for which it lies inside a polygon, or 0.
 
     In the plane in which the rectangle is the square from -1 to 1 this is the distance of the
-    middle from the edges, by the larger coordinate: least at an end, where a coordinate is 0, or
-    where both are of one size.
+    middle from the edges, by the larger coordinate: least at an end, where one is 0, or at a tie.
     """
     starts = (polygon - middle) / half_sides
     if winding_number(starts, np.zeros((1, 2)))[0] == 0:

@@ -1,9 +1,8 @@
 """From contours to a solid as Fung, 1999, chapter 4 and appendix, does it.
 
 Contours are put into the cube from -1 to 1 (4.2, steps 1 to 3), and their points matched with the
-model's azimuths (step 5). The solid is a deformed lattice with the model's surface in it: a
-superquadric, whose parameters s, t, u are had by inverting its own points, or, as in 4.3, by a
-spline through known ones.
+model's azimuths (step 5). The solid is a deformed lattice with a superquadric's surface in it,
+whose s, t, u are had by inverting its points, or, as in 4.3, by a spline through known ones.
 """
 
 from __future__ import annotations
@@ -164,8 +163,7 @@ def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:
     """Where rays from the middle of a contour meet the closed curve through its points (n, 2).
 
     The middle is that of the area: the mean of the points, as printed, lies where they are dense.
-    Where a ray meets the curve several times or not at all, the azimuth is made monotone, or gives
-    way to the length.
+    Where a ray meets the curve not just once, the azimuth is made monotone, or is the length.
     """
     curve = splines.fit_closed_curve(points)
     count = FINE * len(points)
@@ -225,9 +223,7 @@ class ContourStack(NamedTuple):
 
     points: Floats  # (m, n, 2), each point once; from -1 to 1
     heights: Floats  # (m,), from -1 to 1, not falling
-    box: (
-        splines.Parallelepiped
-    )  # The box around the contours, m, which the cube from -1 to 1 stands for
+    box: splines.Parallelepiped  # Around the contours, m: the cube from -1 to 1 stands for it
     order: Ints  # (m,): which of the given contours each is
 
 
@@ -247,8 +243,7 @@ class ThesisHealth(NamedTuple):
 class ThesisSolid:
     """A superquadric's surface, deformed by a control lattice.
 
-    Its surface is given over eta, from 0 at the bottom to 1 at the top, and nu, from 0 to 1 once
-    around.
+    Given over eta, from 0 at the bottom to 1 at the top, and nu, from 0 to 1 once around.
     """
 
     lattice: splines.Lattice  # Over the contours' box, m; a layer of control points a contour
@@ -360,8 +355,7 @@ def interpolated_parameters(parameters: Floats) -> TripleSpline:
     `parameters` (m, n, 3): upwards and around, the first again at the end; ValueError if there are
     not 2 rows and 4 columns, or neighbours are the same throughout. Cubic, of a lower degree where
     there are fewer than 4 rows. Sites by square roots of the chords (4.18), averaged over all rows
-    that have a length; knots by (4.19), with the sum from its first site. The seam is passed, not
-    smoothly.
+    that have a length; knots by (4.19), from its first site. The seam is passed, not smoothly.
     """
     parameters = finite_array("parameters", parameters, (None, None, 3))
     rows, columns = parameters.shape[:2]

@@ -111,10 +111,9 @@ def fit_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise
     `height` (rows, cols): surface over the plane of the pad's face, m. `touched` (rows, cols) of
     bool: where the pad touches, impulses left out. `direction` (3,): direction in which `across` is
     wanted, pad frame; its part in the tangent plane counts. `noise`: standard deviation of one
-    taxel, m, as far as known. Errors are for the larger of this and what the misfit shows.
-    Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every
-    taxel's noise into curvature. A convex surface has positive curvature, as (3.1) expects and
-    (3.15) does not give.
+    taxel, m, as far as known. Errors are for the larger of this and what the misfit shows. Fung,
+    1999, section 3.5, with a jet in place of the interpolating spline, which turns taxels' noise
+    into curvature. Convex is positive, as (3.1) expects and (3.15) does not give.
     """
     if not touched.any():
         return Patch("miss")

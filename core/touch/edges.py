@@ -47,9 +47,8 @@ def classify_surface(
 ) -> SurfaceKind:
     """What the surface is that a jet was fitted to.
 
-    `sharpness`: the larger of the principal curvatures' sizes, 1/m. `noise`: standard deviation of
-    one taxel, m. The jet is believed where it leaves no more than noise. Where it does leave more,
-    flat faces are tried in its place.
+    `sharpness`: the larger size of a principal curvature, 1/m. `noise`: standard deviation of one
+    taxel, m. The jet is believed where it leaves no more than noise; else flat faces are tried.
     """
     freedom = max(len(fit.misfit) - fit.jet.coefficients.size, 1)
     by_noise = noise * (1.0 + SURE / math.sqrt(2.0 * freedom))
@@ -88,12 +87,11 @@ def slopes_of_cells(pad: Pad, height: Floats, touched: Bools) -> Cells:
 
 
 def fit_faces(pad: Pad, height: Floats, touched: Bools, cells: Cells, count: int) -> Faces | None:
-    """Two to four planes whose envelope is nearest to the touched taxels.
+    """Two to four planes whose envelope is nearest to the touched taxels; None if cells are fewer.
 
-    None if there are fewer cells than faces. A convex body is the upper envelope of its faces over
-    the pad, a hollow one the lower; the envelope that begins better is taken. Planes are fitted to
-    the taxels for which they stand out, by turns, as Magnani and Boyd, *Convex piecewise-linear
-    fitting*, 2009.
+    A convex body is the upper envelope of its faces over the pad, a hollow one the lower; the
+    better beginning is taken. Planes are fitted to the taxels for which they stand out, by turns:
+    Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
     """
     if len(cells.slopes) < count:
         return None

@@ -3,8 +3,7 @@
 Adaptive Wiener and median filters are those of Fung, 1999, section 3.4.2. For impulses there is a
 robust one: a surface, however sharp, is even along some lines of three taxels through each taxel
 (along an edge, down a face, on the level beside a step); an impulse is even along none. So impulses
-are the taxels that a robust jet misses and that no line of three supports; a whole face that the
-jet misses supports itself.
+are what a robust jet misses and no line of three supports; a whole face supports itself.
 """
 
 from __future__ import annotations
@@ -69,8 +68,7 @@ def clean(
     is fitted to it next averages noise better than any filter, and without its bias; in one with
     impulses a joint robust fit finds them, and what they hid is put in their place. The others are
     the filters of Fung, 1999, section 3.4.2, alone or in either order. `lost` (rows, cols) of bool:
-    taxels that a calibration does not trust: they read what their neighbours do, and count as
-    untouched.
+    taxels that a calibration distrusts read as their neighbours, and as untouched.
     """
     if lost is not None:
         cleaned = clean(pad, _filled(compression, lost), noise, contact, order)
@@ -85,10 +83,7 @@ def clean(
 
 
 def _filled(image: Floats, lost: Bools) -> Floats:
-    """The image with the mean of their trusted neighbours in place of lost taxels.
-
-    A taxel without any is 0.
-    """
+    """The image with lost taxels as the mean of their trusted neighbours, or 0 without any."""
     trusted = neighbourhoods((~lost).astype(np.float64))[lost]
     values = (neighbourhoods(image)[lost] * trusted).sum(axis=-1)
     filled = image.copy()

@@ -41,8 +41,7 @@ def graph_shape_operator(
     """Shape operator of z(x, y), with the object on the side of larger z.
 
     `seconds`: z_xx, z_xy, z_yy, 1/m. In the directions of steepest slope and of none, the first
-    form is diagonal: what is left of the Cholesky factor is a division by the steepness, w, which
-    is finite on a wall.
+    form is diagonal: what is left of Cholesky is a division by the steepness, finite on a wall.
     """
     steepest, slope = steepest_direction(slopes)
     along_x, along_y = steepest
@@ -77,10 +76,7 @@ def principal_curvatures(shape: ShapeOperator) -> PrincipalCurvatures:
 
 
 def curvature_along(shape: ShapeOperator, direction: Floats) -> float:
-    """Normal curvature along a direction (3,), by its part in the tangent plane; 1/m.
-
-    0 for a direction without such a part.
-    """
+    """Normal curvature, 1/m, along the tangential part of a direction (3,); 0 without one."""
     step = tangent_components(shape, direction)
     if step is None:
         return 0.0
@@ -170,8 +166,7 @@ def _how_it_changes_along(
 ) -> Floats:
     """Derivatives of the curvature along a direction by the turned derivatives, (5,).
 
-    The shape operator changes, and so does the direction's part in the tangent plane as that plane
-    leans.
+    The shape operator changes, and the direction's part in the leaning tangent plane does.
     """
     part = tangent_components(shape, direction)
     if part is None:

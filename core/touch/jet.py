@@ -2,8 +2,7 @@
 
 Cazals and Pouget, *Estimating differential quantities using polynomial fitting*, 2005. The
 monomials are ordered by degree, so that one factorisation holds those of all lower degrees as its
-leading blocks. It depends on which taxels are touched and on nothing else: a full pad is factorised
-once.
+leading blocks. It depends only on which taxels are touched: a full pad's is kept.
 """
 
 from __future__ import annotations
@@ -188,10 +187,7 @@ class JetDesign(NamedTuple):
 
 @lru_cache(maxsize=KEPT_DESIGNS)
 def jet_design(rows: int, cols: int, pitch: float, touched: bytes) -> JetDesign | None:
-    """The design of the touched taxels of an array, given as the bytes of their mask.
-
-    None if they are fewer than 8, or lie on a line.
-    """
+    """The design of touched taxels, by their mask's bytes; None if fewer than 8, or on a line."""
     places = np.flatnonzero(np.frombuffer(touched, np.bool_)).astype(np.int32)
     degree = supported_degree(len(places))
     if degree == 0:
@@ -240,10 +236,7 @@ def identifiable_degree(triangle: Floats, degree: int, count: float) -> int:
 
 
 def derivative_rows(x: float, y: float, degree: int) -> Floats:
-    """What gives z, z_x, z_y, z_xx, z_xy, z_yy at a place from the coefficients, (6, m).
-
-    All in units of the jet's scale.
-    """
+    """What gives z, z_x, z_y, z_xx, z_xy, z_yy at a place, (6, m), in the jet's scale."""
     of_x, of_y, factor = _up_to_second(degree)
     in_x = np.array([x**power for power in range(degree + 1)])
     in_y = np.array([y**power for power in range(degree + 1)])

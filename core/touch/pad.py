@@ -108,9 +108,8 @@ def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: flo
 
     A pad that saturates before bottoms out there, and goes no farther. `start` (7,): pose from
     which it moves. `reach`: longest way to first contact, m. One cast serves the whole move: the
-    surface's distance from every taxel is known at once. Each taxel is a spring of its own
-    (Winkler); inside the contact the pad takes the surface's shape, which is exact under any
-    elastic model.
+    surface's distance from every taxel is known at once. Each taxel is a spring (Winkler); inside
+    the contact the pad takes the surface's shape, which is exact under any elastic model.
     """
     position, axes = split_pose(start)
     rays = pad.transducers() @ axes.T + position

@@ -181,10 +181,7 @@ class Effect(Protocol):
     phase: ClassVar[Phase]  # When it acts
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger.
-
-        Raises ValueError if this finger cannot have the effect.
-        """
+        """The stage for one finger; ValueError if this finger cannot have the effect."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

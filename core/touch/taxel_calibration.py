@@ -64,8 +64,7 @@ def estimate_calibration(
     `x`, `y` (taxels,): where the taxels are, m. Raises ValueError if too few taxels answer to being
     pressed. Fung, 1999, section 3.4.1, asks for "careful sensor calibration" and says no more. With
     times of flight a wrong speed of sound is a gain common to all taxels: the common gain is given
-    to the speed, and what is left to the taxels. So is whatever else makes all taxels answer alike,
-    as a pad that creeps does.
+    to the speed, the rest to the taxels, as is whatever else is common, as creep.
     """
     found = _look(presses)
     fit = TaxelFit(presses, x, y, found)

@@ -49,6 +49,8 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
     taps: dict[str, str]  # Name of the node to the address of its tap
     tools: str  # Address at which the launcher answers tools
     key: str = ""  # File of the key that tools need; empty within one machine
+    # Parameters with which it began, of each node of which some were set since
+    initial: dict[str, msgspec.Raw] = {}
 
     @property
     def topics(self) -> dict[str, str]:
@@ -103,12 +105,11 @@ class Announcement:
 
     def set(self, name: str, params: Any) -> None:
         """A node has other parameters."""
-        raw = msgspec.Raw(msgspec.json.encode(params))
-        nodes = tuple(
-            msgspec.structs.replace(one, params=raw) if one.name == name else one
-            for one in self._card.nodes
-        )
-        self._card = msgspec.structs.replace(self._card, nodes=nodes)
+        raw, card = msgspec.Raw(msgspec.json.encode(params)), self._card
+        nodes = {one.name: one for one in card.nodes}
+        initial = {name: nodes[name].params, **card.initial}
+        nodes[name] = msgspec.structs.replace(nodes[name], params=raw)
+        self._card = msgspec.structs.replace(card, nodes=(*nodes.values(),), initial=initial)
         announce(self._folder, self._card)
 
 

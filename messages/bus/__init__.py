@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from palpate.messages.bus.handshake import read_request, resent_frame
     from palpate.messages.bus.message_log import Cause, Consumed, Journal, MessageLog, SendTimes
     from palpate.messages.bus.message_log import ParameterLog, SourceProgress
-    from palpate.messages.bus.node_sockets import LOG_TOPIC, STATUS_TOPIC, NodeSockets, TapReader
+    from palpate.messages.bus.node_sockets import LOG_TOPIC, PAST_BATCH, STATUS_TOPIC, NodeSockets
+    from palpate.messages.bus.node_sockets import PastReader, TapReader
     from palpate.messages.bus.publisher import Publisher
     from palpate.messages.bus.sockets import LAUNCHER, QUEUE_DEPTH, Addresses, SocketContext, bind
     from palpate.messages.bus.sockets import make_key

@@ -4,6 +4,7 @@ By the tap a node publishes what it says of itself, and copies of its messages f
 may lose messages, so that nobody who subscribes to it can hold up the graph: a tool that is
 stopped or slow is left out. Copies are made only while somebody wants them; of latched topics the
 last are kept, for those who come late and ask for them by a name of their own, `LATCHED_MARK`.
+Who wants all that was published before asks for it by `PAST_MARK`, a little at a time.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import count, islice
 from pathlib import Path
 from types import MappingProxyType
 
@@ -28,6 +30,8 @@ STATUS_TOPIC, LOG_TOPIC = "/node/status", "/log"
 TAP_DEPTH = 64  # Messages that a slow tool may lag behind before it loses some
 LATCHED_DEPTH = TAP_DEPTH // 2  # Most messages of a latched topic that a late tool receives
 LATCHED_MARK = b"\x02"  # Before a topic: what was latched before the subscription
+PAST_MARK = b"\x03"  # Before a topic: what is sent once more to who asks for it
+PAST_BATCH = TAP_DEPTH // 2  # Most messages that are sent once more at one request
 
 
 class Tap:
@@ -41,8 +45,10 @@ class Tap:
         run: int,
         epoch: int,
         latched: Mapping[str, int] = MappingProxyType({}),  # Topic to how many messages count
+        past: MessageLog | None = None,  # What was published before
     ) -> None:
         self.run, self.epoch = run, epoch
+        self._past = past
         self._latched = {_prefix(topic): deque[bytes](maxlen=n) for topic, n in latched.items()}
         self._published: Counter[str] = Counter()
         self._wanted: set[bytes] = set()
@@ -60,10 +66,24 @@ class Tap:
                 for frame in kept:
                     self.socket.send(LATCHED_MARK + frame, zmq.DONTWAIT)
                 continue
+            if notice[1:].startswith(PAST_MARK):
+                if notice[0]:
+                    self._send_past(*notice[2:].partition(b"\0")[::2])
+                continue
             change = self._wanted.add if notice.startswith(b"\x01") else self._wanted.discard
             change(notice[1:])
         own = {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
         self._mirroring = not self._wanted <= own
+
+    def _send_past(self, topic: bytes, wanted: bytes) -> None:
+        """Send messages of a topic from a number on once more, and a mark behind them."""
+        number = wanted.partition(b".")[0]
+        if self._past is None or not (0 < len(number) < 20 and number.isdigit()):
+            return
+        frames = self._past.since(topic.decode(errors="replace"), int(number))
+        for frame in islice(frames, PAST_BATCH):
+            self.socket.send(PAST_MARK + frame, zmq.DONTWAIT)
+        self.socket.send(PAST_MARK + topic + b"\0", zmq.DONTWAIT)
 
     def publish(self, message: NodeStatus | LogRecord) -> None:
         """Send the node's own word, if anybody listens."""
@@ -119,6 +139,43 @@ class TapReader:
         """
         frame = received(self.socket)
         return None if frame is None else split_frame(frame.removeprefix(LATCHED_MARK))
+
+    def close(self) -> None:
+        """Close at once."""
+        self.socket.close(0)
+
+
+class PastReader:
+    """Asks one node for what it has published, by its tap: nobody waits for who asks."""
+
+    def __init__(self, context: zmq.Context[Socket], endpoint: str, topics: Iterable[str]) -> None:
+        self._request, self._numbers = b"", count()
+        self.socket = context.socket(zmq.SUB)
+        self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        for topic in topics:
+            self.socket.subscribe(PAST_MARK + _prefix(topic))
+        connect(self.socket, endpoint)
+
+    def ask(self, topic: str, seq: int) -> None:
+        """Ask for the next messages of a topic, `PAST_BATCH` at most, from a number on."""
+        if self._request:
+            self.socket.unsubscribe(self._request)
+        # No two requests are alike, for the second of such would not be sent.
+        self._request = PAST_MARK + _prefix(topic) + b"%d.%d" % (seq, next(self._numbers))
+        self.socket.subscribe(self._request)
+
+    def receive(self) -> tuple[str, tuple[Header, bytes] | None] | None:
+        """A topic and a message of it, or None behind the last that was asked for.
+
+        None if nothing has come. Raises ValueError if what arrived is not a frame.
+        """
+        frame = received(self.socket)
+        if frame is None:
+            return None
+        if frame.endswith(b"\0") and frame.count(b"\0") == 1:
+            return frame[1:-1].decode(errors="replace"), None
+        topic, header, body = split_frame(frame.removeprefix(PAST_MARK))
+        return topic, (header, body)
 
     def close(self) -> None:
         """Close at once."""
@@ -224,7 +281,8 @@ class NodeSockets:
             again=again,
             ahead_ns=place.ahead_ns,
         )
-        self.tap = Tap(context, place.taps[name], run=run, epoch=epoch, latched=latched)
+        tap = place.taps[name]
+        self.tap = Tap(context, tap, run=run, epoch=epoch, latched=latched, past=past)
 
     @property
     def waiting(self) -> bool:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from palpate.nodes.planning.budget import Allowance, allowance, fits_contour, shortest_grasp
     from palpate.nodes.planning.knowledge import describe_open, observed_surface
     from palpate.nodes.planning.phases import State, Task, contour_goal, contour_limit, grasp_goal
-    from palpate.nodes.planning.phases import model_goal, next_touch, probe_goal, touch_goal
+    from palpate.nodes.planning.phases import model_goal, next_touch, probe_goal
     from palpate.nodes.planning.phases import traced_of, with_coarse, with_contacts, with_probe
     from palpate.nodes.planning.phases import with_single
 else:

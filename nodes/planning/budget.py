@@ -3,8 +3,7 @@
 Every goal carries what it may take: so many touches, and a robot time by which the last of them has
 ended even if it meets nothing on its way. The tracer makes no touch beyond that, and a goal that
 comes back without a touch says that nothing more can be done. Where a whole contour no longer fits,
-ends that are due come first, and then as much of a contour as there is room for: its touches count,
-though its curve does not.
+ends that are due come first, then as much of one as fits: its touches count.
 """
 
 from __future__ import annotations
@@ -69,10 +68,7 @@ def fits_contour(demand: Demand, state: State) -> bool:
 
 
 def shortest_grasp(robot: RobotPreset, reach: float) -> float:
-    """Robot time that the fewest closings may take that tell enough of an object, s.
-
-    `reach`: of the world, m.
-    """
+    """Robot time, s, of the fewest closings that may tell enough, by the world's `reach`, m."""
     return LEAST_CLOSINGS * longest_seconds(robot, 0.0, 0.0, OPENING_SHARE * reach)
 
 

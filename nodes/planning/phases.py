@@ -185,25 +185,16 @@ def contour_limit(state: State) -> int:
     return LEAST_LIMIT + math.ceil(AMPLE_TURNS * longest / (TOUCH_SHARE * state.pad_width))
 
 
-def probe_goal(state: State, finger: int, probing: ProbeCommand, allowed: Allowance) -> ProbeGoal:
-    """A single touch."""
+def probe_goal(
+    state: State, finger: int, touch: ProbeCommand | Touch, allowed: Allowance
+) -> ProbeGoal:
+    """A single touch of an end, or of the solid as it is known."""
     assert state.frame is not None
+    of_end = isinstance(touch, ProbeCommand)  # which is told in the slicing frame
     return ProbeGoal(
         id=state.goals,
         finger=finger,
-        pose=compose_poses(state.frame.pose, probing.pose),
-        reach=probing.reach,
-        not_before=state.clock,
-        not_after=allowed.not_after,
-    )
-
-
-def touch_goal(state: State, finger: int, touch: Touch, allowed: Allowance) -> ProbeGoal:
-    """A single touch of the solid as it is known."""
-    return ProbeGoal(
-        id=state.goals,
-        finger=finger,
-        pose=touch.pose,
+        pose=compose_poses(state.frame.pose, touch.pose) if of_end else touch.pose,
         reach=touch.reach,
         not_before=state.clock,
         not_after=allowed.not_after,

@@ -173,10 +173,7 @@ def rebuild_set(
     method: Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
 ) -> Solid:
-    """The solid of a set.
-
-    Raises ValueError if the contours were not traced in one frame, or as `reconstruct` does.
-    """
+    """The solid of a set; ValueError unless traced in one frame, or as `reconstruct` does."""
     frame = common_frame(contours)
     points = [each for of_goal in touched.values() for each in of_goal]
     return reconstruct(
@@ -205,11 +202,9 @@ class State:
     swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=lambda: MappingProxyType({}))
     # Places that the pad spanned in a goal's touches, between what it touched.
     spanned: Mapping[int, tuple[Floats, ...]] = field(default_factory=lambda: MappingProxyType({}))
-    # By number.
+    # Both by number.
     contours: Mapping[int, types.Contour] = field(default_factory=lambda: MappingProxyType({}))
-    probes: Mapping[int, types.Probe] = field(
-        default_factory=lambda: MappingProxyType({})
-    )  # By number
+    probes: Mapping[int, types.Probe] = field(default_factory=lambda: MappingProxyType({}))
     asked: tuple[Goal, ...] = ()  # Models still to be fitted, in order
     history: tuple[Goal, ...] = ()  # Those that were fitted, in order
     # What was fitted last, by number, lest it is fitted twice: no model differs for it.
@@ -274,10 +269,7 @@ def touched_since(state: State, before: Goal, goal: Goal) -> list[ContactPoints]
 
 
 def common_frame(contours: Sequence[types.Contour]) -> Floats:
-    """Pose (7,) of the frame in which all contours were traced.
-
-    Raises ValueError if they were not all traced in the same.
-    """
+    """Pose (7,) of the frame in which all contours were traced; ValueError if they differ."""
     first = contours[0]
     for other in contours[1:]:
         if not np.array_equal(other.frame, first.frame):

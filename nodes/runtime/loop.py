@@ -451,10 +451,7 @@ class JournalOrder:
         self._come.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
 
     def take(self) -> bus.Received | None:
-        """What was handled next, if it has come.
-
-        Raises ValueError if a publisher sends something else than it had sent before.
-        """
+        """What was handled next, if it has come; ValueError if it is not what was sent before."""
         wanted = self._before[0]
         come = self._come.get((wanted.publisher, wanted.topic))
         if not come:

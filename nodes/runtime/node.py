@@ -227,10 +227,7 @@ def lone_wiring(
 
 
 def load_node(module: str) -> AnyNode:
-    """The node that a module holds.
-
-    Raises ValueError if there is no such module or it holds no node.
-    """
+    """The node that a module holds; ValueError if there is no such module or node."""
     if not all(part.isidentifier() for part in module.split(".")):
         raise ValueError(f"{module!r} is no name of a module")
     try:

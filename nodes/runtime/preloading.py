@@ -59,10 +59,7 @@ def import_when_used(name: str) -> None:
 
 
 def import_whole(name: str) -> None:
-    """Import a module, and what its functions take from rooms, which import only when asked.
-
-    Raises what the imports raise.
-    """
+    """Import a module and what its functions take from lazy rooms; raises what imports raise."""
     if name in _WHOLE:
         return
     module = import_module(name)

@@ -99,10 +99,7 @@ def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
 
 
 def params_of(node: Node | Source, params: object) -> Any:
-    """The parameters on their way to a process, and back.
-
-    Raises ValueError if they are not the node's.
-    """
+    """The parameters on their way to a process and back; ValueError if not the node's."""
     try:
         data = msgspec.msgpack.encode({} if params is None else params)
         return msgspec.msgpack.decode(data, type=node.params)

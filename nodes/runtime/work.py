@@ -253,10 +253,7 @@ def recorded_changes(
 
 
 def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:
-    """Refuse what a node publishes on a topic that it does not declare, or of another type.
-
-    Raises ContractError.
-    """
+    """ContractError if a node does not declare a topic that it publishes on, or its type."""
     if local not in declared:
         known = ", ".join(declared) or "nothing"
         raise ContractError(
@@ -269,10 +266,7 @@ def check_declared(name: str, declared: Mapping[str, type], local: str, cls: typ
 
 
 class SinkWork:
-    """A sink in the course of its run: it writes all that it receives.
-
-    Raises ContractError if it has, and the sink cannot go on with that.
-    """
+    """A sink in its run, which writes all it receives; ContractError if it cannot go on."""
 
     def __init__(
         self,

@@ -163,8 +163,7 @@ class FrameRow(NamedTuple):
 def parse_row(text: str, where: str, shape: ArraySize | None) -> FrameRow:
     """The frame in a line; where that stands is for complaints, None stands for a square array.
 
-    Raises ValueError if the line has another number of columns, or one of them is no finite number,
-    or the quaternion is none.
+    Raises ValueError if columns are another number, one is no finite number, or no quaternion.
     """
     cells = text.split(",")
     shape = shape or square_size(len(cells))
@@ -208,10 +207,7 @@ def _numbers(cells: list[str], where: str) -> Floats:
 
 
 def unit_pose(pose: Floats, where: str) -> Floats:
-    """The pose with a quaternion of length 1.
-
-    Raises ValueError if its length is another one, and not by rounding.
-    """
+    """The pose with a quaternion of length 1; ValueError if it is off by more than rounding."""
     length = float(np.linalg.norm(pose[3:]))
     if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
         raise ValueError(f"{where}: the quaternion has length {length:.3g}; expected 1")

@@ -205,10 +205,7 @@ class PolyhedronSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 def exactly_one(spec: Struct, what: str, names: tuple[str, ...]) -> str:
-    """The one of a description's words that is given.
-
-    Raises ValueError if it is none, or several.
-    """
+    """The one of a description's words that is given; ValueError if none is, or several."""
     given = [name for name in names if getattr(spec, name) is not None]
     if len(given) == 1:
         return given[0]

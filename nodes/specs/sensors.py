@@ -1,7 +1,4 @@
-"""The fingertip's array, pad, calibration and effects as data, for scenes and for nodes.
-
-Only the modules of listed effects are imported.
-"""
+"""The fingertip's array, pad, calibration and effects as data; only listed effects are imported."""
 
 from __future__ import annotations
 
@@ -169,10 +166,7 @@ def build_pipeline(
     finger: int = 1,
     seed: int = 0,
 ) -> touch.Pipeline:
-    """A finger with its effects.
-
-    Raises ValueError if an effect cannot be had, or not with this sensor.
-    """
+    """A finger with its effects; ValueError if one cannot be had, or not with this sensor."""
     owner = touch.Fingertip(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
     return touch.assemble(owner, tuple(describe_effects(listed).values()))
 

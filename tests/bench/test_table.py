@@ -11,6 +11,7 @@ from palpate.bench.table import (
     Figure,
     Measured,
     Row,
+    at_least,
     at_most,
     figure,
     figure_of,
@@ -20,7 +21,6 @@ from palpate.bench.table import (
     run_groups,
 )
 from palpate.launch.files import InputError
-from tests.studies.rows import at_least, best_seconds
 
 told: list[bool] = []
 
@@ -158,11 +158,6 @@ def test_what_is_compared_is_called_in_turns():
         "a": [1.0, 3.0],
         "b": [2.0, 4.0],
     }
-
-
-def test_the_best_of_some_rounds_counts():
-    clock = iter([0.0, 3.0, 10.0, 11.0, 20.0, 22.0])
-    assert best_seconds(lambda: None, 3, lambda: next(clock)) == 1.0
 
 
 def test_every_group_is_where_the_table_says():

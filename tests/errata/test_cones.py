@@ -11,8 +11,8 @@ from palpate.core.cones import (
     solve_orientation,
     solve_origin,
 )
+from palpate.core.cones.tables import DROPPED_ROWS, FEE_ROWS, FFE_ROWS
 from tests.core.cones.conftest import draw_cone
-from tests.core.cones.tables import DROPPED_ROWS, FEE_ROWS, FFE_ROWS, row_of
 
 
 def random_cones(count):
@@ -60,8 +60,7 @@ def test_an_edge_of_the_bottom_and_a_parabolic_point_are_a_row_that_is_there_alr
         touched = cone.features(["F_S", "E_B", "P_m"], place=False)
         (found,) = (one for one in interpretations(touched) if one.name == "F_S E_B P_m")
         assert found.stands
-        row = row_of(one.name for one in found.features)
-        assert row.combination == "E_B E_m F_S"  # printed two rows above
+        assert found.row.combination == "E_B E_m F_S"  # printed two rows above
     pairs = {row.features for row in FEE_ROWS if "F_S" in row.features}
     assert len(pairs) == 6  # all pairs of places of two edges beside a side
 

@@ -18,7 +18,7 @@ from palpate.launch.hosts import PORTS, free_endpoints, key_file, own_address, r
 from palpate.launch.launcher import launch
 from palpate.messages.bus.control import ControlClient
 from palpate.messages.bus.sockets import SocketContext, bind, make_key, read_key
-from tests.graph.toy_node import ToyParams, toy
+from tests.studies.toy_node import ToyParams, toy
 
 pytestmark = [
     pytest.mark.graph,
@@ -165,8 +165,7 @@ def test_nobody_listens_at_an_address_without_a_key():
 
 @pytest.mark.slow
 def test_a_launcher_that_is_gone_leaves_no_node_on_other_machines(away, tmp_path):
-    script = Path(__file__).parent / "toys" / "run_away.py"
-    command = [sys.executable, str(script), away[0]]
+    command = [sys.executable, "-m", "tests.graph.toys.run_away", away[0]]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as launcher:
         assert launcher.stdout is not None
         assert launcher.stdout.readline() == b"ready\n"

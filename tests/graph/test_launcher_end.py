@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,7 @@ from palpate.launch.launcher import launch
 from palpate.launch.processes import supervisor
 from palpate.messages.types.touch import TactileFrame
 from palpate.nodes.runtime.node import Input, Wiring
-from tests.graph.toy_node import ToyParams, toy
+from tests.studies.toy_node import ToyParams, toy
 
 pytestmark = pytest.mark.graph
 
@@ -179,7 +178,7 @@ def test_a_sink_still_writes_what_had_arrived_when_a_node_died(watcher, toys, tm
 
 def test_a_node_of_a_users_own_starts_light_with_one_thread_and_as_nice_as_asked():
     # In a process of its own, for what a server has once imported stays there.
-    command = [sys.executable, str(Path(__file__).parent / "toys" / "run_light.py")]
+    command = [sys.executable, "-m", "tests.graph.toys.run_light"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
     reason, unchanged = done.stdout.splitlines()
     assert reason.endswith(

@@ -5,12 +5,11 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
-SCRIPT = Path(__file__).parent / "toys" / "run_for_ever.py"
+SCRIPT = "tests.graph.toys.run_for_ever"
 GONE_WITHIN = 4.0
 
 
@@ -22,7 +21,7 @@ def slowly(case):
 def process(tmp_path):
     """A launcher in a process group of its own, just before its launch."""
     with subprocess.Popen(
-        [sys.executable, str(SCRIPT), str(tmp_path)],
+        [sys.executable, "-m", SCRIPT, str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -1,10 +1,11 @@
-"""A parameter is set while a graph runs; its node dies; replay and resumption do the same again."""
+"""A graph whose parameters are set and whose node dies: recorded, replayed, gone on with."""
 
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 
 import pytest
 
@@ -26,7 +27,10 @@ def tuned(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tuned")
     command = [sys.executable, "-m", "palpate", "run", "vase", "--tolerance", "0.1mm", "--quiet"]
     env = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
-    with subprocess.Popen([*command, "--out", str(folder / "run")], env=env) as process:
+    with (
+        ExitStack() as stack,
+        subprocess.Popen([*command, "--out", str(folder / "run")], env=env) as process,
+    ):
         try:
             card = wait_for(lambda: next(iter(running_graphs(folder)), None))
             wait_for(lambda: handled(card) > 10)
@@ -34,6 +38,16 @@ def tuned(tmp_path_factory):
             os.kill(about(card)["pid"], signal.SIGKILL)
             wait_for(lambda: about(card)["restarts"] == 1)
             set_parameter(card, "filter", "order", "median")
+            record = [
+                sys.executable,
+                "-m",
+                "palpate",
+                "bag",
+                "record",
+                "-o",
+                str(folder / "o.mcap"),
+            ]
+            stack.enter_context(subprocess.Popen(record, env=env))
             (card,) = running_graphs(folder)
             [node] = [one for one in card.nodes if one.name == "filter"]
             assert params_of(node) == {"order": "median", "contact": 1e-4}
@@ -72,6 +86,12 @@ def test_it_is_recorded_where_each_was_set_but_once(tuned):
 def test_a_replay_publishes_the_same_as_it_sets_the_same(tuned, capsys):
     assert cli.run(["replay", str(tuned)]) == 0
     assert "2 on /filter/parameter_events" in capsys.readouterr().out
+
+
+def test_who_records_it_from_outside_has_it_from_the_first_message_on(tuned):
+    outside = tuned.parent / "o.mcap"
+    assert all(one.identical for one in compare_recordings(tuned, outside).topics.values())
+    assert cli.run(["replay", str(outside)]) == 0
 
 
 @pytest.mark.parametrize("place", ["contour=1", "end"])

@@ -15,8 +15,8 @@ from palpate.launch.launcher import launch
 from palpate.messages.recording.reader import open_recording, parts_of
 from palpate.nodes import recorder
 from palpate.nodes.runtime.node import Input, Wiring, with_description
-from tests.graph.toy_node import ToyParams, toy
 from tests.studies.stalling_node import StallingParams, subscriber
+from tests.studies.toy_node import ToyParams, toy
 
 pytestmark = pytest.mark.graph
 FRAMES = 600

@@ -16,7 +16,7 @@ from palpate.nodes import console, player
 from palpate.nodes.runtime.node import Wiring
 from palpate.tools.introspection.requests import control_player, publish, request
 from tests.graph.test_restarts import Harm
-from tests.graph.toy_node import ToyParams, frame, toy
+from tests.studies.toy_node import ToyParams, frame, toy
 
 pytestmark = pytest.mark.graph
 

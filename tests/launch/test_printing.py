@@ -35,3 +35,16 @@ def test_figures_have_units_and_things_are_counted():
         "2 touches",
     ]
     assert counted(3, "topic") == "3 topics"
+
+
+def test_a_last_cell_of_words_is_broken_so_that_lines_have_80_columns():
+    names = ", ".join(f"node_{number}" for number in range(12))
+    beside, below = (text_table([("topic", "to"), (head, names)]) for head in ("/a", 70 * "x"))
+    assert beside[1].startswith("/a     node_0, node_1")
+    assert all(line.startswith("       node_") for line in beside[2:])
+    assert below[1] == 70 * "x"
+    assert below[2].startswith("    node_0, node_1")
+    for lines in (beside, below):
+        assert max(map(len, lines)) <= 80
+        assert " ".join(" ".join(lines).split()).endswith(names)
+    assert text_table([("a", "b"), (90 * "x", "1.5")]) == ["a" + 91 * " " + "b", 90 * "x" + "  1.5"]

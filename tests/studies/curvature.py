@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from palpate.bench.table import Row, at_most
+from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Bools, Floats, touch
-from tests.studies.rows import at_least
 from tests.studies.surfaces import SURFACES, WALKS, FusionScore, draw_touch, score_fusion
 from tests.studies.tactile_surface import fit_spline, spline_shape
 

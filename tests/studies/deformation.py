@@ -19,7 +19,7 @@ from palpate.bench.table import Row, figure
 from palpate.core import Floats, splines, thesis
 from palpate.core.shapes import Superquadric
 from palpate.tools import single_threaded
-from tests.studies.rows import best_seconds
+from tests.studies.timing import best_seconds
 
 SIZES = ((4, 4, 10), (6, 6, 20), (8, 8, 40))  # Control points along x, y and z
 LEVEL, QUICK_LEVEL = 5, 4  # Of the ellipsoid's mesh

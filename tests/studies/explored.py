@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from palpate.core import Floats, shapes
-from palpate.core.explore.planners import HELD_OUT, TUNED
+from palpate.core.explore.planners import TUNED
 from palpate.core.geometry import close_rings
+from tests.studies.held_out import HELD_OUT
 
 Radius = Callable[[Floats, Floats], Floats]  # Distance from the axis, by height and azimuth
 # What is explored: as a scene describes it, or by its radius, heights from 0 to 1 and both over

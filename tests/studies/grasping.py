@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from palpate.bench.table import Row
+from palpate.bench.table import Row, at_least
 from palpate.core import ROBOT_PRESETS, Floats, contact_seconds, free_seconds, pose_of, split_pose
 from palpate.core.explore.grasp import (
     Closing,
@@ -29,7 +29,6 @@ from palpate.core.rebuild import fit_coarse
 from palpate.core.shapes import PosedShape, Shape
 from palpate.nodes.specs import SensorSpec, build_pipeline
 from tests.studies.objects import GRASPED_OBJECTS
-from tests.studies.rows import at_least
 
 TRIALS, QUICK_TRIALS = 8, 1
 COUNTS = (30, 60, 100)

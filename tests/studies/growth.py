@@ -25,11 +25,11 @@ from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.shapes import Mesh
 from palpate.nodes import simulator, specs
 from palpate.tools import single_threaded
-from tests.graph.toy_node import token_ring
 from tests.studies.effects import touch_goals
 from tests.studies.hops import ring_times
 from tests.studies.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, RoundObject, truth_of
-from tests.studies.rows import best_seconds
+from tests.studies.timing import best_seconds
+from tests.studies.toy_node import token_ring
 
 SIZES: Mapping[str, tuple[int, ...]] = {
     "contours": (4, 6, 9, 14, 22, 36, 60),

@@ -18,15 +18,15 @@ from typing import Any
 
 import zmq
 
-from palpate.bench.table import Row, at_most, figure, in_turns
+from palpate.bench.table import Row, at_least, at_most, figure, in_turns
 from palpate.launch import launch
 from palpate.launch.processes import without_main_module
 from palpate.messages import Header, decode, encode, pack_frame, schema_hash, split_frame
 from palpate.messages.bus import SocketContext, bind
 from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime import Ending, Watcher, Wiring
-from tests.graph.toy_node import frame, settle, token_ring
-from tests.studies.rows import at_least, best_seconds
+from tests.studies.timing import best_seconds
+from tests.studies.toy_node import frame, settle, token_ring
 
 LAPS = 2000
 CORES = ((0, "one core"), (-1, "free cores"))

@@ -18,7 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
-from palpate.bench.table import Row, figure
+from palpate.bench.table import Row, at_least, figure
 from palpate.launch import launch
 from palpate.launch.processes import RunCard, running_graphs
 from palpate.messages import decode
@@ -26,8 +26,7 @@ from palpate.messages.bus import STATUS_TOPIC
 from palpate.messages.types import NodeStatus
 from palpate.nodes.runtime import Watcher
 from palpate.tools.introspection import TapSubscription, Topic
-from tests.graph.toy_node import token_ring
-from tests.studies.rows import at_least
+from tests.studies.toy_node import token_ring
 
 ROOT = Path(__file__).parents[2]  # Where a new process begins, and finds this module
 TURNS = 9

@@ -11,14 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.bench.table import Row, at_most
+from palpate.bench.table import Row, at_least, at_most
 from palpate.core import Floats
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.side import ContourLoft, fit_contour_loft
 from palpate.tools import single_threaded
 from tests.studies.contours import CONTOUR_NOISE, ends_of, noisy_contours, rebuilt
 from tests.studies.rebuilt import REBUILT_SHAPES, WAVY, RoundObject, truth_of
-from tests.studies.rows import at_least
 
 DISORDERED = ((27, 81), (24, 41), (9, 24))  # Contours, and points of each
 COUNTS = 0.25  # By which the number of points differs from contour to contour

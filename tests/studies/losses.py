@@ -20,7 +20,7 @@ from typing import Any
 
 import zmq
 
-from palpate.bench.table import Row, in_turns
+from palpate.bench.table import Row, at_least, in_turns
 from palpate.launch import EXPLORE, Display, find_scene, launch, perform, plan_run
 from palpate.launch.files import SourceMapped
 from palpate.messages import Header, encode, pack_frame
@@ -29,10 +29,9 @@ from palpate.messages.types import NodeStatus
 from palpate.nodes import recorder
 from palpate.nodes.runtime import Input, Watcher, Wiring, with_description
 from palpate.tools.chaos import FloodParams
-from tests.graph.toy_node import ToyParams, frame, token_ring, toy
 from tests.studies.hops import finished, ring_seconds, spawned
-from tests.studies.rows import at_least
 from tests.studies.stalling_node import SOURCE, TOPIC, StallingParams, subscriber
+from tests.studies.toy_node import ToyParams, frame, token_ring, toy
 
 MESSAGES, QUICK = 1_000_000, 20_000
 STALLS, LONGEST = 3, 2.0  # A subscriber stands still so often, for so many s at most

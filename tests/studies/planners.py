@@ -19,10 +19,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.bench.table import Row, at_most, figure
+from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.core.explore import planners as rules
 from tests.studies.drawn import drawn_objects
-from tests.studies.rows import at_least, best_seconds
+from tests.studies.held_out import HELD_OUT
+from tests.studies.timing import best_seconds
 
 DEMAND = 0.0025  # Root mean square error of the side, over the height
 # None is below what the noise alone makes of the error.
@@ -64,7 +65,7 @@ class PlanClaim(NamedTuple):
 def planner_rows(quick: bool) -> Iterable[Row]:
     """Figures of planners; fewer runs of the calibration if quick."""
     yield from count_rows()
-    yield from _other_objects("held-out objects", rules.HELD_OUT)
+    yield from _other_objects("held-out objects", HELD_OUT)
     yield from _other_objects("drawn objects", drawn_objects(DRAWN, SEED))
     yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
     trial, heights = (
@@ -160,7 +161,7 @@ def first_counts(planner: rules.Planner, trials: Trials) -> Counts:
 
 def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
     """Whether the bound holds as often as it claims, on objects not used for tuning."""
-    objects = {**rules.HELD_OUT, **drawn_objects(DRAWN // 3, SEED)}
+    objects = {**HELD_OUT, **drawn_objects(DRAWN // 3, SEED)}
     runs = [
         plan_claim(rules.PlannerTrial(radius, noise, seed), tolerance)
         for radius in objects.values()
@@ -221,7 +222,7 @@ def template_rows(quick: bool) -> Iterator[Row]:
     drawn, sets = drawn_objects(TEMPLATE_DRAWN, SEED), rule_sets()[:: QUICK if quick else 1]
     halves = [dict(islice(drawn.items(), first, None, 2)) for first in (0, 1)]
     seen = by_kind({**rules.TUNED, **halves[0]})
-    others = by_kind({**rules.HELD_OUT, **halves[1]})
+    others = by_kind({**HELD_OUT, **halves[1]})
     for kind in KINDS:
         found = best_by_form(sets, seen[kind], others[kind])
         yield Row(

@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate import launch
-from palpate.bench.table import Row, at_most
+from palpate.bench.table import Row, at_least, at_most
 from palpate.core import recognition, shapes
 from palpate.nodes.specs import build_shape
-from tests.studies.rows import at_least
 
 POSES, QUICK_POSES = 200, 40
 UNKNOWN_POSES, QUICK_UNKNOWN_POSES = 40, 10

@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.bench.table import Row, at_most, figure_of
+from palpate.bench.table import Row, at_least, at_most, figure_of
 from palpate.core import Floats, shapes, splines
 from palpate.core.geometry import nearest_points, nearest_search, sample_surface
 from palpate.core.rebuild.recovery import Warps, distances_alone, normal_distances, recover
 from palpate.core.splines.inversion import invert_general
 from palpate.core.thesis import fit_closed_curve_thesis, invert_thesis
-from tests.studies.rows import at_least, best_seconds
+from tests.studies.timing import best_seconds
 
 TRIALS, QUICK_TRIALS = 200, 30
 HARD_TRIALS, QUICK_HARD_TRIALS = 40, 8

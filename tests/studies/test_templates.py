@@ -3,8 +3,9 @@ from __future__ import annotations
 import pytest
 
 from palpate.core.explore.planners import Thesis
-from palpate.core.explore.planners.trial import HELD_OUT, MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
+from palpate.core.explore.planners.trial import MOST_CONTOURS_PLANNED, TUNED, PlannerTrial
 from tests.studies import planners
+from tests.studies.held_out import HELD_OUT
 from tests.studies.planners import (
     KINDS,
     Chosen,

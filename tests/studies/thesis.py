@@ -42,7 +42,7 @@ from tests.studies.rebuilt import (
     loft_rings,
     truth_of_mesh,
 )
-from tests.studies.rows import best_seconds
+from tests.studies.timing import best_seconds
 
 EXAMPLE_NOISE = 0.005  # Of the object's height, along x and y
 EXAMPLE_HEIGHT = 2.0  # Of both examples; all figures are over it, so its unit does not matter

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from palpate.bench.speed import SCENES
-from palpate.bench.table import Row, at_most, figure
+from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.launch import find_scene, load_scene
 from palpate.tools import single_threaded
 from tests.studies.harness import NOISY, Explored, explore_scene, percent_of
-from tests.studies.rows import at_least
 
 PERCENTS = (1.0, 0.5, 0.2, 0.1, 0.05)  # Root mean square error asked for, of the height
 QUICK_SCENES = ("vase", "egg")

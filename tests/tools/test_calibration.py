@@ -62,7 +62,7 @@ def test_the_report_gives_each_figure_with_its_error(calibrated, worn):
 def test_the_ball_is_measured_better_with_the_calibration(calibrated, worn):
     ball = calibration_text(calibration_figures(calibrated, worn.sensor)).splitlines()[-1]
     measured, by_sheet = (
-        part.split(" +- ") for part in ball.partition("measured as ")[2].split("; ")
+        part.split(" +- ") for part in ball.partition("measured as ")[2].split("; by sheet ")
     )
     radius, error = float(measured[0]), float(measured[1].split()[0])
     radius_by_sheet, error_by_sheet = float(by_sheet[0]), float(by_sheet[1].split()[0])

@@ -233,7 +233,8 @@ def _print_error(text: str, code: int) -> int:
 def _usage_text(error: click.ClickException) -> str:
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "palpate"
-    return f"{error.format_message().rstrip('.')} (see {path} --help)"
+    text = error.format_message()
+    return f"{text if text.endswith('...') else text.rstrip('.')} (see {path} --help)"
 
 
 def _bug_text(error: Exception) -> str:
@@ -319,7 +320,7 @@ palpate_group = LazyGroup(
         "host": ("launching", "Lend this machine to graphs that are launched elsewhere."),
         "keys": ("launching", "Make the key that the machines of a graph share."),
         "replay": ("launching", "Run nodes on a recording and compare what they publish."),
-        "bag": ("recordings", "Look into recordings; play, recover, compare and export them."),
+        "bag": ("recordings", "Look into recordings; record, play, recover, compare and export."),
         "scene": ("solids", "List and check scenes."),
         "node": ("running_graph", "Look at the nodes of a running graph, and at all kinds."),
         "topic": ("running_graph", "Receive and publish on the topics of a running graph."),

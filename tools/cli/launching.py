@@ -32,12 +32,12 @@ SWEEP_HELP = """Explore with every combination of parameters that FILE asks for,
 accuracy costs.
 
 \b
-scene: vase                               # a name or a file, or a list of them
-seeds: 3                                  # 0, 1, 2; or a list of seeds
-grid:                                     # every combination of these
-  tolerance: [1mm, 0.5mm]                 # also: feature, budget, fingers
-  scene.sensor.pitch: [1.0e-3, 1.2e-3]    # any value within the scene
-list:                                     # and each of these with all of the grid
+scene: vase                             # a name or a file, or a list of them
+seeds: 3                                # 0, 1, 2; or a list of seeds
+grid:                                   # every combination of these
+  tolerance: [1mm, 0.5mm]               # also: feature, budget, fingers
+  scene.sensor.pitch: [1.0e-3, 1.2e-3]  # any value within the scene
+list:                                   # each of these, with all of the grid
   - {planner.planner: predicted}          # any parameter of a node
   - {planner.planner: uniform, planner.settings.count: 9}
 

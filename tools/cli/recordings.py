@@ -8,13 +8,14 @@ from typing import Any
 
 import click
 
+from palpate.launch import processes
 from palpate.launch.files import InputError, as_input_errors
 from palpate.tools import bag as bags
 from palpate.tools import introspection
 from palpate.tools.cli import command_line
 
 bag_group = command_line.NamedGroup(
-    "bag", help="Look into recordings, play, recover and compare them, and hand them on."
+    "bag", help="Look into recordings; record, play, recover, compare and export them."
 )
 
 
@@ -33,6 +34,32 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
     info = bags.bag_info(bag)
     command_line.print_figures(info, bags.info_text(info), as_json=as_json)
     return 0 if info["closed"] else 1
+
+
+@bag_group.command("record", short_help="Record a running graph.")
+@command_line.out_option("The new file.", required=True)
+@command_line.TOPICS
+@click.option("--duration", type=click.FloatRange(0.0, min_open=True), help="End after, s.")
+@command_line.RUN
+def bag_record_command(
+    out: Path, topics: tuple[str, ...], duration: float | None, run: str | None
+) -> int:
+    """Record a running graph until it ends, or Ctrl-C, from its first message on.
+
+    What it had published before is asked for, and what is lost on the way as well. What no node
+    has subscribed to is recorded from now on only. A graph of palpate run or launch records itself;
+    this is for one that does not, or for some of its topics.
+
+    Exits with 1 if something is missing.
+    """
+    with as_input_errors():
+        card = processes.find_run(run)
+        known = introspection.topics_of(card)
+        names = topics or [name for name in known if name not in introspection.STATUS_TOPICS]
+        found = introspection.find_topics(card, names)
+        done = bags.record_graph(card, found, out, duration=duration, echo=click.echo)
+    click.echo(bags.recorded_text(done))
+    return int(bool(done.lost))
 
 
 @bag_group.command("play", short_help="Publish again what a recording holds, at its own pace.")

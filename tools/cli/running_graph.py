@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from palpate import launch
+from palpate import launch, messages
 from palpate.launch import processes
 from palpate.launch.files import InputError, as_input_errors, hint
-from palpate.messages import schema
 from palpate.tools import introspection
 from palpate.tools.cli.command_line import JSON, NODE, OPTIONAL_NODE, RUN, RUN_PATH, TOPIC, Command
 from palpate.tools.cli.command_line import NamedGroup, complete_topic, print_figures
@@ -32,9 +31,7 @@ console in its launch file:
 What is published is recorded and received like any other message.
 """
 topic_group = NamedGroup("topic", help="Receive and publish on the topics of a running graph.")
-node_group = NamedGroup(
-    "node", help="Look at the nodes of a running graph, or at the kinds of node."
-)
+node_group = NamedGroup("node", help="Look at the nodes of a running graph, and at all kinds.")
 interface_group = NamedGroup("interface", help="Look at the types of messages.")
 param_group = NamedGroup("param", help="Look at the parameters of a running graph's nodes.")
 
@@ -106,9 +103,8 @@ def topic_info_command(topic: str, run: str | None, verbose: bool, as_json: bool
     for what, nodes in (("Publisher", found.publishers), ("Subscription", found.subscribers)):
         lines.append(wrapped(f"{what} count: {len(nodes)}  {', '.join(nodes)}"))
     if cls is not None:
-        rows = introspection.field_rows(cls)
-        lines += ["Fields:", *(f"  {line}" for line in launch.text_table(rows))]
-    told = {} if cls is None else {"schema": schema(cls)}
+        lines += ["Fields:", *(f"  {line}" for line in introspection.field_lines(cls))]
+    told = {} if cls is None else {"schema": messages.schema(cls)}
     print_figures({**topic_figures(found), **told}, "\n".join(lines), as_json=as_json)
 
 
@@ -279,7 +275,7 @@ def interface_show_command(kind: str, run: str | None, bag: Path | None, as_json
     """Say what fields messages of TYPE have: name, what it holds, unit, and what it means."""
     with as_input_errors():
         cls = introspection.find_interface(kind, introspection.known_interfaces(run, bag))
-    print_figures(schema(cls), introspection.interface_text(cls), as_json=as_json)
+    print_figures(messages.schema(cls), introspection.interface_text(cls), as_json=as_json)
 
 
 @param_group.command("list", short_help="Name the parameters.")
@@ -312,7 +308,7 @@ def param_get_command(node: str, param: str, run: str | None, as_json: bool) -> 
 
 
 @param_group.command("set", short_help="Set a parameter between two touches.")
-@click.argument("node")
+@NODE
 @click.argument("param")
 @click.argument("value")
 @RUN

@@ -18,10 +18,10 @@ from palpate.tools.cli.command_line import progress_printer, quiet_option
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
 \b
-.csv .txt   columns x,y,z and, named by a header, contour, nx,ny,nz, touch; parted by
-            commas, semicolons, tabs or blanks; # begins a comment
-.npz        contour_0, contour_1, ..., each (n, 3), or contours with the array contour
-            that numbers their points; normals and tops if there are any
+.csv .txt   columns x,y,z and, named by a header, contour, nx,ny,nz, touch;
+            parted by commas, semicolons, tabs or blanks; # begins a comment
+.npz        contour_0, contour_1, ..., each (n, 3), or contours with the array
+            contour that numbers their points; normals and tops if there are
 .ply .xyz   a cloud of points at repeated heights, in no order
 .mcap       a recording of palpate, or the folder of a run
 
@@ -134,7 +134,7 @@ def scene_list(as_json: bool) -> None:
     print_figures(titles, text, as_json=as_json)
 
 
-@scene_group.command("check")
+@scene_group.command("check", short_help="Say whether a scene can be explored.")
 @click.argument("scene", shell_complete=complete_scene)
 @UNTRUSTED
 @JSON
@@ -146,7 +146,7 @@ def scene_check(scene: str, untrusted: bool, as_json: bool) -> None:
     print_figures(scene_figures(found), scene_text(found), as_json=as_json)
 
 
-@scene_group.command("effects")
+@scene_group.command("effects", short_help="Name the effects that a scene may list.")
 @JSON
 def scene_effects(as_json: bool) -> None:
     """Name the effects that a scene may list, their parameters, defaults and ranges."""

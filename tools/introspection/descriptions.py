@@ -19,18 +19,17 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import structs
 
-from palpate.launch import Entry, find_bag, load_entry, text_table
+from palpate.launch import TEXT_WIDTH, Entry, find_bag, load_entry
 from palpate.launch.files import as_input_errors, hint
 from palpate.launch.processes import RunCard, find_run, running_graphs
 from palpate.messages import recording, type_of_schema
 from palpate.messages.types import TYPES
 from palpate.nodes.runtime import Sink, Source, load_node
-from palpate.tools.introspection.echo import TextStyle, field_rows, yaml_lines, yaml_value
+from palpate.tools.introspection.echo import TextStyle, field_lines, yaml_lines, yaml_value
 from palpate.tools.introspection.requests import find_node, params_of
 
 OWN_PACKAGE = "palpate."  # Modules that may be imported to look at what they hold
 INDENT = 8  # Columns before the comment of a parameter
-COLUMNS = 80  # Of what is printed, where it can be broken
 _BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
@@ -122,7 +121,7 @@ def describe_kind(name: str) -> dict[str, Any]:
 
 def kind_text(kind: Mapping[str, Any]) -> str:
     """The same for people."""
-    lines = [kind["kind"], *(f"  {line}" for line in kind["told"].splitlines())]
+    lines = [kind["kind"], *_paragraph(kind["told"], 2)]
     if kind["sink"]:
         lines.append("  subscribes to everything")
     elif kind["subscribes"] is None:
@@ -135,9 +134,17 @@ def kind_text(kind: Mapping[str, Any]) -> str:
         unit = f"  {about['unit']}" if about["unit"] else ""
         may = "  settable" if param in kind["settable"] else ""
         takes = f"  takes {param}  {about['type']}{unit}  {need}{may}"
-        for text in (takes, f"{'':{INDENT}}{about['help']}".rstrip()):
-            lines += textwrap.wrap(text, COLUMNS, subsequent_indent=" " * INDENT)
+        lines += textwrap.wrap(takes, TEXT_WIDTH, subsequent_indent=" " * INDENT)
+        lines += _paragraph(about["help"], INDENT)
     return "\n".join(lines)
+
+
+def _paragraph(text: str, indent: int) -> list[str]:
+    """A text as lines of 80 columns, so many of them blank."""
+    blank = " " * indent
+    return textwrap.wrap(
+        " ".join(text.split()), TEXT_WIDTH, initial_indent=blank, subsequent_indent=blank
+    )
 
 
 def describe_param(card: RunCard, name: str, param: str) -> dict[str, Any]:
@@ -188,9 +195,11 @@ def find_interface(name: str, known: Mapping[str, str]) -> type:
 
 
 def interface_text(cls: type) -> str:
-    """What a message type is: a line for each field, with type, unit and comment."""
+    """What a message type is: a line for each field, with type and unit, and its comment below."""
     comments = comments_of(cls) if cls.__name__ in TYPES else {}
-    told = inspect.getdoc(cls) or ""
-    rows = [(*line, comments.get(line[0], "")) for line in field_rows(cls)]
-    lines = [*told.splitlines(), "", *text_table(rows)]
-    return "\n".join([cls.__name__, *(f"  {line}" for line in lines)])
+    lines = [cls.__name__]
+    for part in (inspect.getdoc(cls) or "").split("\n\n"):
+        lines += [*_paragraph(part, 2), ""]
+    for line in field_lines(cls):
+        lines += [f"  {line}", *_paragraph(comments.get(line.split()[0], ""), INDENT)]
+    return "\n".join(lines)

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.launch import text_table
 from palpate.launch.files import hint
 from palpate.launch.processes import RunCard
 from palpate.messages import codec_of, decode, schema
@@ -196,9 +197,10 @@ def _cells(value: Any, style: TextStyle) -> list[Any]:
     return [value if isinstance(value, str) else _scalar(value)]
 
 
-def field_rows(cls: type) -> list[tuple[str, str, str]]:
-    """Name, what it holds, and unit of each field."""
-    return [(name, *_described(rule)) for name, rule in schema(cls)["properties"].items()]
+def field_lines(cls: type) -> list[str]:
+    """One line for each field: name, what it holds, unit."""
+    fields = schema(cls)["properties"].items()
+    return text_table([(name, "  ".join(filter(None, _described(rule)))) for name, rule in fields])
 
 
 def _described(rule: dict[str, Any]) -> tuple[str, str]:

@@ -262,10 +262,7 @@ def close_hand(
 
 
 def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> tuple[Floats, Floats]:
-    """Start poses (n, 7) of an open hand's fingertips and how far they may go, (n,), m.
-
-    Each moves along its own z axis; the palm is last. See `FingerPaths`.
-    """
+    """Start poses (n, 7) and ways (n,), m, of an open hand's fingertips, the palm last."""
     place, axes = split_pose(pose)
     paths = finger_paths(hand, place[None], axes[None], platform)
     turns = _in_hand(hand.fingers)[1]
@@ -289,10 +286,7 @@ def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> F
 
 @cache
 def _in_hand(fingers: int) -> tuple[Floats, Floats]:
-    """Places (n, 3) of the fingertips in units of the opening, and how they are turned, (n, 3, 3).
-
-    In the hand's frame; the palm is last.
-    """
+    """Fingertips, the palm last, in the hand: places (n, 3) over the opening, and turns."""
     around = 2.0 * math.pi * np.arange(fingers) / fingers
     places = np.column_stack([np.cos(around), np.sin(around), np.zeros(fingers)])
     turns = [pad_rotation(turn, 0.0) for turn in around.tolist()]

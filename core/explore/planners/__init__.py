@@ -20,20 +20,12 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.protocol import exhausted_budget, first_and_last
     from palpate.core.explore.planners.protocol import make_planner, planner_type, settled_height
     from palpate.core.explore.planners.protocol import slice_without_contour
-    from palpate.core.explore.planners.surface import (
-        ObservedSurface,
-        OpenArea,
-        Progress,
-        TouchOffer,
-    )
+    from palpate.core.explore.planners.surface import ObservedSurface, OpenArea, Progress
+    from palpate.core.explore.planners.surface import TouchOffer
     from palpate.core.explore.planners.thesis import TEMPLATES, Thesis
-    from palpate.core.explore.planners.touches import (
-        MOST_OPEN,
-        Touches,
-        describe_opening,
-        next_touch,
-    )
-    from palpate.core.explore.planners.trial import AROUND, EXTENT, HELD_OUT, MOST_CONTOURS_PLANNED
+    from palpate.core.explore.planners.touches import MOST_OPEN, Touches, describe_opening
+    from palpate.core.explore.planners.touches import next_touch
+    from palpate.core.explore.planners.trial import AROUND, EXTENT, MOST_CONTOURS_PLANNED
     from palpate.core.explore.planners.trial import TUNED, PlannerTrial, Radius, lost_slice
     from palpate.core.explore.planners.trial import measure_side, observation_of, run_planner
     from palpate.core.explore.planners.uniform import Uniform

@@ -225,7 +225,6 @@ class ErrorIndicators(NamedTuple):
 
     width: Floats  # Its height
     quintic_gap: Floats  # In its middle: the quintic with curvatures, too, against the cubic
-    chord_gap: Floats  # The cubic against the straight line between the positions
     rise_mismatch: Floats  # How far slopes and curvatures of both ends miss the positions' rise
     noise: Floats  # Standard deviation of the two slices
     bend_side: Floats  # From 0 to 1: to which end it bends more, by the root of second derivatives
@@ -243,13 +242,11 @@ def error_indicators(profile: Profile) -> ErrorIndicators:
     normal = 1.0 / (np.sqrt(2.0 * (q0 + q1)) * steep)
     # Values of the curves in the middle of the interval.
     quintic_gap = h * (d0 - d1) / 32.0 + h**2 * (c0 + c1) / 64.0
-    chord_gap = h * (d0 - d1) / 8.0
     rise_mismatch = (q1 - q0 - 0.5 * h * (d0 + d1) + h**2 * (c1 - c0) / 12.0) / 16.0
     bend_side = np.sqrt(_rms(profile.bends) + LEAST_BEND)
     return ErrorIndicators(
         width=h[:, 0],
         quintic_gap=_rms(quintic_gap * normal),
-        chord_gap=_rms(chord_gap * normal),
         rise_mismatch=_rms(rise_mismatch * normal),
         noise=np.sqrt(0.5 * (profile.deviations[:-1] ** 2 + profile.deviations[1:] ** 2)),
         bend_side=bend_side[1:] / (bend_side[1:] + bend_side[:-1]),

@@ -167,12 +167,11 @@ class Observation:
                 f"tolerance must be at least the sensor's resolution {self.resolution} m, "
                 f"got {self.tolerance} m"
             )
-        for name in ("low_deviation", "high_deviation", "finger_spacing"):
+        deviations = ("low_deviation", "high_deviation", "ends_deviation", "pose_deviation")
+        for name in (*deviations, "finger_spacing"):
             not_negative(name, getattr(self, name), "m")
         if self.deviation is not None:
             not_negative("deviation", self.deviation, "m")
-        for name in ("ends_deviation", "pose_deviation"):
-            not_negative(name, getattr(self, name), "m")
         counts = {len(one.radii) for one in self.slices if one.usable}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
@@ -289,10 +288,7 @@ def check_choice(planner: Planner, observation: Observation) -> Choice:
 
 
 def settled_height(planner: Planner, observation: Observation) -> Height | None:
-    """A slice in which no model has a say, if the planner has one that can be acted on.
-
-    None if a budget is spent: what is left then, the planner's `next` says.
-    """
+    """A slice in which no model has a say, if the planner has one and budget is left; or None."""
     if exhausted_budget(observation) is not None:
         return None
     settled: Callable[[Observation], object] = getattr(planner, "settled", lambda _: None)

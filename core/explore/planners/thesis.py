@@ -21,7 +21,7 @@ from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from palpate.core.arrays import Floats, finite_array
+from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
 from palpate.core.plugins import Range, check_ranges
 
@@ -221,29 +221,16 @@ def fit_decreasing(places: Floats, values: Floats, knots: Floats) -> Polyline:
 
 def hat_basis(places: Floats, knots: Floats) -> Floats:
     """Values (n, m) of the m hat functions of increasing knots at n places."""
-    knots = finite_array("knots", knots, (None,))
-    if len(knots) < 2 or not (np.diff(knots) > 0.0).all():
-        raise ValueError(f"knots must be at least 2 and increase, got {knots}")
     return np.stack([np.interp(places, knots, hat) for hat in np.eye(len(knots))], axis=1)
 
 
 def equal_curvature_knots(places: Floats, values: Floats, segments: int) -> Floats:
     """Knots between which the root of the second derivative has the same sum: closed form."""
-    _check(places, values, segments)
     second = np.gradient(np.gradient(values, places), places)
     density = np.sqrt(np.abs(second)) + LEAST_CURVATURE
     steps = 0.5 * (density[1:] + density[:-1]) * np.diff(places)
     mass = np.concatenate([[0.0], np.cumsum(steps)])
     return np.interp(np.linspace(0.0, mass[-1], segments + 1), mass, places)
-
-
-def _check(places: Floats, values: Floats, segments: int) -> None:
-    places = finite_array("places", places, (None,))
-    finite_array("values", values, (len(places),))
-    if len(places) < 3 or not (np.diff(places) > 0.0).all():
-        raise ValueError("places must be at least 3 and increase")
-    if segments < 1:
-        raise ValueError(f"segments must be at least 1, got {segments}")
 
 
 TEMPLATES: Mapping[Template, StepTemplate] = {

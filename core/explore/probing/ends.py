@@ -180,10 +180,7 @@ class EndFace(NamedTuple):
 
 
 def fit_face(touches: Sequence[ProbeResult], width: float) -> EndFace:
-    """The plane through touched points that leans as their normals do.
-
-    `width`: of the pad, m: a normal tells of the heights a foot away.
-    """
+    """The plane through touched points that leans as their normals do, for a pad's `width`, m."""
     points = np.stack([one.point for one in touches])
     slopes, sure = _slopes(touches)
     middle = points.mean(axis=0)
@@ -214,10 +211,7 @@ def _slopes(
 def is_plane(
     face: EndFace, touches: Sequence[ProbeResult], contour: SideContour, allowed: float
 ) -> bool:
-    """Whether all touches lie in a plane, and nothing beside them rises over it.
-
-    `allowed`: largest distance from the plane, m.
-    """
+    """Whether touches lie in a plane, to `allowed`, m, and nothing beside them rises over it."""
     points = np.stack([one.point for one in touches])
     if float(np.abs(points[:, 2] - face.at(points[:, :2])).max()) > allowed:
         return False

@@ -89,10 +89,7 @@ class Trace:
 
 
 def next_command(pad: Pad, trace: Trace) -> tuple[Trace, TouchCommand | TraceStatus]:
-    """Where to touch next, or how tracing has ended.
-
-    Call it once at the start, then with the trace that `after_touch` gives.
-    """
+    """Where to touch next, or how tracing ended: first, then with each `after_touch`."""
     spec = SliceSpec(pad, trace.slice.height, trace.slice.gap)
     found: TouchCommand | TraceStatus | None = None
     while found is None:

@@ -84,10 +84,7 @@ def _ends_below(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[boo
 def approach_from(
     spec: SliceSpec, centre: Floats, radius: float, azimuth: float, held_off: int = 0
 ) -> Procedure[FirstArc | SliceArc | None]:
-    """Come from outside: the arc there, or else what was touched first, or None for a miss.
-
-    The more often the pad has been held off, the fewer postures are tried.
-    """
+    """Come from outside: the arc, or what was touched first, or None; in ever fewer postures."""
     place = centre + radius * np.array([math.cos(azimuth), math.sin(azimuth)])
     arc = yield TouchCommand(place, azimuth, 0.0, radius, UPRIGHT)
     if arc is None:

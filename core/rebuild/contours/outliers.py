@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Polynomial
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array
+from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats
 from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
 
 # Of points.
@@ -238,19 +238,11 @@ def neighbour_deviation(beside: Floats, ahead: Floats) -> NeighbourDeviation:
     in_frame = np.einsum("nij,nkj->ink", frame, beside)
     one, two = np.array(PAIRS).T
     share = ahead[:, one] / (ahead[:, one] - ahead[:, two])
-    off = [-_middle_of_five(own[:, one] + share * (own[:, two] - own[:, one])) for own in in_frame]
+    lines = (own[:, one] + share * (own[:, two] - own[:, one]) for own in in_frame)
+    off = [-np.sort(five, axis=1)[:, 2] for five in lines]  # Their medians
     cubic = np.einsum("nk,nkd->nd", _lagrange_weights(ahead[:, CUBIC]), beside[:, CUBIC])
     bend = -np.einsum("nij,nj->ni", frame, cubic)
     return NeighbourDeviation(np.stack(off, axis=1), bend, frame, point)
-
-
-def _middle_of_five(values: Floats) -> Floats:
-    """Medians (N,) of rows (N, 5): no less than three of the five, and no more than three."""
-    a, b, c, d, e = values.T
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    low, high = np.maximum(low, np.minimum(c, d)), np.minimum(high, np.maximum(c, d))
-    # Of four values the two in the middle are left; the fifth is between them, or not.
-    return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e)))
 
 
 def _over(off: Floats, allowed: Floats) -> Floats:
@@ -278,20 +270,15 @@ class InconsistentContours(NamedTuple):
     off: Floats  # (M,): by how much each of these is off, root mean square, m; 0 for the others
 
 
-def inconsistent_contours(heights: ArrayLike, grid: ArrayLike) -> InconsistentContours:
+def inconsistent_contours(heights: Floats, grid: Floats) -> InconsistentContours:
     """Find contours that contradict their neighbours.
 
     Of contours (M, K, 2) at rising heights (M,), matched place by place, m. What a single contour
     has touched, a groove narrower than twice the spacing, is no different from a contour gone
     wrong. The lowest and the highest contour are never bad: beyond them nothing tells how the
     object rounds off. None is bad where there are fewer than 9, or so many bad, more than one in
-    five or so, that nothing tells how good ones fare. Raises ValueError if a shape is wrong, a
-    number not finite, or the heights do not rise.
+    five or so, that nothing tells how good ones fare.
     """
-    heights = finite_array("heights", heights, (None,))
-    grid = finite_array("grid", grid, (len(heights), None, 2))
-    if not (np.diff(heights) > 0.0).all():
-        raise ValueError(f"heights must rise, got {heights.tolist()} m")
     count = len(heights)
     bad = np.zeros(count, dtype=bool)
     if count < LEAST_SLICES:

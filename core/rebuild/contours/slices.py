@@ -105,11 +105,10 @@ class Slices:
 
 
 def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
-    """Put curves in order.
+    """Put curves in order; ValueError if there is none.
 
     Of contours at one height one stays: the better of two that repeat each other or cross, the
-    outer one of nested ones, the larger of two that lie side by side. Raises ValueError if there
-    is none.
+    outer one of nested ones, the larger of two that lie side by side.
     """
     dropped = [one for one in given if isinstance(one, DroppedContour)]
     loops = [one for one in given if isinstance(one, ContourCurve)]

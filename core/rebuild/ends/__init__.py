@@ -2,8 +2,7 @@
 
 Profile families and their choice, what touches say of an end, reliefs of faces, sheared ends.
 Families may be added in `profiles` and offered in `closing`; thresholds are shares of a radius or
-standard deviations. It rests on contact points and on the radial spline, and is told in the frame
-in which slices are level.
+deviations. It rests on contact points and the radial spline, told where slices are level.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

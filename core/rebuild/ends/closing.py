@@ -39,10 +39,8 @@ Family = Callable[[Floats, Floats, float], Profile]
 FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "superellipse": superellipse}
 # Those for contours so close together that they show how a leaning wall is rounded.
 DENSE: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
-LEVEL: tuple[ProfileKind, ProfileKind] = (
-    "flat",
-    "flared",
-)  # Families that end level, as a wall does that an arc rounds off
+# Families that end level, as a wall does that an arc rounds off.
+LEVEL: tuple[ProfileKind, ProfileKind] = "flat", "flared"
 # By how much better either must be than a sharp edge where that tells the last row; else an arc
 # than a superellipse, which looks like one, and how well it must then follow the rows, as a share
 # of the radius.
@@ -111,8 +109,7 @@ def close_ends(
     They run counter-clockwise at ascending heights (m,), grid (m, k, 2); `noise` is the standard
     deviation of a point, in the same unit. `bottom` and `top` are heights at which a touch found
     the ends, left out where nobody touched. Raises ValueError if the contours are not like that or
-    have no width, if an end lies inside the contours by more than a spacing, or if `noise` is
-    negative.
+    have no width, an end lies inside them by more than a spacing, or `noise` is negative.
     """
     down, up = (_stack(heights, grid, noise, upper=upper) for upper in (False, True))
     return _end("bottom", down, bottom, False, None), _end("top", up, top, False, None)
@@ -183,8 +180,7 @@ def _end(
 def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
     """How far beyond the last contour the solid closes; None where nobody can know.
 
-    By ascending outward coordinates (n,), mean radii there, and a mean radius's deviation
-    `scatter`.
+    By ascending outward coordinates (n,), mean radii there, and the deviation `scatter` of these.
     """
     if len(depths) < POLE_FEWEST:
         return None

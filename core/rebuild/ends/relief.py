@@ -85,10 +85,7 @@ def end_ways(end: End, row: Floats, points: Floats) -> tuple[Floats, Floats]:
 def _coefficients(
     rows: Floats, touch: Ints, above: Floats, sizes: Floats, pose: float
 ) -> tuple[Floats, Floats]:
-    """Of the likeliest deviation, over their sizes (k,): from heights above the profile, m.
-
-    And their covariance (k, k).
-    """
+    """Of the likeliest deviation over their sizes (k,), from heights above, m; and covariance."""
     both = np.concatenate([rows, np.eye(int(touch.max()) + 1)[touch]], axis=1)
     left = above - both @ np.linalg.lstsq(both, above, rcond=None)[0]
     least = float(np.finfo(float).eps * np.abs(above).max(initial=0.0))

@@ -206,8 +206,7 @@ def edge_samples(
     """Mean radii between the last row and the end; None where too little was touched.
 
     From contacts as measured, for shifts that fit the smooth side would hide the edge. `rim` and
-    `end` are heights, `radius` the row's mean one, `lean` (2,) how far aside the end's middle lies,
-    m.
+    `end` are heights, `radius` the row's mean one, `lean` (2,) how far aside its middle lies, m.
     """
     assert contacts.normals is not None
     sign = 1.0 if end > rim else -1.0
@@ -288,8 +287,7 @@ def shear_between(
     """The shear of the space between the ends; None where both are level, or not planes.
 
     By all taxels, with normals, and the object's middle (2,), seen from the slicing frame. An end
-    where no taxel was is level at the height in `ends`, m, as touched by whatever means; one of
-    which nothing is known is like the other.
+    where no taxel was is level at its height in `ends`, m; one that nobody knows is like the other.
     """
     extent = float(np.ptp(contacts.points[:, 2]))
     low, high = end_plane(contacts, -1.0), end_plane(contacts, 1.0)

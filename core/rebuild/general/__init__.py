@@ -1,9 +1,8 @@
 """A solid of any genus from whatever was touched.
 
-`rebuild_general` answers a `GeneralSolid`: topology from a coarse solution, then an implicit
-spline over a narrow band of cells, whose control values are a lattice. Weights and sizes of
-cells stand on top of `solid` and `topology`. It rests on core geometry and the contact points of
-`palpate.core.rebuild.contours`.
+`rebuild_general` answers a `GeneralSolid`: topology from a coarse solution, then an implicit spline
+over a narrow band of cells, whose control values are a lattice. Weights and sizes of cells may be
+tuned. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

@@ -2,8 +2,7 @@
 
 A cell is a cube of a grid through the origin; over it a spline has 64 control values. Only cells
 near the surface are kept, so that the number of control values grows with the area of an object and
-not with its volume. Positions are in cells throughout, and so are values: the gradient of a
-distance has length 1 in any unit.
+not its volume. Positions and values are in cells: a distance's gradient is 1 in any unit.
 """
 
 from __future__ import annotations
@@ -44,10 +43,7 @@ class Band:
         return self.find(corners.astype(np.int32)), places - corners
 
     def evaluate(self, values: Floats, places: Floats) -> tuple[Floats, Floats]:
-        """The spline of control values (n,) and its gradient at places (k, 3): (k,) and (k, 3).
-
-        NaN outside the band.
-        """
+        """The spline of values (n,) and its gradient at places (k, 3); NaN outside the band."""
         number, within = self.locate(places)
         inside = number >= 0
         value, gradient = np.full(len(places), np.nan), np.full((len(places), 3), np.nan)
@@ -59,10 +55,7 @@ class Band:
 
 
 def make_band(cells: Ints) -> Band:
-    """The band of cells (k, 3), given in any order and more than once.
-
-    Raises ValueError if there is none, or one lies too far from the origin.
-    """
+    """The band of cells (k, 3), in any order, perhaps repeated; ValueError if none, or too far."""
     if not len(cells) or np.abs(cells).max() >= REACH:
         raise ValueError(f"a band must have cells within {REACH} of the origin, got {len(cells)}")
     cells = cells[np.unique(cell_keys(cells), return_index=True)[1]].astype(np.int32)

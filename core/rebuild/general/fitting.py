@@ -70,6 +70,17 @@ class ImplicitFit:
     residuals: Floats  # Of each point along its normal, its touch displaced, (k,)
 
 
+class Fitted(NamedTuple):
+    """A spline over cells of one size, and what it was fitted to, in cells."""
+
+    cell: float  # Edge of a cell, m
+    fit: ImplicitFit
+    points: TouchedPoints
+    control: Floats  # Of the coarse solid
+    weights: Weights
+    order: Dissection
+
+
 class Equations:
     """Rows of touched points over a band, and their normal equations."""
 
@@ -234,8 +245,7 @@ def refit_locally(
 ) -> ImplicitFit:
     """The fit with the points of one touch more; control values change within a reach, cells.
 
-    `before`: the points that it was fitted to; their displacements and weights stay. Points outside
-    the band have no weight.
+    `before`: the points it was fitted to, whose displacements and weights stay. Beyond: no weight.
     """
     band = fit.band
     middles = band.cells + 0.5

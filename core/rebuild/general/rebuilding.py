@@ -1,8 +1,7 @@
 """A general solid of whatever was touched: which cells its surface passes, and the fit over them.
 
 The coarse solid's surface tells where the cells of a first spline lie; it is followed into cells
-beside them that it enters. Where touches lie close together a finer spline is fitted over the cells
-that the first one's surface passes.
+that it enters. Where touches lie close together a finer spline is fitted over its cells.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from palpate.core.arrays import Floats, Ints, finite_array, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
-from palpate.core.rebuild.general.dissection import Dissection, dissect
-from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
+from palpate.core.rebuild.general.dissection import dissect
+from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, fit_implicit
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
@@ -58,9 +57,8 @@ def rebuild_general(
     `contacts`: world frame, m; or points (n, 3), each a touch of its own, with outward `normals`
     (n, 3) of any length. `free` (k, 3): places that a finger has swept. `platform`: height on
     which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
-    standard deviation of the error of a touch's place. `folds`: quarters of the touches that are
-    left out in turn, to predict them from the others. Raises ValueError if there are no normals, or
-    what was touched lies in one plane.
+    standard deviation of a touch's place. `folds`: quarters of the touches that are left out in
+    turn, to predict them. Raises ValueError without normals, or if all lies in one plane.
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
@@ -80,13 +78,10 @@ def rebuild_general(
         first = setting.fit(max(cell, solid.COARSE), None)
         fitted = first if cell >= solid.COARSE else setting.fit(cell, first)
     with step("held-out touches"):
-        known = fitted.fit, fitted.points, fitted.control, fitted.weights, fitted.cell
-        predicted = solid.held_out_errors(*known, folds=folds, dissection=fitted.order)
-        foot = None if platform is None else solid.foot_errors(*known, dissection=fitted.order)
-    origin = setting.origin
-    return solid.GeneralSolid(
-        origin, cell, fitted.fit, coarse, touched, platform, predicted, foot, pose
-    )
+        predicted = solid.held_out_errors(fitted, folds)
+        foot = None if platform is None else solid.foot_errors(fitted)
+    known = fitted.fit, coarse, touched, platform, predicted, foot, pose
+    return solid.GeneralSolid(setting.origin, cell, *known)
 
 
 def is_flat(points: Floats) -> bool:
@@ -109,17 +104,6 @@ def _coarse(
         most_area=AREA * hull / touches,
         platform=platform,
     )
-
-
-class Fitted(NamedTuple):
-    """A spline over cells of one size, and what it was fitted to, in cells."""
-
-    cell: float  # Edge of a cell, m
-    fit: ImplicitFit
-    points: TouchedPoints
-    control: Floats  # Of the coarse solid
-    weights: Weights
-    order: Dissection
 
 
 class Setting(NamedTuple):

@@ -26,9 +26,8 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import ClosedBody, nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
-from palpate.core.rebuild.general.dissection import Dissection
-from palpate.core.rebuild.general.fitting import ImplicitFit, TouchedPoints, Weights, fit_implicit
-from palpate.core.rebuild.general.fitting import refit_locally
+from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, Weights
+from palpate.core.rebuild.general.fitting import fit_implicit, refit_locally
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.shapes import Mesh, grid_surface
 
@@ -328,80 +327,52 @@ class FootErrors:
         return np.asarray(np.hypot(FOOT_FACTOR * self.at(heights), LEAN * distances))
 
 
-def held_out_errors(
-    fit: ImplicitFit,
-    points: TouchedPoints,
-    coarse: Floats,
-    weights: Weights,
-    cell: float,
-    *,
-    folds: int = FOLDS,
-    dissection: Dissection | None = None,
-) -> DistanceErrors:
-    """Errors by distance, m, of a fit; arguments as of `fit_implicit`.
-
-    `cell`: edge of a cell, m. `folds`: how many quarters of the touches are left out in turn.
-    """
-    touches = len(fit.displacements)
+def held_out_errors(fitted: Fitted, folds: int) -> DistanceErrors:
+    """Errors by distance, m, of a fit; so many quarters of the touches are left out in turn."""
+    points, touches = fitted.points, len(fitted.fit.displacements)
     rng = np.random.default_rng(touches)
     fold = rng.permutation(touches) % FOLDS
     away, squares = np.full(len(points.places), np.nan), np.full(len(points.places), np.nan)
     for turn in range(folds):
         out = fold[points.touch] == turn
         if out.any() and not out.all():
-            found = _left_out(fit, points, out, coarse, weights, dissection)
-            away[out], squares[out] = found
-    return _by_distance(points, away, squares, _pose_variance(fit, points), cell)
+            away[out], squares[out] = _left_out(fitted, out)
+    return _by_distance(points, away, squares, _pose_variance(fitted), fitted.cell)
 
 
-def foot_errors(
-    fit: ImplicitFit,
-    points: TouchedPoints,
-    coarse: Floats,
-    weights: Weights,
-    cell: float,
-    *,
-    dissection: Dissection | None = None,
-) -> FootErrors | None:
-    """Errors below the lowest touches of an object that stands, m; arguments as `held_out_errors`.
+def foot_errors(fitted: Fitted) -> FootErrors | None:
+    """Errors below the lowest touches of an object that stands, m.
 
     None if nothing was touched above them, or the object down to its foot.
     """
+    points, cell = fitted.points, fitted.cell
     lowest = float(np.percentile(points.places[:, 2], LOWEST))
     out = (points.places[:, 2] < 2.0 * lowest) & (points.normals[:, 2] < UPWARD)
     if lowest < LEAST_FOOT or not out.any() or out.all():
         return None
-    _, squares = _left_out(fit, points, out, coarse, weights, dissection)
+    _, squares = _left_out(fitted, out)
     down = 2.0 - points.places[out, 2] / lowest
     known = np.isfinite(squares)
-    excess = max(float(squares[known].mean()) - _pose_variance(fit, points), 0.0)
+    excess = max(float(squares[known].mean()) - _pose_variance(fitted), 0.0)
     return FootErrors(lowest * cell, cell * float(np.sqrt(excess / np.mean(down[known] ** 4))))
 
 
-def _left_out(
-    fit: ImplicitFit,
-    points: TouchedPoints,
-    out: Bools,
-    coarse: Floats,
-    weights: Weights,
-    dissection: Dissection | None,
-) -> tuple[Floats, Floats]:
+def _left_out(fitted: Fitted, out: Bools) -> tuple[Floats, Floats]:
     """Of points that are left out, how far they lie from the others, and off, squared; cells."""
-    kept = points.only(~out)
-    start = ImplicitFit(
-        fit.band, fit.control, fit.displacements, fit.weights[~out], fit.residuals[~out]
-    )
-    terms = fit.band, kept, coarse, weights
+    fit, kept, places = fitted.fit, fitted.points.only(~out), fitted.points.places[out]
+    start = replace(fit, weights=fit.weights[~out], residuals=fit.residuals[~out])
+    terms = fit.band, kept, fitted.control, fitted.weights
     touches = len(fit.displacements)
-    other = fit_implicit(*terms, touches=touches, rounds=1, start=start, dissection=dissection)
-    value, gradient = fit.band.evaluate(other.control, points.places[out])
+    other = fit_implicit(*terms, touches=touches, rounds=1, start=start, dissection=fitted.order)
+    value, gradient = fit.band.evaluate(other.control, places)
     slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_GRADIENT)
-    return np.asarray(cKDTree(kept.places).query(points.places[out])[0]), (value / slope) ** 2
+    return np.asarray(cKDTree(kept.places).query(places)[0]), (value / slope) ** 2
 
 
-def _pose_variance(fit: ImplicitFit, points: TouchedPoints) -> float:
+def _pose_variance(fitted: Fitted) -> float:
     """Of displacements along the normals, as far as overlaps tell."""
-    along = np.einsum("ij,ij->i", points.normals, fit.displacements[points.touch])
+    points, displacements = fitted.points, fitted.fit.displacements
+    along = np.einsum("ij,ij->i", points.normals, displacements[points.touch])
     return float(np.mean(along**2))
 
 

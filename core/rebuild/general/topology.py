@@ -7,8 +7,7 @@ conjugate gradients that a Fourier transform preconditions. We depart from them:
 area they stand for, so that stretches that were touched often do not outweigh others; what a finger
 has swept is held outside, as an inequality, for a penalty everywhere would bend the surface where
 nothing is wrong; and what nobody has passed within the hull of all points is taken to be inside,
-weakly. The platform is a mirror: where an object stands, nothing can be touched, and walls go on
-straight through it.
+weakly. The platform is a mirror: walls go on straight through it.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from scipy.sparse import csr_array, diags_array, hstack, vstack
 from scipy.sparse.linalg import lsmr
 
 from palpate.core import splines
-from palpate.core.arrays import Bools, Floats, finite_array
+from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.lattice.section import Layers, Section, SectionFill, SectionSystem
 from palpate.core.rebuild.lattice.section import fit_section, layers_of, section_matrix
 from palpate.core.rebuild.lattice.section import section_system, solve_section
@@ -361,20 +361,13 @@ def refine_lattice(
     `places` (n, 2) are where the side is nearest to them: from 0 to 1 along it, and the turn. With
     `sigma` (n,), the points' standard deviations, m, the side is drawn towards them only as far as
     those let it; else they are passed exactly. `weights` may change besides the control points.
-    Raises ValueError if shapes do not fit, a number is not finite, or a standard deviation is not
-    positive.
 
     Gauss-Newton with damping: each change is the least one that brings the places where the side is
     nearest to the points nearer to them. Hsu, Hughes and Kaufman, *Direct manipulation of free-form
     deformations*, 1992, without damping; weights as further unknowns as Fung, 1999, 6.1, suggests.
     """
-    points = finite_array("points", points, (None, 3))
-    places = finite_array("places", places, (len(points), 2))
     trust = np.ones(len(points))
     if sigma is not None:
-        sigma = finite_array("sigma", sigma, (len(points),))
-        if not (sigma > 0.0).all():
-            raise ValueError(f"sigma must be positive, got {sigma.min():g} m")
         trust = 1.0 / sigma
     if not len(points):
         return replace(fit, refinement=Refinement(0, 0, 0.0, 0.0, 0.0, 0.0, fit.health.folded, 0))

@@ -218,8 +218,7 @@ def fit_section(curves: Floats, grasp: Recovery | None = None) -> Section:
 
     They run at even turns, counter-clockwise. Of a superquadric, the `grasp`, its second exponent,
     semi-axes, turn about the vertical and place are taken. Layers are laid upon each other by their
-    first harmonics, which hold the place, the size and the turn of a closed curve, before they are
-    averaged.
+    first harmonics, which hold the place, size and turn of a closed curve, before averaging.
     """
     layers = curves[..., 0] + 1j * curves[..., 1]
     middles = layers.mean(axis=1)

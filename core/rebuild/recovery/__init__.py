@@ -1,9 +1,8 @@
 """Recovery of a superquadric from points.
 
-Size, exponents, pose, taper and bend, with covariance and reasons for doubt. Starts, trimming
-and the thresholds of each warning may be tuned; distances and their derivatives are closed
-forms. It rests on `palpate.core.shapes` and on the batched least squares of core; nothing here
-knows of contours.
+Size, exponents, pose, taper and bend, with covariance and reasons for doubt. Starts, trimming and
+thresholds of warnings may be tuned; distances and derivatives are closed forms. It rests on
+`palpate.core.shapes` and the batched least squares of core; it knows no contours.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy

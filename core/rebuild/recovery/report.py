@@ -3,8 +3,7 @@
 Parameters may be open and the surface yet be certain, as the turn of a ball is: looseness says how
 far the surface may be off. What no point has been near is another matter, and told by itself. Of
 the descriptions that mean the same (half turns about the axes; a quarter turn about z with the
-widths exchanged) one is given. Points in one place, on a line or in a plane get an ellipsoid about
-them and the reason.
+widths exchanged) one is given. Points in a place, line or plane get an ellipsoid, and why.
 """
 
 from __future__ import annotations
@@ -243,8 +242,7 @@ class SearchResult(NamedTuple):
 class Recovery(shapes.FittedSuperquadric):
     """A superquadric, tapered and bent, and how well its points determine it.
 
-    Of the poses that mean the same, the one that turns least; x is the larger of the first two
-    semi-axes; the residuals of the inliers count.
+    Of poses that mean the same, the least turned; x is no less than y; inliers' residuals count.
     """
 
     inliers: Bools  # Which points were fitted, (n,)

@@ -2,8 +2,7 @@
 
 Each point counts by its distance along its own normal: to first order that is the misfit of the
 squared distance, times the radial part of the normal, over twice the distance from the axis.
-Coefficients are numbered around first, so that each row of the normal equations ends within four
-rings.
+Coefficients are numbered around first: each row of the equations ends within four rings.
 """
 
 from __future__ import annotations
@@ -121,8 +120,7 @@ def tensor_rows(first: csr_array, second: csr_array) -> csr_array:
 def normal_band(first: csr_array, second: csr_array, weights: Floats) -> Floats:
     """Lower band (width + 1, n) of the normal equations of the weighted product of two bases.
 
-    Cell by cell: rows of one cell share their columns, and the products of these are products of
-    pairs along and of pairs around.
+    Cell by cell: rows of a cell share their columns; products are of pairs along and around.
     """
     reach = CUBIC + 1
     along, around = (one.indices.reshape(-1, reach) for one in (first, second))
@@ -163,8 +161,7 @@ class SideSystem:
     def half(self, rows: Floats) -> Floats:
         """Half of the solution for each of rows (k, n): products of these are covariances, (k, n).
 
-        By blocks of a ring, for all rows that have begun by then at once: nothing comes before the
-        first number of each.
+        By blocks of a ring, for all rows that have begun by then: before its first a row is zero.
         """
         begins = (rows != 0.0).argmax(axis=1)
         order = np.argsort(begins, kind="stable")
@@ -208,9 +205,8 @@ def side_system(
     """Normal equations (band + 1, along * around), penalised, with `turns` coefficients around.
 
     `along` is the strength of the bending along, from knot to knot, (spans,), with the root of the
-    bending, (r, along); `around` the strength of the bending around. `tension` is the root of one
-    more penalty, (m, along * around). Of strength 1, a penalty has the mean diagonal of the
-    equations.
+    bending, (r, along); `around` the strength of that around. `tension` is the root of one more
+    penalty, (m, along * around). Of strength 1, a penalty has the mean diagonal.
     """
     mean = float(normal[0].mean())
     strengths, root = along

@@ -257,18 +257,11 @@ def contour_rows(
 ) -> ContourRows:
     """Rows of a grid, sorted by height; those at one height are averaged.
 
-    Raises ValueError if shapes do not fit, a number is not finite, there is no contour or fewer
-    than 4 points around, or a contour lies outside `low` to `high`, or at an end that is to be a
-    pole.
+    Raises ValueError if shapes do not fit, a number is not finite, or a contour lies outside `low`
+    to `high`, or at an end that is to be a pole.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
-    if not len(heights):
-        raise ValueError("heights must be at least one, got none")
-    if grid.shape[1] < LEAST_TURNS:
-        raise ValueError(f"grid must have {LEAST_TURNS} points around or more, got {grid.shape[1]}")
-    if not (np.isfinite([low, high]).all() and low < high):
-        raise ValueError(f"low must be below high and both finite, got {low:g} and {high:g} m")
     closed = tuple(np.ndim(one) > 0 or bool(one) for one in pole)
     order = np.argsort(heights, kind="stable")
     spacing = np.diff(heights[order])

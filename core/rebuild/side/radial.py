@@ -242,8 +242,7 @@ class RadialSpline:
         """Standard deviation of the surface across its rings on a grid, (heights, turns), m.
 
         The posterior of the penalised fit (Wahba, *Bayesian confidence intervals*, 1983): noise,
-        what the penalty lets move and the drift of the touches' shifts, not features narrower than
-        the knots.
+        what the penalty lets move and the drift of shifts, not features narrower than the knots.
         """
         along = along_basis().matrix(self._local(heights))
         rows = kron(along, PeriodicBasis(self.around).matrix(turns)).toarray()
@@ -358,8 +357,7 @@ def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
     """How wide gaps are at places on a grid: twice the way to a taxel, (heights, turns), m.
 
     What hides there may be as deep as it is wide. A gap is a circle without a taxel, wide enough,
-    about a place in a ring of which most was touched: what lies between such rings is told by
-    curves. 0 beside gaps.
+    about a place in a ring of which most was touched: between rings curves tell. 0 beside gaps.
     """
     nowhere = np.zeros((len(heights), len(turns)))
     gaps = spline.gaps

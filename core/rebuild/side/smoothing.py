@@ -110,17 +110,10 @@ class Smoothed:
 def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -> SmoothingAxis:
     """Prepare one axis of a grid.
 
-    By basis functions (m, n) at its lines, the root (r, n) of the penalty, and the lines' weights
-    (m,), 1 if left out. Raises ValueError if shapes do not fit, a number is not finite, or a weight
-    is not positive.
+    By basis functions (m, n) at its lines, the root (r, n) of the penalty, and the lines' positive
+    weights (m,), 1 if left out.
     """
-    basis = finite_array("basis", basis, (None, None))
-    root = finite_array("root", root, (None, basis.shape[1]))
-    weights = np.ones(len(basis)) if weights is None else weights
-    weights = finite_array("weights", weights, (len(basis),))
-    if not (weights > 0.0).all():
-        raise ValueError(f"weights must be positive, got {weights.min():g}")
-    roots = np.sqrt(weights)
+    roots = np.ones(len(basis)) if weights is None else np.sqrt(weights)
     weighted = roots[:, None] * basis
     weight, bending = _measured(weighted), _measured(root)
     modes = demmler_reinsch(weight, bending, weighted)

@@ -38,10 +38,9 @@ class ContourSurface:
     def at(self, heights: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
         """Places in the plane at heights, m, and turns, which are broadcast: (..., 2), m.
 
-        Beyond its reach its section is carried on. `by` says how often to differentiate by the
-        height, once at most, and by the turn. At a round end the slope by the height grows without
-        limit: see `places`. Raises ValueError if a number is not finite, or a derivative is
-        negative or not offered.
+        Beyond its reach its section is carried on. `by`: derivatives by the height, one at most,
+        and by the turn. At a round end the slope by the height grows without limit: see `places`.
+        Raises ValueError if a number is not finite, or a derivative is not offered.
         """
         if by[0] not in (0, 1):
             raise ValueError(f"by must be 0 or 1 in the height, got {by[0]}")

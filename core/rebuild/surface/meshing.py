@@ -4,8 +4,7 @@ A triangle whose corners lie on the surface leaves it by at most (|X_vv| dv^2 + 
 |X_tt| dt^2) / 8, of which the part along the normal counts. Rows and columns are laid by that, then
 checked on the surface and split where they do not suffice. Towards the poles rings get fewer
 points. The nearest point of a mesh says where Newton's method on (v, turn) begins. It is run within
-one piece at a time; a point that ends at a seam is tried on from the other side, and one at a pole
-from across.
+one piece at a time; a point that ends at a seam or a pole is tried on from across.
 """
 
 from __future__ import annotations

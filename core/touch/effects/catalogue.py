@@ -36,8 +36,7 @@ EFFECT_NAMES = tuple(MODULES)
 def effect_type(name: str) -> type[Effect]:
     """The description of an effect: by its name, or a user's own as ``module:Class``.
 
-    Raises LookupError if there is no such effect. Raises ValueError if the module cannot be
-    imported, or holds no such effect.
+    Raises LookupError if there is none; ValueError if its module holds none, or cannot be imported.
     """
     place = name
     if name in MODULES:

@@ -134,10 +134,7 @@ class Temperature(Ranged):
     rezeroed: bool = False
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger.
-
-        Raises ValueError if the array sends no times, or sound would lose half its speed or more.
-        """
+        """The stage for one finger; ValueError without times, or if sound lost half its speed."""
         calibration = finger.calibration
         if calibration.signal != "time":
             raise ValueError(

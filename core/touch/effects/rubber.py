@@ -45,10 +45,7 @@ class HalfSpace(Ranged):
     poisson: Annotated[float, Range(0.0, 0.5, "1")] = 0.49
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger.
-
-        Its act raises `ArithmeticError` if the contact is not found within `MOST_STEPS`.
-        """
+        """The stage for one finger; its act raises ArithmeticError beyond `MOST_STEPS`."""
         size = (finger.pad.rows, finger.pad.cols)
         kernel = half_space_influence(finger.pad)
         # No part of a matrix of positive numbers has a larger norm than its largest row sum.
@@ -236,9 +233,8 @@ def _tent(
 ) -> Floats:
     """Height of the membrane, (rows, cols), m, if it is held at the rim.
 
-    Loads at the rim alone lift it there to its height: beyond the rim nothing else holds it, so
-    this is the solution outside the contact (inside it means nothing). Their number is that of the
-    rim, not of the free taxels.
+    Loads at the rim alone lift it there to its height: beyond it nothing else holds it, so this is
+    the solution outside the contact (inside it means nothing). They are as many as the rim.
     """
     modes = down[rim[0], :, None] * across[rim[1], None, :]
     flat = modes.reshape(heights.size, -1)

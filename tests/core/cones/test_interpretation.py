@@ -6,15 +6,15 @@ import pytest
 
 from palpate.core.cones import Feature, interpretations
 from palpate.core.cones.interpretation import (
-    BELOW_APEX,
     BETWEEN_ENDS,
     CONVEX,
     FITS,
     OUTWARD,
     RIM_NORMAL,
     RIM_SUPPORTS,
+    SECTION_HOLDS_AXIS,
 )
-from tests.core.cones.tables import row_of
+from palpate.core.cones.tables import BELOW_APEX
 from tests.core.cones.test_solving import noisy
 
 
@@ -62,7 +62,7 @@ def test_parabolic_points_are_meridians_of_the_tables(cones):
     found = interpretations(cones[0].features(["F_T", "E_m", "P_m"], place=False))
     truth = named(found, "F_T E_m P_m")
     assert truth.stands
-    assert row_of(one.name for one in truth.features).combination == "E_m E_m F_T"
+    assert truth.row.combination == "E_m E_m F_T"
 
 
 def test_combinations_that_the_tables_leave_out_have_no_row(cones):
@@ -70,7 +70,7 @@ def test_combinations_that_the_tables_leave_out_have_no_row(cones):
         interpretations(cones[0].features(["F_T", "E_T", "E_m"], place=False)), "F_T E_T E_m"
     )
     assert truth.stands
-    assert row_of(one.name for one in truth.features) is None
+    assert truth.row is None
 
 
 def test_interpretations_turn_and_move_with_the_features(cones, rotations):
@@ -145,6 +145,30 @@ def test_what_does_not_fit_is_refused(cones):
         found = interpretations([face, replace(line, point=line.point + aside), other])[0]
         assert FITS in found.refusals
         assert found.residual_sigma > 3.0
+
+
+def test_a_section_beside_the_axis_is_a_cone_unless_it_is_said_to_hold_it(draw):
+    rng, held = np.random.default_rng(12), []
+    for _ in range(10):
+        cone = draw(rng, beside=1.5)
+        touched = cone.features(["F_T", "E_m", "E_m", "F_S", "F_S", "F_S"])
+        assert interpretations(touched)[0].stands
+        found = interpretations(touched, section_holds_axis=True)[0]
+        assert found.refusals in ((), (SECTION_HOLDS_AXIS,))
+        upward = all(one.normals[0] @ cone.axis > 0.0 for one in touched if one.place == "S")
+        assert found.stands or not upward
+        held.append(found.stands)
+    assert not all(held)
+
+
+def test_top_and_bottom_change_places_unless_the_section_holds_the_axis(cones):
+    for cone in cones[:5]:
+        touched = cone.features(["F_T", "F_S", "E_B"], place=False)
+        open_ = {one.name for one in interpretations(touched) if one.stands}
+        assert {"F_T F_S E_B", "F_B F_S E_T"} <= open_
+        found = interpretations(touched, section_holds_axis=True)
+        assert "F_B F_S E_T" not in {one.name for one in found if one.stands}
+        assert named(found, "F_T F_S E_B").stands
 
 
 def test_the_bottom_lies_below_the_top(cones):

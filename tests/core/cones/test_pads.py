@@ -62,7 +62,7 @@ def test_parabolic_points_of_a_round_cone_meet_in_its_apex(flat):
     assert [one.group for one in touched] == ["P", "P", "P"]
     found = solve_origin(touched)
     assert np.linalg.norm(found.point - APEX) < 3e-4  # A jet's curvature lies between its rows
-    assert residual_sigma(found) < 1.0
+    assert found.residual_sigma < 1.0
 
 
 def pyramid_touches(pad):

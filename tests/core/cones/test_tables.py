@@ -4,18 +4,19 @@ from itertools import combinations_with_replacement as multisets
 import numpy as np
 import pytest
 
-from palpate.core.cones import interpretations, residual_sigma, solve_orientation, solve_origin
-from palpate.core.cones.interpretation import APEX_OFF_ENDS, FACES_NOT_PARALLEL, MERIDIAN_SLOPES
-from tests.core.cones.tables import (
+from palpate.core.cones import interpretations, row_of, solve_orientation, solve_origin
+from palpate.core.cones.tables import (
+    APEX_OFF_ENDS,
     DROPPED_ROWS,
     ENDS_SKEW,
+    FACES_NOT_PARALLEL,
     FEE_ROWS,
     FFE_ROWS,
+    MERIDIAN_SLOPES,
     ORIENTATION_ROWS,
     ORIGIN_ROWS,
     SIDE_OR_BOTTOM,
     SIDE_OR_TOP,
-    row_of,
 )
 
 PLACE_ROWS = (*FEE_ROWS, *FFE_ROWS)
@@ -35,7 +36,7 @@ def test_every_row_of_the_first_table_gives_the_axis(row, cones):
             found = found._replace(axis=found.axis * np.sign(found.axis @ cone.axis))
         assert np.linalg.norm(found.axis - cone.axis) < EXACT
         assert found.redundancy == row.redundancy
-        assert residual_sigma(found) < EXACT
+        assert found.residual_sigma < EXACT
 
 
 @by_name(ORIGIN_ROWS)
@@ -44,7 +45,7 @@ def test_every_row_of_the_second_table_gives_the_apex(row, cones):
         found = solve_origin(cone.features(row.features))
         assert np.linalg.norm(found.point - cone.apex) < EXACT * cone.size
         assert found.redundancy == row.redundancy
-        assert residual_sigma(found) < EXACT
+        assert found.residual_sigma < EXACT
 
 
 @by_name(PLACE_ROWS)
@@ -54,6 +55,7 @@ def test_every_row_of_the_last_tables_stands_where_it_is_true(row, normals, cone
         touched = cone.features(row.features, place=False, normals=normals)
         (found,) = (one for one in interpretations(touched) if one.name == row.combination)
         assert found.refusals == ()
+        assert found.row == row
         assert found.redundancy == row.redundancy
         assert found.residual_sigma < EXACT
         if found.orientation is not None:
@@ -133,7 +135,7 @@ def test_parallel_faces_are_the_ends(cones):
     (row,) = (one for one in FFE_ROWS if one.constraint == FACES_NOT_PARALLEL)
     for cone in cones[:5]:
         found = interpretations(cone.features(row.features, place=False))
-        rows = [row_of(two.name for two in one.features) for one in found if one.stands]
-        assert set(rows) - {None} == {row}
+        listed = [one for one in found if one.stands and one.row]
+        assert {one.row for one in listed} == {row}
         mixed = [one for one in found if one.name in ("E_m F_B F_S", "E_m F_S F_T")]
         assert all(FACES_NOT_PARALLEL in one.refusals for one in mixed)

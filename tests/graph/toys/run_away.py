@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime import Watcher
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
-
-from tests.graph.toy_node import ToyParams, toy
+from tests.studies.toy_node import ToyParams, toy
 
 
 class Telling(Watcher):

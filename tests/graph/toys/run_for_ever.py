@@ -8,10 +8,7 @@ from pathlib import Path
 from palpate.launch.launcher import launch
 from palpate.nodes.runtime import Watcher
 from palpate.nodes.runtime.node import Input, Wiring
-
-sys.path.insert(0, str(Path(__file__).parents[3]))
-
-from tests.graph.toy_node import ToyParams, toy
+from tests.studies.toy_node import ToyParams, toy
 
 # Without a guard: no node may run the script once more.
 folder = Path(sys.argv[1])

@@ -38,7 +38,7 @@ def test_each_kind_of_palpates_own_is_preloaded_once_and_none_of_a_users():
         "my_lab.denoise",
         tracer,
         "palpate.nodes.filter",
-        "palpate.bench.table",
+        "palpate.bench.loop",
     ]
     assert preloaded_modules(modules) == (*RUNTIME, tracer, "palpate.nodes.filter")
     assert preloaded_modules([]) == RUNTIME
@@ -112,7 +112,7 @@ def test_two_nodes_that_draw_from_the_global_generator_draw_different_numbers():
 
 LAUNCHED = """
 from palpate.nodes.runtime import Watcher
-from tests.graph.toy_node import ToyParams, toy
+from tests.studies.toy_node import ToyParams, toy
 from palpate.launch.launcher import launch
 from palpate.launch.processes.fork_server import start_fork_server
 from palpate.nodes.runtime.node import Wiring

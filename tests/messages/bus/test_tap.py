@@ -4,7 +4,16 @@ from typing import Any
 
 import zmq
 
-from palpate.messages.bus.node_sockets import LOG_TOPIC, STATUS_TOPIC, TAP_DEPTH, Tap, TapReader
+from palpate.messages.bus.message_log import MessageLog
+from palpate.messages.bus.node_sockets import (
+    LOG_TOPIC,
+    PAST_BATCH,
+    STATUS_TOPIC,
+    TAP_DEPTH,
+    PastReader,
+    Tap,
+    TapReader,
+)
 from palpate.messages.codec import Header, decode, pack_frame
 from palpate.messages.types.catalogue import LogRecord
 
@@ -117,3 +126,45 @@ def test_who_measures_rates_is_not_sent_what_was_latched(bench: Any):
     tap.mirror(latched(1))
     assert bodies(reader) == [b"1"]
     close(tap, reader)
+
+
+def answers(tap: Tap, reader: PastReader) -> list[int | None]:
+    """Numbers of the messages that are sent once more, and the mark behind them."""
+    while tap.socket.poll(100):
+        tap.refresh()
+    found: list[int | None] = []
+    while reader.socket.poll(100) and (came := reader.receive()) is not None:
+        assert came[0] == "/world"
+        found.append(came[1] and came[1][0].seq)
+    return found
+
+
+def test_what_was_published_is_sent_once_more_a_little_at_a_time(bench: Any, tmp_path: Any):
+    past = MessageLog(tmp_path / "p", ["/world"])
+    for number in range(PAST_BATCH + 3):
+        past.add("/world", latched(number))
+    tap = Tap(bench.context, "inproc://tap", run=1, epoch=0, past=past)
+    reader = PastReader(bench.context, "inproc://tap", ["/world"])
+    reader.ask("/world", 0)
+    assert answers(tap, reader) == [*range(PAST_BATCH), None]
+    for _ in range(2):
+        reader.ask("/world", PAST_BATCH)
+        assert answers(tap, reader) == [*range(PAST_BATCH, PAST_BATCH + 3), None]
+    reader.ask("/world", 999)
+    assert answers(tap, reader) == [None]
+    close(tap)
+    reader.close()
+    past.close()
+
+
+def test_a_request_that_is_none_is_passed_over(bench: Any, tmp_path: Any):
+    tap = Tap(bench.context, "inproc://tap", run=1, epoch=0, past=MessageLog(tmp_path / "p", []))
+    reader = PastReader(bench.context, "inproc://tap", ["/world"])
+    for words in (b"", b"/world", b"/world\0", b"/world\0x", b"/world\0-1", b"\xff\0", b"\0" * 9):
+        reader.socket.subscribe(b"\x03" + words)
+    reader.socket.subscribe(b"\x03/world\0" + b"9" * 40)
+    assert answers(tap, reader) == []
+    reader.ask("/world", 0)
+    assert answers(tap, reader) == [None]
+    close(tap)
+    reader.close()

@@ -8,7 +8,7 @@ import pytest
 from palpate.nodes.runtime.composed import run_composed
 from palpate.nodes.runtime.node import Wiring
 from palpate.nodes.specs.objects import ObjectSpec
-from tests.graph.toy_node import ToyParams, toy
+from tests.studies.toy_node import ToyParams, toy
 
 Exploration = Callable[..., tuple[Wiring, ...]]
 

@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.bench.table import Row, at_most, figure
+from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.launch.files import InputError
 from tests.studies.accuracy import methods, statistics
 from tests.studies.accuracy.runs import Final, Run, RunsFile, read_runs
 from tests.studies.accuracy.sheet import write_sheet
 from tests.studies.explored import EXPLORED_OBJECTS
-from tests.studies.rows import at_least
 
 FOLDER, FILE = "bench-tolerance", "results.json"
 SHARES, QUICK_SHARES = (0.01, 0.005, 0.002, 0.001, 0.0005), (0.01, 0.002, 0.0005)

@@ -105,6 +105,6 @@ def test_a_type_of_one_s_own_is_shown_from_its_schema():
     known = {"Bends": json.dumps(schema(Bends))}
     text = interface_text(find_interface("Bends", known))
     assert "goal       integer  #" in text
-    assert "curvature  number   1/m" in text
+    assert "curvature  number  1/m" in text
     with pytest.raises(ValueError, match=r"there is no type 'Bend'; did you mean 'Bends'\?"):
         find_interface("Bend", known)

@@ -15,7 +15,7 @@ from palpate.tools.introspection.echo import (
     read_path,
 )
 from palpate.tools.introspection.topics import TapMessage, Topic
-from tests.graph.toy_node import frame
+from tests.studies.toy_node import frame
 
 TOPIC = Topic("/t", "TactileFrame", ("talker",), ())
 

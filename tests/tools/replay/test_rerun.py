@@ -494,9 +494,10 @@ def test_a_field_without_a_size_has_its_note_at_the_end():
     lines = list(change_table([player({"height": height, "kind": kind, "count": count}, fewer=3)]))
     assert lines == [
         "topic  field     compared  differ  first  largest   rms  unit",
-        "/x     height          20      12      3      0.5  0.25  m  2 of another shape, "
-        "first (1,) -> (2,)",
-        "/x     kind            20       1      5                 1 changed, first 'hit' -> 'miss'",
+        "/x     height          20      12      3      0.5  0.25  m  2 of another shape,",
+        "                                                         first (1,) -> (2,)",
+        "/x     kind            20       1      5                 1 changed, first 'hit'",
+        "                                                         -> 'miss'",
         "/x     count           20       1      5        2     2  count",
         "/x     messages        20             20                 3 fewer than recorded",
     ]

@@ -260,17 +260,3 @@ def test_a_polyline_of_template_falls_and_stays_between_0_and_1(power, segments,
     line = polyline_of(lambda x: TEMPLATES[template](x, power), 40.0, segments)
     assert (np.diff(line.values) <= 1e-12).all()
     assert 0.0 <= line.at(1e9) <= line.at(0.0) <= 1.02
-
-
-def test_knots_that_do_not_increase_are_refused():
-    with pytest.raises(ValueError, match="knots must be at least 2 and increase"):
-        hat_basis(PLACES, np.array([0.0, 1.0, 1.0, 2.0]))
-
-
-def test_functions_that_cannot_be_fitted_are_refused():
-    with pytest.raises(ValueError, match="segments must be at least 1, got 0"):
-        equal_curvature_knots(PLACES, PLACES, 0)
-    with pytest.raises(ValueError, match="places must be at least 3 and increase"):
-        equal_curvature_knots(PLACES[::-1], PLACES, 3)
-    with pytest.raises(ValueError, match="values must have shape"):
-        equal_curvature_knots(PLACES, PLACES[:5], 3)

@@ -6,7 +6,6 @@ from palpate.core.explore.planners.trial import (
     AROUND,
     EXTENT,
     HEIGHTS,
-    HELD_OUT,
     TUNED,
     PlannerTrial,
     measure_side,
@@ -15,6 +14,7 @@ from palpate.core.explore.planners.trial import (
 )
 from palpate.core.explore.planners.uniform import Uniform
 from tests.studies.drawn import drawn_objects
+from tests.studies.held_out import HELD_OUT
 
 ALL = {**TUNED, **HELD_OUT, **drawn_objects(60, 11)}
 

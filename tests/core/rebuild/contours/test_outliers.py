@@ -286,20 +286,6 @@ def test_traced_contours_are_cleaned_of_a_bad_one_by_all_steps_together(traced, 
     assert rows(again) == []
 
 
-@pytest.mark.parametrize(
-    ("heights", "grid", "words"),
-    [
-        (np.zeros((3, 2)), np.zeros((3, 4, 2)), r"heights must have shape \(any\)"),
-        (np.arange(3.0), np.zeros((4, 4, 2)), r"grid must have shape \(3, any, 2\)"),
-        (np.arange(3.0), np.full((3, 4, 2), np.nan), "grid must be finite"),
-        (np.array([0.0, 1.0, 1.0]), np.zeros((3, 4, 2)), "heights must rise, got"),
-    ],
-)
-def test_what_is_no_stack_is_refused(heights, grid, words):
-    with pytest.raises(ValueError, match=words):
-        inconsistent_contours(heights, grid)
-
-
 ANGLE_40 = 2 * np.pi * np.arange(40) / 40
 RIM = np.stack([np.cos(ANGLE_40), np.sin(ANGLE_40)], axis=-1)
 

@@ -319,10 +319,3 @@ def test_only_a_lattice_can_be_refined():
 def test_what_is_no_point_is_refused(points, sigma, words):
     with pytest.raises(ValueError, match=words):
         ball().refined(points, sigma=sigma)
-
-
-def test_a_deviation_of_nothing_is_refused(sampled):
-    fit: LatticeFit = fit_lattice(sampled("bent tube", rows=9, around=24).loft().surface, 1e-3)
-    with pytest.raises(ValueError, match="sigma must be positive, got 0 m"):
-        refine_lattice(fit, np.ones((1, 3)), np.full((1, 2), 0.5), sigma=np.zeros(1))
-    assert isinstance(fit.lattice, Lattice)

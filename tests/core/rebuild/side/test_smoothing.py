@@ -169,21 +169,6 @@ def test_without_anything_that_bends_the_values_are_passed():
     assert np.allclose(found.fitted, values, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"weights": np.zeros(3)}, "weights must be positive, got 0"),
-        ({"weights": np.ones(2)}, r"weights must have shape \(3\), got \(2,\)"),
-        ({"root": np.eye(2)}, r"root must have shape \(any, 3\), got \(2, 2\)"),
-        ({"basis": np.full((3, 3), np.nan)}, "basis must be finite"),
-    ],
-)
-def test_an_axis_that_cannot_work_is_refused(change, words):
-    wanted = {"basis": np.eye(3), "root": np.eye(3), **change}
-    with pytest.raises(ValueError, match=words):
-        smoothing_axis(**wanted)
-
-
 def test_caution_smooths_more_and_never_passes_the_values():
     noise = 0.02 * np.random.default_rng(7).normal(size=(LINES, TURNS, 2))
     for values in (wavy(), wavy() + noise):

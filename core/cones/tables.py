@@ -13,18 +13,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from palpate.core.cones.interpretation import (
-    APEX_OFF_ENDS,
-    BELOW_APEX,
-    FACES_NOT_PARALLEL,
-    MERIDIAN_SLOPES,
-)
-
 DISTINCT_LINES = "the edges do not lie on one line"
 NOT_COLLINEAR = "the vertices do not lie on one line"
 VERTEX_OFF_EDGE = "the vertex does not lie on the line of the edge"
 MERIDIANS_MEET = "the meridians do not lie on one line"
 LINE_OFF_PLANE = "the meridian does not lie in the plane of the face"
+MERIDIAN_SLOPES = "a meridian is not parallel to an end face"
+APEX_OFF_ENDS = "the apex is not on the plane of an end face"
+BELOW_APEX = "a contact lies below the apex"
+FACES_NOT_PARALLEL = "end and side planes are not parallel"
 SIDE_OR_TOP = "the face may be side or top"
 SIDE_OR_BOTTOM = "the face may be side or bottom"
 SIDE_OR_END = "a face may be side or end: top if the others meet outside it, bottom if inside"
