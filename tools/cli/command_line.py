@@ -155,13 +155,9 @@ def names_option(flag: str, told: str) -> Callable[[Command], Command]:
 def picture_option(flag: str, told: str) -> Callable[[Command], Command]:
     """The option to draw instead, into a file or, if none is named, to standard output."""
     path = click.Path(path_type=Path, allow_dash=True)
-    how: dict[str, Any] = {
-        "type": path,
-        "is_flag": False,
-        "flag_value": "-",
-        "metavar": "[OUT.svg]",
-    }
-    return click.option(flag, "picture", help=told, **how)
+    return click.option(
+        flag, "picture", help=told, type=path, is_flag=False, flag_value="-", metavar="[OUT.svg]"
+    )
 
 
 RUN_FOLDER = out_option("Run directory; new or empty.")
@@ -184,13 +180,17 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
     if COMPLETE_VARIABLE in os.environ:
-        # What goes wrong while a shell asks is not for the line that is being typed.
-        with suppress(Exception, SystemExit):
-            palpate_group.main([], prog_name="palpate", standalone_mode=False)
-        sys.exit(DONE)
+        sys.exit(answer_shell())
     code = run(sys.argv[1:] if arguments is None else arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
     sys.exit(code)
+
+
+def answer_shell() -> int:
+    """Answer a shell; what goes wrong while it asks is not for the line that is being typed."""
+    with suppress(Exception, SystemExit):
+        palpate_group.main([], prog_name="palpate", standalone_mode=False)
+    return DONE
 
 
 def run(arguments: Sequence[str]) -> int:
