@@ -130,7 +130,7 @@ COMMANDS = [
     (page.name, words)
     for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))
     for words in commands(page)
-    if words != ["--help"]
+    if not words[0].startswith("--")
 ]
 
 
