@@ -91,12 +91,17 @@ def bag_play_command(bag: Path, remap: tuple[str, ...], quiet: bool, **params: A
     return bags.play_recording(bags.player_entry(bag, params, bags.read_remap(remap)), quiet=quiet)
 
 
+def control_player(run: str | None, kind: str) -> None:
+    """Send a request to the player of a running graph."""
+    introspection.control_player(run, kind)
+
+
 for verb, told in (("pause", "stand still"), ("resume", "go on")):
     bag_group.command(
         verb,
         short_help=f"Have a player {told}.",
         help=f"Have the player of a running graph {told}.",
-    )(command_line.RUN(partial(introspection.control_player, kind=verb)))
+    )(command_line.RUN(partial(control_player, kind=verb)))
 
 
 @bag_group.command("step", short_help="Have a player that stands still publish the next message.")
