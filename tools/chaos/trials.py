@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -225,15 +226,11 @@ def kill_session(session: int) -> None:
 def _processes_of(session: int) -> list[int]:
     """Processes of a session; one that only waits to be reaped does not count."""
     found = []
-    for folder in Path("/proc").iterdir():
-        if not folder.name.isdecimal():
-            continue
-        try:
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(FileNotFoundError, ProcessLookupError):
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if fields[0] != "Z" and int(fields[3]) == session:
-            found.append(int(folder.name))
+            if fields[0] != "Z" and int(fields[3]) == session:
+                found.append(int(folder.name))
     return found
 
 
