@@ -92,13 +92,10 @@ def _without_solid(told: dict[str, Any]) -> str:
         return str(told["status"])
     if "apex_error_m" in told:
         return f"axis ±{told['axis_error_deg']:.2f}°, apex ±{1e3 * told['apex_error_m']:.1f} mm"
-    words = (("holes", "hole"), ("cavities", "cavity"), ("open_ends", "open end"))
-    found = [
-        launch.counted(int(told[key]), one, key.replace("_", " "))
-        for key, one in words
-        if told.get(key)
-    ]
-    return ", ".join(found) or "no opening"
+    words = {"holes": "hole", "cavities": "cavity", "open_ends": "open end"}
+    found = {key: int(told[key]) for key in words if told.get(key)}
+    every = (launch.counted(n, words[key], key.replace("_", " ")) for key, n in found.items())
+    return ", ".join(every) or "no opening"
 
 
 def _cell(error: float | None, touches: int, seconds: float, otherwise: str = "no solid") -> Cell:
@@ -118,7 +115,7 @@ def _run(file: Path, scene: str, out: Path, settings: Mapping[str, Any] = {}) ->
 
 def _coons_error(recording: Path) -> float | None:
     """Root mean square distance of Coons patches over the traced contours, m; None without."""
-    kept: dict[str, list[Any]] = {name: [] for name in (Contour.__name__, Truth.__name__)}
+    kept: dict[str, list[Any]] = {Contour.__name__: [], Truth.__name__: []}
     for message in open_recording(recording).messages():
         if message.type in kept:
             kept[message.type].append(decode(TYPES[message.type], message.body))

@@ -81,21 +81,22 @@ class Timed(NamedTuple):
 
 def scene_rows(quick: bool, *, against: Path | None = None) -> Iterator[SceneSpeed | Row | str]:
     """The shipped scenes, or a few; against an older checkout if one is given."""
-    older = against
-    if older is not None and not (older / "palpate" / "__main__.py").is_file():
-        raise InputError(f"{older}: --against must be a checkout of palpate, with its sources")
-    yield SceneSpeed.head(older is not None)
+    if against is not None and not (against / "palpate" / "__main__.py").is_file():
+        raise InputError(f"{against}: --against must be a checkout of palpate, with its sources")
+    told = ("chamfer", "floor", "touches", "per s", "wall s", "cpu s", "first s", "last s")
+    heads = (*told, *(("cpu x", "wall x") if against is not None else ()))
+    yield f"{'scene':<13}" + "".join(f"{one:>9}" for one in heads)
     ratios: list[float] = []
     for scene in QUICK_SCENES if quick else SCENES:
         calls = {"now": partial(run_timed, scene)}
-        if older is not None:
-            calls["older"] = partial(run_timed, scene, tree=older)
+        if against is not None:
+            calls["older"] = partial(run_timed, scene, tree=against)
         if scene == SCENES[0]:
             in_turns(calls, 1)  # Its sources are compiled then, which does not count
         found = in_turns(calls, QUICK_TURNS if quick else TURNS)
         speed = SceneSpeed(scene, found["now"], found.get("older", []))
         yield speed
-        ratios += [speed.ratio("cpu")] if older is not None else []
+        ratios += [speed.ratio("cpu")] if against is not None else []
     if ratios:
         mean = float(np.exp(np.mean(np.log(ratios))))
         yield figure("processor time over the older one, geometric mean", mean, kind="time")
@@ -152,33 +153,20 @@ class SceneSpeed(NamedTuple):
 
     def ratio(self, name: str) -> float:
         """Of medians, to those of the older checkout."""
-        now, then = (
-            statistics.median(getattr(one, name) for one in runs)
-            for runs in (self.runs, self.older)
-        )
-        return float(now / then)
+        return median_of(self.runs, name) / median_of(self.older, name)
 
     def _parts(self, kind: str) -> dict[str, float]:
         """Medians of all that is told by name, the largest first."""
-        names = dict.fromkeys(name for one in self.runs for name in getattr(one, kind))
-        parts = {
-            name: statistics.median(getattr(one, kind).get(name, 0.0) for one in self.runs)
-            for name in names
-        }
-        return dict(sorted(parts.items(), key=lambda part: -part[1]))
-
-    @staticmethod
-    def head(compared: bool) -> str:
-        """What the columns are."""
-        told = ("chamfer", "floor", "touches", "per s", "wall s", "cpu s", "first s", "last s")
-        more = ("cpu x", "wall x") if compared else ()
-        return f"{'scene':<13}" + "".join(f"{one:>9}" for one in (*told, *more))
+        told = [getattr(one, kind) for one in self.runs]
+        names = dict.fromkeys(name for one in told for name in one)
+        parts = [(name, statistics.median(one.get(name, 0.0) for one in told)) for name in names]
+        return dict(sorted(parts, key=lambda part: -part[1]))
 
     def __str__(self) -> str:
         cells = [f"{self._percent(key):.3f} %" for key in ("chamfer_m", "sampling_floor_m")]
         cells.append(str(self.runs[0].summary["touches"]))
         for name, form in (("rate", ".0f"), *((one, ".2f") for one in TIMES)):
-            cells.append(f"{statistics.median(getattr(one, name) for one in self.runs):{form}}")
+            cells.append(f"{median_of(self.runs, name):{form}}")
         cells += [f"{self.ratio(name):.2f}" for name in ("cpu", "wall") if self.older]
         missed = "  MISSED " + ", ".join(self.missed) if self.missed else ""
         lines = [f"{self.name:<13}" + "".join(f"{cell:>9}" for cell in cells) + missed]
@@ -186,6 +174,11 @@ class SceneSpeed(NamedTuple):
             told = [f"{name} {value:.2f}" for name, value in self._parts(kind).items()]
             lines.append(f"  {kind:<6}" + ", ".join(told[:9]))
         return "\n".join(lines)
+
+
+def median_of(runs: Sequence[Timed], name: str) -> float:
+    """Of one figure of some runs."""
+    return float(statistics.median(getattr(one, name) for one in runs))
 
 
 def run_timed(scene: str, *more: str, tree: Path | None = None) -> Timed:
@@ -214,7 +207,6 @@ def run_timed(scene: str, *more: str, tree: Path | None = None) -> Timed:
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
         messages = list(open_recording(out / "topics.mcap").messages())
     touched = [one.sent_ns for one in messages if one.topic.endswith("/touch/patch")]
-    nodes = {name: float(told["cpu_s"]) for name, told in summary["nodes"].items()}
     return Timed(
         summary=summary,
         wall=1e-9 * (ended - began),
@@ -223,7 +215,7 @@ def run_timed(scene: str, *more: str, tree: Path | None = None) -> Timed:
         last=1e-9 * (ended - touched[-1]),
         rate=len(touched) / max(1e-9 * (touched[-1] - touched[0]), 1e-9),
         waits=waits_of(messages),
-        nodes=nodes,
+        nodes={name: float(told["cpu_s"]) for name, told in summary["nodes"].items()},
         steps=summary["steps"],
     )
 

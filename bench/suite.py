@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
@@ -78,27 +78,18 @@ def _help() -> str:
     help="An older checkout, with which scenes are run in turns.",
 )
 def bench_command(
-    what: str,
-    quick: bool,
-    only: str | None,
-    as_json: bool,
-    out: Path | None,
-    compare: Path | None,
-    strict: bool,
-    against: Path | None,
+    what: str, only: str | None, out: Path | None, compare: Path | None, quick: bool, **how: Any
 ) -> int:
     """Measure one thing or all; `_help` says which there are."""
-    chosen = _chosen(what, only, against)
+    chosen = _chosen(what, only, how.pop("against"))
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
     kept = ResultsFile(out, quick=quick)
-    code = run_groups(
-        chosen, quick=quick, as_json=as_json, strict=strict, echo=click.echo, keep=kept.add
-    )
+    code = run_groups(chosen, quick=quick, echo=click.echo, keep=kept.add, **how)
     if old is not None and compare is not None:
         for line in comparison_lines(old, kept.results, compare):
-            click.echo(line, err=as_json)
+            click.echo(line, err=how["as_json"])
     return code
 
 

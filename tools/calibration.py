@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,27 +62,23 @@ def calibrate(scene: SceneSpec, progress: CalibrationProgress) -> Calibrated:
     pipeline = build_pipeline(scene.sensor, scene.effects, ROBOT_PRESETS[ROBOT], seed=scene.seed)
     finger = _Finger(pipeline)
     pad = pipeline.finger.pad
-    free = [finger.touch(_flat_plate(), lean, 0.0).read for lean in _tilts(pad)[:1] * FREE_FRAMES]
+    # The plate is flat to far less than a nanometre where it is pressed.
+    plate, ball = _below((0.2, 0.2, 0.05), LEAST_EXPONENT), _below((BALL_RADIUS,) * 3, 1.0)
+    free = [finger.touch(plate, lean, 0.0).read for lean in _tilts(pad)[:1] * FREE_FRAMES]
     progress(f"{FREE_FRAMES} frames of nothing")
-    on_flat = tuple(_presses(finger, _flat_plate(), progress, "the flat"))
-    on_ball = tuple(_presses(finger, _ball(), progress, "the ball"))
+    on_flat = tuple(_presses(finger, plate, progress, "the flat"))
+    on_ball = tuple(_presses(finger, ball, progress, "the ball"))
     made = [*on_flat, *on_ball]
     presses = CalibrationTouches(
         known=np.stack([one.known.ravel() for one in made]),
         read=np.stack([one.read.ravel() for one in made]),
         free=np.stack([one.ravel() for one in free]),
     )
-    x, y = pad.grid()
+    (x, y), sheet = pad.grid(), pipeline.finger.calibration
     progress(f"all done; fitting {len(made)} presses")
-    estimate = estimate_calibration(presses, x.ravel(), y.ravel(), pipeline.finger.calibration)
-    sheet = pipeline.finger.calibration
+    estimate = estimate_calibration(presses, x.ravel(), y.ravel(), sheet)
     pad = replace(pad, face=sensed_face(pipeline))
     return Calibrated(estimate, pad, sheet, on_ball, finger.touches, finger.clock)
-
-
-def _flat_plate() -> Shape:
-    """A plate with its top at height 0, flat to far less than a nanometre where it is pressed."""
-    return _below(Superquadric(np.array([0.2, 0.2, 0.05]), np.full(2, LEAST_EXPONENT)))
 
 
 def _presses(
@@ -100,22 +97,16 @@ def _tilts(pad: Pad) -> list[Floats]:
     most = math.atan(pad.dome * half) + TOUCH_DEPTH / (2.0 * half)
     angles = sorted(np.linspace(-most, most, TILTS).tolist(), key=abs)
     position = np.array([0.0, 0.0, HEIGHT])
-    turns = {a: (math.cos(a), math.sin(a)) for a in angles}
-    poses = []
-    for c, s in turns.values():
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        for c2, s2 in turns.values():
-            about_y = np.array([[c2, 0.0, s2], [0.0, 1.0, 0.0], [-s2, 0.0, c2]])
-            poses.append(pose_of(position, FACING_DOWN @ (about_x @ about_y)))
-    return poses
+    turns = [(math.cos(a), math.sin(a)) for a in angles]
+    about_x = [np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) for c, s in turns]
+    about_y = [np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) for c, s in turns]
+    return [pose_of(position, FACING_DOWN @ (x @ y)) for x, y in product(about_x, about_y)]
 
 
-def _ball() -> Shape:
-    return _below(Superquadric(np.full(3, BALL_RADIUS), np.ones(2)))
-
-
-def _below(shape: Superquadric) -> Shape:
-    return PosedShape(shape, pose_of(np.array([0.0, 0.0, -float(shape.size[2])]), np.eye(3)))
+def _below(size: Sequence[float], exponent: float) -> Shape:
+    """A superquadric of these half axes, m, with its top at height 0."""
+    shape = Superquadric(np.array(size), np.full(2, exponent))
+    return PosedShape(shape, pose_of(np.array([0.0, 0.0, -float(size[2])]), np.eye(3)))
 
 
 class _Finger:
@@ -224,9 +215,8 @@ def calibration_text(figures: Mapping[str, Any]) -> str:
 
 
 def _mm(radius: Mapping[str, float] | None) -> str:
-    if radius is None:
-        return "nothing smooth"
-    return f"{1e3 * radius['mean']:.2f} +- {1e3 * radius['error']:.2f} mm"
+    told = radius and f"{1e3 * radius['mean']:.2f} +- {1e3 * radius['error']:.2f} mm"
+    return told or "nothing smooth"
 
 
 def calibration_warnings(found: Calibrated) -> list[str]:
@@ -243,12 +233,10 @@ def calibration_warnings(found: Calibrated) -> list[str]:
     if estimate.pose_error > MAX_POSE_ERROR:
         told.append(f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring")
     before, after = _radii(found)
-    if after is None or abs(after.mean - BALL_RADIUS) > MAX_RADIUS_ERROR * BALL_RADIUS:
+    off, was = (math.inf if one is None else abs(one.mean - BALL_RADIUS) for one in (after, before))
+    if after is None or off > MAX_RADIUS_ERROR * BALL_RADIUS:
         told.append("with it the ball is not measured as a ball of its size")
-    elif (
-        before is not None
-        and abs(after.mean - BALL_RADIUS) > abs(before.mean - BALL_RADIUS) + 3 * after.error
-    ):
+    elif off > was + 3 * after.error:
         told.append("with it the ball is measured worse than by the data sheet")
     return told
 

@@ -8,7 +8,6 @@ another robot that move ends at another time, and the wait with it. Any other wa
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
@@ -17,11 +16,12 @@ import numpy as np
 
 from palpate import core
 from palpate.launch import counted, draw_svg, find_bag, read_summary, text_table, titled
-from palpate.launch.files import InputError, hint, write_atomically
+from palpate.launch.files import InputError, hint
 from palpate.messages import CodecError, decode
 from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame
 from palpate.nodes.runtime import recorded_nodes
+from palpate.tools.graph_drawing import write_drawing
 
 PARTS = ("travel", "approach", "dwell", "retract", "wait")  # Of a time, in the order told
 Phase = Literal["grasp", "contours", "probes", "other"]  # What a move was for; other without a goal
@@ -51,10 +51,7 @@ def plot_cost(run: Path, path: Path) -> None:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
         why = "its figures are not those of this version of palpate; run it again"
         raise InputError(f"{run}: {why}") from None
-    if str(path) == "-":
-        sys.stdout.write(text)
-        return
-    write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
+    write_drawing(path, text)
 
 
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
@@ -88,12 +85,10 @@ def _recorded_figures(run: RunMoves) -> Costs:
     slowest = max(run.fingers, key=lambda one: float(one.ends[-1]))
     ended, missing = float(slowest.ends[-1]), None
     if all(one.robot in core.ROBOTS for one in run.fingers):
-        made = [
-            core.move_durations(one.moves, core.ROBOTS[str(one.robot)]).total()
-            for one in run.fingers
-        ]
-        ends = [one.ends[-1] for one in run.fingers]
-        missing = max(abs(float(one.sum() - end)) for one, end in zip(made, ends, strict=True))
+        missing = 0.0
+        for one in run.fingers:
+            made = core.move_durations(one.moves, core.ROBOTS[str(one.robot)]).total()
+            missing = max(missing, abs(float(made.sum() - one.ends[-1])))
     return {
         "robot": slowest.robot,
         "robot_time_s": ended,
@@ -104,23 +99,25 @@ def _recorded_figures(run: RunMoves) -> Costs:
 
 def _cost(run: RunMoves, name: str, touches: int) -> Costs:
     robot = core.ROBOTS[name]
-    made = [
-        core.move_durations(moves, robot) for moves in with_recomputed_waits(run.fingers, robot)
-    ]
+    moved = with_recomputed_waits(run.fingers, robot)
+    made = [core.move_durations(moves, robot) for moves in moved]
     totals = [float(one.total().sum()) for one in made]
     slowest = int(np.argmax(totals))
-    phases = np.array(run.fingers[slowest].phases)
-    total = totals[slowest]
+    phases, figures = np.array(run.fingers[slowest].phases), dict[str, Costs]()
+    for phase in PHASES:
+        if phase != "other" or phase in phases:
+            parts, moves = (
+                _part_figures(made[slowest], phases == phase),
+                int((phases == phase).sum()),
+            )
+            each = parts["total_s"] / moves if moves else None
+            figures[phase] = {"moves": moves, **parts, "per_move_s": each}
     return {
         **_part_figures(made[slowest], np.ones(len(phases), dtype=bool)),
-        "per_touch_s": total / touches if touches else None,
+        "per_touch_s": totals[slowest] / touches if touches else None,
         "slowest_finger": run.fingers[slowest].finger,
         "finger_s": {str(one.finger): s for one, s in zip(run.fingers, totals, strict=True)},
-        "phases": {
-            phase: _phase_figures(made[slowest], phases == phase)
-            for phase in PHASES
-            if phase != "other" or phase in phases
-        },
+        "phases": figures,
     }
 
 
@@ -153,11 +150,6 @@ def _awaited(fingers: Sequence[FingerMoves], finger: int, move: int) -> tuple[in
         if i != finger and abs(float(other.ends[near]) - begun) <= TIME_TOLERANCE * begun:
             return i, near
     return None
-
-
-def _phase_figures(made: core.MoveDurations, which: core.Bools) -> Costs:
-    parts, moves = _part_figures(made, which), int(which.sum())
-    return {"moves": moves, **parts, "per_move_s": parts["total_s"] / moves if moves else None}
 
 
 def _part_figures(made: core.MoveDurations, which: core.Bools) -> Costs:
@@ -279,8 +271,8 @@ def _recorded_lines(costs: Costs) -> list[str]:
         warnings = [f"its moves miss that by {recorded['missing_s']:.3g} s: some are lost"]
     if not costs["complete"]:
         warnings.append("the recording was never closed: its end may be missing")
-    lines = titled("recorded", told, width=TITLE_WIDTH)
-    return lines + [x for text in warnings for x in titled("warning", text, width=TITLE_WIDTH)]
+    rows = [("recorded", told), *(("warning", text) for text in warnings)]
+    return [line for row in rows for line in titled(*row, width=TITLE_WIDTH)]
 
 
 def _phase_table(name: str, cost: Mapping[str, Any]) -> list[str]:
@@ -295,12 +287,10 @@ def _phase_table(name: str, cost: Mapping[str, Any]) -> list[str]:
 
 
 def _finger_lines(cost: Mapping[str, Any], fingers: int) -> list[str]:
-    lines = []
+    rows = []
     if fingers > 1:
         totals = ", ".join(f"{number} {total:.1f} s" for number, total in cost["finger_s"].items())
-        told = f"{totals}; the table is of the slowest"
-        lines += titled("fingers", told, width=TITLE_WIDTH)
+        rows.append(("fingers", f"{totals}; the table is of the slowest"))
     if cost["per_touch_s"] is not None:
-        told = f"{cost['per_touch_s']:.2f} s, all counted"
-        lines += titled("a touch", told, width=TITLE_WIDTH)
-    return lines
+        rows.append(("a touch", f"{cost['per_touch_s']:.2f} s, all counted"))
+    return [line for row in rows for line in titled(*row, width=TITLE_WIDTH)]

@@ -96,7 +96,11 @@ def write_picture(graph: Graph, path: Path, title: str) -> None:
     }
     if kind not in writers:
         raise InputError(f"--graph: {path}: must end in one of {', '.join(writers)}")
-    text = writers[kind](sketch_of(graph))
+    write_drawing(path, writers[kind](sketch_of(graph)))
+
+
+def write_drawing(path: Path, text: str) -> None:
+    """Write a drawing whole, ``-`` to standard output; raises InputError if it cannot be."""
     if str(path) == "-":
         sys.stdout.write(text)
     else:
@@ -125,14 +129,16 @@ def sketch_of(graph: Graph) -> Sketch:
             for local, topic in wiring.outputs.items():
                 alike.setdefault(local, []).append((wiring, topic))
         for local, topics in alike.items():
-            edges = [(wiring.name, topic, wiring.subscribers[topic]) for wiring, topic in topics]
-            told = [
-                f"{topic}: {types[topic]}, {name} to {', '.join(to) or 'nobody'}"
-                for name, topic, to in edges
-            ]
+            told, targets = [], set[int]()
+            for wiring, topic in topics:
+                to = wiring.subscribers[topic]
+                told.append(
+                    f"{topic}: {types[topic]}, {wiring.name} to {', '.join(to) or 'nobody'}"
+                )
+                targets |= {box_of[name] for name in to if name in box_of}
             wire = Wire(
                 source=source,
-                targets=tuple(sorted({box_of[n] for *_, to in edges for n in to if n in box_of})),
+                targets=tuple(sorted(targets)),
                 labels=(topics[0][1] if len(topics) == 1 else f"{local} {TIMES} {len(topics)}",),
                 title="\n".join(told),
                 latched=any(topic in latched for _, topic in topics),
@@ -368,22 +374,18 @@ def layers_of(edges: Edges) -> list[list[int]]:
     depth: dict[int, int] = {}
     for box in TopologicalSorter(before).static_order():
         depth[box] = max((depth[one] + 1 for one in before[box]), default=0)
-    columns: list[list[int]] = [[] for _ in range(max(depth.values(), default=-1) + 1)]
-    for box in edges:
-        columns[depth[box]].append(box)
+    deepest = max(depth.values(), default=-1)
+    columns = [[box for box in edges if depth[box] == level] for level in range(deepest + 1)]
     place: dict[int, float] = {}
     for column in columns:
-        column.sort(
-            key=lambda box: fmean(place[one] for one in before[box]) if before[box] else 0.0
-        )
+        column.sort(key=lambda box: fmean([place[one] for one in before[box]] or [0.0]))
         place |= {box: (i + 0.5) / len(column) for i, box in enumerate(column)}
     return columns
 
 
 def back_edges(edges: Edges) -> set[tuple[int, int]]:
     """Edges to a box from which the way to their source has come; without them is no cycle."""
-    back: set[tuple[int, int]] = set()
-    seen: set[int] = set()
+    back, seen = set[tuple[int, int]](), set[int]()
     for start in edges:
         # A way is kept by hand, its boxes to what is left of their edges: a launch file may be
         # deeper than Python's own stack.

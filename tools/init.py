@@ -46,9 +46,8 @@ def begin(
         taken = EFFECT_NAMES if kind == "effect" else PLANNER_NAMES
     cls = class_name_of(name, article, taken, files[0], *texts, known)
     if kind in ("node", "driver") and len(name) > MAX_NAME_LENGTH:
-        raise InputError(
-            f"{name!r} is too long; a node's name has at most {MAX_NAME_LENGTH} letters"
-        )
+        most = f"a node's name has at most {MAX_NAME_LENGTH} letters"
+        raise InputError(f"{name!r} is too long; {most}")
     words = {
         f"Template of {article}:": f"The {kind} {name}:",
         f"palpate.tools.templates.{like}": name,

@@ -32,7 +32,7 @@ def recognise(
     or holds no closed surface.
     """
     vertices, faces, uncertainty = _surface(path, unit)
-    database = launch.load_objects(launch.OBJECTS if objects is None else objects)
+    database = launch.load_objects(objects or launch.OBJECTS)
     models = launch.load_models(database) or _learned(database, say)
     with files.as_input_errors(path):
         features = recognition.feature_vector(recognition.describe(vertices, faces))
@@ -87,13 +87,12 @@ def _learned(
 
 
 def _told(one: recognition.Difference) -> dict[str, Any]:
-    def plain(value: float) -> float:
-        return SCALES.get(one.kind, 1.0) * (math.exp(value) if "log" in one.kind else value)
-
+    values = (math.exp(v) if "log" in one.kind else v for v in (one.measured, one.stored))
+    measured, stored = (SCALES.get(one.kind, 1.0) * value for value in values)
     return {
         "feature": one.name,
-        "measured": plain(one.measured),
-        "stored": plain(one.stored),
+        "measured": measured,
+        "stored": stored,
         "unit": UNITS.get(one.kind, ""),
         "deviations": one.deviations,
     }

@@ -16,11 +16,12 @@ import numpy as np
 
 from palpate.core import Floats, transform_points
 from palpate.core.geometry import self_intersection, solidity
-from palpate.core.rebuild import Method, Solid
+from palpate.core.rebuild import GeneralSolid, Method, Solid
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import SurfaceMesh
-from palpate.launch import files, titled
+from palpate.core.shapes import Mesh
+from palpate.launch import counted, files, titled
 
 RECORDING_SUFFIX = ".mcap"  # Of a file whose unit is known; a run's folder holds such a file
 CONTOUR_NUMBER = re.compile(r"\bcontour (\d+)\b")  # By its place among those that were read
@@ -32,33 +33,16 @@ MAX_OVERSHOOT = 0.05  # Of the width: how far the side may leave the contours wi
 MIN_UNCOVERED = 1e-3
 FAR_END_STEPS = 3.0  # Times the widest step between contours by which an end beyond is a guess
 MOST_NAMED = 4  # Most contours that one sentence names
-# Figures of the health that say something if they are not 0, in words, for one and for more.
-COUNT_WARNINGS: Mapping[str, tuple[str, str]] = {
-    "outlying_points": (
-        "1 single point sticks out and was left out",
-        "{} single points stick out and were left out",
-    ),
-    "gaping": (
-        "1 contour leaves over a quarter of its way around untouched: it is closed across",
-        "{} contours leave over a quarter of their way around untouched: they are closed across",
-    ),
-    "perhaps_features": (
-        "1 of the dropped contours may be a neck or a rim that no other met",
-        "{} of the dropped contours may be a neck or a rim that no other met",
-    ),
-    "refined_beyond": (
-        "1 further point lies beyond the side and was not passed",
-        "{} further points lie beyond the side and were not passed",
-    ),
-    "unmatched_contours": (
-        "1 contour could not be matched to the model point by point",
-        "{} contours could not be matched to the model point by point",
-    ),
-    "degenerate_contours": (
-        "1 contour gave no layer of its own to the lattice",
-        "{} contours gave no layer of their own to the lattice",
-    ),
-    "radial_unused": ("the single touches could not be used: the contours alone count",) * 2,
+# Figures of the health that say something if they are not 0, in words: [for one|for more].
+COUNT_WARNINGS: Mapping[str, str] = {
+    "outlying_points": "{} single point[ sticks|s stick] out and [was|were] left out",
+    "gaping": "{} contour[ leaves|s leave] over a quarter of [its|their] way around untouched: "
+    "[it is|they are] closed across",
+    "perhaps_features": "{} of the dropped contours may be a neck or a rim that no other met",
+    "refined_beyond": "{} further point[ lies|s lie] beyond the side and [was|were] not passed",
+    "unmatched_contours": "{} contour[|s] could not be matched to the model point by point",
+    "degenerate_contours": "{} contour[|s] gave no layer of [its|their] own to the lattice",
+    "radial_unused": "the single touches could not be used: the contours alone count",
 }
 
 
@@ -146,11 +130,10 @@ def _touched_ends(
                 f"{size:.3g} {wanted.unit or 'm'}"
             )
         low, high = min(levels) / metres, max(levels) / metres
-        for name, height in (("--bottom", wanted.bottom), ("--top", wanted.top)):
-            beyond = height is None or (height <= low if name == "--bottom" else high <= height)
-            if not beyond:
+        for name, height in (("bottom", wanted.bottom), ("top", wanted.top)):
+            if height is not None and (low < height if name == "bottom" else height < high):
                 raise files.InputError(
-                    f"{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
+                    f"--{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
                     f"to {high:.6g}"
                 )
     for height in (wanted.bottom, wanted.top):
@@ -185,9 +168,8 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
             raise files.InputError(f"-o {path}: must end in one of {', '.join(known)}")
     if lattice is not None:
         if lattice.suffix.lower() not in files.LATTICE_SUFFIXES:
-            raise files.InputError(
-                f"--lattice {lattice}: must end in one of {', '.join(files.LATTICE_SUFFIXES)}"
-            )
+            ends = ", ".join(files.LATTICE_SUFFIXES)
+            raise files.InputError(f"--lattice {lattice}: must end in one of {ends}")
         if method not in ("lattice", "thesis"):
             text = f"--lattice {lattice}: the method {method} has no control lattice"
             raise files.InputError(text)
@@ -203,19 +185,25 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
 
 def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | None) -> None:
     """Write all files, or none; raises InputError if one cannot be written."""
-    mesh, solid = rebuilt.mesh, rebuilt.solid
-    writers: dict[Path, files.FileWriter] = {
+    writers = solid_writers(rebuilt.solid, rebuilt.mesh, outs)
+    if lattice is not None:
+        grid = rebuilt.solid.control_lattice
+        if grid is None:
+            raise files.InputError(f"--lattice {lattice}: this solid has no control lattice")
+        writers[lattice] = lambda part: files.write_lattice(part, grid)
+    files.write_atomically(writers)
+
+
+def solid_writers(
+    solid: Solid | GeneralSolid, mesh: SurfaceMesh | Mesh, outs: Iterable[Path]
+) -> dict[Path, files.FileWriter]:
+    """What writes each file: a whole solid, or its mesh, as the ending says."""
+    return {
         path: (lambda part: files.save(solid, part))
         if path.suffix.lower() == files.SOLID_SUFFIX
         else (lambda part: files.write_mesh(part, mesh.vertices, mesh.faces))
         for path in outs
     }
-    if lattice is not None:
-        grid = solid.control_lattice
-        if grid is None:
-            raise files.InputError(f"--lattice {lattice}: this solid has no control lattice")
-        writers[lattice] = lambda part: files.write_lattice(part, grid)
-    files.write_atomically(writers)
 
 
 def single_threaded() -> AbstractContextManager[object]:
@@ -276,13 +264,15 @@ def rebuild_warnings(
     """Sentences about everything that a user should doubt."""
     told, health = size_warnings(mesh.vertices, unit), solid.health()
     told += _contours(solid, found.places)
-    for name, (one, more) in COUNT_WARNINGS.items():
+    for name, text in COUNT_WARNINGS.items():
         if count := round(health.get(name, 0.0)):
-            told.append(one if count == 1 else more.format(count))
+            told.append(
+                re.sub(r"\[(.*?)\|(.*?)\]", r"\1" if count == 1 else r"\2", text).format(count)
+            )
     if folded := health.get("lattice_folded", 0.0):
         told.append(f"{folded:.2%} of the control lattice's inside is folded")
     if crossings:
-        pairs = "1 pair" if crossings == 1 else f"{crossings} pairs"
+        pairs = counted(crossings, "pair")
         told.append(f"the surface passes through itself: {pairs} of triangles cross")
     if isinstance(solid.model, Recovery) and solid.model.warnings:
         told.append(f"the superquadric's fit is {', '.join(solid.model.warnings)}")
@@ -376,11 +366,8 @@ def rebuild_text(record: Mapping[str, Any]) -> str:
     """A record as lines; lengths in mm."""
     assumed = " (assumed; if not, give --unit)" if record["unit_assumed"] else ""
     contours = f"{record['contours']} contours, " if record["contours"] else ""
-    lines = titled(
-        "read",
-        f"{record['points']}: {contours}{record['points_read']} points, "
-        f"unit {record['unit']}{assumed}",
-    )
+    read = f"{record['points']}: {contours}{record['points_read']} points"
+    lines = titled("read", f"{read}, unit {record['unit']}{assumed}")
     for note in record["notes"]:
         lines += titled("", note)
     for one in record["dropped"]:
@@ -391,9 +378,8 @@ def rebuild_text(record: Mapping[str, Any]) -> str:
         "solid",
         f"{record['method']}: {size} mm, {1e6 * record['volume_m3']:.5g} ml, "
         f"{1e4 * record['area_m2']:.5g} cm2; {record['faces']} triangles, "
-        f"watertight {'yes' if record['watertight'] else 'NO'}, "
-        f"holes through it {record['genus']}, crossings with itself "
-        f"{record['self_intersections']}",
+        f"watertight {'yes' if record['watertight'] else 'NO'}, holes through it "
+        f"{record['genus']}, crossings with itself {record['self_intersections']}",
     )
     confidence = f"the method {record['method']} does not say how far its surface can be trusted"
     if record["self_intersections"]:

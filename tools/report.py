@@ -85,8 +85,8 @@ def simulation_text(scene: launch.SceneSpec) -> str:
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         head = f"  {effect.phase.name.lower():<7} {name:<{width}}  "
-        told = [line.rstrip() for line in launch.titled(head, _parameters(effect), width=len(head))]
-        lines += told
+        told = launch.titled(head, _parameters(effect), width=len(head))
+        lines += map(str.rstrip, told)
     return "\n".join(lines)
 
 

@@ -14,7 +14,7 @@ from palpate.core.rebuild.general import touch_distances
 from palpate.core.shapes import Mesh
 from palpate.launch import files
 from palpate.tools.reconstruction import ProgressText, RebuildOptions, single_threaded
-from palpate.tools.reconstruction import size_warnings, written_files
+from palpate.tools.reconstruction import size_warnings, solid_writers, written_files
 
 FAR = 5.0e-3  # From every point: what of the surface lies farther is made up, m
 MOST_FAR = 0.01  # Of the surface: more of that is worth a warning
@@ -35,11 +35,8 @@ def rebuild_scattered(
     say("reading the points")
     found, notes = files.read_oriented(points)
     say(f"rebuilding from {len(found.points)} points")
-    options: dict[str, Any] = {}
-    if wanted.bottom is not None:
-        options["platform"] = metres * wanted.bottom
-    if wanted.noise is not None:
-        options["pose"] = metres * wanted.noise
+    given = {"platform": wanted.bottom, "pose": wanted.noise}
+    options: dict[str, Any] = {k: metres * v for k, v in given.items() if v is not None}
     try:
         with single_threaded():
             solid = rebuild_general(found._replace(points=metres * found.points), **options)
@@ -47,14 +44,7 @@ def rebuild_scattered(
             mesh = solid.mesh()
     except ValueError as error:
         raise files.InputError(f"{points}: {str(error).replace('patches', 'points')}") from None
-    files.write_atomically(
-        {
-            path: (lambda part: files.save(solid, part))
-            if path.suffix.lower() == files.SOLID_SUFFIX
-            else (lambda part: files.write_mesh(part, mesh.vertices, mesh.faces))
-            for path in outs
-        }
-    )
+    files.write_atomically(solid_writers(solid, mesh, outs))
     told = {"points": str(points), "unit": unit, "unit_assumed": wanted.unit is None}
     return {**told, "notes": notes, **_record(solid, mesh, unit), "written": written_files(outs)}
 

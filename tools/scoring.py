@@ -75,15 +75,15 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     elif kind == ".ply":
         points = files.read_cloud(path, taken)
     if points is not None:
-        if (count := len(points)) < MIN_POINTS:
+        count, finite = len(points), np.isfinite(points).all(axis=1)
+        if count < MIN_POINTS:
             raise files.InputError(
                 f"{path}: holds {count} points; at least {MIN_POINTS} are needed"
             )
-        if not np.isfinite(points).all():
-            bad = int(np.argmin(np.isfinite(points).all(axis=1)))
-            raise files.InputError(f"{path}: point {bad} is not finite")
+        if not finite.all():
+            raise files.InputError(f"{path}: point {np.argmin(finite)} is not finite")
         if not np.ptp(points, axis=0).any():
-            raise files.InputError(f"{path}: all {len(points)} points are in one place")
+            raise files.InputError(f"{path}: all {count} points are in one place")
         vertices, faces = points, np.zeros((0, 3), np.int32)
     elif kind == ".npz":
         vertices, faces = _read_model(path)
@@ -219,10 +219,10 @@ def _alignment_figures(found: geometry.Alignment | None, pose: Floats | None) ->
     """What the alignment says; `pose` is the model's in the reference's frame."""
     return {
         "aligned": found is not None,
-        "pose": None if pose is None else [float(value) for value in pose],
-        "alignment_rms_m": None if found is None else found.rms,
-        "alignment_converged": None if found is None else found.converged,
-        "alignment_ambiguous": None if found is None else found.ambiguous,
+        "pose": None if pose is None else pose.tolist(),
+        "alignment_rms_m": found and found.rms,
+        "alignment_converged": found and found.converged,
+        "alignment_ambiguous": found and found.ambiguous,
     }
 
 
@@ -254,10 +254,12 @@ def score_text(scored: ScoreRecord) -> str:
 def _alignment_lines(scored: ScoreRecord) -> list[str]:
     if not scored["aligned"]:
         return []
-    x, y, z, *axis, w = scored["pose"]
-    turn = math.degrees(2.0 * math.atan2(math.hypot(*axis), abs(w)))
-    place = ", ".join(f"{1000.0 * value:.3f}" for value in (x, y, z))
-    rest = millimetres(scored["alignment_rms_m"])
+    *place, i, j, k, w = scored["pose"]
+    turn = math.degrees(2.0 * math.atan2(math.hypot(i, j, k), abs(w)))
+    place, rest = (
+        ", ".join(f"{1000.0 * v:.3f}" for v in place),
+        millimetres(scored["alignment_rms_m"]),
+    )
     lines = titled("aligned", f"model moved by ({place}) mm, turned by {turn:.2f} deg; rms {rest}")
     if not scored["alignment_converged"]:
         lines += titled("warning", "the alignment had not come to rest")

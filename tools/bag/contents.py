@@ -6,9 +6,9 @@ before it is put in place. Of two recordings digests alone are held.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
@@ -59,15 +59,13 @@ class BagInfo(TypedDict):
 def bag_info(bag: Path) -> BagInfo:
     """Go through a recording up to its end or first damage; InputError if nothing can be read."""
     path = find_bag(bag)
-    prefix, tally = recording.ReadablePrefix(path), _Tally()
-    for found in prefix:
-        tally.take(found)
-    about = tally.metadata.get(recording.ABOUT)
+    prefix = recording.ReadablePrefix(path)
+    topics, metadata, (first, last) = _tallied(prefix)
+    end, parts, about = prefix.end, recording.parts_of(path), metadata.get(recording.ABOUT)
     if about is None:
-        raise InputError(f"{prefix.end.part}: cannot be read as a recording: it {prefix.end.why}")
-    end, parts = prefix.end, recording.parts_of(path)
-    total = sum(one["bytes"] for one in tally.topics.values())
-    for one in tally.topics.values():
+        raise InputError(f"{end.part}: cannot be read as a recording: it {end.why}")
+    total = sum(one["bytes"] for one in topics.values())
+    for one in topics.values():
         one["share"] = one["bytes"] / total if total else 0.0
     return BagInfo(
         path=str(path),
@@ -79,10 +77,10 @@ def bag_info(bag: Path) -> BagInfo:
         version=about.get("version", ""),
         closed=not end.why,
         end={"path": str(end.part), "byte": end.byte, "why": end.why} if end.why else None,
-        duration_s=1e-9 * (tally.last - tally.first),
-        messages=sum(one["messages"] for one in tally.topics.values()),
-        topics=sorted(tally.topics.values(), key=lambda one: one["topic"]),
-        metadata={name: _short(values) for name, values in tally.metadata.items()},
+        duration_s=1e-9 * (last - first),
+        messages=sum(one["messages"] for one in topics.values()),
+        topics=sorted(topics.values(), key=lambda one: one["topic"]),
+        metadata={name: _short(values) for name, values in metadata.items()},
         nodes=_nodes(about.get("graph", "")),
     )
 
@@ -104,42 +102,36 @@ def _nodes(graph: str) -> list[str]:
         return []
 
 
-@dataclass(slots=True)
-class _Tally:
-    """What has been met so far."""
-
-    topics: dict[str, BagTopic] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    first: int = 0
-    last: int = 0
-    _begun: bool = False
-
-    def take(self, found: recording.LocatedRecord) -> None:
-        record, channel, schema = found.record, found.channel, found.schema
-        match record:
-            case Message():
-                assert channel is not None
-                one = self.topics[channel.topic]
-                one["messages"] += 1
-                one["bytes"] += len(record.data)
-                sent = record.publish_time
-                self.first = min(self.first, sent) if self._begun else sent
-                self.last = max(self.last, sent)
-                self._begun = True
-            case Channel():
-                assert schema is not None
-                # A topic may have another one for each start of its publisher.
-                one = BagTopic(
-                    topic=record.topic,
-                    type=schema.name,
-                    publisher=printable(record.metadata.get("publisher", "")),
-                    messages=0,
-                    bytes=0,
-                    share=0.0,
-                )
-                self.topics.setdefault(record.topic, one)
-            case Metadata():
-                self.metadata.setdefault(record.name, record.metadata)
+def _tallied(
+    records: Iterable[recording.LocatedRecord],
+) -> tuple[dict[str, BagTopic], dict[str, dict[str, str]], tuple[int, int]]:
+    """Topics and metadata by name, and when the first message and the last were sent, ns."""
+    topics: dict[str, BagTopic] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    span: tuple[int, int] | None = None
+    for record, channel, schema in ((one.record, one.channel, one.schema) for one in records):
+        if isinstance(record, Message):
+            assert channel is not None
+            topics[channel.topic]["messages"] += 1
+            topics[channel.topic]["bytes"] += len(record.data)
+            first, last = span or (record.publish_time, 0)
+            span = min(first, record.publish_time), max(last, record.publish_time)
+        elif isinstance(record, Channel):
+            assert schema is not None
+            # A topic may have another one for each start of its publisher.
+            publisher = printable(record.metadata.get("publisher", ""))
+            about = BagTopic(
+                topic=record.topic,
+                type=schema.name,
+                publisher=publisher,
+                messages=0,
+                bytes=0,
+                share=0.0,
+            )
+            topics.setdefault(record.topic, about)
+        elif isinstance(record, Metadata):
+            metadata.setdefault(record.name, record.metadata)
+    return topics, metadata, span or (0, 0)
 
 
 def printable(text: str) -> str:
@@ -356,26 +348,19 @@ def _difference_text(place: MessageKey, a: recording.Recording, b: recording.Rec
         next((kept for kept in all_of.messages() if (kept.topic, kept.seq) == (topic, seq)), None)
         for all_of in (a, b)
     )
-    where = f"{topic} {seq}"
     if one is None or other is None:
-        return f"{where}: only in {'A' if one else 'B'}"
-    field, value_a, value_b = _differing_field(a, one, other)
-    return f"{where} {field}: {value_a} in A, {value_b} in B"
-
-
-def _differing_field(
-    a: recording.Recording, one: recording.RecordedMessage, other: recording.RecordedMessage
-) -> tuple[str, str, str]:
-    """Field and both values; what the messages are, if they are not of one type."""
+        return f"{topic} {seq}: only in {'A' if one else 'B'}"
+    found: tuple[str, str, str] | None = None  # Field and both values, or what the messages are
     if one.type != other.type:
-        return "type", one.type, other.type
-    if one.schema != other.schema:
-        return "schema", f"{one.schema:08x}", f"{other.schema:08x}"
-    found = None
-    with suppress(ValueError):  # of another version
-        cls = TYPES.get(one.type) or a.type_of(one.topic, one.schema)
-        found = first_difference(cls, one.body, other.body)
-    return found or ("bytes", f"{len(one.body)} bytes", f"{len(other.body)} bytes")
+        found = "type", one.type, other.type
+    elif one.schema != other.schema:
+        found = "schema", f"{one.schema:08x}", f"{other.schema:08x}"
+    else:
+        with suppress(ValueError):  # of another version
+            cls = TYPES.get(one.type) or a.type_of(one.topic, one.schema)
+            found = first_difference(cls, one.body, other.body)
+    field, was, now = found or ("bytes", *(f"{len(kept.body)} bytes" for kept in (one, other)))
+    return f"{topic} {seq} {field}: {was} in A, {now} in B"
 
 
 def diff_text(diff: RecordingDiff) -> str:

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.launch import find_bag
-from palpate.launch.files import InputError, hint
+from palpate.launch.files import InputError, as_input_errors, hint
 from palpate.messages import CodecError, decode, schema
-from palpate.messages.recording import DamagedRecording, RecordedMessage, Recording, open_recording
+from palpate.messages.recording import DamagedRecording, Recording, open_recording
 
 MAX_STEM_LENGTH = 100  # Characters of a topic's name in a file's name
 FIRST_FIELD = "robot_time"  # The field that comes first
@@ -44,21 +44,16 @@ class DecodedRecording(NamedTuple):
 
         Raises InputError if one of them was recorded with other types than those of today.
         """
-        wanted = frozenset(self.topics if topics is None else topics)
+        path, wanted = self.recording.path, frozenset(self.topics if topics is None else topics)
         for kept in self.recording.messages():
-            if kept.topic in wanted or kept.type in also:
-                yield DecodedMessage(kept.topic, kept.seq, kept.sent_ns, self._decoded(kept))
-
-    def _decoded(self, kept: RecordedMessage) -> Any:
-        path, topic = self.recording.path, kept.topic
-        try:
-            cls = self.recording.type_of(topic, kept.schema)
-        except ValueError as error:
-            raise InputError(f"{path}: {error}") from None
-        try:
-            return decode(cls, kept.body)
-        except CodecError as error:
-            raise InputError(f"{path}: {topic} {kept.seq}: {error}") from None
+            if kept.topic not in wanted and kept.type not in also:
+                continue
+            with as_input_errors(path):
+                cls = self.recording.type_of(kept.topic, kept.schema)
+            try:
+                yield DecodedMessage(kept.topic, kept.seq, kept.sent_ns, decode(cls, kept.body))
+            except CodecError as error:
+                raise InputError(f"{path}: {kept.topic} {kept.seq}: {error}") from None
 
 
 def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:

@@ -86,12 +86,8 @@ def write_csv(source: DecodedRecording, folder: Path) -> int:
             tables[topic].writerow(["seq", "sent_s", *_head(survey)])
         for decoded in source.published():
             whole, rest = divmod(decoded.sent_ns - source.first_ns, 1_000_000_000)
-            row = [
-                decoded.seq,
-                f"{whole}.{rest:09}",
-                *_cells(surveys[decoded.topic], decoded.message),
-            ]
-            tables[decoded.topic].writerow(row)
+            cells = _cells(surveys[decoded.topic], decoded.message)
+            tables[decoded.topic].writerow([decoded.seq, f"{whole}.{rest:09}", *cells])
     units = {names[topic]: {"sent_s": "s", **units_of(one.cls)} for topic, one in surveys.items()}
     (folder / UNITS_FILE).write_text(json.dumps(units, indent=2) + "\n", encoding="utf-8")
     return len(names) + 1

@@ -48,7 +48,8 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
     with path.open("xb") as file:
         writer = Writer(file, compression=CompressionType.LZ4)
         writer.start(library=f"palpate {__version__}")
-        channels, views, count = _Channels(writer), FoxgloveConverter(), 0
+        views, schemas, channels = FoxgloveConverter(), dict[str, int](), dict[Any, int]()
+        count = 0
         for decoded in source.published(also=frozenset({types.SensorInfo.__name__})):
             shown = views.of(decoded)
             if decoded.topic not in source.topics:
@@ -57,10 +58,16 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
             if cls not in _INSTEAD:
                 whole = FoxgloveMessage(decoded.topic, cls.__name__, plain_json(decoded.message))
                 shown = [whole, *shown]
-            for view in shown:
-                data = json.dumps(view.content, allow_nan=False, ensure_ascii=False).encode()
+            for topic, name, content in shown:
+                if name not in schemas:
+                    text = json.dumps(SCHEMAS.get(name) or plain_schema(cls)).encode()
+                    schemas[name] = writer.register_schema(name, "jsonschema", text)
+                if (topic, name) not in channels:
+                    number = writer.register_channel(topic, "json", schemas[name])
+                    channels[topic, name] = number
+                data = json.dumps(content, allow_nan=False, ensure_ascii=False).encode()
                 time = decoded.sent_ns
-                writer.add_message(channels.of(view, cls), time, data, time, decoded.seq)
+                writer.add_message(channels[topic, name], time, data, time, decoded.seq)
             count += len(shown)
         writer.finish()  # type: ignore[no-untyped-call]
     return count
@@ -70,27 +77,6 @@ def plain_json(message: Any) -> dict[str, Any]:
     """A message as JSON has it, its arrays as lists within lists."""
     found = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in found.items()}
-
-
-class _Channels:
-    """Channels and schemas that the file has already."""
-
-    def __init__(self, writer: Writer) -> None:
-        self._writer = writer
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[tuple[str, str], int] = {}
-
-    def of(self, view: FoxgloveMessage, cls: type) -> int:
-        """Channel of a view of a message of type `cls`."""
-        key = (view.topic, view.schema)
-        if key not in self._channels:
-            if view.schema not in self._schemas:
-                text = json.dumps(SCHEMAS.get(view.schema) or plain_schema(cls)).encode()
-                schema_id = self._writer.register_schema(view.schema, "jsonschema", text)
-                self._schemas[view.schema] = schema_id
-            schema_id = self._schemas[view.schema]
-            self._channels[key] = self._writer.register_channel(view.topic, "json", schema_id)
-        return self._channels[key]
 
 
 def plain_schema(cls: type) -> dict[str, Any]:
@@ -212,38 +198,27 @@ def foxglove_time(ns: int) -> dict[str, int]:
     return {"sec": sec, "nsec": nsec}
 
 
-def _model(decoded: DecodedMessage) -> FoxgloveMessage:
-    model: types.ShapeModel = decoded.message
-    told = {
-        "number": model.number,
-        "touches": model.touches,
-        "deviation_m": model.deviation,
-        "final": str(model.final).lower(),
-    }
-    return _mesh(decoded, model.vertices, model.faces, MODEL_COLOUR, told)
-
-
-def _truth(decoded: DecodedMessage) -> FoxgloveMessage:
-    truth: types.Truth = decoded.message
-    return _mesh(decoded, truth.vertices, truth.faces, TRUTH_COLOUR, {"height_m": truth.height})
-
-
-def _mesh(
-    decoded: DecodedMessage,
-    vertices: Floats,
-    faces: np.ndarray[Any, Any],
-    colour: Mapping[str, float],
-    told: Mapping[str, object],
-) -> FoxgloveMessage:
-    if len(faces) == 0:  # nothing could be rebuilt: what was there before must go
+def _mesh(decoded: DecodedMessage) -> FoxgloveMessage:
+    mesh: types.ShapeModel | types.Truth = decoded.message
+    told: dict[str, object] = (
+        {"height_m": mesh.height}
+        if isinstance(mesh, types.Truth)
+        else {
+            "number": mesh.number,
+            "touches": mesh.touches,
+            "deviation_m": mesh.deviation,
+            "final": str(mesh.final).lower(),
+        }
+    )
+    if len(mesh.faces) == 0:  # nothing could be rebuilt: what was there before must go
         gone = {"timestamp": foxglove_time(decoded.sent_ns), "type": ALL, "id": ""}
         return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [gone], "entities": []})
     triangles = {
         "pose": IDENTITY,
-        "points": _points(vertices),
-        "color": colour,
+        "points": _points(mesh.vertices),
+        "color": TRUTH_COLOUR if isinstance(mesh, types.Truth) else MODEL_COLOUR,
         "colors": [],
-        "indices": faces.ravel().tolist(),
+        "indices": mesh.faces.ravel().tolist(),
     }
     entity = _entity(decoded, decoded.topic, {"triangles": [triangles]}, told)
     return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [], "entities": [entity]})
@@ -281,8 +256,8 @@ def _log(decoded: DecodedMessage) -> FoxgloveMessage:
 
 
 _INSTEAD: Mapping[type, Callable[[DecodedMessage], FoxgloveMessage]] = {
-    types.ShapeModel: _model,
-    types.Truth: _truth,
+    types.ShapeModel: _mesh,
+    types.Truth: _mesh,
     types.LogRecord: _log,
 }
 

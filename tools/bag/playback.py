@@ -64,8 +64,7 @@ class PlaybackWatcher(Watcher):
     """Says what a player does."""
 
     def __init__(self, wiring: Wiring, *, quiet: bool, keys: Keyboard) -> None:
-        self.sent = 0
-        """Messages that the player has published."""
+        self.sent = 0  # Messages that the player has published
         self._wiring, self._quiet, self._keys = wiring, quiet, keys
         self._paused: bool = wiring.params.paused
 

@@ -83,8 +83,7 @@ class FaultInjector:
     def __init__(
         self, process: subprocess.Popen[bytes], out: Path, faults: Iterable[Fault]
     ) -> None:
-        self.done = InjectionLog(session=process.pid)
-        """What was done so far."""
+        self.done = InjectionLog(session=process.pid)  # What was done so far
         self._process, self._out = process, out
         self._left = list(faults)
         self._due: list[tuple[float, Fault]] = []
@@ -132,9 +131,9 @@ class FaultInjector:
         if fault is None or status.state != "running" or epoch < after:
             return
         del self._blows[status.node]
-        kind, phase = fault.kind, fault.phase
-        if phase != "start":  # else it was not up, and waits for the others
-            self.done.back.append(NodeRecovery(kind, status.node, phase, time.monotonic() - when))
+        if fault.phase != "start":  # else it was not up, and waits for the others
+            seconds = time.monotonic() - when
+            self.done.back.append(NodeRecovery(fault.kind, status.node, fault.phase, seconds))
 
     def _inject(self, card: RunCard) -> None:
         now = time.monotonic()
@@ -167,7 +166,10 @@ class FaultInjector:
         except ValueError:
             return False  # it is ending: there is nobody left to be hit
         pids = {name: int(nodes[name]["pid"]) for name in fault.whom}
-        if not all(pid and _is_of(pid, self._process.pid) for pid in pids.values()):
+        try:
+            if not all(pid and os.getsid(pid) == self._process.pid for pid in pids.values()):
+                return False
+        except ProcessLookupError:
             return False
         for name, pid in pids.items():
             if fault.kind == "full":
@@ -179,9 +181,8 @@ class FaultInjector:
     def _look_on(self, card: RunCard) -> None:
         """Have a tool join."""
         names = [*card.taps.values(), "--", STATUS_TOPIC, *card.topics]
-        command = [sys.executable, "-m", __name__, *names]
-        onlooker = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        self._onlookers.append(onlooker)
+        command, quiet = [sys.executable, "-m", __name__, *names], subprocess.DEVNULL
+        self._onlookers.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=quiet))
 
     def _stop_onlookers(self) -> None:
         """Stop the tools that have received something."""
@@ -194,13 +195,6 @@ class FaultInjector:
         for onlooker in self._onlookers:
             onlooker.kill()
             onlooker.communicate()
-
-
-def _is_of(pid: int, session: int) -> bool:
-    try:
-        return os.getsid(pid) == session
-    except ProcessLookupError:
-        return False
 
 
 def _fill(pid: int, recording: Path) -> bool:
@@ -264,12 +258,10 @@ def draw_faults(
             break
         name, phase = places[(first + place) % len(places)]
         whom = _whom(rng, kind, name, known)
-        if kind == "flood" and any(one.kind == kind for one in faults):
-            continue
-        if any(hit[one] == MAX_PER_NODE for one in whom):
-            continue
-        hit.update(whom)
-        faults.append(Fault(kind, whom, *_moment(rng, phase, known)))
+        again = kind == "flood" and any(one.kind == kind for one in faults)
+        if not again and all(hit[one] < MAX_PER_NODE for one in whom):
+            hit.update(whom)
+            faults.append(Fault(kind, whom, *_moment(rng, phase, known)))
     return tuple(faults)
 
 

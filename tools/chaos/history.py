@@ -88,25 +88,19 @@ def violations_in(history: History) -> list[Violation]:
     topics: dict[tuple[str, str], list[Event]] = {}
     for event in history.events:
         topics.setdefault((event.publisher, event.topic), []).append(event)
-    found: list[Violation] = []
-    for events in topics.values():
-        found += _lacking(events)
-        found += _repeated(events)
-        found += _out_of_time(events)
+    found = [one for events in topics.values() for one in _topic_violations(events)]
     return [*found, *_epochs(history.events), *_at_one_time(history.events)]
 
 
-def _lacking(events: list[Event]) -> Iterator[Violation]:
-    """One topic's messages must be numbered from 0 without a gap."""
-    there = {event.seq for event in events}
-    for seq in range(max(there)):
-        if seq not in there:
-            yield Violation("gap", f"{events[0].topic} {seq} of {events[0].publisher} is not there")
+def _topic_violations(events: list[Event]) -> Iterator[Violation]:
+    """One publisher's messages on a topic are numbered from 0 without a gap, each there once.
 
-
-def _repeated(events: list[Event]) -> Iterator[Violation]:
-    """Each of one topic's messages must be there once, and never hold two things."""
+    None holds two things, and they were sent in the order of their numbers.
+    """
     bodies: dict[int, bytes] = {}
+    there = {event.seq for event in events}
+    for seq in (number for number in range(max(there)) if number not in there):
+        yield Violation("gap", f"{events[0].topic} {seq} of {events[0].publisher} is not there")
     for event in events:
         before = bodies.setdefault(event.seq, event.body)
         if before is event.body:
@@ -114,10 +108,6 @@ def _repeated(events: list[Event]) -> Iterator[Violation]:
         yield Violation("twice", f"{event.topic} {event.seq} is there more than once")
         if before != event.body:
             yield Violation("bodies", f"{event.topic} {event.seq} holds two different messages")
-
-
-def _out_of_time(events: list[Event]) -> Iterator[Violation]:
-    """One topic's messages must have been sent in the order of their numbers."""
     for one, other in pairwise(sorted(events, key=lambda event: event.seq)):
         if one.seq < other.seq and other.sent_ns <= one.sent_ns:
             text = f"{other.topic} {other.seq} was sent no later than {one.seq} before it"
@@ -151,12 +141,10 @@ def digests(history: History) -> dict[str, tuple[int, str]]:
     topics: dict[str, dict[int, bytes]] = {}
     for event in history.events:
         topics.setdefault(event.topic, {}).setdefault(event.seq, event.body)
+    bodies = {topic: [found[seq] for seq in sorted(found)] for topic, found in topics.items()}
     return {
-        topic: (
-            len(found),
-            hashlib.sha256(b"".join(found[seq] for seq in sorted(found))).hexdigest(),
-        )
-        for topic, found in topics.items()
+        topic: (len(found), hashlib.sha256(b"".join(found)).hexdigest())
+        for topic, found in bodies.items()
     }
 
 

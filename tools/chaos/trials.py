@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -67,7 +68,9 @@ class Tally:
     @property
     def figures(self) -> dict[str, Any]:
         """All of it, for a program."""
-        times = {"recovery": self._seconds(stopped=False), "stopped": self._seconds(stopped=True)}
+        times: dict[str, list[float]] = {"recovery": [], "stopped": []}
+        for one in self.back:
+            times["stopped" if one.kind == "stop" else "recovery"].append(one.seconds)
         return {
             "seed": self.seed,
             "runs": self.runs,
@@ -95,9 +98,6 @@ class Tally:
             p50, p99 = figures[f"{name}_p50_s"], figures[f"{name}_p99_s"]
             parts += [] if p50 is None else [f"{name} p50 {p50:.2f} s p99 {p99:.2f} s"]
         return " ".join(parts)
-
-    def _seconds(self, *, stopped: bool) -> list[float]:
-        return [one.seconds for one in self.back if (one.kind == "stop") is stopped]
 
 
 def quantile(times: Sequence[float], share: float) -> float | None:
@@ -182,24 +182,19 @@ def examine_run(
     subject: Exploration, before: Baseline, injected: InjectionLog, code: int, out: Path
 ) -> Examination:
     """Look at all that a run that is over should be, and should not have left."""
-    wrong = list(_left_over(injected, out))
-    recording = out / RECORDING
-    if injected.ended_by and code != before.code:
+    wrong, recording, expected = list(_left_over(injected, out)), out / RECORDING, before.code
+    if ended := bool(injected.ended_by) and code != before.code:
         expected = INTERRUPTED if injected.ended_by == "ctrl_c" else -signal.SIGKILL
-        if code != expected:
-            wrong.append(f"exit code {code} instead of {expected}: {stderr_of(out)}")
-        if not recording.exists():
-            return Examination(tuple(wrong), 0, 0)
-        history = _judged(recording, whole=False)
-        wrong += history.wrong
-        wrong += _resumed_result(subject, before, recording, out)
-        return Examination(tuple(wrong), history.lost, history.duplicated)
-    if code != before.code:
-        wrong.append(f"exit code {code} instead of {before.code}: {stderr_of(out)}")
+    if code != expected:
+        wrong.append(f"exit code {code} instead of {expected}: {stderr_of(out)}")
     if not recording.exists():
-        return Examination((*wrong, "there is no recording"), 0, 0)
-    history = _judged(recording, whole=True)
-    wrong += [*history.wrong, *_other_result(before, out)]
+        return Examination((*wrong, *["there is no recording"] * (not ended)), 0, 0)
+    history = _judged(recording, whole=not ended)
+    wrong += history.wrong
+    if ended:
+        wrong += _resumed_result(subject, before, recording, out)
+        return history._replace(wrong=tuple(wrong))
+    wrong += _other_result(before, out)
     found, lost = messages_in(out), history.lost
     for topic, (number, _) in before.messages.items():  # at their ends, which leaves no gap
         lost += max(0, number - found.get(topic, (0, ""))[0])
@@ -231,15 +226,11 @@ def kill_session(session: int) -> None:
 def _processes_of(session: int) -> list[int]:
     """Processes of a session; one that only waits to be reaped does not count."""
     found = []
-    for folder in Path("/proc").iterdir():
-        if not folder.name.isdecimal():
-            continue
-        try:
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(FileNotFoundError, ProcessLookupError):
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if fields[0] != "Z" and int(fields[3]) == session:
-            found.append(int(folder.name))
+            if fields[0] != "Z" and int(fields[3]) == session:
+                found.append(int(folder.name))
     return found
 
 

@@ -152,6 +152,14 @@ def names_option(flag: str, told: str) -> Callable[[Command], Command]:
     )
 
 
+def picture_option(flag: str, told: str) -> Callable[[Command], Command]:
+    """The option to draw instead, into a file or, if none is named, to standard output."""
+    path = click.Path(path_type=Path, allow_dash=True)
+    return click.option(
+        flag, "picture", help=told, type=path, is_flag=False, flag_value="-", metavar="[OUT.svg]"
+    )
+
+
 RUN_FOLDER = out_option("Run directory; new or empty.")
 TOPICS = names_option("--topics", "Only these topics.")
 
@@ -159,6 +167,11 @@ TOPICS = names_option("--topics", "Only these topics.")
 def print_figures(figures: Any, text: str, *, as_json: bool) -> None:
     """Print figures for a program, or the text of them for a person."""
     click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text)
+
+
+def progress_printer(shown: bool, form: str = "{}") -> Callable[[str], None]:
+    """What says on standard error, if that is shown, how far something is."""
+    return lambda text: click.echo(form.format(text), err=True) if shown else None
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -196,9 +209,8 @@ def run(arguments: Sequence[str]) -> int:
         # With 1 it is click's own answer to a pipe that was closed while it wrote.
         if error.code == 1:
             return DONE
-        return _print_error(
-            f"something in the program called exit({error.code}); nothing is done", DIED
-        )
+        text = f"something in the program called exit({error.code}); nothing is done"
+        return _print_error(text, DIED)
     except (KeyboardInterrupt, click.Abort):
         return _print_error("interrupted", INTERRUPTED)
     except BrokenPipeError:
@@ -206,9 +218,8 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:
-        return _print_error(
-            f"{error.filename or 'the system'}: {error.strerror or error}", BAD_INPUT
-        )
+        text = f"{error.filename or 'the system'}: {error.strerror or error}"
+        return _print_error(text, BAD_INPUT)
     except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
         return _print_error(_bug_text(error), DIED)
     return code if isinstance(code, int) else DONE
@@ -278,14 +289,9 @@ class LazyGroup(NamedGroup):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """What completes the name of a command, or an option; nothing is imported."""
-        return [
-            *(
-                CompletionItem(verb, help=told)
-                for verb, (_, told) in self._verbs.items()
-                if verb.startswith(incomplete)
-            ),
-            *click.Command.shell_complete(self, ctx, incomplete),
-        ]
+        verbs = [(verb, told) for verb, (_, told) in self._verbs.items()]
+        found = [CompletionItem(verb, help=t) for verb, t in verbs if verb.startswith(incomplete)]
+        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
 def print_script(context: click.Context, _: click.Parameter, shell: str | None) -> None:

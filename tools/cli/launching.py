@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +49,8 @@ Exits with 0 if all runs are done, with 1 if one missed its goal or failed, as t
 2 if FILE cannot be used or the cluster not be reached, with 130 if it was interrupted.
 docs/sweep.md says more.
 """
+# What is asked of a graph that is performed, and of how its result is printed.
+PERFORMING = ("composed", "as_json", "quiet", "verbose")
 
 
 @click.command("run")
@@ -90,24 +91,7 @@ docs/sweep.md says more.
 @command_line.quiet_option()
 @command_line.VERBOSE
 def run_command(
-    scene: str,
-    out: Path | None,
-    seed: int | None,
-    unit: str | None,
-    up: str | None,
-    pose: str | None,
-    noise: str | None,
-    fingers: int | None,
-    procedure: str | None,
-    settings: tuple[str, ...],
-    composed: bool,
-    realtime: bool,
-    no_record: bool,
-    untrusted: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: bool,
-    **demand: Any,
+    scene: str, out: Path | None, procedure: str | None, settings: tuple[str, ...], **asked: Any
 ) -> int:
     """Explore SCENE, a shipped scene's name, a YAML file or a mesh, and rebuild its object.
 
@@ -116,31 +100,31 @@ def run_command(
     --touches is spent, which are never exceeded. Exits with 1 if the tolerance was not reached.
     """
     file = launch.EXPLORE if procedure is None else launch.find_launch_file(Path(procedure))
-    if not composed:
+    how, realtime = {name: asked.pop(name) for name in PERFORMING}, asked.pop("realtime")
+    if not how["composed"]:
         launch.prestart_fork_server(file)
     from palpate.launch.files import SourceMapped, is_mesh_file
     from palpate.tools.report import perform_and_print
 
     path = launch.find_scene(scene)
-    if untrusted:
+    if asked.pop("untrusted"):
         launch.load_scene(path, untrusted=True)
-    for key, value in (("unit", unit), ("up", up)):
+    mesh = {key: asked.pop(key) for key in ("unit", "up")}
+    for key, value in mesh.items():
         if value is not None and not is_mesh_file(path):
             raise InputError(f"--{key} {value}: {scene} is no mesh; a scene has object.mesh.{key}")
     args = {"scene": SourceMapped(str(path), "")}
     for option, name, value in (
-        ("--no-record", "record", not no_record),
-        ("--seed", "seed", seed),
-        ("--fingers", "fingers", fingers),
-        ("--unit", "scene.object.mesh.unit", unit),
-        ("--up", "scene.object.mesh.up", up),
-        *launch.read_setup(pose, noise),
+        ("--no-record", "record", not asked.pop("no_record")),
+        *((f"--{name}", name, asked.pop(name)) for name in ("seed", "fingers")),
+        *((f"--{key}", f"scene.object.mesh.{key}", value) for key, value in mesh.items()),
+        *launch.read_setup(asked.pop("pose"), asked.pop("noise")),
     ):
         if value is not None:
             args[name] = SourceMapped(value, option)
-    given = {**launch.read_settings(settings), **launch.read_demand(**demand, procedure=procedure)}
+    given = {**launch.read_settings(settings), **launch.read_demand(**asked, procedure=procedure)}
     plan = launch.plan_run(file, args, given, name=path.stem, out=out, realtime=realtime)
-    return perform_and_print(plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose)
+    return perform_and_print(plan, **how)
 
 
 @click.command("sweep", help=SWEEP_HELP)
@@ -152,13 +136,7 @@ def run_command(
 @command_line.JSON
 @command_line.quiet_option()
 def sweep_command(
-    file: Path,
-    out: Path | None,
-    workers: int | None,
-    scheduler: str | None,
-    no_record: bool,
-    as_json: bool,
-    quiet: bool,
+    file: Path, out: Path | None, workers: int | None, scheduler: str | None, **how: bool
 ) -> int:
     """Explore with many parameters; `SWEEP_HELP` says how."""
     from palpate.tools import sweep
@@ -167,20 +145,15 @@ def sweep_command(
         raise InputError("--workers and --scheduler exclude each other, so do --out and a folder")
     if file.is_dir():
         file, out = file / sweep.ASKED, file
-    asked = sweep.read_sweep(file, record=not no_record)
+    asked = sweep.read_sweep(file, record=not how["no_record"])
     here = None if scheduler else sweep.LocalWorkers(workers or os.cpu_count() or 1)
     who = here or sweep.ClusterWorkers(scheduler or "")
-    done = sweep.run_sweep(asked, out, who, partial(_say, quiet))
-    if as_json:
+    done = sweep.run_sweep(asked, out, who, command_line.progress_printer(not how["quiet"]))
+    if how["as_json"]:
         click.echo(json.dumps(done.figures, indent=2, default=str))
-    elif not quiet:
+    elif not how["quiet"]:
         click.echo(done.text)
     return done.exit_code
-
-
-def _say(quiet: bool, line: str) -> None:
-    if not quiet:
-        click.echo(line, err=True)
 
 
 @click.command("launch")
@@ -188,14 +161,8 @@ def _say(quiet: bool, line: str) -> None:
 @click.argument("arguments", nargs=-1, metavar="[ARG:=VALUE]...")
 @click.option("--show-args", "-s", is_flag=True, help="Print the arguments; start nothing.")
 @click.option("--print", "-p", "only_print", is_flag=True, help="Print the wiring; start nothing.")
-@click.option(
-    "--graph",
-    "picture",
-    type=click.Path(path_type=Path, allow_dash=True),
-    is_flag=False,
-    flag_value="-",
-    metavar="[OUT.svg]",
-    help="Draw the wiring, to standard output if no file is named; start nothing.",
+@command_line.picture_option(
+    "--graph", "Draw the wiring, to standard output if no file is named; start nothing."
 )
 @command_line.RUN_FOLDER
 @command_line.SETTINGS
@@ -205,40 +172,28 @@ def _say(quiet: bool, line: str) -> None:
 @command_line.quiet_option()
 @command_line.VERBOSE
 def launch_command(
-    file: Path,
-    arguments: tuple[str, ...],
-    show_args: bool,
-    only_print: bool,
-    picture: Path | None,
-    out: Path | None,
-    settings: tuple[str, ...],
-    composed: bool,
-    realtime: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: bool,
+    file: Path, arguments: tuple[str, ...], out: Path | None, settings: tuple[str, ...], **how: Any
 ) -> int:
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
     path = launch.find_launch_file(file)
-    if show_args:
+    only_print, picture, realtime = map(how.pop, ("only_print", "picture", "realtime"))
+    if how.pop("show_args"):
         taken = launch.list_arguments(path)
         text = launch.arguments_table(path, taken)
-        command_line.print_figures(taken, text, as_json=as_json)
+        command_line.print_figures(taken, text, as_json=how["as_json"])
         return 0
-    if not (composed or only_print or picture):
+    if not (how["composed"] or only_print or picture):
         launch.prestart_fork_server(path)
     from palpate.tools.report import perform_and_print
 
     args, given = launch.read_arguments(arguments), launch.read_settings(settings)
     if not (only_print or picture):
         plan = launch.plan_run(path, args, given, name=path.stem, out=out, realtime=realtime)
-        return perform_and_print(
-            plan, composed=composed, as_json=as_json, quiet=quiet, verbose=verbose
-        )
+        return perform_and_print(plan, **how)
     described, _ = launch.check_run(path, args, given, out or Path("runs"))
     if only_print:
         text = f"launch file {path}\n{described.graph.table()}"
-        command_line.print_figures(described.graph.links(), text, as_json=as_json)
+        command_line.print_figures(described.graph.links(), text, as_json=how["as_json"])
     if picture:
         from palpate.tools.graph_drawing import write_picture
 
@@ -255,13 +210,7 @@ def launch_command(
 @command_line.JSON
 @command_line.quiet_option("With --from: print nothing.")
 def replay_command(
-    bag: Path,
-    nodes: tuple[str, ...],
-    settings: tuple[str, ...],
-    place: str | None,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    bag: Path, nodes: tuple[str, ...], settings: tuple[str, ...], place: str | None, **how: Any
 ) -> int:
     """Run nodes on the recording BAG and compare what they publish with what they had.
 
@@ -279,25 +228,23 @@ def replay_command(
     if place is not None:
         if settings:
             raise InputError("--set and --from exclude each other: other parameters, other solid")
-        return _resume(bag, place, nodes, out, as_json=as_json, quiet=quiet)
-    if out is not None or quiet:
+        return _resume(bag, place, nodes, **how)
+    if how["out"] is not None or how["quiet"]:
         raise InputError("--out and --quiet belong to --from")
     with as_input_errors():
         given = launch.read_settings(settings)
-        return replay.replay(bag, nodes, click.echo, settings=given, as_json=as_json)
+        return replay.replay(bag, nodes, click.echo, settings=given, as_json=how["as_json"])
 
 
-def _resume(
-    bag: Path, place: str, names: tuple[str, ...], out: Path | None, *, as_json: bool, quiet: bool
-) -> int:
+def _resume(bag: Path, place: str, nodes: tuple[str, ...], out: Path | None, **how: bool) -> int:
     from palpate.tools.report import perform_and_print
 
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):
         raise InputError(f"--from {place}: must look like contour=12, or be the word end")
     with as_input_errors():
-        plan = replay.plan_resume(bag, int(number) if number else None, nodes=names, out=out)
-    code = perform_and_print(plan, composed=False, as_json=as_json, quiet=quiet)
+        plan = replay.plan_resume(bag, int(number) if number else None, nodes=nodes, out=out)
+    code = perform_and_print(plan, composed=False, **how)
     different = replay.past_differences(bag, plan.folder.path) if code in (0, 1) else ""
     if different:
         click.echo(f"palpate: {different}", err=True)

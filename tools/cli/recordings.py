@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,18 +91,17 @@ def bag_play_command(bag: Path, remap: tuple[str, ...], quiet: bool, **params: A
     return bags.play_recording(bags.player_entry(bag, params, bags.read_remap(remap)), quiet=quiet)
 
 
-@bag_group.command("pause", short_help="Have a player stand still.")
-@command_line.RUN
-def bag_pause_command(run: str | None) -> None:
-    """Have the player of a running graph stand still."""
-    introspection.control_player(run, "pause")
+def control_player(run: str | None, kind: str) -> None:
+    """Send a request to the player of a running graph."""
+    introspection.control_player(run, kind)
 
 
-@bag_group.command("resume", short_help="Have a player go on.")
-@command_line.RUN
-def bag_resume_command(run: str | None) -> None:
-    """Have the player of a running graph go on."""
-    introspection.control_player(run, "resume")
+for verb, told in (("pause", "stand still"), ("resume", "go on")):
+    bag_group.command(
+        verb,
+        short_help=f"Have a player {told}.",
+        help=f"Have the player of a running graph {told}.",
+    )(command_line.RUN(partial(control_player, kind=verb)))
 
 
 @bag_group.command("step", short_help="Have a player that stands still publish the next message.")
@@ -177,14 +177,8 @@ def bag_export_command(bag: Path, kind: str, out: Path, topics: tuple[str, ...])
 @click.command("cost")
 @click.argument("run", **command_line.RUN_PATH)
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Of this only. Repeatable.")
-@click.option(
-    "--plot",
-    "picture",
-    type=click.Path(path_type=Path, allow_dash=True),
-    is_flag=False,
-    flag_value="-",
-    metavar="[OUT.svg]",
-    help="Draw error and bound against cost, to standard output if no file is named.",
+@command_line.picture_option(
+    "--plot", "Draw error and bound against cost, to standard output if no file is named."
 )
 @command_line.JSON
 def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_json: bool) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -121,31 +122,22 @@ def topic_info_command(topic: str, run: str | None, verbose: bool, as_json: bool
 @click.option("--flow-style", is_flag=True, help="Each message in one line.")
 @click.option("--no-lost-messages", is_flag=True, help="Do not say how many were lost.")
 def topic_echo_command(
-    topic: str,
-    run: str | None,
-    once: bool,
-    most: int | None,
-    fields: tuple[str, ...],
-    wanted: str | None,
-    csv: bool,
-    raw: bool,
-    no_arr: bool,
-    full_length: bool,
-    flow_style: bool,
-    no_lost_messages: bool,
+    topic: str, run: str | None, fields: tuple[str, ...], wanted: str | None, **how: Any
 ) -> None:
     """Print the messages of TOPIC in YAML until the graph ends, or Ctrl-C.
 
     Copies may be lost on the way here, of which standard error tells; the graph loses nothing.
     """
-    card, lost = card_of(run), (lambda _: None) if no_lost_messages else print_aside
+    card, csv, raw = card_of(run), how["csv"], how["raw"]
+    lost: Callable[[str], None] = (lambda _: None) if how["no_lost_messages"] else print_aside
     with as_input_errors():
         found = introspection.find_topic(card, topic)
-        asks = fields or wanted is not None
-        cls = introspection.type_of(found) if asks or not raw else None
+        cls = introspection.type_of(found) if fields or wanted is not None or not raw else None
         form = introspection.EchoFormat(
             paths=tuple(introspection.read_path(text, cls) for text in fields) if cls else (),
-            style=introspection.TextStyle(not no_arr, full_length or csv, flow_style),
+            style=introspection.TextStyle(
+                not how["no_arr"], how["full_length"] or csv, how["flow_style"]
+            ),
             csv=csv,
             raw=raw,
             wanted=introspection.read_filter(wanted, cls) if cls and wanted is not None else None,
@@ -154,7 +146,7 @@ def topic_echo_command(
             card,
             found,
             form,
-            most=1 if once else most,
+            most=1 if how["once"] else how["most"],
             say=click.echo,
             tell=print_aside,
             losses=introspection.LossReport(found.name, lost),
@@ -163,17 +155,12 @@ def topic_echo_command(
 
 def measuring_options(command: Command) -> Command:
     """The arguments of a verb that measures topics."""
+    size: dict[str, Any] = {"type": click.IntRange(2, 1_000_000), "default": 10_000}
+    told = "Messages over which figures are taken."
     for option in (
         click.option("--duration", type=click.FloatRange(0.0, min_open=True), help="End after, s."),
         click.option("-a", "--all", "every", is_flag=True, help="All topics of the graph."),
-        click.option(
-            "-w",
-            "--window",
-            type=click.IntRange(2, 1_000_000),
-            default=10_000,
-            show_default=True,
-            help="Messages over which figures are taken.",
-        ),
+        click.option("-w", "--window", show_default=True, help=told, **size),
         RUN,
         JSON,
         click.argument("topics", nargs=-1, metavar="TOPIC...", shell_complete=complete_topic),
@@ -182,16 +169,7 @@ def measuring_options(command: Command) -> Command:
     return command
 
 
-def measure(
-    topics: tuple[str, ...],
-    run: str | None,
-    *,
-    window: int,
-    every: bool,
-    duration: float | None,
-    as_json: bool,
-    verb: str,
-) -> None:
+def measure(topics: tuple[str, ...], run: str | None, verb: str, every: bool, **how: Any) -> None:
     """Measure topics of a running graph until it ends, the time is over, or Ctrl-C."""
     if every == bool(topics):
         raise click.UsageError("name at least one topic, or take --all of them, not both")
@@ -200,30 +178,29 @@ def measure(
         own, known = introspection.STATUS_TOPICS, introspection.topics_of(card)
         names = [name for name in known if name not in own] if every else topics
         found = introspection.find_topics(card, names)
-        say = {
-            "hz": introspection.rate_text,
-            "bw": introspection.bandwidth_text,
-            "delay": introspection.delay_text,
-        }[verb]
-        monitor = introspection.RateMonitor(found, window, None if as_json else say, click.echo)
-        monitor.run(card, found, duration)
+        say = {"hz": "rate_text", "bw": "bandwidth_text", "delay": "delay_text"}[verb]
+        text = None if how["as_json"] else getattr(introspection, say)
+        monitor = introspection.RateMonitor(found, how["window"], text, click.echo)
+        monitor.run(card, found, how["duration"])
 
 
 for verb, short, told in (
     (
         "hz",
-        "Measure how often topics are published.",
-        "Measure how often TOPICs are published, by their publishers' own numbers and times.",
+        "often topics are published",
+        "often TOPICs are published, by their publishers' own numbers and times",
     ),
-    ("bw", "Measure how many bytes topics carry.", "Measure how many bytes a second TOPICs carry."),
+    ("bw", "many bytes topics carry", "many bytes a second TOPICs carry"),
     (
         "delay",
-        "Measure how long messages are on their way.",
-        "Measure how long messages of TOPICs are on their way to this tool.",
+        "long messages are on their way",
+        "long messages of TOPICs are on their way to this tool",
     ),
 ):
     command = measuring_options(partial(measure, verb=verb))
-    topic_group.command(verb, short_help=short, help=told)(command)
+    topic_group.command(verb, short_help=f"Measure how {short}.", help=f"Measure how {told}.")(
+        command
+    )
 
 
 @topic_group.command("pub", short_help="Publish a message on a console's topic.", help=PUB_HELP)
@@ -233,12 +210,9 @@ for verb, short, told in (
 @click.option("-1", "--once", is_flag=True, help="Publish once.")
 @click.option("-t", "--times", type=click.IntRange(1), help="Publish so many times.")
 @RUN
-def topic_pub_command(
-    topic: str, body: str, rate: float, once: bool, times: int | None, run: str | None
-) -> None:
+def topic_pub_command(topic: str, body: str, once: bool, times: int | None, **how: Any) -> None:
     """Publish a message; `PUB_HELP` says how."""
-    most = 1 if once else times
-    introspection.publish(topic, body, rate=rate, times=most, run=run, echo=click.echo)
+    introspection.publish(topic, body, times=1 if once else times, echo=click.echo, **how)
 
 
 @node_group.command("list", short_help="Name the nodes of a running graph.")
@@ -248,8 +222,11 @@ def topic_pub_command(
 def node_list_command(run: str | None, every: bool, as_json: bool) -> None:
     """Name the nodes of the running graph."""
     card = card_of(run)
-    with as_input_errors():
-        names = [one.name for one in card.nodes] if every else introspection.running_nodes(card)
+    names = [one.name for one in card.nodes]
+    if not every:
+        with as_input_errors():
+            nodes = introspection.request(card, "status")["nodes"]
+        names = [name for name, about in nodes.items() if about["pid"]]
     print_figures(sorted(names), "\n".join(sorted(names)), as_json=as_json)
 
 
@@ -308,7 +285,8 @@ def interface_show_command(kind: str, run: str | None, bag: Path | None, as_json
 def param_list_command(node: str | None, run: str | None, as_json: bool) -> None:
     """Name the parameters of NODE, or of all nodes."""
     with as_input_errors():
-        found = introspection.param_names(card_of(run), node)
+        dumped = introspection.dump_params(card_of(run), node)
+    found = {name: list(one["params"]) for name, one in dumped.items()}
     lines = [
         line
         for name, params in found.items()

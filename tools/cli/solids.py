@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
 from palpate import launch
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import (
-    JSON,
-    PATH,
-    RUN_PATH,
-    UNTRUSTED,
-    NamedGroup,
-    complete_scene,
-)
-from palpate.tools.cli.command_line import out_option, print_figures, quiet_option
+from palpate.tools.cli.command_line import JSON, PATH, RUN_PATH, UNTRUSTED, NamedGroup
+from palpate.tools.cli.command_line import complete_scene, out_option, print_figures
+from palpate.tools.cli.command_line import progress_printer, quiet_option
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -60,37 +56,24 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 @JSON
 @quiet_option("Show no progress.")
 def rebuild_command(
-    points: Path,
-    out: tuple[Path, ...],
-    lattice: Path | None,
-    as_json: bool,
-    quiet: bool,
-    **asked: Any,
-) -> int:
+    points: Path, out: tuple[Path, ...], as_json: bool, quiet: bool, **asked: Any
+) -> None:
     """Rebuild a solid from a file; `REBUILD_HELP` says how."""
-    import sys
-
     from palpate.tools import reconstruction
 
+    lattice = asked.pop("lattice")
     wanted = reconstruction.RebuildOptions(**asked)
     reconstruction.check_outputs(points, out, lattice, wanted.method)
-    shown = sys.stderr.isatty() and not quiet
-
-    def say(text: str) -> None:
-        if shown:
-            click.echo(f"{text} ...", err=True)
-
+    say = progress_printer(sys.stderr.isatty() and not quiet, "{} ...")
     if wanted.method == "general":
         from palpate.tools.scattered import rebuild_scattered
 
         record = rebuild_scattered(points, wanted, out, say)
-        print_figures(record, reconstruction.rebuild_text(record), as_json=as_json)
-        return 0
-    rebuilt = reconstruction.rebuild(points, wanted, say)
-    reconstruction.write_outputs(rebuilt, out, lattice)
-    record = reconstruction.rebuild_record(rebuilt, points, out, lattice)
+    else:
+        rebuilt = reconstruction.rebuild(points, wanted, say)
+        reconstruction.write_outputs(rebuilt, out, lattice)
+        record = reconstruction.rebuild_record(rebuilt, points, out, lattice)
     print_figures(record, reconstruction.rebuild_text(record), as_json=as_json)
-    return 0
 
 
 @click.command("score")
@@ -100,14 +83,7 @@ def rebuild_command(
 @click.option("--reference-unit", type=UNIT_CHOICE, help="Unit of REFERENCE.")
 @click.option("--align", "aligned", is_flag=True, help="Move MODEL onto REFERENCE first, rigidly.")
 @JSON
-def score_command(
-    model: Path,
-    reference: Path,
-    unit: str | None,
-    reference_unit: str | None,
-    aligned: bool,
-    as_json: bool,
-) -> int:
+def score_command(model: Path, reference: Path, as_json: bool, **how: Any) -> None:
     """Measure the solid MODEL against REFERENCE.
 
     MODEL is a run, a PLY, STL, OBJ, OFF or GLB file, or the .npz that palpate rebuild writes.
@@ -120,9 +96,8 @@ def score_command(
     """
     from palpate.tools.scoring import score, score_text
 
-    found = score(model, reference, unit=unit, reference_unit=reference_unit, aligned=aligned)
+    found = score(model, reference, **how)
     print_figures(found, score_text(found), as_json=as_json)
-    return 0
 
 
 @click.command("recognise")
@@ -141,10 +116,7 @@ def recognise_command(
     """
     from palpate.tools.recognition import recognise, recognition_text
 
-    def say(text: str) -> None:
-        if not quiet:
-            click.echo(f"{text} ...", err=True)
-
+    say = progress_printer(not quiet, "{} ...")
     found = recognise(run, unit=unit, objects=objects, say=say)
     print_figures(found, recognition_text(found), as_json=as_json)
     return 0 if found["recognised"] else 1
@@ -202,7 +174,7 @@ def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) 
         check_new(out)
     spec = launch.load_scene(scene).spec
     try:
-        found = calibrate(spec, lambda text: None if quiet else _print_press(text))
+        found = calibrate(spec, progress_printer(not quiet, "pressing     {}"))
     except ValueError as error:
         raise InputError(f"{scene}: cannot be calibrated: {error}") from None
     figures = calibration_figures(found, spec.sensor)
@@ -215,10 +187,6 @@ def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) 
         lines.append(f"{'not written':<13}{out}: see the warnings")
     print_figures(figures, "\n".join(lines), as_json=as_json)
     return 1 if figures["warnings"] else 0
-
-
-def _print_press(text: str) -> None:
-    click.echo(f"pressing     {text}", err=True)
 
 
 init_group = NamedGroup("init", help="Begin something of your own from a working example.")
@@ -249,25 +217,25 @@ def init_planner_command(name: str, touches: bool) -> None:
     click.echo(f"explore:\n  planner: {named}")
 
 
-@init_group.command("node", short_help="Begin a node.")
-@click.argument("name")
-def init_node_command(name: str) -> None:
-    """Write NAME.py, test_NAME.py and NAME.yaml here: a node that works, to be changed."""
-    _begin_node("node", name, f"/{name}")
-
-
-@init_group.command("driver", short_help="Begin a driver for a sensor.")
-@click.argument("name")
-def init_driver_command(name: str) -> None:
-    """Write NAME.py, test_NAME.py and NAME.yaml here: a driver for a sensor of your own."""
-    _begin_node("driver", name, "/touch/patch")
-
-
-def _begin_node(kind: Literal["node", "driver"], name: str, topic: str) -> None:
+def _begin_node(name: str, kind: Any, topic: str) -> None:
     from palpate.tools.init import begin
 
     (module, test, graph), _ = begin(kind, name, Path())
     click.echo(f"{module}, {test}, {graph}: written; in this folder")
     click.echo(f"  test it:    python -m pytest {test}")
     click.echo(f"  launch it:  palpate launch {graph}")
-    click.echo(f"  look:       palpate topic echo {topic}")
+    click.echo(f"  look:       palpate topic echo {topic.format(name)}")
+
+
+for kind, topic, short, told in (
+    ("node", "/{}", "Begin a node.", "a node that works, to be changed."),
+    (
+        "driver",
+        "/touch/patch",
+        "Begin a driver for a sensor.",
+        "a driver for a sensor of your own.",
+    ),
+):
+    init_group.command(
+        kind, short_help=short, help=f"Write NAME.py, test_NAME.py and NAME.yaml here: {told}"
+    )(click.argument("name")(partial(_begin_node, kind=kind, topic=topic)))

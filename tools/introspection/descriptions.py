@@ -24,7 +24,7 @@ from palpate.launch.files import as_input_errors, hint
 from palpate.launch.processes import RunCard, find_run, running_graphs
 from palpate.messages import recording, type_of_schema
 from palpate.messages.types import TYPES
-from palpate.nodes.runtime import RecordedNode, Sink, Source, load_node
+from palpate.nodes.runtime import Sink, Source, load_node
 from palpate.tools.introspection.echo import TextStyle, field_lines, yaml_lines, yaml_value
 from palpate.tools.introspection.requests import find_node, params_of
 
@@ -51,8 +51,10 @@ def parameters_of(params: type) -> dict[str, Parameter]:
         rule = rules[one.encode_name]
         default = one.default_factory() if callable(one.default_factory) else one.default
         text = "" if one.required else yaml_value(msgspec.to_builtins(default), TextStyle())
+        parts = (rule, *rule.get("anyOf", ()))
+        unit = next((str(part["description"]) for part in parts if "description" in part), "")
         told = comments.get(one.name, "")
-        found[one.encode_name] = Parameter(_in_words(rule), _unit(rule), text, told)
+        found[one.encode_name] = Parameter(_in_words(rule), unit, text, told)
     return found
 
 
@@ -72,11 +74,6 @@ def _in_words(rule: Mapping[str, Any]) -> str:
         return f"table of {_in_words(values)}" if isinstance(values, dict) else "table"
     bounds = [f"{sign} {rule[name]:g}" for name, sign in _BOUNDS.items() if name in rule]
     return " ".join([str(rule.get("type", "anything")), " and ".join(bounds)]).strip()
-
-
-def _unit(rule: Mapping[str, Any]) -> str:
-    parts = (rule, *rule.get("anyOf", ()))
-    return next((str(one["description"]) for one in parts if "description" in one), "")
 
 
 def comments_of(cls: type) -> dict[str, str]:
@@ -150,15 +147,6 @@ def _paragraph(text: str, indent: int) -> list[str]:
     )
 
 
-def param_names(card: RunCard, name: str | None) -> dict[str, list[str]]:
-    """The parameters of a node, or of all nodes, by node.
-
-    Raises ValueError if the graph has no such node.
-    """
-    nodes = card.nodes if name is None else (find_node(card, name),)
-    return {one.name: list(params_of(one)) for one in nodes}
-
-
 def describe_param(card: RunCard, name: str, param: str) -> dict[str, Any]:
     """The value of a parameter, with type, unit, default and comment where they are known.
 
@@ -171,7 +159,9 @@ def describe_param(card: RunCard, name: str, param: str) -> dict[str, Any]:
             known = value if isinstance(value, dict) else ()
             raise ValueError(f"{node.name} has no parameter {param!r}; {hint(part, known)}")
         value = value[part]
-    about = _known_parameters(node).get(param)
+    # One's own module is left be: it is not imported to be looked at.
+    ours = node.module.startswith(OWN_PACKAGE)
+    about = parameters_of(load_node(node.module).params).get(param) if ours else None
     return {"value": value, **{k: t for k, t in (about._asdict() if about else {}).items() if t}}
 
 
@@ -180,12 +170,6 @@ def param_text(described: Mapping[str, Any]) -> str:
     told = {key: value for key, value in described.items() if key != "default"}
     default = [f"default: {described['default']}"] if "default" in described else []
     return "\n".join([*yaml_lines(told), *default])
-
-
-def _known_parameters(node: RecordedNode) -> dict[str, Parameter]:
-    """What is known of a node's parameters; nothing of one's own node, whose module is left be."""
-    ours = node.module.startswith(OWN_PACKAGE)
-    return parameters_of(load_node(node.module).params) if ours else {}
 
 
 def known_interfaces(run: str | None, bag: Path | None) -> dict[str, str]:

@@ -57,11 +57,7 @@ def machine_findings() -> Iterator[Finding]:
     yield space_finding(Path())
     yield space_finding(runtime_folder())
     yield socket_finding(runtime_folder())
-    yield cores_finding()
-    yield threads_finding()
-    yield files_finding()
-    yield proc_finding(Path("/proc"))
-    yield stale_finding(stale_folders())
+    yield from process_findings(Path("/proc"), stale_folders())
 
 
 def packages_finding() -> Finding:
@@ -120,44 +116,26 @@ def socket_finding(folder: Path) -> Finding:
     return fine(f"paths of sockets have {length} of at most {most} bytes, in {folder}")
 
 
-def cores_finding() -> Finding:
-    """How many processor cores there are for the nodes."""
+def process_findings(proc: Path, stale: list[Path]) -> Iterator[Finding]:
+    """Cores for nodes, their threads and files, what `proc` says of them, what killed ones left."""
     affinity = getattr(os, "sched_getaffinity", None)
     cores = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
     found = f"{cores} processor cores, load {os.getloadavg()[0]:.1f}"
-    if cores < 2:
-        return doubtful(f"{found}: nodes take turns; --composed is faster here")
-    return fine(found)
-
-
-def threads_finding() -> Finding:
-    """Whether linear algebra outside nodes keeps to one thread, as that of nodes does."""
+    slow = f"{found}: nodes take turns; --composed is faster here"
+    yield doubtful(slow) if cores < 2 else fine(found)
     told = ", ".join(f"{one} {os.environ.get(one, 'is not set')}" for one in THREAD_VARIABLES)
-    return fine(f"linear algebra of nodes runs on one thread; elsewhere {told}")
-
-
-def files_finding() -> Finding:
-    """How many files a process may have open."""
+    yield fine(f"linear algebra of nodes runs on one thread; elsewhere {told}")
     most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     found = f"at most {most} open files a process"
-    if 0 <= most < MIN_OPEN_FILES:
-        return doubtful(f"{found}, a large graph needs {MIN_OPEN_FILES}; raise it with ulimit -n")
-    return fine(found)
-
-
-def proc_finding(proc: Path) -> Finding:
-    """Whether the system says what a process does."""
+    few = f"{found}, a large graph needs {MIN_OPEN_FILES}; raise it with ulimit -n"
+    yield doubtful(few) if 0 <= most < MIN_OPEN_FILES else fine(found)
     if (proc / "self" / "stat").exists():
-        return fine(f"{proc} says what processes do")
-    return doubtful(f"there is no {proc}: a busy node cannot be told from one that hangs")
-
-
-def stale_finding(folders: list[Path]) -> Finding:
-    """What killed launchers have left."""
-    if not folders:
-        return fine("nothing is left of killed launchers")
-    names = ", ".join(path.name for path in folders)
-    return doubtful(f"killed launchers have left {names}; the next run takes them away")
+        yield fine(f"{proc} says what processes do")
+    else:
+        yield doubtful(f"there is no {proc}: a busy node cannot be told from one that hangs")
+    names = ", ".join(path.name for path in stale)
+    left = f"killed launchers have left {names}; the next run takes them away"
+    yield doubtful(left) if stale else fine("nothing is left of killed launchers")
 
 
 def graphs_findings(cards: list[RunCard]) -> Iterator[Finding]:

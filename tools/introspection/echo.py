@@ -15,6 +15,8 @@ import operator
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -111,15 +113,9 @@ def echo_topic(
     topic carries, or cannot be compared as the filter asks.
     """
     with TapSubscription(card, [topic], latched=True) as taps:
-        shown = 0
-        for received in _received(taps, topic, losses, tell):
-            text = message_text(topic, received, form)
-            if text is None:
-                continue
+        texts = (message_text(topic, one, form) for one in _received(taps, topic, losses, tell))
+        for text in islice((text for text in texts if text is not None), most):
             say(text)
-            shown += 1
-            if shown == most:
-                break
     losses.tell()
 
 
@@ -144,18 +140,14 @@ def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | 
         return None
     if form.raw:
         return f"{received.body!r}\n---"
-    if not form.paths:
-        if form.csv:
-            return csv_line(list(fields.values()), form.style)
-        return "\n".join([*yaml_lines(fields, form.style), "---"])
-    values = list[Any]()
-    for path in form.paths:
-        try:
-            values.append(path.of(fields))
-        except LookupError:
-            values.append(None)
+    values = list[Any](None for _ in form.paths) or list(fields.values())
+    for i, path in enumerate(form.paths):
+        with suppress(LookupError):
+            values[i] = path.of(fields)
     if form.csv:
         return csv_line(values, form.style)
+    if not form.paths:
+        return "\n".join([*yaml_lines(fields, form.style), "---"])
     shown = [yaml_value(value, form.style) for value in values]
     if len(shown) > 1:
         shown = [f"{p.text}: {text}" for p, text in zip(form.paths, shown, strict=True)]
@@ -307,14 +299,11 @@ def _filter_of(source: str, node: ast.expr, cls: type) -> MessageFilter:
 
 
 def _constant(source: str, node: ast.expr) -> Any:
-    match node:
-        case ast.Name(id=word) if word in _WORDS:
-            return _WORDS[word]
-        case ast.Constant(value=None | int() | float() | str() as value):
-            return value
-        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
-            return -value
-        case ast.UnaryOp(op=ast.UAdd(), operand=ast.Constant(value=int() | float() as value)):
+    if isinstance(node, ast.Name) and node.id in _WORDS:
+        return _WORDS[node.id]
+    with suppress(ValueError):
+        value = ast.literal_eval(node)
+        if value is None or isinstance(value, int | float | str):
             return value
     got = _written(source, node)
     raise ValueError(f"--filter: expected a number, 'text', true, false or null; got {got!r:.60}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import dataclasses
 import hashlib
 import os
@@ -34,11 +33,6 @@ RETRY = 0.02  # A node that is not up is asked for again after this long, s
 PLAYER_MODULE = "palpate.nodes.player"
 
 
-def running_nodes(card: RunCard) -> list[str]:
-    """Names of the nodes whose process runs, sorted; raises ValueError if nobody answers."""
-    return sorted(name for name, about in request(card, "status")["nodes"].items() if about["pid"])
-
-
 def describe_node(card: RunCard, name: str) -> dict[str, Any]:
     """What a node is and how it is doing; raises ValueError if there is none, or nobody answers."""
     node = find_node(card, name)
@@ -54,7 +48,7 @@ def describe_node(card: RunCard, name: str) -> dict[str, Any]:
         "status": found and msgspec.to_builtins(found.status),
         "load": found and found.load,
         "subscribes": [
-            {"topic": one.topic, "type": one.type, "publisher": one.publisher}
+            {key: getattr(one, key) for key in ("topic", "type", "publisher")}
             for one in node.inputs
         ],
         "publishes": [
@@ -67,19 +61,13 @@ def describe_node(card: RunCard, name: str) -> dict[str, Any]:
 
 def node_text(about: Mapping[str, Any]) -> str:
     """The same for people."""
-    return "\n".join(
-        [
-            about["node"],
-            f"  kind      {about['kind']}",
-            *_health_lines(about),
-            *_traffic_lines(about),
-            "  params",
-            *(f"    {line}" for line in yaml_lines(about["params"])),
-        ]
-    )
+    params = (f"    {line}" for line in yaml_lines(about["params"]))
+    return "\n".join([*_health_lines(about), *_traffic_lines(about), "  params", *params])
 
 
 def _health_lines(about: Mapping[str, Any]) -> Iterator[str]:
+    yield about["node"]
+    yield f"  kind      {about['kind']}"
     yield f"  pid       {about['pid'] or 'none: it does not run'}"
     yield f"  restarts  {about['restarts']}"
     status = about["status"]
@@ -128,13 +116,14 @@ def sample_status(card: RunCard, names: Collection[str]) -> dict[str, StatusSamp
         ):
             for received in taps.take(left):
                 status, when = decode(NodeStatus, received.body), received.header.sent_ns
-                before = found.get(received.publisher)
+                before, was = found.get(received.publisher), sent.get(received.publisher, 0)
                 load = None
                 if before is not None and status.cpu >= before.status.cpu:
-                    passed = 1e-9 * (when - sent[received.publisher])
-                    load = (status.cpu - before.status.cpu) / passed
-                found[received.publisher] = StatusSample(status, load)
-                sent[received.publisher] = when
+                    load = (status.cpu - before.status.cpu) / (1e-9 * (when - was))
+                found[received.publisher], sent[received.publisher] = (
+                    StatusSample(status, load),
+                    when,
+                )
     return found
 
 
@@ -162,19 +151,16 @@ def params_of(node: RecordedNode) -> Any:
 
 
 def _short(value: Any) -> Any:
-    if isinstance(value, str) and len(value) > LONG_TEXT:
-        return _named(value)
     if isinstance(value, dict):
         return {key: _short(item) for key, item in value.items()}
-    return [_short(item) for item in value] if isinstance(value, list) else value
-
-
-def _named(text: str) -> str:
-    """A long text by its size and hash; bytes are base64 in the card."""
-    try:
-        data, what = base64.b64decode(text, validate=True), "bytes"
-    except (binascii.Error, ValueError):
-        data, what = text.encode(), "bytes of text"
+    if isinstance(value, list):
+        return [_short(item) for item in value]
+    if not isinstance(value, str) or len(value) <= LONG_TEXT:
+        return value
+    try:  # bytes are base64 in the card
+        data, what = base64.b64decode(value, validate=True), "bytes"
+    except ValueError:
+        data, what = value.encode(), "bytes of text"
     return f"{len(data)} {what}, sha256 {hashlib.sha256(data).hexdigest()}"
 
 
@@ -187,12 +173,8 @@ def set_parameter(card: RunCard, name: str, param: str, value: str) -> str:
     node = find_node(card, name)
     made = parse_yaml(value, "VALUE").value
     request(card, "set", node=node.name, param=param, value=msgspec.json.encode(made).decode())
-    before = params_of(node)[param]
-    return f"{node.name}.{param}: {_inline(before)} -> {_inline(made)}"
-
-
-def _inline(value: Any) -> str:
-    return yaml_value(value, TextStyle(flow=True))
+    was, now = (yaml_value(x, TextStyle(flow=True)) for x in (params_of(node)[param], made))
+    return f"{node.name}.{param}: {was} -> {now}"
 
 
 def notify(card: RunCard, kind: str, **fields: Any) -> None:

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -72,15 +73,9 @@ class SequenceTracker:
 
 
 class TapSubscription:
-    """Copies of what a running graph publishes on some topics."""
+    """Copies of what a running graph publishes, or has `latched` before, on some topics."""
 
-    def __init__(
-        self,
-        card: RunCard,
-        topics: Iterable[Topic],
-        *,
-        latched: bool = False,  # Whether what was latched before is wanted, too
-    ) -> None:
+    def __init__(self, card: RunCard, topics: Iterable[Topic], *, latched: bool = False) -> None:
         self._card = card
         self._run = int(card.run, 16)
         self._sockets = SocketContext(card.key)
@@ -127,15 +122,9 @@ class TapSubscription:
         received = []
         for socket, _ in self._poller.poll(round(patience * 1000)):
             node, reader = self._readers[socket]
-            for _ in range(_BATCH):
-                frame = reader.receive()
-                if frame is None:
-                    break
-                topic, header, body = frame
+            for topic, header, body in islice(iter(reader.receive, None), _BATCH):
                 order = self._orders.get((node, topic))
-                if order is None or header.run != self._run:
-                    continue
-                lost = order.place(header)
+                lost = order.place(header) if order and header.run == self._run else None
                 if lost is not None:
                     now = time.monotonic_ns()
                     received.append(TapMessage(topic, node, header, body, lost, now))
@@ -170,12 +159,10 @@ class Topic(NamedTuple):
 
 def topics_of(card: RunCard) -> dict[str, Topic]:
     """The topics of a running graph by name, sorted."""
-    types, schemas = card.topics, card.schemas
-    found = dict[str, Topic]()
+    schemas, found = card.schemas, dict[str, Topic]()
     for name, publisher in card.publishers.items():
-        kind = types.get(name, "")
-        subscribers = card.subscribers(name)
-        found[name] = Topic(name, kind, (publisher,), subscribers, schemas.get(kind, ""))
+        kind, to = card.topics.get(name, ""), card.subscribers(name)
+        found[name] = Topic(name, kind, (publisher,), to, schemas.get(kind, ""))
     everybody = tuple(one.name for one in card.nodes)
     for name, cls in STATUS_TOPICS.items():
         found[name] = Topic(name, cls.__name__, everybody, (LAUNCHER,))
@@ -278,8 +265,7 @@ class Rates:
     """The last messages of one publisher on one topic: `window` at most, at least 2."""
 
     def __init__(self, window: int = WINDOW) -> None:
-        self.last = -1
-        """Number of the latest message; -1 before the first."""
+        self.last = -1  # Number of the latest message; -1 before the first
         # Of each its number, when it was sent and when it came, ns, and its size, bytes.
         self._kept: deque[tuple[int, int, int, int]] = deque(maxlen=window)
 
@@ -331,14 +317,14 @@ class Rates:
 
     def figures(self) -> dict[str, Any]:
         """All that is known, ready for JSON."""
-        statistics = {
-            "period_s": self.periods(), "size_bytes": self.sizes(), "delay_s": self.delays()
-        }  # fmt: skip
+        periods, sizes, delays = self.periods(), self.sizes(), self.delays()
         return {
             "messages": self.received,
             "rate_hz": self.rate(),
             "bytes_per_s": self.bandwidth(),
-            **{name: found and found._asdict() for name, found in statistics.items()},
+            "period_s": periods and periods._asdict(),
+            "size_bytes": sizes and sizes._asdict(),
+            "delay_s": delays and delays._asdict(),
         }
 
     def _columns(self) -> Integers:
@@ -350,10 +336,8 @@ def rate_text(rates: Rates) -> str | None:
     rate, periods = rates.rate(), rates.periods()
     if rate is None:
         return None
-    if periods is None:
-        missing = f"no two neighbouring messages came {_window(rates)}"
-        return f"average rate: {rate:.3f}\n\t{missing}"
-    return f"average rate: {rate:.3f}\n\t{_times(periods, rates)}"
+    missing = f"no two neighbouring messages came {_window(rates)}"
+    return f"average rate: {rate:.3f}\n\t{_times(periods, rates) if periods else missing}"
 
 
 def bandwidth_text(rates: Rates) -> str | None:

@@ -55,10 +55,13 @@ class TopicComparison:
         if not closed:
             return
         self.fewer, self.more = self._unsaid + len(self._then), len(self._now)
-        if not self.first and self.fewer:
-            self.first = f"{self.topic} {self.compared}: recorded, but not published again"
-        elif not self.first and self.more:
-            self.first = f"{self.topic} {self.compared}: published now, but not recorded"
+        if not self.first and (self.fewer or self.more):
+            how = (
+                "recorded, but not published again"
+                if self.fewer
+                else "published now, but not recorded"
+            )
+            self.first = f"{self.topic} {self.compared}: {how}"
 
     def figures(self) -> dict[str, Any]:
         """What was counted, and the changes, ready for JSON."""
@@ -128,10 +131,7 @@ class FieldChange:
 
     def note(self, kind: ChangeKind, count: int, then: str, now: str) -> None:
         """Take up changes that have no size."""
-        if kind in self.notes:
-            self.notes[kind].count += count
-        else:
-            self.notes[kind] = ChangeNote(count, then, now)
+        self.notes.setdefault(kind, ChangeNote(0, then, now)).count += count
 
 
 class TopicChanges:

@@ -101,14 +101,11 @@ class MessageExchange:
 
     def shortages(self) -> tuple[Shortage, ...]:
         """Topics of which other numbers were received than had been recorded."""
+        names = {
+            topic: tuple(one.name for one in self._subscribers[topic]) for topic in self._links
+        }
         return tuple(
-            Shortage(
-                topic,
-                link.publisher,
-                tuple(player.name for player in self._subscribers[topic]),
-                link.owed,
-                link.more,
-            )
+            Shortage(topic, link.publisher, names[topic], link.owed, link.more)
             for topic, link in self._links.items()
             if link.owed or link.more
         )
@@ -118,14 +115,11 @@ class MessageExchange:
             link = self._links.get(parcel.topic)
             if link is None:
                 continue
-            if link.owed:
-                link.owed -= 1
-                self._pass_on(link, parcel)
-            elif self._ended:
-                link.more += 1
-                self._pass_on(link, parcel)
-            else:
+            if not (link.owed or self._ended):
                 link.waiting.append((next(self._numbers), parcel))
+                continue
+            link.owed, link.more = max(link.owed - 1, 0), link.more + (not link.owed)
+            self._pass_on(link, parcel)
 
     def _pass_on(self, link: _Link, parcel: runtime.Outgoing) -> None:
         header = Header(0, 0, link.received, 0, parcel.robot_time, parcel.schema)
@@ -152,19 +146,14 @@ class ReplayedNode:
             self._work = runtime.NodeWork(node, wiring.params, wiring, changes)
         except runtime.ContractError as error:
             raise ValueError(f"{error}; it was recorded with another version of it") from None
+        # What it raised and when, in words; it receives and publishes no more after that.
         self.failure = ""
-        """What it raised and when, in words; it receives and publishes no more after that."""
-        self.first = ""
-        """Its first difference, in words."""
-        self.publications = {
-            topic: TopicComparison(topic, node.outputs[local])
-            for local, topic in wiring.outputs.items()
-        }
-        """What it publishes, by topic."""
+        self.first = ""  # Its first difference, in words
+        # Types of what it receives, and of what it publishes, by topic.
         self.subscriptions = {one.topic: node.inputs[one.local][0] for one in wiring.inputs}
-        """Types of what it receives, by topic."""
-        self._types = {wiring.outputs[local]: node.outputs[local] for local in wiring.outputs}
-        self._types |= self.subscriptions
+        published = {topic: node.outputs[local] for local, topic in wiring.outputs.items()}
+        self.publications = {topic: TopicComparison(topic, cls) for topic, cls in published.items()}
+        self._types = published | self.subscriptions
         self.publishers = {one.topic: one.publisher for one in wiring.inputs}
 
     def begin(self) -> list[runtime.Outgoing]:
@@ -238,17 +227,16 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
             raise ValueError(f"recording {recording.path} has no node {name!r}; it has {[*known]}")
     chosen = []
     for one in [known[name] for name in dict.fromkeys(names)] or known.values():
-        if not names and not one.module.startswith(OWN_PACKAGE):
-            continue
         if not one.module.startswith(OWN_PACKAGE):
+            if not names:
+                continue
             search_current_folder(f"{one.module}:NODE")
         node = runtime.load_node(one.module)
         if isinstance(node, runtime.Node) and (names or _is_exact(one, node, recording)):
             chosen.append(ReplayNode(node, one.wiring(node.params)))
         elif names:
-            raise ValueError(
-                f"{one.name} neither subscribes nor publishes: there is nothing to be compared"
-            )
+            text = "neither subscribes nor publishes: there is nothing to be compared"
+            raise ValueError(f"{one.name} {text}")
     if not chosen:
         raise ValueError(f"recording {recording.path} has no node that can be replayed exactly")
     return tuple(chosen)

@@ -10,6 +10,7 @@ From there the graph goes on, and comes to the same solid.
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -55,10 +56,10 @@ def replay(
 
     What one of them publishes now is what the others receive; all else comes from the recording.
     `settings` are laid over the recorded parameters. `echo` is told of the differences in lines, or
-    `as_json` in one text. Returns 1 if a node raised, or without
-    settings if one did not publish the same, byte for byte; else 0. Raises ValueError if the
-    recording cannot be read or lacks messages, or a node is unknown, cannot be replayed, or was
-    recorded with other message types; InputError if a setting cannot be used.
+    `as_json` in one text. Returns 1 if a node raised, or without settings if one did not publish
+    the same, byte for byte; else 0. Raises ValueError if the recording cannot be read or lacks
+    messages, or a node is unknown, cannot be replayed, or was recorded with other message types;
+    InputError if a setting cannot be used.
     """
     recording = open_recording(launch.find_bag(bag))
     chosen = with_settings(exchange.choose_nodes(recording, nodes), recording.graph, settings or {})
@@ -86,8 +87,11 @@ def replay(
     if as_json:
         echo(json.dumps(replay_figures(recording, players, shortages), indent=2))
     else:
-        lines = [*map(verdict, players), *map(shortage_text, shortages), *change_table(players)]
-        for line in lines:
+        for line in (
+            *map(verdict, players),
+            *map(shortage_text, shortages),
+            *change_table(players),
+        ):
             echo(line)
     failed = any(player.failure for player in players)
     return int(failed or (not settings and any(player.first for player in players)))
@@ -107,20 +111,18 @@ def with_settings(
     others = [_entry(one) for one in runtime.recorded_nodes(graph)]
     again = {name for entry in entries for name in (entry.name, entry.group)}
     ran = {name for entry in others for name in (entry.name, entry.group)}
+    names = ", ".join(entry.name for entry in entries)
     for target, value in settings.items():
         node, _, param = target.partition(".")
         if param and node in ran - again:
-            names = ", ".join(entry.name for entry in entries)
-            raise value.error(
-                (), f"{node!r} is not among the nodes to run again: {names}; add it to --nodes"
-            )
-    found = []
+            text = f"{node!r} is not among the nodes to run again: {names}; add it to --nodes"
+            raise value.error((), text)
     laid = launch.override(launch.Graph(tuple(entries), ends=""), settings).entries
-    for one, entry in zip(chosen, laid, strict=True):
-        params: Any = one.wiring.params
+    found = list(chosen)
+    for i, (one, entry) in enumerate(zip(chosen, laid, strict=True)):
         if entry.places:
-            params = convert(entry.settings, one.node.params, entry.name)
-        found.append(one._replace(wiring=replace(one.wiring, params=params)))
+            params: Any = convert(entry.settings, one.node.params, entry.name)
+            found[i] = one._replace(wiring=replace(one.wiring, params=params))
     return tuple(found)
 
 
@@ -299,30 +301,27 @@ def _changes(
 ) -> dict[str, list[ParameterEvent]]:
     """By node the parameters that were set while it ran."""
     publishers = {topic: one.name for one in wirings for topic in one.outputs.values()}
-    found: dict[str, list[ParameterEvent]] = {}
+    found = defaultdict[str, list[ParameterEvent]](list)
     for kept in recording.messages():
         if kept.type == ParameterEvent.__name__:
-            change = decode(ParameterEvent, kept.body)
-            found.setdefault(publishers[kept.topic], []).append(change)
-    return found
+            found[publishers[kept.topic]].append(decode(ParameterEvent, kept.body))
+    return dict(found)
 
 
 def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessage]:
     """All that was sent before a contour was known, that contour included."""
-    left = contour
+    known = 0
     for kept in exchange.in_order_of_sending(recording):
         cls = TYPES.get(kept.type)
         if cls is not None and schema_hash(cls) != kept.schema:
             raise ValueError(f"{kept.topic} was recorded with another version of {kept.type}")
         yield kept
-        if left is not None and kept.type == CONTOUR:
-            left -= 1
-            if left == 0:
-                return
-    if left is not None:
-        assert contour is not None
+        known += kept.type == CONTOUR
+        if known == contour:
+            return
+    if contour is not None:
         raise ValueError(
-            f"recording {recording.path} has {contour - left} contours, so none to go on from "
+            f"recording {recording.path} has {known} contours, so none to go on from "
             f"after {contour}"
         )
 

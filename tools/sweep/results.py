@@ -103,9 +103,9 @@ def on_front(rows: Iterable[Row], cost: str) -> set[int]:
 
 def told(value: Any) -> str:
     """A value as text; nothing for None."""
-    if value is None or isinstance(value, str):
-        return value or ""
-    return json.dumps(value, default=str)
+    return (
+        value or "" if value is None or isinstance(value, str) else json.dumps(value, default=str)
+    )
 
 
 def csv_text(rows: Sequence[Row]) -> str:
@@ -227,10 +227,9 @@ def _frame(x: Scale, y: Scale, across: str, up: str) -> Iterator[str]:
     for value in y.ticks(MOST_TICKS):
         yield f'<path class="grid" d="M{LEFT} {y.at(value)}H{RIGHT}"/>'
         yield f'<text class="end" x="{LEFT - 7}" y="{y.at(value) + 4}">{value:g}</text>'
-    middle = f"{(LEFT + RIGHT) / 2} {HEIGHT - 8}"
-    yield f'<text class="mid" transform="translate({middle})">{across}</text>'
-    turned = f"translate(15 {(TOP + BOTTOM) / 2}) rotate(-90)"
-    yield f'<text class="mid" transform="{turned}">{up}</text>'
+    middle, low = (LEFT + RIGHT) / 2, f"15 {(TOP + BOTTOM) / 2}"
+    yield f'<text class="mid" transform="translate({middle} {HEIGHT - 8})">{across}</text>'
+    yield f'<text class="mid" transform="translate({low}) rotate(-90)">{up}</text>'
 
 
 def _table(rows: Sequence[Row], folder: Path) -> Iterator[str]:

@@ -101,7 +101,9 @@ def run_sweep(
         except InputError as error:
             stopped = error
     _sweep_out(folder)
-    rows = _write_results(folder, sweep, records)
+    rows, place = rows_of(sweep, records), RunDirectory(folder, linked=False)
+    place.write_text("table.csv", csv_text(rows))
+    place.write_text("index.html", page_text(sweep.name, rows, folder))
     if stopped is not None:
         raise InputError(f"{stopped}; {_resumable(len(records), total, folder)}")
     return SweepResult(folder, rows, total - len(records), kept)
@@ -192,13 +194,6 @@ def _progress(records: Records, last: SweepRun, total: int, seconds: float, kept
 
 def _resumable(finished: int, total: int, folder: Path) -> str:
     return f"{finished} of {total} runs are finished and kept; palpate sweep {folder} goes on"
-
-
-def _write_results(folder: Path, sweep: Sweep, records: Records) -> list[Row]:
-    rows, place = rows_of(sweep, records), RunDirectory(folder, linked=False)
-    place.write_text("table.csv", csv_text(rows))
-    place.write_text("index.html", page_text(sweep.name, rows, folder))
-    return rows
 
 
 class Job(NamedTuple):
@@ -300,9 +295,8 @@ class ClusterWorkers:
                 logging.getLogger(name).setLevel(logging.CRITICAL)
             self._client = Client(address, timeout=ANSWER_TIME)
         except ImportError as error:
-            raise InputError(
-                f"--scheduler needs dask.distributed ({error}): pip install 'palpate[sweep]'"
-            ) from None
+            needs = f"--scheduler needs dask.distributed ({error})"
+            raise InputError(f"{needs}: pip install 'palpate[sweep]'") from None
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f"{self._where}: no scheduler can be reached: {error}") from None
         self.width = max(1, 2 * sum(self._client.nthreads().values()))

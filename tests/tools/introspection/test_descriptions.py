@@ -17,10 +17,10 @@ from palpate.tools.introspection.descriptions import (
     find_interface,
     interface_text,
     kind_text,
-    param_names,
     param_text,
     parameters_of,
 )
+from palpate.tools.introspection.requests import dump_params
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -69,11 +69,11 @@ def test_a_required_parameter_is_told_to_be_required():
         describe_kind("none")
 
 
-def test_the_parameters_of_one_node_or_of_all_are_named(filtering):
-    assert param_names(filtering, "cleaner") == {"cleaner": ["order", "contact"]}
-    assert param_names(filtering, None)["cleaner"] == ["order", "contact"]
+def test_the_parameters_of_one_node_or_of_all_are_told(filtering):
+    assert list(dump_params(filtering, "cleaner")) == ["cleaner"]
+    assert list(dump_params(filtering)["cleaner"]["params"]) == ["order", "contact"]
     with pytest.raises(ValueError, match=r"no node 'cleanr'; did you mean 'cleaner'\?"):
-        param_names(filtering, "cleanr")
+        dump_params(filtering, "cleanr")
 
 
 def test_a_parameter_is_told_with_its_value_in_this_graph(filtering):

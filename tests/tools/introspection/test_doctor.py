@@ -74,14 +74,12 @@ def test_a_single_core_few_files_and_no_proc_are_reported(monkeypatch, tmp_path)
     few: Any = lambda _: (64, 64)  # noqa: E731
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
     monkeypatch.setattr(resource, "getrlimit", few)
-    assert level(machine.cores_finding()) == "WARN"
-    assert level(machine.files_finding()) == "WARN"
-    assert level(machine.proc_finding(tmp_path)) == "WARN"
+    levels = [level(one) for one in machine.process_findings(tmp_path, [])]
+    assert levels == ["WARN", "ok", "WARN", "WARN", "ok"]
 
 
 def test_what_killed_launchers_have_left_is_named(tmp_path):
-    assert level(machine.stale_finding([])) == "ok"
-    found = machine.stale_finding([tmp_path / "palpate-dead"])
+    *_, found = machine.process_findings(tmp_path, [tmp_path / "palpate-dead"])
     assert level(found) == "WARN"
     assert "palpate-dead" in found.text
 
