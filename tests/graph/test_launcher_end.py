@@ -160,10 +160,19 @@ def test_what_the_watcher_raises_ends_the_graph(watcher, tmp_path):
 
 def test_a_node_that_is_silent_for_long_is_mentioned(watcher, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.launch.processes.node_status.SILENCE", 0.4)
-    slow = counter(1, work=1.0)
+    slow = dataclasses.replace(counter(1, work=1.0), handler_timeout=0.2)
     assert run([source(1), slow], watcher, tmp_path, ends="counter").status == "finished"
     texts = [line.text for line in watcher.lines if "still working" in line.text]  # or starting
     assert texts == ["counter is still working, or hangs: no sign of life for 0.4 s"]
+
+
+def test_a_node_that_is_silent_for_no_longer_than_it_declared_is_not(
+    watcher, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("palpate.launch.processes.node_status.SILENCE", 0.4)
+    slow = dataclasses.replace(counter(1, work=1.0), handler_timeout=30.0)
+    assert run([source(1), slow], watcher, tmp_path, ends="counter").status == "finished"
+    assert [line.text for line in watcher.lines if "counter is still" in line.text] == []
 
 
 def test_a_sink_still_writes_what_had_arrived_when_a_node_died(watcher, toys, tmp_path):
