@@ -309,6 +309,7 @@ def test_what_the_table_names_is_there():
     assert {*named} == {*palpate.testing.__all__}
 
 
+@pytest.mark.slow
 def test_a_planner_of_single_touches_explores_without_slices(here):
     assert cli.run(["init", "planner", "--touches", "pokes"]) == 0
     asked = ["--set", "planner.planner=pokes:Pokes", "--touches", "32", "--composed", "--quiet"]
