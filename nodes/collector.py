@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners import ObservedSurface
     from palpate.core.touch import Pad
 
+MOST_REACH = 0.6  # Of all touches about their middle, m: the map of space has room for no more
 MARGIN = 0.02  # About all that was touched, m: nothing of the object lies farther off
 
 
@@ -50,6 +51,7 @@ class State:
     # By goal, the frames received, those of them that touched, and the last of these, or the last
     # if none did.
     goals: Mapping[int, tuple[int, int, SurfacePatch]] = field(default_factory=dict)
+    over: bool = False  # Whether it has ended without a solid
     end: SequenceEnd | None = None  # Once it is known how many there are
 
     @property
@@ -89,11 +91,18 @@ def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[Stat
         return state, outputs
     rest = [(goal, one) for goal, one in state.goals.items() if one[0] < FRAMES_A_GOAL]
     outputs = [*outputs, *(_probe(goal, one) for goal, one in rest)]
-    state = replace(state, world=_world(params, state))
-    outputs.append(("/world", state.world))
-    if not met:
-        done = _done(state, f"none of the {frames} frames shows a contact")
-        return state, [*outputs, *_ended(state, done)[1]]
+    world = _world(params, state)
+    why = "" if met else f"none of the {frames} frames shows a contact"
+    if world.reach > MOST_REACH:
+        why = (
+            f"the touches reach {world.reach:.3g} m from their middle, more than {MOST_REACH:g} m: "
+            "are the poses in m, and the platform?"
+        )
+        world = replace(world, reach=MOST_REACH)
+    state = replace(state, world=world, over=bool(why))
+    outputs.append(("/world", world))
+    if why:
+        return _ended(state, outputs, _done(state, why, probes=()))
     return state, [*outputs, ("/model/goal", _goal(state))]
 
 
@@ -137,20 +146,22 @@ def _goal(state: State) -> ModelGoal:
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Judge the model, and end."""
+    """Judge the model, and end; that nothing was rebuilt of nothing is told already."""
+    if state.over:
+        return state, []
     assert state.pad is not None and state.world is not None
     frames, met = state.touches
     surface = planning.observed_surface(model, state.pad, state.world)
     if surface is None:
         reason = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
-        return _ended(state, _done(state, reason))
+        return _ended(state, [], _done(state, reason))
     opened = surface.open_area
     reason = f"all {frames} frames were used, {met} of which show a contact"
     if surface.has_openings or opened.share > MOST_OPEN:
         reason = f"{reason}; {describe_opening(surface)}"
     bound = {"rms_bound_95": surface.rms_bound_95, "largest_untouched": opened.width}
     told = {**bound, **planning.describe_open(opened)}
-    return _ended(state, _done(state, reason, _is_met(params, surface), **told))
+    return _ended(state, [], _done(state, reason, _is_met(params, surface), **told))
 
 
 def _is_met(params: Params, surface: ObservedSurface) -> bool | None:
@@ -165,8 +176,8 @@ def _done(state: State, reason: str, met: bool | None = None, **told: Any) -> Pl
     return derive(PlanDone, _goal(state), reason=reason, tolerance_met=met, **{**nothing, **told})
 
 
-def _ended(state: State, done: PlanDone) -> tuple[State, Outputs]:
-    return state, [("/plan/done", done), Finished("all frames were used")]
+def _ended(state: State, outputs: Outputs, done: PlanDone) -> tuple[State, Outputs]:
+    return state, [*outputs, ("/plan/done", done), Finished("all frames were used")]
 
 
 NODE = Node(

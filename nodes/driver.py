@@ -35,7 +35,9 @@ def frames_of(params: Params) -> specs.FrameSequence:
 
 def outputs_of(params: Params) -> Mapping[str, type]:
     """Topics and types; refuses a file that could not be published, before anything is started."""
-    frames_of(params)
+    frames = frames_of(params)
+    deepest = int(frames.images.max(axis=(1, 2)).argmax()) if params.values == "compression" else 0
+    specs.tactile_frame(params, deepest, 0.0, frames.poses[deepest], frames.images[deepest])
     return specs.DRIVER_OUTPUTS
 
 

@@ -252,7 +252,8 @@ def tactile_frame(
 
     Frames count from 0; two of one number are one frame to the filter. The time is in s; the pad's
     pose is x, y, z in m, a quaternion x, y, z, w, and its z axis points into the object; the image
-    is what the taxels sent, in the driver's own unit. Raises ValueError if there are too many.
+    is what the taxels sent, in the driver's own unit. Raises ValueError if there are too many, or
+    the pad would be compressed by more than it is thick: then the unit is another.
     """
     if touch >= MOST_FRAMES:
         raise ValueError(f"frame {touch}: a sequence has {MOST_FRAMES} frames at most")
@@ -261,8 +262,14 @@ def tactile_frame(
     scaled = sensing.scale * np.asarray(image, np.float64)
     array = calibration.encode(scaled) if sensing.values == "compression" else scaled
     compression = calibration.decode(array)
+    deepest = float(compression.max())
+    if deepest > pad.thickness:
+        raise ValueError(
+            f"frame {touch}: the pad is compressed by {deepest:.3g} m, but is {pad.thickness:g} m "
+            "thick; are the numbers in mm? Then scale is 0.001"
+        )
     pressed = bool(contact_mask(pad, compression, CONTACT, info.noise).any())
-    bottomed = float(compression.max()) >= pad.saturation * pad.thickness
+    bottomed = deepest >= pad.saturation * pad.thickness
     _, axes = split_pose(pose)
     return TactileFrame(
         goal=touch // FRAMES_A_GOAL,

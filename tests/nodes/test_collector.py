@@ -10,10 +10,10 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import pad_rotation, pose_of
-from palpate.messages.types import PlanDone, SequenceEnd, TactileFrame
+from palpate.messages.types import PlanDone, SequenceEnd, ShapeModel, TactileFrame
 from palpate.nodes import collector, curvature, filter, reconstructor
 from palpate.nodes.runtime.node import Finished
-from palpate.nodes.runtime.testing import drive, messages_on
+from palpate.nodes.runtime.testing import drive, example, messages_on
 from palpate.nodes.specs.frames import (
     FRAMES_A_GOAL,
     MOST_FRAMES,
@@ -104,6 +104,25 @@ def test_frames_without_a_contact_end_with_the_reason():
     assert isinstance(finished, Finished)
     assert done[1].reason == "none of the 30 frames shows a contact"
     assert done[1].missed == (0, 1) and done[1].probes == ()
+
+
+def test_touches_too_far_apart_for_one_object_end_with_the_reason():
+    patches = frames(((1000.0 * place, axes) for place, axes in around(30)), ball_image)
+    asked = drive(collector.NODE, [INFO, *patches, end(30)])
+    done = messages_on(asked, "/plan/done")[0]
+    assert "m from their middle, more than 0.6 m: are the poses in m" in done.reason
+    assert done.probes == () and messages_on(asked, "/model/goal") == []
+    assert messages_on(asked, "/world")[0].reach <= 0.6
+
+
+def test_what_was_told_to_be_no_solid_is_not_judged_again():
+    patches = frames(around(30), lambda: np.zeros((16, 16)))
+    nothing = (
+        "/model/shape",
+        example(ShapeModel, number=1, final=True, faces=np.zeros((0, 3), np.int32)),
+    )
+    told = drive(collector.NODE, [INFO, *patches, end(30), nothing])
+    assert len(messages_on(told, "/plan/done")) == 1
 
 
 def test_touches_of_one_plane_are_no_solid():

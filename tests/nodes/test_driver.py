@@ -100,6 +100,13 @@ def test_the_numbers_mean_what_the_parameters_tell(given: dict[str, Any], unit: 
     assert frame.outcome == "hit"
 
 
+def test_numbers_in_another_unit_are_refused_before_the_start(table: Path):
+    params = msgspec.convert({**PAD, "path": str(table), "scale": 1e3}, driver.Params)
+    words = "frame 2: the pad is compressed by 0.788 m, but is 0.003 m thick; are the numbers in mm"
+    with pytest.raises(ValueError, match=words):
+        driver.SOURCE.outputs(params)
+
+
 def test_times_of_flight_are_taken_as_they_come():
     sensing = msgspec.convert({"values": "signal"}, SensorParams)
     array = 2.0 * (0.003 - ball()) / 1000.0
