@@ -164,9 +164,11 @@ def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
     """What nobody touched, where, and what the object stands on, in words; nothing if unknown."""
     told = []
     if summary.get("open_share"):
+        share = f"{100.0 * summary['open_share']:.1f} %"
+        share = "less than 0.1 %" if share == "0.0 %" else share
         place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_places_m"][0])
         told.append(
-            f"{100.0 * summary['open_share']:.1f} % of the surface lies over 5 mm from any touch, "
+            f"{share} of the surface lies over 5 mm from any touch, "
             f"the widest opening {millimetres(summary['open_width_m'])} at ({place}) mm"
         )
     if summary.get("under_share"):

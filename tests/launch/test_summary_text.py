@@ -69,6 +69,13 @@ def test_the_result_never_takes_more_than_twelve_lines(progress, met, status):
     assert "40.0 % of the surface lies over 5 mm from any touch" in text
 
 
+def test_a_share_too_small_for_a_digit_is_not_called_nothing(progress):
+    places = np.array([[0.01, 0.02, 0.03]])
+    progress.done = planned(open_share=4e-4, open_width=0.011, open_places=places)
+    text = " ".join(headline_text(summary_of(progress), [], RUN).split())
+    assert "less than 0.1 % of the surface lies over 5 mm from any touch" in text
+
+
 def test_restarts_losses_and_failed_slices_are_doubts(progress):
     progress.failed = 1
     summary = summary_of(progress) | {"restarts": {"tracer": 2}, "gaps": 3}

@@ -51,6 +51,14 @@ docs/sweep.md says more.
 """
 # What is asked of a graph that is performed, and of how its result is printed.
 PERFORMING = ("composed", "as_json", "quiet", "verbose")
+DEMAND = ("tolerance", "feature", "budget", "touches", "quality")
+# Arguments of the launch file by the options that give them.
+ARGUMENTS = {
+    "seed": "seed",
+    "fingers": "fingers",
+    "unit": "scene.object.mesh.unit",
+    "up": "scene.object.mesh.up",
+}
 
 
 @click.command("run")
@@ -91,7 +99,16 @@ PERFORMING = ("composed", "as_json", "quiet", "verbose")
 @command_line.quiet_option()
 @command_line.VERBOSE
 def run_command(
-    scene: str, out: Path | None, procedure: str | None, settings: tuple[str, ...], **asked: Any
+    scene: str,
+    out: Path | None,
+    procedure: str | None,
+    settings: tuple[str, ...],
+    pose: str | None,
+    noise: str | None,
+    realtime: bool,
+    no_record: bool,
+    untrusted: bool,
+    **asked: Any,
 ) -> int:
     """Explore SCENE, a shipped scene's name, a YAML file or a mesh, and rebuild its object.
 
@@ -100,31 +117,30 @@ def run_command(
     --touches is spent, which are never exceeded. Exits with 1 if the tolerance was not reached.
     """
     file = launch.EXPLORE if procedure is None else launch.find_launch_file(Path(procedure))
-    how, realtime = {name: asked.pop(name) for name in PERFORMING}, asked.pop("realtime")
-    if not how["composed"]:
+    if not asked["composed"]:
         launch.prestart_fork_server(file)
     from palpate.launch.files import SourceMapped, is_mesh_file
     from palpate.tools.report import perform_and_print
 
     path = launch.find_scene(scene)
-    if asked.pop("untrusted"):
+    if untrusted:
         launch.load_scene(path, untrusted=True)
-    mesh = {key: asked.pop(key) for key in ("unit", "up")}
-    for key, value in mesh.items():
-        if value is not None and not is_mesh_file(path):
-            raise InputError(f"--{key} {value}: {scene} is no mesh; a scene has object.mesh.{key}")
+    for key in ("unit", "up"):
+        if asked[key] is not None and not is_mesh_file(path):
+            told = f"{scene} is no mesh; a scene has object.mesh.{key}"
+            raise InputError(f"--{key} {asked[key]}: {told}")
     args = {"scene": SourceMapped(str(path), "")}
     for option, name, value in (
-        ("--no-record", "record", not asked.pop("no_record")),
-        *((f"--{name}", name, asked.pop(name)) for name in ("seed", "fingers")),
-        *((f"--{key}", f"scene.object.mesh.{key}", value) for key, value in mesh.items()),
-        *launch.read_setup(asked.pop("pose"), asked.pop("noise")),
+        ("--no-record", "record", not no_record),
+        *((f"--{key}", name, asked[key]) for key, name in ARGUMENTS.items()),
+        *launch.read_setup(pose, noise),
     ):
         if value is not None:
             args[name] = SourceMapped(value, option)
-    given = {**launch.read_settings(settings), **launch.read_demand(**asked, procedure=procedure)}
+    demand = launch.read_demand(**{key: asked[key] for key in DEMAND}, procedure=procedure)
+    given = {**launch.read_settings(settings), **demand}
     plan = launch.plan_run(file, args, given, name=path.stem, out=out, realtime=realtime)
-    return perform_and_print(plan, **how)
+    return perform_and_print(plan, **{key: asked[key] for key in PERFORMING})
 
 
 @click.command("sweep", help=SWEEP_HELP)
@@ -172,12 +188,19 @@ def sweep_command(
 @command_line.quiet_option()
 @command_line.VERBOSE
 def launch_command(
-    file: Path, arguments: tuple[str, ...], out: Path | None, settings: tuple[str, ...], **how: Any
+    file: Path,
+    arguments: tuple[str, ...],
+    out: Path | None,
+    settings: tuple[str, ...],
+    realtime: bool,
+    show_args: bool,
+    only_print: bool,
+    picture: Path | None,
+    **how: bool,
 ) -> int:
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
     path = launch.find_launch_file(file)
-    only_print, picture, realtime = map(how.pop, ("only_print", "picture", "realtime"))
-    if how.pop("show_args"):
+    if show_args:
         taken = launch.list_arguments(path)
         text = launch.arguments_table(path, taken)
         command_line.print_figures(taken, text, as_json=how["as_json"])

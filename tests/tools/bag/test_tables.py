@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import palpate
@@ -64,9 +65,8 @@ def test_a_number_that_is_missing_is_nan(record):
 
 
 def test_a_frame_has_a_column_for_each_element(record):
-    pandas = pytest.importorskip("pandas", reason="frames need pandas")
     frame = palpate.open_recording(record([patch(1.0), patch(2.0)])).frame("/touch/patch")
-    assert isinstance(frame, pandas.DataFrame) and len(frame) == 2
+    assert isinstance(frame, pd.DataFrame) and len(frame) == 2
     assert frame["pose.3"].tolist() == [3.0, 3.0] and frame["mask.1.1"].all()
 
 
