@@ -1,0 +1,5 @@
+"""Runs to look at: what happened in robot time, drawn into images, films and the browser.
+
+`timeline` is the one place that knows which messages are drawn; `rasteriser` draws without a screen.
+Rests on tools.bag and tools.introspection; a picture never changes what a graph does.
+"""

@@ -1,0 +1,81 @@
+"""What is told of each vertex of a model: its deviation from the truth, and how sure it is.
+
+Values become colours by viridis, which keeps its order in print and for colour-blind readers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core import Floats, geometry, inverse_pose, transform_points
+from palpate.messages.types import ShapeModel, Truth
+
+Colours = NDArray[np.uint8]
+QUANTILE = 0.98  # Of the values, from which on all have the last colour
+LEAST_TOP = 1e-6  # Of a scale, m
+ROUND = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
+@dataclass(slots=True)
+class TruthSurface:
+    """The true surface, made ready for the search when somebody first asks."""
+
+    truth: Truth
+    _search: geometry.NearestSearch | None = field(default=None, repr=False)
+
+    def deviations(self, points: Floats) -> Floats:
+        """Distances (n,) of points (n, 3) from the true surface, m."""
+        if self._search is None:
+            corners = geometry.triangle_corners(self.truth.vertices, self.truth.faces)
+            self._search = geometry.nearest_search(corners)
+        return geometry.nearest_points(self._search, points).distances
+
+
+def uncertainties(model: ShapeModel) -> Floats:
+    """Standard deviation that a model states of its surface, at each vertex (n,), m.
+
+    Of a general solid by vertex, of one in slices by height; zeros where it states none.
+    """
+    if model.vertex_errors.any():
+        return model.vertex_errors
+    if not len(model.uncertainty):
+        return np.zeros(len(model.vertices))
+    heights = transform_points(inverse_pose(model.frame), model.vertices)[:, 2]
+    return np.interp(heights, model.uncertainty_height, model.uncertainty)
+
+
+def scale_top(values: Floats) -> float:
+    """Value from which on all have the last colour: a round one, over nearly all that are there."""
+    top = max(float(np.quantile(values, QUANTILE)) if len(values) else 0.0, LEAST_TOP)
+    power = 10.0 ** np.floor(np.log10(top))
+    return float(power * next(one for one in ROUND if one * power >= 0.999 * top))
+
+
+def viridis(values: Floats, top: float) -> Colours:
+    """Colours (n, 3) of values (n,), from 0 to `top`."""
+    shares = np.clip(values / top, 0.0, 1.0) * (len(_VIRIDIS) - 1)
+    whole = np.minimum(shares.astype(np.intp), len(_VIRIDIS) - 2)
+    rest = (shares - whole)[:, None]
+    mixed = (1.0 - rest) * _VIRIDIS[whole] + rest * _VIRIDIS[whole + 1]
+    return np.asarray(np.rint(mixed), np.uint8)
+
+
+def hex_colour(value: float, top: float) -> str:
+    """Colour of one value as ``#rrggbb``."""
+    return "#" + viridis(np.array([value]), top).tobytes().hex()
+
+
+# Every sixteenth of the 256 colours of viridis (van der Walt and Smith, 2015), and the last.
+_VIRIDIS = np.array(
+    [
+        [int(one[i : i + 2], 16) for i in (0, 2, 4)]
+        for one in (
+            "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
+            "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
+        ).split()
+    ],
+    dtype=np.float64,
+)

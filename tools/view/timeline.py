@@ -1,0 +1,210 @@
+"""What a graph has done, in robot time: touches, contours, models, and how good they were.
+
+Fed with messages in any order, from a recording or from a graph that still runs; whoever draws asks
+what there was at a time.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right, insort
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.core import Floats, Ints, transform_points
+from palpate.core.touch import Pad
+from palpate.messages import types
+from palpate.nodes.specs import pad_of_info
+from palpate.tools.bag import open_decoded
+
+MOST_POINTS = 48  # Of one touch that are drawn, spread over its taxels
+
+
+class Touch(NamedTuple):
+    """One touch, as far as it is drawn."""
+
+    time: float  # Robot time at its end, s
+    goal: int  # Number of its contour or probe
+    number: int  # Within the goal
+    finger: int
+    pose: Floats  # Of the pad, (7,)
+    outcome: types.Outcome
+    kind: types.SurfaceKind
+    points: Floats  # Touched taxels, world frame (n, 3), at most `MOST_POINTS`
+    normal: Floats  # (3,)
+    residual: float  # Of the local fit, m
+    compression: Floats  # Under each taxel (rows, cols), m; (0, 0) where no image was published
+    force: float  # On all taxels together, N; NaN where it cannot be told
+
+
+class Moment(NamedTuple):
+    """What there is at a robot time, as lengths of the timeline's lists."""
+
+    touches: int
+    contours: int
+    models: int
+    spaces: int
+
+
+@dataclass(slots=True)
+class Timeline:
+    """All that was received, each kind in the order of robot time."""
+
+    touches: list[Touch] = field(default_factory=list)
+    contours: list[types.Contour] = field(default_factory=list)
+    probes: list[types.Probe] = field(default_factory=list)
+    grasps: list[types.GraspContacts] = field(default_factory=list)
+    models: list[types.ShapeModel] = field(default_factory=list)  # Those that have triangles
+    spaces: dict[int, types.SpaceMap] = field(default_factory=dict)  # By number of the model
+    scores: dict[int, types.Score] = field(default_factory=dict)
+    estimates: dict[int, types.PlanEstimate] = field(default_factory=dict)
+    truth: types.Truth | None = None
+    world: types.World | None = None
+    done: types.PlanDone | None = None
+    _sensor: types.SensorInfo | None = None
+    _pad: Pad | None = None
+    _images: dict[tuple[int, int, int], Floats] = field(default_factory=dict)
+    _early: list[types.SurfacePatch] = field(default_factory=list)  # Before the sensor was known
+
+    def add(self, message: Any) -> None:
+        """Take a message; types that nobody draws are passed over."""
+        take = _TAKEN.get(type(message))
+        if take is not None:
+            take(self, message)
+
+    @property
+    def end(self) -> float:
+        """Robot time of the last that happened, s."""
+        lasts = (self.touches, self.contours, self.models, self.grasps)
+        return max((_time(one[-1]) for one in lasts if one), default=0.0)
+
+    def at(self, time: float) -> Moment:
+        """What there was at a robot time."""
+        touches, contours, models = (
+            bisect_right(some, time, key=_time)
+            for some in (self.touches, self.contours, self.models)
+        )
+        spaces = sum(one.number in self.spaces for one in self.models[:models])
+        return Moment(touches, contours, models, spaces)
+
+    def space_at(self, moment: Moment) -> types.SpaceMap | None:
+        """The last map of free space by then."""
+        numbers = (one.number for one in reversed(self.models[: moment.models]))
+        return next((self.spaces[one] for one in numbers if one in self.spaces), None)
+
+    def bounds(self) -> tuple[Floats, Floats]:
+        """The corners, (3,) each, of the box about all that is solid; a cube without anything."""
+        found = [one.points for one in self.touches if len(one.points)]
+        found += [one.points for one in self.grasps if len(one.points)]
+        found += [one.vertices for one in (self.truth, *self.models[-1:]) if one is not None]
+        if not found:
+            return np.full(3, -0.05), np.full(3, 0.05)
+        return (
+            np.min([one.min(axis=0) for one in found], axis=0),
+            np.max([one.max(axis=0) for one in found], axis=0),
+        )
+
+    def touch_rate(self, window: float = 20.0) -> tuple[Floats, Floats]:
+        """Robot times (n,), s, and touches a second (n,) over the `window` that ends there, s."""
+        times = np.array([one.time for one in self.touches])
+        before = np.searchsorted(times, times - window, side="right")
+        return times, (np.arange(1, len(times) + 1) - before) / np.minimum(window, times + 1e-9)
+
+    def _take_sensor(self, info: types.SensorInfo) -> None:
+        self._sensor, self._pad = info, pad_of_info(info)
+        for patch in self._early:
+            self._take_patch(patch)
+        self._early.clear()
+
+    def _take_image(self, image: types.TactileImage) -> None:
+        self._images[image.finger, image.goal, image.touch] = np.where(
+            image.mask, image.compression, 0.0
+        ).astype(np.float32)
+
+    def _take_patch(self, patch: types.SurfacePatch) -> None:
+        if self._pad is None or self._sensor is None:
+            self._early.append(patch)
+            return
+        image = self._images.pop((patch.finger, patch.goal, patch.touch), np.zeros((0, 0)))
+        touch = Touch(
+            patch.robot_time,
+            patch.goal,
+            patch.touch,
+            patch.finger,
+            patch.pose,
+            patch.outcome,
+            patch.kind,
+            patch_points(patch, self._pad),
+            patch.normal,
+            patch.residual,
+            image,
+            float(image.sum()) * self._sensor.taxel_stiffness if image.size else np.nan,
+        )
+        insort(self.touches, touch, key=_time)
+
+    def _take_model(self, model: types.ShapeModel) -> None:
+        if len(model.faces):
+            insort(self.models, model, key=_time)
+
+
+def _time(one: Any) -> float:
+    time: float = one.time if isinstance(one, Touch) else one.robot_time
+    return time
+
+
+def patch_points(patch: types.SurfacePatch, pad: Pad) -> Floats:
+    """Touched taxels of a patch in the world (n, 3), of many some that are spread evenly."""
+    x, y = pad.grid()
+    local = np.column_stack((x[patch.mask], y[patch.mask], patch.height[patch.mask]))
+    every = max(1, -(-len(local) // MOST_POINTS))
+    return transform_points(patch.pose, local[::every])
+
+
+_TAKEN: Mapping[type, Callable[[Timeline, Any], None]] = {
+    types.SensorInfo: Timeline._take_sensor,
+    types.TactileImage: Timeline._take_image,
+    types.SurfacePatch: Timeline._take_patch,
+    types.ShapeModel: Timeline._take_model,
+    types.Contour: lambda line, one: insort(line.contours, one, key=_time),
+    types.Probe: lambda line, one: insort(line.probes, one, key=_time),
+    types.GraspContacts: lambda line, one: insort(line.grasps, one, key=_time),
+    types.SpaceMap: lambda line, one: line.spaces.__setitem__(one.number, one),
+    types.Score: lambda line, one: line.scores.__setitem__(one.number, one),
+    types.PlanEstimate: lambda line, one: line.estimates.__setitem__(one.number, one),
+    types.Truth: lambda line, one: setattr(line, "truth", one),
+    types.World: lambda line, one: setattr(line, "world", one),
+    types.PlanDone: lambda line, one: setattr(line, "done", one),
+}
+TYPES_DRAWN = frozenset(kind.__name__ for kind in _TAKEN)  # Names of the types that are of use
+
+
+def read_timeline(run: Path) -> Timeline:
+    """The timeline of a run, by its directory or its recording.
+
+    Raises InputError if there is no recording, or it is damaged or of another version.
+    """
+    source = open_decoded(run)
+    kinds = source.recording.types
+    topics = [topic for topic in source.topics if kinds[topic][0] in TYPES_DRAWN]
+    line = Timeline()
+    for decoded in source.published(topics):
+        line.add(decoded.message)
+    return line
+
+
+def curve_of(line: Timeline) -> tuple[Ints, Floats, Floats, Floats]:
+    """Of each judged model: number, robot time (s), true rms error and stated bound (m), or NaN."""
+    numbers = sorted(line.scores.keys() | line.estimates.keys())
+    rows = []
+    for number in numbers:
+        score, told = line.scores.get(number), line.estimates.get(number)
+        known = score or told
+        assert known is not None
+        bound = told.rms_bound_95 if told is not None else None
+        rms = np.nan if score is None else score.rms
+        rows.append((known.robot_time, rms, np.nan if bound is None else bound))
+    times, errors, bounds = np.array(rows).reshape(-1, 3).T
+    return np.array(numbers, np.int64), times, errors, bounds
