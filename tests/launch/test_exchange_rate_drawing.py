@@ -33,7 +33,7 @@ CURVE = [
 def summary(curve: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
     nodes = {"simulator": {"cpu_s": 1.0}, "filter": {"cpu_s": 0.5}}
     return {
-        "curve": curve, "sampling_floor_m": 8e-6, "scene": "<vase>", "status": "finished",
+        "curve": curve, "sampling_floor_m": 8e-6, "tolerance_m": None, "scene": "<vase>", "status": "finished",
         "contours": 4, "touches": 110, "robot_time_s": 275.0, "compute_s": 5.5, "missed": [],
         "largest_untouched_m": 2e-3, "steps": {"casting": 1.0, "rest": 0.0}, "nodes": nodes, **more,
     }  # fmt: skip

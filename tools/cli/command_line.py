@@ -330,6 +330,8 @@ palpate_group = LazyGroup(
         "init": ("solids", "Begin a node, a driver, an effect or a planner of your own."),
         "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
+        "report": ("looking", "Write what a run came to as one page, or two side by side."),
+        "film": ("looking", "Draw a run as a film."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
         "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),

@@ -1,5 +1,18 @@
 """Runs to look at: what happened in robot time, drawn into images, films and the browser.
 
-`timeline` is the one place that knows which messages are drawn; `rasteriser` draws without a screen.
-Rests on tools.bag and tools.introspection; a picture never changes what a graph does.
+`timeline` is the one place that knows which messages are drawn; `rasteriser` draws without a
+screen. Rests on tools.bag and tools.introspection; a picture never changes what a graph does.
 """
+
+from palpate.rooms import TYPE_CHECKING, lazy
+
+if TYPE_CHECKING:
+    from palpate.tools.view.film import make_film
+    from palpate.tools.view.picture import draw_moment, finger_mesh, png_bytes, still
+    from palpate.tools.view.rasteriser import Camera, Canvas, camera_on
+    from palpate.tools.view.surfaces import TruthSurface, hex_colour, scale_top, uncertainties
+    from palpate.tools.view.surfaces import viridis
+    from palpate.tools.view.timeline import TYPES_DRAWN, Moment, Timeline, Touch, curve_of
+    from palpate.tools.view.timeline import read_timeline
+else:
+    __getattr__, __dir__ = lazy(__name__)

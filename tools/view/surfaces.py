@@ -69,13 +69,10 @@ def hex_colour(value: float, top: float) -> str:
 
 
 # Every sixteenth of the 256 colours of viridis (van der Walt and Smith, 2015), and the last.
-_VIRIDIS = np.array(
-    [
-        [int(one[i : i + 2], 16) for i in (0, 2, 4)]
-        for one in (
-            "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
-            "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
-        ).split()
-    ],
-    dtype=np.float64,
-)
+_VIRIDIS = np.frombuffer(
+    bytes.fromhex(
+        "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
+        "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
+    ),
+    np.uint8,
+).reshape(-1, 3)
