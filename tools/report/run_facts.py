@@ -183,12 +183,13 @@ def effect_costs(hand: simulator.Params, line: Timeline) -> Iterator[EffectCost]
             begun = time.thread_time()
             states[i] = stage.apply(touch, states[i])
             spent[i].append(time.thread_time() - begun)
-    told = {
-        name: effect_parameters(value)
-        for name, value in specs.describe_effects(hand.effects).items()
+    listed = {
+        type(effect).__name__: (name, effect_parameters(effect))
+        for name, effect in specs.describe_effects(hand.effects).items()
     }
-    for name, seconds in zip(pipeline.names, spent, strict=True):
-        yield EffectCost(name, told.get(name, ""), statistics.median(seconds))
+    for stage_name, seconds in zip(pipeline.names, spent, strict=True):
+        name, told = listed.get(stage_name, (stage_name, ""))
+        yield EffectCost(name, told, statistics.median(seconds))
 
 
 def ratio_rows(summaries: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[str]]]:

@@ -81,9 +81,7 @@ class Canvas:
         rows = 0.5 * FINER * self.height - scale * seen[:, 1] / safe
         return np.column_stack([columns, rows, distance])
 
-    def draw_mesh(
-        self, vertices: Reals, faces: Ints, colours: Reals, *, lit: bool = True
-    ) -> None:
+    def draw_mesh(self, vertices: Reals, faces: Ints, colours: Reals, *, lit: bool = True) -> None:
         """Draw triangles (m, 3) of vertices (n, 3) with a colour each, (n, 3), or one, (3,).
 
         What is `lit` is brighter where it faces the light. Both sides of a triangle are seen, but
