@@ -25,7 +25,8 @@ def test_a_gif_shows_the_exploration_from_beginning_to_end(run_folder, tmp_path,
     told = capsys.readouterr()
     assert told.out == f"{path}: written\n"
     assert told.err.splitlines()[0] == "drawing      0 %"
-    frames = [np.asarray(one.convert("RGB")) for one in ImageSequence.Iterator(Image.open(path))]
+    with Image.open(path) as film:
+        frames = [np.asarray(one.convert("RGB")) for one in ImageSequence.Iterator(film)]
     assert len(frames) == 10
     assert frames[0].shape == (360, 640, 3)
     scenes = [one[:, :390] for one in frames]
@@ -64,7 +65,7 @@ def test_the_finger_is_on_the_surface_at_a_touch_and_off_it_between(line):
 
 
 @pytest.mark.parametrize(
-    ("name", "why"), [("run.avi", "must end in .mp4 or .gif"), ("there.gif", "there already")]
+    ("name", "why"), [("run.avi", "must end in .mp4 or .gif"), ("there.gif", "exists already")]
 )
 def test_a_film_that_cannot_be_written_is_refused(line, tmp_path, name, why):
     (tmp_path / "there.gif").write_bytes(b"")

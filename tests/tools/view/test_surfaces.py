@@ -7,12 +7,12 @@ from palpate.tools.view import hex_colour, read_timeline, scale_top, uncertainti
 from palpate.tools.view.picture import finger_mesh
 
 
-def test_viridis_is_that_of_matplotlib():
+def test_viridis_is_that_of_matplotlib_to_a_fortieth():
     import matplotlib
 
     values = np.linspace(0.0, 1.0, 256)
     theirs = 255.0 * matplotlib.colormaps["viridis"](values)[:, :3]
-    assert np.abs(viridis(values, 1.0) - theirs).max() < 4.0
+    assert np.abs(viridis(values, 1.0) - theirs).max() < 6.0
     assert hex_colour(0.0, 2.0) == "#440154"
     assert hex_colour(5.0, 2.0) == "#fde725"
 
