@@ -38,7 +38,7 @@ LIBRARIES = {
     "palpate.tools.bag.tables": {"numpy", "pandas"},
     "palpate.tools.ros2_bridge": {"numpy", "click", "msgspec", "rclpy", "rosidl_runtime_py"},
     "palpate.tools.report": {"numpy"},
-    "palpate.tools.view": {"numpy", "PIL", "matplotlib"},
+    "palpate.tools.view": {"numpy", "scipy", "PIL", "matplotlib", "viser"},
     "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},

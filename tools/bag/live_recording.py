@@ -22,7 +22,7 @@ from palpate.launch.files import check_new
 from palpate.launch.processes import RunCard
 from palpate.messages import Header, recording
 from palpate.messages.bus import PAST_BATCH, PastReader, SocketContext
-from palpate.tools.introspection import STATUS_TOPICS, TapSubscription, Topic, taps_of
+from palpate.tools.introspection import STATUS_TOPICS, TICK, TapSubscription, Topic, taps_of
 
 PATIENCE = 2.0  # A node that does not answer for so long is asked once more, s
 SPARE = 64 << 20  # Bytes that are left free on the disk, as by a recorder
@@ -94,6 +94,61 @@ class PastRequests:
             self._reader.ask(self._asked, self._orders[self._asked].next)
 
 
+class GraphMessages:
+    """All messages of some topics of a running graph, each topic's from its first and in order.
+
+    What nobody within the graph subscribes to has no past that could be asked for.
+    """
+
+    def __init__(self, card: RunCard, topics: Sequence[Topic]) -> None:
+        self._card, self._topics = card, topics
+        self._orders = {one.name: TopicOrder() for one in topics}
+        self._past: list[PastRequests] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> GraphMessages:
+        sockets = self._stack.enter_context(closing(SocketContext(self._card.key)))
+        for node, names in taps_of(self._card, self._topics).items():
+            reader = PastReader(sockets.context, self._card.taps[node], names)
+            self._stack.callback(reader.close)
+            orders = {name: self._orders[name] for name in names}
+            self._past.append(PastRequests(reader, int(self._card.run, 16), orders))
+        taps = TapSubscription(self._card, self._topics, latched=True)
+        self._taps = self._stack.enter_context(taps)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that had been published before has come."""
+        return all(order.whole for order in self._orders.values())
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Messages that never came, of each topic of which some did not."""
+        return {topic: one.lost for topic, one in self._orders.items() if one.lost}
+
+    def batches(
+        self, duration: float | None = None, tick: float = TICK
+    ) -> Iterator[list[tuple[str, Header, bytes]]]:
+        """What can be told by now, every `tick`, s; ends as `TapSubscription.batches` does."""
+        for batch in self._taps.batches(duration, tick):
+            for one in batch:
+                self._orders[one.topic].put(one.header, one.body)
+            for requests in self._past:
+                requests.turn()
+            yield self._ready()
+        for order in self._orders.values():
+            while order.held:
+                order.answered(0)
+                yield self._ready()
+
+    def _ready(self) -> list[tuple[str, Header, bytes]]:
+        return [(topic, *one) for topic, order in self._orders.items() for one in order.take()]
+
+
 def record_graph(
     card: RunCard,
     topics: Sequence[Topic],
@@ -110,42 +165,18 @@ def record_graph(
     if aside := [one.name for one in topics if one.name in STATUS_TOPICS]:
         raise ValueError(f"{aside[0]} cannot be recorded: messages of it may be lost for good")
     check_new(path)
-    orders = {one.name: TopicOrder() for one in topics}
-    counts = dict.fromkeys(orders, 0)
-    with ExitStack() as stack:
-        past = list(_requests(card, topics, orders, stack))
-        taps = stack.enter_context(TapSubscription(card, topics, latched=True))
+    counts = dict.fromkeys((one.name for one in topics), 0)
+    with GraphMessages(card, topics) as messages, ExitStack() as stack:
         writer = _writer(card, topics, path)
-        stack.callback(lambda: writer.close({topic: one.lost for topic, one in orders.items()}))
+        stack.callback(lambda: writer.close(messages.lost))
         echo(f"recording {counted(len(topics), 'topic')} of {card.name}; Ctrl-C ends it")
         begun: list[tuple[str, Header, bytes]] = []
-        for batch in taps.batches(duration):
-            for one in batch:
-                orders[one.topic].put(one.header, one.body)
-            for requests in past:
-                requests.turn()
-            begun += _ready(orders)
-            if all(order.whole for order in orders.values()):
+        for batch in messages.batches(duration):
+            begun += batch
+            if messages.whole:
                 _write(writer, begun, counts)
-        for order in orders.values():
-            while order.held:
-                order.answered(0)
-                begun += _ready(orders)
         _write(writer, begun, counts)
-    return RecordedGraph(path, counts, {t: one.lost for t, one in orders.items() if one.lost})
-
-
-def _requests(
-    card: RunCard,
-    topics: Sequence[Topic],
-    orders: Mapping[str, TopicOrder],
-    stack: ExitStack,
-) -> Iterator[PastRequests]:
-    sockets = stack.enter_context(closing(SocketContext(card.key)))
-    for node, names in taps_of(card, topics).items():
-        reader = PastReader(sockets.context, card.taps[node], names)
-        stack.callback(reader.close)
-        yield PastRequests(reader, int(card.run, 16), {name: orders[name] for name in names})
+    return RecordedGraph(path, counts, messages.lost)
 
 
 def _writer(card: RunCard, topics: Sequence[Topic], path: Path) -> recording.RecordingWriter:
@@ -158,10 +189,6 @@ def _writer(card: RunCard, topics: Sequence[Topic], path: Path) -> recording.Rec
     about = {"version": __version__, "graph": graph, "scene_name": card.name, "ends": card.ends}
     types = {one.name: one.type for one in topics}
     return recording.RecordingWriter(path, types, card.publishers, about, SPARE, card.schemas)
-
-
-def _ready(orders: Mapping[str, TopicOrder]) -> Iterator[tuple[str, Header, bytes]]:
-    return ((topic, *one) for topic, order in orders.items() for one in order.take())
 
 
 def _write(

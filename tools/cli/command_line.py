@@ -315,6 +315,7 @@ palpate_group = LazyGroup(
     "palpate",
     {
         "run": ("launching", "Explore a scene and rebuild its object."),
+        "view": ("looking", "Show a run in the browser, as it runs or from its recording."),
         "sweep": ("launching", "Explore with many parameters, and draw what accuracy costs."),
         "launch": ("launching", "Start the graph of a launch file."),
         "host": ("launching", "Lend this machine to graphs that are launched elsewhere."),

@@ -1,4 +1,4 @@
-"""Verbs for who wants to see a run: report and film."""
+"""Verbs for who wants to see a run: view, report and film."""
 
 from __future__ import annotations
 
@@ -9,6 +9,27 @@ import click
 from palpate.launch.files import InputError
 from palpate.tools.cli.command_line import JSON, RUN_PATH, out_option, print_figures
 from palpate.tools.cli.command_line import progress_printer, quiet_option
+
+
+@click.command("view")
+@click.argument("run", required=False, **RUN_PATH)
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=8080,
+    show_default=True,
+    help="Of this machine; the next free one if it is taken.",
+)
+def view_command(run: Path | None, port: int) -> None:
+    """Show RUN in the browser, as it runs or from its recording, until Ctrl-C.
+
+    RUN is a run directory, an MCAP file, or the name or number of a running graph; the latest if it
+    is left out. The page is served to this machine alone and asks nothing of any other. A running
+    graph is never held up by who looks at it. docs/view.md says what is seen.
+    """
+    from palpate.tools.view import view_run
+
+    view_run(run, port=port, echo=click.echo)
 
 
 @click.command("report")

@@ -103,13 +103,15 @@ class TapSubscription:
             reader.close()
         self._sockets.close()
 
-    def batches(self, duration: float | None = None) -> Iterator[list[TapMessage]]:
-        """What has come, ten times a second; ends with the graph, the duration, s, or Ctrl-C."""
+    def batches(
+        self, duration: float | None = None, tick: float = TICK
+    ) -> Iterator[list[TapMessage]]:
+        """What has come, every `tick`, s; ends with the graph, the duration, s, or Ctrl-C."""
         now = time.monotonic()
         until = None if duration is None else now + duration
         look = now + ALIVE_CHECK
         while (until is None or now < until) and not self._ends():
-            yield self.take(TICK if until is None else min(TICK, until - now))
+            yield self.take(tick if until is None else min(tick, until - now))
             now = time.monotonic()
             if now >= look:
                 look = now + ALIVE_CHECK

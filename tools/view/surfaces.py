@@ -63,6 +63,34 @@ def viridis(values: Floats, top: float) -> Colours:
     return np.asarray(np.rint(mixed), np.uint8)
 
 
+def thinned(
+    vertices: Floats, faces: NDArray[np.int32], most: int
+) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
+    """Some of the vertices (n, 3), by number, and at most so many triangles (m, 3) over them.
+
+    Of all vertices in a cell of space the one next to their middle stays (Rossignac and Borrel,
+    1993), so that what is kept lies on the surface.
+    """
+    kept, groups = np.arange(len(vertices)), faces
+    spread = np.ptp(vertices, axis=0)
+    cell = np.sqrt(spread @ np.roll(spread, 1) * 2.0 / most) if len(faces) > most else 0.0
+    while len(groups) > most:
+        _, cells, counts = np.unique(
+            np.floor(vertices / cell).astype(np.int64),
+            axis=0,
+            return_inverse=True,
+            return_counts=True,
+        )
+        cells = cells.ravel()
+        sums = [np.bincount(cells, vertices[:, i]) for i in range(3)]
+        off = np.linalg.norm(vertices - np.column_stack(sums)[cells] / counts[cells, None], axis=1)
+        kept = np.lexsort((off, cells))[np.cumsum(counts) - counts]
+        groups = cells[faces].astype(np.int32)
+        groups = groups[(groups != np.roll(groups, 1, axis=1)).all(axis=1)]
+        cell *= 1.1
+    return kept, groups
+
+
 def hex_colour(value: float, top: float) -> str:
     """Colour of one value as ``#rrggbb``."""
     return "#" + viridis(np.array([value]), top).tobytes().hex()

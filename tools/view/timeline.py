@@ -66,8 +66,8 @@ class Timeline:
     world: types.World | None = None
     done: types.PlanDone | None = None
     _surface: TruthSurface | None = None
+    pad: Pad | None = None  # Of the fingertip
     _sensor: types.SensorInfo | None = None
-    _pad: Pad | None = None
     _images: dict[tuple[int, int, int], Floats] = field(default_factory=dict)
     _early: list[types.SurfacePatch] = field(default_factory=list)  # Before the sensor was known
 
@@ -119,7 +119,7 @@ class Timeline:
         return times, (np.arange(1, len(times) + 1) - before) / np.minimum(window, times + 1e-9)
 
     def _take_sensor(self, info: types.SensorInfo) -> None:
-        self._sensor, self._pad = info, pad_of_info(info)
+        self._sensor, self.pad = info, pad_of_info(info)
         for patch in self._early:
             self._take_patch(patch)
         self._early.clear()
@@ -130,7 +130,7 @@ class Timeline:
         ).astype(np.float32)
 
     def _take_patch(self, patch: types.SurfacePatch) -> None:
-        if self._pad is None or self._sensor is None:
+        if self.pad is None or self._sensor is None:
             self._early.append(patch)
             return
         image = self._images.pop((patch.finger, patch.goal, patch.touch), np.zeros((0, 0)))
@@ -142,7 +142,7 @@ class Timeline:
             patch.pose,
             patch.outcome,
             patch.kind,
-            patch_points(patch, self._pad),
+            patch_points(patch, self.pad),
             patch.normal,
             patch.residual,
             image,

@@ -1,0 +1,225 @@
+"""The panel beside the scene: what is to be shown, where in time one is, and figures as plots."""
+
+from __future__ import annotations
+
+import time
+from base64 import b64encode
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import viser
+
+from palpate.core import Floats
+from palpate.tools.view.browser import Scale, Scene, Wishes
+from palpate.tools.view.picture import png_bytes
+from palpate.tools.view.surfaces import hex_colour, scale_top, viridis
+from palpate.tools.view.timeline import Moment, Timeline, Touch, curve_of
+
+SPEEDS = {"1x": 1.0, "4x": 4.0, "16x": 16.0, "64x": 64.0}  # Robot seconds in a second
+BACK, FORWARD = "◀ touch", "touch ▶"
+WIDTH = 270  # Of the panel of figures, pixels
+IMAGE = 132  # Side of the tactile image, pixels
+UNTOUCHED = 236  # Grey of a taxel that touches nothing
+PLOT_INTERVAL, MOST_PLOTTED = 0.5, 800  # Least time between two drawings, s; points of a plot
+PALE, STRONG, BOUND = "#c3c8d0", "#31688e", "#d95f02"
+Series = tuple[Floats, ...]
+HINTS = {
+    "points": "Grey: touched taxels. Orange: those of the last touch. Dark: contacts of the hand.",
+    "truth": "The solid that is touched, where it is known.",
+    "lattice": "Control points of the final solid, if it is a deformed prism.",
+    "free": "Boundary of what fingers have swept without touching anything.",
+    "unknown": "Boundary of what nothing is known of.",
+}
+
+
+@dataclass(slots=True)
+class Panel:
+    """Controls and figures of one view, the same for all who look."""
+
+    gui: viser.GuiApi
+    recorded: bool  # Else the graph still runs
+    play: Any = field(init=False)
+    steps: Any = field(init=False)
+    slider: Any = field(init=False)
+    speed: Any = field(init=False)
+    follow: Any = field(init=False)
+    _state: Any = field(init=False)
+    _legend: Any = field(init=False)
+    _wishes: dict[str, Any] = field(init=False)
+    _touch: Any = field(init=False)
+    _plots: dict[str, Any] = field(init=False)
+    _plotted: tuple[float, Any] = (0.0, None)  # When, and what of
+    _pressed: tuple[int, float] = (0, 0.0)  # Touches that were looked at; largest compression, m
+    _shown: int = 0  # Identity of the touch whose image is shown
+
+    def __post_init__(self) -> None:
+        gui = self.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(49, 104, 142))
+        gui.main_panel.dock_right()
+        self._state = gui.add_html("")
+        self.slider = gui.add_slider("robot time, s", 0.0, 1.0, 0.1, 0.0)
+        self.play = gui.add_button("Pause")
+        self.steps = gui.add_button_group("step", (BACK, FORWARD))
+        self.speed = gui.add_dropdown("speed", [*SPEEDS], initial_value="16x")
+        self.follow = gui.add_checkbox("follow the graph", True, visible=not self.recorded)
+        with gui.add_folder("Solid"):
+            colourings = ("plain", "deviation", "uncertainty")
+            self._wishes = {"colouring": gui.add_dropdown("colour", colourings)}
+            self._legend = gui.add_html("")
+            for key, label in (
+                ("points", "touched"),
+                ("truth", "true solid"),
+                ("lattice", "lattice"),
+                ("free", "free space"),
+                ("unknown", "unknown space"),
+            ):
+                wanted = getattr(Wishes(), key)
+                self._wishes[key] = gui.add_checkbox(label, wanted, hint=HINTS[key])
+        beside = gui.add_panel()
+        beside.dock_left()
+        beside.set_width(WIDTH)
+        with beside.add_tab("Figures"):
+            self._touch = gui.add_html("")
+            self._plots = {
+                "force": self._add_plot("force on the pad, N", (PALE, STRONG)),
+                "rate": self._add_plot("touches in a second", (PALE, STRONG)),
+                "error": self._add_plot(
+                    "error (blue) and bound (orange), mm", (PALE, STRONG, PALE, BOUND), log=True
+                ),
+            }
+
+    def _add_plot(self, title: str, colours: tuple[str, ...], *, log: bool = False) -> Any:
+        lines: Any = [{"stroke": one, "width": 2, "points": {"show": False}} for one in colours]
+        return self.gui.add_uplot(
+            (np.zeros(0),) * (len(colours) + 1),
+            ({}, *lines),
+            title=title,
+            scales={"x": {"time": False}, "y": {"distr": 3 if log else 1}},
+            axes=({"size": 28}, {"size": 46}),
+            legend={"show": False},
+            padding=(4, 12, 0, 0),
+            height=150,
+        )
+
+    def wishes(self) -> Wishes:
+        """What is wanted to be seen."""
+        return Wishes(**{key: one.value for key, one in self._wishes.items()})
+
+    def on_wish(self, act: Callable[[Any], None]) -> None:
+        """Have something done when another thing is wanted to be seen."""
+        for one in self._wishes.values():
+            one.on_update(act)
+
+    def show(self, line: Timeline, when: float, moment: Moment, scene: Scene) -> None:
+        """Show figures of a robot time."""
+        self._reach(max(line.end, 1.0))
+        self.slider.value = min(round(when, 1), self.slider.max)
+        self._state.content = _state_html(line, when, moment)
+        self._legend.content = _legend_html(self.wishes(), scene.scale, scene.triangles)
+        self._show_touch(line, moment)
+
+    def _reach(self, end: float) -> None:
+        """Let the slider go to the end, of a running graph in strides."""
+        most = np.ceil(10.0 * end) / 10.0 if self.recorded else 30.0 * np.ceil(end / 30.0)
+        if self.slider.max != most:
+            self.slider.max = float(most)
+
+    def _show_touch(self, line: Timeline, moment: Moment) -> None:
+        count, top = self._pressed
+        new = (one.compression.max() for one in line.touches[count:] if one.compression.size)
+        self._pressed = len(line.touches), max([top, *map(float, new)])
+        if not moment.touches:
+            return
+        last = line.touches[moment.touches - 1]
+        if id(last) == self._shown:
+            return
+        self._shown = id(last)
+        top = scale_top(np.array([self._pressed[1]]))
+        self._touch.content = _touch_html(last, top)
+
+    def plot(self, line: Timeline, moment: Moment, *, now: bool) -> None:
+        """Draw the plots, what is past in colours; not too often, unless it shall be `now`."""
+        what = (moment, len(line.touches), len(line.models), len(line.scores), len(line.estimates))
+        when, before = self._plotted
+        if what == before or not (now or time.monotonic() > when + PLOT_INTERVAL):
+            return
+        self._plotted = time.monotonic(), what
+        passed = line.touches[moment.touches - 1].time if moment.touches else -1.0
+        times, rate = line.touch_rate()
+        force = np.array([one.force for one in line.touches])
+        self._plots["force"].data = _split(times, (force,), passed)
+        self._plots["rate"].data = _split(times, (rate,), passed)
+        _, times, error, bound = curve_of(line)
+        passed = line.models[moment.models - 1].robot_time if moment.models else -1.0
+        self._plots["error"].data = _split(times, (1e3 * error, 1e3 * bound), passed)
+
+
+def _split(times: Floats, curves: Series, passed: float) -> Series:
+    """Times, and of each curve all of it and what is past, thinned so that it can be drawn."""
+    every = max(1, len(times) // MOST_PLOTTED)
+    past = times[::every] <= passed
+    pairs = ((one[::every], np.where(past, one[::every], np.nan)) for one in curves)
+    return (times[::every], *(one for pair in pairs for one in pair))
+
+
+def _touch_html(touch: Touch, top: float) -> str:
+    """The tactile image in colours, its y axis upwards, and what the touch was."""
+    told = [f"finger {touch.finger}, goal {touch.goal}", touch.outcome, touch.kind]
+    if not np.isnan(touch.force):
+        told.append(f"{touch.force:.1f} N")
+    words = "".join(f"<div>{one}</div>" for one in told)
+    if not touch.compression.size:
+        return _html(words)
+    colours = viridis(touch.compression.ravel(), top).reshape(*touch.compression.shape, 3)
+    colours[touch.compression <= 0.0] = UNTOUCHED
+    source = "data:image/png;base64," + b64encode(png_bytes(colours[::-1])).decode()
+    image = f'<img src="{source}" style="width:{IMAGE}px;image-rendering:pixelated">'
+    row = f'<div style="display:flex;gap:0.6rem">{image}<div>{words}</div></div>'
+    return _html(row, _bar(f"compression, mm: 0 to {1e3 * top:g}"))
+
+
+def _state_html(line: Timeline, when: float, moment: Moment) -> str:
+    touch = f"touch {moment.touches} of {len(line.touches)}"
+    told = [f"<b>robot time {when:.1f} s, {touch}</b>"]
+    told.append(f"{moment.contours} of {len(line.contours)} contours traced")
+    if moment.models:
+        number = line.models[moment.models - 1].number
+        score, known = line.scores.get(number), line.estimates.get(number)
+        text = f"solid {moment.models} of {len(line.models)}"
+        if score is not None:
+            text += f", error {1e3 * score.rms:.3g} mm"
+        if known is not None and known.rms_bound_95 is not None:
+            text += f", bound {1e3 * known.rms_bound_95:.3g} mm"
+        told.append(text)
+    if line.done is not None and when >= line.end:
+        told.append(f"over: {line.done.reason}")
+    return _html(*told)
+
+
+def _legend_html(wishes: Wishes, scale: Scale | None, triangles: tuple[int, int]) -> str:
+    shown, whole = triangles
+    coarse = f"drawn with {shown:,} of its {whole:,} triangles" if shown < whole else ""
+    if scale is None:
+        why = "the true solid is not known" if wishes.colouring == "deviation" and whole else ""
+        return _html(why, coarse)
+    what = {"deviation": "from the true solid", "uncertainty": "standard deviation"}[scale.name]
+    return _html(_bar(f"{what}, mm: 0 to {1e3 * scale.top:g}"), coarse)
+
+
+def _bar(text: str) -> str:
+    """A bar of all colours, and what they mean."""
+    stops = ",".join(hex_colour(one, 1.0) for one in np.linspace(0.0, 1.0, 9))
+    bar = f"height:10px;border-radius:3px;background:linear-gradient(to right,{stops})"
+    low, _, high = text.rpartition(": ")[2].partition(" to ")
+    ends = f"<span>{low}</span><span>{text.rpartition(': ')[0]}</span><span>{high}</span>"
+    return (
+        f'<div style="{bar}"></div>'
+        f'<div style="display:flex;justify-content:space-between">{ends}</div>'
+    )
+
+
+def _html(*lines: str) -> str:
+    body = "".join(f"<div>{one}</div>" for one in lines if one)
+    return f'<div style="font-size:0.8rem;line-height:1.5;padding:0 0.7rem 0.3rem">{body}</div>'
