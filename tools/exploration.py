@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,16 +75,40 @@ def explore(
 
 
 def perform_and_print(
-    plan: launch.Plan, *, composed: bool, as_json: bool, quiet: bool, verbose: bool = False
+    plan: launch.Plan,
+    *,
+    composed: bool,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool = False,
+    view: bool = False,
 ) -> int:
     """Perform a plan and print its result, or ``summary.json``; returns the exit code.
 
     What is asked, and what it is expected to cost, is told before it begins. The result comes last,
-    so that it stays in sight; `verbose`: all figures before it.
+    so that it stays in sight; `verbose`: all figures before it; `view`: it is shown in the browser.
     """
-    if plan.asked and not (quiet or as_json):
+    silent, say = quiet or as_json, partial(click.echo, err=True)
+    if view and composed:
+        raise InputError("--view and --composed exclude each other: one process has nothing to tap")
+    if not view:
+        return _perform_and_print(plan, composed, as_json, quiet, verbose).exit_code
+    from palpate.tools.view import ViewProcess
+
+    with ViewProcess(plan.folder.path, (lambda _: None) if quiet else say) as beside:
+        done = _perform_and_print(plan, composed, as_json, quiet, verbose)
+        if not silent and done.ending.status != "interrupted":
+            beside.stay(say)
+    return done.exit_code
+
+
+def _perform_and_print(
+    plan: launch.Plan, composed: bool, as_json: bool, quiet: bool, verbose: bool
+) -> launch.Run:
+    silent = quiet or as_json
+    if plan.asked and not silent:
         click.echo(plan.asked, err=True)
-    done = _perform(plan, composed=composed, display=launch.open_display(quiet=quiet or as_json))
+    done = _perform(plan, composed=composed, display=launch.open_display(quiet=silent))
     if as_json:
         click.echo(json.dumps(done.summary, indent=2, allow_nan=False))
     elif not quiet:
@@ -91,7 +116,7 @@ def perform_and_print(
     elif done.exit_code != 0:
         missed = [*done.summary["missed"], done.summary["reason"]]
         click.echo(f"palpate: {done.ending.status}: {'; '.join(missed)}", err=True)
-    return done.exit_code
+    return done
 
 
 def _perform(plan: launch.Plan, *, composed: bool, display: launch.Display) -> launch.Run:

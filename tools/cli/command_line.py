@@ -126,6 +126,7 @@ UNTRUSTED = click.option(
     is_flag=True,
     help="Refuse a scene that names a program, or files outside its folder.",
 )
+VIEW = click.option("--view", is_flag=True, help="Show it in the browser: palpate view.")
 VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
 
 

@@ -50,7 +50,7 @@ Exits with 0 if all runs are done, with 1 if one missed its goal or failed, as t
 docs/sweep.md says more.
 """
 # What is asked of a graph that is performed, and of how its result is printed.
-PERFORMING = ("composed", "as_json", "quiet", "verbose")
+PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
 DEMAND = ("tolerance", "feature", "budget", "touches", "quality")
 # Arguments of the launch file by the options that give them.
 ARGUMENTS = {
@@ -93,6 +93,7 @@ ARGUMENTS = {
 @command_line.SETTINGS
 @command_line.COMPOSED
 @command_line.REALTIME
+@command_line.VIEW
 @click.option("--no-record", is_flag=True, help="Do not keep the messages.")
 @command_line.UNTRUSTED
 @command_line.JSON
@@ -184,6 +185,7 @@ def sweep_command(
 @command_line.SETTINGS
 @command_line.COMPOSED
 @command_line.REALTIME
+@command_line.VIEW
 @command_line.JSON
 @command_line.quiet_option()
 @command_line.VERBOSE

@@ -20,7 +20,8 @@ from palpate.tools.cli.command_line import progress_printer, quiet_option
     show_default=True,
     help="Of this machine; the next free one if it is taken.",
 )
-def view_command(run: Path | None, port: int) -> None:
+@click.option("--attached", is_flag=True, hidden=True)
+def view_command(run: Path | None, port: int, attached: bool) -> None:
     """Show RUN in the browser, as it runs or from its recording, until Ctrl-C.
 
     RUN is a run directory, an MCAP file, or the name or number of a running graph; the latest if it
@@ -29,7 +30,7 @@ def view_command(run: Path | None, port: int) -> None:
     """
     from palpate.tools.view import view_run
 
-    view_run(run, port=port, echo=click.echo)
+    view_run(run, port=port, attached=attached, echo=click.echo)
 
 
 @click.command("report")

@@ -8,6 +8,7 @@ tools.introspection.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.tools.view.beside import ViewProcess
     from palpate.tools.view.film import make_film
     from palpate.tools.view.live import view_run
     from palpate.tools.view.picture import draw_moment, finger_mesh, png_bytes, still

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from palpate.core import Floats
 from palpate.core.touch import Pad
 from palpate.messages.types import ShapeModel
-from palpate.tools.view.drawn import Faces, boundary, contour_segments, growing, lattice_segments
+from palpate.tools.view.drawn import Faces, boundary, contour_segments, growing, lattice_lines
 from palpate.tools.view.drawn import lifted, pad_body, unlit_glb
 from palpate.tools.view.surfaces import scale_top, thinned, uncertainties, viridis
 from palpate.tools.view.timeline import Moment, Timeline, Touch
@@ -26,9 +26,10 @@ Colouring = Literal["plain", "deviation", "uncertainty"]
 MOST_TRIANGLES = 20_000  # Of one surface: drawn in software, more are slower than 5 frames a second
 MOST_SOLIDS = 48  # Kept in the browser
 CHUNK = 32  # Touches whose points are one node
-POINT, CONTACT, VOXEL = 0.0006, 0.0011, 0.0008  # Radii of points, m
+POINT, CONTACT, VOXEL = 0.0004, 0.0009, 0.0006  # Radii of points, m
 TINGE, GREY, ORANGE, DARK = (186, 198, 214), (112, 118, 128), (230, 85, 13), (40, 44, 52)
 FREE, UNKNOWN, TRUTH, LATTICE = (35, 139, 69), (158, 154, 200), (240, 140, 60), (90, 90, 160)
+NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # They take long
 AXIS = 0.03  # Length of the pad's axis, m
 GRID, GRID_CELL = 0.4, 0.01  # Side of the floor and of its cells, m
 OPENING = 0.6  # Of the camera, radians of the whole height
@@ -105,8 +106,11 @@ class Scene:
         return name
 
     def _put_mesh(self, name: str, vertices: Floats, faces: Faces, **how: Any) -> str:
-        flat = {"cast_shadow": False, "receive_shadow": False}
-        return self._put(name, self.server.scene.add_mesh_simple, vertices, faces, **flat, **how)
+        add = self.server.scene.add_mesh_simple
+        return self._put(name, add, vertices, faces, **NO_SHADOW, **how)
+
+    def _put_glb(self, name: str, body: bytes) -> str:
+        return self._put(name, self.server.scene.add_glb, body, **NO_SHADOW)
 
     def _put_points(self, name: str, points: Floats, colour: Any, radius: float) -> str:
         return self._put(
@@ -151,10 +155,11 @@ class Scene:
     def camera(self, aspect: float) -> tuple[Floats, Floats]:
         """Where the camera begins, and what it looks at, in a window as wide by its height."""
         low, high = self.line.bounds()
-        half = 0.5 * float(np.linalg.norm(high - low)) + AXIS
-        middle = 0.5 * (low + high)
-        back = np.array([0.45, -0.82, 0.36])
-        return middle + back * half / np.sin(0.5 * OPENING) / min(aspect, 1.0), middle
+        middle, half = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)) + AXIS
+        back = np.array([0.45, -0.82, 0.36]) * half / np.sin(0.5 * OPENING) / min(aspect, 1.0)
+        if aspect < 1.0:  # the panel lies over the lower half
+            middle = middle - [0.0, 0.0, 0.4 * np.tan(0.5 * OPENING) * np.linalg.norm(back)]
+        return middle + back, middle
 
     def point(self, camera: viser.CameraHandle) -> None:
         """Have somebody's camera begin."""
@@ -254,9 +259,8 @@ class Scene:
         if values is None:
             self._put_mesh(name, model.vertices[kept], faces, color=TINGE)
         else:
-            body = unlit_glb(model.vertices[kept], faces, viridis(values, scale_top(values)))
-            flat = {"cast_shadow": False, "receive_shadow": False}
-            self._put(name, self.server.scene.add_glb, body, **flat)
+            colours = viridis(values, scale_top(values))
+            self._put_glb(name, unlit_glb(model.vertices[kept], faces, colours))
         old = [one for one in self._scales if one not in self._visible and one != name]
         for one in old[: max(0, len(self._scales) - MOST_SOLIDS)]:
             self._nodes.pop(one).remove()
@@ -285,7 +289,9 @@ class Scene:
         control = next((x.control for x in reversed(self.line.models) if x.control.size), None)
         if wishes.lattice and control is not None:
             if "/lattice" not in self._nodes:
-                self._put_lines("/lattice", lattice_segments(control), LATTICE, 1.0)
+                points, pairs = lattice_lines(control)
+                colours = np.tile(np.array(LATTICE, np.uint8), (len(points), 1))
+                self._put_glb("/lattice", unlit_glb(points, pairs, colours))
             yield "/lattice"
 
     def _space(self, moment: Moment, wishes: Wishes) -> Iterator[str]:

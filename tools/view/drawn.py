@@ -66,18 +66,17 @@ def pad_body(pad: Pad) -> tuple[Floats, Faces]:
     return np.concatenate([vertices, plate, middle]), faces.astype(np.int32)
 
 
-def lattice_segments(control: Floats) -> Floats:
-    """Lines (n, 2, 3) between neighbours on the outside of a control lattice."""
-    inner = np.ones(control.shape[:3], np.bool_)
-    inner[[0, -1]] = inner[:, [0, -1]] = inner[:, :, [0, -1]] = False
-    found = []
+def lattice_lines(control: Floats) -> tuple[Floats, Faces]:
+    """Control points (n, 3), and pairs (m, 2) of neighbours on the outside of their lattice."""
+    numbers = np.arange(control[..., 0].size).reshape(control.shape[:3])
+    outside = np.ones(numbers.shape, np.bool_)
+    outside[1:-1, 1:-1, 1:-1] = False
+    pairs = []
     for axis in range(3):
-        before, after = (
-            np.take(control, range(a, control.shape[axis] - 1 + a), axis) for a in (0, 1)
-        )
-        inside = [np.take(inner, range(a, control.shape[axis] - 1 + a), axis) for a in (0, 1)]
-        found.append(np.stack([before, after], axis=-2)[~(inside[0] | inside[1])])
-    return np.concatenate(found)
+        first, second = np.split(numbers, [-1], axis)[0], np.split(numbers, [1], axis)[1]
+        both = np.stack([first.ravel(), second.ravel()], axis=1)
+        pairs.append(both[outside.ravel()[both].all(axis=1)])
+    return control.reshape(-1, 3), np.concatenate(pairs).astype(np.int32)
 
 
 def boundary(space: SpaceMap, *, free: bool) -> Floats:
@@ -91,10 +90,11 @@ def boundary(space: SpaceMap, *, free: bool) -> Floats:
 
 
 def unlit_glb(vertices: Floats, faces: Faces, colours: NDArray[np.uint8]) -> bytes:
-    """A binary glTF of a surface that no light changes: what its colours are is what is seen.
+    """A binary glTF that no light changes: what its colours are is what is seen.
 
-    viser maps all that it draws by ACES (as three.js has it, after Hill), and lights every mesh but
-    one with KHR_materials_unlit; the map is undone here, for which colours must be floats.
+    Of triangles (m, 3), or of lines (m, 2) one pixel wide, between vertices (n, 3) with colours
+    (n, 3). viser maps what it draws by ACES (as three.js has it, after Hill), and lights every mesh
+    but one with KHR_materials_unlit; the map is undone here, for which colours must be floats.
     """
     arrays = [
         np.ascontiguousarray(vertices, "<f4"),
@@ -109,7 +109,9 @@ def unlit_glb(vertices: Floats, faces: Faces, colours: NDArray[np.uint8]) -> byt
     box = {"min": arrays[0].min(axis=0).tolist(), "max": arrays[0].max(axis=0).tolist()}
     real = {"componentType": 5126, "type": "VEC3", "count": len(vertices)}
     whole = {"componentType": 5125, "type": "SCALAR", "count": int(faces.size)}
-    part = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}
+    mode = {2: 1, 3: 4}[faces.shape[1]]  # lines, triangles
+    attributes = {"POSITION": 0, "COLOR_0": 1}
+    part = {"attributes": attributes, "indices": 2, "material": 0, "mode": mode}
     tree = {
         "asset": {"version": "2.0"},
         "scene": 0,

@@ -7,7 +7,10 @@ published before is asked for, as by palpate bag record.
 from __future__ import annotations
 
 import io
+import os
+import select
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +21,7 @@ from typing import Any
 
 import viser
 
-from palpate.launch import RUNS, counted, find_bag
+from palpate.launch import RUNS, SUMMARY, find_bag
 from palpate.launch.files import InputError
 from palpate.launch.processes import RunCard, find_run, running_graphs, until_ctrl_c
 from palpate.messages import decode
@@ -31,6 +34,7 @@ from palpate.tools.view.timeline import TYPES_DRAWN, Timeline, read_timeline
 HOST = "127.0.0.1"
 PORTS = 20  # That are tried from the asked one on
 TICK = 0.05  # Robot time passes this often, s
+NICE = 10  # A view beside a run gives way to it
 AWAITED = 0.25  # A graph that is to begin is looked for this often, s
 Echo = Callable[[str], None]
 
@@ -125,24 +129,56 @@ class View:
             self.panel.plot(self.line, moment, now=not self.playing)
 
 
-def view_run(run: Path | None, *, port: int, echo: Echo) -> None:
+def view_run(run: Path | None, *, port: int, attached: bool = False, echo: Echo) -> None:
     """Show a run, named by its directory, its recording or, while it runs, its name, until Ctrl-C.
 
-    Left out: the graph that was launched last, or else the last run. Raises InputError if there is
-    none, or its recording cannot be read.
+    Left out: the graph that was launched last, or else the last run. `attached`: the run is about
+    to begin, and whoever begins it holds standard input open for as long as the view shall last.
+    Raises InputError if there is none, or its recording cannot be read.
     """
-    card = _running(run)
-    line = Timeline() if card is not None else read_timeline(_last_run() if run is None else run)
-    if card is None and not line.end:
-        raise InputError(f"{run or _last_run()}: holds no touch, contour or solid to show")
-    with until_ctrl_c() as interrupted, serving(port) as server:
-        view = View(server, line, recorded=card is None)
-        echo(f"view  {address_of(server)}  (Ctrl-C ends it)")
-        if card is not None:
-            show_graph(view, card, echo)
-            if is_running(card):  # then it was Ctrl-C that ended it
-                return
-        stay(view, interrupted)
+    with until_ctrl_c() as interrupted:
+        ended = _until_parent_ends(interrupted) if attached else interrupted
+        card = None if attached else _running(run)
+        line = Timeline() if attached or card is not None else _recorded(run or _last_run())
+        with serving(port) as server:
+            echo(f"view  {address_of(server)}  (Ctrl-C ends it)")
+            if attached and run is not None:
+                card = _awaited(run, ended)
+                if card is None and not ended():
+                    line = _recorded(run)
+            view = View(server, line, recorded=card is None)
+            if card is not None and show_graph(view, card, ended):
+                echo(f"{card.name} has ended; the view stays")
+            stay(view, ended)
+
+
+def _recorded(run: Path) -> Timeline:
+    line = read_timeline(run)
+    if not line.end:
+        raise InputError(f"{run}: holds no touch, contour or solid to show")
+    return line
+
+
+def _awaited(run: Path, ended: Callable[[], bool]) -> RunCard | None:
+    """The graph of a run directory, once it runs; None if it is over, or the view is to end."""
+    while not ended() and not (run / SUMMARY).exists():
+        if (card := _running(run)) is not None:
+            return card
+        time.sleep(AWAITED)
+    return None
+
+
+def _until_parent_ends(interrupted: Callable[[], bool]) -> Callable[[], bool]:
+    """Tells whether Ctrl-C came, or standard input has ended: that of a parent that was killed."""
+    os.nice(NICE)
+
+    def ended() -> bool:
+        if interrupted():
+            return True
+        readable, _, _ = select.select([sys.stdin.fileno()], [], [], 0.0)
+        return bool(readable) and not os.read(sys.stdin.fileno(), 1)
+
+    return ended
 
 
 def _running(run: Path | None) -> RunCard | None:
@@ -173,7 +209,8 @@ def serving(port: int) -> Iterator[viser.ViserServer]:
     try:
         yield server
     finally:
-        server.stop()
+        with redirect_stdout(io.StringIO()):
+            server.stop()
 
 
 def _free_port(port: int) -> int:
@@ -193,18 +230,17 @@ def address_of(server: viser.ViserServer) -> str:
     return f"http://{HOST}:{server.get_port()}"
 
 
-def show_graph(view: View, card: RunCard, echo: Echo) -> None:
-    """Show a graph until it ends, or Ctrl-C."""
+def show_graph(view: View, card: RunCard, ended: Callable[[], bool]) -> bool:
+    """Show a graph until it ends, then true, or until the view is to end."""
     known = topics_of(card).values()
     topics = {one.name: one for one in known if one.type in TYPES_DRAWN}
     with GraphMessages(card, [*topics.values()]) as messages:
         for batch in messages.batches(tick=TICK):
             view.add([decode(type_of(topics[name]), body) for name, _, body in batch])
             view.pass_time(TICK)
-    if not is_running(card):
-        lost = sum(messages.lost.values())
-        missing = f"; {counted(lost, 'message')} never came" if lost else ""
-        echo(f"{card.name} has ended; the view stays{missing}")
+            if ended():
+                return False
+    return not is_running(card)  # else it was Ctrl-C
 
 
 def stay(view: View, ended: Callable[[], bool]) -> None:

@@ -24,6 +24,7 @@ IMAGE = 132  # Side of the tactile image, pixels
 UNTOUCHED = 236  # Grey of a taxel that touches nothing
 PLOT_INTERVAL, MOST_PLOTTED = 0.5, 800  # Least time between two drawings, s; points of a plot
 PALE, STRONG, BOUND = "#c3c8d0", "#31688e", "#d95f02"
+AXIS: Any = {"ticks": {"show": False}, "grid": {"stroke": "#eceef1", "width": 1}}
 Series = tuple[Floats, ...]
 HINTS = {
     "points": "Grey: touched taxels. Orange: those of the last touch. Dark: contacts of the hand.",
@@ -80,7 +81,7 @@ class Panel:
         beside = gui.add_panel()
         beside.dock_left()
         beside.set_width(WIDTH)
-        with beside.add_tab("Figures"):
+        with beside.add_tab("Against robot time, s"):
             self._touch = gui.add_html("")
             self._plots = {
                 "force": self._add_plot("force on the pad, N", (PALE, STRONG)),
@@ -92,15 +93,16 @@ class Panel:
 
     def _add_plot(self, title: str, colours: tuple[str, ...], *, log: bool = False) -> Any:
         lines: Any = [{"stroke": one, "width": 2, "points": {"show": False}} for one in colours]
+        axes: Any = [{"size": size, **AXIS} for size in (26, 46)]  # along x, along y
         return self.gui.add_uplot(
             (np.zeros(0),) * (len(colours) + 1),
             ({}, *lines),
             title=title,
             scales={"x": {"time": False}, "y": {"distr": 3 if log else 1}},
-            axes=({"size": 28}, {"size": 46}),
+            axes=(*axes,),
             legend={"show": False},
             padding=(4, 12, 0, 0),
-            height=150,
+            height=136,
         )
 
     def wishes(self) -> Wishes:
@@ -166,7 +168,7 @@ def _split(times: Floats, curves: Series, passed: float) -> Series:
 
 def _touch_html(touch: Touch, top: float) -> str:
     """The tactile image in colours, its y axis upwards, and what the touch was."""
-    told = [f"finger {touch.finger}, goal {touch.goal}", touch.outcome, touch.kind]
+    told = [f"finger {touch.finger}", touch.outcome, touch.kind]
     if not np.isnan(touch.force):
         told.append(f"{touch.force:.1f} N")
     words = "".join(f"<div>{one}</div>" for one in told)
