@@ -101,7 +101,7 @@ class Panel:
             scales={"x": {"time": False}, "y": {"distr": 3 if log else 1}},
             axes=(*axes,),
             legend={"show": False},
-            padding=(4, 12, 0, 0),
+            padding=(12, 12, 0, 0),
             height=136,
         )
 
