@@ -52,8 +52,7 @@ class Panel:
     _touch: Any = field(init=False)
     _plots: dict[str, Any] = field(init=False)
     _plotted: tuple[float, Any] = (0.0, None)  # When, and what of
-    _pressed: tuple[int, float] = (0, 0.0)  # Touches that were looked at; largest compression, m
-    _shown: int = 0  # Identity of the touch whose image is shown
+    _shown: Touch | None = None  # Whose image is shown
 
     def __post_init__(self) -> None:
         gui = self.gui
@@ -129,17 +128,11 @@ class Panel:
             self.slider.max = float(most)
 
     def _show_touch(self, line: Timeline, moment: Moment) -> None:
-        count, top = self._pressed
-        new = (one.compression.max() for one in line.touches[count:] if one.compression.size)
-        self._pressed = len(line.touches), max([top, *map(float, new)])
-        if not moment.touches:
+        last = line.touches[moment.touches - 1] if moment.touches else None
+        if last is self._shown:
             return
-        last = line.touches[moment.touches - 1]
-        if id(last) == self._shown:
-            return
-        self._shown = id(last)
-        top = scale_top(np.array([self._pressed[1]]))
-        self._touch.content = _touch_html(last, top)
+        self._shown, top = last, scale_top(np.array([line.deepest]))
+        self._touch.content = "" if last is None else _touch_html(last, top)
 
     def plot(self, line: Timeline, moment: Moment, *, now: bool) -> None:
         """Draw the plots, what is past in colours; not too often, unless it shall be `now`."""

@@ -67,8 +67,10 @@ class Timeline:
     done: types.PlanDone | None = None
     _surface: TruthSurface | None = None
     pad: Pad | None = None  # Of the fingertip
+    deepest: float = 0.0  # Largest compression of a taxel, m
     _sensor: types.SensorInfo | None = None
     _images: dict[tuple[int, int, int], Floats] = field(default_factory=dict)
+    _blind: dict[tuple[int, int, int], Touch] = field(default_factory=dict)  # Without an image yet
     _early: list[types.SurfacePatch] = field(default_factory=list)  # Before the sensor was known
 
     def add(self, message: Any) -> None:
@@ -125,15 +127,26 @@ class Timeline:
         self._early.clear()
 
     def _take_image(self, image: types.TactileImage) -> None:
-        self._images[image.finger, image.goal, image.touch] = np.where(
-            image.mask, image.compression, 0.0
-        ).astype(np.float32)
+        pressed = np.where(image.mask, image.compression, 0.0)
+        self.deepest = max(self.deepest, float(pressed.max(initial=0.0)))
+        key = image.finger, image.goal, image.touch
+        touch = self._blind.pop(key, None)
+        if touch is None:
+            self._images[key] = pressed
+        else:
+            place = next(i for i, one in enumerate(self.touches) if one is touch)
+            self.touches[place] = self._with_image(touch, pressed)
+
+    def _with_image(self, touch: Touch, pressed: Floats) -> Touch:
+        assert self._sensor is not None
+        force = float(pressed.sum()) * self._sensor.taxel_stiffness
+        return touch._replace(compression=pressed, force=force)
 
     def _take_patch(self, patch: types.SurfacePatch) -> None:
-        if self.pad is None or self._sensor is None:
+        if self.pad is None:
             self._early.append(patch)
             return
-        image = self._images.pop((patch.finger, patch.goal, patch.touch), np.zeros((0, 0)))
+        key = patch.finger, patch.goal, patch.touch
         touch = Touch(
             patch.robot_time,
             patch.goal,
@@ -145,19 +158,30 @@ class Timeline:
             patch_points(patch, self.pad),
             patch.normal,
             patch.residual,
-            image,
-            float(image.sum()) * self._sensor.taxel_stiffness if image.size else np.nan,
+            np.zeros((0, 0)),
+            np.nan,
         )
-        insort(self.touches, touch, key=_time)
+        if key in self._images:
+            touch = self._with_image(touch, self._images.pop(key))
+        else:
+            self._blind[key] = touch
+        insort(self.touches, touch, key=_rank)
 
     def _take_model(self, model: types.ShapeModel) -> None:
         if len(model.faces):
-            insort(self.models, model, key=_time)
+            insort(self.models, model, key=_rank)
 
 
 def _time(one: Any) -> float:
     time: float = one.time if isinstance(one, Touch) else one.robot_time
     return time
+
+
+def _rank(one: Any) -> tuple[float, int, int]:
+    """What things are sorted by: what ends at the same time, by its number."""
+    if isinstance(one, Touch):
+        return one.time, one.goal, one.number
+    return one.robot_time, one.id if hasattr(one, "id") else one.number, 0
 
 
 def patch_points(patch: types.SurfacePatch, pad: Pad) -> Floats:
@@ -173,9 +197,9 @@ _TAKEN: Mapping[type, Callable[[Timeline, Any], None]] = {
     types.TactileImage: Timeline._take_image,
     types.SurfacePatch: Timeline._take_patch,
     types.ShapeModel: Timeline._take_model,
-    types.Contour: lambda line, one: insort(line.contours, one, key=_time),
-    types.Probe: lambda line, one: insort(line.probes, one, key=_time),
-    types.GraspContacts: lambda line, one: insort(line.grasps, one, key=_time),
+    types.Contour: lambda line, one: insort(line.contours, one, key=_rank),
+    types.Probe: lambda line, one: insort(line.probes, one, key=_rank),
+    types.GraspContacts: lambda line, one: insort(line.grasps, one, key=_rank),
     types.SpaceMap: lambda line, one: line.spaces.__setitem__(one.number, one),
     types.Score: lambda line, one: line.scores.__setitem__(one.number, one),
     types.PlanEstimate: lambda line, one: line.estimates.__setitem__(one.number, one),
