@@ -15,11 +15,11 @@ effects:
 TOUCHES = 40
 
 
-def make_run(folder: Path) -> Path:
-    """Explore it in this process; returns the run directory."""
+def make_run(folder: Path, *, composed: bool = True) -> Path:
+    """Explore it, in this process or in one a node; returns the run directory."""
     scene = folder / "ball.yaml"
     scene.write_text(SCENE)
     args = {"scene": SourceMapped(str(scene), "")}
     settings = {"planner.most_touches": SourceMapped(TOUCHES, "")}
     plan = launch.plan_run(launch.EXPLORE, args, settings, name="ball", out=folder / "run")
-    return launch.perform(plan, composed=True, display=launch.Display()).folder
+    return launch.perform(plan, composed=composed, display=launch.Display()).folder

@@ -15,7 +15,7 @@ from palpate.tools.cli import command_line as cli
 # Commands that do something, and tell no facts but what they have done.
 ACTS = {
     "host", "keys", "bag record", "bag play", "bag pause", "bag resume", "bag step", "bag export",
-    "topic echo", "topic pub", "param set", "init effect", "init planner", "init node",
+    "topic echo", "topic pub", "param set", "view", "init effect", "init planner", "init node",
     "init driver", "film",
 }  # fmt: skip
 LONG_PATH = 40  # Characters of a word that counts as a path, which no line is broken within
