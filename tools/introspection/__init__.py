@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from palpate.tools.introspection.requests import set_parameter
     from palpate.tools.introspection.topics import STATUS_TOPICS, TICK, RateMonitor, TapSubscription
     from palpate.tools.introspection.topics import Topic, bandwidth_text, delay_text, find_topic
-    from palpate.tools.introspection.topics import find_topics, is_running, rate_text, taps_of
-    from palpate.tools.introspection.topics import topics_of, type_of
+    from palpate.tools.introspection.topics import find_topics, is_running, message_of, rate_text
+    from palpate.tools.introspection.topics import taps_of, topics_of, type_of
 else:
     __getattr__, __dir__ = lazy(__name__)

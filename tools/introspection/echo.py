@@ -24,8 +24,8 @@ import numpy as np
 from palpate.launch import text_table
 from palpate.launch.files import hint
 from palpate.launch.processes import RunCard
-from palpate.messages import codec_of, decode, schema
-from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, type_of
+from palpate.messages import codec_of, schema
+from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, message_of
 
 MAX_ITEMS = 16  # A sequence with more elements is shortened, unless all is wanted
 ITEMS_SHOWN = 3  # Elements of a shortened sequence that are shown
@@ -156,14 +156,9 @@ def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | 
 
 def fields_of(topic: Topic, received: TapMessage) -> dict[str, Any]:
     """Fields of a message and their values; raises ValueError if it is not of the topic's type."""
-    cls = type_of(topic)
-    codec = codec_of(cls)
-    if received.header.schema != codec.hash:
-        raise ValueError(
-            f"{topic.name} carries a {topic.type} with other fields than this palpate knows: "
-            "the graph was started by another version"
-        )
-    return dict(zip(codec.names, codec.values(decode(cls, received.body)), strict=True))
+    found = message_of(topic, received.header, received.body)
+    codec = codec_of(type(found))
+    return dict(zip(codec.names, codec.values(found), strict=True))
 
 
 def yaml_lines(fields: Mapping[str, Any], style: TextStyle = _WHOLE) -> Iterator[str]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from palpate.core import Floats
 from palpate.launch.files import hint
 from palpate.launch.processes import RunCard, running_graphs, until_ctrl_c
-from palpate.messages import HEADER_SIZE, Header, type_of_schema
+from palpate.messages import HEADER_SIZE, Header, codec_of, decode, type_of_schema
 from palpate.messages.bus import LAUNCHER, LOG_TOPIC, STATUS_TOPIC, SocketContext, TapReader
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
 
@@ -196,6 +196,17 @@ def type_of(topic: Topic) -> type:
         what = f"the type {topic.type!r}" if topic.type else "a type that its graph does not name"
         raise ValueError(f"{topic.name} carries {what}, which is not known here; --raw shows bytes")
     return TYPES[topic.type]
+
+
+def message_of(topic: Topic, header: Header, body: bytes) -> Any:
+    """A message of a topic; raises ValueError if it is not of the topic's type."""
+    cls = type_of(topic)
+    if header.schema != codec_of(cls).hash:
+        raise ValueError(
+            f"{topic.name} carries a {topic.type} with other fields than this palpate knows: "
+            "the graph was started by another version"
+        )
+    return decode(cls, body)
 
 
 class RateMonitor:

@@ -178,10 +178,12 @@ class Scene:
                 self._nodes[name].colors = colour
         yield from (f"/contours/{one.id}" for one in known[: moment.contours])
         done = {one.id for one in known[: moment.contours]}
-        way = growing(self.line.touches[: moment.touches], done)
-        if len(way) > 1:
-            segments = np.stack([way[:-1], way[1:]], axis=1)
-            yield self._put_lines("/growing", segments, np.array(ORANGE, np.uint8), 3.0)
+        past = self.line.touches[: moment.touches]
+        for finger in {one.finger for one in past}:
+            way = growing([one for one in past if one.finger == finger], done)
+            if len(way) > 1:
+                pieces = np.stack([way[:-1], way[1:]], axis=1)
+                yield self._put_lines(f"/growing/{finger}", pieces, np.array(ORANGE), 3.0)
 
     def _points(self, moment: Moment, wishes: Wishes) -> Iterator[str]:
         """Touched points: chunks that are whole, and what is left over."""

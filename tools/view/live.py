@@ -22,11 +22,10 @@ from typing import Any
 import viser
 
 from palpate.launch import RUNS, SUMMARY, find_bag
-from palpate.launch.files import InputError
+from palpate.launch.files import InputError, as_input_errors
 from palpate.launch.processes import RunCard, find_run, running_graphs, until_ctrl_c
-from palpate.messages import decode
 from palpate.tools.bag import GraphMessages
-from palpate.tools.introspection import is_running, topics_of, type_of
+from palpate.tools.introspection import is_running, message_of, topics_of
 from palpate.tools.view.browser import Scene
 from palpate.tools.view.panel import FORWARD, SPEEDS, Panel
 from palpate.tools.view.timeline import TYPES_DRAWN, Timeline, read_timeline
@@ -231,12 +230,16 @@ def address_of(server: viser.ViserServer) -> str:
 
 
 def show_graph(view: View, card: RunCard, ended: Callable[[], bool]) -> bool:
-    """Show a graph until it ends, then true, or until the view is to end."""
+    """Show a graph until it ends, then true, or until the view is to end.
+
+    Raises InputError if the graph was started by another version of palpate.
+    """
     known = topics_of(card).values()
     topics = {one.name: one for one in known if one.type in TYPES_DRAWN}
     with GraphMessages(card, [*topics.values()]) as messages:
         for batch in messages.batches(tick=TICK):
-            view.add([decode(type_of(topics[name]), body) for name, _, body in batch])
+            with as_input_errors():
+                view.add([message_of(topics[name], head, body) for name, head, body in batch])
             view.pass_time(TICK)
             if ended():
                 return False
