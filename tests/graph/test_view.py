@@ -18,6 +18,17 @@ from palpate.tools.view import Timeline, ViewProcess, read_timeline
 from palpate.tools.view.live import show_graph
 
 pytestmark = pytest.mark.graph
+STAYS = """
+import sys
+from functools import partial
+from pathlib import Path
+from palpate.tools.view import ViewProcess
+say, told = partial(print, flush=True), []
+with ViewProcess(Path(sys.argv[1]), told.append) as beside:
+    say(beside._process.pid)
+    say(told[0])
+    beside.stay(say)
+"""
 WITHIN = 60.0  # A deadline that only what is broken misses, s
 RUN = """
 import sys
@@ -131,6 +142,18 @@ def test_a_run_tells_where_it_is_seen_before_it_begins(tmp_path, capsys):
     told = capsys.readouterr()
     assert told.err.startswith("view  http://127.0.0.1:")
     assert told.out.startswith("{")
+
+
+def test_a_view_stays_after_the_run_until_ctrl_c(tmp_path):
+    command = [sys.executable, "-c", STAYS, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        pid, address, stays = (process.stdout.readline().rstrip() for _ in range(3))
+        assert stays == f"view stays at {address.removeprefix('view  ')}; Ctrl-C ends it"
+        assert not ended(int(pid))
+        process.send_signal(signal.SIGINT)
+        assert process.wait(WITHIN) == 0
+    until(lambda: ended(int(pid)))
 
 
 def test_nodes_in_one_process_cannot_be_looked_at(tmp_path, capsys):
