@@ -58,7 +58,7 @@ def scene_of(page):
     return picture_of(page)[160:, 300:940]
 
 
-def until(holds, seconds=15.0):
+def until(holds, seconds=60.0):
     end = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < end, "it does not come to be"

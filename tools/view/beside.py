@@ -45,8 +45,8 @@ class ViewProcess:
 
     def stay(self, echo: Callable[[str], None]) -> None:
         """Wait for Ctrl-C, or for its own end."""
-        if self.address:
-            echo(f"view stays at {self.address}; Ctrl-C ends it")
         with until_ctrl_c() as interrupted:
+            if self.address:
+                echo(f"view stays at {self.address}; Ctrl-C ends it")
             while self._process.poll() is None and not interrupted():
                 time.sleep(LOOK)
