@@ -17,17 +17,24 @@ from numpy.typing import NDArray
 from palpate.core import Floats
 from palpate.core.touch import Pad
 from palpate.messages.types import ShapeModel
-from palpate.tools.view.drawn import Faces, boundary, contour_segments, growing, lattice_lines
-from palpate.tools.view.drawn import lifted, pad_body, unlit_glb
+from palpate.tools.view.drawn import (
+    LIGHT,
+    Faces,
+    boundary,
+    contour_segments,
+    growing,
+    lattice_lines,
+)
+from palpate.tools.view.drawn import lifted, pad_body, shaded, unlit_glb
 from palpate.tools.view.surfaces import scale_top, thinned, uncertainties, viridis
 from palpate.tools.view.timeline import Moment, Timeline, Touch
 
 Colouring = Literal["plain", "deviation", "uncertainty"]
 MOST_TRIANGLES = 20_000  # Of one surface: drawn in software, more are slower than 5 frames a second
 MOST_SOLIDS = 48  # Kept in the browser
-CHUNK = 32  # Touches whose points are one node
+CHUNK, EVERY = 32, 2  # Touches whose points are one node, and of which every second is drawn
 POINT, CONTACT, VOXEL = 0.0004, 0.0009, 0.0006  # Radii of points, m
-TINGE, GREY, ORANGE, DARK = (186, 198, 214), (112, 118, 128), (230, 85, 13), (40, 44, 52)
+TINGE, GREY, ORANGE, DARK = (196, 207, 222), (112, 118, 128), (230, 85, 13), (40, 44, 52)
 FREE, UNKNOWN, TRUTH, LATTICE = (35, 139, 69), (158, 154, 200), (240, 140, 60), (90, 90, 160)
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # They take long
 AXIS = 0.03  # Length of the pad's axis, m
@@ -74,7 +81,7 @@ class Scene:
         scene.configure_environment_map(None)
         scene.configure_default_lights(False, cast_shadow=False)
         scene.add_light_hemisphere("/sky", ground_color=(150, 150, 160), intensity=1.2)
-        scene.add_light_directional("/sun", intensity=2.0, position=(-0.4, -0.5, 1.0))
+        scene.add_light_directional("/sun", intensity=2.0, position=LIGHT)
 
     def show(self, moment: Moment, wishes: Wishes) -> None:
         """Show what there was at a moment."""
@@ -119,7 +126,7 @@ class Scene:
             points,
             colour,
             point_size=radius,
-            point_shape="circle",
+            point_shape="square" if radius == POINT else "circle",  # many, and small
             point_shading="flat",
             precision="float32",
         )
@@ -206,7 +213,7 @@ class Scene:
         known = [id(one) for one in touches]
         if self._chunks.get(name) != known:
             self._chunks[name] = known
-            points = np.concatenate([lifted(one) for one in touches])
+            points = np.concatenate([lifted(one)[::EVERY] for one in touches])
             self._put_points(name, points, GREY, POINT)
         return name
 
@@ -258,11 +265,12 @@ class Scene:
         kept, faces = self._thinned[model.number]
         values = self._values(model, kept, colouring)
         self._scales[name] = None if values is None else Scale(colouring, scale_top(values))
+        places = model.vertices[kept]
         if values is None:
-            self._put_mesh(name, model.vertices[kept], faces, color=TINGE)
+            colours = shaded(places, faces, TINGE)
         else:
             colours = viridis(values, scale_top(values))
-            self._put_glb(name, unlit_glb(model.vertices[kept], faces, colours))
+        self._put_glb(name, unlit_glb(places, faces, colours))
         old = [one for one in self._scales if one not in self._visible and one != name]
         for one in old[: max(0, len(self._scales) - MOST_SOLIDS)]:
             self._nodes.pop(one).remove()

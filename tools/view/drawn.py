@@ -16,6 +16,7 @@ from palpate.messages.types import Contour, SpaceMap
 from palpate.tools.view.timeline import Touch
 
 Faces = NDArray[np.int32]
+LIGHT = np.array([-0.4, -0.5, 1.0]) / np.sqrt(1.41)  # Towards it, world frame
 LIFT = 0.0004  # What lies on the surface is drawn before it by so much, m
 
 
@@ -87,6 +88,17 @@ def boundary(space: SpaceMap, *, free: bool) -> Floats:
     else:
         edge = (space.states == 0) & ndimage.binary_dilation(space.states != 0)
     return np.asarray(space.low + space.step * np.argwhere(edge))
+
+
+def shaded(vertices: Floats, faces: Faces, colour: Sequence[int]) -> NDArray[np.uint8]:
+    """Colours (n, 3) of vertices (n, 3) in a light that stands still, cheaper than a lit mesh."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    areas = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    count = len(vertices)
+    normals = np.stack([np.bincount(faces.ravel(), areas[:, i], count) for i in range(3)], axis=1)
+    lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
+    facing = np.clip(normals @ LIGHT / lengths, -1.0, 1.0)[:, None]
+    return np.asarray(np.rint(np.array(colour) * (0.7 + 0.3 * facing)), np.uint8)
 
 
 def unlit_glb(vertices: Floats, faces: Faces, colours: NDArray[np.uint8]) -> bytes:

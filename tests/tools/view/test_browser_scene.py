@@ -14,7 +14,15 @@ from palpate.core.touch import Pad
 from palpate.launch.files import InputError
 from palpate.tools.view import Timeline, live, read_timeline
 from palpate.tools.view.browser import MOST_SOLIDS, MOST_TRIANGLES, Wishes
-from palpate.tools.view.drawn import boundary, contour_segments, lattice_lines, pad_body, unlit_glb
+from palpate.tools.view.drawn import (
+    LIGHT,
+    boundary,
+    contour_segments,
+    lattice_lines,
+    pad_body,
+    shaded,
+    unlit_glb,
+)
 from palpate.tools.view.live import View, serving, view_run
 from palpate.tools.view.surfaces import thinned, viridis
 
@@ -202,6 +210,15 @@ def test_a_coloured_surface_is_one_that_no_light_changes():
     read = trimesh.load(io.BytesIO(body), file_type="glb", force="mesh")
     assert np.sort(read.vertices, axis=0) == pytest.approx(np.sort(np.eye(3), axis=0))
     assert int.from_bytes(body[8:12], "little") == len(body)
+
+
+def test_a_plain_surface_is_brightest_where_it_faces_the_light(ball):
+    vertices, faces = ball
+    colours = shaded(vertices, faces, (200, 100, 0))
+    facing = vertices @ LIGHT
+    assert vertices[colours[:, 0].argmax()] @ LIGHT == pytest.approx(facing.max(), rel=0.01)
+    assert np.abs(colours.max(axis=0).astype(int) - [200, 100, 0]).max() <= 1
+    assert colours[:, 0].min() == pytest.approx(80, abs=1)
 
 
 def test_a_pad_is_closed_and_its_face_looks_along_its_axis():
