@@ -39,6 +39,7 @@ FREE, UNKNOWN, TRUTH, LATTICE = (35, 139, 69), (158, 154, 200), (240, 140, 60), 
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # They take long
 AXIS = 0.03  # Length of the pad's axis, m
 GRID, GRID_CELL = 0.4, 0.01  # Side of the floor and of its cells, m
+NARROW = 0.7  # Width by height of a window under which the panel lies over its lower half
 OPENING = 0.6  # Of the camera, radians of the whole height
 
 
@@ -164,7 +165,7 @@ class Scene:
         low, high = self.line.bounds()
         middle, half = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)) + AXIS
         back = np.array([0.45, -0.82, 0.36]) * half / np.sin(0.5 * OPENING) / min(aspect, 1.0)
-        if aspect < 1.0:  # the panel lies over the lower half
+        if aspect < NARROW:
             middle = middle - [0.0, 0.0, 0.4 * np.tan(0.5 * OPENING) * np.linalg.norm(back)]
         return middle + back, middle
 

@@ -26,7 +26,7 @@ from palpate.launch.files import InputError, as_input_errors
 from palpate.launch.processes import RunCard, find_run, running_graphs, until_ctrl_c
 from palpate.tools.bag import GraphMessages
 from palpate.tools.introspection import is_running, message_of, topics_of
-from palpate.tools.view.browser import Scene
+from palpate.tools.view.browser import NARROW, Scene
 from palpate.tools.view.panel import FORWARD, SPEEDS, Panel
 from palpate.tools.view.timeline import TYPES_DRAWN, Timeline, read_timeline
 
@@ -65,9 +65,15 @@ class View:
         self.draw()
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        with self._lock:
-            self.watched = True
-            self.scene.point(client.camera)
+        self.watched, narrow = True, list[bool]()
+
+        def point(camera: viser.CameraHandle) -> None:
+            if narrow != [camera.aspect < NARROW]:  # at first, and once its window has its shape
+                narrow[:] = [camera.aspect < NARROW]
+                self.scene.point(camera)
+
+        point(client.camera)
+        client.camera.on_update(point)
 
     def _scrubbed(self, event: Any) -> None:
         if event.client is not None:  # somebody's hand, and not the time that passes

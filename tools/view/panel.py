@@ -52,6 +52,7 @@ class Panel:
     _touch: Any = field(init=False)
     _plots: dict[str, Any] = field(init=False)
     _plotted: tuple[float, Any] = (0.0, None)  # When, and what of
+    _decades: tuple[float, float] = (0.0, 0.0)  # Of the plot of errors
     _shown: Touch | None = None  # Whose image is shown
 
     def __post_init__(self) -> None:
@@ -101,7 +102,7 @@ class Panel:
             axes=(*axes,),
             legend={"show": False},
             padding=(12, 12, 0, 0),
-            height=136,
+            height=150 if log else 136,
         )
 
     def wishes(self) -> Wishes:
@@ -148,14 +149,28 @@ class Panel:
         self._plots["rate"].data = _split(times, (rate,), passed)
         _, times, error, bound = curve_of(line)
         passed = line.models[moment.models - 1].robot_time if moment.models else -1.0
-        self._plots["error"].data = _split(times, (1e3 * error, 1e3 * bound), passed)
+        curves = 1e3 * error, 1e3 * bound
+        self._span(np.concatenate(curves))
+        self._plots["error"].data = _split(times, curves, passed, hidden=np.inf)
+
+    def _span(self, values: Floats) -> None:
+        """Let the plot of errors reach over all values, in whole powers of ten."""
+        known = np.log10(values[np.isfinite(values) & (values > 0.0)])
+        span = (np.floor(known.min()), np.ceil(known.max())) if len(known) else (-2.0, 1.0)
+        if span != self._decades:
+            self._decades = span
+            reach = (10.0 ** span[0], 10.0 ** max(span[1], span[0] + 1.0))
+            self._plots["error"].scales = {"x": {"time": False}, "y": {"distr": 3, "range": reach}}
 
 
-def _split(times: Floats, curves: Series, passed: float) -> Series:
-    """Times, and of each curve all of it and what is past, thinned so that it can be drawn."""
+def _split(times: Floats, curves: Series, passed: float, hidden: float = np.nan) -> Series:
+    """Times, and of each curve all of it and what is past, thinned so that it can be drawn.
+
+    What is `hidden` has no place: on a scale of logarithms NaN has one, which is zero's.
+    """
     every = max(1, len(times) // MOST_PLOTTED)
     past = times[::every] <= passed
-    pairs = ((one[::every], np.where(past, one[::every], np.nan)) for one in curves)
+    pairs = ((one[::every], np.where(past, one[::every], hidden)) for one in curves)
     return (times[::every], *(one for pair in pairs for one in pair))
 
 
