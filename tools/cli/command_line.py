@@ -331,6 +331,7 @@ palpate_group = LazyGroup(
         "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
+        "export": ("solids", "Write the solid of a run as PLY, STL, 3MF, GLB or OBJ."),
         "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
         "dev": ("command_line", "Measure palpate itself, and put faults into it."),

@@ -1,5 +1,15 @@
 """Runs to look at: what happened in robot time, drawn into images, films and the browser.
 
-`timeline` is the one place that knows which messages are drawn; `rasteriser` draws without a screen.
-Rests on tools.bag and tools.introspection; a picture never changes what a graph does.
+`timeline` is the one place that knows which messages are drawn; `rasteriser` draws without a
+screen. Rests on tools.bag and tools.introspection; a picture never changes what a graph does.
 """
+
+from palpate.rooms import TYPE_CHECKING, lazy
+
+if TYPE_CHECKING:
+    from palpate.tools.view.rasteriser import Camera, Canvas, Pixels
+    from palpate.tools.view.surfaces import TruthSurface, scale_top, vertex_colours
+    from palpate.tools.view.surfaces import vertex_scalars, viridis
+    from palpate.tools.view.timeline import Timeline, curve_of, read_timeline
+else:
+    __getattr__, __dir__ = lazy(__name__)
