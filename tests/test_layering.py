@@ -35,6 +35,7 @@ LIBRARIES = {
     "palpate.tools": {"numpy", "click", "msgspec", "ruamel", "rich", "scipy", "threadpoolctl"},
     "palpate.tools.cli": {"click", "rich"},
     "palpate.tools.bag": {"numpy", "msgspec", "rich", "mcap"},
+    "palpate.tools.bag.rerun_export": {"numpy", "rerun"},
     "palpate.tools.bag.tables": {"numpy", "pandas"},
     "palpate.tools.ros2_bridge": {"numpy", "click", "msgspec", "rclpy", "rosidl_runtime_py"},
     "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},

@@ -14,7 +14,7 @@ from palpate.launch import RECORDING, counted, files, find_run_mesh, millimetres
 from palpate.messages.types import ShapeModel, Truth
 from palpate.tools.bag import open_decoded
 from palpate.tools.reconstruction import check_places, check_suffixes, written_files
-from palpate.tools.view import TruthSurface, vertex_colours, vertex_scalars
+from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
 
 
 def export(run: Path, outs: Sequence[Path]) -> dict[str, Any]:

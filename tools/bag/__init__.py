@@ -6,9 +6,9 @@ Formats of export may be added in `FORMATS`. Rests on messages.recording and, to
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.bag.decoding import open_decoded
     from palpate.tools.bag.contents import bag_info, compare_recordings, diff_text, info_text
     from palpate.tools.bag.contents import recover_recording, recovered_text
+    from palpate.tools.bag.decoding import open_decoded
     from palpate.tools.bag.export import export_bag
     from palpate.tools.bag.live_recording import record_graph, recorded_text
     from palpate.tools.bag.playback import play_recording, player_entry, read_remap

@@ -7,9 +7,8 @@ screen. Rests on tools.bag and tools.introspection; a picture never changes what
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.tools.surfaces import TruthSurface, scale_top, viridis
     from palpate.tools.view.rasteriser import Camera, Canvas, Pixels
-    from palpate.tools.view.surfaces import TruthSurface, scale_top, vertex_colours
-    from palpate.tools.view.surfaces import vertex_scalars, viridis
-    from palpate.tools.view.timeline import Timeline, curve_of, read_timeline
+    from palpate.tools.view.timeline import Timeline, read_timeline
 else:
     __getattr__, __dir__ = lazy(__name__)

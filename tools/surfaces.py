@@ -56,10 +56,10 @@ class VertexColours(NamedTuple):
     colours: Colours  # (n, 3)
 
 
-def vertex_colours(scalars: Mapping[str, Floats], top: float | None = None) -> VertexColours | None:
-    """Colours by the first of the scalars, up to `top` or a top of its own; None without any."""
+def vertex_colours(scalars: Mapping[str, Floats]) -> VertexColours | None:
+    """Colours by the first of the scalars; None without any."""
     for name, values in scalars.items():
-        top = scale_top(values) if top is None else top
+        top = scale_top(values)
         return VertexColours(name, top, viridis(values, top))
     return None
 
