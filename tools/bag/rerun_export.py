@@ -38,7 +38,7 @@ def write_rerun(source: DecodedRecording, path: Path) -> int:
     try:
         import rerun
         import rerun.blueprint
-    except ImportError:
+    except ModuleNotFoundError:
         raise InputError("--format rerun needs rerun-sdk: pip install 'palpate[rerun]'") from None
     stream = rerun.RecordingStream("palpate")
     stream.save(path, default_blueprint=_layout(rerun.blueprint))
