@@ -105,6 +105,12 @@ RUN_PATH: dict[str, Any] = {
     "callback": _located_run,
     "shell_complete": completing(_runs, files=True),
 }
+RUN_PATHS = {  # Of several
+    **RUN_PATH,
+    "nargs": -1,
+    "required": True,
+    "callback": lambda context, one, paths: tuple(_located_run(context, one, p) for p in paths),
+}
 BAG = click.argument("bag", **RUN_PATH)
 SEED = click.IntRange(0, 1 << 53)
 SETTINGS = click.option(

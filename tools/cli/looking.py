@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import JSON, RUN_PATH, out_option, print_figures
+from palpate.tools.cli.command_line import JSON, RUN_PATH, RUN_PATHS, out_option, print_figures
 from palpate.tools.cli.command_line import progress_printer, quiet_option
 
 
 @click.command("report")
-@click.argument("runs", nargs=-1, required=True, **RUN_PATH)
+@click.argument("runs", **RUN_PATHS)
 @out_option("The page; report.html in the run's folder, or here of two runs, if left out.")
 @JSON
 def report_command(runs: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
