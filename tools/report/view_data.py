@@ -21,7 +21,7 @@ from palpate.core import Floats
 from palpate.launch import millimetres
 from palpate.messages.types import ShapeModel
 from palpate.tools.report.run_facts import Place
-from palpate.tools.view import Timeline, hex_colour, scale_top, uncertainties
+from palpate.tools.view import TRACED, Timeline, hex_colour, scale_top, uncertainties
 
 STEPS = 65535  # Of the box about everything
 SHADES = 255  # Of a scale
@@ -98,7 +98,12 @@ def view_data(line: Timeline, places: Sequence[Place]) -> ViewData:
         ],
         "truth": _truth(line, whole, arrays),
         "contours": [
-            {"time": one.robot_time, "points": whole(one.points), "closed": one.status == "closed"}
+            {
+                "time": one.robot_time,
+                "points": whole(one.points),
+                "closed": one.status == "closed",
+                "traced": one.status in TRACED,
+            }
             for one in line.contours
         ],
         "touches": _touches(line, whole),

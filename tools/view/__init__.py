@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from palpate.tools.view.rasteriser import Camera, Canvas, camera_on
     from palpate.tools.view.surfaces import TruthSurface, hex_colour, scale_top, uncertainties
     from palpate.tools.view.surfaces import viridis
-    from palpate.tools.view.timeline import TYPES_DRAWN, Moment, Timeline, Touch, curve_of
+    from palpate.tools.view.timeline import TRACED, TYPES_DRAWN, Moment, Timeline, Touch, curve_of
     from palpate.tools.view.timeline import read_timeline
 else:
     __getattr__, __dir__ = lazy(__name__)

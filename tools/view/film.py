@@ -130,7 +130,7 @@ class Film:
         elif moment.touches:
             self._tactile(draw, image, moment.touches - 1, left, round(16 * unit), side)
         texts = [f"robot time {time:.0f} s", counted(moment.touches, "touch", "touches")]
-        texts.append(counted(moment.contours, "contour"))
+        texts.append(counted(self.line.traced(moment), "contour"))
         if not moment.touches:
             closed = sum(len(one.points) for one in self.line.grasps[: moment.grasps])
             texts[1:] = [f"{counted(closed, 'contact')} of the hand"]

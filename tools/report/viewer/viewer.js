@@ -237,7 +237,8 @@ class View {
     this.touches.visible = this.showing.touches();
     if (this.truth) this.truth.visible = this.showing.truth();
     const told = model < 0 ? "no model yet" : this.told.models[model].told;
-    const counts = `${counted(touches, "touch", "es")}, ${counted(contours, "contour", "s")}`;
+    const traced = this.told.contours.slice(0, contours).filter((one) => one.traced).length;
+    const counts = `${counted(touches, "touch", "es")}, ${counted(traced, "contour", "s")}`;
     this.readout.textContent = `${time.toFixed(1)} s, ${counts}: ${told}`;
     const scale = this.root.querySelector(".scale");
     scale.hidden = this.colouring === "plain";
