@@ -41,6 +41,7 @@ ROWS, COLUMNS, LABEL = 9, 58, 10  # Of the drawing in text: rows, columns, and t
 WIDE, MARGIN, LEFT, PANEL, HIGH, APART = 980, 24.0, 62.0, 270.0, 250.0, 30.0
 TOP, LINE, BAR = 108.0, 20.0, 190.0
 MOST_BARS = 14
+TICK_ROOM, LINE_ROOM = 28.0, 12.0  # Between the labels of two ticks, across and upwards
 _STYLE = Path(__file__).with_name("cost.css").read_text("utf-8")
 Point = tuple[float, float]
 
@@ -169,6 +170,7 @@ class Chart(NamedTuple):
     series: Mapping[str, Sequence[Point]]  # Points of cost and error, by key of the error
     forecast: tuple[Point, Point] | None  # From the last model to where the error is foretold
     floor: float | None  # The sampling floor, m; None if it is unknown, or far below
+    tolerance: float | None = None  # The error asked for, m; None if nobody asked
 
     @property
     def points(self) -> list[Point]:
@@ -191,7 +193,8 @@ def chart_of(summary: Mapping[str, Any], axis: str) -> Chart | None:
         forecast = (cost, error), (cost + curve[-1]["forecast"][axis], 0.5 * error)
     floor = summary["sampling_floor_m"]
     least = min(error for points in series.values() for _, error in points)
-    return Chart(series, forecast, floor if floor and floor > least / FLOOR_REACH else None)
+    shown = floor if floor and floor > least / FLOOR_REACH else None
+    return Chart(series, forecast, shown, summary["tolerance_m"])
 
 
 def draw_text(summary: Mapping[str, Any]) -> list[str]:
@@ -258,7 +261,8 @@ def draw_svg(summary: Mapping[str, Any]) -> str:
     charts = [(axis, chart) for axis in AXES if (chart := chart_of(summary, axis)) is not None]
     parts = [*_heading(summary), *_legend(charts[0][1] if charts else None)]
     errors = [error for _, chart in charts for _, error in chart.points]
-    errors += [chart.floor for _, chart in charts if chart.floor is not None]
+    levels = [level for _, chart in charts for level in (chart.floor, chart.tolerance)]
+    errors += [level for level in levels if level is not None]
     for number, (axis, chart) in enumerate(charts):
         left = LEFT + number * (PANEL + APART)
         parts += _panel(chart, axis, left, scale(errors, TOP + HIGH, TOP), labelled=number == 0)
@@ -308,9 +312,12 @@ def _legend(chart: Chart | None) -> list[str]:
             left += 172.0
     if chart.forecast:
         parts += _sample("forecast", left, "next halving of the bound")
-        left += 182.0
+        left += 204.0
     if chart.floor is not None:
         parts += _sample("floor", left, f"sampling floor {1e3 * chart.floor:.3f} mm")
+        left += 182.0
+    if chart.tolerance is not None:
+        parts += _sample("tolerance", left, f"tolerance {1e3 * chart.tolerance:.3g} mm")
     return parts
 
 
@@ -322,15 +329,19 @@ def _sample(kind: str, left: float, words: str) -> list[str]:
 def _panel(chart: Chart, axis: str, left: float, up: Scale, *, labelled: bool) -> list[str]:
     across = scale([cost for cost, _ in chart.points], left, left + PANEL)
     bottom, right = TOP + HIGH, left + PANEL
-    parts = []
+    parts, labelled_to = [], -math.inf
     for value in across.ticks(7):
         x = across.at(value)
         parts += _line("grid", [(x, TOP), (x, bottom)])
-        parts.append(_text("small middle", x, bottom + 17.0, f"{value:g}"))
+        if x >= labelled_to:
+            parts.append(_text("small middle", x, bottom + 17.0, f"{value:g}"))
+            labelled_to = x + TICK_ROOM
+    labelled_from = math.inf
     for value in up.ticks(9):
         y = up.at(value)
         parts += _line("grid", [(left, y), (right, y)])
-        if labelled:
+        if labelled and y <= labelled_from:
+            labelled_from = y - LINE_ROOM
             parts.append(_text("small right", left - 7.0, y + 4.0, f"{1e3 * value:g}"))
     if labelled:
         parts.append(_text("small right", left - 7.0, TOP - 10.0, "mm"))
@@ -338,6 +349,9 @@ def _panel(chart: Chart, axis: str, left: float, up: Scale, *, labelled: bool) -
         y = up.at(chart.floor)
         parts.append(_rect("below", left, y, PANEL, bottom - y))
         parts += _line("floor", [(left, y), (right, y)])
+    if chart.tolerance is not None:
+        y = up.at(chart.tolerance)
+        parts += _line("tolerance", [(left, y), (right, y)])
     for name, points in (
         ("forecast", chart.forecast or ()),
         ("stated", chart.series[BOUND]),

@@ -24,14 +24,12 @@ from palpate.launch.files import SourceMapped, as_input_errors, export_model, ke
 from palpate.launch.files import parse_yaml, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
-from palpate.launch.launch_source import EXPLORE, prestart_fork_server
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
 from palpate.launch.printing import titled
 from palpate.launch.processes import EarlierRun
-from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher, open_display
+from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher
 from palpate.launch.run_directory import RunDirectory, choose_run_directory, exit_code, summarise
 from palpate.launch.run_directory import versions_text
-from palpate.launch.scene import find_scene
 from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
@@ -43,66 +41,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid, Solid
 
 _PLUGIN = re.compile(r"[\w.]+:[A-Za-z_]\w*")  # ``module:Class``
-
-
-def explore(
-    scene: str | Path = "vase",
-    *,
-    seed: int | None = None,
-    fingers: int | None = None,
-    settings: Mapping[str, Any] | None = None,
-    out: str | Path | None = None,
-    composed: bool = False,
-    record: bool = True,
-    realtime: bool = False,
-    quiet: bool = True,
-) -> Run:
-    """Touch the object of a scene and rebuild it.
-
-    Parameters
-    ----------
-    scene : str or Path
-        Name of a shipped scene, or path of a scene file or of a mesh.
-    seed : int, optional
-        Overrides the scene's seed.
-    fingers : int, optional
-        So many explore at once, 1 to 8; one if left out.
-    settings : map, optional
-        ``{"planner.tolerance": 0.1e-3}``: parameters of single nodes.
-    out : str or Path, optional
-        The run directory; a new one in ``runs/`` if left out.
-    composed : bool
-        All nodes in this process instead of one process each; the results are the same.
-    record : bool
-        Keep every message in ``topics.mcap``.
-    realtime : bool
-        Robot time passes as fast as time, so that the run can be watched.
-    quiet : bool
-        Show no progress.
-
-    Returns
-    -------
-    Run
-        The figures, the last model, and where the files lie.
-
-    Raises
-    ------
-    InputError
-        If the scene or a setting cannot be used; nothing has been started.
-    """
-    path = find_scene(scene)
-    if not composed:
-        prestart_fork_server(EXPLORE)
-    given = {"scene": str(path), "record": record, "seed": seed, "fingers": fingers}
-    plan = plan_run(
-        EXPLORE,
-        {key: SourceMapped(value, key) for key, value in given.items() if value is not None},
-        {key: SourceMapped(value, key) for key, value in (settings or {}).items()},
-        name=path.stem,
-        out=None if out is None else Path(out),
-        realtime=realtime,
-    )
-    return perform(plan, composed=composed, display=open_display(quiet=quiet))
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ at most 12 lines of a terminal of 80 columns. Timings and diagnostics are for th
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,13 @@ from palpate.launch.printing import TITLE_WIDTH, counted, millimetres, text_tabl
 HEADLINE, WIDTH = 12, 80  # Lines at most, and columns
 LEAST_SHARE = 0.5  # Of the processor time, %: a step that took less is not printed
 ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
-OPENED = ("mesh.glb", "result.json", "topics.mcap", "log.jsonl")  # What to look at first
+OPENED = (
+    "report.html",
+    "mesh.glb",
+    "result.json",
+    "topics.mcap",
+    "log.jsonl",
+)  # What to look at first
 FULL = "all figures in summary.json"
 
 
@@ -26,26 +31,36 @@ def headline_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path
 
     `files` are the names of what the run left in its `folder`.
     """
-    found = [*_found(summary), *_asked(summary)]
+    facts = headline_facts(summary)
+    found = [line for key in ("found", "bound") if facts[key] for line in titled(key, *facts[key])]
     if not summary["missed"]:
         found += _short(_procedure(summary), 2)
-    cost = _short(_time(summary), 2)
+    cost = _short(titled("cost", *facts["cost"]), 2)
     opened = next((one for one in OPENED if one in files), "summary.json")
     ended = _short(titled(ENDED[summary["status"]], summary["reason"]), 2)
     ended += titled("open", str(folder / opened), f"({FULL})")
     missed = titled("missed", *summary["missed"]) if summary["missed"] else []
-    doubts = titled("doubt", *told) if (told := _doubts(summary)) else []
+    doubts = titled("doubt", *told) if (told := facts["doubt"]) else []
     room = HEADLINE - len(found) - len(cost) - len(ended)
     missed = _short(missed, room)
     return "\n".join([*found, *cost, *missed, *_short(doubts, room - len(missed)), *ended])
 
 
+def headline_facts(summary: Mapping[str, Any]) -> dict[str, list[str]]:
+    """What was found, what is stated of its error, what it cost and what to doubt, in words."""
+    return {
+        "found": _found(summary),
+        "bound": _asked(summary),
+        "cost": _time(summary),
+        "doubt": _doubts(summary),
+    }
+
+
 def run_lines(summary: Mapping[str, Any]) -> list[str]:
     """What was found, how far it is to be trusted and what it cost, a line of 80 columns each."""
-    found = []
-    for lines in (_found(summary), _asked(summary) or titled("bound", "none"), _time(summary)):
-        title, *parts = re.split(r"\s{2,}", "  ".join(lines))
-        told = f"  {title:<6}"
+    facts, found = headline_facts(summary), []
+    for title in ("found", "bound", "cost"):
+        told, parts = f"  {title:<6}", facts[title] or ["none"]
         for number, part in enumerate(parts):
             more = f"{told}, {part}" if number else f"{told} {part}"
             told = more if len(more) < WIDTH else told
@@ -66,7 +81,7 @@ def _found(summary: Mapping[str, Any]) -> list[str]:
     """The solid, and how far it is from the truth."""
     if summary["mesh_sha256"] is None:
         told = summary["procedure"] is not None and not summary["missed"]
-        return [] if told else titled("found", "no solid")
+        return [] if told else ["no solid"]
     closed = "a surface that is NOT closed" if summary["watertight"] is False else "a closed solid"
     made_of = ("contours", "contour") if summary["contours"] else ("touches", "touch")
     parts = [f"{closed} from {counted(summary[made_of[0]], made_of[1], made_of[0])}"]
@@ -74,7 +89,7 @@ def _found(summary: Mapping[str, Any]) -> list[str]:
         parts = [f"{closed}, {1e3 * summary['size_m']:.0f} mm high"]
         parts.append(f"rms error {millimetres(summary['rms_m'])}")
         parts.append(f"sampling floor {millimetres(summary['sampling_floor_m'])}")
-    return titled("found", *parts)
+    return parts
 
 
 def _asked(summary: Mapping[str, Any]) -> list[str]:
@@ -89,7 +104,7 @@ def _asked(summary: Mapping[str, Any]) -> list[str]:
         parts.append(f"tolerance {1e3 * asked:.3g} mm {reached[summary['tolerance_met']]}")
     if summary["largest_untouched_m"] is not None:
         parts.append(f"untouched at most {1e3 * summary['largest_untouched_m']:.1f} mm")
-    return titled("bound", *parts)
+    return parts
 
 
 def _doubts(summary: Mapping[str, Any]) -> list[str]:
@@ -204,7 +219,7 @@ def _time(summary: Mapping[str, Any]) -> list[str]:
         parts.append(f"compute {summary['compute_s']:.1f} s")
     if summary["touches_per_s"]:
         parts.append(f"{summary['touches_per_s']:.0f} touches/s")
-    return titled("cost", *parts)
+    return parts
 
 
 def _node_table(nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:

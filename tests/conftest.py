@@ -68,6 +68,14 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
             del sys.modules[name]
 
 
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory of a finished run, with its recording; nobody may change it."""
+    from tests.recorded_run import make_run
+
+    return make_run(tmp_path_factory.mktemp("recorded"))
+
+
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
     """Writes a text into a file of the test's own folder."""

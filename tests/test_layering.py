@@ -38,6 +38,8 @@ LIBRARIES = {
     "palpate.tools.bag.rerun_export": {"numpy", "rerun"},
     "palpate.tools.bag.tables": {"numpy", "pandas"},
     "palpate.tools.ros2_bridge": {"numpy", "click", "msgspec", "rclpy", "rosidl_runtime_py"},
+    "palpate.tools.report": {"numpy"},
+    "palpate.tools.view": {"numpy", "PIL", "matplotlib"},
     "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
@@ -228,7 +230,7 @@ def test_no_room_exports_the_name_of_one_of_its_modules() -> None:
         ("palpate.nodes.filter", "import trimesh"),
         ("palpate.nodes.runtime.loop", "import zmq"),
         ("palpate.launch.graph", "import dill"),
-        ("palpate.launch.graph", "from palpate.tools import report"),
+        ("palpate.launch.graph", "from palpate.tools import cost"),
         ("palpate.tools.cost", "from palpate.bench import table"),
     ],
 )

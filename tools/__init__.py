@@ -8,6 +8,6 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.tools.reconstruction import single_threaded
-    from palpate.tools.report import check_scene
+    from palpate.tools.scene_text import check_scene
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -86,7 +86,7 @@ def export_text(told: Mapping[str, Any]) -> str:
     if parts:
         lines += titled("rms", *parts)
         end = millimetres(told["colours_end_m"])
-        lines += titled("colours", f"{told['coloured_by']} from 0 to {end}, in PLY")
+        lines += titled("colours", f"of PLY: {told['coloured_by']} from 0 to {end}")
     for one in told["written"]:
         lines += titled("wrote", f"{one['file']} ({one['holds']})")
     return "\n".join(lines)

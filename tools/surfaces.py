@@ -92,4 +92,4 @@ _VIRIDIS = np.frombuffer(
         "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
     ),
     np.uint8,
-).reshape(-1, 3).astype(np.float64)  # fmt: skip
+).reshape(-1, 3)

@@ -69,8 +69,7 @@ class ClosedBody:
         except ImportError:
             return _drawn(mesh, repr(self))
         server = viser.ViserServer(host="127.0.0.1")
-        colour = tuple(int(255 * one) for one in COLOUR)
-        server.scene.add_mesh_simple("/solid", mesh.vertices, mesh.faces, color=colour)
+        server.scene.add_mesh_simple("/solid", mesh.vertices, mesh.faces, color=COLOUR)
         return server
 
 

@@ -1,3 +1,4 @@
+from itertools import pairwise
 from typing import Any
 from xml.etree import ElementTree
 
@@ -33,7 +34,8 @@ CURVE = [
 def summary(curve: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
     nodes = {"simulator": {"cpu_s": 1.0}, "filter": {"cpu_s": 0.5}}
     return {
-        "curve": curve, "sampling_floor_m": 8e-6, "scene": "<vase>", "status": "finished",
+        "curve": curve, "sampling_floor_m": 8e-6, "tolerance_m": None,
+        "scene": "<vase>", "status": "finished",
         "contours": 4, "touches": 110, "robot_time_s": 275.0, "compute_s": 5.5, "missed": [],
         "largest_untouched_m": 2e-3, "steps": {"casting": 1.0, "rest": 0.0}, "nodes": nodes, **more,
     }  # fmt: skip
@@ -122,3 +124,27 @@ def test_a_log_scale_has_round_ticks_and_room_for_all_its_values():
     assert found.ticks(7) == [20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0]
     assert found.ticks(3) == [20.0, 50.0, 100.0]
     assert scale([5.0], 0.0, 10.0).at(5.0) == pytest.approx(5.0)
+
+
+def test_the_tolerance_is_a_line_across_every_panel_and_has_room():
+    told = summary(CURVE, tolerance_m=1e-6)
+    root = ElementTree.fromstring(draw_svg(told))
+    lines = [one.get("points", "").split() for one in root.iter(f"{SVG}polyline")
+             if one.get("class") == "tolerance"]  # fmt: skip
+    assert len(lines) == 3 + 1  # and one in the legend
+    heights = {float(place.partition(",")[2]) for line in lines[1:] for place in line}
+    assert len(heights) == 1
+    texts = [one.text for one in root.iter(f"{SVG}text")]
+    assert "tolerance 0.001 mm" in texts
+    without = ElementTree.fromstring(draw_svg(summary(CURVE)))
+    assert not [one for one in without.iter() if one.get("class") == "tolerance"]
+
+
+def test_labels_of_ticks_do_not_run_into_each_other():
+    root = ElementTree.fromstring(
+        draw_svg(summary([entry(38, 1e-3, 2e-3), entry(200, 1e-4, 1e-3)]))
+    )
+    labels = [(float(one.get("x", "0")), one.text or "") for one in root.iter(f"{SVG}text")
+              if one.get("class") == "small middle"]  # fmt: skip
+    for (left, text), (right, _) in pairwise(labels):
+        assert right - left > 7.0 * len(text) or right < left

@@ -4,17 +4,15 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.launch import run as module
 from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.graph import read_settings
 from palpate.launch.launch_source import EXPLORE
 from palpate.launch.progress import Display
-from palpate.launch.run import explore, perform, plan_run
+from palpate.launch.run import perform, plan_run
 from palpate.messages.types.model import Score, ShapeModel
 from palpate.messages.types.motion import Contour
 from palpate.nodes.runtime.node import Finished, Node
@@ -140,44 +138,13 @@ def test_a_demand_that_cannot_be_met_is_refused_in_its_place(tmp_path, text, fin
     assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
 
 
-def test_exploring_from_python_is_what_run_does(monkeypatch):
-    asked: dict[str, Any] = {}
-
-    def plan(path, args, settings, **rest):
-        asked.update(path=path, settings=settings, **rest)
-        asked["args"] = {name: value.value for name, value in args.items()}
-        return "the plan"
-
-    def perform(plan, **rest):
-        asked.update(plan=plan, **rest)
-        return "the run"
-
-    monkeypatch.setattr(module, "plan_run", plan)
-    monkeypatch.setattr(module, "perform", perform)
-    settings = {"planner.tolerance": 1e-4}
-    done = explore("vase", seed=3, fingers=2, settings=settings, out="here", composed=True)
-    assert done == "the run"  # type: ignore[comparison-overlap]
-    assert asked["plan"] == "the plan"
-    assert (asked["path"], asked["name"], asked["out"]) == (EXPLORE, "vase", Path("here"))
-    assert Path(asked["args"].pop("scene")).name == "vase.yaml"
-    assert asked["args"] == {"record": True, "seed": 3, "fingers": 2}
-    assert asked["settings"]["planner.tolerance"].value == 1e-4
-    assert asked["composed"] is True
-    assert isinstance(asked["display"], Display)
-
-
-def test_a_scene_that_is_not_there_is_refused():
-    with pytest.raises(InputError, match="there is no scene 'vaes'"):
-        explore("vaes")
-
-
 def test_to_plan_a_run_and_to_write_its_solid_scipy_and_trimesh_are_not_imported(tmp_path):
     script = f"""
 import sys
 from pathlib import Path
 from palpate import launch
 from palpate.launch.files import SourceMapped, write_mesh
-from palpate.tools.report import perform_and_print
+from palpate.tools.exploration import perform_and_print
 args = {{"scene": SourceMapped(str(launch.find_scene("vase")), "")}}
 launch.plan_run(launch.EXPLORE, args, {{}}, name="vase", out=Path({str(tmp_path / "run")!r}))
 import numpy as np

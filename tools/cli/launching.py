@@ -120,7 +120,7 @@ def run_command(
     if not asked["composed"]:
         launch.prestart_fork_server(file)
     from palpate.launch.files import SourceMapped, is_mesh_file
-    from palpate.tools.report import perform_and_print
+    from palpate.tools.exploration import perform_and_print
 
     path = launch.find_scene(scene)
     if untrusted:
@@ -207,7 +207,7 @@ def launch_command(
         return 0
     if not (how["composed"] or only_print or picture):
         launch.prestart_fork_server(path)
-    from palpate.tools.report import perform_and_print
+    from palpate.tools.exploration import perform_and_print
 
     args, given = launch.read_arguments(arguments), launch.read_settings(settings)
     if not (only_print or picture):
@@ -260,7 +260,7 @@ def replay_command(
 
 
 def _resume(bag: Path, place: str, nodes: tuple[str, ...], out: Path | None, **how: bool) -> int:
-    from palpate.tools.report import perform_and_print
+    from palpate.tools.exploration import perform_and_print
 
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):

@@ -170,7 +170,7 @@ def scene_list(as_json: bool) -> None:
 @JSON
 def scene_check(scene: str, untrusted: bool, as_json: bool) -> None:
     """Say whether SCENE can be explored, how large its object is, and what is simulated."""
-    from palpate.tools.report import check_scene, scene_figures, scene_text
+    from palpate.tools.scene_text import check_scene, scene_figures, scene_text
 
     found = check_scene(scene, untrusted=untrusted)
     print_figures(scene_figures(found), scene_text(found), as_json=as_json)
@@ -180,7 +180,7 @@ def scene_check(scene: str, untrusted: bool, as_json: bool) -> None:
 @JSON
 def scene_effects(as_json: bool) -> None:
     """Name the effects that a scene may list, their parameters, defaults and ranges."""
-    from palpate.tools.report import effects_text, list_effects
+    from palpate.tools.scene_text import effects_text, list_effects
 
     effects = list_effects()
     print_figures(effects, effects_text(effects), as_json=as_json)

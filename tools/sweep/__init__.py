@@ -11,5 +11,6 @@ if TYPE_CHECKING:
     from palpate.tools.sweep.results import pareto_front
     from palpate.tools.sweep.sweep_file import read_sweep
     from palpate.tools.sweep.sweep_folder import ASKED, ClusterWorkers, LocalWorkers, run_sweep
+    from palpate.tools.sweep.sweep_folder import write_reports
 else:
     __getattr__, __dir__ = lazy(__name__)

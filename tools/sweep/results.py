@@ -1,6 +1,6 @@
 """What a sweep came to: a row for each run, the Pareto front, the CSV file, the table and the page.
 
-The page is one file without network or library, drawn by hand, a dot a run; without a script the
+The page is one file without network, styled as a run's report, a dot a run; without a script the
 fronts over touches, robot seconds and compute seconds stand below each other, else take turns.
 """
 
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core import Bools
 from palpate.launch import Scale, counted, scale, text_table
+from palpate.tools.report import REPORT, html_page
 from palpate.tools.sweep.sweep_file import Sweep
 
 # Keys of a run's record, in the order of the CSV file.
@@ -39,7 +40,7 @@ SHOWN = {
 }
 COSTS = {"touches": "touches", "robot_time_s": "robot seconds", "compute_s": "compute seconds"}
 ERROR, BOUND, FLOOR = "rms_m", "rms_bound_95_m", "sampling_floor_m"  # What is drawn upwards
-LINKS = ("", "cost.svg", "summary.json")  # Of a run, where they are there
+LINKS = ("", REPORT, "cost.svg", "summary.json")  # Of a run, where they are there
 COLOURS = 8
 LEFT, RIGHT, TOP, BOTTOM, WIDTH, HEIGHT = 66.0, 884.0, 14.0, 416.0, 900.0, 462.0  # Pixels
 APART = 16.0  # Pixels between the numbers of two runs on the front
@@ -161,16 +162,22 @@ def page_text(name: str, rows: Sequence[Row], folder: Path) -> str:
     values = dict.fromkeys(told(row.asked[series]) for row in rows)
     kinds = {kind: f"c{i % COLOURS}" for i, kind in enumerate(values)}
     key = "".join(f'<b class="{kinds[kind]}">●</b> {escape(kind)} ' for kind in kinds)
-    return Template(Path(__file__).with_name("page.html").read_text("utf-8")).substitute(
-        title=escape(f"{name}: {counted(len(rows), 'run')}"),
+    title = f"{name}: {counted(len(rows), 'run')}"
+    body = Template(Path(__file__).with_name("page.html").read_text("utf-8")).substitute(
+        title=escape(title),
         about=escape("; ".join(about)),
         key=f"{escape(series)}: {key}",
-        charts="\n".join(line for cost in COSTS for line in _chart(rows, cost, series, kinds)),
+        charts="\n".join(
+            line for cost in COSTS for line in _chart(rows, cost, series, kinds, folder)
+        ),
         table="\n".join(_table(rows, folder)),
     )
+    return html_page(title, [body])
 
 
-def _chart(rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str]) -> Iterator[str]:
+def _chart(
+    rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str], folder: Path
+) -> Iterator[str]:
     """A figure: error against one cost; nothing if no run has both."""
     kept, best = measured(rows, cost), fronts(rows, cost)
     if not kept:
@@ -196,7 +203,7 @@ def _chart(rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str]) -
         yield f'<path class="{colour} front" d="{way}H{RIGHT}"/>'
     for row in kept:
         at = x.at(row.record[cost]), y.at(height(row)), y.at(height(row, BOUND))
-        yield from _dot(row, kinds[told(row.asked[series])], *at)
+        yield from _dot(row, kinds[told(row.asked[series])], folder, *at)
     marked = -APART
     for row in sorted((row for own in best.values() for row in own), key=lambda r: r.record[cost]):
         if (place := x.at(row.record[cost])) - marked >= APART:
@@ -205,12 +212,14 @@ def _chart(rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str]) -
     yield "</svg></figure>"
 
 
-def _dot(row: Row, colour: str, x: float, y: float, bound: float) -> Iterator[str]:
+def _dot(row: Row, colour: str, folder: Path, x: float, y: float, bound: float) -> Iterator[str]:
     """A run, what is seen where the mouse rests on it, and the way up to its bound."""
+    target = f"{row.record['folder']}/"
+    target += REPORT if (folder / target / REPORT).is_file() else ""
     asked = [f"{name} {told(value)}" for name, value in row.asked.items() if told(value)]
     costs = [f"{row.record[key]} {name}" for key, name in COSTS.items()]
     words = escape(", ".join((*asked, f"{1000.0 * row.record[ERROR]:.4f} mm", *costs)))
-    yield f'<a class="{colour}" href="{escape(row.record["folder"])}/">'
+    yield f'<a class="{colour}" href="{escape(target)}">'
     yield f"<title>{row.number}: {words}</title>"
     if row.record[BOUND]:
         yield f'<path class="bound" d="M{x} {y}V{bound}"/>'

@@ -34,8 +34,9 @@ from palpate.launch import RunDirectory, counted, millimetres
 from palpate.launch.files import InputError
 from palpate.launch.processes import signals_as_ctrl_c, without_main_module
 from palpate.nodes.runtime import RECORDER
+from palpate.tools.report import REPORT, write_report
 from palpate.tools.sweep.results import FIGURES, Row, csv_text, page_text, rows_of, sweep_text
-from palpate.tools.sweep.sweep_file import Sweep, SweepRun
+from palpate.tools.sweep.sweep_file import Sweep, SweepRun, read_sweep
 
 SWEEPS, ASKED, RUNS, RECORD = Path("sweeps"), "sweep.yaml", "runs", "run.json"
 TRIES = 3  # Times that a run is begun whose worker dies
@@ -101,12 +102,32 @@ def run_sweep(
         except InputError as error:
             stopped = error
     _sweep_out(folder)
-    rows, place = rows_of(sweep, records), RunDirectory(folder, linked=False)
-    place.write_text("table.csv", csv_text(rows))
-    place.write_text("index.html", page_text(sweep.name, rows, folder))
+    rows = _write_pages(sweep, records, folder)
     if stopped is not None:
         raise InputError(f"{stopped}; {_resumable(len(records), total, folder)}")
     return SweepResult(folder, rows, total - len(records), kept)
+
+
+def _write_pages(sweep: Sweep, records: Records, folder: Path) -> list[Row]:
+    rows, place = rows_of(sweep, records), RunDirectory(folder, linked=False)
+    place.write_text("table.csv", csv_text(rows))
+    place.write_text("index.html", page_text(sweep.name, rows, folder))
+    return rows
+
+
+def write_reports(folder: Path) -> list[Path]:
+    """Write the report of each finished run of a sweep, and its page anew; returns their paths.
+
+    Raises InputError if the folder holds no sweep, or a run cannot be read.
+    """
+    sweep = read_sweep(folder / ASKED)
+    with _alone_in(folder):
+        records = _take_up(folder, sweep)
+        written = [folder / str(one["folder"]) / REPORT for one in records.values()]
+        for path in written:
+            write_report([path.parent], path)
+        _write_pages(sweep, records, folder)
+    return [*written, folder / "index.html"]
 
 
 @contextmanager

@@ -7,8 +7,10 @@ screen. Rests on tools.bag and tools.introspection; a picture never changes what
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.tools.surfaces import TruthSurface, scale_top, viridis
-    from palpate.tools.view.rasteriser import Camera, Canvas, Pixels
-    from palpate.tools.view.timeline import Timeline, read_timeline
+    from palpate.tools.view.film import make_film
+    from palpate.tools.view.picture import draw_moment, finger_mesh, png_bytes, still
+    from palpate.tools.view.rasteriser import Camera, Canvas, camera_on
+    from palpate.tools.view.timeline import TRACED, TYPES_DRAWN, Moment, Timeline, Touch, curve_of
+    from palpate.tools.view.timeline import read_timeline
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -8,18 +8,22 @@ solid are seen through it; VTK and OSMesa are larger than all else that palpate 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Floats
+from palpate.core import Floats, Ints, geometry
 
 Pixels = NDArray[np.uint8]
+Reals = NDArray[np.float32 | np.float64]
+Wholes = NDArray[np.int32 | np.int64]
 AT_ONCE = 1 << 21  # Pixels that are tested at once
 FINER = 2  # Times as many pixels are drawn along each side as the image will have
 AMBIENT, DIFFUSE = 0.42, 0.58  # Of a lit surface
 LIGHT = np.array([-0.35, 0.55, 0.76])  # Towards it: right, up, to the eye
+SHARP = 0.75  # Cosine of the angle of two faces from which on an edge is not smoothed
 BEFORE = 2e-3  # Of the distance, by which lines and points stand before what they lie on
 NEAREST = 1e-4  # Least distance from the eye that is drawn, m
 EDGE_SPACING = 0.7  # Pixels between the dots of a line
@@ -45,8 +49,9 @@ class Camera(NamedTuple):
 def camera_on(low: Floats, high: Floats, **how: float) -> Camera:
     """A camera that has a box, with corners (3,) each, whole in the picture from any side."""
     half = 0.5 * float(np.linalg.norm(high - low))
-    opening = np.radians(how.get("opening", Camera._field_defaults["opening"]))
-    return Camera(0.5 * (low + high), 1.04 * half / np.sin(0.5 * opening), **how)
+    camera = Camera(0.5 * (low + high), 1.0, **how)
+    away = 1.04 * half / float(np.sin(np.radians(0.5 * camera.opening)))
+    return camera._replace(distance=away)
 
 
 @dataclass(slots=True)
@@ -57,15 +62,15 @@ class Canvas:
     height: int
     camera: Camera
     background: tuple[int, int, int] = (255, 255, 255)
-    _colours: Floats = field(init=False, repr=False)  # (rows * columns, 3)
-    _depths: Floats = field(init=False, repr=False)  # Distance from the eye of each, m
+    _colours: Reals = field(init=False, repr=False)  # (rows * columns, 3)
+    _depths: Reals = field(init=False, repr=False)  # Distance from the eye of each, m
 
     def __post_init__(self) -> None:
         count = FINER * self.width * FINER * self.height
         self._colours = np.tile(np.asarray(self.background, np.float32), (count, 1))
         self._depths = np.full(count, np.inf, np.float32)
 
-    def project(self, points: Floats) -> Floats:
+    def project(self, points: Reals) -> Reals:
         """Column, row and distance (n, 3) of points (n, 3), in pixels of the canvas and m."""
         camera = self.camera
         seen = (points - camera.target) @ camera.axes().T
@@ -76,71 +81,94 @@ class Canvas:
         rows = 0.5 * FINER * self.height - scale * seen[:, 1] / safe
         return np.column_stack([columns, rows, distance])
 
-    def draw_mesh(
-        self, vertices: Floats, faces: NDArray[np.int32], colours: Floats, *, lit: bool = True
-    ) -> None:
+    def draw_mesh(self, vertices: Reals, faces: Ints, colours: Reals, *, lit: bool = True) -> None:
         """Draw triangles (m, 3) of vertices (n, 3) with a colour each, (n, 3), or one, (3,).
 
-        What is `lit` is brighter where it faces the light; both sides of a triangle are seen.
+        What is `lit` is brighter where it faces the light. Both sides of a triangle are seen, but
+        for a closed mesh, whose triangles must be counter-clockwise from outside.
         """
-        colours = np.broadcast_to(np.asarray(colours, np.float32), vertices.shape)
-        shades = self._shades(vertices, faces) if lit else np.ones(len(faces), np.float32)
-        flat = self.project(vertices)[faces]
-        ends = np.ceil(flat[:, :, :2].max(axis=1)).astype(np.int64)
-        starts = np.floor(flat[:, :, :2].min(axis=1)).astype(np.int64)
-        sides = (FINER * self.width, FINER * self.height)
-        starts, ends = np.clip(starts, 0, sides), np.clip(ends, 0, sides)
-        sizes = ends - starts
-        counts = sizes.prod(axis=1) * (flat[:, :, 2].min(axis=1) > NEAREST)
-        batches = np.cumsum(counts) // AT_ONCE
-        for batch in range(int(batches[-1]) + 1 if len(batches) else 0):
-            some = np.flatnonzero((batches == batch) & (counts > 0))
-            self._fill(flat[some], starts[some], sizes[some, 0], counts[some],
-                       colours[faces[some]] * shades[some, None, None])  # fmt: skip
+        colours = np.broadcast_to(np.asarray(colours, np.float32), vertices.shape)[faces]
+        if lit:
+            colours = colours * self._shades(vertices, faces)[:, :, None]
+        flat = self.project(vertices)[faces].astype(np.float32)
+        sides = np.array([FINER * self.width, FINER * self.height])
+        starts = np.clip(np.floor(flat[:, :, :2].min(axis=1)).astype(np.int32), 0, sides)
+        ends = np.clip(np.ceil(flat[:, :, :2].max(axis=1)).astype(np.int32), 0, sides)
+        counts = (ends - starts).prod(axis=1) * (flat[:, :, 2].min(axis=1) > NEAREST)
+        if geometry.is_closed(faces):
+            counts *= _turn(flat) < 0.0  # rows count downwards
+        some = np.flatnonzero(counts)
+        batches = np.cumsum(counts[some]) // AT_ONCE
+        for begun, ended in pairwise([*np.flatnonzero(np.diff(batches, prepend=-1)), len(some)]):
+            one = some[begun:ended]
+            self._fill(flat[one], starts[one], (ends - starts)[one, 0], counts[one], colours[one])
 
-    def _shades(self, vertices: Floats, faces: NDArray[np.int32]) -> Floats:
+    def _shades(self, vertices: Reals, faces: Ints) -> Reals:
+        """How bright each corner of each triangle is (m, 3): smooth but for sharp edges."""
         a, b, c = (vertices[faces[:, i]] for i in range(3))
-        normals = np.cross(b - a, c - a)
-        lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
-        facing = normals @ (self.camera.axes().T @ LIGHT) / lengths
+        flat = np.cross(b - a, c - a)
+        smooth = np.zeros_like(vertices)
+        for corner in range(3):
+            np.add.at(smooth, faces[:, corner], flat)
+        flat, smooth = (
+            one / np.maximum(np.linalg.norm(one, axis=1, keepdims=True), 1e-30)
+            for one in (flat, smooth)
+        )
+        corners = smooth[faces]
+        bent = np.einsum("mkc,mc->mk", corners, flat) < SHARP
+        corners[bent] = np.broadcast_to(flat[:, None], corners.shape)[bent]
+        facing = corners @ (self.camera.axes().T @ LIGHT / np.linalg.norm(LIGHT))
         return np.asarray(AMBIENT + DIFFUSE * np.clip(facing, 0.0, 1.0), np.float32)
 
     def _fill(
         self,
-        corners: Floats,
-        starts: NDArray[np.int64],
-        widths: NDArray[np.int64],
-        counts: NDArray[np.int64],
-        colours: Floats,
+        corners: Reals,
+        starts: Wholes,
+        widths: Wholes,
+        counts: Wholes,
+        colours: Reals,
     ) -> None:
         """Draw triangles of projected corners (m, 3, 3), each tested in so many pixels."""
-        owner = np.repeat(np.arange(len(counts)), counts)
-        place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-        column = starts[owner, 0] + place % widths[owner]
-        row = starts[owner, 1] + place // widths[owner]
-        a, b, c = (corners[:, i, :2] for i in range(3))
-        ab, ac = b - a, c - a
-        area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
-        area = np.where(area == 0.0, np.inf, area)
-        dx, dy = column + 0.5 - a[owner, 0], row + 0.5 - a[owner, 1]
-        v = (dx * ac[owner, 1] - dy * ac[owner, 0]) / area[owner]
-        w = (dy * ab[owner, 0] - dx * ab[owner, 1]) / area[owner]
-        inside = (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0)
+        owner = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+        place = np.arange(len(owner), dtype=np.int32)
+        place -= np.repeat((np.cumsum(counts) - counts).astype(np.int32), counts)
+        down, right = np.divmod(place, widths[owner])
+        # Barycentric coordinates are linear over the image: one plane for each triangle.
+        planes = self._planes(corners, starts)[owner]
+        v = planes[:, 0] + planes[:, 1] * right + planes[:, 2] * down
+        w = planes[:, 3] + planes[:, 4] * right + planes[:, 5] * down
+        inside = np.flatnonzero((v >= 0.0) & (w >= 0.0) & (v + w <= 1.0))
         owner, v, w = owner[inside], v[inside], w[inside]
-        shares = np.column_stack([1.0 - v - w, v, w]) / corners[owner, :, 2]
-        total = shares.sum(axis=1)
-        pixels = row[inside] * (FINER * self.width) + column[inside]
+        pixels = (starts[owner, 1] + down[inside]) * (FINER * self.width)
+        pixels += starts[owner, 0] + right[inside]
+        nearness = 1.0 / corners[:, :, 2]
+        a, b, c = nearness.T
+        total = a[owner] + v * (b - a)[owner] + w * (c - a)[owner]
         won = self._nearer(pixels, 1.0 / total)
-        mixed = np.einsum("nk,nkc->nc", shares[won] / total[won, None], colours[owner[won]])
-        self._colours[pixels[won]] = mixed
+        owner, v, w = owner[won], v[won, None], w[won, None]
+        scaled = colours * nearness[:, :, None]
+        mixed = scaled[owner, 0] * (1.0 - v - w) + scaled[owner, 1] * v + scaled[owner, 2] * w
+        self._colours[pixels[won]] = mixed / total[won, None]
 
-    def _nearer(self, pixels: NDArray[np.int64], depths: Floats) -> NDArray[np.intp]:
+    def _planes(self, corners: Reals, starts: Wholes) -> Reals:
+        """Second and third barycentric coordinate at a box's first pixel, and their slopes."""
+        a, ab, ac = corners[:, 0, :2], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = _turn(corners)
+        over = np.divide(1.0, area, where=area != 0.0, out=np.zeros_like(area))
+        x, y = (starts + np.float32(0.5) - a).T
+        v = (ac[:, 1] * over, -ac[:, 0] * over)
+        w = (-ab[:, 1] * over, ab[:, 0] * over)
+        begin_v, begin_w = v[0] * x + v[1] * y, w[0] * x + w[1] * y
+        begin_v = np.where(area == 0.0, -1.0, begin_v)  # seen edge-on: nothing of it is inside
+        return np.column_stack([begin_v, *v, begin_w, *w]).astype(np.float32)
+
+    def _nearer(self, pixels: Wholes, depths: Reals) -> NDArray[np.intp]:
         """Which of some pixels are the nearest that were drawn there; their depths are kept."""
-        depths = depths.astype(np.float32)
+        depths = depths.astype(np.float32, copy=False)
         np.minimum.at(self._depths, pixels, depths)
         return np.flatnonzero(depths == self._depths[pixels])
 
-    def draw_points(self, points: Floats, colours: Floats, radius: float) -> None:
+    def draw_points(self, points: Reals, colours: Reals, radius: float) -> None:
         """Draw discs of a radius, in pixels of the image, at points (n, 3), colours as a mesh's."""
         colours = np.broadcast_to(np.asarray(colours, np.float32), points.shape)
         reach = FINER * radius
@@ -158,7 +186,7 @@ class Canvas:
         self._colours[pixels[won]] = colours[owner[won]]
 
     def draw_line(
-        self, points: Floats, colour: Floats, width: float, *, closed: bool = False
+        self, points: Reals, colour: Reals, width: float, *, closed: bool = False
     ) -> None:
         """Draw a line through points (n, 3), of a width in pixels of the image."""
         if closed and len(points):
@@ -183,4 +211,11 @@ class Canvas:
     def image(self) -> Pixels:
         """The picture (height, width, 3), its edges smoothed."""
         shape = (self.height, FINER, self.width, FINER, 3)
-        return np.rint(self._colours.reshape(shape).mean(axis=(1, 3))).astype(np.uint8)
+        mean = self._colours.reshape(shape).mean(axis=(1, 3))
+        return np.asarray(np.rint(mean), np.uint8)
+
+
+def _turn(corners: Reals) -> Reals:
+    """Twice the area of projected triangles (m, 3, 3), positive if clockwise in the image."""
+    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]

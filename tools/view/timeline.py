@@ -19,7 +19,9 @@ from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.specs import pad_of_info
 from palpate.tools.bag import open_decoded
+from palpate.tools.surfaces import TruthSurface
 
+TRACED = ("closed", "occluded")  # How a contour ends that is of use
 MOST_POINTS = 48  # Of one touch that are drawn, spread over its taxels
 
 
@@ -31,8 +33,8 @@ class Touch(NamedTuple):
     number: int  # Within the goal
     finger: int
     pose: Floats  # Of the pad, (7,)
-    outcome: types.Outcome
-    kind: types.SurfaceKind
+    outcome: str  # Of the guarded move, as of a SurfacePatch
+    kind: str  # Of the surface, as of a SurfacePatch
     points: Floats  # Touched taxels, world frame (n, 3), at most `MOST_POINTS`
     normal: Floats  # (3,)
     residual: float  # Of the local fit, m
@@ -44,9 +46,9 @@ class Moment(NamedTuple):
     """What there is at a robot time, as lengths of the timeline's lists."""
 
     touches: int
+    grasps: int
     contours: int
     models: int
-    spaces: int
 
 
 @dataclass(slots=True)
@@ -64,6 +66,7 @@ class Timeline:
     truth: types.Truth | None = None
     world: types.World | None = None
     done: types.PlanDone | None = None
+    _surface: TruthSurface | None = None
     _sensor: types.SensorInfo | None = None
     _pad: Pad | None = None
     _images: dict[tuple[int, int, int], Floats] = field(default_factory=dict)
@@ -83,17 +86,24 @@ class Timeline:
 
     def at(self, time: float) -> Moment:
         """What there was at a robot time."""
-        touches, contours, models = (
-            bisect_right(some, time, key=_time)
-            for some in (self.touches, self.contours, self.models)
-        )
-        spaces = sum(one.number in self.spaces for one in self.models[:models])
-        return Moment(touches, contours, models, spaces)
+        kinds = (self.touches, self.grasps, self.contours, self.models)
+        return Moment(*(bisect_right(some, time, key=_time) for some in kinds))
+
+    def traced(self, moment: Moment) -> int:
+        """How many contours were of use by then: those that gave up are drawn, but not counted."""
+        return sum(one.status in TRACED for one in self.contours[: moment.contours])
 
     def space_at(self, moment: Moment) -> types.SpaceMap | None:
         """The last map of free space by then."""
         numbers = (one.number for one in reversed(self.models[: moment.models]))
         return next((self.spaces[one] for one in numbers if one in self.spaces), None)
+
+    @property
+    def surface(self) -> TruthSurface | None:
+        """The true surface, to measure distances from; None where nobody knows it."""
+        if self._surface is None and self.truth is not None:
+            self._surface = TruthSurface(self.truth)
+        return self._surface
 
     def bounds(self) -> tuple[Floats, Floats]:
         """The corners, (3,) each, of the box about all that is solid; a cube without anything."""

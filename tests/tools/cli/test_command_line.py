@@ -64,7 +64,7 @@ def test_the_version_is_reported(capsys):
     ("arguments", "words"),
     [
         (["lanch"], "there is no command 'lanch'; did you mean 'launch'? (see palpate --help)"),
-        (["bench"], "param, ... (see palpate --help)"),
+        (["bench"], "... (see palpate --help)"),
         (["run", "--sed", "3"], "No such option"),
         (["run", "vase", "--seed", "-3"], "-3 is not in the range"),
         (["run", "vaes"], "there is no scene 'vaes'; did you mean 'vase'?"),
@@ -245,7 +245,7 @@ def test_the_exit_code_of_a_verb_is_that_of_the_process(monkeypatch):
 def test_json_is_all_that_json_prints(monkeypatch, capsys, home):
     from palpate.launch.run import Run
     from palpate.nodes.runtime.composed import Ending
-    from palpate.tools import report as play
+    from palpate.tools import exploration as play
 
     asked: list[bool] = []
     figures = {"status": "died", "reason": "the tracer fell", "missed": ["too coarse"]}
@@ -256,6 +256,7 @@ def test_json_is_all_that_json_prints(monkeypatch, capsys, home):
         return Run(home, ending, figures, None, 3)
 
     monkeypatch.setattr("palpate.launch.perform", performed)
+    monkeypatch.setattr("palpate.tools.report.write_report", lambda runs, path: None)
     plan: Any = SimpleNamespace(asked="a tolerance of 0.2 mm")
     assert play.perform_and_print(plan, composed=True, as_json=True, quiet=False) == 3
     assert json.loads(capsys.readouterr().out) == figures

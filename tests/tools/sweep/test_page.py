@@ -15,7 +15,7 @@ from .conftest import RECORD
 class Parts(HTMLParser):
     """What a page is made of; raises if an element is closed that is not open."""
 
-    VOID = ("meta", "rect", "path", "circle")
+    VOID = ("meta", "link", "rect", "path", "circle")
 
     def __init__(self, text: str) -> None:
         super().__init__()

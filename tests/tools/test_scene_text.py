@@ -7,7 +7,7 @@ import pytest
 from palpate.core.plugins import ranges_of
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type
 from palpate.launch.scene import load_scene
-from palpate.tools.report import effects_text, list_effects, simulation_text
+from palpate.tools.scene_text import effects_text, list_effects, simulation_text
 
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
 

@@ -1,13 +1,11 @@
-"""What people are told of a scene before it is explored, and of a run when it is over."""
+"""What people are told of a scene before it is explored, and of the effects that there are."""
 
 from __future__ import annotations
 
-import json
 import textwrap
 from dataclasses import fields
 from typing import Any, get_args, get_type_hints
 
-import click
 import msgspec
 
 from palpate import launch
@@ -15,28 +13,6 @@ from palpate.core import ranges_of
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
 from palpate.launch.files import SourceMapped
 from palpate.nodes.specs import SensorSpec, describe_effects
-
-
-def perform_and_print(
-    plan: launch.Plan, *, composed: bool, as_json: bool, quiet: bool, verbose: bool = False
-) -> int:
-    """Perform a plan and print its result, or ``summary.json``; returns the exit code.
-
-    What is asked, and what it is expected to cost, is told before it begins. The result comes last,
-    so that it stays in sight; `verbose`: all figures before it.
-    """
-    if plan.asked and not (quiet or as_json):
-        click.echo(plan.asked, err=True)
-    display = launch.open_display(quiet=quiet or as_json)
-    done = launch.perform(plan, composed=composed, display=display)
-    if as_json:
-        click.echo(json.dumps(done.summary, indent=2, allow_nan=False))
-    elif not quiet:
-        click.echo(f"{done.details}\n{done.text}" if verbose else done.text)
-    elif done.exit_code != 0:
-        missed = [*done.summary["missed"], done.summary["reason"]]
-        click.echo(f"palpate: {done.ending.status}: {'; '.join(missed)}", err=True)
-    return done.exit_code
 
 
 def check_scene(scene: str, *, untrusted: bool = False) -> launch.Scene:
@@ -85,7 +61,7 @@ def simulation_text(scene: launch.SceneSpec) -> str:
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         head = f"  {effect.phase.name.lower():<7} {name:<{width}}  "
-        told = launch.titled(head, _parameters(effect), width=len(head))
+        told = launch.titled(head, effect_parameters(effect), width=len(head))
         lines += map(str.rstrip, told)
     return "\n".join(lines)
 
@@ -106,7 +82,8 @@ def _mm(metres: float) -> str:
     return f"{1000.0 * metres:g} mm"
 
 
-def _parameters(effect: Any) -> str:
+def effect_parameters(effect: Any) -> str:
+    """What an effect was given, with units; what was left out is passed over."""
     units = {name: allowed.unit for name, allowed in ranges_of(type(effect)).items()}
     told = []
     for field in fields(effect):

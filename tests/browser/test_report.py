@@ -1,0 +1,212 @@
+"""The report in a real browser: what it draws, and what its controls do."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from palpate.tools.report import write_report
+from palpate.tools.surfaces import viridis
+
+from .pictures import colours_in, drawn_by, picture_of, share_changed
+
+CHANGED, SAME = 0.003, 0.0003  # Share of the pixels
+
+
+@pytest.fixture(scope="session")
+def report(run_folder, tmp_path_factory):
+    path = tmp_path_factory.mktemp("browser") / "report.html"
+    write_report([run_folder], path)
+    return path.as_uri()
+
+
+@pytest.fixture
+def opened(open_page, report):
+    found = open_page(report)
+    drawn(found.page)
+    return found
+
+
+def drawn(page, view: int = 0) -> None:
+    """Wait until the view has been drawn and stands still."""
+    page.wait_for_selector(f"#view{view}.live[data-drawn]")
+    settled(page, view)
+
+
+def settled(page, view: int = 0) -> None:
+    page.evaluate(
+        """async (id) => {
+            const root = document.getElementById(id);
+            let last = -1;
+            while (root.dataset.drawn !== last) {
+                last = root.dataset.drawn;
+                await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 60)));
+            }
+        }""",
+        f"view{view}",
+    )
+
+
+def canvas(page):
+    return drawn_by(page.locator("#view0 canvas"))
+
+
+def control(page, name: str):
+    return page.locator(f"#view0 [data-control={name}]")
+
+
+def seek(page, share: float) -> None:
+    control(page, "time").evaluate(
+        "(one, to) => { one.value = to; one.dispatchEvent(new Event('input')); }", share
+    )
+    settled(page)
+
+
+def test_it_opens_without_an_error_and_asks_nobody_for_anything(opened):
+    assert opened.errors == []
+    assert opened.outside() == []
+    assert colours_in(canvas(opened.page)) > 20
+    first = opened.page.evaluate("window.palpateFirstPicture")
+    print(f"first picture after {first:.0f} ms")
+    assert opened.page.locator(".still").is_hidden()
+
+
+def test_the_colours_of_the_solid_are_those_of_the_scale(opened):
+    page = opened.page
+    control(page, "contours").uncheck()
+    settled(page)
+    seen = canvas(page).reshape(-1, 3)
+    scale = viridis(np.linspace(0.0, 1.0, 256), 1.0)
+    solid = seen[np.ptp(seen.astype(int), axis=1) > 12]  # what is no grey of the ground
+    near = np.abs(solid[:, None].astype(int) - scale[None, ::4]).max(axis=2).min(axis=1)
+    assert len(solid) > 5000
+    assert np.quantile(near, 0.9) <= 3  # but where edges are smoothed
+
+
+def test_toggles_show_and_hide_what_they_are_called(opened):
+    page = opened.page
+    for name in ("truth", "touches", "solid", "contours"):
+        before = canvas(page)
+        control(page, name).click()
+        settled(page)
+        hidden = canvas(page)
+        assert share_changed(before, hidden) > CHANGED
+        control(page, name).click()
+        settled(page)
+        assert share_changed(before, canvas(page)) < SAME
+
+
+def test_the_slider_goes_through_the_run(opened):
+    page = opened.page
+    end = canvas(page)
+    told = control(page, "readout").inner_text()
+    assert re.match(r"[\d.]+ s, 40 touches, \d+ contours?: model \d+, rms error", told)
+    seek(page, 0.0)
+    assert control(page, "readout").inner_text() == "0.0 s, 0 touches, 0 contours: no model yet"
+    assert colours_in(canvas(page)) == 1
+    seek(page, 0.6)
+    between = re.search(r"(\d+) touch", control(page, "readout").inner_text())
+    assert between
+    assert 0 < int(between[1]) < 40
+    seek(page, 1.0)
+    assert share_changed(end, canvas(page)) < SAME
+    assert control(page, "readout").inner_text() == told
+
+
+def test_playing_goes_from_the_beginning_to_the_end(opened):
+    page = opened.page
+    seek(page, 0.97)
+    control(page, "play").click()
+    page.wait_for_function("document.querySelector('[data-control=time]').value === '1'")
+    assert "40 touches" in control(page, "readout").inner_text()
+
+
+def test_what_colours_tell_can_be_chosen_and_the_scale_says_it(opened):
+    page, pictures = opened.page, {}
+    for name in ("deviation", "uncertainty", "plain"):
+        control(page, "colour").select_option(name)
+        settled(page)
+        pictures[name] = canvas(page)
+        shown = page.locator("#view0 .scale [data-colouring]:visible")
+        assert [shown.nth(i).get_attribute("data-colouring") for i in range(shown.count())] == (
+            [] if name == "plain" else [name]
+        )
+    assert share_changed(pictures["deviation"], pictures["uncertainty"]) > CHANGED
+    assert share_changed(pictures["deviation"], pictures["plain"]) > CHANGED
+
+
+def test_the_view_can_be_turned_and_brought_back(opened):
+    page = opened.page
+    before, box = canvas(page), page.locator("#view0 canvas").bounding_box()
+    page.mouse.move(box["x"] + 300, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 420, box["y"] + 120, steps=4)
+    page.mouse.up()
+    settled(page)
+    assert share_changed(before, canvas(page)) > CHANGED
+    control(page, "home").click()
+    settled(page)
+    assert share_changed(before, canvas(page)) < SAME
+
+
+def test_a_click_on_a_diagnostic_goes_to_its_place_and_time(opened):
+    page = opened.page
+    before = canvas(page)
+    page.locator("button.place").first.click()
+    settled(page)
+    after = canvas(page)
+    assert share_changed(before, after) > CHANGED
+    mark = np.abs(after.astype(int) - [0xD5, 0x5E, 0x00]).max(axis=2) < 8
+    assert mark.sum() > 60
+
+
+def test_it_fits_a_phone_and_the_dark(open_page, report):
+    found = open_page(report, 390, 844, color_scheme="dark")
+    page = found.page
+    drawn(page)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert ground == "rgb(13, 17, 23)"
+    assert colours_in(canvas(page)) > 20
+    assert found.errors == []
+
+
+def test_without_webgl_a_still_stands_in_its_place(open_page, report, monkeypatch):
+    found = open_page("about:blank")
+    found.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    found.page.goto(report)
+    found.page.wait_for_selector(".view3d.static")
+    assert found.page.locator(".still").is_visible()
+    assert colours_in(picture_of(found.page.locator(".still"))) > 20
+    assert "picture is a still" in found.page.locator("#view0 .fallback").inner_text()
+    assert found.page.locator("#view0 [data-control=play]").is_hidden()
+
+
+def test_it_prints_with_the_picture(opened):
+    opened.page.emulate_media(media="print")
+    settled(opened.page)
+    assert opened.page.locator("#view0 [data-control=play]").is_hidden()
+    assert len(opened.page.pdf()) > 50_000
+
+
+def test_two_runs_turn_together(open_page, run_folder, tmp_path):
+    path = tmp_path / "two.html"
+    write_report([run_folder, run_folder], path)
+    page = open_page(path.as_uri()).page
+    for view in (0, 1):
+        drawn(page, view)
+    views = [page.locator(f"#view{view} canvas") for view in (0, 1)]
+    seek(page, 0.5)
+    settled(page, 1)
+    told = [page.locator(f"#view{view} [data-control=readout]").inner_text() for view in (0, 1)]
+    assert told[0] == told[1]
+    box = views[0].bounding_box()
+    page.mouse.move(box["x"] + 100, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 180, box["y"] + 100, steps=3)
+    page.mouse.up()
+    settled(page)
+    settled(page, 1)
+    assert share_changed(*(drawn_by(one) for one in views)) < SAME

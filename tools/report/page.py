@@ -1,0 +1,311 @@
+"""``report.html``: a run, or two side by side, as one file that needs no network.
+
+The page is put together from sections, each of which is left out where there is nothing to tell.
+Pictures, the view's data and its program stand within the file; it opens from disk, prints, and
+without WebGL shows a still.
+"""
+
+from __future__ import annotations
+
+import base64
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate import launch
+from palpate.launch import millimetres
+from palpate.launch.files import write_atomically
+from palpate.tools.report.run_facts import MOST_PLACES, Place, RunFacts, ratio_rows, read_run
+from palpate.tools.report.view_data import DEVIATION, PLAIN, UNCERTAINTY, view_data
+from palpate.tools.surfaces import hex_colour
+from palpate.tools.view import png_bytes, still
+
+REPORT = "report.html"
+STILL = (720, 520)  # Pixels
+HERE = Path(__file__).parent
+SURFACES = {
+    DEVIATION: "distance from the truth, mm",
+    UNCERTAINTY: "stated standard deviation, mm",
+    PLAIN: "plain",
+}
+Html = Iterator[str]
+
+
+def write_report(runs: Sequence[Path], path: Path) -> None:
+    """Write the report of a run, or of two side by side.
+
+    `runs` are directories or recordings. Raises InputError if one has no figures or a damaged
+    recording, or the file cannot be written; it is replaced whole or not at all.
+    """
+    text = report_text([read_run(one) for one in runs])
+    write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
+
+
+def report_text(runs: Sequence[RunFacts]) -> str:
+    """The page of one run or two."""
+    title = " and ".join(f"{one.summary['scene'] or one.folder.name}" for one in runs)
+    body = [f"<h1>palpate: {escape(title)}</h1>"]
+    if len(runs) == 2:
+        body += _section("Side by side", list(_compared(runs)))
+    for heading, write in SECTIONS.items():
+        columns = [list(write(one, number)) for number, one in enumerate(runs)]
+        body += _section(heading, *columns)
+    return html_page(f"palpate: {title}", body, kind="two" if len(runs) > 1 else "one", view=True)
+
+
+def html_page(title: str, body: Sequence[str], *, kind: str = "one", view: bool = False) -> str:
+    """A page in the style of all of them; `view`: with the program of the view."""
+    lines = [
+        '<!DOCTYPE html>\n<html lang="en">\n<meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<link rel="icon" href="data:,">',  # or else a browser asks for one
+        f"<title>{escape(title)}</title>\n<style>\n{_read('page.css')}</style>",
+        f'<body class="{kind}">\n<main>',
+        *body,
+        "</main>",
+    ]
+    if view:
+        lines.append(f"<script>\n{_read('viewer/viewer.min.js')}</script>")
+    return "\n".join([*lines, "</body>\n</html>\n"])
+
+
+@cache
+def _read(name: str) -> str:
+    return (HERE / name).read_text("utf-8")
+
+
+def _section(heading: str, *columns: list[str]) -> list[str]:
+    """A section of a column for each run; nothing if none has anything to tell."""
+    if not any(columns):
+        return []
+    lines = [f"<section>\n<h2>{heading}</h2>", '<div class="columns">']
+    for one in columns:
+        lines += ["<div>", *(one or ['<p class="dim">nothing recorded</p>']), "</div>"]
+    return [*lines, "</div>\n</section>"]
+
+
+def _compared(runs: Sequence[RunFacts]) -> Html:
+    """The figures of two runs, and how many times as large the second's are."""
+    heads = ["", *(f"{one.summary['scene']}, {one.folder.name}" for one in runs), "ratio"]
+    rows = [[name, *cells] for name, cells in ratio_rows([one.summary for one in runs])]
+    yield from table(heads, rows, right=range(1, 4))
+
+
+def _headline(run: RunFacts, _: int) -> Html:
+    summary, facts = run.summary, launch.headline_facts(run.summary)
+    yield f'<p class="dim">{escape(str(run.folder))}, {escape(summary["reason"])}</p>'
+    yield '<div class="tiles">'
+    for name, value, kind in _tiles(summary):
+        yield f'<div class="tile {kind}"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
+    yield "</div>"
+    yield '<dl class="facts">'
+    for title, parts in {**facts, "missed": summary["missed"]}.items():
+        if parts:
+            yield f"<dt>{title}</dt><dd>{escape('; '.join(parts))}</dd>"
+    yield "</dl>"
+
+
+def _tiles(summary: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Name, value and kind of what counts most."""
+    if summary["rms_m"] is not None:
+        floor = millimetres(summary["sampling_floor_m"])
+        yield f"rms error; sampling floor {floor}", millimetres(summary["rms_m"]), ""
+    if summary["rms_bound_95_m"] is not None:
+        asked, met = summary["tolerance_m"], summary["tolerance_met"]
+        told = "" if asked is None else f"; tolerance {1e3 * asked:g} mm"
+        told += {True: " reached", False: " NOT reached", None: ""}[met]
+        kind = {True: "good", False: "bad", None: ""}[met]
+        yield f"bound of the error, 95 %{told}", millimetres(summary["rms_bound_95_m"]), kind
+    yield "touches", str(summary["touches"]), ""
+    yield "robot time", f"{summary['robot_time_s']:.0f} s", ""
+    if summary["compute_s"] is not None:
+        yield "compute time", f"{summary['compute_s']:.1f} s", ""
+    share = summary["open_share"]
+    if share is not None:
+        yield "of the surface is not known", f"{100.0 * share:.1f} %", "bad" if share > 0.05 else ""
+
+
+def _view(run: RunFacts, number: int) -> Html:
+    """The three-dimensional view, or a still of it."""
+    if run.line is None or not (run.line.models or run.line.touches):
+        return
+    data = view_data(run.line, run.places)
+    picture = base64.b64encode(png_bytes(still(run.line, *STILL))).decode()
+    colourings = [one for one in SURFACES if one in (*data.tops, PLAIN)]
+    truth = run.line.truth is not None
+    yield f'<div class="view3d" id="view{number}">\n<div class="stage">'
+    yield f'<img class="still" alt="{_alt(run)}" src="data:image/png;base64,{picture}">'
+    yield "</div>"
+    yield from _scale(data.tops)
+    yield '<div class="bar3d">'
+    yield '<button data-control="play">Play</button>'
+    yield (
+        '<input type="range" min="0" max="1" step="0.001" value="1" data-control="time" '
+        'aria-label="Time of the run">'
+    )
+    shown = (("solid", True), *([("truth", False)] if truth else []), ("contours", True))
+    for name, on in (*shown, ("touches", False)):
+        checked = " checked" if on else ""
+        yield f'<label><input type="checkbox" data-control="{name}"{checked}> {name}</label>'
+    yield '<label>colour <select data-control="colour">'
+    yield from (f'<option value="{one}">{one}</option>' for one in colourings)
+    yield "</select></label>"
+    yield '<button data-control="home">Reset view</button>'
+    yield '<output class="fallback" data-control="readout" aria-live="polite"></output>\n</div>'
+    yield f'<script type="application/json">{data.described}</script>'
+    yield f'<script type="text/plain">{data.packed}</script>\n</div>'
+
+
+def _alt(run: RunFacts) -> str:
+    found = launch.headline_facts(run.summary)["found"]
+    return escape(f"The rebuilt object with its contours: {', '.join(found)}", quote=True)
+
+
+def _scale(tops: dict[str, float]) -> Html:
+    """The scale of each colouring."""
+    ramp = ", ".join(hex_colour(one, 16.0) for one in range(17))
+    yield '<div class="scale">'
+    for name, top in tops.items():
+        yield (
+            f'<div data-colouring="{name}"><div class="ramp" style="background: linear-gradient('
+            f'to right, {ramp})"></div><div class="ends"><span>0</span>'
+            f"<span>{1e3 * top:g} and over</span></div><div>{SURFACES[name]}</div></div>"
+        )
+    yield "</div>"
+
+
+def _cost(run: RunFacts, _: int) -> Html:
+    yield from _picture(
+        launch.draw_svg(run.summary),
+        "True error and stated bound against touches, robot time and compute time, and where the "
+        "processor's time went",
+    )
+
+
+def _picture(svg: str, alt: str) -> Html:
+    """A drawing, whose style stays its own."""
+    data = base64.b64encode(svg.encode()).decode()
+    yield f'<div class="scroll"><img alt="{alt}" src="data:image/svg+xml;base64,{data}"></div>'
+
+
+def _contours(run: RunFacts, number: int) -> Html:
+    if run.line is None or not run.line.contours:
+        return
+    heads = ["contour", "height mm", "status", "touches", "points", "gaps", "rms mm", "p95 mm"]
+    rows = []
+    for one in run.line.contours:
+        found = run.contour_deviations.get(one.id)
+        told = ["", ""]
+        if found is not None and len(found):
+            told = [
+                f"{1e3 * np.sqrt(np.mean(found**2)):.3f}",
+                f"{1e3 * np.quantile(found, 0.95):.3f}",
+            ]
+        counts = [str(one.touches), str(len(one.points)), str(len(one.gap_starts))]
+        rows.append([str(one.id), f"{1e3 * one.height:.1f}", one.status, *counts, *told])
+    yield from table(heads, rows, right=(0, 1, 3, 4, 5, 6, 7))
+    yield '<p class="dim">In the order traced; rms and p95: of its points from the truth.</p>'
+
+
+def _load(run: RunFacts, _: int) -> Html:
+    nodes = run.summary["nodes"]
+    if not nodes:
+        return
+    most = max(one["cpu_s"] for one in nodes.values()) or 1.0
+    rows = []
+    for name, one in nodes.items():
+        bar = f'<span class="bar" style="width: {90.0 * one["cpu_s"] / most:.0f}px"></span>'
+        timing = [f"{1e-3 * one[key]:.2f}" for key in ("p50_us", "p99_us")]
+        rows.append([name, str(one["messages"]), *timing, f"{one['cpu_s']:.2f}", Markup(bar)])
+    heads = ["node", "messages", "p50 ms", "p99 ms", "CPU s", ""]
+    yield from table(heads, rows, right=range(1, 5))
+
+
+def _effects(run: RunFacts, _: int) -> Html:
+    if not run.effects:
+        yield "<p>Exact contact; no effect was simulated, and none was paid for.</p>"
+        return
+    most = max(one.seconds for one in run.effects) or 1.0
+    rows = []
+    for one in run.effects:
+        bar = f'<span class="bar" style="width: {90.0 * one.seconds / most:.0f}px"></span>'
+        rows.append([one.name, f"{1e6 * one.seconds:.0f}", Markup(bar), one.told])
+    yield from table(["stage", "µs a touch", "", "parameters"], rows, right=(1,))
+    yield '<p class="dim">Median processor time, measured when this page was written.</p>'
+
+
+def _diagnostics(run: RunFacts, number: int) -> Html:
+    """Where something went less well, with a way to look there, and the figures of the fit."""
+    kinds: dict[str, list[tuple[int, Place]]] = {}
+    for i, place in enumerate(run.places):
+        kinds.setdefault(place.kind, []).append((i, place))
+    for kind, some in kinds.items():
+        yield f"<h3>{escape(kind)}: {len(some)}</h3>\n<p>"
+        for i, place in some[:MOST_PLACES]:
+            yield (
+                f'<button class="place" data-view="view{number}" data-place="{i}">'
+                f"{escape(place.text)}</button>"
+            )
+        rest = len(some) - MOST_PLACES
+        yield "</p>" if rest <= 0 else f'<span class="dim">and {rest} more</span></p>'
+    if not kinds and run.line is not None:
+        yield "<p>No gap, no fallback, and no opening.</p>"
+    for one in run.log:
+        yield f"<p>{escape(one['level'])}, {escape(one['node'])}: {escape(one['text'])}</p>"
+    if run.summary["numerics"]:
+        rows = [[name, f"{value:.3g}"] for name, value in run.summary["numerics"].items()]
+        yield "<details><summary>Figures of the last fit</summary>"
+        yield from table(["figure", "value"], rows, right=(1,))
+        yield "</details>"
+
+
+def _graph(run: RunFacts, _: int) -> Html:
+    if run.graph:
+        yield from _picture(run.graph, "Nodes of the run, and the topics between them")
+
+
+def _reproduce(run: RunFacts, _: int) -> Html:
+    again = shlex.quote(str(run.folder / "launch.yaml"))
+    yield f"<pre>palpate launch {escape(again)}</pre>"
+    seed, mesh = run.summary["seed"], run.summary["mesh_sha256"]
+    told = {"palpate": run.summary["palpate"], "seed": seed, "mesh_sha256": mesh}
+    yield '<dl class="facts">'
+    yield from (f"<dt>{key}</dt><dd>{escape(str(one))}</dd>" for key, one in told.items() if one)
+    yield f"<dt>versions</dt><dd>{escape(launch.versions_text())}</dd></dl>"
+    for name, text in run.files.items():
+        yield f"<details><summary>{name}</summary><pre>{escape(text)}</pre></details>"
+
+
+class Markup(str):
+    """Text of a cell that is HTML already."""
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int]) -> Html:
+    """A table; numbers stand to the right in the columns `right`."""
+    kinds = ['class="n"' if i in right else "" for i in range(len(heads))]
+    yield '<div class="table"><table>\n<tr>'
+    yield "".join(f"<th {kind}>{escape(one)}</th>" for one, kind in zip(heads, kinds, strict=True))
+    yield "</tr>"
+    for row in rows:
+        cells = (one if isinstance(one, Markup) else escape(one) for one in row)
+        told = "".join(f"<td {kind}>{one}</td>" for one, kind in zip(cells, kinds, strict=True))
+        yield f"<tr>{told}</tr>"
+    yield "</table></div>"
+
+
+SECTIONS: dict[str, Callable[[RunFacts, int], Html]] = {
+    "What was found": _headline,
+    "The object": _view,
+    "What accuracy cost": _cost,
+    "Contours": _contours,
+    "Load and latency": _load,
+    "Effects": _effects,
+    "Diagnostics of the fit": _diagnostics,
+    "Graph": _graph,
+    "How to run it again": _reproduce,
+}

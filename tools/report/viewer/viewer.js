@@ -1,0 +1,301 @@
+// The three-dimensional view of a report: solids, truth, contours and touches through a run.
+//
+// Draws only when something has changed. Colours are those of the scale beside the picture, exactly:
+// values are unlit and nothing is tone-mapped. Several views on a page turn together.
+
+import {
+  AmbientLight,
+  BufferAttribute,
+  BufferGeometry,
+  ColorManagement,
+  DirectionalLight,
+  DoubleSide,
+  LinearSRGBColorSpace,
+  Mesh,
+  MeshBasicMaterial,
+  MeshLambertMaterial,
+  PerspectiveCamera,
+  Points,
+  PointsMaterial,
+  Scene,
+  Vector3,
+  WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import { LineMaterial } from "three/addons/lines/LineMaterial.js";
+import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
+
+ColorManagement.enabled = false;
+const views = [];
+const KINDS = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
+const PLAIN = 0x6f9bd1, TRUTH = 0x9a9a9a, TOUCH = 0x222222, MARK = 0xd55e00;
+
+// The arrays of a payload: base64 of gzip, with an index of name to [kind, offset, length].
+async function unpack(text) {
+  const packed = Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const bytes = await new Response(stream).arrayBuffer();
+  return (place) => {
+    const [kind, offset, length] = place;
+    return new KINDS[kind](bytes.slice(offset, offset + length * KINDS[kind].BYTES_PER_ELEMENT));
+  };
+}
+
+class View {
+  constructor(root, told, arrays) {
+    this.root = root;
+    this.told = told;
+    this.arrays = arrays;
+    this.viridis = told.viridis.map((one) => [1, 3, 5].map((i) => parseInt(one.slice(i, i + 2), 16)));
+    this.colouring = told.colourings[0];
+    this.scene = new Scene();
+    this.renderer = new WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
+    this.renderer.outputColorSpace = LinearSRGBColorSpace;
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.camera = new PerspectiveCamera(28, 1, told.size / 100, told.size * 50);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.light = new DirectionalLight(0xffffff, 2.0);
+    this.scene.add(new AmbientLight(0xffffff, 1.4), this.light);
+    this.build();
+    this.listen();
+    this.home();
+  }
+
+  // Everything that there is to show; what is shown when is decided by `update`.
+  build() {
+    const { told } = this;
+    this.models = told.models.map((one) => this.mesh(one));
+    if (told.truth) {
+      const material = { color: TRUTH, transparent: true, opacity: 0.45, depthWrite: false };
+      const lit = new MeshLambertMaterial({ ...material, side: DoubleSide });
+      this.truth = new Mesh(this.geometry(told.truth), lit);
+      this.scene.add(this.truth);
+    }
+    this.contours = told.contours.map((one, i) => this.line(one, i));
+    const points = this.places(told.touches.points);
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(points, 3));
+    const size = 2.5 * this.renderer.getPixelRatio();
+    const dots = new PointsMaterial({ color: TOUCH, size, sizeAttenuation: false });
+    this.touches = new Points(geometry, dots);
+    const mark = new BufferGeometry();
+    mark.setAttribute("position", new BufferAttribute(new Float32Array(3), 3));
+    const ring = new PointsMaterial({ color: MARK, size: 16, sizeAttenuation: false, depthTest: false });
+    this.mark = new Points(mark, ring);
+    this.mark.visible = false;
+    this.scene.add(this.touches, this.mark);
+  }
+
+  places(place) {
+    const whole = this.arrays(place);
+    const found = new Float32Array(whole.length);
+    const { low, step } = this.told;
+    for (let i = 0; i < whole.length; i++) found[i] = low[i % 3] + step * whole[i];
+    return found;
+  }
+
+  geometry(one) {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(this.places(one.vertices), 3));
+    geometry.setIndex(new BufferAttribute(this.arrays(one.faces), 1));
+    geometry.computeVertexNormals();
+    return geometry;
+  }
+
+  mesh(one) {
+    const offset = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 };
+    const geometry = this.geometry(one);
+    const colours = new BufferAttribute(new Uint8Array(geometry.attributes.position.count * 3), 3, true);
+    geometry.setAttribute("color", colours);
+    const mesh = new Mesh(geometry);
+    mesh.userData = {
+      plain: new MeshLambertMaterial({ color: PLAIN, side: DoubleSide, ...offset }),
+      valued: new MeshBasicMaterial({ vertexColors: true, side: DoubleSide, ...offset }),
+      values: Object.fromEntries(
+        Object.entries(one.values).map(([name, place]) => [name, this.arrays(place)])),
+    };
+    this.scene.add(mesh);
+    return mesh;
+  }
+
+  line(one, i) {
+    const points = this.places(one.points);
+    const count = points.length / 3;
+    const ends = new Float32Array(6 * Math.max(one.closed ? count : count - 1, 0));
+    for (let k = 0; k < ends.length / 6; k++) {
+      ends.set(points.subarray(3 * k, 3 * k + 3), 6 * k);
+      const next = (k + 1) % count;
+      ends.set(points.subarray(3 * next, 3 * next + 3), 6 * k + 3);
+    }
+    const share = this.told.contours.length > 1 ? i / (this.told.contours.length - 1) : 0;
+    const geometry = new LineSegmentsGeometry().setPositions(ends);
+    const line = new LineSegments2(geometry, new LineMaterial({ color: orderColour(share), linewidth: 3 }));
+    this.scene.add(line);
+    return line;
+  }
+
+  // Colours of the values that are chosen, of one model when it is first shown.
+  paint(mesh) {
+    const { plain, valued, values, painted } = mesh.userData;
+    const chosen = values[this.colouring];
+    mesh.material = chosen ? valued : plain;
+    if (!chosen || painted === this.colouring) return;
+    const colours = mesh.geometry.attributes.color;
+    chosen.forEach((value, i) => colours.array.set(this.viridis[value], 3 * i));
+    colours.needsUpdate = true;
+    mesh.userData.painted = this.colouring;
+  }
+
+  listen() {
+    const find = (name) => this.root.querySelector(`[data-control=${name}]`);
+    this.slider = find("time");
+    this.readout = find("readout");
+    this.showing = Object.fromEntries(["solid", "truth", "contours", "touches"].map((name) => {
+      const box = find(name);
+      box?.addEventListener("change", () => this.update());
+      return [name, () => box?.checked ?? false];
+    }));
+    find("colour")?.addEventListener("change", (event) => {
+      this.colouring = event.target.value;
+      this.update();
+    });
+    this.slider.addEventListener("input", () => views.forEach((one) => one.seek(this.slider.value)));
+    find("play").addEventListener("click", () => this.play());
+    find("home").addEventListener("click", () => views.forEach((one) => one.home()));
+    for (const one of document.querySelectorAll(`[data-place][data-view="${this.root.id}"]`)) {
+      one.addEventListener("click", () => this.visit(this.told.places[one.dataset.place]));
+    }
+    this.controls.addEventListener("change", () => {
+      for (const other of views) if (other !== this) other.follow(this);
+      this.draw();
+    });
+    new ResizeObserver(() => this.resize()).observe(this.root.querySelector(".stage"));
+    window.addEventListener("beforeprint", () => this.draw());
+  }
+
+  seek(share) {
+    this.slider.value = share;
+    this.update();
+  }
+
+  play() {
+    clearInterval(this.timer);
+    if (Number(this.slider.value) >= 1) this.slider.value = 0;
+    this.timer = setInterval(() => {
+      const next = Math.min(Number(this.slider.value) + 0.01, 1);
+      views.forEach((one) => one.seek(next));
+      if (next >= 1) clearInterval(this.timer);
+    }, 80);
+  }
+
+  // Look at a place where something happened, at that time.
+  visit(place) {
+    this.seek(Math.min(1, place.time / this.told.end));
+    this.mark.visible = true;
+    this.mark.geometry.attributes.position.array.set(place.point);
+    this.mark.geometry.attributes.position.needsUpdate = true;
+    const target = new Vector3(...this.told.middle);
+    const out = new Vector3(...place.point).sub(target).setZ(0.35 * this.told.size);
+    this.camera.position.copy(target).addScaledVector(out.normalize(), this.told.size * 2.05);
+    this.controls.target.copy(target);
+    this.controls.update();
+    this.draw();
+    this.root.scrollIntoView({ block: "nearest" });
+  }
+
+  home() {
+    const [turn, rise] = [-50, 18].map((one) => (one * Math.PI) / 180);
+    const out = [Math.cos(turn) * Math.cos(rise), Math.sin(turn) * Math.cos(rise), Math.sin(rise)];
+    this.controls.target.set(...this.told.middle);
+    this.camera.position.set(...this.told.middle).addScaledVector(new Vector3(...out), this.told.size * 2.05);
+    this.mark.visible = false;
+    this.controls.update();
+    this.update();
+  }
+
+  follow(other) {
+    this.camera.position.copy(other.camera.position);
+    this.camera.quaternion.copy(other.camera.quaternion);
+    this.controls.target.copy(other.controls.target);
+    this.draw();
+  }
+
+  update() {
+    const time = this.told.end * Number(this.slider.value);
+    const by = (times) => times.filter((one) => one <= time + 1e-9).length;
+    const model = by(this.told.models.map((one) => one.time)) - 1;
+    this.models.forEach((mesh, i) => {
+      mesh.visible = i === model && this.showing.solid();
+      if (mesh.visible) this.paint(mesh);
+    });
+    const contours = by(this.told.contours.map((one) => one.time));
+    this.contours.forEach((line, i) => (line.visible = i < contours && this.showing.contours()));
+    const touches = by(this.told.touches.times);
+    this.touches.geometry.setDrawRange(0, touches ? this.told.touches.ends[touches - 1] : 0);
+    this.touches.visible = this.showing.touches();
+    if (this.truth) this.truth.visible = this.showing.truth();
+    const told = model < 0 ? "no model yet" : this.told.models[model].told;
+    const traced = this.told.contours.slice(0, contours).filter((one) => one.traced).length;
+    const counts = `${counted(touches, "touch", "es")}, ${counted(traced, "contour", "s")}`;
+    this.readout.textContent = `${time.toFixed(1)} s, ${counts}: ${told}`;
+    const scale = this.root.querySelector(".scale");
+    scale.hidden = this.colouring === "plain";
+    for (const bar of scale.querySelectorAll("[data-colouring]")) {
+      bar.hidden = bar.dataset.colouring !== this.colouring;
+    }
+    this.draw();
+  }
+
+  resize() {
+    const { clientWidth: wide, clientHeight: high } = this.root.querySelector(".stage");
+    if (!wide || !high) return;
+    this.renderer.setSize(wide, high);
+    this.camera.aspect = wide / high;
+    this.camera.updateProjectionMatrix();
+    this.draw();
+  }
+
+  draw() {
+    if (this.waiting) return;
+    this.waiting = requestAnimationFrame(() => {
+      this.waiting = 0;
+      this.light.position.copy(this.camera.position).sub(this.controls.target);
+      this.light.position.z += this.told.size;
+      this.renderer.render(this.scene, this.camera);
+      this.root.dataset.drawn = Number(this.root.dataset.drawn || 0) + 1;
+      window.palpateFirstPicture ??= performance.now();
+    });
+  }
+}
+
+// From orange to purple, in the order in which contours were traced.
+function orderColour(share) {
+  const [from, to] = [[213, 94, 0], [204, 121, 167]];
+  const mixed = from.map((one, i) => Math.round(one + share * (to[i] - one)));
+  return (mixed[0] << 16) | (mixed[1] << 8) | mixed[2];
+}
+
+function counted(number, one, more) {
+  return `${number} ${one}${number === 1 ? "" : more}`;
+}
+
+async function start(root) {
+  const told = JSON.parse(root.querySelector("script[type='application/json']").textContent);
+  const arrays = await unpack(root.querySelector("script[type='text/plain']").textContent.trim());
+  const view = new View(root, told, arrays);
+  views.push(view);
+  const stage = root.querySelector(".stage");
+  stage.append(view.renderer.domElement);
+  view.resize();
+  root.classList.add("live");
+}
+
+for (const root of document.querySelectorAll(".view3d")) {
+  start(root).catch((error) => {
+    root.classList.add("static");
+    root.querySelector(".fallback").textContent =
+      `This browser draws no three-dimensional view (${error.message}); the picture is a still.`;
+  });
+}

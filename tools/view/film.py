@@ -1,0 +1,253 @@
+"""A run as a film: the finger explores, the solid grows, and error and bound fall.
+
+Drawn without a screen, frame by frame; mp4 by ffmpeg where that is installed, else GIF.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from palpate.core import Floats, advanced_pose
+from palpate.launch import counted
+from palpate.launch.files import InputError, check_new, write_new
+from palpate.tools.surfaces import hex_colour, scale_top, viridis
+from palpate.tools.view.picture import FINGER, TOUCHED, draw_moment, finger_mesh
+from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
+from palpate.tools.view.timeline import Timeline, curve_of
+
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw
+
+SECONDS = 20.0  # Of the film, unless the user says otherwise
+ENDING = 0.2  # Of it, in which the solid turns, coloured by its deviation
+TURN, LAST_TURN = 60.0, 150.0  # Degrees that the camera goes round before that, and then
+LIFT = 0.012  # By which a finger is drawn off the surface between two touches, m
+TRACE = 400  # Touched points that are drawn at most, the latest
+INK, DIM, ERROR, BOUND, PAGE = "#1f2328", "#59636e", "#1f6feb", "#c2571a", "#ffffff"
+
+
+class Format(NamedTuple):
+    """How a kind of film is made."""
+
+    width: int
+    height: int
+    rate: int  # Frames a second
+    write: Callable[[Iterator[Pixels], Path, Format], None]
+
+
+def make_film(
+    line: Timeline, path: Path, *, seconds: float = SECONDS, say: Callable[[str], None]
+) -> None:
+    """Write a film of a run; how far it is, is told to `say`.
+
+    The suffix of `path` is ``.mp4``, which takes ffmpeg, or ``.gif``. Raises InputError if it is
+    another, the file exists or cannot be written, ffmpeg is missing, or nothing was touched.
+    """
+    check_new(path)
+    kind = FORMATS.get(path.suffix.lower())
+    if kind is None:
+        raise InputError(f"{path}: must end in .mp4 or .gif, got {path.suffix or 'no suffix'!r}")
+    if kind.write is _write_mp4 and shutil.which("ffmpeg") is None:
+        raise InputError(f"{path}: mp4 takes ffmpeg, which is not installed; name a .gif instead")
+    if not line.touches:
+        raise InputError("the run has no touches: there is nothing to show")
+    count = max(2, round(seconds * kind.rate))
+
+    def frames() -> Iterator[Pixels]:
+        told, film = -1, Film(line, kind.width, kind.height)
+        for number in range(count):
+            if (tenth := 10 * number // count) != told:
+                told = tenth
+                say(f"{10 * tenth} %")
+            yield film.frame(number / (count - 1))
+
+    write_new(path, lambda part: kind.write(frames(), part, kind))
+
+
+@dataclass(slots=True)
+class Film:
+    """The frames of a film: the scene at the left, what is measured at the right."""
+
+    line: Timeline
+    width: int
+    height: int
+    colours: Floats | None = None  # Of the last model's vertices, by deviation
+    top: float = 0.0  # Of their scale, m
+
+    def __post_init__(self) -> None:
+        if self.line.models and self.line.surface is not None:
+            found = self.line.surface.deviations(self.line.models[-1].vertices)
+            self.top = scale_top(found)
+            self.colours = viridis(found, self.top).astype(np.float64)
+
+    def frame(self, share: float) -> Pixels:
+        """The picture (height, width, 3) at a share of the film, 0 to 1."""
+        from PIL import Image, ImageDraw
+
+        exploring = min(share / (1.0 - ENDING), 1.0)
+        ending = max(0.0, (share - 1.0 + ENDING) / ENDING)
+        time = exploring * self.line.end
+        picture = np.full((self.height, self.width, 3), 255, np.uint8)
+        wide = round(0.62 * self.width)
+        picture[:, :wide] = self._scene(time, exploring, ending, wide)
+        image = Image.fromarray(picture)
+        self._measured(ImageDraw.Draw(image), image, time, ending, wide)
+        return np.asarray(image)
+
+    def _scene(self, time: float, exploring: float, ending: float, wide: int) -> Pixels:
+        line, moment = self.line, self.line.at(time)
+        azimuth = -60.0 + TURN * exploring + LAST_TURN * ending
+        low, high = line.bounds()
+        canvas = Canvas(wide, self.height, camera_on(low, high, azimuth=azimuth))
+        if ending > 0.0 and self.colours is not None:
+            draw_moment(canvas, line, moment, self.colours)
+            return canvas.image()
+        draw_moment(canvas, line, moment)
+        recent = [one.points for one in line.touches[: moment.touches] if len(one.points)]
+        if moment.models and recent:
+            canvas.draw_points(np.concatenate(recent[-TRACE // 24 :])[-TRACE:], TOUCHED, 1.0)
+        if ending == 0.0 and moment.touches:
+            canvas.draw_mesh(*finger_mesh(finger_pose(line, time)), FINGER)
+        return canvas.image()
+
+    def _measured(self, draw: ImageDraw, image: Any, time: float, ending: float, left: int) -> None:
+        """The tactile image, the figures, and the curve of error and bound."""
+        unit, right = self.height / 360.0, self.width - round(0.03 * self.width)
+        moment = self.line.at(time)
+        side = round(104 * unit)
+        if ending > 0.0 and self.colours is not None:
+            self._scale(draw, left, round(40 * unit), right, unit)
+        elif moment.touches:
+            self._tactile(draw, image, moment.touches - 1, left, round(16 * unit), side)
+        texts = [f"robot time {time:.0f} s", counted(moment.touches, "touch", "touches")]
+        texts.append(counted(self.line.traced(moment), "contour"))
+        if not moment.touches:
+            closed = sum(len(one.points) for one in self.line.grasps[: moment.grasps])
+            texts[1:] = [f"{counted(closed, 'contact')} of the hand"]
+        for row, text in enumerate(texts):
+            at = (left + side + 12 * unit, (22 + 22 * row) * unit)
+            if ending == 0.0:
+                draw.text(at, text, INK, _font(round(13 * unit)))
+        box = (left + 34 * unit, 160 * unit, right, 320 * unit)
+        self._curve(draw, time, box, unit)
+
+    def _tactile(
+        self, draw: ImageDraw, image: Any, touch: int, left: int, top: int, side: int
+    ) -> None:
+        from PIL import Image
+
+        pressed = self.line.touches[touch].compression
+        if not pressed.size:
+            return
+        most = max(float(one.compression.max(initial=0.0)) for one in self.line.touches)
+        cells = viridis(pressed.ravel(), most or 1.0).reshape(*pressed.shape, 3)
+        image.paste(
+            Image.fromarray(cells).resize((side, side), Image.Resampling.NEAREST), (left, top)
+        )
+        draw.text((left, top + side + 4), "compression", DIM, _font(round(0.1 * side)))
+
+    def _scale(self, draw: ImageDraw, left: int, top: int, right: int, unit: float) -> None:
+        for x in range(left, right):
+            colour = hex_colour((x - left) / (right - left), 1.0)
+            draw.line([(x, top), (x, top + 14 * unit)], colour)
+        font = _font(round(12 * unit))
+        draw.text((left, top + 20 * unit), "0", INK, font)
+        draw.text((right, top + 20 * unit), f"{1e3 * self.top:g} mm", INK, font, anchor="ra")
+        draw.text((left, top + 40 * unit), "distance from the truth", DIM, font)
+
+    def _curve(
+        self, draw: ImageDraw, time: float, box: tuple[float, float, float, float], unit: float
+    ) -> None:
+        """Error and bound against robot time, as far as it has come, in mm on a log scale."""
+        _, times, errors, bounds = curve_of(self.line)
+        known = np.concatenate([errors, bounds])
+        known = known[np.isfinite(known) & (known > 0.0)]
+        if not len(known):
+            return
+        left, top, right, bottom = box
+        low, high = math.log10(known.min()) - 0.15, math.log10(known.max()) + 0.15
+        font, end = _font(round(11 * unit)), max(self.line.end, 1e-9)
+        draw.rectangle(box, outline="#8c959f")
+        for power in range(math.ceil(low + 3.0), math.floor(high + 3.0) + 1):
+            y = bottom - (power - 3.0 - low) / (high - low) * (bottom - top)
+            draw.line([(left, y), (right, y)], "#e6eaef")
+            draw.text((left - 5 * unit, y), f"{10.0**power:g}", DIM, font, anchor="rm")
+        for values, colour in ((bounds, BOUND), (errors, ERROR)):
+            shown = (times <= time) & np.isfinite(values) & (values > 0.0)
+            across = left + times[shown] / end * (right - left)
+            up = bottom - (np.log10(values[shown]) - low) / (high - low) * (bottom - top)
+            places = list(zip(across.tolist(), up.tolist(), strict=True))
+            if len(places) > 1:
+                draw.line(places, colour, max(1, round(1.6 * unit)))
+            for x, y in places:
+                draw.ellipse((x - 2 * unit, y - 2 * unit, x + 2 * unit, y + 2 * unit), colour)
+        at = left + min(time / end, 1.0) * (right - left)
+        draw.line([(at, top), (at, bottom)], "#8c959f")
+        draw.text((left, top - 16 * unit), "error", ERROR, font)
+        draw.text((left + 36 * unit, top - 16 * unit), "95 % bound, mm", BOUND, font)
+        draw.text((right, bottom + 4 * unit), f"robot time, to {end:.0f} s", DIM, font, anchor="ra")
+
+
+def finger_pose(line: Timeline, time: float) -> Floats:
+    """Where a finger is drawn at a robot time (7,): on its way from one touch to the next."""
+    following = bisect_right(line.touches, time, key=lambda one: one.time)
+    after = line.touches[min(following, len(line.touches) - 1)]
+    before = line.touches[max(following - 1, 0)]
+    share = min(max((time - before.time) / max(after.time - before.time, 1e-9), 0.0), 1.0)
+    turn = before.pose[3:] * np.copysign(1.0, before.pose[3:] @ after.pose[3:])
+    pose = (1.0 - share) * np.append(before.pose[:3], turn) + share * after.pose
+    pose[3:] /= max(float(np.linalg.norm(pose[3:])), 1e-12)
+    if not np.isfinite(pose).all() or not pose[3:].any():  # they face each other
+        return after.pose
+    return advanced_pose(pose, -LIFT * math.sin(math.pi * share))
+
+
+@cache
+def _font(size: int) -> Any:
+    from matplotlib import get_data_path
+    from PIL import ImageFont
+
+    return ImageFont.truetype(str(Path(get_data_path()) / "fonts/ttf/DejaVuSans.ttf"), max(size, 8))
+
+
+def _write_mp4(frames: Iterator[Pixels], path: Path, kind: Format) -> None:
+    command = ["ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{kind.width}x{kind.height}", "-r", str(kind.rate), "-i", "-"]
+    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-movflags", "+faststart"]
+    with subprocess.Popen(
+        [*command, "-f", "mp4", str(path)], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as ffmpeg:
+        assert ffmpeg.stdin is not None and ffmpeg.stderr is not None
+        try:
+            for one in frames:
+                ffmpeg.stdin.write(one.tobytes())
+            ffmpeg.stdin.close()
+        except BrokenPipeError:
+            pass  # it says itself why it ended
+        told = ffmpeg.stderr.read().decode(errors="replace").strip()
+        if ffmpeg.wait() != 0:
+            raise InputError(f"{path}: ffmpeg failed: {told.splitlines()[-1] if told else ''}")
+
+
+def _write_gif(frames: Iterator[Pixels], path: Path, kind: Format) -> None:
+    from PIL import Image
+
+    first = Image.fromarray(next(frames)).quantize(128, dither=Image.Dither.NONE)
+    rest = (Image.fromarray(one).quantize(128, dither=Image.Dither.NONE) for one in frames)
+    first.save(path, "GIF", save_all=True, append_images=rest, duration=1000 // kind.rate, loop=0)
+
+
+FORMATS = {
+    ".mp4": Format(960, 540, 20, _write_mp4),
+    ".gif": Format(640, 360, 10, _write_gif),
+}

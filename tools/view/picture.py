@@ -1,0 +1,78 @@
+"""A moment of a run as a picture: the solid, what was touched, and the finger."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core import Floats, transform_points
+from palpate.tools.surfaces import scale_top, viridis
+from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
+from palpate.tools.view.timeline import Moment, Timeline
+
+SOLID = np.array([111.0, 155.0, 209.0])  # Colours, 0 to 255
+CONTOUR = np.array([213.0, 94.0, 0.0])
+LAST_CONTOUR = np.array([204.0, 121.0, 167.0])
+TOUCHED = np.array([40.0, 40.0, 40.0])
+FINGER = np.array([230.0, 159.0, 0.0])
+LINE_WIDTH = 2.2  # Pixels
+FINGER_SIDES = 24
+# Radii of the drawn finger, and how far behind its tip, m.
+FINGER_RINGS = ((0.006, 0.03), (0.006, 0.004), (0.0048, 0.0015), (0.0027, 0.0003))
+
+
+def still(line: Timeline, width: int, height: int) -> Pixels:
+    """The end of a run (height, width, 3): deviation from the truth where that is known."""
+    canvas = Canvas(width, height, camera_on(*line.bounds()))
+    colours: Floats = SOLID
+    if line.models and line.surface is not None:
+        deviations = line.surface.deviations(line.models[-1].vertices)
+        colours = viridis(deviations, scale_top(deviations)).astype(np.float64)
+    draw_moment(canvas, line, line.at(np.inf), colours)
+    return canvas.image()
+
+
+def draw_moment(canvas: Canvas, line: Timeline, moment: Moment, colours: Floats = SOLID) -> None:
+    """Draw the solid of a moment, with a colour or one for each vertex, contours and touches."""
+    if moment.models:
+        model = line.models[moment.models - 1]
+        canvas.draw_mesh(model.vertices, model.faces, colours, lit=colours.ndim == 1)
+    else:
+        points = [one.points for one in line.touches[: moment.touches]]
+        points += [one.points for one in line.grasps[: moment.grasps]]
+        canvas.draw_points(np.concatenate([np.zeros((0, 3)), *points]), TOUCHED, 1.5)
+    contours = line.contours[: moment.contours]
+    for i, one in enumerate(contours):
+        share = i / max(len(line.contours) - 1, 1)
+        colour = (1.0 - share) * CONTOUR + share * LAST_CONTOUR
+        canvas.draw_line(one.points, colour, LINE_WIDTH, closed=one.status == "closed")
+
+
+def finger_mesh(pose: Floats) -> tuple[Floats, NDArray[np.int32]]:
+    """A rounded cylinder whose tip is at a pad's pose: vertices (n, 3) and triangles (m, 3)."""
+    n, levels = FINGER_SIDES, len(FINGER_RINGS)
+    turns = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    circle = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(n)])
+    rings = [wide * circle - [0.0, 0.0, back] for wide, back in FINGER_RINGS]
+    ends = np.array([[0.0, 0.0, -FINGER_RINGS[0][1]], [0.0, 0.0, 0.0]])
+    here, there = np.arange(n), np.roll(np.arange(n), -1)
+    faces = [np.column_stack([there, here, np.full(n, levels * n)])]
+    for first in range(0, (levels - 1) * n, n):
+        a, b = here + first, there + first
+        faces += [np.column_stack([a, b, a + n]), np.column_stack([b, b + n, a + n])]
+    last = (levels - 1) * n
+    faces.append(np.column_stack([here + last, there + last, np.full(n, levels * n + 1)]))
+    vertices = transform_points(pose, np.concatenate([*rings, ends]))
+    return vertices, np.concatenate(faces).astype(np.int32)
+
+
+def png_bytes(picture: Pixels) -> bytes:
+    """A picture as PNG of at most 256 colours."""
+    from PIL import Image
+
+    data = io.BytesIO()
+    flat = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE)
+    flat.save(data, "PNG", optimize=True)
+    return data.getvalue()
