@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from palpate.launch import counted, read_summary
+from palpate.messages.types import Contour
 from palpate.tools.exploration import explore
 from palpate.tools.gallery import style
 from palpate.tools.view import Canvas, Timeline, finger_mesh, read_timeline, scale_top, viridis
@@ -67,7 +68,7 @@ def _moment_title(line: Timeline, time: float) -> str:
     told = f"error {1e3 * scores[-1].rms:.2g} mm" if scores else "nothing rebuilt yet"
     touches, traced = (
         counted(moment.touches, "touch", "touches"),
-        counted(moment.contours, "contour"),
+        counted(line.traced(moment), "contour"),
     )
     return f"{time:.0f} s: {touches}, {traced}\n{told}"
 
@@ -78,8 +79,7 @@ def _draw_moment(line: Timeline, time: float, canvas: Canvas) -> None:
     if moment.models:
         model = line.models[moment.models - 1]
         canvas.draw_mesh(model.vertices, model.faces, np.array(style.SOLID))
-    for contour in line.contours[: moment.contours]:
-        canvas.draw_line(contour.points, style.rgb(style.BLUE), 2.2, closed=True)
+    _draw_contours(line.contours[: moment.contours], canvas)
     points = [one.points for one in touches]
     points += [one.points for one in line.grasps[: moment.grasps]]
     canvas.draw_points(np.concatenate(points), style.rgb(style.ORANGE), 0.8)
@@ -89,6 +89,11 @@ def _draw_moment(line: Timeline, time: float, canvas: Canvas) -> None:
         ghost = Canvas(canvas.width, canvas.height, canvas.camera)
         ghost.draw_mesh(line.truth.vertices, line.truth.faces, np.full(3, 90.0))
         canvas.blend(ghost, GHOST)
+
+
+def _draw_contours(contours: Sequence[Contour], canvas: Canvas) -> None:
+    for one in contours:
+        canvas.draw_line(one.points, style.rgb(style.BLUE), 2.0, closed=one.status == "closed")
 
 
 def draw_deviation() -> Figure:
@@ -103,8 +108,7 @@ def draw_deviation() -> Figure:
 
     def rebuilt(canvas: Canvas) -> None:
         canvas.draw_mesh(model.vertices, model.faces, np.array(style.SOLID))
-        for contour in line.contours:
-            canvas.draw_line(contour.points, style.rgb(style.BLUE), 2.0, closed=True)
+        _draw_contours(line.contours, canvas)
         points = np.concatenate([one.points for one in line.touches])
         canvas.draw_points(points, style.rgb(style.ORANGE), 0.8)
 
