@@ -341,6 +341,7 @@ palpate_group = LazyGroup(
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
         "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
+        "gallery": ("looking", "Draw the figures of the thesis, and some of ours."),
         "dev": ("command_line", "Measure palpate itself, and put faults into it."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds its shape.",
