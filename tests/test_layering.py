@@ -41,6 +41,7 @@ LIBRARIES = {
     "palpate.tools.report": {"numpy"},
     "palpate.tools.view": {"numpy", "PIL", "matplotlib"},
     "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
+    "palpate.tools.gallery": {"numpy", "matplotlib", "PIL"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
     "palpate.bench": {"numpy", "click", "msgspec", "threadpoolctl"},

@@ -342,6 +342,7 @@ palpate_group = LazyGroup(
         "export": ("solids", "Write the solid of a run as PLY, STL, 3MF, GLB or OBJ."),
         "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
+        "gallery": ("looking", "Draw the figures of the thesis, and some of ours."),
         "dev": ("command_line", "Measure palpate itself, and put faults into it."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds its shape.",

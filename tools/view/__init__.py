@@ -9,7 +9,7 @@ from palpate.rooms import TYPE_CHECKING, lazy
 if TYPE_CHECKING:
     from palpate.tools.view.film import make_film
     from palpate.tools.view.picture import draw_moment, finger_mesh, png_bytes, still
-    from palpate.tools.view.rasteriser import Camera, Canvas, camera_on
+    from palpate.tools.view.rasteriser import FINER, Camera, Canvas, camera_on
     from palpate.tools.view.timeline import TRACED, TYPES_DRAWN, Moment, Timeline, Touch, curve_of
     from palpate.tools.view.timeline import read_timeline
 else:

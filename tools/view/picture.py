@@ -69,10 +69,9 @@ def finger_mesh(pose: Floats) -> tuple[Floats, NDArray[np.int32]]:
 
 
 def png_bytes(picture: Pixels) -> bytes:
-    """A picture as PNG of at most 256 colours."""
+    """A picture as PNG, in all its colours: fewer would shift those of a scale."""
     from PIL import Image
 
     data = io.BytesIO()
-    flat = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE)
-    flat.save(data, "PNG", optimize=True)
+    Image.fromarray(picture).save(data, "PNG", optimize=True)
     return data.getvalue()

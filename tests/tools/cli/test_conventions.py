@@ -96,7 +96,7 @@ TOLD = (
     "replay RUN --nodes filter", "rebuild RUN/points.csv", "scene list",
     "scene check sphere", "scene check worn_sensor", "scene effects", "calibrate sphere --quiet",
     "node kinds", "node kinds planner", "interface list", "interface show ShapeModel", "doctor",
-    "launch explore.yaml --show-args", "launch explore.yaml --print fingers:=3",
+    "gallery --list", "launch explore.yaml --show-args", "launch explore.yaml --print fingers:=3",
 )  # fmt: skip
 
 
