@@ -41,7 +41,7 @@ ROWS, COLUMNS, LABEL = 9, 58, 10  # Of the drawing in text: rows, columns, and t
 WIDE, MARGIN, LEFT, PANEL, HIGH, APART = 980, 24.0, 62.0, 270.0, 250.0, 30.0
 TOP, LINE, BAR = 108.0, 20.0, 190.0
 MOST_BARS = 14
-TICK_ROOM = 28.0  # Between the labels of two ticks
+TICK_ROOM, LINE_ROOM = 28.0, 12.0  # Between the labels of two ticks, across and upwards
 _STYLE = Path(__file__).with_name("cost.css").read_text("utf-8")
 Point = tuple[float, float]
 
@@ -336,10 +336,12 @@ def _panel(chart: Chart, axis: str, left: float, up: Scale, *, labelled: bool) -
         if x >= labelled_to:
             parts.append(_text("small middle", x, bottom + 17.0, f"{value:g}"))
             labelled_to = x + TICK_ROOM
+    labelled_from = math.inf
     for value in up.ticks(9):
         y = up.at(value)
         parts += _line("grid", [(left, y), (right, y)])
-        if labelled:
+        if labelled and y <= labelled_from:
+            labelled_from = y - LINE_ROOM
             parts.append(_text("small right", left - 7.0, y + 4.0, f"{1e3 * value:g}"))
     if labelled:
         parts.append(_text("small right", left - 7.0, TOP - 10.0, "mm"))

@@ -162,10 +162,7 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
     Raises InputError if an ending is unknown, a folder is not there, there will be no lattice, or
     the points would be overwritten.
     """
-    known = (*files.MESH_UNITS, files.SOLID_SUFFIX)
-    for path in outs:
-        if path.suffix.lower() not in known:
-            raise files.InputError(f"-o {path}: must end in one of {', '.join(known)}")
+    check_suffixes(outs, (*files.MESH_UNITS, files.SOLID_SUFFIX))
     if lattice is not None:
         if lattice.suffix.lower() not in files.LATTICE_SUFFIXES:
             ends = ", ".join(files.LATTICE_SUFFIXES)
@@ -173,13 +170,24 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
         if method not in ("lattice", "thesis"):
             text = f"--lattice {lattice}: the method {method} has no control lattice"
             raise files.InputError(text)
-    everything = [*outs, *([] if lattice is None else [lattice])]
-    for path in everything:
+    check_places(points, [*outs, *([] if lattice is None else [lattice])])
+
+
+def check_suffixes(outs: Iterable[Path], known: Sequence[str]) -> None:
+    """InputError if a file's format, by its ending, is none of those known."""
+    for path in outs:
+        if path.suffix.lower() not in known:
+            raise files.InputError(f"-o {path}: must end in one of {', '.join(known)}")
+
+
+def check_places(source: Path, outs: Sequence[Path]) -> None:
+    """InputError if a folder is not there, two files are one, or what is read would be lost."""
+    for path in outs:
         if not path.parent.is_dir():
             raise files.InputError(f"{path}: cannot be written: there is no folder {path.parent}")
-        if path.resolve() == points.resolve():
+        if path.resolve() == source.resolve():
             raise files.InputError(f"{path}: is the file that is read; write to another")
-    if len(set(everything)) < len(everything):
+    if len(set(outs)) < len(outs):
         raise files.InputError("each file that is written must have a name of its own")
 
 

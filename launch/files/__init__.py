@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from palpate.launch.files.mesh_file import MAX_EXTENT, MAX_FACES, MAX_MESH_BYTES, MESH_UNITS
     from palpate.launch.files.mesh_file import METRES_PER_UNIT, MIN_EXTENT, MeshFile, export_model
     from palpate.launch.files.mesh_file import is_mesh_file, mesh_sha256, read_cloud, read_mesh
-    from palpate.launch.files.mesh_file import read_surface, write_mesh
+    from palpate.launch.files.mesh_file import read_surface, uncertainties, write_mesh
     from palpate.launch.files.point_clouds import MeasuredContours
     from palpate.launch.files.points_file import read_oriented, read_points, read_tops
     from palpate.launch.files.solid_file import LATTICE_SUFFIXES, SOLID_SUFFIX, load, read_npz, save

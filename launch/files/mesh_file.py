@@ -1,14 +1,17 @@
 """Mesh files: read with distrust and checked whole, and written for other programs.
 
 Readers of our own: on 400 damaged meshes trimesh ran over 10 s twice, took 161 MB for a file of 1
-MB, and raised RecursionError. STL is written in mm, GLB with y up, all others in m, each in one go
-from arrays of single precision: trimesh takes longer to import than a final model to be fitted.
+MB, and raised RecursionError. STL and 3MF are written in mm, GLB with y up, all others in m, each
+in one go from arrays of single precision: trimesh takes longer to import than a final model to be
+fitted.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -18,7 +21,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from palpate.core import Floats, arrays_from_bytes
+from palpate.core import Floats, arrays_from_bytes, inverse_pose, transform_points
 from palpate.core.shapes import mend_mesh
 from palpate.launch.files import mesh_formats
 from palpate.launch.files.file_access import read_bounded
@@ -43,21 +46,14 @@ Vertices = NDArray[np.float64]
 Faces = NDArray[np.int32]
 MESH_FILES = ("mesh.ply", "mesh.stl", "mesh.glb")  # Files of the surface
 ARCHIVE_FIELD = "archive"  # The field that is unpacked, not kept as it is
-MILLIMETRES_PER_METRE = 1000.0  # STL has no unit; programs that slice it for printing assume mm
+# STL has no unit: programs that slice it for printing assume mm, as 3MF does unless told otherwise.
+MILLIMETRES_PER_METRE = 1000.0
 # Turns z up, as everywhere here, into y up, as glTF demands.
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 # In which each format is written.
-MESH_UNITS: Mapping[str, str] = {".ply": "m", ".stl": "mm", ".glb": "m, y up", ".obj": "m"}
-_PLY_HEADER = """ply
-format binary_little_endian 1.0
-element vertex {vertices}
-property float x
-property float y
-property float z
-element face {faces}
-property list uchar int vertex_indices
-end_header
-"""
+MESH_UNITS: Mapping[str, str] = {
+    **{".ply": "m", ".stl": "mm", ".glb": "m, y up", ".obj": "m", ".3mf": "mm"}
+}
 _PLY_FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
@@ -190,16 +186,32 @@ def _load(path: Path) -> mesh_formats.RawMesh:
 def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
     """Write the solid into a folder; without a surface, only what there is to say about it.
 
-    There will be ``mesh.ply`` (m), ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz`` (all
-    that the model holds, and the solid for `palpate.load`); the names are returned.
+    There will be ``mesh.ply`` (m, with the uncertainty at each vertex if the model states one),
+    ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz`` (all that the model holds, and the
+    solid for `palpate.load`); the names are returned.
     """
     archived = arrays_from_bytes(model.archive) if len(model.archive) else {}
     np.savez(folder / "model.npz", allow_pickle=False, **_model_arrays(model), **archived)
     if len(model.faces) == 0:
         return ("model.npz",)
+    told = uncertainties(model)
+    scalars = {"uncertainty": told} if told.any() else {}
     for name in MESH_FILES:
-        write_mesh(folder / name, model.vertices, model.faces)
+        write_mesh(folder / name, model.vertices, model.faces, **scalars)
     return (*MESH_FILES, "model.npz")
+
+
+def uncertainties(model: ShapeModel) -> Floats:
+    """Standard deviation that a model states of its surface, at each vertex (n,), m.
+
+    Of a general solid by vertex, of one in slices by height; zeros where it states none.
+    """
+    if model.vertex_errors.any():
+        return model.vertex_errors
+    if not len(model.uncertainty):
+        return np.zeros(len(model.vertices))
+    heights = transform_points(inverse_pose(model.frame), model.vertices)[:, 2]
+    return np.interp(heights, model.uncertainty_height, model.uncertainty)
 
 
 def _model_arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
@@ -225,25 +237,39 @@ def mesh_sha256(model: ShapeModel) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def write_mesh(path: Path, vertices: Floats, faces: NDArray[np.int32]) -> None:
+def write_mesh(
+    path: Path, vertices: Floats, faces: NDArray[np.int32], **scalars: NDArray[np.generic]
+) -> None:
     """Write vertices (n, 3), m, z up, and triangles (m, 3), counter-clockwise from outside.
 
-    The suffix is one of `MESH_UNITS`.
+    The suffix is one of `MESH_UNITS`; PLY alone takes the `scalars` of `ply_bytes`.
     """
     kind = path.suffix.lower()
-    if kind == ".stl":
+    if MESH_UNITS[kind] == "mm":
         vertices = vertices * MILLIMETRES_PER_METRE
     elif kind == ".glb":
         vertices = vertices @ Y_UP.T
-    path.write_bytes(WRITERS[kind](vertices, faces))
+    path.write_bytes(WRITERS[kind](vertices, faces, **(scalars if kind == ".ply" else {})))
 
 
-def ply_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
-    """A mesh of vertices (n, 3) and triangles (m, 3) as PLY."""
+def ply_bytes(vertices: mesh_formats.Floats, faces: Faces, **scalars: NDArray[np.generic]) -> bytes:
+    """A mesh of vertices (n, 3) and triangles (m, 3) as PLY.
+
+    `scalars` (n,) become properties of the vertices, uchar of bytes and float of all others.
+    """
+    columns = dict(zip("xyz", vertices.T, strict=True)) | scalars
+    kinds = {name: "u1" if one.dtype == np.uint8 else "<f4" for name, one in columns.items()}
+    points = np.empty(len(vertices), [(name, kind) for name, kind in kinds.items()])
+    for name, column in columns.items():
+        points[name] = column
     rows = np.empty(len(faces), _PLY_FACE)
     rows["count"], rows["corners"] = 3, faces
-    header = _PLY_HEADER.format(vertices=len(vertices), faces=len(faces))
-    return header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes()
+    header = [
+        *("ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"),
+        *(f"property {'uchar' if kinds[name] == 'u1' else 'float'} {name}" for name in columns),
+        *(f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header\n"),
+    ]
+    return "\n".join(header).encode() + points.tobytes() + rows.tobytes()
 
 
 def stl_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
@@ -289,9 +315,49 @@ def obj_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
     return "".join([*places, *corners]).encode()
 
 
-WRITERS: Mapping[str, Callable[[mesh_formats.Floats, Faces], bytes]] = {
+def three_mf_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
+    """The same as 3MF, vertices in mm: a package of one object, the same bytes every time.
+
+    Source: 3MF Core Specification 1.3, sections 2 and 4.
+    """
+    place = '<vertex x="%.9g" y="%.9g" z="%.9g"/>'
+    corner = '<triangle v1="%d" v2="%d" v3="%d"/>'
+    mesh = "".join(
+        [
+            *("<mesh><vertices>", *map(place.__mod__, map(tuple, vertices.tolist()))),
+            *("</vertices><triangles>", *map(corner.__mod__, map(tuple, faces.tolist()))),
+            "</triangles></mesh>",
+        ]
+    )
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as package:
+        for name, text in _THREE_MF_PARTS.items():
+            part = zipfile.ZipInfo(name)  # Without the time of day
+            part.compress_type = zipfile.ZIP_DEFLATED
+            package.writestr(part, _XML + text.replace("MESH", mesh))
+    return packed.getvalue()
+
+
+_XML = '<?xml version="1.0" encoding="UTF-8"?>\n'
+_PACKAGES = "http://schemas.openxmlformats.org/package/2006"
+_THREE_MF = "http://schemas.microsoft.com/3dmanufacturing"
+_THREE_MF_MODEL = "3D/3dmodel.model"
+_THREE_MF_PARTS = {
+    "[Content_Types].xml": f'<Types xmlns="{_PACKAGES}/content-types">'
+    '<Default Extension="rels" '
+    'ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" '
+    'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>',
+    "_rels/.rels": f'<Relationships xmlns="{_PACKAGES}/relationships"><Relationship Id="model" '
+    f'Type="{_THREE_MF}/2013/01/3dmodel" Target="/{_THREE_MF_MODEL}"/></Relationships>',
+    _THREE_MF_MODEL: f'<model unit="millimeter" xmlns="{_THREE_MF}/core/2015/02"><resources>'
+    '<object id="1" type="model">MESH</object></resources>'
+    '<build><item objectid="1"/></build></model>',
+}
+WRITERS: Mapping[str, Callable[..., bytes]] = {
     ".ply": ply_bytes,
     ".stl": stl_bytes,
     ".glb": glb_bytes,
     ".obj": obj_bytes,
+    ".3mf": three_mf_bytes,
 }

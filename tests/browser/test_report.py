@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.tools.report import write_report
-from palpate.tools.view import viridis
+from palpate.tools.surfaces import viridis
 
 from .pictures import colours_in, drawn_by, picture_of, share_changed
 

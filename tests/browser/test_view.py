@@ -7,7 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from palpate.tools.view import read_timeline, viridis
+from palpate.tools.surfaces import viridis
+from palpate.tools.view import read_timeline
 from palpate.tools.view.live import TICK, View, address_of, serving
 
 from .pictures import colours_in, picture_of, share_changed

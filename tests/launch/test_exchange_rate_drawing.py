@@ -1,3 +1,4 @@
+from itertools import pairwise
 from typing import Any
 from xml.etree import ElementTree
 
@@ -145,5 +146,5 @@ def test_labels_of_ticks_do_not_run_into_each_other():
     )
     labels = [(float(one.get("x", "0")), one.text or "") for one in root.iter(f"{SVG}text")
               if one.get("class") == "small middle"]  # fmt: skip
-    for (left, text), (right, _) in zip(labels, labels[1:], strict=False):
+    for (left, text), (right, _) in pairwise(labels):
         assert right - left > 7.0 * len(text) or right < left

@@ -53,13 +53,14 @@ def sentence(output):
 
 
 def test_every_file_that_is_asked_for_is_written_in_its_unit(table, home, capsys):
-    names = ["a.ply", "a.stl", "a.glb", "a.obj", "a.npz"]
+    names = ["a.ply", "a.stl", "a.glb", "a.obj", "a.3mf", "a.npz"]
     asked = [part for name in names for part in ("-o", name)]
     assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, *asked) == 0
     published = capsys.readouterr().out
     assert all(f"wrote      {name}" in published for name in names)
     assert sorted(path.name for path in home.iterdir()) == sorted([*names, "points.csv"])
-    shapes = [read_mesh_or_points(home / name, None) for name in names]
+    shapes = [read_mesh_or_points(home / name, None) for name in names if name != "a.3mf"]
+    shapes.append(trimesh.load(home / "a.3mf").convert_units("meters").to_mesh())
     for shape in shapes:
         assert np.ptp(shape.vertices, axis=0) == pytest.approx([0.06, 0.048, 0.1], rel=0.01)
         assert trimesh.Trimesh(shape.vertices, shape.faces).volume == pytest.approx(
@@ -155,7 +156,7 @@ def test_the_control_lattice_is_written(table, home, suffix):
 @pytest.mark.parametrize(
     ("arguments", "published"),
     [
-        (["-o", "a.step"], "-o a.step: must end in one of .ply, .stl, .glb, .obj, .npz"),
+        (["-o", "a.step"], "-o a.step: must end in one of .ply, .stl, .glb, .obj, .3mf, .npz"),
         (["-o", "nowhere/a.ply"], "there is no folder nowhere"),
         (["-o", "a.ply", "-o", "a.ply"], "each file that is written must have a name of its own"),
         (["--lattice", "a.txt"], "--lattice a.txt: must end in one of .npz, .vtk"),

@@ -1,4 +1,4 @@
-"""A recording in other formats: CSV (a table a topic), NPZ (an array a field), PLY, Foxglove."""
+"""A recording in other formats: CSV (a table a topic), NPZ (an array a field), PLY and viewers'."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from palpate.messages.types import ShapeModel, Truth
 from palpate.tools.bag.decoding import DecodedRecording, FieldSurvey, file_stems, is_list
 from palpate.tools.bag.decoding import open_decoded, units_of
 from palpate.tools.bag.foxglove import write_foxglove
+from palpate.tools.bag.rerun_export import DRAWN_TYPES, write_rerun
 
 UNITS_FILE = "units.json"  # The file beside the tables that says the units of their columns
 # Types of messages that are a mesh before anything else.
@@ -56,9 +57,13 @@ def _topics_of_format(
     types = source.recording.types
     meshes = tuple(topic for topic in source.topics if types[topic][0] in MESH_TYPES)
     others = tuple(topic for topic in source.topics if topic not in meshes)
-    taken, left = {"csv": (others, meshes), "ply": (meshes, ())}.get(kind, (source.topics, ()))
+    drawn = tuple(topic for topic in source.topics if types[topic][0] in DRAWN_TYPES)
+    taken, left, why = {
+        "csv": (others, meshes, "are meshes: take --format ply"),
+        "ply": (meshes, (), "are no meshes, so there is no ply"),
+        "rerun": (drawn, (), "hold nothing that Rerun would show"),
+    }.get(kind, (source.topics, (), ""))
     if not taken:
-        why = "are meshes: take --format ply" if left else "are no meshes, so there is no ply"
         raise InputError(f"{source.recording.path}: {', '.join(source.topics)} {why}")
     return taken, left
 
@@ -209,4 +214,5 @@ FORMATS = {
     "ply": (write_ply, "meshes"),
     "npz": (write_npz, "arrays"),
     "foxglove": (write_foxglove, "messages"),
+    "rerun": (write_rerun, "messages"),
 }

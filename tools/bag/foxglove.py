@@ -1,7 +1,7 @@
 """A recording as an MCAP file in JSON that Foxglove shows.
 
-Models, contours, touched points, the finger and the log become its own messages. Schemas are those
-of foxglove-sdk, as far as they are used.
+Models, contours, touched points, the finger and the log become its own messages; models are
+coloured by how good they are. Schemas are those of foxglove-sdk, as far as they are used.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from palpate.core import Floats
 from palpate.messages import schema, types
 from palpate.nodes.specs import pad_of_info
 from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
+from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
 
 SCENE = "foxglove.SceneUpdate"
 WORLD_FRAME = "world"
@@ -31,6 +32,9 @@ LINE_PIXELS = 3.0  # Width of a contour
 MODEL_COLOUR = {"r": 0.36, "g": 0.55, "b": 0.84, "a": 1.0}
 TRUTH_COLOUR = {"r": 0.6, "g": 0.6, "b": 0.6, "a": 0.3}
 CONTOUR_COLOUR = {"r": 0.9, "g": 0.45, "b": 0.1, "a": 1.0}
+INSTEAD = (types.ShapeModel, types.Truth, types.LogRecord)  # Shown as Foxglove's messages alone
+# Types that are read though their topics are not wanted: others are drawn by what they say.
+ALSO_READ = frozenset(kind.__name__ for kind in (types.SensorInfo, types.Truth))
 IDENTITY = {
     "position": {"x": 0.0, "y": 0.0, "z": 0.0},
     "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
@@ -50,12 +54,12 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
         writer.start(library=f"palpate {__version__}")
         views, schemas, channels = FoxgloveConverter(), dict[str, int](), dict[Any, int]()
         count = 0
-        for decoded in source.published(also=frozenset({types.SensorInfo.__name__})):
+        for decoded in source.published(also=ALSO_READ):
             shown = views.of(decoded)
             if decoded.topic not in source.topics:
                 continue
             cls = type(decoded.message)
-            if cls not in _INSTEAD:
+            if cls not in INSTEAD:
                 whole = FoxgloveMessage(decoded.topic, cls.__name__, plain_json(decoded.message))
                 shown = [whole, *shown]
             for topic, name, content in shown:
@@ -108,18 +112,27 @@ class FoxgloveMessage(NamedTuple):
 
 
 class FoxgloveConverter:
-    """Turns messages into views; remembers the sensor, without which a patch has no size."""
+    """Turns messages into views; remembers the sensor, without which a patch has no size.
+
+    It remembers the truth as well, from which models deviate.
+    """
 
     def __init__(self) -> None:
         self._sensor: types.SensorInfo | None = None
+        self._truth: TruthSurface | None = None
 
     def of(self, decoded: DecodedMessage) -> list[FoxgloveMessage]:
         """What Foxglove shall draw of a message; nothing of most."""
         match decoded.message:
             case types.SensorInfo() as info:
                 self._sensor = info
-            case types.ShapeModel() | types.Truth() | types.LogRecord():
-                return [_INSTEAD[type(decoded.message)](decoded)]
+            case types.ShapeModel():
+                return [_model(decoded, self._truth)]
+            case types.Truth() as truth:
+                self._truth = TruthSurface(truth)
+                return [_truth(decoded)]
+            case types.LogRecord():
+                return [_log(decoded)]
             case types.Contour():
                 return [_contour(decoded)]
             case types.SurfacePatch() as patch if self._sensor is not None:
@@ -198,27 +211,43 @@ def foxglove_time(ns: int) -> dict[str, int]:
     return {"sec": sec, "nsec": nsec}
 
 
-def _mesh(decoded: DecodedMessage) -> FoxgloveMessage:
-    mesh: types.ShapeModel | types.Truth = decoded.message
-    told: dict[str, object] = (
-        {"height_m": mesh.height}
-        if isinstance(mesh, types.Truth)
-        else {
-            "number": mesh.number,
-            "touches": mesh.touches,
-            "deviation_m": mesh.deviation,
-            "final": str(mesh.final).lower(),
-        }
-    )
-    if len(mesh.faces) == 0:  # nothing could be rebuilt: what was there before must go
+def _model(decoded: DecodedMessage, truth: TruthSurface | None) -> FoxgloveMessage:
+    """A model, coloured by its deviation from the truth, or else by its own uncertainty."""
+    model: types.ShapeModel = decoded.message
+    if len(model.faces) == 0:  # nothing could be rebuilt: what was there before must go
         gone = {"timestamp": foxglove_time(decoded.sent_ns), "type": ALL, "id": ""}
         return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [gone], "entities": []})
+    told: dict[str, object] = {
+        "number": model.number,
+        "touches": model.touches,
+        "deviation_m": model.deviation,
+        "final": str(model.final).lower(),
+    }
+    shown, colours = vertex_colours(vertex_scalars(model, truth)), []
+    if shown is not None:
+        told |= {"coloured_by": shown.name, "colours_end_m": shown.top}
+        shares = (shown.colours / 255.0).round(4).tolist()
+        colours = [{"r": r, "g": g, "b": b, "a": 1.0} for r, g, b in shares]
+    return _mesh(decoded, MODEL_COLOUR, colours, told)
+
+
+def _truth(decoded: DecodedMessage) -> FoxgloveMessage:
+    return _mesh(decoded, TRUTH_COLOUR, [], {"height_m": decoded.message.height})
+
+
+def _mesh(
+    decoded: DecodedMessage,
+    colour: Mapping[str, float],
+    colours: list[dict[str, float]],
+    told: Mapping[str, object],
+) -> FoxgloveMessage:
+    """A mesh in one colour, or in one for each vertex."""
     triangles = {
         "pose": IDENTITY,
-        "points": _points(mesh.vertices),
-        "color": TRUTH_COLOUR if isinstance(mesh, types.Truth) else MODEL_COLOUR,
-        "colors": [],
-        "indices": mesh.faces.ravel().tolist(),
+        "points": _points(decoded.message.vertices),
+        "color": colour,
+        "colors": colours,
+        "indices": decoded.message.faces.ravel().tolist(),
     }
     entity = _entity(decoded, decoded.topic, {"triangles": [triangles]}, told)
     return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [], "entities": [entity]})
@@ -253,13 +282,6 @@ def _log(decoded: DecodedMessage) -> FoxgloveMessage:
         "line": 0,
     }
     return FoxgloveMessage(decoded.topic, "foxglove.Log", content)
-
-
-_INSTEAD: Mapping[type, Callable[[DecodedMessage], FoxgloveMessage]] = {
-    types.ShapeModel: _mesh,
-    types.Truth: _mesh,
-    types.LogRecord: _log,
-}
 
 
 def _schema(kind: Any) -> Schema:

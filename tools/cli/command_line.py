@@ -105,6 +105,12 @@ RUN_PATH: dict[str, Any] = {
     "callback": _located_run,
     "shell_complete": completing(_runs, files=True),
 }
+RUN_PATHS = {  # Of several
+    **RUN_PATH,
+    "nargs": -1,
+    "required": True,
+    "callback": lambda context, one, paths: tuple(_located_run(context, one, p) for p in paths),
+}
 BAG = click.argument("bag", **RUN_PATH)
 SEED = click.IntRange(0, 1 << 53)
 SETTINGS = click.option(
@@ -335,8 +341,10 @@ palpate_group = LazyGroup(
         "report": ("looking", "Write what a run came to as one page, or two side by side."),
         "film": ("looking", "Draw a run as a film."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
+        "export": ("solids", "Write the solid of a run as PLY, STL, 3MF, GLB or OBJ."),
         "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
+        "gallery": ("looking", "Draw the figures of the thesis, and some of ours."),
         "dev": ("command_line", "Measure palpate itself, and put faults into it."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds its shape.",

@@ -1,14 +1,18 @@
-"""Verbs for who wants to see a run: view, report and film."""
+"""Verbs for who wants to see something: view, report, film and gallery."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
 
+from palpate.launch import titled
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import JSON, RUN_PATH, out_option, print_figures
-from palpate.tools.cli.command_line import progress_printer, quiet_option
+from palpate.tools.cli.command_line import JSON, RUN_PATH, RUN_PATHS, completing, out_option
+from palpate.tools.cli.command_line import print_figures, progress_printer, quiet_option
+
+NAME_WIDTH = 18  # Letters
 
 
 @click.command("view")
@@ -34,7 +38,7 @@ def view_command(run: Path | None, port: int, attached: bool) -> None:
 
 
 @click.command("report")
-@click.argument("runs", nargs=-1, required=True, **RUN_PATH)
+@click.argument("runs", **RUN_PATHS)
 @out_option("The page; report.html in the run's folder, or here of two runs, if left out.")
 @JSON
 def report_command(runs: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
@@ -82,3 +86,36 @@ def film_command(run: Path, out: Path, seconds: float, quiet: bool) -> None:
     say = progress_printer(not quiet, "drawing      {}")
     make_film(read_timeline(run), out, seconds=seconds, say=say)
     click.echo(f"{out}: written")
+
+
+def _figure_names(_: click.Context, __: str) -> Iterable[str]:
+    from palpate.tools.gallery import FIGURES
+
+    return FIGURES
+
+
+@click.command("gallery")
+@click.argument(
+    "figures", nargs=-1, metavar="[FIGURE]...", shell_complete=completing(_figure_names)
+)
+@out_option("Folder, whose files of the same names are replaced.", default="gallery")
+@click.option("--list", "listed", is_flag=True, help="Say which figures there are, and draw none.")
+@JSON
+def gallery_command(figures: tuple[str, ...], out: Path, listed: bool, as_json: bool) -> None:
+    """Draw the figures of Fung's thesis (1999) anew, and some of palpate's own, as PNG files.
+
+    FIGURE is a name, such as superquadrics, or a number of the thesis, such as 2.2. All are drawn
+    if none is named, which takes a minute.
+    """
+    from palpate.tools.gallery import FIGURES, find_figures, write_gallery
+
+    names = find_figures(figures)
+    if listed:
+        told = {name: FIGURES[name].facts() for name in names}
+        lines = [
+            line for name in names for line in titled(name, *told[name].values(), width=NAME_WIDTH)
+        ]
+        print_figures(told, "\n".join(lines), as_json=as_json)
+        return
+    files = [str(path) for path in write_gallery(names, out, progress_printer(True, "drawing {}"))]
+    print_figures(files, "\n".join(f"{one}: written" for one in files), as_json=as_json)

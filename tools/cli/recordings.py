@@ -155,7 +155,7 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...], as_json: bool) -
 @click.option(
     "--format",
     "kind",
-    type=click.Choice(["csv", "ply", "npz", "foxglove"]),
+    type=click.Choice(["csv", "ply", "npz", "foxglove", "rerun"]),
     required=True,
     help="Format.",
 )
@@ -169,7 +169,8 @@ def bag_export_command(bag: Path, kind: str, out: Path, topics: tuple[str, ...])
     csv is a folder with one table a topic, one row a message, and units.json beside them; meshes
     are left to ply, a folder with one file a message. npz is one file with an array for each field,
     messages first, for numpy.load. foxglove is an MCAP file in JSON that Foxglove shows: models,
-    contours, touched points, the finger and the log.
+    contours, touched points, the finger and the log. rerun is an RRD file that Rerun shows, of the
+    same, the tactile image, error and bound; it needs pip install 'palpate[rerun]'.
     """
     click.echo(bags.export_bag(bag, kind, out, topics))
 

@@ -1,4 +1,4 @@
-"""Verbs before a run, scene, calibrate and init; and on solids: rebuild, score and recognise."""
+"""Verbs before a run, scene, calibrate, init; on solids: rebuild, score, export and recognise."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Handles and hollows are found. --bottom is the height on which the object stands
 
 Contours run around the z axis; each may begin anywhere, in either direction, with any number of
 points. Files of points are taken to be in m unless told otherwise; lengths among the options are
-in the same unit. What is written is in m, STL in mm.
+in the same unit. What is written is in m, STL and 3MF in mm.
 """
 LENGTH = click.FloatRange(min=0.0, min_open=True)
 UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
@@ -40,7 +40,8 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 @click.command("rebuild", help=REBUILD_HELP)
 @click.argument("points", **RUN_PATH)
 @out_option(
-    "File to write: .ply, .stl, .glb, .obj, or .npz with everything. Repeatable.", multiple=True
+    "File to write: .ply, .stl, .glb, .obj, .3mf, or .npz with everything. Repeatable.",
+    multiple=True,
 )
 @click.option("--unit", type=UNIT_CHOICE, help="Unit of POINTS.")
 @click.option(
@@ -98,6 +99,35 @@ def score_command(model: Path, reference: Path, as_json: bool, **how: Any) -> No
 
     found = score(model, reference, **how)
     print_figures(found, score_text(found), as_json=as_json)
+
+
+EXPORT_HELP = """Write the solid that RUN ended with in formats that other programs read.
+
+RUN is a run directory or a recording.
+
+\b
+.ply   m; each vertex has its deviation from the truth, if the run knows
+       that, and the uncertainty that the model states, both in m, and is
+       coloured by the first of them
+.stl   mm
+.3mf   mm, which the file says
+.glb   m, y up
+.obj   m
+
+A file that is there is replaced. Either all files are written or none.
+"""
+
+
+@click.command("export", help=EXPORT_HELP)
+@click.argument("run", **RUN_PATH)
+@out_option("File: .ply, .stl, .glb, .obj or .3mf. Repeatable.", multiple=True, required=True)
+@JSON
+def export_command(run: Path, out: tuple[Path, ...], as_json: bool) -> None:
+    """Write the solid of a run; `EXPORT_HELP` says how."""
+    from palpate.tools.exporting import export, export_text
+
+    told = export(run, out)
+    print_figures(told, export_text(told), as_json=as_json)
 
 
 @click.command("recognise")

@@ -22,7 +22,8 @@ from palpate.launch import millimetres
 from palpate.launch.files import write_atomically
 from palpate.tools.report.run_facts import MOST_PLACES, Place, RunFacts, ratio_rows, read_run
 from palpate.tools.report.view_data import DEVIATION, PLAIN, UNCERTAINTY, view_data
-from palpate.tools.view import hex_colour, png_bytes, still
+from palpate.tools.surfaces import hex_colour
+from palpate.tools.view import png_bytes, still
 
 REPORT = "report.html"
 STILL = (720, 520)  # Pixels

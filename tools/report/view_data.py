@@ -19,13 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.core import Floats
 from palpate.launch import millimetres
+from palpate.launch.files import uncertainties
 from palpate.messages.types import ShapeModel
 from palpate.tools.report.run_facts import Place
-from palpate.tools.view import Timeline, hex_colour, scale_top, uncertainties
+from palpate.tools.surfaces import hex_colour, scale_top
+from palpate.tools.view import TRACED, Timeline
 
 STEPS = 65535  # Of the box about everything
 SHADES = 255  # Of a scale
 MOST_MODELS = 14  # On the way that can be shown, spread evenly over those that there are
+MOST_FACES, LEAST_MODELS = 80_000, 3  # Of them together, but so many are shown whatever their size
 DEVIATION, UNCERTAINTY, PLAIN = "deviation", "uncertainty", "plain"  # What colours may tell
 KINDS = {np.dtype("u1"): "u1", np.dtype("<u2"): "u2", np.dtype("<u4"): "u4"}
 PACKING = 6  # Of gzip: 9 takes three times as long and saves a hundredth
@@ -98,7 +101,12 @@ def view_data(line: Timeline, places: Sequence[Place]) -> ViewData:
         ],
         "truth": _truth(line, whole, arrays),
         "contours": [
-            {"time": one.robot_time, "points": whole(one.points), "closed": one.status == "closed"}
+            {
+                "time": one.robot_time,
+                "points": whole(one.points),
+                "closed": one.status == "closed",
+                "traced": one.status in TRACED,
+            }
             for one in line.contours
         ],
         "touches": _touches(line, whole),
@@ -108,8 +116,10 @@ def view_data(line: Timeline, places: Sequence[Place]) -> ViewData:
 
 
 def _shown(models: Sequence[ShapeModel]) -> list[ShapeModel]:
-    """The models that can be shown, the last always among them."""
-    chosen = np.unique(np.linspace(0, len(models) - 1, min(len(models), MOST_MODELS)).round())
+    """The models that can be shown, the last always among them: fewer where they are large."""
+    faces = sum(len(one.faces) for one in models[:-1]) / max(len(models) - 1, 1)
+    count = min(len(models), MOST_MODELS, LEAST_MODELS + int(MOST_FACES / max(faces, 1.0)))
+    chosen = np.unique(np.linspace(0, len(models) - 1, count).round())
     return [models[int(i)] for i in chosen]
 
 

@@ -12,10 +12,8 @@ if TYPE_CHECKING:
     from palpate.tools.view.film import make_film
     from palpate.tools.view.live import view_run
     from palpate.tools.view.picture import draw_moment, finger_mesh, png_bytes, still
-    from palpate.tools.view.rasteriser import Camera, Canvas, camera_on
-    from palpate.tools.view.surfaces import TruthSurface, hex_colour, scale_top, uncertainties
-    from palpate.tools.view.surfaces import viridis
-    from palpate.tools.view.timeline import TYPES_DRAWN, Moment, Timeline, Touch, curve_of
+    from palpate.tools.view.rasteriser import FINER, Camera, Canvas, camera_on
+    from palpate.tools.view.timeline import TRACED, TYPES_DRAWN, Moment, Timeline, Touch, curve_of
     from palpate.tools.view.timeline import read_timeline
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.core import Floats
 from palpate.core.touch import Pad
+from palpate.launch.files import uncertainties
 from palpate.messages.types import ShapeModel
 from palpate.tools.view.drawn import (
     LIGHT,
@@ -26,7 +27,6 @@ from palpate.tools.view.drawn import (
     lattice_lines,
 )
 from palpate.tools.view.drawn import lifted, pad_body, shaded, unlit_glb
-from palpate.tools.view.surfaces import scale_top, thinned, uncertainties, viridis
 from palpate.tools.view.timeline import Moment, Timeline, Touch
 
 Colouring = Literal["plain", "deviation", "uncertainty"]

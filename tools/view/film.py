@@ -20,9 +20,9 @@ import numpy as np
 from palpate.core import Floats, advanced_pose
 from palpate.launch import counted
 from palpate.launch.files import InputError, check_new, write_new
+from palpate.tools.surfaces import hex_colour, scale_top, viridis
 from palpate.tools.view.picture import FINGER, TOUCHED, draw_moment, finger_mesh
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
-from palpate.tools.view.surfaces import hex_colour, scale_top, viridis
 from palpate.tools.view.timeline import Timeline, curve_of
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class Film:
         elif moment.touches:
             self._tactile(draw, image, moment.touches - 1, left, round(16 * unit), side)
         texts = [f"robot time {time:.0f} s", counted(moment.touches, "touch", "touches")]
-        texts.append(counted(moment.contours, "contour"))
+        texts.append(counted(self.line.traced(moment), "contour"))
         if not moment.touches:
             closed = sum(len(one.points) for one in self.line.grasps[: moment.grasps])
             texts[1:] = [f"{counted(closed, 'contact')} of the hand"]

@@ -12,9 +12,9 @@ import numpy as np
 import viser
 
 from palpate.core import Floats
+from palpate.tools.surfaces import hex_colour, scale_top, viridis
 from palpate.tools.view.browser import Scale, Scene, Wishes
 from palpate.tools.view.picture import png_bytes
-from palpate.tools.view.surfaces import hex_colour, scale_top, viridis
 from palpate.tools.view.timeline import Moment, Timeline, Touch, curve_of
 
 SPEEDS = {"1x": 1.0, "4x": 4.0, "16x": 16.0, "64x": 64.0}  # Robot seconds in a second
@@ -193,7 +193,7 @@ def _touch_html(touch: Touch, top: float) -> str:
 def _state_html(line: Timeline, when: float, moment: Moment) -> str:
     touch = f"touch {moment.touches} of {len(line.touches)}"
     told = [f"<b>robot time {when:.1f} s, {touch}</b>"]
-    told.append(f"{moment.contours} of {len(line.contours)} contours traced")
+    told.append(f"{line.traced(moment)} of {line.traced(line.at(np.inf))} contours traced")
     if moment.models:
         number = line.models[moment.models - 1].number
         score, known = line.scores.get(number), line.estimates.get(number)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core import Floats, transform_points
+from palpate.tools.surfaces import scale_top, viridis
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
-from palpate.tools.view.surfaces import scale_top, viridis
 from palpate.tools.view.timeline import Moment, Timeline
 
 SOLID = np.array([111.0, 155.0, 209.0])  # Colours, 0 to 255
@@ -69,10 +69,9 @@ def finger_mesh(pose: Floats) -> tuple[Floats, NDArray[np.int32]]:
 
 
 def png_bytes(picture: Pixels) -> bytes:
-    """A picture as PNG of at most 256 colours."""
+    """A picture as PNG, in all its colours: fewer would shift those of a scale."""
     from PIL import Image
 
     data = io.BytesIO()
-    flat = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE)
-    flat.save(data, "PNG", optimize=True)
+    Image.fromarray(picture).save(data, "PNG", optimize=True)
     return data.getvalue()

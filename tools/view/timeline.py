@@ -19,8 +19,9 @@ from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.specs import pad_of_info
 from palpate.tools.bag import open_decoded
-from palpate.tools.view.surfaces import TruthSurface
+from palpate.tools.surfaces import TruthSurface
 
+TRACED = ("closed", "occluded")  # How a contour ends that is of use
 MOST_POINTS = 48  # Of one touch that are drawn, spread over its taxels
 
 
@@ -89,6 +90,10 @@ class Timeline:
         """What there was at a robot time."""
         kinds = (self.touches, self.grasps, self.contours, self.models)
         return Moment(*(bisect_right(some, time, key=_time) for some in kinds))
+
+    def traced(self, moment: Moment) -> int:
+        """How many contours were of use by then: those that gave up are drawn, but not counted."""
+        return sum(one.status in TRACED for one in self.contours[: moment.contours])
 
     def space_at(self, moment: Moment) -> types.SpaceMap | None:
         """The last map of free space by then."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.protocol import slice_without_contour
     from palpate.core.explore.planners.surface import ObservedSurface, OpenArea, Progress
     from palpate.core.explore.planners.surface import TouchOffer
-    from palpate.core.explore.planners.thesis import TEMPLATES, Thesis
+    from palpate.core.explore.planners.thesis import TEMPLATES, Thesis, polyline_of
     from palpate.core.explore.planners.touches import MOST_OPEN, Touches, describe_opening
     from palpate.core.explore.planners.touches import next_touch
     from palpate.core.explore.planners.trial import AROUND, EXTENT, MOST_CONTOURS_PLANNED

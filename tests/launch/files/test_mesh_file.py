@@ -10,7 +10,13 @@ import palpate
 from palpate.core.archive import tree_to_bytes
 from palpate.core.geometry import solidity
 from palpate.launch.files import mesh_file
-from palpate.launch.files.mesh_file import export_model, mesh_sha256, read_mesh, write_mesh
+from palpate.launch.files.mesh_file import (
+    export_model,
+    mesh_sha256,
+    read_mesh,
+    uncertainties,
+    write_mesh,
+)
 from palpate.launch.files.source_map import InputError
 from palpate.launch.scene import SHIPPED_SCENES
 from palpate.messages.codec import decode, encode
@@ -203,7 +209,9 @@ def test_the_meshes_keep_volume_and_unit_and_gltf_has_y_up(tetrahedron, tmp_path
     assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
     volume = 0.01 * 0.02 * 0.03 / 6.0
     write_mesh(tmp_path / "mesh.obj", tetrahedron.vertices, tetrahedron.faces)
+    write_mesh(tmp_path / "mesh.3mf", tetrahedron.vertices, tetrahedron.faces)
     scales = {"mesh.ply": 1.0, "mesh.stl": 1000.0, "mesh.glb": 1.0, "mesh.obj": 1.0}
+    scales["mesh.3mf"] = 1000.0
     for name, scale in scales.items():
         mesh = trimesh.load(tmp_path / name, force="mesh")
         assert mesh.is_watertight
@@ -211,6 +219,37 @@ def test_the_meshes_keep_volume_and_unit_and_gltf_has_y_up(tetrahedron, tmp_path
     low, high = trimesh.load(tmp_path / "mesh.glb", force="mesh").bounds
     np.testing.assert_allclose(low, [0, 0, -0.02], atol=1e-9)
     np.testing.assert_allclose(high, [0.01, 0.03, 0], atol=1e-9)
+
+
+def test_the_stated_uncertainty_goes_into_ply_and_is_passed_over_when_that_is_read(
+    tetrahedron, tmp_path
+):
+    export_model(tetrahedron, tmp_path)
+    raw = trimesh.load(tmp_path / "mesh.ply", process=False).metadata["_ply_raw"]
+    assert raw["vertex"]["data"]["uncertainty"] == pytest.approx([0.001] * 4)
+    vertices, *_ = read_mesh(tmp_path / "mesh.ply", "m")
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.01, 0.02, 0.03], rtol=1e-6)
+    silent = dataclasses.replace(
+        tetrahedron, uncertainty=np.zeros(0), uncertainty_height=np.zeros(0)
+    )
+    export_model(silent, tmp_path)
+    assert b"uncertainty" not in (tmp_path / "mesh.ply").read_bytes()
+
+
+def test_uncertainty_is_stated_by_height_in_the_slicing_frame_or_by_vertex(tetrahedron):
+    heights, errors = np.array([-0.01, 0.0]), np.array([0.001, 0.003])
+    upside_down = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    sliced = dataclasses.replace(
+        tetrahedron, frame=upside_down, uncertainty_height=heights, uncertainty=errors
+    )
+    assert uncertainties(sliced).tolist() == [0.003, 0.003, 0.003, 0.001]
+    by_vertex = np.array([0.001, 0.002, 0.003, 0.004])
+    general = dataclasses.replace(sliced, vertex_errors=by_vertex)
+    assert uncertainties(general).tolist() == by_vertex.tolist()
+    silent = dataclasses.replace(
+        tetrahedron, uncertainty=np.zeros(0), uncertainty_height=np.zeros(0)
+    )
+    assert uncertainties(silent).tolist() == [0.0] * 4
 
 
 def test_the_arrays_can_be_read_without_pickle_and_are_no_solid(tetrahedron, tmp_path):

@@ -9,6 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from palpate.core.touch.pad import Pad
+from palpate.messages.types.world import Truth
 from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import open_decoded
 from palpate.tools.bag.foxglove import write_foxglove
@@ -145,6 +146,38 @@ def test_a_model_is_a_mesh_with_its_triangles(found):
     assert entity["frame_id"] == "world"
     assert entity["timestamp"]["sec"] * 10**9 + entity["timestamp"]["nsec"] == time
     assert {"key": "touches", "value": "40"} in entity["metadata"]
+
+
+def colours_of(update):
+    (entity,) = update["entities"]
+    told = {one["key"]: one["value"] for one in entity["metadata"]}
+    colours = entity["triangles"][0]["colors"]
+    return told, [[round(255 * one[name]) for name in "rgb"] for one in colours]
+
+
+@pytest.mark.parametrize("topics", [(), ["/model/shape"]])
+def test_a_model_has_the_colours_of_its_deviation_from_the_truth(record, tetrahedron, topics):
+    moved = tetrahedron.vertices + np.array([0.0, 0.0, -0.001])
+    faces = {"faces": tetrahedron.faces, "floor_faces": tetrahedron.faces}
+    truth = Truth(vertices=moved, floor_vertices=moved, **faces, height=0.03)
+    found = export(record([("/truth", truth), ("/model/shape", tetrahedron)]), topics)
+    assert ("/truth" in found) == (not topics)  # It counts though it is not wanted
+    told, colours = colours_of(found["/model/shape"][0][2])
+    assert told["coloured_by"] == "deviation"
+    assert float(told["colours_end_m"]) == pytest.approx(0.001, rel=0.1)
+    # One corner lies on an edge of the truth, the last sticks out by nearly 1 mm.
+    assert (colours[0], colours[3]) == ([0x44, 0x01, 0x54], [0xFD, 0xE7, 0x25])
+
+
+def test_a_model_without_truth_has_those_of_its_uncertainty_if_it_states_one(record, tetrahedron):
+    silent = replace(tetrahedron, uncertainty=np.zeros(0), uncertainty_height=np.zeros(0))
+    found = export(record([("/model/shape", tetrahedron), ("/model/shape", silent)]))
+    told, colours = colours_of(found["/model/shape"][0][2])
+    assert told["coloured_by"] == "uncertainty"
+    assert colours == [[0xFD, 0xE7, 0x25]] * 4
+    told, colours = colours_of(found["/model/shape"][1][2])
+    assert "coloured_by" not in told
+    assert colours == []
 
 
 def test_a_model_without_a_surface_takes_the_last_one_away(found):

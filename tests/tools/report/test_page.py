@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.launch.files import InputError
+from palpate.launch.files import InputError, uncertainties
 from palpate.tools.report import page, write_report
 from palpate.tools.report.run_facts import ratio_rows, read_run
 from palpate.tools.report.view_data import SHADES, STEPS, view_data
-from palpate.tools.view import read_timeline, uncertainties
+from palpate.tools.view import read_timeline
 
 VIEWER = Path(page.__file__).parent / "viewer"
 

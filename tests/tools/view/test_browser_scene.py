@@ -12,6 +12,7 @@ import trimesh
 from palpate.core.geometry import signed_volume, triangle_corners
 from palpate.core.touch import Pad
 from palpate.launch.files import InputError
+from palpate.tools.surfaces import thinned, viridis
 from palpate.tools.view import Timeline, live, read_timeline
 from palpate.tools.view.browser import MOST_SOLIDS, MOST_TRIANGLES, Wishes
 from palpate.tools.view.drawn import (
@@ -24,7 +25,6 @@ from palpate.tools.view.drawn import (
     unlit_glb,
 )
 from palpate.tools.view.live import View, serving, view_run
-from palpate.tools.view.surfaces import thinned, viridis
 
 PORT = 8470
 

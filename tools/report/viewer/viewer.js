@@ -63,16 +63,11 @@ class View {
     this.home();
   }
 
-  // Everything that there is to show; what is shown when is decided by `update`.
+  // What there is to show; what is shown when is decided by `update`, which makes models and truth
+  // when they are first wanted, so that the first picture does not wait for all of them.
   build() {
     const { told } = this;
-    this.models = told.models.map((one) => this.mesh(one));
-    if (told.truth) {
-      const material = { color: TRUTH, transparent: true, opacity: 0.45, depthWrite: false };
-      const lit = new MeshLambertMaterial({ ...material, side: DoubleSide });
-      this.truth = new Mesh(this.geometry(told.truth), lit);
-      this.scene.add(this.truth);
-    }
+    this.models = told.models.map(() => null);
     this.contours = told.contours.map((one, i) => this.line(one, i));
     const points = this.places(told.touches.points);
     const geometry = new BufferGeometry();
@@ -100,8 +95,16 @@ class View {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(this.places(one.vertices), 3));
     geometry.setIndex(new BufferAttribute(this.arrays(one.faces), 1));
-    geometry.computeVertexNormals();
     return geometry;
+  }
+
+  makeTruth() {
+    const material = { color: TRUTH, transparent: true, opacity: 0.45, depthWrite: false };
+    this.truth = new Mesh(
+      this.geometry(this.told.truth), new MeshLambertMaterial({ ...material, side: DoubleSide }));
+    this.truth.geometry.computeVertexNormals();
+    this.scene.add(this.truth);
+    return this.truth;
   }
 
   mesh(one) {
@@ -141,6 +144,7 @@ class View {
     const { plain, valued, values, painted } = mesh.userData;
     const chosen = values[this.colouring];
     mesh.material = chosen ? valued : plain;
+    if (!chosen && !mesh.geometry.attributes.normal) mesh.geometry.computeVertexNormals();
     if (!chosen || painted === this.colouring) return;
     const colours = mesh.geometry.attributes.color;
     chosen.forEach((value, i) => colours.array.set(this.viridis[value], 3 * i));
@@ -226,18 +230,21 @@ class View {
     const time = this.told.end * Number(this.slider.value);
     const by = (times) => times.filter((one) => one <= time + 1e-9).length;
     const model = by(this.told.models.map((one) => one.time)) - 1;
-    this.models.forEach((mesh, i) => {
-      mesh.visible = i === model && this.showing.solid();
-      if (mesh.visible) this.paint(mesh);
-    });
+    for (const mesh of this.models) if (mesh) mesh.visible = false;
+    if (model >= 0 && this.showing.solid()) {
+      const mesh = (this.models[model] ??= this.mesh(this.told.models[model]));
+      mesh.visible = true;
+      this.paint(mesh);
+    }
     const contours = by(this.told.contours.map((one) => one.time));
     this.contours.forEach((line, i) => (line.visible = i < contours && this.showing.contours()));
     const touches = by(this.told.touches.times);
     this.touches.geometry.setDrawRange(0, touches ? this.told.touches.ends[touches - 1] : 0);
     this.touches.visible = this.showing.touches();
-    if (this.truth) this.truth.visible = this.showing.truth();
+    if (this.truth || this.showing.truth()) (this.truth ?? this.makeTruth()).visible = this.showing.truth();
     const told = model < 0 ? "no model yet" : this.told.models[model].told;
-    const counts = `${counted(touches, "touch", "es")}, ${counted(contours, "contour", "s")}`;
+    const traced = this.told.contours.slice(0, contours).filter((one) => one.traced).length;
+    const counts = `${counted(touches, "touch", "es")}, ${counted(traced, "contour", "s")}`;
     this.readout.textContent = `${time.toFixed(1)} s, ${counts}: ${told}`;
     const scale = this.root.querySelector(".scale");
     scale.hidden = this.colouring === "plain";

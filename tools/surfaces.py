@@ -5,12 +5,15 @@ Values become colours by viridis, which keeps its order in print and for colour-
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Floats, geometry, inverse_pose, transform_points
+from palpate.core import Floats, geometry
+from palpate.launch.files import uncertainties
 from palpate.messages.types import ShapeModel, Truth
 
 Colours = NDArray[np.uint8]
@@ -34,17 +37,31 @@ class TruthSurface:
         return geometry.nearest_points(self._search, points).distances
 
 
-def uncertainties(model: ShapeModel) -> Floats:
-    """Standard deviation that a model states of its surface, at each vertex (n,), m.
+def vertex_scalars(model: ShapeModel, truth: TruthSurface | None) -> dict[str, Floats]:
+    """What is known of each vertex (n,), m; what it is coloured by comes first.
 
-    Of a general solid by vertex, of one in slices by height; zeros where it states none.
+    Its ``deviation`` from the truth, where that is known, and the ``uncertainty`` that the model
+    states, if it does.
     """
-    if model.vertex_errors.any():
-        return model.vertex_errors
-    if not len(model.uncertainty):
-        return np.zeros(len(model.vertices))
-    heights = transform_points(inverse_pose(model.frame), model.vertices)[:, 2]
-    return np.interp(heights, model.uncertainty_height, model.uncertainty)
+    known = {} if truth is None else {"deviation": truth.deviations(model.vertices)}
+    stated = uncertainties(model)
+    return known | ({"uncertainty": stated} if stated.any() else {})
+
+
+class VertexColours(NamedTuple):
+    """Colours of a mesh, and what they mean."""
+
+    name: str  # Of the scalar
+    top: float  # From which on all have the last colour, m
+    colours: Colours  # (n, 3)
+
+
+def vertex_colours(scalars: Mapping[str, Floats]) -> VertexColours | None:
+    """Colours by the first of the scalars; None without any."""
+    for name, values in scalars.items():
+        top = scale_top(values)
+        return VertexColours(name, top, viridis(values, top))
+    return None
 
 
 def scale_top(values: Floats) -> float:

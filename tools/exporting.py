@@ -1,0 +1,92 @@
+"""The final solid of a run in the formats of other programs, with how good it is at each vertex."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.core import Floats
+from palpate.launch import RECORDING, counted, files, find_run_mesh, millimetres, titled
+from palpate.messages.types import ShapeModel, Truth
+from palpate.tools.bag import open_decoded
+from palpate.tools.reconstruction import check_places, check_suffixes, written_files
+from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
+
+
+def export(run: Path, outs: Sequence[Path]) -> dict[str, Any]:
+    """Write the solid that a run ended with into each file, as its ending says, or none of them.
+
+    `run` is the directory of a run or a recording. Returns what was written, by stable names with
+    the unit in them. Raises InputError if an ending is unknown, a file cannot be written, or there
+    is no solid.
+    """
+    check_suffixes(outs, tuple(files.MESH_UNITS))
+    check_places(run, outs)
+    solid = read_final(run)
+    coloured = vertex_colours(solid.scalars)
+    columns: dict[str, NDArray[np.generic]] = dict(solid.scalars)
+    if coloured is not None:
+        columns |= zip(("red", "green", "blue"), coloured.colours.T, strict=True)
+    files.write_atomically(
+        {
+            path: lambda part: files.write_mesh(part, solid.vertices, solid.faces, **columns)
+            for path in outs
+        }
+    )
+    return {
+        "run": str(run),
+        "final": solid.final,
+        "vertices": len(solid.vertices),
+        "faces": len(solid.faces),
+        "rms_m": {name: float(np.sqrt(np.mean(v**2))) for name, v in solid.scalars.items()},
+        "coloured_by": coloured and coloured.name,
+        "colours_end_m": coloured and coloured.top,
+        "written": written_files(outs),
+    }
+
+
+class FinalSolid(NamedTuple):
+    """What a run ended with; world frame, m."""
+
+    vertices: Floats  # (n, 3)
+    faces: NDArray[np.int32]  # (m, 3)
+    scalars: Mapping[str, Floats]  # As of `vertex_scalars`
+    final: bool | None  # Whether it had come to its end; None where nobody tells
+
+
+def read_final(run: Path) -> FinalSolid:
+    """The last model of a recording; of a run without one its mesh, of which no more is known.
+
+    Raises InputError if there is neither, or nothing could be rebuilt.
+    """
+    if run.is_dir() and not (run / RECORDING).is_file():
+        vertices, faces = files.read_surface(find_run_mesh(run), "m")
+        return FinalSolid(vertices, faces, {}, None)
+    source = open_decoded(run)
+    kinds = {topic: kind for topic, (kind, _) in source.recording.types.items()}
+    wanted = [topic for topic in source.topics if kinds[topic] in ("ShapeModel", "Truth")]
+    last = {type(one.message): one.message for one in source.published(wanted)}
+    model, truth = last.get(ShapeModel), last.get(Truth)
+    if model is None or not len(model.faces):
+        raise files.InputError(f"{run}: holds no rebuilt solid: no model in it has a surface")
+    scalars = vertex_scalars(model, truth and TruthSurface(truth))
+    return FinalSolid(model.vertices, model.faces, scalars, model.final)
+
+
+def export_text(told: Mapping[str, Any]) -> str:
+    """What was written, as lines; lengths in mm."""
+    late = "; the run had not come to its end" if told["final"] is False else ""
+    size = f"{counted(told['faces'], 'triangle')}, {told['vertices']} vertices{late}"
+    lines = titled("solid", size)
+    parts = [f"{name} {millimetres(value)}" for name, value in told["rms_m"].items()]
+    if parts:
+        lines += titled("rms", *parts)
+        end = millimetres(told["colours_end_m"])
+        lines += titled("colours", f"of PLY: {told['coloured_by']} from 0 to {end}")
+    for one in told["written"]:
+        lines += titled("wrote", f"{one['file']} ({one['holds']})")
+    return "\n".join(lines)

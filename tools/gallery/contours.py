@@ -1,0 +1,109 @@
+"""Chapter 4 of the thesis: which point of the model belongs to which touched point."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from palpate.core import Floats
+from palpate.core.shapes import Superquadric, regular_points
+from palpate.core.thesis import match_contour, ray_azimuths, rebuild_thesis
+from palpate.tools.gallery import style
+from palpate.tools.gallery.reconstructions import FIRST, SECOND
+from palpate.tools.surfaces import viridis
+from palpate.tools.view import Canvas
+
+MODEL = Superquadric(np.ones(3), np.array([0.15, 0.15]))  # The thesis's box
+SLICES = 9  # Of the drawn match
+RAYS = 24
+# Where the axes of the unit cube are named
+AXIS_LABELS = {"s": (0.5, -0.06, 0.0), "t": (1.06, 0.5, 0.0), "u": (-0.05, 0.0, 0.5)}
+SECTION = 12  # Which contour of the first example is matched
+
+
+def draw_correspondence() -> Figure:
+    """Figures 4.1 and 4.2: contours matched by height, their points by azimuth."""
+    figure = style.new_figure(3.0)
+    side, above = figure.subplots(1, 2, width_ratios=(2.1, 1.0))
+    _draw_match_by_height(side)
+    _draw_match_by_azimuth(above)
+    figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _draw_match_by_height(axes: Axes) -> None:
+    """Profiles of the model, left, and of the object beside it; a line for each pair of slices."""
+    eta = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 401)
+    model = regular_points(
+        MODEL, np.concatenate([eta, eta[::-1]]), np.repeat([0.0, np.pi], len(eta))
+    ).points
+    heights = np.linspace(-1.0, 1.0, 401)
+    sides = FIRST.radius(heights[:, None], np.array([[0.0, np.pi]])) * [1.0, -1.0]
+    apart = 2.6
+    axes.plot(model[:, 0], model[:, 2], style.BLUE)
+    right, left = sides.T
+    outline = np.concatenate([right, left[::-1], right[:1]])
+    axes.plot(
+        apart + outline, np.concatenate([heights, heights[::-1], heights[:1]]), style.VERMILION
+    )
+    for z in np.linspace(-1.0, 1.0, SLICES + 2)[1:-1]:
+        wide = np.interp(z, model[: len(eta), 2], model[: len(eta), 0])
+        low, high = apart + np.interp(z, heights, left), apart + np.interp(z, heights, right)
+        axes.plot([-wide, wide], [z, z], style.BLUE, linewidth=1.0)
+        axes.plot([low, high], [z, z], style.VERMILION, linewidth=1.0)
+        axes.plot([wide, low], [z, z], style.GREY, linestyle=":", linewidth=1.0)
+    axes.set(title="contours by height (4.1)", xticks=[], ylabel="height, normalised")
+    axes.spines.bottom.set_visible(False)
+    axes.set_aspect("equal")
+
+
+def _draw_match_by_azimuth(axes: Axes) -> None:
+    """One section of both, and the points that rays at the same azimuth from the middle meet."""
+    contour = FIRST.contours()[SECTION][:-1, :2]
+    azimuths = ray_azimuths(RAYS)
+    fine = ray_azimuths(400)
+    found, curve = match_contour(contour, azimuths), match_contour(contour, fine).points
+    model, outline = (
+        regular_points(MODEL, np.zeros(len(some)), some).points[:, :2] for some in (azimuths, fine)
+    )
+    for one, points, colour, label in (
+        (outline, model, style.BLUE, "model"), (curve, found.points, style.VERMILION, "contour"),
+    ):  # fmt: skip
+        axes.plot(*np.vstack([one, one[:1]]).T, colour, label=label)
+        axes.plot(*points.T, "o", color=colour, markersize=3.5)
+    for start, end in zip(found.points, model, strict=True):
+        axes.plot(*np.stack([found.middle, start]).T, style.GREY, linewidth=0.5)
+        axes.plot(*np.stack([start, end]).T, style.GREY, linestyle=":", linewidth=1.0)
+    axes.plot([], [], style.GREY, linestyle=":", label="matched")
+    axes.set(title="points by azimuth (4.2)", xlabel="x, normalised", ylabel="y, normalised")
+    axes.set_aspect("equal")
+    style.few_ticks(axes)
+
+
+def draw_parameter_space() -> Figure:
+    """Figure 4.3: s, t, u of the matched points, as printed and corrected, coloured by height."""
+    figure = style.new_figure(3.9)
+    panels = figure.subplots(1, 2)
+    edges = style.box_edges(np.zeros(3), np.ones(3))
+    for axes, faithful, title in zip(
+        panels, (True, False), ("as printed", "corrected"), strict=True
+    ):
+        triples = rebuild_thesis(SECOND.contours(), faithful=faithful).parameters
+        canvas = style.show_solid(
+            axes, partial(_draw_triples, triples),
+            np.concatenate(edges), shape=(350, 342), title=title,
+        )  # fmt: skip
+        style.label_points(axes, canvas, AXIS_LABELS)
+    return figure
+
+
+def _draw_triples(triples: Floats, canvas: Canvas) -> None:
+    for edge in style.box_edges(np.zeros(3), np.ones(3)):
+        canvas.draw_line(edge, style.rgb(style.GREY), 1.0)
+    colours = viridis(np.linspace(0.0, 1.0, len(triples)), 1.0).astype(np.float64)
+    for row, colour in zip(triples, colours, strict=True):
+        canvas.draw_line(row, colour, 1.2)
+        canvas.draw_points(row, colour, 2.0)

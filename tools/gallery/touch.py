@@ -1,0 +1,177 @@
+"""Chapter 3 of the thesis: filters on a tactile frame, and the function that sets the steps."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from palpate.core import Floats, touch
+from palpate.core.explore.planners import TEMPLATES, Thesis, polyline_of
+from palpate.core.splines import CUBIC, Basis, averaged_knots, evaluate_grid, interpolate_grid
+from palpate.tools.gallery import style
+from palpate.tools.surfaces import viridis
+from palpate.tools.view import Canvas
+
+PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+NOISE = 40e-6  # Of a taxel, m
+IMPULSES, IMPULSE = 0.05, 2.4e-3  # Share of the taxels, and what half of them say, m
+CONTACT = 200e-6  # Least compression that counts as touched, m
+MOST = 1.6e-3  # Compression at which the colours end, m
+RELIEF = 3.0  # Heights are drawn so many times as large
+FINE = 91  # Points along a side of an interpolating surface
+SEED = 0
+SEGMENTS = 5  # Of the polylines, as in the thesis
+REACH = 12.0  # Of a rate times a curvature, as far as is drawn
+POLYLINE_REACH = 40.0  # As far as `Thesis` lays its polylines
+MOST_BEND, MOST_CHANGE = 25.0, 12.5  # Curvatures times the height, as far as is drawn
+
+
+class Frame(NamedTuple):
+    """A tactile frame after a filter."""
+
+    title: str
+    image: Floats  # Compression (rows, cols), m
+    smooth: bool  # Drawn as the B-spline surface through it, not taxel by taxel
+
+
+def draw_filters() -> Figure:
+    """Figures 3.3 to 3.6: the corner of a box, raw and after filters, and as palpate mends it."""
+    truth = _corner()
+    figure = style.new_figure(5.0)
+    panels = figure.subplots(2, 3)
+    x, y = PAD.grid()
+    frames = _frames(truth)
+    raw = np.stack([x, y, RELIEF * frames[0].image], axis=-1).reshape(-1, 3)
+    for axes, frame in zip(panels.flat, frames, strict=True):
+        style.show_solid(
+            axes, partial(_draw_relief, frame), raw, (-60.0, 38.0),
+            shape=(180, 233),
+        )  # fmt: skip
+        error = 1e6 * math.sqrt(float(np.mean((frame.image - truth) ** 2)))
+        axes.set_title(f"{frame.title}\nrms error {error:.0f} $\\mu$m")
+    scale = ScalarMappable(Normalize(0.0, 1e3 * MOST), "viridis")
+    figure.colorbar(
+        scale, ax=panels, location="bottom", shrink=0.6, aspect=40, label="compression, mm"
+    )
+    return figure
+
+
+def _corner() -> Floats:
+    """Compression under the corner of a box's flat top, pressed by 1.2 mm, a little askew."""
+    x, y = PAD.grid()
+    turn = math.radians(12.0)
+    along = x * math.cos(turn) + y * math.sin(turn) + 3.3e-3
+    beside = y * math.cos(turn) - x * math.sin(turn) + 2.6e-3
+    return np.where((along > 0.0) & (beside > 0.0), 1.2e-3 + 0.01 * x, 0.0)
+
+
+def _frames(truth: Floats) -> list[Frame]:
+    rng = np.random.default_rng(SEED)
+    raw = truth + NOISE * rng.normal(size=truth.shape)
+    hit, up = rng.random((2, *truth.shape))
+    raw = np.where(hit < IMPULSES, np.where(up < 0.5, 0.0, IMPULSE), raw)
+    noise = _noise_variance(raw)
+    median = touch.median_filter(raw)
+    then_wiener = touch.median_then_wiener(raw, _noise_variance(median))
+    mended = touch.remove_impulses(PAD, raw, CONTACT, NOISE).image
+    return [
+        Frame("raw (3.3)", raw, False),
+        Frame("Wiener (3.4)", touch.adaptive_wiener(raw, noise), False),
+        Frame("median (3.4)", median, False),
+        Frame("Wiener, median (3.5)", touch.wiener_then_median(raw, noise), True),
+        Frame("median, Wiener (3.6)", then_wiener, True),
+        Frame("palpate: impulses mended", mended, False),
+    ]
+
+
+def _noise_variance(image: Floats) -> float:
+    """Mean of the variances around each taxel: what a filter takes that knows no noise, m^2."""
+    return float(touch.neighbourhoods(image).var(axis=-1).mean())
+
+
+def _draw_relief(frame: Frame, canvas: Canvas) -> None:
+    x, y = PAD.grid()
+    grid = np.stack([x, y, frame.image], axis=-1)
+    if frame.smooth:
+        grid = _interpolated(grid)
+    colours = viridis(grid[..., 2].ravel(), MOST)
+    mesh = style.grid_mesh(grid * [1.0, 1.0, RELIEF])
+    canvas.draw_mesh(mesh.vertices, mesh.faces, colours.astype(np.float64), lit=False)
+    curves = grid if not frame.smooth else grid[:: FINE // 15, :: FINE // 15]
+    for curve in style.grid_lines(curves * [1.0, 1.0, RELIEF]):
+        canvas.draw_line(curve, style.rgb("#50606c"), 1.0)
+
+
+def _interpolated(grid: Floats) -> Floats:
+    """The bicubic B-spline surface through a grid of points, finely."""
+    sites = [np.linspace(0.0, 1.0, count) for count in grid.shape[:2]]
+    bases = [Basis(averaged_knots(one), CUBIC) for one in sites]
+    fine = np.linspace(0.0, 1.0, FINE)
+    return evaluate_grid(bases, interpolate_grid(bases, sites, grid).control, (fine, fine))
+
+
+def draw_step_components() -> Figure:
+    """Figures 3.7 and 3.8: both components of the step, and five straight pieces for each."""
+    figure = style.new_figure(2.9)
+    panels = figure.subplots(1, 2, sharey=True)
+    names = (
+        ("$s_1$", "$\\bar{\\kappa}\\,h$", Thesis().bend_rate),
+        ("$s_2$", "$\\Delta\\bar{\\kappa}\\,h$", Thesis().change_rate),
+    )
+    for axes, (name, along, rate) in zip(panels, names, strict=True):
+        _draw_component(axes, rate)
+        axes.set(xlabel=f"{along} (curvature times height, 1)", title=f"component {name}")
+    panels[0].set_ylabel("value, 1")
+    panels[0].legend()
+    return figure
+
+
+def _draw_component(axes: Axes, rate: float) -> None:
+    template = TEMPLATES["exponential"]
+    polyline = polyline_of(lambda x: template(x, 1.0), POLYLINE_REACH, SEGMENTS)
+    x = np.linspace(0.0, REACH, 400)
+    axes.plot(x / rate, template(x, 1.0), style.BLUE, linewidth=3.0, alpha=0.5, label="original")
+    shown = polyline.knots <= REACH
+    axes.plot(x / rate, np.interp(x, *polyline), style.VERMILION, label="five pieces")
+    axes.plot(polyline.knots[shown] / rate, polyline.values[shown], "o", color=style.VERMILION)
+    axes.set(xlim=(0.0, REACH / rate), ylim=(0.0, 1.05))
+
+
+def draw_step_function() -> Figure:
+    """Figures 3.9 and 3.10: the step over curvature and its change, and what the pieces change."""
+    figure = style.new_figure(2.9)
+    panels = figure.subplots(1, 3, sharey=True)
+    bends, changes = np.linspace(0.0, MOST_BEND, 81), np.linspace(0.0, MOST_CHANGE, 81)
+    original, pieces = (
+        np.array([[100.0 * rule.later(bend, change, 0) for bend in bends] for change in changes])
+        for rule in (Thesis(), Thesis(segments=SEGMENTS))
+    )
+    titles = "original (3.10)", "five pieces each (3.9)", "difference (3.10)"
+    for axes, values, title in zip(
+        panels, (original, pieces, pieces - original), titles, strict=True
+    ):
+        difference = values.min() < 0.0
+        most = 0.6 if difference else 100.0 * Thesis().most
+        shown = axes.pcolormesh(
+            bends, changes, values, vmin=-most if difference else 0.0, vmax=most,
+            cmap="PuOr" if difference else "viridis", shading="gouraud", rasterized=True,
+        )  # fmt: skip
+        if not difference:
+            levels = axes.contour(
+                bends, changes, values, (5.0, 10.0, 15.0), colors="white", linewidths=0.7
+            )
+            axes.clabel(levels, fmt="%g %%", fontsize=7)
+        axes.set(title=title, xlabel="$\\bar{\\kappa}\\,h$, 1")
+        ticks = np.linspace(-most if difference else 0.0, most, 5)
+        figure.colorbar(
+            shown, ax=axes, location="bottom", ticks=ticks, label="step, % of the height"
+        )
+    panels[0].set_ylabel("$\\Delta\\bar{\\kappa}\\,h$, 1")
+    return figure
