@@ -18,15 +18,9 @@ from palpate.core import Floats
 from palpate.core.touch import Pad
 from palpate.launch.files import uncertainties
 from palpate.messages.types import ShapeModel
-from palpate.tools.view.drawn import (
-    LIGHT,
-    Faces,
-    boundary,
-    contour_segments,
-    growing,
-    lattice_lines,
-)
-from palpate.tools.view.drawn import lifted, pad_body, shaded, unlit_glb
+from palpate.tools.surfaces import scale_top, thinned, viridis
+from palpate.tools.view.drawn import LIGHT, Faces, boundary, contour_segments, growing
+from palpate.tools.view.drawn import lattice_lines, lifted, pad_body, shaded, unlit_glb
 from palpate.tools.view.timeline import Moment, Timeline, Touch
 
 Colouring = Literal["plain", "deviation", "uncertainty"]
