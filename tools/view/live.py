@@ -77,7 +77,8 @@ class View:
 
     def _scrubbed(self, event: Any) -> None:
         if event.client is not None:  # somebody's hand, and not the time that passes
-            self.seek(float(self.panel.slider.value))
+            with self._lock:
+                self.seek(self.panel.scrubbed())
 
     def add(self, messages: list[Any]) -> None:
         """Take messages of a running graph."""

@@ -52,6 +52,7 @@ class Panel:
     _touch: Any = field(init=False)
     _plots: dict[str, Any] = field(init=False)
     _plotted: tuple[float, Any] = (0.0, None)  # When, and what of
+    _told: float = 0.0  # What the slider stood at when it was last set or obeyed, s
     _decades: tuple[float, float] = (0.0, 0.0)  # Of the plot of errors
     _shown: Touch | None = None  # Whose image is shown
 
@@ -114,10 +115,17 @@ class Panel:
         for one in self._wishes.values():
             one.on_update(act)
 
+    def scrubbed(self) -> float:
+        """Robot time to which somebody has moved the slider, s."""
+        self._told = float(self.slider.value)
+        return self._told
+
     def show(self, line: Timeline, when: float, moment: Moment, scene: Scene) -> None:
         """Show figures of a robot time."""
         self._reach(max(line.end, 1.0))
-        self.slider.value = min(round(when, 1), self.slider.max)
+        if self.slider.value == self._told:  # else somebody has just moved it
+            self._told = float(min(round(when, 1), self.slider.max))
+            self.slider.value = self._told
         self._state.content = _state_html(line, when, moment)
         self._legend.content = _legend_html(self.wishes(), scene.scale, scene.triangles)
         self._show_touch(line, moment)

@@ -4,6 +4,7 @@ import io
 import time
 from contextlib import redirect_stdout
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -146,6 +147,19 @@ def test_a_step_is_a_touch_and_stays_there(view):
     view.seek(0.0)
     view.step(-1)
     assert view.when == 0.0
+
+
+def test_a_slider_that_somebody_moves_is_not_moved_back_by_the_time_that_passes(view):
+    view.watched = True
+    view.pass_time(0.5)
+    view.panel.slider.value = 50.0  # its callback has not come yet
+    view.pass_time(0.5)
+    assert view.panel.slider.value == 50.0
+    view._scrubbed(SimpleNamespace(client="somebody"))
+    assert (view.when, view.playing) == (50.0, False)
+    view.panel.slider.value = view.panel.slider.max
+    view._scrubbed(SimpleNamespace(client="somebody"))
+    assert view.when == pytest.approx(view.line.end)
 
 
 def test_a_running_graph_is_followed_until_somebody_looks_back(server, run_folder):
