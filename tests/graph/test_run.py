@@ -51,7 +51,7 @@ def test_it_leaves_everything_that_the_run_directory_promises(run):
     names = {path.name for path in folder.iterdir()}
     meshes = {"mesh.ply", "mesh.stl", "mesh.glb"}
     written = {"model.npz", "topics.mcap", "scene.yaml", "launch.yaml", "summary.json", "log.jsonl"}
-    assert names == meshes | written | {"cost.svg"}
+    assert names == meshes | written | {"cost.svg", "report.html"}
     with np.load(folder / "model.npz", allow_pickle=False) as model:
         assert model["vertices"].shape[1] == 3
 

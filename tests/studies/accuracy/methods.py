@@ -27,7 +27,7 @@ from palpate.core.rebuild.contours import ContactPoints, contact_points_of
 from palpate.core.shapes import Mesh
 from palpate.core.touch import Jet
 from palpate.launch import load_scene
-from palpate.launch.files import MESH_UNITS, InputError, read_mesh
+from palpate.launch.files import MESH_UNITS, InputError, is_mesh_file, read_mesh
 from palpate.messages.types import (
     Contour,
     PlanEstimate,
@@ -281,7 +281,7 @@ def meshes_in(folder: Path) -> list[str]:
     """Names of the mesh files in a folder; raises InputError if there is none, or one is unfit."""
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder of meshes")
-    suffixes = sorted(MESH_UNITS)
+    suffixes = sorted(one for one in MESH_UNITS if is_mesh_file(Path(f"mesh{one}")))
     names = sorted(one.name for one in folder.iterdir() if one.suffix.lower() in suffixes)
     if not names:
         raise InputError(f"{folder}: has no mesh in it: no {', '.join(suffixes)}")
