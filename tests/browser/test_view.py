@@ -59,6 +59,17 @@ def scene_of(page):
     return picture_of(page)[160:, 300:940]
 
 
+def still(page, looks=4):
+    """What is seen once it has been the same for so many looks: parts come one after the other."""
+    seen, same = scene_of(page), 0
+    while same < looks:
+        time.sleep(0.5)
+        now = scene_of(page)
+        same = same + 1 if share_changed(seen, now) == 0.0 else 0
+        seen = now
+    return seen
+
+
 def until(holds, seconds=60.0):
     end = time.monotonic() + seconds
     while not holds():
@@ -78,7 +89,7 @@ def test_a_recording_is_seen_and_its_controls_do_what_they_say(view, open_page, 
     watched = opened(open_page, view)
     page, line = watched.page, view.line
     assert told(page) == (round(line.end, 1), len(line.touches), len(line.touches))
-    end = scene_of(page)
+    end = still(page)
 
     page.get_by_label("true solid").click()
     until(lambda: share_changed(end, scene_of(page)) > CHANGED)
