@@ -206,7 +206,7 @@ def read_summary(run: Path) -> Summary:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError:
         raise InputError(f"{run}: is no directory of a run: there is no {SUMMARY} in it") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is no JSON: {error}") from None
     if not isinstance(found, dict):
         raise InputError(f"{path}: must hold a map, got {type(found).__name__}")

@@ -43,7 +43,7 @@ def write_report(runs: Sequence[Path], path: Path) -> None:
     recording, or the file cannot be written; it is replaced whole or not at all.
     """
     text = report_text([read_run(one) for one in runs])
-    write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
+    write_atomically({path: lambda part: part.write_text(text, "utf-8", "replace")})
 
 
 def report_text(runs: Sequence[RunFacts]) -> str:
@@ -189,7 +189,7 @@ def _cost(run: RunFacts, _: int) -> Html:
 
 def _picture(svg: str, alt: str) -> Html:
     """A drawing, whose style stays its own."""
-    data = base64.b64encode(svg.encode()).decode()
+    data = base64.b64encode(svg.encode("utf-8", "replace")).decode()
     yield f'<div class="scroll"><img alt="{alt}" src="data:image/svg+xml;base64,{data}"></div>'
 
 

@@ -30,6 +30,10 @@ TRIED = 48  # Touches over which the cost of an effect is measured
 RETRACTED, REACH, DEPTH = 5e-3, 10e-3, 0.5e-3  # How those begin before the surface, and go on, m
 MOST_PLACES = 24  # Of one kind that lead to their place
 LEAST_OUTLIER = 5.0  # Times the median residual, from which a touch fits badly
+SURE: dict[str, type | tuple[type, ...]] = {  # Of every summary; whatever else may be null
+    "reason": str, "touches": int, "contours": int, "robot_time_s": (int, float),
+    "nodes": dict, "curve": list, "missed": list,
+}  # fmt: skip
 PALPATE_FILES = ("scene.yaml", "launch.yaml")  # What a run needs to be run again
 
 
@@ -72,6 +76,9 @@ def read_run(run: Path) -> RunFacts:
     """
     folder = launch.run_directory_of(run)
     summary = launch.read_summary(folder)
+    for key, kind in SURE.items():
+        if not isinstance(summary.get(key), kind):
+            raise InputError(f"{folder / launch.SUMMARY}: is of another version: no good {key!r}")
     line = read_timeline(folder) if (folder / launch.RECORDING).is_file() else None
     effects, graph = _from_launch_file(folder, line)
     return RunFacts(
@@ -83,7 +90,7 @@ def read_run(run: Path) -> RunFacts:
         effects,
         graph,
         {
-            one: (folder / one).read_text("utf-8")
+            one: (folder / one).read_text("utf-8", "replace")
             for one in PALPATE_FILES
             if (folder / one).is_file()
         },
@@ -102,9 +109,14 @@ def _deviations(line: Timeline) -> dict[int, Floats]:
 
 def _warnings(folder: Path) -> Iterator[dict[str, Any]]:
     path = folder / "log.jsonl"
-    lines = path.read_text("utf-8").splitlines() if path.is_file() else []
-    records = (json.loads(one) for one in lines)
-    yield from [one for one in records if one["level"] in ("warning", "error")][:MOST_LOGGED]
+    lines = path.read_bytes().splitlines() if path.is_file() else []
+    try:
+        records = [json.loads(one) for one in lines]
+        yield from [one for one in records if one["level"] in ("warning", "error")][:MOST_LOGGED]
+    except (ValueError, TypeError, KeyError):
+        raise InputError(
+            f"{path}: is no log of a run: a line of it is cut off or foreign"
+        ) from None
 
 
 def places_of(line: Timeline, summary: dict[str, Any]) -> Iterator[Place]:

@@ -61,6 +61,8 @@ def make_film(
         raise InputError(f"{path}: mp4 takes ffmpeg, which is not installed; name a .gif instead")
     if not line.touches:
         raise InputError("the run has no touches: there is nothing to show")
+    if not math.isfinite(seconds):
+        raise InputError(f"seconds must be a finite number, got {seconds}")
     count = max(2, round(seconds * kind.rate))
 
     def frames() -> Iterator[Pixels]:

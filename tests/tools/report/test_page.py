@@ -148,14 +148,32 @@ def test_what_the_user_wrote_is_text_and_no_markup(run_folder, tmp_path):
     assert "<i>" not in text
 
 
+def test_letters_that_are_no_unicode_do_not_spoil_the_page(run_folder, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    (folder / "scene.yaml").write_bytes(b"\xff")
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(summary | {"scene": "\ud800 vase"}))
+    write_report([folder], tmp_path / "report.html")
+    assert "? vase" in (tmp_path / "report.html").read_text("utf-8")
+
+
 @pytest.mark.parametrize(
     ("name", "content", "why"),
-    [("summary.json", None, "no summary.json"), ("topics.mcap", b"nonsense", "topics.mcap")],
+    [
+        ("summary.json", None, "no summary.json"),
+        ("summary.json", b"{}", "of another version: no good 'reason'"),
+        ("summary.json", b"[" * 200_000, "is no JSON"),
+        ("topics.mcap", b"nonsense", "topics.mcap"),
+        ("log.jsonl", b'{"level": "warn', "is no log of a run"),
+        ("log.jsonl", b"{}", "is no log of a run"),
+        ("log.jsonl", b"\xff", "is no log of a run"),
+    ],
 )
 def test_a_folder_that_is_no_run_is_refused(run_folder, tmp_path, name, content, why):
     folder = tmp_path / "run"
     shutil.copytree(run_folder, folder)
-    (folder / name).unlink()
+    (folder / name).unlink(missing_ok=True)
     if content is not None:
         (folder / name).write_bytes(content)
     with pytest.raises(InputError, match=why):

@@ -91,6 +91,12 @@ def test_ffmpeg_that_fails_leaves_nothing(line, tmp_path, monkeypatch):
     assert not (tmp_path / "run.mp4").exists()
 
 
+def test_a_film_has_a_finite_length(line, tmp_path):
+    with pytest.raises(InputError, match="seconds must be a finite number, got nan"):
+        make_film(line, tmp_path / "run.gif", seconds=float("nan"), say=lambda _: None)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_run_without_touches_has_no_film(tmp_path):
     with pytest.raises(InputError, match="no touches"):
         make_film(Timeline(), tmp_path / "run.gif", say=lambda _: None)
