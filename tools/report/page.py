@@ -180,6 +180,8 @@ def _scale(tops: dict[str, float]) -> Html:
 
 
 def _cost(run: RunFacts, _: int) -> Html:
+    if not (run.summary["curve"] or run.summary["steps"]):
+        return
     yield from _picture(
         launch.draw_svg(run.summary),
         "True error and stated bound against touches, robot time and compute time, and where the "
@@ -227,6 +229,8 @@ def _load(run: RunFacts, _: int) -> Html:
 
 
 def _effects(run: RunFacts, _: int) -> Html:
+    if run.effects is None:
+        return
     if not run.effects:
         yield "<p>Exact contact; no effect was simulated, and none was paid for.</p>"
         return

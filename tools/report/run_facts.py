@@ -63,7 +63,7 @@ class RunFacts:
     line: Timeline | None  # None without a recording
     places: tuple[Place, ...]
     contour_deviations: dict[int, Floats]  # Of each contour's points from the truth (n,), m
-    effects: tuple[EffectCost, ...]
+    effects: tuple[EffectCost, ...] | None  # None where nobody can tell what was simulated
     graph: str  # SVG of the wiring; empty where the launch file cannot be read any more
     files: dict[str, str]  # Scene and launch file as text, by name
     log: tuple[dict[str, Any], ...]  # Warnings and errors
@@ -158,28 +158,31 @@ def _dropped(line: Timeline) -> Iterator[Place]:
         yield Place("hollows", "a pad touched nothing there", last.robot_time, point)
 
 
-def _from_launch_file(folder: Path, line: Timeline | None) -> tuple[tuple[EffectCost, ...], str]:
+def _from_launch_file(
+    folder: Path, line: Timeline | None
+) -> tuple[tuple[EffectCost, ...] | None, str]:
     """What the effects cost, and the wiring, as far as the launch file can be read here."""
     path = folder / "launch.yaml"
     if not path.is_file():
-        return (), ""
+        return None, ""
     try:
         described = launch.describe(path, {}, folder)
         wirings = described.graph.wirings()
         graph = draw_svg(sketch_of(described.graph), "Nodes and topics of the run")
     except InputError:  # it names files or modules that are no longer there
-        return (), ""
+        return None, ""
     hands = [one.params for one in wirings if isinstance(one.params, simulator.Params)]
-    effects = tuple(effect_costs(hands[0], line)) if hands and line is not None else ()
-    return effects, graph
+    if not hands or (hands[0].effects and (line is None or not line.touches)):
+        return None, graph  # no simulator, or no touch over which to measure
+    return (() if line is None else tuple(effect_costs(hands[0], line))), graph
 
 
 def effect_costs(hand: simulator.Params, line: Timeline) -> Iterator[EffectCost]:
     """What each stage of a touch costs here and now, over some touches of the run made again.
 
-    Nothing is yielded of a scene without effects, or a run without touches.
+    Nothing is yielded of a scene without effects.
     """
-    if not hand.effects or not line.touches:
+    if not hand.effects:
         return
     pipeline = specs.build_pipeline(hand.sensor, hand.effects, ROBOT_PRESETS[hand.robot])
     shape, states = specs.build_shape(hand.object), list(pipeline.begin())

@@ -121,6 +121,7 @@ def test_a_run_without_a_recording_has_figures_and_no_view(run_folder, tmp_path)
     found = sections(text)
     assert "The object" not in found
     assert "Contours" not in found
+    assert "Effects" not in found  # it had some, but over no touch can they be measured
     assert '<script type="application/json">' not in text
     assert {"What was found", "What accuracy cost", "Graph"} <= found.keys()
 
@@ -133,6 +134,7 @@ def test_a_run_whose_launch_file_no_longer_holds_lacks_only_what_follows_from_it
     (folder / "launch.yaml").write_text("nodes: {a: {kind: gone.module}}\n")
     found = sections(page.report_text([read_run(folder)]))
     assert "Graph" not in found
+    assert "Effects" not in found  # nobody can tell what was simulated
     assert "The object" in found
 
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 from dataclasses import replace
 from typing import Any
 
@@ -91,9 +93,19 @@ def test_an_effect_costs_time_and_without_effects_nothing_is_told(run_folder):
     assert list(effect_costs(bare, facts.line)) == []
 
 
-def test_warnings_and_errors_of_the_log_are_kept_and_nothing_else(run_folder, tmp_path):
-    import shutil
+def test_without_effects_the_page_says_that_none_was_simulated(run_folder, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    text = (folder / "launch.yaml").read_text()
+    cut = re.sub(r"\n( +)effects:\n(?:\1 +.*\n)+", r"\n\1effects: {}\n", text)
+    assert cut != text
+    (folder / "launch.yaml").write_text(cut)
+    assert read_run(folder).effects == ()
+    (folder / "topics.mcap").unlink()
+    assert read_run(folder).effects == ()
 
+
+def test_warnings_and_errors_of_the_log_are_kept_and_nothing_else(run_folder, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(run_folder, folder)
     lines = [{"level": level, "node": "filter", "text": level} for level in ("info", "warning")]
