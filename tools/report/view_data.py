@@ -17,12 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.core import Floats
+from palpate.core import Floats, Ints
 from palpate.launch import millimetres
-from palpate.launch.files import uncertainties
-from palpate.messages.types import ShapeModel
+from palpate.messages.types import Contour, ShapeModel
 from palpate.tools.report.run_facts import Place
-from palpate.tools.surfaces import hex_colour, scale_top
+from palpate.tools.surfaces import hex_colour, scale_top, vertex_scalars
 from palpate.tools.view import TRACED, Timeline
 
 STEPS = 65535  # Of the box about everything
@@ -38,10 +37,25 @@ PACKING = 6  # Of gzip: 9 takes three times as long and saves a hundredth
 class ArrayPacker:
     """Arrays one after the other, and where each of them is."""
 
+    low: Floats  # Corner of the box about everything (3,), m
+    step: float  # m
     _parts: list[bytes] = field(default_factory=list)
     _size: int = 0
 
-    def add(self, values: ArrayLike, kind: str) -> list[Any]:
+    def places(self, points: Floats) -> list[Any]:
+        """Take points (n, 3)."""
+        return self._add(np.clip(np.rint((points - self.low) / self.step), 0, STEPS), "<u2")
+
+    def surface(self, vertices: Floats, faces: Ints) -> dict[str, Any]:
+        """Take a mesh: vertices (n, 3) and triangles (m, 3)."""
+        kind = "<u2" if len(vertices) <= STEPS else "<u4"
+        return {"vertices": self.places(vertices), "faces": self._add(faces, kind)}
+
+    def shades(self, values: Floats, top: float) -> list[Any]:
+        """Take values (n,), of which those from `top` on are alike."""
+        return self._add(np.clip(np.rint(values / top * SHADES), 0, SHADES), "u1")
+
+    def _add(self, values: ArrayLike, kind: str) -> list[Any]:
         """Take an array; returns its kind, offset in bytes and length."""
         array: NDArray[Any] = np.ascontiguousarray(values, np.dtype(kind))
         place = [KINDS[array.dtype], self._size, array.size]
@@ -65,51 +79,36 @@ class ViewData(NamedTuple):
 
 def view_data(line: Timeline, places: Sequence[Place]) -> ViewData:
     """Pack what a timeline holds."""
-    arrays, (low, high) = ArrayPacker(), line.bounds()
+    low, high = line.bounds()
     middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
-    low = middle - 0.6 * size  # with room about it: touches may lie outside
-    step = 1.2 * size / STEPS
-
-    def whole(points: Floats) -> list[Any]:
-        return arrays.add(np.clip(np.rint((points - low) / step), 0, STEPS), "<u2")
-
+    # With room about it: touches may lie outside.
+    arrays = ArrayPacker(middle - 0.6 * size, 1.2 * size / STEPS)
     models = _shown(line.models)
-    values = _values(line, models)
-    tops = {name: scale_top(some[-1]) for name, some in values.items()}
+    scalars = [vertex_scalars(model, line.surface) for model in models]
+    tops = {name: scale_top(some) for name, some in (scalars[-1] if scalars else {}).items()}
     told: dict[str, Any] = {
-        "low": low.tolist(),
-        "step": step,
+        "low": arrays.low.tolist(),
+        "step": arrays.step,
         "middle": middle.tolist(),
         "size": size,
         "end": math.ceil(1e3 * line.end) / 1e3,
-        "colourings": [*values, PLAIN],
+        "colourings": [*tops, PLAIN],
         "viridis": [hex_colour(shade, SHADES) for shade in range(SHADES + 1)],
         "models": [
             {
                 "time": model.robot_time,
                 "told": _told(line, model),
-                "vertices": whole(model.vertices),
-                "faces": arrays.add(model.faces, "<u2" if len(model.vertices) <= STEPS else "<u4"),
+                **arrays.surface(model.vertices, model.faces),
                 "values": {
-                    name: arrays.add(
-                        np.clip(np.rint(some[i] / tops[name] * SHADES), 0, SHADES), "u1"
-                    )
-                    for name, some in values.items()
+                    name: arrays.shades(some[name], tops[name]) for name in tops if name in some
                 },
             }
-            for i, model in enumerate(models)
+            for model, some in zip(models, scalars, strict=True)
         ],
-        "truth": _truth(line, whole, arrays),
-        "contours": [
-            {
-                "time": one.robot_time,
-                "points": whole(one.points),
-                "closed": one.status == "closed",
-                "traced": one.status in TRACED,
-            }
-            for one in line.contours
-        ],
-        "touches": _touches(line, whole),
+        # Coarser than what errors are measured from: it is there to be seen.
+        "truth": line.truth and arrays.surface(line.truth.floor_vertices, line.truth.floor_faces),
+        "contours": [_contour(one, arrays) for one in line.contours],
+        "touches": _touches(line, arrays),
         "places": [{"time": one.time, "point": one.point.tolist()} for one in places],
     }
     return ViewData(json.dumps(told, allow_nan=False), arrays.text(), tops)
@@ -123,16 +122,6 @@ def _shown(models: Sequence[ShapeModel]) -> list[ShapeModel]:
     return [models[int(i)] for i in chosen]
 
 
-def _values(line: Timeline, models: Sequence[ShapeModel]) -> dict[str, list[Floats]]:
-    """What can be told of each vertex of each model, m, by its name."""
-    found: dict[str, list[Floats]] = {}
-    if line.surface is not None and models:
-        found[DEVIATION] = [line.surface.deviations(model.vertices) for model in models]
-    if models and uncertainties(models[-1]).any():
-        found[UNCERTAINTY] = [uncertainties(model) for model in models]
-    return found
-
-
 def _told(line: Timeline, model: ShapeModel) -> str:
     score, known = line.scores.get(model.number), line.estimates.get(model.number)
     told = [f"model {model.number}"]
@@ -143,19 +132,19 @@ def _told(line: Timeline, model: ShapeModel) -> str:
     return ", ".join(told)
 
 
-def _truth(line: Timeline, whole: Any, arrays: ArrayPacker) -> dict[str, Any] | None:
-    """The truth, coarser: it is measured against, not looked at closely."""
-    if line.truth is None:
-        return None
-    vertices, faces = line.truth.floor_vertices, line.truth.floor_faces
-    kind = "<u2" if len(vertices) <= STEPS else "<u4"
-    return {"vertices": whole(vertices), "faces": arrays.add(faces, kind)}
+def _contour(one: Contour, arrays: ArrayPacker) -> dict[str, Any]:
+    return {
+        "time": one.robot_time,
+        "points": arrays.places(one.points),
+        "closed": one.status == "closed",
+        "traced": one.status in TRACED,
+    }
 
 
-def _touches(line: Timeline, whole: Any) -> dict[str, Any]:
+def _touches(line: Timeline, arrays: ArrayPacker) -> dict[str, Any]:
     points = [one.points for one in line.touches]
     return {
         "times": [round(one.time, 3) for one in line.touches],
         "ends": np.cumsum([len(one) for one in points], dtype=int).tolist(),
-        "points": whole(np.concatenate([np.zeros((0, 3)), *points])),
+        "points": arrays.places(np.concatenate([np.zeros((0, 3)), *points])),
     }
