@@ -29,8 +29,6 @@ DRAWN_ROWS, DRAWN_COLUMNS = 27, 27  # Lines of a rebuilt solid
 
 def draw_lattice() -> Figure:
     """Figures 5.1 to 5.4: an ellipsoid, and the lattice around it before and after it is pulled."""
-    figure = style.new_figure(2.9)
-    panels = figure.subplots(1, 4)
     before, after = _even_control(), _deformed_control()
     grid = _ellipsoid_grid()
     shape = style.together(
@@ -39,32 +37,34 @@ def draw_lattice() -> Figure:
     inside = style.together(style.shaded(style.grid_mesh(grid)), _lattice_lines(before))
     around = np.concatenate([before.reshape(-1, 3), after.reshape(-1, 3)])
     pulled = _lattice_lines(after)
-    for axes, draw, view, title in zip(
-        panels,
-        (shape, inside, pulled, pulled),
-        (style.OBLIQUE, style.OBLIQUE, style.OBLIQUE, style.FROM_SIDE),
-        ("shape (5.1)", "in its lattice (5.4)", "lattice, pulled (5.2)", "from the side (5.3)"),
-        strict=True,
-    ):
-        style.show_solid(axes, draw, around, view, shape=(250, 171), title=title)
-    return figure
+    return _in_a_row(
+        around,
+        ("shape (5.1)", shape, style.OBLIQUE),
+        ("in its lattice (5.4)", inside, style.OBLIQUE),
+        ("lattice, pulled (5.2)", pulled, style.OBLIQUE),
+        ("from the side (5.3)", pulled, style.FROM_SIDE),
+    )
 
 
 def draw_deformation() -> Figure:
     """Figures 5.5 to 5.8: the ellipsoid in that lattice, by B-splines and by Bernstein's."""
-    figure = style.new_figure(2.9)
-    panels = figure.subplots(1, 4)
     by_spline, by_bernstein = (_deformed_grid(bernstein=one) for one in (False, True))
     around = np.concatenate([by_spline.reshape(-1, 3), by_bernstein.reshape(-1, 3)])
     solid, smooth = (style.shaded(style.grid_mesh(one)) for one in (by_spline, by_bernstein))
     lined = style.together(solid, style.lines(_sparse_lines(by_spline), LINE, 1.0))
-    for axes, draw, view, title in zip(
-        panels,
-        (lined, lined, solid, smooth),
-        (style.FROM_SIDE, style.OBLIQUE, style.OBLIQUE, style.OBLIQUE),
-        ("from the side (5.5)", "B-splines (5.6)", "shaded (5.7)", "Bernstein (5.8)"),
-        strict=True,
-    ):
+    return _in_a_row(
+        around,
+        ("from the side (5.5)", lined, style.FROM_SIDE),
+        ("B-splines (5.6)", lined, style.OBLIQUE),
+        ("shaded (5.7)", solid, style.OBLIQUE),
+        ("Bernstein (5.8)", smooth, style.OBLIQUE),
+    )
+
+
+def _in_a_row(around: Floats, *panels: tuple[str, style.Draw, tuple[float, float]]) -> Figure:
+    """Solids beside each other: title, what is drawn and from where; `around` is in all of them."""
+    figure = style.new_figure(2.9)
+    for axes, (title, draw, view) in zip(figure.subplots(1, len(panels)), panels, strict=True):
         style.show_solid(axes, draw, around, view, shape=(250, 171), title=title)
     return figure
 
