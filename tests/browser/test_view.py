@@ -109,7 +109,7 @@ def test_a_recording_is_seen_and_its_controls_do_what_they_say(view, open_page, 
     page.get_by_role("button", name="Play").click()
     until(lambda: 0.0 < told(page)[0] < line.end)
     page.get_by_role("button", name="Pause").click()
-    assert view.playing is False
+    until(lambda: view.playing is False)
 
     slider.press("End")
     rate = frames_while_turning(page)
