@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import linked_groups, solidity
+from palpate.core.geometry import linked_groups, self_intersection, solidity
 from palpate.core.shapes.polyhedra import by_ears
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ HOLE_SHARE = 0.1  # Of the largest extent: what lies behind a wider hole cannot 
 SPECK_SHARE = 0.01  # Of the largest extent: what is loose and smaller is no part of the object
 STITCH_SHARE = 1e-4  # Of the largest extent: corners of open edges so near to one another are one
 EDGE_SHARE = 0.1  # Of the median edge: so near at most, that no face is stitched to itself
-CROSSED = 1e-5  # Of the largest extent: an edge that goes no deeper through a face only touches it
 CONTAINED = 1e-6  # Of its volume: what of a hollow may stand out of the object around it
 MOST_ROUNDS = 4  # Times that a patch of crossings is cut out, each time a ring wider
 MOST_CUTS = 6  # Planes one after the other that part a piece which crosses itself
@@ -76,7 +75,7 @@ def _is_sound(vertices: Floats, faces: Ints) -> bool:
     found = solidity(vertices, faces)
     one = found.watertight and found.components == 1 and found.volume > 0.0
     solid = as_manifold(vertices, faces) if one else None
-    return solid is not None and not len(_crossings(solid).through)
+    return solid is not None and not self_intersection(vertices, faces).count
 
 
 def as_manifold(vertices: Floats, faces: Ints) -> Manifold | None:
@@ -95,39 +94,22 @@ def arrays_of(solid: Manifold) -> tuple[Floats, Ints]:
 
 
 class Crossings(NamedTuple):
-    """Where edges go through faces of which they are no part, and the mesh in which they do."""
+    """Where faces go through each other, and the mesh in which they do."""
 
     places: Floats  # (n, 3), m
-    through: Ints  # (n,), the faces gone through
+    through: Ints  # (n, 2), the faces that cross
     vertices: Floats  # (v, 3), m
     faces: Ints  # (m, 3)
 
     def without_them(self) -> Ints:
-        """The faces that neither are gone through nor touch one that is."""
+        """The faces that neither cross one nor touch one that does."""
         return self.faces[~np.isin(self.faces, self.faces[self.through]).any(axis=1)]
 
 
 def _crossings(solid: Manifold) -> Crossings:
-    again = as_manifold(*arrays_of(solid))  # After a boolean, rays number faces otherwise
-    solid = solid if again is None else again
     vertices, faces = arrays_of(solid)
-    _, same = np.unique(vertices, axis=0, return_inverse=True)  # fans that touch in a corner
-    ends = np.unique(_edges(faces), axis=0)
-    met = [
-        (edge, hit.face_id, *hit.position)
-        for edge, (start, end) in enumerate(vertices[ends].tolist())
-        for hit in solid.ray_cast(start, end)
-    ]
-    found = np.reshape(met, (-1, 5))
-    edge, face = found[:, :2].astype(np.int64).T
-    apart = (same[faces[face]][:, :, None] != same[ends[edge]][:, None]).all(axis=(1, 2))
-    a, b, c = vertices[faces[face]].transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    depths = np.einsum("nki,ni->nk", vertices[ends[edge]] - a[:, None], normal)
-    least = CROSSED * float(np.ptp(vertices, axis=0).max()) * length
-    through = apart & (depths.min(axis=1) < -least) & (depths.max(axis=1) > least)
-    return Crossings(found[through, 2:], face[through], vertices, faces)
+    found = self_intersection(vertices, faces)
+    return Crossings(found.places, found.faces, vertices, faces)
 
 
 def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> Ints:

@@ -212,3 +212,11 @@ def test_what_no_round_mends_is_refused(ball, monkeypatch):
     monkeypatch.setattr(mending, "MOST_ROUNDS", 0)
     with pytest.raises(ValueError, match="crosses itself in ways that cannot be mended"):
         mend_mesh(*turned(ball))
+
+
+def test_a_base_that_folds_within_its_plane_stays_as_it_is():
+    turns = np.arange(16) * np.pi / 8
+    ring = 0.04 * np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns])
+    wider = 1.1 * ring + [0.0, 0.0, 0.03]
+    vertices = np.concatenate([[[0.0401, 0.008, 0.0]], ring, wider, [[0.0, 0.0, 0.05]]])
+    assert mend_mesh(vertices, join_rings(np.array([16, 16]))).mends == ()
