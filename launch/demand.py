@@ -10,17 +10,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.core.explore import FEATURE_SHARE
-from palpate.launch.files import InputError, SourceMapped
+from palpate.launch.files import METRES_PER_UNIT, InputError, SourceMapped, is_mesh_file
 from palpate.launch.printing import titled
 from palpate.nodes import planner, reconstructor
 from palpate.nodes.runtime import Wiring
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµ]*)\s*")
 
@@ -61,8 +61,8 @@ def read_demand(
     """
     found: dict[str, SourceMapped] = {}
     asked: tuple[tuple[str, str | None, Mapping[str, float], str], ...] = (
-        ("--tolerance", tolerance, LENGTHS, "planner.tolerance"),
-        ("--feature", feature, LENGTHS, "planner.feature"),
+        ("--tolerance", tolerance, METRES_PER_UNIT, "planner.tolerance"),
+        ("--feature", feature, METRES_PER_UNIT, "planner.feature"),
         ("--budget", budget, TIMES, "planner.most_seconds"),
         ("--quality", quality, {}, "reconstructor.quality"),
     )
@@ -112,6 +112,29 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
         found.append(("--noise none", "scene.effects", []))
     levels = NOISES[noise] if noise is not None else {}
     found += [(f"--noise {noise}", f"scene.effects.{key}", one) for key, one in levels.items()]
+    return found
+
+
+def read_mesh_setup(
+    scene: Path, unit: str | None, size: str | None, up: str | None = None
+) -> list[tuple[str, str, Any]]:
+    """Options, keys of the scene and values for how the file of a mesh is to be read.
+
+    Raises InputError if the scene is no mesh, or is given both a unit and a size.
+    """
+    asked = {"unit": unit, "size": size, "up": up}
+    found: list[tuple[str, str, Any]] = []
+    for key, value in asked.items():
+        if value is None:
+            continue
+        if not is_mesh_file(scene):
+            raise InputError(
+                f"--{key} {value}: {scene.stem} is no mesh; a scene has object.mesh.{key}"
+            )
+        what = read_quantity(value, METRES_PER_UNIT, "--size") if key == "size" else value
+        found.append((f"--{key}", f"scene.object.mesh.{key}", what))
+    if unit is not None and size is not None:
+        raise InputError("--unit and --size exclude each other: either makes the object as large")
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import linked_groups, self_intersection, solidity
-from palpate.core.shapes.polyhedra import by_ears
+from palpate.core.shapes.face_cutting import by_ears
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
