@@ -115,11 +115,12 @@ def _crossings(pairs: _Pairs) -> tuple[Indices, Floats]:
     for turn in (False, True):
         heights = _heights(pairs.swapped() if turn else pairs)
         least = pairs.mesh.min_depth
-        keep = (heights > least).any(axis=1) & (heights < -least).any(axis=1)
+        apart = (heights > least).any(axis=1) & (heights < -least).any(axis=1)
+        keep = np.flatnonzero(apart)
         pairs, number = pairs.take(keep), number[keep]
     line = np.cross(pairs.mesh.normals[pairs.one], pairs.mesh.normals[pairs.other])
     sine = np.linalg.norm(line, axis=1)
-    keep = sine > pairs.mesh.min_sine
+    keep = np.flatnonzero(sine > pairs.mesh.min_sine)
     pairs, number, line = pairs.take(keep), number[keep], line[keep] / sine[keep, None]
     origin = pairs.mesh.corners[pairs.one, 0]
     begin, end = _interval(pairs, line, origin)

@@ -6,15 +6,17 @@ The ears are those of the manifold library, in the polygon's own plane.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Floats
 from palpate.core.poses import axes_along
 
+Numbers = NDArray[np.integer]
 STRAIGHT = 1e-9  # Sine of a turn: a corner that turns by less lies on a straight line
 AREA_TOLERANCE = 1e-6  # Of a polygon's area: one that crosses itself is cut into another area
 
 
-def cut_faces(vertices: Floats, lengths: Ints, corners: Ints) -> Ints:
+def cut_faces(vertices: Floats, lengths: Numbers, corners: Numbers) -> Numbers:
     """Triangles (k, 3) of polygons in space, turned as these are, flat ones left out.
 
     `vertices` (n, 3). `lengths` (f,): corners of each polygon, which follow each other in
@@ -45,7 +47,7 @@ def cut_faces(vertices: Floats, lengths: Ints, corners: Ints) -> Ints:
     return np.concatenate(found)
 
 
-def by_ears(places: Floats, normal: Floats, face: int) -> Ints:
+def by_ears(places: Floats, normal: Floats, face: int) -> Numbers:
     """Triangles (n - 2, 3) of one polygon by its own corners' numbers.
 
     `places` (n, 3); `normal` (3,), unit. Raises ValueError, which names the face, if it crosses
@@ -57,7 +59,7 @@ def by_ears(places: Floats, normal: Floats, face: int) -> Ints:
     return triangles
 
 
-def _ears(places: Floats, normal: Floats) -> Ints | None:
+def _ears(places: Floats, normal: Floats) -> Numbers | None:
     import manifold3d
 
     flat = (places - places[0]) @ axes_along(normal)[:, :2]
@@ -79,7 +81,9 @@ def _is_line(places: Floats) -> bool:
     return bool(len(spread) < 2 or spread[1] <= STRAIGHT * spread[0])
 
 
-def _without_repeats(vertices: Floats, lengths: Ints, corners: Ints) -> tuple[Ints, Ints, Ints]:
+def _without_repeats(
+    vertices: Floats, lengths: Numbers, corners: Numbers
+) -> tuple[Numbers, Numbers, Numbers]:
     """Lengths, corners and numbers of the polygons without corners that stand twice in a row."""
     face = np.repeat(np.arange(len(lengths)), lengths)
     begins = np.concatenate([[0], np.cumsum(lengths)])
@@ -91,20 +95,20 @@ def _without_repeats(vertices: Floats, lengths: Ints, corners: Ints) -> tuple[In
     return left[whole], corners[kept], np.flatnonzero(whole)
 
 
-def _before(begins: Ints) -> Ints:
+def _before(begins: Numbers) -> Numbers:
     before = np.arange(begins[-1]) - 1
     before[begins[:-1][np.diff(begins) > 0]] = (begins[1:] - 1)[np.diff(begins) > 0]
     return before
 
 
-def _after(begins: Ints) -> Ints:
+def _after(begins: Numbers) -> Numbers:
     """The corner after each, by number, of polygons that begin at `begins` (f + 1,)."""
     after = np.arange(begins[-1]) + 1
     after[begins[1:] - 1] = begins[:-1]
     return after
 
 
-def _area_vectors(vertices: Floats, begins: Ints, corners: Ints) -> Floats:
+def _area_vectors(vertices: Floats, begins: Numbers, corners: Numbers) -> Floats:
     """Unit area vectors (f, 3) of polygons, seen from their first corners; 0 without area."""
     if not len(corners):
         return np.zeros((0, 3))
@@ -118,7 +122,7 @@ def _area_vectors(vertices: Floats, begins: Ints, corners: Ints) -> Floats:
     return np.asarray(np.where(flat[:, None], 0.0, sums / np.where(flat, 1.0, length)[:, None]))
 
 
-def _apexes(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> Ints:
+def _apexes(vertices: Floats, begins: Numbers, corners: Numbers, normals: Floats) -> Numbers:
     """The corner (f,) from which a polygon falls into a fan without flat triangles; -1 if none.
 
     Of a convex polygon that is one between two corners which turn, of a concave quadrilateral the
@@ -144,7 +148,9 @@ def _apexes(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> I
     return np.where(good, apex, -1)
 
 
-def _turns(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> tuple[Floats, Floats]:
+def _turns(
+    vertices: Floats, begins: Numbers, corners: Numbers, normals: Floats
+) -> tuple[Floats, Floats]:
     """Sine and cosine (c,) by which polygons turn left at each corner."""
     places = vertices[corners]
     normal = np.repeat(normals, np.diff(begins), axis=0)
@@ -157,7 +163,7 @@ def _turns(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> tu
     return np.asarray(sine), np.asarray(np.einsum("ni,ni->n", back, side))
 
 
-def _fans(begins: Ints, corners: Ints, apex: Ints) -> Ints:
+def _fans(begins: Numbers, corners: Numbers, apex: Numbers) -> Numbers:
     """Triangles (k, 3) about the apexes (f,) of polygons; none where that is negative."""
     length = np.diff(begins)
     cuts = np.where(apex >= 0, length - 2, 0)

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import linked_groups, self_intersection, solidity
 from palpate.core.shapes.face_cutting import by_ears
+from palpate.core.shapes.junctions import split_at_junctions
+from palpate.core.shapes.walls import loose_walls, outer_surface
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -128,6 +130,8 @@ def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> I
         a, b, c = faces.T
         faces = faces[(a != b) & (b != c) & (c != a)]
         _tell(mends, len(vertices) - len(first), "corner", "on open edges stitched to others")
+    faces, parted = split_at_junctions(vertices, faces, least)
+    _tell(mends, parted, "corner", "on open edges set into edges that passed them")
     _, kept = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     _tell(mends, len(faces) - len(kept), "face", "that stood twice left out")
     return faces[np.sort(kept)]
@@ -136,18 +140,23 @@ def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> I
 def _closed(
     vertices: Floats, faces: Ints, size: float, mends: list[str], own: bool
 ) -> tuple[Floats, Ints]:
-    """The mesh without faces at edges of three and more, turned alike, its holes closed.
+    """The mesh without walls and sheets, turned alike, its holes closed.
 
     `own`: the holes are where crossings were cut out.
     """
-    given = len(faces)
-    while len(faces) and (left_out := _crowded(faces)).any():
-        faces = faces[~left_out]
-    _tell(mends, given - len(faces), "face", "at edges of three and more left out")
+    if _has_crowded_edges(faces):
+        outer = outer_surface(vertices, faces)
+        _tell(mends, outer.walls, "face", "of walls within it left out")
+        _tell(mends, outer.sheets, "face", "of sheets on it left out")
+        faces, turned = outer.faces, outer.turned
+    else:
+        faces, turned = _turned_alike(faces)
+    _tell(mends, turned, "face", "turned like the others")
     if not len(faces):
         raise ValueError(NO_SOLID)
-    faces, turned = _turned_alike(faces)
-    _tell(mends, turned, "face", "turned like the others")
+    loose = loose_walls(vertices, faces, STITCH_SHARE * size)
+    _tell(mends, int(loose.sum()), "face", "of loose walls within it left out")
+    faces = faces[~loose]
     loops = _loops(faces)
     widest = _widest(vertices, loops)
     if widest > HOLE_SHARE * size:
@@ -166,13 +175,8 @@ def _closed(
     return vertices, np.concatenate(patches).astype(np.int32)
 
 
-def _crowded(faces: Ints) -> Bools:
-    """Faces (m,) at an edge that three and more of them have; if there are, the open ones alone."""
-    _, edge, count = np.unique(_edges(faces), axis=0, return_inverse=True, return_counts=True)
-    faces_there = count[edge].reshape(-1, 3)
-    crowded = (faces_there > 2).any(axis=1)
-    fins = crowded & (faces_there == 1).any(axis=1)
-    return np.asarray(fins if fins.any() else crowded)
+def _has_crowded_edges(faces: Ints) -> bool:
+    return bool((np.unique(_edges(faces), axis=0, return_counts=True)[1] > 2).any())
 
 
 def _turned_alike(faces: Ints) -> tuple[Ints, int]:

@@ -30,8 +30,10 @@ _INDICES = {5121: "<u1", 5123: "<u2", UNSIGNED: "<u4"}
 _PLACES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", FLOAT: "<f4"}
 UNIT_ERROR = 1e-3  # By which a quaternion's length may differ from 1: files round
 # Extensions that a file may require, for they change no triangle or are read, by their beginnings.
-HARMLESS_EXTENSIONS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_")
-HARMLESS_EXTENSIONS += ("KHR_lights_", "KHR_mesh_quantization", "KHR_xmp", "KHR_animation_")
+HARMLESS_EXTENSIONS = (
+    *("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_"),
+    *("KHR_lights_", "KHR_mesh_quantization", "KHR_xmp", "KHR_animation_"),
+)
 Part = TypeVar("Part")
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
@@ -199,11 +201,11 @@ def _placed_meshes(gltf: Gltf) -> Iterator[Placed]:
 
 def _check_parents(nodes: Sequence[GltfNode]) -> None:
     parents: dict[int, int] = {}
-    for number, node in enumerate(nodes):
+    for outer, node in enumerate(nodes):
         for child in node.children:
             if child in parents:
                 raise ValueError(f"has a node {child} that is within two others")
-            parents[child] = number
+            parents[child] = outer
     checked: set[int] = set()
     for start in range(len(nodes)):
         path: set[int] = set()
@@ -241,8 +243,9 @@ def _read_piece(gltf: Gltf, held: memoryview, piece: Primitive) -> tuple[Floats,
     accessor = _at(gltf.accessors, piece.attributes.get("POSITION"))
     found = _accessor_values(gltf, held, accessor, "VEC3", _PLACES)
     vertices = as_float64(found)
-    if accessor.normalized and found.dtype.kind in "iu":
-        vertices = np.maximum(vertices / np.iinfo(found.dtype).max, -1.0)
+    kind: np.dtype[Any] = found.dtype
+    if accessor.normalized and kind.kind in "iu":
+        vertices = np.maximum(vertices / np.iinfo(kind).max, -1.0)
     if piece.indices is None:
         corners = np.arange(len(vertices), dtype=np.int64)
     else:

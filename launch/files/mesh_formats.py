@@ -246,7 +246,7 @@ def polygon_mesh(vertices: Floats, polygons: Ragged, notes: tuple[str, ...] = ()
     corners = _whole_numbers(items)
     if most > 3:
         _check_corners(vertices, lengths, corners)
-    return RawMesh(vertices, cut_faces(vertices, lengths, corners), notes)
+    return RawMesh(vertices, cut_faces(vertices, lengths, corners).astype(np.int64), notes)
 
 
 def _check_corners(vertices: Floats, lengths: Indices, corners: Indices) -> None:
@@ -254,7 +254,7 @@ def _check_corners(vertices: Floats, lengths: Indices, corners: Indices) -> None
     if outside.any():
         face = int(np.searchsorted(np.cumsum(lengths), outside.argmax(), side="right"))
         raise ValueError(f"has a face, number {face + 1}, of a vertex that does not exist")
-    finite = np.isfinite(vertices).all(axis=1)
+    finite = np.asarray(np.isfinite(vertices).all(axis=1))
     if not finite[corners].all():
         raise ValueError(f"has a vertex, number {int(np.argmin(finite))}, that is not finite")
 

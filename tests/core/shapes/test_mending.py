@@ -102,9 +102,10 @@ def test_faces_that_stand_twice_and_fins_are_left_out(ball):
     assert told((vertices, twice), volume_of(ball)) == "42 faces that stood twice left out"
     fin = np.concatenate([faces, [[faces[0, 0], faces[0, 1], len(vertices)]]])
     words = told((np.concatenate([vertices, vertices[:1] * 1.1]), fin), volume_of(ball))
-    assert words == "1 face at edges of three and more left out"
+    assert words == "1 face of sheets on it left out"
     within = np.concatenate([faces, [[faces[0, 0], faces[0, 1], faces[900, 0]]]])
-    assert told((vertices, within), volume_of(ball)) == words
+    words = told((vertices, within), volume_of(ball))
+    assert words == "1 face of walls within it left out"
 
 
 def test_triangles_without_common_corners_are_stitched(ball):
@@ -194,7 +195,7 @@ def test_what_bounds_no_solid_is_refused(ball):
     with pytest.raises(ValueError, match="has one side only, like a Moebius strip"):
         mend_mesh(strip, np.array(faces, np.int32))
     corners = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], np.float64)
-    with pytest.raises(ValueError, match="bounds no solid: its faces enclose nothing, or meet as"):
+    with pytest.raises(ValueError, match="is open: it has a hole of"):
         mend_mesh(0.03 * corners, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32))
 
 
