@@ -109,7 +109,7 @@ def _read_table(path: Path) -> Floats:
     """The columns x, y and z of a table, found as `palpate rebuild` finds them."""
     points, left_out = files.read_positions(path)
     if left_out:
-        raise files.InputError(f"{path}: holds points that are not finite: {left_out[0]}")
+        raise files.InputError(f"{path}: holds {left_out[0].removeprefix('left out ')}")
     return points
 
 

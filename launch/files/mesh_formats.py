@@ -22,7 +22,7 @@ STL_HEADER = struct.Struct("<80xI")
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 # The name of a solid in text, up to the end of its line or to the first facet on it.
 _NAME = re.compile(rb"\b(?:end[ \t]*)?solid\b.*?(?=\bfacet\s+normal\s+(?:[-+.\d]|nan)|[\r\n]|\Z)")
-_CORNER = re.compile(rb"\bvertex\s+(\S+\s+\S+\s+\S+)")
+_CORNER = re.compile(rb"\bvertex\s+(\S+\s+\S+\s+\S+)(?=\s+(?:vertex|endloop)\b)")
 _FACET_WORD = re.compile(rb"\bvertex\b|\bendfacet\b")
 _END = re.compile(rb"\bend(?:[ \t]*solid)?\b|\bsolid\b")
 BOM = b"\xef\xbb\xbf"  # Mark that some programs write before text in UTF-8

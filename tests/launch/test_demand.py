@@ -3,7 +3,6 @@ import pytest
 from palpate.launch import check_run, find_scene
 from palpate.launch.demand import (
     COSTS,
-    LENGTHS,
     NOISES,
     TIMES,
     demand_text,
@@ -12,7 +11,7 @@ from palpate.launch.demand import (
     read_quantity,
     read_setup,
 )
-from palpate.launch.files import InputError, SourceMapped, key_path
+from palpate.launch.files import METRES_PER_UNIT, InputError, SourceMapped, key_path
 from palpate.launch.launch_source import EXPLORE
 from palpate.launch.scene import load_scene
 
@@ -20,11 +19,11 @@ from palpate.launch.scene import load_scene
 @pytest.mark.parametrize(
     ("text", "units", "value"),
     [
-        ("0.2mm", LENGTHS, 2e-4),
-        (" 200 um", LENGTHS, 2e-4),
-        ("200µm", LENGTHS, 2e-4),
-        (".5cm", LENGTHS, 5e-3),
-        ("1e-3m", LENGTHS, 1e-3),
+        ("0.2mm", METRES_PER_UNIT, 2e-4),
+        (" 200 um", METRES_PER_UNIT, 2e-4),
+        ("200µm", METRES_PER_UNIT, 2e-4),
+        (".5cm", METRES_PER_UNIT, 5e-3),
+        ("1e-3m", METRES_PER_UNIT, 1e-3),
         ("300s", TIMES, 300.0),
         ("5 min", TIMES, 300.0),
     ],
@@ -36,7 +35,7 @@ def test_a_number_with_its_unit_is_read(text, units, value):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0.2", "must have a unit: m, cm, mm, um, as in 0.2mm"),
+        ("0.2", "must have a unit: m, cm, mm, um, in, ft, as in 0.2mm"),
         ("0.2s", "the unit 's' is none of m, cm, mm, um"),
         ("mm", "must be a number with a unit, as 0.2mm"),
         ("nanmm", "must be a number with a unit"),
@@ -47,7 +46,7 @@ def test_a_number_with_its_unit_is_read(text, units, value):
 )
 def test_what_is_no_length_is_refused_in_one_sentence(text, words):
     with pytest.raises(InputError, match=words) as caught:
-        read_quantity(text, LENGTHS, "--tolerance")
+        read_quantity(text, METRES_PER_UNIT, "--tolerance")
     assert str(caught.value).startswith(f"--tolerance {text}: ")
 
 

@@ -105,7 +105,7 @@ def test_a_unit_is_guessed_where_one_alone_is_likely(write, scale, words):
 @pytest.mark.parametrize("scale", [0.2, 1.0, 1e-4, 1e3])
 def test_a_unit_that_cannot_be_guessed_is_asked_for(write, scale):
     corners = [tuple(scale * x for x in corner) for corner in CORNERS]
-    with pytest.raises(InputError, match="cannot be guessed; give the unit: m, cm or mm"):
+    with pytest.raises(InputError, match="cannot be guessed; give the unit: m, cm, mm, um"):
         read_mesh(write("x.off", off(corners=corners)))
 
 

@@ -107,7 +107,7 @@ NAME = TEXT_STL.split(b"\n")[0].removeprefix(b"solid").strip()
     ("stl", b"solid".ljust(80) + VALID["binary.stl"][80:] + b"\n"),
     ("obj", b"\xef\xbb\xbf" + VALID["plain.obj"]),
     ("off", b"# a comment\n" + VALID["plain.off"]),
-    ("off", b" ".join(VALID["plain.off"].split())),
+    ("off", b" ".join(VALID["plain.off"].replace(b"# by hand", b"").split())),
     ("ply", VALID["text.ply"].replace(b"\n", b"\r")),
     ("ply", VALID["big.ply"] + b"\r\n"),
     ("ply", VALID["text.ply"].replace(b"element", b"comment end_header here\nelement", 1)),
