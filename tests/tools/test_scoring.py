@@ -246,10 +246,8 @@ def test_files_that_hold_nothing_are_refused(write, name, text, words):
 )
 def test_columns_are_taken_by_their_names(write, header, order):
     points = np.random.default_rng(3).normal(size=(8, 3))
-    mark = header[2]
-    rows = [
-        mark.join(map(repr, [i, *map(float, one[list(order)])])) for i, one in enumerate(points)
-    ]
+    mark, placed = header[2], points[:, list(order)].tolist()
+    rows = [mark.join(map(repr, [i, *row])) for i, row in enumerate(placed)]
     found = read_mesh_or_points(write("p.csv", "\n".join([header, *rows])), "m")
     np.testing.assert_array_equal(found.vertices, points)
 
