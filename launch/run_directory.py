@@ -240,7 +240,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         **_mesh_facts(model, score),
         "true_genus": _true_genus(score),
         "rms_bound_95_m": known and known.rms_bound_95,
-        "tolerance_m": progress.tolerance,
+        "tolerance_m": (done.limits if done else {}).get("tolerance", progress.tolerance),
         "tolerance_met": next(
             (one.is_met for one in verdict.criteria if one.name == "error bound"), None
         ),

@@ -68,6 +68,11 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return made
 
     @property
+    def makes_single_touches(self) -> bool:
+        """Whether the rule chooses single touches: then there are no slices to make a solid of."""
+        return bool(getattr(self.rule, "single_touches", False))
+
+    @property
     def direction(self) -> Floats | None:
         """The slicing axis that is asked for, a unit vector; None if none is."""
         if self.axis is None:
@@ -101,8 +106,7 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: close the hand for the first time."""
-    # Then there will be no slices to make a solid of.
-    alone = bool(getattr(params.rule, "single_touches", False))
+    alone = params.makes_single_touches
     return _grasp_on(params, replace(state, world=world, general=alone))
 
 

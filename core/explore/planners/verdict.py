@@ -19,10 +19,9 @@ class Limits:
     """What is asked of a solid; None where nothing is."""
 
     tolerance: float | None = None  # of the root mean square error [m]
-    feature: float | None = None  # largest gap that may stay untouched [m]
-    # Share of the surface that may lie farther than `unknown_distance` from every touch. Where
-    # curvature keeps a flat pad off, some stays untouched on every object: 1 % is the least that
-    # the shipped scenes and the scans reach.
+    feature: float | None = None  # largest gap that may stay untouched between contours [m]
+    # Share of the surface that may lie farther than `unknown_distance` from every touch. Beside
+    # what an object stands on and in corners that hold a pad off, a little always does.
     unknown_share: float = 0.01
 
     @property
