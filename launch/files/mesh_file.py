@@ -220,6 +220,8 @@ def _model_arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
         if field.name == ARCHIVE_FIELD:
             continue
         value = getattr(model, field.name)
+        if value is None:
+            continue
         if isinstance(value, dict):
             found[f"{field.name}_names"] = np.array(list(value), dtype=np.str_)
             found[f"{field.name}_values"] = np.array(list(value.values()), dtype=np.float64)

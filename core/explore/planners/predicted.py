@@ -8,6 +8,7 @@ between two pads, which is why both are asked for.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -70,7 +71,8 @@ class Predicted:
             return Wait("other fingers are at work where there is something left to do")
         estimate = estimate_error(observation)
         if surface is not None and not estimate.reached:
-            return next_touch(observation, surface, LEAST_GAIN, estimate.rms_bound_95)
+            bound = math.inf if estimate.rms_bound_95 is None else estimate.rms_bound_95
+            return next_touch(observation, surface, LEAST_GAIN, bound)
         return Stop(_reason(observation, estimate))
 
     def settled(self, observation: Observation) -> Height | None:
