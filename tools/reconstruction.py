@@ -316,7 +316,12 @@ def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
         (~slices.star, ("cannot be seen whole from its middle",) * 2),
         (slices.self_intersecting, ("meets itself", "meet themselves")),
     )
+    reordered = [loop.which for loop in slices.loops if loop.reordered]
     told = []
+    if reordered:
+        told.append(
+            f"{_names(places, reordered)}: points were given in no order, and were put in order"
+        )
     for marked, (one, more) in marks:
         rows = slices.rows[marked].tolist()
         if rows:

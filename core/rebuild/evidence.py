@@ -87,8 +87,8 @@ def gather_curves(
     frame: Floats | None = None,
 ) -> Evidence:
     """What is known, put in order: contours as curves and tops (k, 3), seen from the frame."""
-    slices = stack_curves(given)
-    slices, bottom, top = _ends(slices, tops)
+    slices, bottom, top = _ends(stack_curves(given), tops)
+    slices = _in_order(slices)
     reached = [*slices.heights[[0, -1]], *(end for end in (bottom, top) if end is not None)]
     size = max(float(slices.perimeter.max()), float(max(reached) - min(reached)))
     if not LEAST_SIZE <= size <= MOST_SIZE:
@@ -113,6 +113,19 @@ def gather_curves(
     return Evidence(
         slices, matched, bottom, top, contacts, noise, given, tops, feature_candidates, frame
     )
+
+
+def _in_order(slices: Slices) -> Slices:
+    """Without contours whose points are in no order; ValueError, which names them, if none is."""
+    disordered = np.array([loop.disordered for loop in slices.loops])
+    if not disordered.any():
+        return slices
+    if disordered.all():
+        raise ValueError(
+            f"contours must hold their points in order around the object, and those of contour "
+            f"{slices.rows[0]} are in none that can be told"
+        )
+    return slices.without(disordered, "its points are in no order")
 
 
 def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.curves import are_nearly_star_shaped, are_star_shaped
     from palpate.core.rebuild.contours.curves import contour_curves, drop_reasons, quadric_terms
     from palpate.core.rebuild.contours.curves import refitted_curve
+    from palpate.core.rebuild.contours.ordering import order_points
     from palpate.core.rebuild.contours.outliers import FeatureCandidate, inconsistent_contours
     from palpate.core.rebuild.contours.outliers import look_like_features, neighbour_misfits
     from palpate.core.rebuild.contours.outliers import neighbour_weights, point_outliers
