@@ -255,9 +255,7 @@ def _noisy_even(points: Floats) -> bool:
     noise = across / PROBABLE_ERROR / CUBIC_GAIN
     step = float(np.median(length)) / 4.0
     reach = int(np.clip(np.ceil(CLEAR * noise / max(step, noise)), 3, max(count // WIDEST, 3)))
-    chords = np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1)
-    tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
-    return bool(chords.max() <= splines.EVEN_GAP * tenth and most <= splines.EVEN_MIDDLE * quarter)
+    return splines.are_even_chords(np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1))
 
 
 def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:

@@ -8,6 +8,8 @@ prediction and its neighbours' by known shares, which edges and steps of the obj
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats
 from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
+from palpate.core.splines import closed_curve_points, interpolate_closed
 
 # Of points.
 # Deviations of the points' noise from which on one is off; and, of what the contours beside it are
@@ -270,10 +273,86 @@ class InconsistentContours(NamedTuple):
     off: Floats  # (M,): by how much each of these is off, root mean square, m; 0 for the others
 
 
-def inconsistent_contours(heights: Floats, grid: Floats) -> InconsistentContours:
+@dataclass(frozen=True, slots=True)
+class SlidingSettings:
+    """How places slide along their curves to where those of the neighbours predict them.
+
+    The predictions of all curves change at once, so that whole steps would diverge: the slide of
+    every other curve is answered by -5/3 of it, and a step of half a slide leaves a third of that.
+    """
+
+    n_sweeps: int = 8
+    damping: float = 0.5  # fraction of a slide that one sweep makes
+    max_step: float = 0.02  # [turns], of one sweep
+
+
+def slid_grid(
+    heights: Floats, fine: Floats, turns: Floats, settings: SlidingSettings = SlidingSettings()
+) -> Floats:
+    """Places (M, K, 2) of curves that differ from their neighbours' across the curves alone.
+
+    Of curves (M, n, 2) at rising heights (M,), from turns (M, K) that correspond. How points are
+    spaced along a contour moves its places along the curve, which is no difference of shape.
+    """
+    weights, count = neighbour_weights(heights), fine.shape[1]
+    ahead = 0.5 * count * (np.roll(fine, -1, axis=1) - np.roll(fine, 1, axis=1))
+    grid = chord_places(fine, turns)
+    for _ in range(settings.n_sweeps):
+        speed = chord_places(ahead, turns)
+        square = (speed**2).sum(axis=2)
+        along = ((np.tensordot(weights, grid, 1) - grid) * speed).sum(axis=2)
+        slide = np.divide(along, square, out=np.zeros_like(along), where=square > 0.0)
+        turns = turns + np.clip(settings.damping * slide, -settings.max_step, settings.max_step)
+        grid = chord_places(fine, turns)
+    return grid
+
+
+@dataclass(frozen=True, slots=True)
+class InterpolationSettings:
+    """How far a curve may leave the contour between its points.
+
+    Half of the points are predicted from the others. The error falls with the `order` of the
+    spacing: 4 for a cubic where points are dense, 2 where they hardly tell the shape.
+    """
+
+    order: float = 2.0
+    min_points: int = 6  # of a contour: half as many must make a curve
+    certainty: float = 3.0  # of that error's root mean square: what is no difference of shape
+
+
+def interpolation_errors(
+    loops: Sequence[ContourCurve], settings: InterpolationSettings = InterpolationSettings()
+) -> Floats:
+    """What curves (M,) may be off between their points, (M,), m; infinite where too few tell."""
+    return np.array([_interpolation_error(loop, settings) for loop in loops])
+
+
+def _interpolation_error(loop: ContourCurve, settings: InterpolationSettings) -> float:
+    points, count = loop.points, len(loop.points)
+    if count < settings.min_points:
+        return np.inf
+    chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    turns = np.concatenate([[0.0], np.cumsum(chords)[:-1]]) / chords.sum()
+    missed = np.empty(count)
+    for first in (0, 1):
+        kept, out = slice(first, None, 2), slice(1 - first, None, 2)
+        begin = turns[kept][0]
+        fit = interpolate_closed(points[kept], turns[kept] - begin)
+        places = closed_curve_points(fit.control, fit.knots, np.mod(turns[out] - begin, 1.0))
+        missed[out] = np.linalg.norm(places - points[out], axis=1)
+    wide = chords + np.roll(chords, 1)  # the gap in which each point was left out
+    share = chords / np.minimum(wide, np.roll(wide, -1))
+    between = np.maximum(missed, np.roll(missed, -1)) * share**settings.order
+    return settings.certainty * float(np.sqrt(np.average(between**2, weights=chords)))
+
+
+def inconsistent_contours(
+    heights: Floats, grid: Floats, uncertain: Floats | None = None
+) -> InconsistentContours:
     """Find contours that contradict their neighbours.
 
-    Of contours (M, K, 2) at rising heights (M,), matched place by place, m. What a single contour
+    Of contours (M, K, 2) at rising heights (M,), matched place by place, m; a contour that is off
+    by no more than its `uncertain` (M,), m, is none. What a single contour
     has touched, a groove narrower than twice the spacing, is no different from a contour gone
     wrong. The lowest and the highest contour are never bad: beyond them nothing tells how the
     object rounds off. None is bad where there are fewer than 9, or so many bad, more than one in
@@ -291,7 +370,8 @@ def inconsistent_contours(heights: Floats, grid: Floats) -> InconsistentContours
     usual = float(np.quantile(_rms(errors), USUAL))
     size = float(_rms((grid - grid.mean(axis=1, keepdims=True)).reshape(count, -1)).mean())
     least = max(CLEARLY * usual, LEAST_OFF * size)
-    while found := _worst(shares, errors, bad, least):
+    allowed = np.full(count, least) if uncertain is None else np.maximum(uncertain, least)
+    while found := _worst(shares, errors, bad, allowed):
         bad[list(found)] = True
     off = np.zeros(count)
     if bad.any():
@@ -299,7 +379,7 @@ def inconsistent_contours(heights: Floats, grid: Floats) -> InconsistentContours
     return InconsistentContours(bad, off)
 
 
-def _worst(shares: Floats, errors: Floats, bad: Bools, least: float) -> tuple[int, ...]:
+def _worst(shares: Floats, errors: Floats, bad: Bools, least: Floats) -> tuple[int, ...]:
     """The contour, or else the two, that are bad besides those already found; none if no other."""
     count = len(errors)
     removed = np.linalg.qr(shares[:, bad])[0]
@@ -319,12 +399,17 @@ def _worst(shares: Floats, errors: Floats, bad: Bools, least: float) -> tuple[in
 
 
 def _gain(
-    shares: Floats, columns: Floats, errors: Floats, bad: Bools, rows: tuple[int, ...], least: float
+    shares: Floats,
+    columns: Floats,
+    errors: Floats,
+    bad: Bools,
+    rows: tuple[int, ...],
+    least: Floats,
 ) -> float:
     """Squared error that goes away if these contours are put right; 0 if they are not bad."""
     free = columns[:, rows]
     off = _solve(free, errors)
-    if _rms(off).min() <= least:
+    if (_rms(off) <= least[list(rows)]).any():
         return 0.0
     left = errors - free @ off
     for row, one in zip(rows, off, strict=True):
