@@ -149,9 +149,7 @@ def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Corre
 
 def _misfits(slices: Slices, matched: Correspondence) -> Floats:
     """By how much contours (M,) are unlike their neighbours, m; 0 where that is not clear."""
-    off = neighbour_misfits(
-        slices.heights, slid_grid(slices.heights, slices.fine, matched.places)
-    )
+    off = neighbour_misfits(slices.heights, slid_grid(slices.heights, slices.fine, matched.places))
     if off.any():
         off[off <= interpolation_errors(slices.loops)] = 0.0
     return off

@@ -75,9 +75,9 @@ def contour_curves(
 
     A contour is (n, 3) points, z the slicing axis, in any one unit (written m here): begun
     anywhere, in either direction, any number of them, the first again at the end or not. Points in
-    no order are put in order where that is safe. Rows that are not finite are left out. With `heights` (len(contours),) they are (n, 2). `first` is the
-    number of the first; `frame` (7,) the pose of the frame around whose z axis they run, in the
-    world. Raises ValueError if a shape is another, or a height is not finite or beside a frame.
+    no order are put in order where that is safe. Rows that are not finite are left out. With
+    `heights` (len(contours),) they are (n, 2). `first` is the number of the first; `frame` (7,) the
+    pose of the frame around whose z axis they run, in the world. Raises ValueError if a shape is another, or a height is not finite or beside a frame.
     """
     if frame is not None and heights is not None:
         raise ValueError(
