@@ -77,7 +77,8 @@ def contour_curves(
     anywhere, in either direction, any number of them, the first again at the end or not. Points in
     no order are put in order where that is safe. Rows that are not finite are left out. With
     `heights` (len(contours),) they are (n, 2). `first` is the number of the first; `frame` (7,) the
-    pose of the frame around whose z axis they run, in the world. Raises ValueError if a shape is another, or a height is not finite or beside a frame.
+    pose of the frame around whose z axis they run, in the world.
+    Raises ValueError if a shape is another, or a height is not finite or beside a frame.
     """
     if frame is not None and heights is not None:
         raise ValueError(
