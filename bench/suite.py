@@ -30,8 +30,10 @@ class Bench(NamedTuple):
 BENCHES: Mapping[str, Bench] = {
     "speed": Bench(
         "the shipped scenes from start to exit: accuracy, and where their time goes, in turns with "
-        "an older checkout (--against); a touch by its taxels; and how runs grow",
+        "an older checkout (--against); a touch by its taxels; splines against scipy's; and how "
+        "runs grow",
         {
+            "splines": "splines:spline_rows",
             "touches": "speed:touch_rows",
             "scenes": "speed:scene_rows",
             "growth": "speed:growth_rows",

@@ -143,7 +143,7 @@ def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
 
 def _merged(path: Path, mesh: mesh_formats.RawMesh) -> tuple[Vertices, Faces]:
     """Vertices that are equal made one, because STL repeats them for each face."""
-    vertices, faces = mesh
+    vertices, faces = mesh.vertices, mesh.faces
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles")
     if len(faces) > MAX_FACES:

@@ -66,8 +66,8 @@ def rebuild_general(
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
-        outward = None if normals is None else np.asarray(normals, np.float64)
-        contacts = ContactPoints(points, outward, np.arange(len(points), dtype=np.int32))
+        directions = None if normals is None else np.asarray(normals, np.float64)
+        contacts = ContactPoints(points, directions, np.arange(len(points), dtype=np.int32))
     contacts = checked_contacts(contacts)
     if contacts.normals is None or not len(contacts.points):
         raise ValueError("patches must have points and normals for a general solid, got none")
