@@ -61,6 +61,7 @@ class ContourCurve:
     perimeter: float  # m
     tilt: float  # Root mean square of its rise and fall, m
     error: float  # Standard error of the height, m
+    rises: Floats  # (n,): how far each of `points` lies above the height, m
     reordered: bool = False  # Its points were given in no order, and were put in order
     disordered: bool = False  # Its points were given in no order, and have no safe one
 
@@ -139,9 +140,10 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
     off_height = height_outliers(used[:, 2], perimeter)
     good = used[~off_height]
     tilt, noise = height_residual_of(good)
+    height = float(good[0, 2] + (good[:, 2] - good[0, 2]).mean())
     return ContourCurve(
         which=which,
-        height=float(good[0, 2] + (good[:, 2] - good[0, 2]).mean()),
+        height=height,
         curve=found.curve,
         points=used[:, :2],
         as_given=used[:, :2],
@@ -152,6 +154,7 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
         perimeter=perimeter,
         tilt=tilt,
         error=noise / float(np.sqrt(len(good))),
+        rises=used[:, 2] - height,
         reordered=order.rows is not None,
         disordered=order.disordered,
     )
@@ -213,6 +216,7 @@ def refitted_curve(loop: ContourCurve, points: Floats, outlier: Bools) -> Contou
         as_given=loop.as_given[used],
         outlier=outlier[used],
         off_height=loop.off_height[used],
+        rises=loop.rises[used],
         fine=found.fine,
         star=found.star,
         perimeter=_length(found.fine),
