@@ -33,8 +33,8 @@ BENCHES: Mapping[str, Bench] = {
         "an older checkout (--against); a touch by its taxels; splines against scipy's; and how "
         "runs grow",
         {
-            "splines": "splines:spline_rows",
             "touches": "speed:touch_rows",
+            "splines": "splines:spline_rows",
             "scenes": "speed:scene_rows",
             "growth": "speed:growth_rows",
         },
