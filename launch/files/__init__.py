@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from palpate.launch.files.mesh_file import read_surface, uncertainties, write_mesh
     from palpate.launch.files.point_clouds import MeasuredContours
     from palpate.launch.files.points_file import read_oriented, read_points, read_tops
+    from palpate.launch.files.points_file import read_touches, recording_of
     from palpate.launch.files.solid_file import LATTICE_SUFFIXES, SOLID_SUFFIX, load, read_npz, save
     from palpate.launch.files.solid_file import write_lattice
     from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, as_input_errors
