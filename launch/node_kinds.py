@@ -119,7 +119,7 @@ def load_entry(entry: Entry) -> AnyNode:
 
 def search_inputs(folder: Path) -> None:
     """Have modules that a run was made with looked for in its folder, too, after all others."""
-    inputs = str((folder / INPUTS).absolute())
+    inputs = str((folder / INPUTS).resolve())  # the link ``latest`` moves on
     if Path(inputs).is_dir() and inputs not in sys.path:
         sys.path.append(inputs)
 

@@ -6,6 +6,7 @@ written to a file, never to the screen. A verb is imported only when it is calle
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -23,7 +24,7 @@ from click.shell_completion import CompletionItem, get_completion_class
 
 from palpate import __version__
 from palpate.launch.files import InputError, hint
-from palpate.nodes.runtime import THREAD_VARIABLES
+from palpate.nodes.runtime import THREAD_VARIABLES, open_closed_streams
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
 HELP_OPTIONS = ["-h", "--help"]
@@ -183,14 +184,56 @@ def progress_printer(shown: bool, form: str = "{}") -> Callable[[str], None]:
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Do what the command line, without the program's name, asks for, and exit."""
+    _prepare_streams()
     # Idle threads of linear algebra wait in a loop, which took a tenth of a run's processor time.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
     if COMPLETE_VARIABLE in os.environ:
         sys.exit(answer_shell())
     code = run(sys.argv[1:] if arguments is None else arguments)
+    _is_writable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
     sys.exit(code)
+
+
+def _prepare_streams() -> None:
+    """Make the standard streams usable, whatever the caller has done to them.
+
+    What an encoding lacks is written as ``\\xe9``. What standard error cannot take is dropped: it
+    carries no results, and nobody may be listening.
+    """
+    open_closed_streams()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    if isinstance(sys.stderr, io.TextIOWrapper):
+        sys.stderr = io.TextIOWrapper(
+            io.BufferedWriter(_LossyFile(sys.stderr.fileno(), "w", closefd=False)),
+            encoding=sys.stderr.encoding,
+            errors="backslashreplace",
+            line_buffering=True,
+        )
+
+
+class _LossyFile(io.FileIO):
+    """A file that drops what cannot be written to it."""
+
+    def write(self, data: Any) -> int:
+        """Write the bytes, or drop them; returns how many are gone."""
+        try:
+            return super().write(data) or 0
+        except OSError:
+            return len(data)
+
+
+def _is_writable() -> bool:
+    """Whether standard output takes what it was given; if not, it leads to nowhere from now on."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        # What it still holds is written when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return False
+    return True
 
 
 def answer_shell() -> int:
@@ -221,11 +264,10 @@ def run(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _print_error("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # Whoever read our output has had enough, as in ``palpate node kinds | head -1``.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        return DONE  # whoever read our output has had enough, as in ``palpate node kinds | head -1``
     except OSError as error:
-        text = f"{error.filename or 'the system'}: {error.strerror or error}"
+        where = error.filename or ("the system" if _is_writable() else "standard output")
+        text = f"{where}: {error.strerror or error}"
         return _print_error(text, BAD_INPUT)
     except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
         return _print_error(_bug_text(error), DIED)
@@ -245,11 +287,14 @@ def _usage_text(error: click.ClickException) -> str:
 
 
 def _bug_text(error: Exception) -> str:
-    with tempfile.NamedTemporaryFile(
-        "w", prefix="palpate-", suffix=".txt", delete=False, encoding="utf-8"
-    ) as file:
-        traceback.print_exception(error, file=file)
-    return f"a bug: {type(error).__name__}: {error!s:.200}; the traceback is in {file.name}"
+    text = "".join(traceback.format_exception(error)).encode(errors="backslashreplace")
+    try:
+        with tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".txt", delete=False) as file:
+            file.write(text)
+        where = f"is in {file.name}"
+    except OSError as fault:
+        where = f"could not be written: {fault.strerror}"
+    return f"a bug: {type(error).__name__}: {error!s:.200}; the traceback {where}"
 
 
 class NamedGroup(click.Group):
