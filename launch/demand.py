@@ -8,21 +8,17 @@ more: what a run really costs, and what a better one would, it tells itself.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.core import LENGTHS, TIMES, in_base_unit
 from palpate.core.explore import FEATURE_SHARE
 from palpate.launch.files import InputError, SourceMapped
 from palpate.launch.printing import titled
 from palpate.nodes import planner, reconstructor
 from palpate.nodes.runtime import Wiring
-
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµ]*)\s*")
 
 
 def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:
@@ -30,18 +26,12 @@ def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:
 
     Raises InputError if there is no number, no unit or another one, or it is not positive.
     """
-    found = _QUANTITY.fullmatch(text)
-    example = f"0.2{'mm' if 'mm' in units else 's'}"
-    if found is None:
-        raise InputError(f"{option} {text}: must be a number with a unit, as {example}")
-    number, unit = found.groups()
-    unit = unit.replace("µ", "u")
-    if unit not in units:
-        what = f"the unit {unit!r} is none of" if unit else "must have a unit:"
-        raise InputError(f"{option} {text}: {what} {', '.join(units)}, as in {example}")
-    value = float(number) * units[unit]
-    if not 0.0 < value < math.inf:
-        raise InputError(f"{option} {text}: must be more than 0, as {example}")
+    try:
+        value = in_base_unit(text, units)
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"must be more than 0, as 0.2{'mm' if 'mm' in units else 's'}")
+    except ValueError as error:
+        raise InputError(f"{option} {text}: {error}") from None
     return value
 
 

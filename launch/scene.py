@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import msgspec
-from msgspec import Meta, Struct, structs, to_builtins
+from msgspec import Struct, structs, to_builtins
 from ruamel.yaml import YAML
 
 from palpate.core import ROBOT_PRESETS
@@ -39,7 +39,7 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     # The finger reaches this far sideways from the axis and up from the platform on which the
     # object stands, m; as far as the object asks for if left out.
-    reach: Annotated[float, Meta(gt=0, le=10)] | None = None
+    reach: specs.Length | None = None
     robot: str = "modern"  # Preset of the robot's speeds: modern or puma
 
     def __post_init__(self) -> None:

@@ -9,7 +9,9 @@ import io
 import math
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +24,7 @@ from ruamel.yaml.events import MappingStartEvent, NodeEvent, ScalarEvent, Sequen
 from ruamel.yaml.events import SequenceStartEvent
 from ruamel.yaml.nodes import ScalarNode
 
+from palpate.core import UNITS, in_base_unit, ranges_of
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint, key_path
 from palpate.launch.files.source_map import path_text
@@ -177,11 +180,13 @@ def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target
     """The value as an instance of `wanted`, a ``msgspec.Struct`` or a dataclass.
 
     `name` is where the document belongs, put before each path: ``planner`` makes
-    ``planner.tolerance``. Raises InputError if a key is unknown or missing, a value has the wrong
-    type or lies out of range, or a number is not finite.
+    ``planner.tolerance``. A number whose declared unit is m or s may be a text with a unit, as
+    ``0.2mm``. Raises InputError if a key is unknown or missing, a value has the wrong type or unit
+    or lies out of range, or a number is not finite.
     """
     kind = type_info(wanted)  # type: ignore[arg-type]
     _refuse_unknown(given, given.value, kind, (), name)
+    given = replace(given, value=_in_base_units(given, given.value, kind, (), name))
     _refuse_infinite(given, given.value, (), name)
     try:
         return msgspec.convert(given.value, wanted)
@@ -213,6 +218,49 @@ def _refuse_unknown(
         for i, (item, item_kind) in enumerate(zip(value, kinds, strict=False)):
             if item_kind is not None:
                 _refuse_unknown(given, item, item_kind, (*path, i), name)
+
+
+def _in_base_units(
+    given: SourceMapped, value: Any, kind: inspect.Type | None, path: KeyPath, name: str
+) -> Any:
+    """The value with lengths and times that are texts within it made numbers, in m and s."""
+    if isinstance(kind, inspect.UnionType):
+        for choice in kind.types:
+            value = _in_base_units(given, value, choice, path, name)
+    elif isinstance(kind, inspect.Metadata):
+        unit = (kind.extra_json_schema or {}).get("description", "")
+        return _in_base_unit(given, value, unit, path, name)
+    elif isinstance(kind, _KEYED) and isinstance(value, Mapping):
+        ranges = ranges_of(kind.cls) if isinstance(kind, inspect.DataclassType) else {}
+        value = {**value}
+        for field in kind.fields:
+            key = field.encode_name
+            if key in ranges and key in value:
+                unit = ranges[key].unit
+                value[key] = _in_base_unit(given, value[key], unit, (*path, key), name)
+            elif key in value:
+                value[key] = _in_base_units(given, value[key], field.type, (*path, key), name)
+    elif isinstance(kind, inspect.DictType) and isinstance(value, Mapping):
+        inner = kind.value_type
+        return {k: _in_base_units(given, v, inner, (*path, k), name) for k, v in value.items()}
+    elif isinstance(value, (list, tuple)):
+        kinds = getattr(kind, "item_types", None) or [getattr(kind, "item_type", None)] * len(value)
+        return [
+            _in_base_units(given, item, item_kind, (*path, i), name)
+            for i, (item, item_kind) in enumerate(zip_longest(value, kinds[: len(value)]))
+        ]
+    return value
+
+
+def _in_base_unit(given: SourceMapped, value: Any, unit: str, path: KeyPath, name: str) -> Any:
+    """The value in its unit if it is a text, and the unit one of those with multiples."""
+    if not isinstance(value, str) or unit not in UNITS:
+        return value
+    try:
+        return in_base_unit(value, UNITS[unit])
+    except ValueError as error:
+        where = path_text((name, *path) if name else path)
+        raise given.error(path, f"{where} is {value[:60]!r}: {error}") from None
 
 
 def _refuse_infinite(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:

@@ -149,7 +149,9 @@ def info_text(info: BagInfo) -> str:
     closed, end = "yes", info["end"]
     if end is not None:
         name = Path(end["path"]).name
-        closed = f"no: {name} {end['why']}; {end['byte']} bytes of it are whole"
+        was = {part["path"]: part["closed"] for part in info["parts"]}[end["path"]]
+        word = "yes, but" if was else "no:"
+        closed = f"{word} {name} {end['why']}; {end['byte']} bytes of it are whole"
     for title, text in (
         ("version", info["version"] or "not known"),
         ("closed", closed),

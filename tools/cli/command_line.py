@@ -199,7 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _prepare_streams() -> None:
     """Make the standard streams usable, whatever the caller has done to them.
 
-    What an encoding lacks is written as ``\\xe9``. What standard error cannot take is dropped: it
+    What an encoding lacks is written as an escape. What standard error cannot take is dropped: it
     carries no results, and nobody may be listening.
     """
     open_closed_streams()
@@ -264,7 +264,9 @@ def run(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _print_error("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        return DONE  # whoever read our output has had enough, as in ``palpate node kinds | head -1``
+        return (
+            DONE  # whoever read our output has had enough, as in ``palpate node kinds | head -1``
+        )
     except OSError as error:
         where = error.filename or ("the system" if _is_writable() else "standard output")
         text = f"{where}: {error.strerror or error}"
