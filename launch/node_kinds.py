@@ -141,12 +141,13 @@ def own_modules(names: Iterable[str]) -> dict[str, Path]:
 def _own_file(name: str) -> tuple[Path, Path] | None:
     """The folder in which an imported module was found, and its place there; None if not own."""
     file = Path(getattr(sys.modules.get(name), "__file__", None) or "")
-    place = Path(*name.split("."))
-    place = place / file.name if file.stem == "__init__" else place.with_name(file.name)
     installed = {"site-packages", "dist-packages"} & set(file.parts)
-    if installed or name.partition(".")[0] == "palpate" or not str(file).endswith(f"/{place}"):
+    if installed or name.partition(".")[0] == "palpate" or not file.is_file():
         return None
-    return (file.parents[len(place.parts) - 1], place) if file.is_file() else None
+    parents = name.split(".") if file.stem == "__init__" else name.split(".")[:-1]
+    place = Path(*parents, file.name)
+    folder = file.parents[len(parents)]
+    return (folder, place) if folder / place == file else None  # it may have been run by its path
 
 
 def search_current_folder(name: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -182,12 +183,12 @@ def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target
     `name` is where the document belongs, put before each path: ``planner`` makes
     ``planner.tolerance``. A number whose declared unit is m or s may be a text with a unit, as
     ``0.2mm``. Raises InputError if a key is unknown or missing, a value has the wrong type or unit
-    or lies out of range, or a number is not finite.
+    or lies out of range, a number is not finite, or a text is not Unicode.
     """
     kind = type_info(wanted)  # type: ignore[arg-type]
     _refuse_unknown(given, given.value, kind, (), name)
     given = replace(given, value=_in_base_units(given, given.value, kind, (), name))
-    _refuse_infinite(given, given.value, (), name)
+    _refuse_strange(given, given.value, (), name)
     try:
         return msgspec.convert(given.value, wanted)
     except msgspec.ValidationError as error:
@@ -263,16 +264,22 @@ def _in_base_unit(given: SourceMapped, value: Any, unit: str, path: KeyPath, nam
         raise given.error(path, f"{where} is {value[:60]!r}: {error}") from None
 
 
-def _refuse_infinite(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:
+def _refuse_strange(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:
+    """Refuse what no message can carry: infinity, NaN, and names in another coding."""
     if isinstance(value, Mapping):
         for key, item in value.items():
-            _refuse_infinite(given, item, (*path, key), name)
+            _refuse_strange(given, item, (*path, key), name)
     elif isinstance(value, (list, tuple)):
         for i, item in enumerate(value):
-            _refuse_infinite(given, item, (*path, i), name)
+            _refuse_strange(given, item, (*path, i), name)
     elif isinstance(value, float) and not math.isfinite(value):
         where = path_text((name, *path) if name else path)
         raise given.error(path, f"{where} is {value}; a number must be finite")
+    elif isinstance(value, str) and any("\ud800" <= one <= "\udfff" for one in value):
+        where = path_text((name, *path) if name else path)
+        coding = sys.getfilesystemencoding().upper()
+        why = f"no text in {coding}; give the file or folder another name"
+        raise given.error(path, f"{where} is {value[:60]!r}, {why}")
 
 
 def _complaint(given: SourceMapped, wanted: type, name: str, text: str) -> InputError:
@@ -315,7 +322,7 @@ def _shown(value: Any) -> str:
     if isinstance(value, bytes):
         return f"{len(value)} bytes"
     if isinstance(value, Mapping):
-        return f"a map of {', '.join(map(str, value)) or 'nothing'}"[:60]
+        return f"a map of {', '.join(map(str, value)) or 'nothing'}"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

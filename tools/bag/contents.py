@@ -228,7 +228,8 @@ def _copy(source: Path, target: Path) -> Recovered:
         if not copy.counts:
             ends = f"its end: it {why}" if why else "its end"
             raise InputError(f"{part}: nothing can be recovered: no message comes before {ends}")
-        about = {"from": " ".join(one.name for one in parts), "to": f"{part.name}, byte {byte}"}
+        names = " ".join(printable(one.name) for one in parts)
+        about = {"from": names, "to": f"{printable(part.name)}, byte {byte}"}
         copy.close(RECOVERED_RECORD, about | {"why": why})
     finally:
         copy.give_up()
