@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass
+from decimal import Decimal
 from functools import cache
 from importlib import import_module
 from numbers import Integral, Real
@@ -99,7 +100,10 @@ def in_base_unit(text: str, units: Mapping[str, float]) -> float:
     if unit not in units:
         what = f"the unit {unit!r} is none of" if unit else "must have a unit:"
         raise ValueError(f"{what} {', '.join(units)}, as in {example}")
-    return float(number) * units[unit]
+    try:
+        return float(Decimal(number) * Decimal(repr(units[unit])))  # 10um is 1e-5, to the last bit
+    except ArithmeticError:
+        return float(number)  # so large or small that no unit matters
 
 
 def in_base_units(described: type, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,7 +118,7 @@ def in_base_units(described: type, given: Mapping[str, Any]) -> dict[str, Any]:
             try:
                 found[name] = in_base_unit(value, units)
             except ValueError as error:
-                raise ValueError(f"{name} is {value!r}: {error}") from None
+                raise ValueError(f"{name} is {value!r}; expected number: {error}") from None
     return found
 
 

@@ -261,7 +261,7 @@ def _in_base_unit(given: SourceMapped, value: Any, unit: str, path: KeyPath, nam
         return in_base_unit(value, UNITS[unit])
     except ValueError as error:
         where = path_text((name, *path) if name else path)
-        raise given.error(path, f"{where} is {value[:60]!r}: {error}") from None
+        raise given.error(path, f"{where} is {value[:60]!r}; expected number: {error}") from None
 
 
 def _refuse_strange(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:

@@ -191,7 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     if COMPLETE_VARIABLE in os.environ:
         sys.exit(answer_shell())
     code = run(sys.argv[1:] if arguments is None else arguments)
-    _is_writable()
+    _drop_refused_output()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
     sys.exit(code)
 
@@ -203,9 +203,9 @@ def _prepare_streams() -> None:
     carries no results, and nobody may be listening.
     """
     open_closed_streams()
-    if isinstance(sys.stdout, io.TextIOWrapper):
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout is sys.__stdout__:
         sys.stdout.reconfigure(errors="backslashreplace")
-    if isinstance(sys.stderr, io.TextIOWrapper):
+    if isinstance(sys.stderr, io.TextIOWrapper) and sys.stderr is sys.__stderr__:
         sys.stderr = io.TextIOWrapper(
             io.BufferedWriter(_LossyFile(sys.stderr.fileno(), "w", closefd=False)),
             encoding=sys.stderr.encoding,
@@ -219,21 +219,18 @@ class _LossyFile(io.FileIO):
 
     def write(self, data: Any) -> int:
         """Write the bytes, or drop them; returns how many are gone."""
-        try:
-            return super().write(data) or 0
-        except OSError:
-            return len(data)
+        written = None
+        with suppress(OSError):
+            written = super().write(data)
+        return len(data) if written is None else written
 
 
-def _is_writable() -> bool:
-    """Whether standard output takes what it was given; if not, it leads to nowhere from now on."""
+def _drop_refused_output() -> None:
+    """Have standard output lead to nowhere if it takes no more: Python writes its rest at exit."""
     try:
         sys.stdout.flush()
     except OSError:
-        # What it still holds is written when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return False
-    return True
 
 
 def answer_shell() -> int:
@@ -268,8 +265,7 @@ def run(arguments: Sequence[str]) -> int:
             DONE  # whoever read our output has had enough, as in ``palpate node kinds | head -1``
         )
     except OSError as error:
-        where = error.filename or ("the system" if _is_writable() else "standard output")
-        text = f"{where}: {error.strerror or error}"
+        text = f"{error.filename or 'the system'}: {error.strerror or error}"
         return _print_error(text, BAD_INPUT)
     except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
         return _print_error(_bug_text(error), DIED)
