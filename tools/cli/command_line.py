@@ -280,8 +280,7 @@ def _print_error(text: str, code: int) -> int:
 def _usage_text(error: click.ClickException) -> str:
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "palpate"
-    text = error.format_message()
-    return f"{text if text.endswith('...') else text.rstrip('.')} (see {path} --help)"
+    return f"{error.format_message().rstrip('.')} (see {path} --help)"
 
 
 def _bug_text(error: Exception) -> str:

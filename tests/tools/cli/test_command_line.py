@@ -64,7 +64,7 @@ def test_the_version_is_reported(capsys):
     ("arguments", "words"),
     [
         (["lanch"], "there is no command 'lanch'; did you mean 'launch'? (see palpate --help)"),
-        (["bench"], "... (see palpate --help)"),
+        (["bench"], "sweep, topic, view (see palpate --help)"),
         (["run", "--sed", "3"], "No such option"),
         (["run", "vase", "--seed", "-3"], "-3 is not in the range"),
         (["run", "vaes"], "there is no scene 'vaes'; did you mean 'vase'?"),
