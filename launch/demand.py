@@ -84,8 +84,9 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
     """
     found: list[tuple[str, str, Any]] = []
     if pose is not None:
+        words = pose.split(",")
         try:
-            numbers = [float(one) for one in pose.split(",")]
+            numbers = [*map(_coordinate, words[:3]), *map(float, words[3:])]
         except ValueError:
             numbers = []
         if len(numbers) not in (3, 7):
@@ -98,6 +99,11 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
     levels = NOISES[noise] if noise is not None else {}
     found += [(f"--noise {noise}", f"scene.effects.{key}", one) for key, one in levels.items()]
     return found
+
+
+def _coordinate(text: str) -> float:
+    """A length in m, or with its unit."""
+    return in_base_unit(text, LENGTHS) if text.strip()[-1:].isalpha() else float(text)
 
 
 class Demanded(NamedTuple):

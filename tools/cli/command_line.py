@@ -267,6 +267,10 @@ def run(arguments: Sequence[str]) -> int:
     except OSError as error:
         text = f"{error.filename or 'the system'}: {error.strerror or error}"
         return _print_error(text, BAD_INPUT)
+    except UnicodeEncodeError as error:
+        place = error.object[max(0, error.start - 80) : error.end + 80]
+        text = f"{place!r} is no text in {error.encoding}; give the file or folder another name"
+        return _print_error(text, BAD_INPUT)
     except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
         return _print_error(_bug_text(error), DIED)
     return code if isinstance(code, int) else DONE
