@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from palpate.core import LENGTHS, TIMES, in_base_unit
 from palpate.core.explore import FEATURE_SHARE
 from palpate.launch.files import InputError, SourceMapped
 from palpate.launch.forecast import forecast, renewed_forecast
@@ -15,28 +15,18 @@ from palpate.messages.types import Superquadric
 from palpate.nodes import planner, reconstructor
 from palpate.nodes.runtime import Wiring
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµ]*)\s*")
-
 
 def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:
     """A positive number with its unit, in m or s: ``0.2mm``, ``5 min``.
 
     Raises InputError if there is no number, no unit or another one, or it is not positive.
     """
-    found = _QUANTITY.fullmatch(text)
-    example = f"0.2{'mm' if 'mm' in units else 's'}"
-    if found is None:
-        raise InputError(f"{option} {text}: must be a number with a unit, as {example}")
-    number, unit = found.groups()
-    unit = unit.replace("µ", "u")
-    if unit not in units:
-        what = f"the unit {unit!r} is none of" if unit else "must have a unit:"
-        raise InputError(f"{option} {text}: {what} {', '.join(units)}, as in {example}")
-    value = float(number) * units[unit]
-    if not 0.0 < value < math.inf:
-        raise InputError(f"{option} {text}: must be more than 0, as {example}")
+    try:
+        value = in_base_unit(text, units)
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"must be more than 0, as 0.2{'mm' if 'mm' in units else 's'}")
+    except ValueError as error:
+        raise InputError(f"{option} {text}: {error}") from None
     return value
 
 
@@ -94,8 +84,9 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
     """
     found: list[tuple[str, str, Any]] = []
     if pose is not None:
+        words = pose.split(",")
         try:
-            numbers = [float(one) for one in pose.split(",")]
+            numbers = [*map(_coordinate, words[:3]), *map(float, words[3:])]
         except ValueError:
             numbers = []
         if len(numbers) not in (3, 7):
@@ -108,6 +99,11 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
     levels = NOISES[noise] if noise is not None else {}
     found += [(f"--noise {noise}", f"scene.effects.{key}", one) for key, one in levels.items()]
     return found
+
+
+def _coordinate(text: str) -> float:
+    """A length in m, or with its unit."""
+    return in_base_unit(text, LENGTHS) if text.strip()[-1:].isalpha() else float(text)
 
 
 class Demanded(NamedTuple):

@@ -21,7 +21,7 @@ from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.launch.demand import Demanded, demand_text, demanded_of
 from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path
-from palpate.launch.files import parse_yaml, set_within, yaml_text
+from palpate.launch.files import parse_yaml, plain_name, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
@@ -205,6 +205,7 @@ def plan_run(
     robot time passes as fast as time. Raises InputError if anything is wrong; nothing has been
     started or written.
     """
+    name = plain_name(name)
     folder = choose_run_directory(name, out)
     described, wirings = check_run(path, args, settings, folder.path, realtime=realtime)
     again: dict[str, Any] = {"scene": "scene.yaml"} if described.scene is not None else {}

@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import shutil
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -136,8 +137,18 @@ def _link_latest(link: Path, target: str) -> None:
 def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
     """The folder for a run of this name, not yet made: `out`, or a new one in ``runs/``.
 
-    Raises InputError if the folder that the user asks for holds something already.
+    Raises InputError if the folder that the user asks for holds something already, or its path is
+    no text, which nodes could not be told.
     """
+    whole = (RUNS if out is None else out).absolute()
+    try:
+        str(whole).encode()
+    except UnicodeEncodeError:
+        coding = sys.getfilesystemencoding().upper()
+        raise InputError(
+            f"{whole}: its name is no text in {coding}, so that nodes could not be told where to "
+            "write; choose another folder"
+        ) from None
     if out is None:
         stamp = time.strftime("%Y-%m-%dT%H-%M-%S")
         return RunDirectory(_free(RUNS / f"{stamp}_{name}"), linked=True)

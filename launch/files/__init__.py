@@ -9,8 +9,8 @@ palpate.messages and palpate.nodes; on nothing of launch.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.launch.files.file_access import FileWriter, check_new, file_within, read_bounded
-    from palpate.launch.files.file_access import write_atomically, write_new
+    from palpate.launch.files.file_access import FileWriter, check_new, file_within, plain_name
+    from palpate.launch.files.file_access import read_bounded, write_atomically, write_new
     from palpate.launch.files.mesh_file import MAX_EXTENT, MAX_FACES, MAX_MESH_BYTES, MESH_UNITS
     from palpate.launch.files.mesh_file import METRES_PER_UNIT, MIN_EXTENT, MeshFile, export_model
     from palpate.launch.files.mesh_file import is_mesh_file, mesh_sha256, read_cloud, read_mesh

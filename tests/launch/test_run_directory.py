@@ -71,6 +71,12 @@ def test_a_file_in_the_place_of_the_folder_is_refused():
         choose_run_directory("vase", Path("here"))
 
 
+def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_made():
+    with pytest.raises(InputError, match="its name is no text in UTF-8, so that nodes could not"):
+        choose_run_directory("vase", Path("here\udcff"))
+    assert not any(Path().iterdir())
+
+
 def test_a_folder_that_cannot_be_made_is_refused():
     Path("file").write_text("mine")
     with pytest.raises(InputError, match="file/here: cannot be written: Not a directory"):
