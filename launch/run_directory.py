@@ -20,14 +20,14 @@ from palpate import __version__
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
 from palpate.launch.printing import millimetres
-from palpate.launch.processes import running_graphs
+from palpate.launch.processes import RUNS_FOLDER, running_graphs
 from palpate.launch.progress import Progress
 from palpate.launch.summary_text import known_texts, unknown_texts
 from palpate.messages.recording import free_bytes
 from palpate.messages.types import ProcedureResult
 from palpate.nodes.runtime import Ending
 
-RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
+RUNS = Path(RUNS_FOLDER)  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
 MESH = "mesh.ply"  # Name of the solid, in m

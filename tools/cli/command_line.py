@@ -124,7 +124,8 @@ RUN = click.option(
     "--run",
     metavar="ID",
     shell_complete=completing(_graphs),
-    help="Beginning of the run's number, its name or directory; the latest if left out.",
+    help="The graph: the beginning of its number, its name or directory. If left out, what "
+    "PALPATE_GRAPH names, or the graph of this folder, or the only one.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 UNTRUSTED = click.option(

@@ -334,16 +334,9 @@ def param_dump_command(node: str | None, run: str | None, as_json: bool) -> None
 
 
 def card_of(run: str | None) -> RunCard:
-    """The running graph that is meant; says which, if several run and none is named.
-
-    Raises InputError if there is none, or several are meant.
-    """
+    """The running graph that is meant; InputError if there is none, or several may be meant."""
     with as_input_errors():
-        card = processes.find_run(run)
-    others = len(processes.running_graphs()) - 1
-    if run is None and others > 0:
-        print_aside(f"{others + 1} graphs run; this is the latest, {card.run[:6]} ({card.name})")
-    return card
+        return processes.find_run(run)
 
 
 def wrapped(line: str) -> str:

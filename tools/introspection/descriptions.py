@@ -175,7 +175,7 @@ def param_text(described: Mapping[str, Any]) -> str:
 def known_interfaces(run: str | None, bag: Path | None) -> dict[str, str]:
     """Message types by name with their schemas: palpate's, and those of a graph or a recording.
 
-    Without `run` and `bag` they are those of the latest graph, if one runs. Raises InputError if
+    Without `run` and `bag` they are those of the graph that is meant, if one runs. Raises InputError if
     there is no such graph or recording.
     """
     found: Mapping[str, str] = {}
