@@ -221,6 +221,8 @@ class Supervisor:
                     self._detector.forget()
                 elif word["kind"] == "acknowledged":
                     self._tools.done(word["ticket"])
+                elif word["kind"] == "refused":
+                    self._tools.refused(word["ticket"], str(word["text"]), again=word["again"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
                     told = word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
@@ -312,6 +314,12 @@ class ToolServer:
             self._announcement.set(node, params)
         if tool:
             self._line.send(tool, "done")
+
+    def refused(self, ticket: int, text: str, *, again: bool) -> None:
+        """A node does not do what a tool had asked for, or not yet."""
+        tool, _, _ = self._pending.pop(ticket, ("", "", {}))
+        if tool:
+            self._line.send(tool, "not_ready" if again else "refused", text=text)
 
     def buried(self, name: str) -> None:
         """A node has died: what it had been asked for may not have been done."""

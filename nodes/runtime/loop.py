@@ -24,7 +24,7 @@ import msgspec
 
 from palpate.messages import bus, encode
 from palpate.messages.types import LogRecord, NodeStatus, ParameterEvent
-from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
+from palpate.nodes.runtime.node import Finished, Node, NotReadyError, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
 from palpate.nodes.runtime.work import Latency, NodeWork, Outgoing, Promise, SinkWork
@@ -359,7 +359,12 @@ class NodeLoop:
     def _set(self, work: Work, word: bus.ControlMessage) -> None:
         """Set a parameter before the next message, once it is put down that it is."""
         assert isinstance(work, NodeWork) and self.changes is not None
-        change = work.change(word["param"], word["value"])
+        try:
+            change = work.change(word["param"], word["value"])
+        except ValueError as error:
+            told = {"text": f"{self._name}: {error}", "again": isinstance(error, NotReadyError)}
+            self._station.line.send("refused", ticket=word["ticket"], **told)
+            return
         self.changes.note(msgspec.json.encode(change))
         self._publish(work.set(change))
         self._station.line.send("acknowledged", ticket=word["ticket"])

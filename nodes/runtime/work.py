@@ -115,7 +115,13 @@ class NodeWork:
             return [*(self._pack(output) for output in outputs), *self._set_due(self._pack)]
 
     def change(self, param: str, value: str) -> ParameterEvent:
-        """That a settable parameter is set, to a value in JSON, before the next message."""
+        """That a settable parameter is set, to a value in JSON, before the next message.
+
+        Raises ValueError if the node refuses it.
+        """
+        made = with_parameter(self._params, param, value)
+        if self._begun:
+            self._node.check_set(made, self._state)
         topic = self._node.settable[param]
         return ParameterEvent(param=param, value=value, topic=topic, after=self._handled[topic])
 

@@ -10,12 +10,14 @@ from contextlib import ExitStack
 import pytest
 
 from palpate.launch.processes.registry import running_graphs
+from palpate.launch.run_directory import read_summary
 from palpate.messages.types.catalogue import ParameterEvent
 from palpate.messages.types.touch import TactileImage
 from palpate.nodes.runtime.testing import recorded
 from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.cli import command_line as cli
-from palpate.tools.introspection.requests import params_of, request, sample_status, set_parameter
+from palpate.tools.introspection.descriptions import set_parameter
+from palpate.tools.introspection.requests import params_of, request, sample_status
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 WITHIN = 60.0  # A deadline that only a broken graph misses, s
@@ -51,8 +53,20 @@ def tuned(tmp_path_factory):
             (card,) = running_graphs(folder)
             [node] = [one for one in card.nodes if one.name == "filter"]
             assert params_of(node) == {"order": "median", "contact": 1e-4}
-            with pytest.raises(ValueError, match=r"planner\.axis cannot be set while it runs"):
-                set_parameter(card, "planner", "axis", "true")
+            refused = (
+                ("axis", "true", r"planner\.axis cannot be set while it runs"),
+                ("tolerance", "0.1um", r"planner: tolerance is 1e-07 m; it must be at least what"),
+                ("tolerance", "0.1s", r"tolerance 0\.1s: the unit 's' is none of m, cm, mm, um"),
+                ("tolerance", "2", r"tolerance cannot be 2: .*<= 1\.0"),
+                ("most_seconds", "10ms", r"the unit 'ms' is none of s, min, h"),
+                ("most_touches", "0", r"most_touches cannot be 0"),
+            )
+            for param, value, words in refused:
+                with pytest.raises(ValueError, match=words):
+                    set_parameter(card, "planner", param, value)
+            done = set_parameter(card, "planner", "tolerance", "0.3mm")
+            assert done == "planner.tolerance: 0.0001 -> 0.0003"
+            set_parameter(card, "planner", "most_seconds", "2h")
             assert process.wait(WITHIN) in (0, 1)
         finally:
             process.kill()
@@ -83,9 +97,20 @@ def test_it_is_recorded_where_each_was_set_but_once(tuned):
     assert 10 <= first.after <= second.after < images
 
 
+def test_the_planner_ends_by_the_tolerance_that_was_set_while_it_ran(tuned):
+    first, second = recorded(tuned, "/planner/parameter_events", ParameterEvent)
+    assert (first.param, first.value, first.topic) == ("tolerance", "0.0003", "/model/shape")
+    assert (second.param, second.value) == ("most_seconds", "7200.0")
+    summary = read_summary(tuned)
+    assert (summary["tolerance_m"], summary["tolerance_met"]) == (3e-4, True)
+    assert summary["rms_bound_95_m"] > 1e-4
+
+
 def test_a_replay_publishes_the_same_as_it_sets_the_same(tuned, capsys):
     assert cli.run(["replay", str(tuned)]) == 0
     assert "2 on /filter/parameter_events" in capsys.readouterr().out
+    assert cli.run(["replay", str(tuned), "--nodes", "planner"]) == 0
+    assert "2 on /planner/parameter_events" in capsys.readouterr().out
 
 
 def test_who_records_it_from_outside_has_it_from_the_first_message_on(tuned):

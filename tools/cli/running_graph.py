@@ -313,10 +313,11 @@ def param_get_command(node: str, param: str, run: str | None, as_json: bool) -> 
 @click.argument("value")
 @RUN
 def param_set_command(node: str, param: str, value: str, run: str | None) -> None:
-    """Set PARAM of NODE to VALUE, in YAML, from the next touch on.
+    """Set PARAM of NODE to VALUE, in YAML, from the next touch on, or of the planner, model on.
 
-    Only parameters that palpate node kinds NODE calls settable can be set. That it was set is
-    recorded on the node's topic of ParameterEvents, and done at the same touch in a replay.
+    A length or a time may have a unit, as 0.1mm or 5min; without one it is in m or s. Only
+    parameters that palpate node kinds NODE calls settable can be set. That it was set is recorded
+    on the node's topic of ParameterEvents, and done at the same place in a replay.
     """
     with as_input_errors():
         click.echo(introspection.set_parameter(card_of(run), node, param, value))

@@ -22,7 +22,7 @@ from palpate.launch.processes import RunCard, find_run
 from palpate.messages import Array, bus, decode, encode
 from palpate.messages.types import TYPES, NodeStatus
 from palpate.nodes.runtime import RecordedNode, Source, load_node
-from palpate.tools.introspection.echo import TextStyle, yaml_lines, yaml_value
+from palpate.tools.introspection.echo import yaml_lines
 from palpate.tools.introspection.topics import TapSubscription, Topic, topics_of
 
 NODES_PACKAGE = "palpate.nodes."
@@ -162,19 +162,6 @@ def _short(value: Any) -> Any:
     except ValueError:
         data, what = value.encode(), "bytes of text"
     return f"{len(data)} {what}, sha256 {hashlib.sha256(data).hexdigest()}"
-
-
-def set_parameter(card: RunCard, name: str, param: str, value: str) -> str:
-    """Set a parameter, to a value in YAML, between two touches; returns what it was and is.
-
-    Raises ValueError if there is no such node, the parameter cannot be set while it runs, or the
-    value is none for it.
-    """
-    node = find_node(card, name)
-    made = parse_yaml(value, "VALUE").value
-    request(card, "set", node=node.name, param=param, value=msgspec.json.encode(made).decode())
-    was, now = (yaml_value(x, TextStyle(flow=True)) for x in (params_of(node)[param], made))
-    return f"{node.name}.{param}: {was} -> {now}"
 
 
 def notify(card: RunCard, kind: str, **fields: Any) -> None:
