@@ -336,7 +336,7 @@ palpate_group = LazyGroup(
         "interface": ("running_graph", "Look at the types of messages."),
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": ("running_graph", "Check the machine, the installation and running graphs."),
-        "init": ("solids", "Begin a node, a driver, an effect or a planner of your own."),
+        "init": ("solids", "Begin a node, driver, filter, effect or planner of your own."),
         "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
         "report": ("looking", "Write what a run came to as one page, or two side by side."),
