@@ -65,6 +65,7 @@ class Progress:
     # The same of estimates, and of the processor time that all nodes have told of, s.
     estimates: list[tuple[float, PlanEstimate]] = field(default_factory=list)
     spent: list[tuple[float, float]] = field(default_factory=list)
+    traced: bool = False  # Whether the log holds the trace of a node's error
     made: dict[int, float] = field(default_factory=dict)  # When each model was received, s
 
     @property
@@ -178,6 +179,7 @@ class ProgressWatcher(Watcher):
         self._stamp()
         line = {"wall_s": round(self.progress.wall, 3), **asdict(record)}
         line["robot_time_s"] = line.pop("robot_time")
+        self.progress.traced |= record.level == "debug"
         self._log.write(json.dumps(line) + "\n")
         self._log.flush()
         self._display.note(record)

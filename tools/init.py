@@ -7,11 +7,12 @@ import re
 from collections.abc import Container
 from functools import partial
 from importlib.util import find_spec
+from inspect import getsourcefile
 from pathlib import Path
 from typing import Literal
 
 from palpate.core.explore.planners import PLANNER_NAMES
-from palpate.core.touch import filters
+from palpate.core.touch import clean
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch import list_kinds
 from palpate.launch.files import InputError, write_new
@@ -22,7 +23,7 @@ from palpate.nodes import filter as filter_node
 MAX_NAME_LENGTH = 32  # Letters of a node's name in a graph
 TEMPLATES = Path(__file__).parent / "templates"  # Working examples, one class Template each
 # The filter's node and its steps, and what the node takes of them
-FILTER, FILTER_STEPS = (Path(str(one.__file__)) for one in (filter_node, filters))
+FILTER, FILTER_STEPS = (Path(str(getsourcefile(one))) for one in (filter_node, clean))
 STEP_NAMES = ("FilterOrder", "clean")
 _WORD = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 

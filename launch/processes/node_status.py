@@ -16,7 +16,6 @@ from palpate.messages.types import TYPES, LogRecord, NodeStatus
 # A node without a sign of life for this long, and for as long as it declared that its work may
 # take, is mentioned in the log, s.
 SILENCE = 5.0
-_MAX_TEXT = 4000
 RETRY = 0.2  # A node that has not answered is asked again after this long, s
 
 
@@ -50,10 +49,9 @@ class NodeStatusTable:
             self.statuses[name] = decode(NodeStatus, word["status"])
         elif kind == "failed":
             self.failed[name] = str(word["text"])
-            trace = str(word["trace"]).encode()[-_MAX_TEXT:].decode(errors="ignore")
             return [
                 _log_record(name, "error", self.failed[name]),
-                _log_record(name, "debug", trace),
+                _log_record(name, "debug", str(word["trace"])),
             ]
         return []
 

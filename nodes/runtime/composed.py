@@ -24,7 +24,7 @@ from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
-from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
+from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork, failure_text, failure_trace
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
 TopicT = TypeVar("TopicT")
@@ -91,7 +91,12 @@ def run_composed(
         except KeyboardInterrupt:
             return composition.ending("interrupted", "interrupted by Ctrl-C")
         except Exception as error:  # The edge of the nodes: whatever it was must be told in words.
-            return composition.ending("died", f"{composition.doing}: {error}")
+            text = failure_text(composition.doing, error)
+            name = composition.doing.split()[0]
+            watcher.log(LogRecord(node=name, level="error", text=text, robot_time=0.0))
+            trace = failure_trace(error)
+            watcher.log(LogRecord(node=name, level="debug", text=trace, robot_time=0.0))
+            return composition.ending("died", text)
     reason = composition.finished.get(ends)
     if reason is None:
         return composition.ending("stalled", f"all is quiet, and {ends} has not finished")
@@ -189,7 +194,13 @@ class Composition:
     def _ask_sources(self) -> bool:
         """Have a source publish what it has next, when nothing else is left to do."""
         for name, work in self.works.items():
-            if isinstance(work, SourceWork) and (left := work.wait()) is not None:
+            if not isinstance(work, SourceWork):
+                continue
+            try:
+                left = work.wait()
+            finally:
+                self.doing = f"{name} {work.doing}"
+            if left is not None:
                 time.sleep(left)
                 if work.wait() == 0.0:
                     self._publish(name, lambda work=work: [work.publish_next()])  # type: ignore[misc]

@@ -13,7 +13,6 @@ import os
 import signal
 import sys
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -28,6 +27,7 @@ from palpate.nodes.runtime.node import Finished, Node, NotReadyError, Source, Wi
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
 from palpate.nodes.runtime.work import Latency, NodeWork, Outgoing, Promise, SinkWork
+from palpate.nodes.runtime.work import failure_text, failure_trace
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
 FAILED = 3  # Exit code of a node that has told the launcher why it failed
@@ -36,7 +36,6 @@ IDLE_MS = int(HEARTBEAT_PERIOD * 500)
 BUSY_PERIOD = 0.02  # A node that is busy for long looks this often who asks it for the past, s
 FLUSH_MS = 20  # A sink to which nothing comes for so long puts away what it holds
 DRAIN_TIME = 1.0  # A sink that is told to end still writes what has arrived, for so long, s
-MAX_TRACE_CHARS = 20_000  # Longest trace that is sent to the launcher, characters
 # Takes what is to be called when the process is asked to end, instead of dying at once.
 OnTerminate = Callable[[Callable[[], None]], None]
 Publication = Outgoing | Promise | Finished
@@ -223,9 +222,7 @@ class NodeLoop:
     def send_failed(self, error: Exception) -> None:
         """Tell the launcher, and those who listen, what went wrong."""
         doing = self.work.doing if self.work else "loading"
-        what = next(iter(str(error).splitlines()), "")
-        text = f"{doing}: {type(error).__name__}: {what}"[:1000]
-        trace = "".join(traceback.format_exception(error))[-MAX_TRACE_CHARS:]
+        text, trace = failure_text(doing, error), failure_trace(error)
         self._station.line.send("failed", text=text, trace=trace)
 
     def _patience(self, work: Work) -> int:

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import math
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from palpate.core import code_place
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import Received
 from palpate.messages.types import ParameterEvent
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
 Edge = tuple[str, str]  # Publisher and topic on the wire
 Output = tuple[str, object] | Finished
 OutputT = TypeVar("OutputT")
+MAX_FAILURE_CHARS = 1000  # Longest sentence that tells of a failure, its place aside
+MAX_TRACE_CHARS = 20_000  # Longest trace that is kept of one, characters
 _LOG_BIN_WIDTH = math.log(1.05)
 _BINS = 512
 
@@ -327,6 +332,22 @@ class SinkWork:
         self.doing = "closing"
         with self.steps(self._step):
             self._writer.close(self.missing)
+
+
+def failure_text(doing: str, error: Exception) -> str:
+    """What a node was doing, what went wrong, and where: in the user's code, or else in palpate."""
+    what, place = next(iter(str(error).splitlines()), ""), code_place(error)
+    text = f"{doing}: {type(error).__name__}: {what}"[:MAX_FAILURE_CHARS]
+    if place is None:
+        return text
+    file, here = Path(place.file), Path.cwd()
+    shown = file.relative_to(here) if file.is_relative_to(here) else file
+    return f"{text} ({place._replace(file=str(shown))})"
+
+
+def failure_trace(error: Exception) -> str:
+    """The trace of an error, its end if it is very long."""
+    return "".join(traceback.format_exception(error))[-MAX_TRACE_CHARS:]
 
 
 def _handling(arrival: Received) -> str:

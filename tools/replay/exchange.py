@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.core import code_place
 from palpate.launch import search_current_folder
 from palpate.messages import Header, schema_hash
 from palpate.messages.bus import Received
@@ -192,8 +193,9 @@ class ReplayedNode:
         try:
             published = act()
         except Exception as error:  # The edge of the node: whatever it was must be told in words.
-            text = " ".join(str(error).split())
+            text, place = " ".join(str(error).split()), code_place(error)
             self.failure = f"{type(error).__name__} {self._work.doing}: {text}"
+            self.failure += f" ({place})" if place is not None and place.is_own else ""
             for comparison in self.publications.values():
                 comparison.fall_silent()
             return []
