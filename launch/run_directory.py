@@ -137,7 +137,7 @@ def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
     """
     if out is None:
         stamp = time.strftime("%Y-%m-%dT%H-%M-%S")
-        return RunDirectory(_free(RUNS / f"{stamp}_{name}"), linked=True)
+        return RunDirectory(free_path(RUNS / f"{stamp}_{name}"), linked=True)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; it must be a new or an empty folder")
     if out.is_dir() and any(out.iterdir()):
@@ -145,12 +145,12 @@ def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
     return RunDirectory(out, linked=False)
 
 
-def _free(path: Path) -> Path:
-    """The first free one of a path and those numbered after it: two runs may share a second."""
+def free_path(path: Path) -> Path:
+    """The first free one of a path and those numbered after it: two may share a second."""
     number, free = 1, path
     while free.exists():
         number += 1
-        free = path.with_name(f"{path.name}-{number}")
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
     return free
 
 

@@ -22,8 +22,8 @@ import msgspec
 import zmq
 
 from palpate.messages import Header, pack_frame
-from palpate.messages.bus import Addresses, Cause, Consumed, Journal, MessageLog, ParameterLog
-from palpate.messages.bus import SendTimes
+from palpate.messages.bus import Addresses, Cause, Consumed, Journal, MessageLog, OutsideMessage
+from palpate.messages.bus import ParameterLog, SendTimes
 from palpate.messages.types import ParameterEvent
 from palpate.nodes.runtime import RecordedNode, Wiring
 
@@ -32,7 +32,7 @@ CARD_FILE, LOCK_FILE = "run.json", "lock"
 RUNS_FOLDER = "runs"  # Where run directories are made, in the working directory
 MESSAGE_LOG_FOLDER = ".published"  # In the run directory, for what is published and not remembered
 # What a private folder may hold: one that holds anything else is somebody's own.
-OWN_FILES = re.compile(r"[jnpst]\d+|j\d+c|control|tools|lock|\.?run\.json")
+OWN_FILES = re.compile(r"[jnpst]\d+|j\d+[co]|control|tools|lock|\.?run\.json")
 GRAPH_VARIABLE = "PALPATE_GRAPH"  # Of the environment: which running graph the tools mean
 GRACE_AGE = 60.0  # A folder without a card may just be coming up until it is so old, s
 _RUN_BITS = 63
@@ -324,6 +324,7 @@ class SentMessage(NamedTuple):
     sent_ns: int  # The node's clock, ns
     schema: int  # Hash of the type's schema
     body: bytes  # Encoded
+    outside: bool = False  # Whether a tool had the node send it
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,6 +343,8 @@ class EarlierRun:
     times: Mapping[str, Sequence[tuple[str, int]]]
     # Parameters that were set while a node ran
     changes: Mapping[str, Sequence[ParameterEvent]] = field(default_factory=dict)
+    # What tools had the others publish
+    outside: Mapping[str, Sequence[OutsideMessage]] = field(default_factory=dict)
 
     def lay(self, wirings: Sequence[Wiring], place: Addresses) -> None:
         """Write the journals and message logs that the nodes, with their subscribers, will find."""
@@ -364,6 +367,10 @@ class EarlierRun:
             with closing(ParameterLog(Path(place.journals[wiring.name]))) as log:
                 for change in changes:
                     log.note(msgspec.json.encode(change))
+        if outside := self.outside.get(wiring.name):
+            with closing(ParameterLog(Path(place.journals[wiring.name]), "o")) as log:
+                for message in outside:
+                    log.note(msgspec.json.encode(message))
         topics = [topic for topic in wiring.outputs.values() if wiring.subscribers.get(topic)]
         with closing(SendTimes(Path(place.times[wiring.name]), wiring.name, topics)) as times:
             for topic, sent_ns in self.times.get(wiring.name, ()):
@@ -373,9 +380,9 @@ class EarlierRun:
         """What a node has answered, and how."""
         topics = tuple(wiring.outputs.values())
         with closing(MessageLog(Path(place.pasts[wiring.name]), topics, persistent=True)) as past:
-            for topic, sent_ns, schema, body in self.published.get(wiring.name, ()):
+            for topic, sent_ns, schema, body, outside in self.published.get(wiring.name, ()):
                 seq, when = past.count(topic), sent_ns + later_ns
-                header = Header(place.run, 0, seq, when, 0.0, schema)
+                header = Header(place.run, 0, seq, when, 0.0, schema, outside)
                 past.add(topic, pack_frame(topic, header, body))
             for publisher, topic, seq in self.consumed.get(wiring.name, ()):
                 past.answer((), Cause(publisher, topic, seq))

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from palpate.nodes.runtime.preloading import PRELOAD_VARIABLE, THREAD_VARIABLES
     from palpate.nodes.runtime.testing import assert_same, drive, example, feed, messages_on
     from palpate.nodes.runtime.testing import recorded
-    from palpate.nodes.runtime.work import ContractError, NodeWork, Outgoing, recorded_changes
+    from palpate.nodes.runtime.work import ContractError, NodeWork, Outgoing, failure_records
+    from palpate.nodes.runtime.work import recorded_changes
 else:
     __getattr__, __dir__ = lazy(__name__)

@@ -24,7 +24,8 @@ from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
-from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork, failure_text, failure_trace
+from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
+from palpate.nodes.runtime.work import failure_records, failure_text, failure_trace
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
 TopicT = TypeVar("TopicT")
@@ -93,9 +94,8 @@ def run_composed(
         except Exception as error:  # The edge of the nodes: whatever it was must be told in words.
             text = failure_text(composition.doing, error)
             name = composition.doing.split()[0]
-            watcher.log(LogRecord(node=name, level="error", text=text, robot_time=0.0))
-            trace = failure_trace(error)
-            watcher.log(LogRecord(node=name, level="debug", text=trace, robot_time=0.0))
+            for record in failure_records(name, text, failure_trace(error)):
+                watcher.log(record)
             return composition.ending("died", text)
     reason = composition.finished.get(ends)
     if reason is None:
@@ -229,7 +229,7 @@ class Composition:
             self._tick()
 
     def _send(self, name: str, parcel: Outgoing) -> None:
-        topic, body, robot_time, schema, _ = parcel
+        topic, body, robot_time, schema = parcel[:4]
         seq = self._sent[name].get(topic, 0)
         self._sent[name][topic] = seq + 1
         header = Header(0, 0, seq, time.monotonic_ns(), robot_time, schema)

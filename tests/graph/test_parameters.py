@@ -11,15 +11,22 @@ import pytest
 
 from palpate.launch.processes.registry import running_graphs
 from palpate.launch.run_directory import read_summary
+from palpate.messages.recording.reader import open_recording
 from palpate.messages.types.catalogue import ParameterEvent
 from palpate.messages.types.touch import TactileImage
 from palpate.nodes.runtime.testing import recorded
 from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.cli import command_line as cli
 from palpate.tools.introspection.descriptions import set_parameter
-from palpate.tools.introspection.requests import params_of, request, sample_status
+from palpate.tools.introspection.requests import params_of, publish, request, sample_status
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
+SAID = """{param: order, value: '"none"', topic: /touch/raw, after: 0}"""  # By no node
+ESTIMATE = (
+    "{number: 0, contours: 0, touches: 0, robot_time: 0, rms_bound_95: null, "
+    "largest_untouched: null, halving_touches: null, halving_seconds: null, open_share: null, "
+    "open_width: null}"
+)
 WITHIN = 60.0  # A deadline that only a broken graph misses, s
 
 
@@ -37,6 +44,11 @@ def tuned(tmp_path_factory):
             card = wait_for(lambda: next(iter(running_graphs(folder)), None))
             wait_for(lambda: handled(card) > 10)
             assert set_parameter(card, "filter", "contact", "1.0e-4").endswith("5.0e-05 -> 0.0001")
+            said = {"rate": 1.0, "times": 2, "run": str(folder / "run"), "echo": lambda _: None}
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv("XDG_RUNTIME_DIR", str(folder))
+                publish("/filter/parameter_events", SAID, **{**said, "rate": 20.0})
+                publish("plan/estimate", ESTIMATE, **{**said, "times": 1})
             os.kill(about(card)["pid"], signal.SIGKILL)
             wait_for(lambda: about(card)["restarts"] == 1)
             set_parameter(card, "filter", "order", "median")
@@ -89,8 +101,18 @@ def handled(card):
     return 0 if found is None else found.status.messages
 
 
+def test_what_tools_had_nodes_publish_is_recorded_once_as_from_outside(tuned):
+    messages = [*open_recording(tuned / "topics.mcap").messages()]
+    outside = [(one.topic, one.publisher) for one in messages if one.outside]
+    assert outside.count(("/filter/parameter_events", "filter")) == 2
+    assert outside.count(("/plan/estimate", "planner")) == 1
+    assert len(outside) == 3
+
+
 def test_it_is_recorded_where_each_was_set_but_once(tuned):
-    first, second = recorded(tuned, "/filter/parameter_events", ParameterEvent)
+    events = recorded(tuned, "/filter/parameter_events", ParameterEvent)
+    first, second = [one for one in events if one.value != '"none"']
+    assert len(events) == 4
     assert (first.param, first.value) == ("contact", "0.0001")
     assert (second.param, second.value) == ("order", '"median"')
     images = len(recorded(tuned, "/touch/image", TactileImage))

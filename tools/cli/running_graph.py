@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 PUB_HELP = """Publish BODY, a message's fields in YAML, on TOPIC.
 
-A graph has one publisher for each topic. So what is to be published from outside belongs to a
-console in its launch file:
+A graph has one publisher for each topic. That node publishes it between two messages of its own,
+so that it is recorded, received like any other message, published again if the node dies, and
+known to a replay as not the node's own. Who publishes a topic that no node has is a console in the
+launch file:
 
 \b
     console: {params: {topics: {/finger/goal: TouchGoal}}}
-
-What is published is recorded and received like any other message.
 """
 topic_group = NamedGroup("topic", help="Receive and publish on the topics of a running graph.")
 node_group = NamedGroup("node", help="Look at the nodes of a running graph, and at all kinds.")
@@ -203,7 +203,7 @@ for verb, short, told in (
     )
 
 
-@topic_group.command("pub", short_help="Publish a message on a console's topic.", help=PUB_HELP)
+@topic_group.command("pub", short_help="Publish a message.", help=PUB_HELP)
 @TOPIC
 @click.argument("body")
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Messages in a second.")

@@ -82,9 +82,12 @@ class MessageExchange:
             player.check(kept)
             player.record_published(kept)
         link = self._links.get(kept.topic)
-        if link is None:
-            header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
+        if link is None or kept.outside:
+            seq = kept.seq if link is None else link.received
+            header = Header(kept.run, kept.epoch, seq, kept.sent_ns, 0.0, kept.schema, kept.outside)
             self._send(kept.topic, header, kept.body)
+            if link is not None:
+                link.received += 1
         elif link.waiting:
             self._pass_on(link, link.waiting.popleft()[1])
         else:
@@ -176,7 +179,7 @@ class ReplayedNode:
 
     def record_published(self, kept: RecordedMessage) -> None:
         """Compare with what it had published, if the recorded message was its own."""
-        if kept.topic in self.publications:
+        if kept.topic in self.publications and not kept.outside:
             comparison = self.publications[kept.topic]
             comparison.recorded(kept.body)
             self.first = self.first or comparison.first
