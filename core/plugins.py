@@ -9,19 +9,26 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
 from decimal import Decimal
 from functools import cache
 from importlib import import_module
 from numbers import Integral, Real
 from types import NoneType
+from traceback import walk_tb
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # Units of lengths, m
 TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}  # Units of times, s
 UNITS = {"m": LENGTHS, "s": TIMES}  # Units in which a number may be given, by its own unit
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµμ]*)\s*")
+PACKAGE = __name__.partition(".")[0]
+# Folders of code that is neither the user's nor palpate's
+INSTALLED = frozenset(
+    {"site-packages", "dist-packages", f"python{sys.version_info.major}.{sys.version_info.minor}"}
+)
 
 
 def class_by_name(name: str, *, what: str, names: Sequence[str], package: str) -> object:
@@ -42,9 +49,54 @@ def class_by_name(name: str, *, what: str, names: Sequence[str], package: str) -
         found: object = getattr(import_module(module), wanted, None)
         get_type_hints(found) if is_dataclass(found) else None
     except (Exception, SystemExit) as error:  # a user's module may do anything when imported
-        kind = type(error).__name__
-        raise ValueError(f"the {what} {name!r} cannot be imported: {kind}: {error}") from None
+        raise ValueError(f"the {what} {name!r} cannot be imported: {told_error(error)}") from None
     return found
+
+
+class CodePlace(NamedTuple):
+    """A line of a program."""
+
+    file: str
+    line: int
+    function: str  # Empty if it is not known
+    is_own: bool  # Whether it belongs to the user's code, not to palpate
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}" + (f" in {self.function}" if self.function else "")
+
+
+def code_place(error: BaseException) -> CodePlace | None:
+    """Where an error comes from: the last line of the user's code, or else of palpate's.
+
+    What it was raised from counts too. None if neither took part.
+    """
+    found: CodePlace | None = None
+    following: BaseException | None = error
+    while following is not None:
+        for place in _places(following):
+            if place.is_own or found is None or not found.is_own:
+                found = place
+        hidden = following.__suppress_context__
+        following = following.__cause__ or (None if hidden else following.__context__)
+    return found
+
+
+def told_error(error: BaseException) -> str:
+    """Type and first line of an error, and where in the user's code it comes from."""
+    words = error.msg if isinstance(error, SyntaxError) else str(error)
+    what, place = next(iter(words.splitlines()), ""), code_place(error)
+    told = f"{type(error).__name__}: {what}"
+    return f"{told} ({place})" if place is not None and place.is_own else told
+
+
+def _places(error: BaseException) -> Iterator[CodePlace]:
+    for frame, line in walk_tb(error.__traceback__):
+        file, module = frame.f_code.co_filename, str(frame.f_globals.get("__name__", ""))
+        ours = module.partition(".")[0] == PACKAGE
+        if ours or not (file.startswith("<") or INSTALLED.intersection(file.split("/"))):
+            yield CodePlace(file, line, frame.f_code.co_name, not ours)
+    if isinstance(error, SyntaxError) and error.filename is not None:
+        yield CodePlace(error.filename, error.lineno or 1, "", is_own=True)
 
 
 class Range(NamedTuple):

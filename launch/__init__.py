@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
     from palpate.launch.run_directory import find_bag as find_bag, find_run_path as find_run_path
-    from palpate.launch.run_directory import find_run_mesh as find_run_mesh
+    from palpate.launch.run_directory import find_run_mesh as find_run_mesh, free_path as free_path
     from palpate.launch.run_directory import read_summary as read_summary
     from palpate.launch.run_directory import run_directory_of as run_directory_of
     from palpate.launch.run_directory import versions_text as versions_text

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import palpate.nodes
+from palpate.core import told_error
 from palpate.launch.files import InputError, KeyPath, SourceMapped, hint
 from palpate.nodes import runtime  # Loads numpy when a node is asked for, not before
 
@@ -109,9 +110,7 @@ def load_entry(entry: Entry) -> AnyNode:
         known = hint(kind, list_kinds())
         raise entry.error(f"there is no kind of node {kind!r}; {known}") from None
     except Exception as error:  # a module of one's own may break in any way
-        what = next(iter(str(error).splitlines()), "")
-        text = f"module {entry.module!r} breaks: {type(error).__name__}: {what}"
-        raise entry.error(text) from None
+        raise entry.error(f"module {entry.module!r} breaks: {told_error(error)}") from None
     if mark and getattr(sys.modules[entry.module], held, None) is not node:
         raise entry.error(f"module {entry.module!r} holds no {held}")
     return node

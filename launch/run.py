@@ -40,6 +40,7 @@ from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid, Solid
 
+LOG = "log.jsonl"  # File of the run directory to which what nodes report is written
 _PLUGIN = re.compile(r"[\w.]+:[A-Za-z_]\w*")  # ``module:Class``
 
 
@@ -70,6 +71,7 @@ class Run:
     model: ShapeModel | None  # The last model
     # 0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
     exit_code: int
+    trace: Path | None = None  # File with the trace of what a node failed of, if one did
 
     def __repr__(self) -> str:
         """Five lines: what was found, its bound, what it cost, how it ended and where it lies."""
@@ -289,7 +291,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     exports: list[Future[object]] = []
     # The final model is written while it is still being measured.
     with (
-        (folder.path / "log.jsonl").open("w", encoding="utf-8") as log,
+        (folder.path / LOG).open("w", encoding="utf-8") as log,
         ThreadPoolExecutor(1) as pool,
     ):
 
@@ -316,7 +318,8 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     folder.write_summary(summary)
     types = {name for wiring in plan.wirings for name in wiring.types.values()}
     code = exit_code(summary, rebuilds=ShapeModel.__name__ in types)
-    return Run(folder.path, ending, summary, progress.model, code)
+    trace = folder.path / LOG if progress.traced else None
+    return Run(folder.path, ending, summary, progress.model, code, trace)
 
 
 def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:

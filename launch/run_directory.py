@@ -20,14 +20,14 @@ from palpate import __version__
 from palpate.core.explore.planners import Findings, Limits, Verdict, judge
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
-from palpate.launch.processes import running_graphs
+from palpate.launch.processes import RUNS_FOLDER, running_graphs
 from palpate.launch.progress import Progress
 from palpate.launch.summary_text import criteria_texts
 from palpate.messages.recording import free_bytes
 from palpate.messages.types import ProcedureResult, Score, ShapeModel
 from palpate.nodes.runtime import Ending
 
-RUNS = Path("runs")  # Where run directories are made, unless the user wants another folder
+RUNS = Path(RUNS_FOLDER)  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them
 RECORDING = "topics.mcap"  # Name of the recording in a run directory
 MESH = "mesh.ply"  # Name of the solid, in m
@@ -151,7 +151,7 @@ def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
         ) from None
     if out is None:
         stamp = time.strftime("%Y-%m-%dT%H-%M-%S")
-        return RunDirectory(_free(RUNS / f"{stamp}_{name}"), linked=True)
+        return RunDirectory(free_path(RUNS / f"{stamp}_{name}"), linked=True)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; it must be a new or an empty folder")
     if out.is_dir() and any(out.iterdir()):
@@ -159,12 +159,12 @@ def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
     return RunDirectory(out, linked=False)
 
 
-def _free(path: Path) -> Path:
-    """The first free one of a path and those numbered after it: two runs may share a second."""
+def free_path(path: Path) -> Path:
+    """The first free one of a path and those numbered after it: two may share a second."""
     number, free = 1, path
     while free.exists():
         number += 1
-        free = path.with_name(f"{path.name}-{number}")
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
     return free
 
 

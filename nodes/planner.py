@@ -20,10 +20,10 @@ from palpate.core.explore.planners import check_choice, estimate_error, make_pla
 from palpate.core.explore.planners import untraceable_height
 from palpate.messages import derive
 from palpate.messages.types import Contour, ContourGoal, FingerClock, GraspContacts, GraspGoal
-from palpate.messages.types import ModelGoal, PlanDone, PlanEstimate, Probe, ProbeGoal, SensorInfo
-from palpate.messages.types import ShapeModel, Superquadric, World
+from palpate.messages.types import ModelGoal, ParameterEvent, PlanDone, PlanEstimate, Probe
+from palpate.messages.types import ProbeGoal, SensorInfo, ShapeModel, Superquadric, World
 from palpate.nodes import planning
-from palpate.nodes.runtime import Deferred, Node, Outputs
+from palpate.nodes.runtime import Deferred, Node, NotReadyError, Outputs
 from palpate.nodes.specs import pad_of_info, resolution_of_info
 
 if TYPE_CHECKING:
@@ -94,14 +94,34 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the finger's width and what it tells; ValueError if the tolerance is below that."""
     resolution = resolution_of_info(info)
-    if params.tolerance < resolution:
-        raise ValueError(
-            f"tolerance is {params.tolerance} m; it must be at least what the sensor can tell, "
-            f"{resolution:g} m"
-        )
+    _check_tolerance(state.demand.tolerance, resolution)
     width = info.pitch * max(info.rows, info.cols)
     pad = pad_of_info(info)
     return replace(state, pad_width=width, resolution=resolution, pad=pad), []
+
+
+def _check_tolerance(tolerance: float, resolution: float) -> None:
+    if tolerance < resolution:
+        raise ValueError(
+            f"tolerance is {tolerance} m; it must be at least what the sensor can tell, "
+            f"{resolution:g} m"
+        )
+
+
+def check_demand(params: Params, state: State) -> None:
+    """Refuse, by a ValueError, a demand that cannot be met any more."""
+    if not state.resolution:
+        raise NotReadyError("the planner does not know its sensor yet")
+    _check_tolerance(params.tolerance, state.resolution)
+    demand = params.demand
+    if demand.most_touches < state.touches:
+        raise ValueError(
+            f"most_touches is {params.most_touches}; {state.touches} touches are made already"
+        )
+    if demand.most_seconds < state.clock:
+        raise ValueError(
+            f"most_seconds is {params.most_seconds:g} s; {state.clock:.1f} s have passed already"
+        )
 
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
@@ -117,37 +137,41 @@ def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tupl
 
 def _grasp_on(params: Params, state: State) -> tuple[State, Outputs]:
     """The next closing; or, after the last one, the coarse model, or the end."""
-    goal = planning.grasp_goal(params.demand, state)
+    goal = planning.grasp_goal(state.demand, state)
     if goal is not None:
         return replace(state, closing=goal), [("/hand/goal", goal)]
     if not len(state.grasped.points):
-        within = "reach" if params.most_seconds is None else "reach and robot time"
-        return done(params.demand, state, f"the hand closed on nothing within {within}")
+        within = "reach" if math.isinf(state.demand.most_seconds) else "reach and robot time"
+        return done(state.demand, state, f"the hand closed on nothing within {within}")
     state = replace(state, models=state.models + 1)
     return state, [("/model/goal", planning.model_goal(state))]
 
 
 def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame and begin with the slices."""
-    return decide(params.demand, params.rule, planning.with_coarse(state, coarse, params.direction))
+    return decide(state.demand, params.rule, planning.with_coarse(state, coarse, params.direction))
 
 
 def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
     """Remember how far a finger has come: an earlier result may be free to be taken up."""
     clocks = {**state.clocks, clock.finger: clock.robot_time}
-    return take_up(params.demand, params.rule, replace(state, clocks=clocks))
+    return take_up(state.demand, params.rule, replace(state, clocks=clocks))
 
 
 def take_result(params: Params, state: State, result: Contour | Probe) -> tuple[State, Outputs]:
     """Take up what a finger has finished, when its turn has come."""
     pending = {**state.pending, result.finger: result}
-    return take_up(params.demand, params.rule, replace(state, pending=pending))
+    return take_up(state.demand, params.rule, replace(state, pending=pending))
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Decide what comes next, now that the model with the last result is known."""
+    """Decide what comes next, now that the model with the last result is known.
+
+    Until the next model, what is asked is what was asked last when this one came.
+    """
     if model.final:
         return state, []
+    state = replace(state, demand=params.demand)
     assert state.survey is not None
     dropped = set(model.dropped)
     pairs = zip(state.contours, state.survey.traced, strict=True)
@@ -167,8 +191,8 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         general=model.method == "general",
         aimed=(),
     )
-    observation = _observation(params.demand, state)
-    state, outputs = decide(params.demand, params.rule, state)
+    observation = _observation(state.demand, state)
+    state, outputs = decide(state.demand, params.rule, state)
     # Nobody waits for what is said of it.
     told = Deferred(PlanEstimate, lambda step: _estimate(model, estimate_error(observation)))
     return state, [*outputs, ("/plan/estimate", told)]
@@ -409,7 +433,7 @@ def _shape(state: State) -> str:
 
 NODE = Node(
     params=Params,
-    start=lambda params: (planning.State(), []),
+    start=lambda params: (planning.State(params.demand), []),
     handler_timeout=20.0,
     step="planning",
     inputs={
@@ -429,7 +453,10 @@ NODE = Node(
         "/model/goal": ModelGoal,
         "/plan/estimate": PlanEstimate,
         "/plan/done": PlanDone,
+        "/planner/parameter_events": ParameterEvent,
     },
+    settable=dict.fromkeys(("tolerance", "most_touches", "most_seconds"), "/model/shape"),
+    check_set=check_demand,
     needs=("/world", "/touch/info"),
     fan_in=("/finger/clock", "/contour/traced", "/probe/traced"),
 )

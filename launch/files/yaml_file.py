@@ -25,7 +25,7 @@ from ruamel.yaml.events import MappingStartEvent, NodeEvent, ScalarEvent, Sequen
 from ruamel.yaml.events import SequenceStartEvent
 from ruamel.yaml.nodes import ScalarNode
 
-from palpate.core import UNITS, in_base_unit, ranges_of
+from palpate.core import UNITS, in_base_unit, ranges_of, told_error
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint, key_path
 from palpate.launch.files.source_map import path_text
@@ -193,6 +193,8 @@ def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target
         return msgspec.convert(given.value, wanted)
     except msgspec.ValidationError as error:
         raise _complaint(given, wanted, name, str(error)) from None
+    except Exception as error:  # a class of the user's own may break in any way
+        raise given.error((), f"{wanted.__name__} cannot be made: {told_error(error)}") from None
 
 
 def _refuse_unknown(

@@ -22,7 +22,14 @@ from palpate.messages.codec import schema_hash
 from palpate.messages.described import type_of_schema
 from palpate.messages.fields import CodecError
 from palpate.messages.recording.mcap_reading import Closed, DamagedRecording, placed_records
-from palpate.messages.recording.writer import ABOUT, COUNTS, PROFILE, AtomicFile, mcap_writer
+from palpate.messages.recording.writer import (
+    ABOUT,
+    COUNTS,
+    OUTSIDE,
+    PROFILE,
+    AtomicFile,
+    mcap_writer,
+)
 from palpate.messages.types import TYPES
 
 NOT_PALPATE = "was not written by palpate, or ends before it began"
@@ -40,6 +47,7 @@ class RecordedMessage(NamedTuple):
     sent_ns: int  # The publisher's monotonic clock, ns
     schema: int  # Hash of the type's schema when it was recorded
     body: bytes  # The message, still encoded
+    outside: bool = False  # Whether a tool had its publisher publish it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +99,7 @@ class Recording:
                     sent_ns=record.publish_time,
                     schema=int(about["schema_hash"], 16),
                     body=record.data,
+                    outside=OUTSIDE in about,
                 )
 
 

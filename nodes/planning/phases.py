@@ -58,6 +58,7 @@ class HandContacts:
 class State:
     """What the planner knows."""
 
+    demand: Demand  # What is asked of it, as of the last model
     world: World | None = None  # Where the object stands
     pad_width: float = 0.0  # Of a finger, m
     resolution: float = 0.0  # Smallest difference that the sensor tells, m

@@ -5,7 +5,14 @@ from typing import Annotated, ClassVar
 import numpy as np
 import pytest
 
-from palpate.core.plugins import Range, check_ranges, in_base_units, ranges_of
+from palpate.core.plugins import (
+    Range,
+    check_ranges,
+    code_place,
+    in_base_units,
+    ranges_of,
+    told_error,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +25,27 @@ class Described:
 
     def __post_init__(self):
         check_ranges(self)
+
+
+def test_an_error_comes_from_the_last_line_of_the_user_s_code():
+    def broken(value):
+        return Described(length=value)
+
+    with pytest.raises(ValueError) as caught:
+        broken(-1.0)
+    place = code_place(caught.value)
+    assert (place.is_own, place.function, place.line) == (
+        True,
+        "__post_init__",
+        Described.__post_init__.__code__.co_firstlineno + 1,
+    )
+    with pytest.raises(TypeError) as caught:
+        np.linalg.norm(broken)
+    assert told_error(caught.value).endswith(f"({code_place(caught.value)})")
+    outer = RuntimeError("outer")
+    outer.__cause__ = caught.value
+    assert code_place(outer) == code_place(caught.value)
+    assert code_place(RuntimeError("raised by nobody")) is None
 
 
 def test_ranges_are_read_off_the_fields_that_have_one():

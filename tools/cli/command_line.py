@@ -125,7 +125,8 @@ RUN = click.option(
     "--run",
     metavar="ID",
     shell_complete=completing(_graphs),
-    help="Beginning of the run's number, its name or directory; the latest if left out.",
+    help="The graph: the beginning of its number, its name or directory. If left out, what "
+    "PALPATE_GRAPH names, or the graph of this folder, or the only one.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 UNTRUSTED = click.option(
@@ -381,7 +382,7 @@ palpate_group = LazyGroup(
         "interface": ("running_graph", "Look at the types of messages."),
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": ("running_graph", "Check the machine, the installation and running graphs."),
-        "init": ("solids", "Begin a node, a driver, an effect or a planner of your own."),
+        "init": ("solids", "Begin a node, driver, filter, effect or planner of your own."),
         "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
         "report": ("looking", "Write what a run came to as one page, or two side by side."),

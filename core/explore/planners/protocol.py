@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.explore.planners.verdict import Limits
-from palpate.core.plugins import class_by_name
+from palpate.core.plugins import class_by_name, told_error
 
 if TYPE_CHECKING:
     from palpate.core.explore.planners.surface import ObservedSurface
@@ -382,6 +382,10 @@ def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
         return described(**settings)
     except TypeError as error:  # one that must be given is missing, say
         raise ValueError(f"the planner {name!r} cannot be made: {error}") from None
+    except ValueError:
+        raise
+    except Exception as error:  # a class of one's own may break in any way
+        raise ValueError(f"the planner {name!r} cannot be made: {told_error(error)}") from error
 
 
 Choice = Height | Touch | Wait | Stop
