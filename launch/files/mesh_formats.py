@@ -191,6 +191,7 @@ class RawMesh(NamedTuple):
     vertices: Floats  # (n, 3), in the file's unit
     faces: Indices  # (m, 3); none if the file holds points alone
     notes: tuple[str, ...] = ()  # What was passed over, each a part of a sentence
+    normals: Floats | None = None  # At the vertices, (n, 3), if the format has them; else None
 
 
 class Ragged(NamedTuple):

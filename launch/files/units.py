@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-# Metres in each unit.
-METRES_PER_UNIT: Mapping[str, float] = {
-    **{"m": 1.0, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
-}
+from palpate.core import LENGTHS
+
+METRES_PER_UNIT: Mapping[str, float] = LENGTHS
 LIKELY_UNITS = ("m", "mm")  # Units that are guessed
 OWN_UNITS = {".stl": "mm"}  # Unit in which palpate writes a format, where that is not m
 MIN_HAND_SIZE, MAX_HAND_SIZE = 0.02, 1.0  # Largest extents of objects that hands grip, m
