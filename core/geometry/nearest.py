@@ -210,6 +210,12 @@ class Triangles(NamedTuple):
         return cls(corners[:, 0].copy(), np.stack([u, v], axis=1), dual)
 
 
+def are_slivers(corners: Floats) -> Bools:
+    """Which triangles (m, 3, 3) have no area: they are lower than 1e-8 of their longest edge."""
+    longest = _squared_edges(corners).max(axis=1)
+    return np.asarray(2.0 * areas_and_normals(corners)[0] <= SLIVER_HEIGHT * longest)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxTree:
     """Boxes about things, boxes about four of those, and so on."""

@@ -274,7 +274,7 @@ def refine_solid(
     sigma: float | None = None,
     weights: bool = False,
 ) -> tuple[Surface, LatticeFit]:
-    """Change a lattice so that the side of its closed surface passes points: `Solid.refined`."""
+    """Change a lattice so that its closed surface passes points: `LatticeSolid.refined`."""
     ends = closed.bottom, closed.top
     surface = _closed(fit.side, ends)
     if sigma is not None:

@@ -50,7 +50,7 @@ class Evidence(NamedTuple):
         return int(sum(loop.outlier.sum() for loop in self.slices.loops))
 
     def health(self) -> dict[str, float]:
-        """Figures of what the contours are like, by name: see `Solid.health`."""
+        """Figures of what the contours are like, by name: see `LatticeSolid.health`."""
         slices = self.slices
         away = slices.fine - slices.middles[:, None]
         return {

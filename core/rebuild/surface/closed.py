@@ -244,7 +244,7 @@ class Curvatures(NamedTuple):
     directions: Floats  # Unit tangents along which the curvature is k1, (n, 3)
 
 
-class SolidMeasures(NamedTuple):
+class SurfaceMeasures(NamedTuple):
     """Of a solid of density 1, in the unit of its surface."""
 
     moments: MassMoments  # Volume, centroid, and second moments from the frame's origin
@@ -260,7 +260,7 @@ class SolidMeasures(NamedTuple):
         return np.asarray(np.trace(about) * np.eye(3) - about)
 
 
-def measure_surface(surface: Surface) -> SolidMeasures:
+def measure_surface(surface: Surface) -> SurfaceMeasures:
     """Volume, area, centroid and second moments, taken about the middle of the box and moved."""
     sums, error = _sums(surface, 0), np.inf
     for level in range(1, HALVINGS + 1):
@@ -278,7 +278,7 @@ def measure_surface(surface: Surface) -> SolidMeasures:
     middle, centroid = surface.middle, surface.middle + offset
     moved = np.outer(offset, middle)
     second = second + volume * (moved + moved.T + np.outer(middle, middle))
-    return SolidMeasures(MassMoments(volume, centroid, second), area, error)
+    return SurfaceMeasures(MassMoments(volume, centroid, second), area, error)
 
 
 def _sums(surface: Surface, level: int) -> Floats:
