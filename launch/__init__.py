@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from palpate.launch.launch_file import list_arguments as list_arguments
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import PROCEDURES as PROCEDURES
+    from palpate.launch.launch_source import find_exploration as find_exploration
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch

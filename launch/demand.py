@@ -92,12 +92,20 @@ NOISES: Mapping[str, Mapping[str, float]] = {
 }
 
 
-def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]]:
-    """Options, keys of the scene and values for where the object stands and what disturbs touches.
+def read_setup(
+    pose: str | None, noise: str | None, size: str | None = None
+) -> list[tuple[str, str, Any]]:
+    """Options, keys of the scene and values for what stands where and what disturbs touches.
 
-    Raises InputError if the pose is not 3 or 7 numbers.
+    `size`: the largest extent of a mesh, with its unit. Raises InputError if the pose is not 3 or 7
+    numbers, there is no such noise, or as `read_quantity` does.
     """
+    if noise is not None and noise not in NOISES:
+        raise InputError(f"--noise {noise}: must be one of {', '.join(NOISES)}")
     found: list[tuple[str, str, Any]] = []
+    if size is not None:
+        value = read_quantity(size, LENGTHS, "--size")
+        found.append((f"--size {size}", "scene.object.mesh.size", value))
     if pose is not None:
         try:
             numbers = [float(one) for one in pose.split(",")]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import SHARP, NearestSearch, are_outside, are_slivers
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 
 class HasTriangles(Protocol):
-    """A closed mesh."""
+    """A closed mesh, as trimesh's or one of palpate's."""
 
     @property
-    def vertices(self) -> Floats:
+    def vertices(self) -> NDArray[np.float64]:
         """Places (n, 3)."""
 
     @property
-    def faces(self) -> Ints:
+    def faces(self) -> NDArray[np.integer]:
         """Triangles (m, 3), counter-clockwise seen from outside."""
 
 
@@ -100,7 +100,7 @@ class Solid(ABC):
         Of a run it is the mesh that the run published and wrote; else what `mesh` returns.
         """
         found = self.mesh()
-        return MeshSolid(found.vertices, found.faces)
+        return MeshSolid(found.vertices, np.asarray(found.faces, np.int32))
 
     def with_final_mesh(self, vertices: Floats, faces: Ints) -> Self:
         """The same solid with these vertices (n, 3) and faces (m, 3) as its final mesh."""

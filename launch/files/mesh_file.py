@@ -15,10 +15,10 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from palpate.core import Floats, arrays_from_bytes, inverse_pose, transform_points
@@ -65,6 +65,8 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # Unit of the file's coordinates, which it does not tell; guessed where only one is likely.
     unit: Literal["m", "cm", "mm"] | None = None
     up: Literal["z", "-z", "y", "-y", "x", "-x"] = "z"  # The file's axis that shall point up
+    # Largest extent to which the solid is scaled, in place of a unit [m]; as in the file if None.
+    size: Annotated[float, Meta(gt=0.0, le=MAX_EXTENT)] | None = None
 
 
 def is_mesh_file(path: Path) -> bool:
@@ -72,10 +74,13 @@ def is_mesh_file(path: Path) -> bool:
     return path.suffix.lower().lstrip(".") in READERS
 
 
-def read_mesh(path: Path, unit: str | None = None, up: str = "z") -> tuple[Vertices, Faces, str]:
+def read_mesh(
+    path: Path, unit: str | None = None, up: str = "z", size: float | None = None
+) -> tuple[Vertices, Faces, str]:
     """The one solid in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
 
-    `up`: the axis of the file that shall point up. The solid may be of any genus; small faults are
+    `up`: the axis of the file that shall point up. `size`: the largest extent to which it is scaled
+    [m], which takes the place of `unit`. The solid may be of any genus; small faults are
     mended (`palpate.shapes.mend_mesh`). Returns its vertices (n, 3), each once, in m, its triangles
     (m, 3), counter-clockwise seen from outside, and a sentence on what was guessed and mended.
     Raises InputError if the file cannot be read, is not one solid of fitting size, or might be in
@@ -83,11 +88,17 @@ def read_mesh(path: Path, unit: str | None = None, up: str = "z") -> tuple[Verti
     """
     vertices, faces = read_surface(path, "m")
     told = []
-    if unit is None:
+    if size is not None:
+        if unit is not None:
+            raise InputError(f"{path}: unit and size exclude each other; give one of them")
+        unit = "m"
+        vertices = vertices * (size / float(np.ptp(vertices, axis=0).max()))
+        told.append(f"scaled to {1e3 * size:.4g} mm")
+    elif unit is None:
         unit = _likely_unit(path, vertices)
         sides = np.ptp(vertices, axis=0)
-        size = " x ".join(f"{1e3 * METRES_PER_UNIT[unit] * side:.3g}" for side in sides)
-        told.append(f"taken to be in {unit}, {size} mm")
+        extents = " x ".join(f"{1e3 * METRES_PER_UNIT[unit] * side:.3g}" for side in sides)
+        told.append(f"taken to be in {unit}, {extents} mm")
     vertices = _upright(vertices * METRES_PER_UNIT[unit], up)
     _check_size(path, vertices, unit)
     with as_input_errors(path):
