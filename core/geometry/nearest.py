@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry.meshes import areas_and_normals, checked_faces
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -49,6 +50,7 @@ def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:
     return cKDTree(points, balanced_tree=balanced, compact_nodes=balanced)
 
 
+@readable
 class Nearest(NamedTuple):
     """Where the surface is nearest to each query."""
 
@@ -322,6 +324,7 @@ class BoundingDiscs(NamedTuple):
         return np.asarray(height * height + beside * beside <= reach * reach + SLACK * square)
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfIntersection:
     """Crossings of a surface with itself."""

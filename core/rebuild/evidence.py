@@ -16,6 +16,7 @@ from palpate.core.rebuild.contours import are_nearly_star_shaped, contour_curves
 from palpate.core.rebuild.contours import inconsistent_contours, look_like_features, match_slices
 from palpate.core.rebuild.contours import neighbour_misfits, point_outliers, refitted_curve, restack
 from palpate.core.rebuild.contours import stack_curves
+from palpate.reprs import readable
 
 FEWEST, MOST = 24, 160  # Places around a contour that are matched: as many as its points
 POINT = 0.03  # Of the widest contour: one at an end that is no wider, and meets itself, is a point
@@ -29,6 +30,7 @@ MANY = 12
 LEAST_SIZE, MOST_SIZE = 1e-50, 1e50  # Of what is rebuilt: its fifth power must be a number
 
 
+@readable
 class Evidence(NamedTuple):
     """Everything that is known of an object, seen from the slicing frame, in its contours' unit."""
 

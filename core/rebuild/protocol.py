@@ -22,6 +22,7 @@ from palpate.core.geometry import SHARP, NearestSearch, are_outside, are_slivers
 from palpate.core.geometry import areas_and_normals, corner_normals, has_paired_edges, is_closed
 from palpate.core.geometry import is_inside_out, nearest_points, nearest_search, normals_at
 from palpate.core.geometry import self_intersection, solidity, triangle_corners
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     import trimesh
@@ -74,6 +75,7 @@ class SolidMeasures:
         )
 
 
+@readable
 class Closest(NamedTuple):
     """Where a surface is closest to points."""
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -29,6 +30,7 @@ FEW = 256  # Places of which the functions are kept
 BLOCK = 1 << 18  # Numbers gathered at a time: about what a core keeps at hand
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
     """The B-splines of a knot vector.
@@ -166,6 +168,7 @@ def _overlaid(falling: Floats, rising: Floats) -> Floats:
     return raised
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicBasis:
     """The B-splines of uniform knots around a circle, whose turn is 1.

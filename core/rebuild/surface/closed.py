@@ -25,6 +25,7 @@ from palpate.core.rebuild.contours import are_star_shaped
 from palpate.core.rebuild.ends import End, ProfileCurve, Relief, Shear, StraightCurve
 from palpate.core.rebuild.ends import profile_curves
 from palpate.core.shapes import MassMoments
+from palpate.reprs import readable
 
 # Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
 # at this distance, where the tangents do not vanish.
@@ -49,6 +50,7 @@ Ring = Callable[[int], Floats]  # Points (..., 3) of a ring, or a derivative by 
 Orders = tuple[int, int]  # Times it is differentiated by v and by turns; together up to 2
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """Pieces from pole to pole; `close_surface` makes one."""
@@ -235,6 +237,7 @@ def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -
     return replace(surface, middle=middle[0], frame=frame, shear=shear)
 
 
+@readable
 class Curvatures(NamedTuple):
     """Of a surface at points; convex positive."""
 
@@ -244,6 +247,7 @@ class Curvatures(NamedTuple):
     directions: Floats  # Unit tangents along which the curvature is k1, (n, 3)
 
 
+@readable
 class SurfaceMeasures(NamedTuple):
     """Of a solid of density 1, in the unit of its surface."""
 
