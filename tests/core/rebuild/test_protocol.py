@@ -1,6 +1,7 @@
 """What every solid answers, whatever it was rebuilt from: the laws of `palpate.Solid`."""
 
 import sys
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -208,3 +209,18 @@ def test_a_saved_solid_is_loaded_the_same(name, request, tmp_path):
     again = palpate.load(tmp_path / "solid.npz")
     assert type(again) is type(solid)
     assert np.array_equal(again.mesh().vertices, solid.mesh().vertices)
+
+
+@pytest.mark.parametrize("name", ["ball", "cylinder", "torus"])
+def test_whatever_belongs_to_a_solid_has_a_short_repr(name, request):
+    solid = request.getfixturevalue(name)
+    parts = [getattr(solid, one.name) for one in fields(solid)]
+    records = [one for one in parts if not isinstance(one, np.ndarray)]
+    for one in (
+        solid.mesh(),
+        solid.check(),
+        solid.measures(),
+        solid.closest([[0, 0, 0]]),
+        *records,
+    ):
+        assert len(repr(one)) < 1000 and repr(one).count("\n") < 9, type(one)

@@ -86,7 +86,7 @@ def test_an_unknown_topic_and_an_unknown_file_are_one_sentence(record, tmp_path)
 
 
 def test_reprs_of_a_recording_and_its_tables_are_short(run_folder):
-    recording = open_recording(run_folder)
+    recording = palpate.open_recording(run_folder)
     assert is_short(recording)
     for topic, table in recording.items():
         assert is_short(table), topic
