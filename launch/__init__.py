@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from palpate.launch.launch_file import list_arguments as list_arguments
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import PROCEDURES as PROCEDURES
+    from palpate.launch.launch_source import find_exploration as find_exploration
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from palpate.launch.printing import titled as titled
     from palpate.launch.progress import Display as Display, open_display as open_display
     from palpate.launch.run import Plan as Plan, Run as Run, check_run as check_run
-    from palpate.launch.run import perform as perform, plan_run as plan_run
+    from palpate.launch.run import load_run as load_run, perform as perform, plan_run as plan_run
     from palpate.launch.run_directory import RECORDING as RECORDING, RUNS as RUNS
     from palpate.launch.run_directory import SUMMARY as SUMMARY
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES

@@ -81,8 +81,10 @@ NOISES: Mapping[str, Mapping[str, float]] = {
 def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]]:
     """Options, keys of the scene and values for where the object stands and what disturbs touches.
 
-    Raises InputError if the pose is not 3 or 7 numbers.
+    Raises InputError if the pose is not 3 or 7 numbers, or there is no such noise.
     """
+    if noise is not None and noise not in NOISES:
+        raise InputError(f"--noise {noise}: must be one of {', '.join(NOISES)}")
     found: list[tuple[str, str, Any]] = []
     if pose is not None:
         words = pose.split(",")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core import Floats
+from palpate.core.rebuild import Solid
 from palpate.launch import RECORDING, counted, files, find_run_mesh, millimetres, titled
 from palpate.messages.types import ShapeModel, Truth
 from palpate.tools.bag import open_decoded
@@ -47,6 +48,16 @@ def export(run: Path, outs: Sequence[Path]) -> dict[str, Any]:
         "colours_end_m": coloured and coloured.top,
         "written": written_files(outs),
     }
+
+
+def export_solid(solid: Solid, path: Path) -> None:
+    """Write the final mesh of a solid, in the format and unit of the suffix: `Solid.export`.
+
+    Raises InputError if the suffix is unknown or the file cannot be written.
+    """
+    check_suffixes([path], tuple(files.MESH_UNITS), option="")
+    mesh = solid.final_mesh
+    files.write_atomically({path: lambda part: files.write_mesh(part, mesh.vertices, mesh.faces)})
 
 
 class FinalSolid(NamedTuple):

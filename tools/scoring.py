@@ -119,7 +119,7 @@ def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:
     with files.as_input_errors(path):
         arrays = files.read_npz(data)
     if FORM_KEY in arrays and "vertices" not in arrays:
-        mesh = files.load(path).mesh()  # as fine as meshes are by themselves
+        mesh = files.load(path).final_mesh  # as fine as meshes are by themselves
         return mesh.vertices, mesh.faces
     for name in ("vertices", "faces"):
         if name not in arrays:

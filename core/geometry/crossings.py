@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry.boxes import morton_order, overlapping_pairs
 from palpate.core.geometry.meshes import areas_and_normals, checked_faces
+from palpate.reprs import readable
 
 Indices = NDArray[np.intp]
 
@@ -34,6 +35,7 @@ class CrossingSettings:
     min_sine: float = 1e-9  # of the angle between two planes; below it they are one
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfIntersection:
     """Crossings of a surface with itself."""

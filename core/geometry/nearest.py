@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from palpate.core.arrays import Bools, Floats
 from palpate.core.geometry.boxes import morton_order
 from palpate.core.geometry.meshes import areas_and_normals
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -43,6 +44,7 @@ def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:
     return cKDTree(points, balanced_tree=balanced, compact_nodes=balanced)
 
 
+@readable
 class Nearest(NamedTuple):
     """Where the surface is nearest to each query."""
 
@@ -202,6 +204,12 @@ class Triangles(NamedTuple):
         # Rows dual to u and v: p = s u + t v has s = p.(v x n)/n.n and t = p.(n x u)/n.n.
         dual = np.stack([np.cross(v, normal) * scale, np.cross(normal, u) * scale], axis=1)
         return cls(corners[:, 0].copy(), np.stack([u, v], axis=1), dual)
+
+
+def are_slivers(corners: Floats) -> Bools:
+    """Which triangles (m, 3, 3) have no area: they are lower than 1e-8 of their longest edge."""
+    longest = _squared_edges(corners).max(axis=1)
+    return np.asarray(2.0 * areas_and_normals(corners)[0] <= SLIVER_HEIGHT * longest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

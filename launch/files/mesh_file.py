@@ -45,6 +45,7 @@ READERS: Mapping[str, Callable[[bytes], mesh_formats.RawMesh]] = {
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int32]
 MESH_FILES = ("mesh.ply", "mesh.stl", "mesh.glb")  # Files of the surface
+MODEL_FILE = "model.npz"  # File of all that a model holds
 ARCHIVE_FIELD = "archive"  # The field that is unpacked, not kept as it is
 # STL has no unit: programs that slice it for printing assume mm, as 3MF does unless told otherwise.
 MILLIMETRES_PER_METRE = 1000.0
@@ -229,14 +230,14 @@ def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
     solid for `palpate.load`); the names are returned.
     """
     archived = arrays_from_bytes(model.archive) if len(model.archive) else {}
-    np.savez(folder / "model.npz", allow_pickle=False, **_model_arrays(model), **archived)
+    np.savez(folder / MODEL_FILE, allow_pickle=False, **_model_arrays(model), **archived)
     if len(model.faces) == 0:
-        return ("model.npz",)
+        return (MODEL_FILE,)
     told = uncertainties(model)
     scalars = {"uncertainty": told} if told.any() else {}
     for name in MESH_FILES:
         write_mesh(folder / name, model.vertices, model.faces, **scalars)
-    return (*MESH_FILES, "model.npz")
+    return (*MESH_FILES, MODEL_FILE)
 
 
 def uncertainties(model: ShapeModel) -> Floats:

@@ -257,7 +257,7 @@ def test_uncertainty_is_stated_by_height_in_the_slicing_frame_or_by_vertex(tetra
     assert uncertainties(silent).tolist() == [0.0] * 4
 
 
-def test_the_arrays_can_be_read_without_pickle_and_are_no_solid(tetrahedron, tmp_path):
+def test_the_arrays_of_a_model_are_read_without_pickle_and_have_its_mesh(tetrahedron, tmp_path):
     export_model(tetrahedron, tmp_path)
     with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
         arrays = dict(found)
@@ -275,8 +275,8 @@ def test_the_arrays_can_be_read_without_pickle_and_are_no_solid(tetrahedron, tmp
     names = {field.name for field in dataclasses.fields(ShapeModel)}
     names -= {"closed", "genus", "self_crossings"}  # nobody has looked at this one
     assert names - {"health", "predicted", "archive"} | tables == set(arrays)
-    with pytest.raises(InputError, match="holds no solid"):
-        palpate.load(tmp_path / "model.npz")
+    assert palpate.load(tmp_path / "model.npz").volume == pytest.approx(1e-6)
+    assert repr(palpate.load(tmp_path)) == "<MeshSolid 0.01 x 0.02 x 0.03 m, of 4 triangles>"
 
 
 def test_the_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
