@@ -264,7 +264,7 @@ def _with_mesh(
     mesh = files.convert(part, files.MeshFile, "object.mesh")
     path = named[MESH]
     try:
-        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up)
+        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up, mesh.size)
     except ValueError as error:
         if files.is_mesh_file(scene):  # the sentence names it already
             raise
