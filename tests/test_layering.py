@@ -45,7 +45,7 @@ LIBRARIES = {
     "palpate.tools.gallery": {"numpy", "matplotlib", "PIL"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
-    "palpate.bench": {"numpy", "click", "msgspec", "threadpoolctl"},
+    "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
 }
 CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))
 CLOCK_MODULES = frozenset({"time", "datetime"})
