@@ -22,7 +22,7 @@ from palpate.messages.codec import schema_hash
 from palpate.messages.described import type_of_schema
 from palpate.messages.fields import CodecError
 from palpate.messages.recording.mcap_reading import Closed, DamagedRecording, placed_records
-from palpate.messages.recording.writer import ABOUT, COUNTS, PROFILE, AtomicFile, mcap_writer
+from palpate.messages.recording.writer import ABOUT, COUNTS, PROFILE, AtomicFile, ChunkWriter
 from palpate.messages.types import TYPES
 
 NOT_PALPATE = "was not written by palpate, or ends before it began"
@@ -268,7 +268,7 @@ class RecordingCopy:
     def __init__(self, path: Path, library: str) -> None:
         self.counts: Counter[str] = Counter()  # Messages by topic, as far as taken
         self._path, self._file = path, AtomicFile(path)
-        self._writer = mcap_writer(self._file)
+        self._writer = ChunkWriter(self._file)
         try:
             self._writer.start(profile=PROFILE, library=library)
         except OSError:
