@@ -149,6 +149,33 @@ def expected_cost(share: float) -> ExpectedCost:
     return ExpectedCost(touches=between(0), seconds=between(1))
 
 
+class ObjectCost(NamedTuple):
+    """What an object takes by its size; the rest of an exploration comes on top."""
+
+    touches: float
+    seconds: float  # Of computing, s
+    gigabytes: float  # Of memory, of the node that takes the most
+
+
+TOUCH_AREA = 1.54  # Of the square of the pad's width, that one touch covers: 717 on a ball of 0.3 m
+TOUCH_BYTES = 40e3  # Of what is kept of a touch, and made of it at the end
+FIT_BYTES = 1.5e9  # Most that one fit takes: `palpate.core.rebuild.general.GridSettings`
+# Largest computing time and memory of a run that is begun.
+MAX_SECONDS, MAX_GIGABYTES = 600.0, 2.0
+
+
+def object_cost(
+    asked: planner.Params, *, height: float, area: float, pad_width: float
+) -> ObjectCost:
+    """What an object of such a height [m] and area [m^2] takes with a pad of such a width [m]."""
+    touches = expected_cost(asked.tolerance / height).touches[1]
+    touches = max(touches, area / (TOUCH_AREA * pad_width**2))
+    if asked.most_touches is not None:
+        touches = min(touches, asked.most_touches)
+    memory = FIT_BYTES + TOUCH_BYTES * touches
+    return ObjectCost(touches, COMPUTE_PER_TOUCH * touches, 1e-9 * memory)
+
+
 def demand_text(
     wirings: Sequence[Wiring], settings: Mapping[str, SourceMapped], height: float | None
 ) -> str:

@@ -19,7 +19,9 @@ from msgspec import to_builtins
 from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
-from palpate.launch.demand import demand_text, tolerance_of
+from palpate.core.geometry import areas_and_normals
+from palpate.launch.demand import MAX_GIGABYTES, MAX_SECONDS, demand_text, object_cost
+from palpate.launch.demand import tolerance_of
 from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path
 from palpate.launch.files import parse_yaml, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
@@ -34,7 +36,8 @@ from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
-from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution_of_info
+from palpate.nodes.specs import EXTENT_LEVEL, build_pipeline, build_shape, info_of
+from palpate.nodes.specs import resolution_of_info
 
 
 if TYPE_CHECKING:
@@ -144,6 +147,7 @@ def check_feasibility(graph: Graph, wirings: Sequence[Wiring]) -> None:
         asked, place = plans[0].params, places[plans[0].name]
         _check_tolerance(asked, place, fingers[0].params)
         _check_budget(asked, place, fingers[0].params)
+        _check_size(asked, place, fingers[0].params)
         if len(fingers) > 1:
             _check_room(asked, place, fingers[0].params, len(fingers))
 
@@ -169,6 +173,24 @@ def _check_budget(asked: planner.Params, place: Entry, hand: simulator.Params) -
             ("most_seconds",),
             f"most_seconds is {asked.most_seconds:g} s; the grasp alone may take {least:.1f} s "
             f"with the robot {hand.robot!r}: allow more",
+        )
+
+
+def _check_size(asked: planner.Params, place: Entry, hand: simulator.Params) -> None:
+    """Refuse an object that takes too long, before a touch is made of it."""
+    shape = build_shape(hand.object)
+    mesh = shape.mesh(EXTENT_LEVEL)
+    low, high = shape.bounds()
+    width = hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
+    area = float(areas_and_normals(mesh.vertices[mesh.faces])[0].sum())
+    cost = object_cost(asked, height=float(high[2] - low[2]), area=area, pad_width=width)
+    if cost.seconds > MAX_SECONDS or cost.gigabytes > MAX_GIGABYTES:
+        size = " x ".join(f"{side:.3g}" for side in high - low)
+        raise place.error(
+            f"the object measures {size} m and would take about {cost.touches:.0f} touches, "
+            f"{cost.seconds / 60.0:.0f} min of computing and {cost.gigabytes:.1f} GB; at most "
+            f"{MAX_SECONDS / 60.0:.0f} min and {MAX_GIGABYTES:g} GB are begun: allow fewer touches "
+            "(--touches), or multiply by 0.001 what is in millimetres"
         )
 
 

@@ -15,6 +15,7 @@ from palpate.core.arrays import Floats, Ints, finite_array
 if TYPE_CHECKING:
     import trimesh
 
+MAX_REMOTENESS = 300.0  # Of points over the solid's own distance from the origin
 SHOWN_SIZE = 6.0  # Of a figure, inches
 COLOUR = (0.35, 0.55, 0.75)
 
@@ -47,9 +48,19 @@ class ClosedBody:
     def distance(self, points: ArrayLike) -> Floats:
         """Signed distances (n,) of points (n, 3) from the surface, negative inside.
 
-        In the unit of the solid. Raises ValueError if a point is not finite.
+        In the unit of the solid. Raises ValueError if a point is not finite, or so far away that it
+        is given in another unit.
         """
-        return self.signed_distances(finite_array("points", points, (None, 3)))
+        places = finite_array("points", points, (None, 3))
+        far = float(np.abs(places).max(initial=0.0))
+        vertices = self.mesh().vertices if far > 0.0 else places
+        size = float(np.abs(vertices).max(initial=0.0))
+        if far > MAX_REMOTENESS * size:
+            raise ValueError(
+                f"points lie up to {far:.4g} from the origin, and the solid up to {size:.3g}: they "
+                "must be in its unit; multiply millimetres by 0.001 where that is the metre"
+            )
+        return self.signed_distances(places)
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """The mesh as trimesh has it, in the unit of the solid."""
