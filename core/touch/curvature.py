@@ -16,7 +16,8 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats, finite_array, in_metres, positive
 from palpate.core.touch import forms
 from palpate.core.touch.edges import classify_surface, isolated_outliers
-from palpate.core.touch.faults import MIN_SIDE, FrameFault, check_image, cut_off_taxels, frame_fault
+from palpate.core.touch.faults import MIN_SIDE, FrameFault, check_image, cut_off_taxels
+from palpate.core.touch.faults import pressed_fault
 from palpate.core.touch.filters import clean
 from palpate.core.touch.jet import Jet, JetFit, fit_jet
 from palpate.core.touch.pad import CONTACT, Pad
@@ -151,9 +152,7 @@ def fit_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise
     check_image(pad, "touched", touched)
     if not touched.any():
         return Patch("miss")
-    # Heights may be over any plane: too low for the pad is all that they can be.
-    felt = np.where(touched, np.maximum(-(height + pad.sag()), 0.0), 0.0)
-    fault = frame_fault(pad, felt, noise, 0.0)
+    fault = pressed_fault(pad, height, touched)
     if fault != "none":
         return Patch("invalid", fault=fault)
     cut = cut_off_taxels(pad, height, touched, noise)

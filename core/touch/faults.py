@@ -88,6 +88,21 @@ def frame_fault(
     return "saturated" if full.mean() > settings.max_saturated_share else "none"
 
 
+def pressed_fault(pad: Pad, height: Floats, touched: Bools) -> FrameFault:
+    """What is wrong with a surface of which every taxel reads alike, and as much as it can.
+
+    `height` (rows, cols): over the plane of the pad's face [m]. `touched` (rows, cols): at least
+    one. Heights that differ may be over any other plane, and are not judged.
+    """
+    compression = -(height + pad.sag())[touched]
+    most, rounding = float(compression.max()), PlateauSettings().rounding
+    if most - float(compression.min()) > rounding * abs(most):
+        return "none"
+    if most >= pad.thickness * (1.0 - rounding):
+        return "impossible"
+    return "saturated" if most >= pad.saturation * pad.thickness * (1.0 - rounding) else "none"
+
+
 def is_repeated(
     compression: Floats, before: Floats, noise: float, settings: FrameSettings | None = None
 ) -> bool:
