@@ -10,7 +10,7 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.launch.demand import NOISES as NOISES, read_demand as read_demand
-    from palpate.launch.demand import read_setup as read_setup, tolerance_of as tolerance_of
+    from palpate.launch.demand import demanded_of as demanded_of, read_setup as read_setup
     from palpate.launch.exchange_rate import Scale as Scale, draw_svg as draw_svg, scale as scale
     from palpate.launch.graph import Graph as Graph, ResolvedNode as ResolvedNode
     from palpate.launch.graph import override as override, plain_params as plain_params

@@ -14,16 +14,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from msgspec import to_builtins
 
 from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.core.geometry import areas_and_normals
-from palpate.launch.demand import MAX_GIGABYTES, MAX_SECONDS, demand_text, object_cost
-from palpate.launch.demand import tolerance_of
+from palpate.launch.demand import Demanded, demand_text, demanded_of
+from palpate.launch.forecast import SizeLimits, size_cost
 from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path
-from palpate.launch.files import parse_yaml, set_within, yaml_text
+from palpate.launch.files import parse_yaml, plain_name, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
@@ -59,7 +60,7 @@ class Plan:
     before: EarlierRun | None = None  # An earlier run, if it goes on with one
     # Files that the run needs to be run again, by their names in its folder.
     inputs: Mapping[str, Path] = field(default_factory=dict)
-    tolerance: float | None = None  # Error asked for, m; None if nobody plans for one
+    demanded: Demanded | None = None  # What is asked of the planner; None if there is none
     asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
 
@@ -147,7 +148,9 @@ def check_feasibility(graph: Graph, wirings: Sequence[Wiring]) -> None:
         asked, place = plans[0].params, places[plans[0].name]
         _check_tolerance(asked, place, fingers[0].params)
         _check_budget(asked, place, fingers[0].params)
-        _check_size(asked, place, fingers[0].params)
+        demanded = demanded_of(wirings)
+        assert demanded is not None
+        _check_size(demanded, place, fingers[0].params)
         if len(fingers) > 1:
             _check_room(asked, place, fingers[0].params, len(fingers))
 
@@ -176,21 +179,21 @@ def _check_budget(asked: planner.Params, place: Entry, hand: simulator.Params) -
         )
 
 
-def _check_size(asked: planner.Params, place: Entry, hand: simulator.Params) -> None:
-    """Refuse an object that takes too long, before a touch is made of it."""
-    shape = build_shape(hand.object)
-    mesh = shape.mesh(EXTENT_LEVEL)
-    low, high = shape.bounds()
+def _check_size(demanded: Demanded, place: Entry, hand: simulator.Params) -> None:
+    """Refuse an object that takes too long or too much memory, before a touch is made of it."""
+    vertices, faces = build_shape(hand.object).mesh(EXTENT_LEVEL)
+    size = np.ptp(vertices, axis=0).tolist()
+    area = float(areas_and_normals(vertices[faces])[0].sum())
     width = hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
-    area = float(areas_and_normals(mesh.vertices[mesh.faces])[0].sum())
-    cost = object_cost(asked, height=float(high[2] - low[2]), area=area, pad_width=width)
-    if cost.seconds > MAX_SECONDS or cost.gigabytes > MAX_GIGABYTES:
-        size = " x ".join(f"{side:.3g}" for side in high - low)
+    limits = SizeLimits()
+    cost = size_cost(demanded.asked, size, area, width, demanded.quality)
+    if cost.seconds > limits.max_seconds or cost.memory > limits.max_memory:
+        sides = " x ".join(f"{side:.3g}" for side in size)
         raise place.error(
-            f"the object measures {size} m and would take about {cost.touches:.0f} touches, "
-            f"{cost.seconds / 60.0:.0f} min of computing and {cost.gigabytes:.1f} GB; at most "
-            f"{MAX_SECONDS / 60.0:.0f} min and {MAX_GIGABYTES:g} GB are begun: allow fewer touches "
-            "(--touches), or multiply by 0.001 what is in millimetres"
+            f"the object measures {sides} m and would take about {cost.touches:.0f} touches, "
+            f"{cost.seconds / 60.0:.0f} min of computing and {1e-9 * cost.memory:.1f} GB; at most "
+            f"{limits.max_seconds / 60.0:.0f} min and {1e-9 * limits.max_memory:g} GB are begun: "
+            "allow fewer touches (--touches), or multiply by 0.001 what is in millimetres"
         )
 
 
@@ -227,6 +230,7 @@ def plan_run(
     robot time passes as fast as time. Raises InputError if anything is wrong; nothing has been
     started or written.
     """
+    name = plain_name(name)
     folder = choose_run_directory(name, out)
     described, wirings = check_run(path, args, settings, folder.path, realtime=realtime)
     again: dict[str, Any] = {"scene": "scene.yaml"} if described.scene is not None else {}
@@ -236,7 +240,7 @@ def plan_run(
     about = _about(described, resolved, {**settings, **args})
     told = with_description(wirings, about)
     scene = described.scene
-    asked = [demand_text(wirings, settings, None if scene is None else scene.size[2])]
+    asked = [demand_text(wirings, settings, None if scene is None else scene.size)]
     if scene is not None and scene.told:
         asked = [*titled("mesh", scene.told), *asked]
     inputs = dict(scene.inputs) if scene is not None else {}
@@ -248,7 +252,7 @@ def plan_run(
         about,
         folder,
         inputs=inputs,
-        tolerance=tolerance_of(wirings),
+        demanded=demanded_of(wirings),
         asked="\n".join(asked),
     )
 
@@ -318,7 +322,9 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
             exports.append(pool.submit(export_model, model, folder.path))
 
         gatherer = ProgressWatcher(len(plan.wirings), display, log, export)
-        gatherer.progress.tolerance = plan.tolerance
+        if plan.demanded is not None:
+            gatherer.progress.tolerance = plan.demanded.asked.tolerance
+            gatherer.expectation = plan.demanded.expectation
         try:
             ending = _start(plan, gatherer, composed=composed)
         finally:

@@ -26,11 +26,12 @@ REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 .mcap       a recording of palpate, or the folder of a run
 
 With --method general points need be in no order, and of no contours, if they have normals: columns
-nx,ny,nz, or arrays points and normals in an .npz; columns touch, if several belong to one touch.
-Handles and hollows are found. --bottom is the height on which the object stands, if it does.
+nx,ny,nz, properties nx, ny, nz of a .ply, or arrays points and normals in an .npz; columns touch,
+if several belong to one touch. A recording gives all its taxels. Handles and hollows are found.
+--bottom is the height on which the object stands, if it does.
 
 Contours run around the z axis; each may begin anywhere, in either direction, with any number of
-points. Files of points are taken to be in m unless told otherwise; lengths among the options are
+points; those in no order are put in order where that is safe. Files of points are taken to be in m unless told otherwise; lengths among the options are
 in the same unit. What is written is in m, STL and 3MF in mm.
 """
 LENGTH = click.FloatRange(min=0.0, min_open=True)
