@@ -22,9 +22,9 @@ from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.core.geometry import areas_and_normals
 from palpate.launch.demand import Demanded, demand_text, demanded_of
-from palpate.launch.forecast import SizeLimits, size_cost
 from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path
 from palpate.launch.files import parse_yaml, plain_name, set_within, yaml_text
+from palpate.launch.forecast import SizeLimits, size_cost
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
