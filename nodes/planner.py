@@ -268,7 +268,7 @@ def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]
         outputs += given
     if not state.tasks and not state.asked:
         if state.broken:
-            return done(state, state.broken, _observation(demand, state))
+            return done(demand, state, state.broken, _observation(demand, state))
         return _finish(demand, rule, state)
     # A result may have waited for this decision.
     state, more = take_up(demand, rule, state)

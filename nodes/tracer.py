@@ -110,13 +110,13 @@ def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[Sta
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
         return _send(params, state, replace(job, aim=farther), job.goal, patch.robot_time)
     faults = job.faults + 1 if patch.kind == "invalid" else 0
-    job = replace(job, faults=faults)
     if faults >= params.most_faults:
         contour = _contour(job, job.goal, job.trace, "stuck", patch.robot_time)
-        told = replace(contour, fault=patch.fault)
-        return _finish(params, state, ("/contour/traced", told), patch.robot_time)
+        broken = replace(contour, fault=patch.fault)
+        return _finish(params, state, ("/contour/traced", broken), patch.robot_time)
     arc = _slice_arc(state.pad, job.goal, patch)
-    return _trace(params, state, job, tracing.after_touch(job.trace, arc), patch.robot_time)
+    after = replace(job, faults=faults)
+    return _trace(params, state, after, tracing.after_touch(job.trace, arc), patch.robot_time)
 
 
 def _begin(

@@ -54,7 +54,7 @@ def least_cell(points: Floats, settings: GridSettings | None = None) -> float:
     settings = settings or GridSettings()
     by_band = settings.cells_per_square * _hull_area(points) / settings.max_cells
     by_voxels = 2.0 * float(np.prod(np.ptp(points, axis=0))) / settings.max_voxels
-    return max(math.sqrt(by_band), by_voxels ** (1.0 / 3.0) / VOXELS)
+    return max(math.sqrt(by_band), math.cbrt(by_voxels) / VOXELS)
 
 
 def fitting_cell(contacts: ContactPoints) -> float:
