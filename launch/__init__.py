@@ -11,7 +11,7 @@ from palpate.rooms import TYPE_CHECKING, lazy
 if TYPE_CHECKING:
     from palpate.launch.colours import COLOURS as COLOURS, rgb as rgb
     from palpate.launch.demand import NOISES as NOISES, read_demand as read_demand
-    from palpate.launch.demand import read_setup as read_setup, tolerance_of as tolerance_of
+    from palpate.launch.demand import demanded_of as demanded_of, read_setup as read_setup
     from palpate.launch.exchange_rate import COST_IN_REPORT as COST_IN_REPORT
     from palpate.launch.exchange_rate import COST_ON_PHONE as COST_ON_PHONE
     from palpate.launch.exchange_rate import Scale as Scale, draw_svg as draw_svg, scale as scale
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
     from palpate.launch.run_directory import find_bag as find_bag, find_run_path as find_run_path
-    from palpate.launch.run_directory import find_run_mesh as find_run_mesh
+    from palpate.launch.run_directory import find_run_mesh as find_run_mesh, free_path as free_path
     from palpate.launch.run_directory import read_summary as read_summary
     from palpate.launch.run_directory import run_directory_of as run_directory_of
     from palpate.launch.run_directory import versions_text as versions_text

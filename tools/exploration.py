@@ -109,6 +109,8 @@ def _perform_and_print(
     if plan.asked and not silent:
         click.echo(plan.asked, err=True)
     done = _perform(plan, composed=composed, display=launch.open_display(quiet=silent))
+    if done.trace is not None and done.ending.status == "died":
+        click.echo(f"palpate: the trace of the error is in {done.trace}", err=True)
     if as_json:
         click.echo(json.dumps(done.summary, indent=2, allow_nan=False))
     elif not quiet:

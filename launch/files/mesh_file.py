@@ -143,7 +143,7 @@ def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
 
 def _merged(path: Path, mesh: mesh_formats.RawMesh) -> tuple[Vertices, Faces]:
     """Vertices that are equal made one, because STL repeats them for each face."""
-    vertices, faces = mesh
+    vertices, faces = mesh.vertices, mesh.faces
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles")
     if len(faces) > MAX_FACES:
@@ -167,6 +167,19 @@ def read_cloud(path: Path, unit: str) -> Vertices | None:
     """The points (n, 3) in a file that holds nothing else, in m; None if it holds more."""
     found = _load(path)
     return None if len(found.faces) else found.vertices * METRES_PER_UNIT[unit]
+
+
+def read_oriented_cloud(path: Path) -> tuple[Vertices, Vertices]:
+    """The points (n, 3) of a file without faces, and their normals (n, 3), in its own unit.
+
+    Raises InputError if it cannot be read, holds a surface, or the points have no normals.
+    """
+    found = _load(path)
+    if len(found.faces):
+        raise InputError(f"{path}: holds a surface; to measure it there is palpate score")
+    if found.normals is None:
+        raise InputError(f"{path}: has no normals nx, ny, nz; points in no order need them")
+    return found.vertices, found.normals
 
 
 def _load(path: Path) -> mesh_formats.RawMesh:
@@ -220,6 +233,8 @@ def _model_arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
         if field.name == ARCHIVE_FIELD:
             continue
         value = getattr(model, field.name)
+        if value is None:
+            continue
         if isinstance(value, dict):
             found[f"{field.name}_names"] = np.array(list(value), dtype=np.str_)
             found[f"{field.name}_values"] = np.array(list(value.values()), dtype=np.float64)

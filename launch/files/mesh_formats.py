@@ -165,6 +165,9 @@ class RawMesh(NamedTuple):
 
     vertices: Floats  # (n, 3), in the file's unit
     faces: Indices  # (m, 3); none if the file holds points alone
+    normals: Floats | None = (
+        None  # At the vertices, (n, 3), if the format has them and they are read
+    )
 
 
 class Ragged(NamedTuple):

@@ -6,6 +6,7 @@ Rows are taken at once if their lists are as long as those of the first row, and
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -20,6 +21,7 @@ Columns = dict[str, Column]
 ByteOrder = Literal["<", ">", "="]
 MAX_HEADER_BYTES = 64 << 10  # Of a header, comments and all
 MAX_ELEMENTS = 64  # Elements, and properties of an element
+NORMALS = ("nx", "ny", "nz")  # Properties of vertices
 MAX_DIGITS = 18  # Of a count
 BYTE_ORDERS: dict[str, Literal["<", ">"] | None] = {
     "ascii": None,
@@ -39,7 +41,7 @@ _STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
 
 
 def read_ply(data: bytes) -> mesh_formats.RawMesh:
-    """The vertices and faces of a PLY file; all else in it is passed over.
+    """The vertices, their normals, and faces of a PLY file; all else in it is passed over.
 
     Raises ValueError if the header is none, or the file has not what it states.
     """
@@ -49,7 +51,7 @@ def read_ply(data: bytes) -> mesh_formats.RawMesh:
     if header.order is None:  # text is read as if its numbers were binary, all of one type
         rows, at = memoryview(mesh_formats.parse_numbers(data[header.size :]).tobytes()), 0
         elements = tuple(map(_of_doubles, elements))
-    vertices, faces = np.zeros((0, 3)), mesh_formats.NO_FACES
+    vertices, faces, normals = np.zeros((0, 3)), mesh_formats.NO_FACES, None
     for element in elements:
         if element.name == "vertex":
             mesh_formats.check_counts(element.count, 0)
@@ -57,12 +59,14 @@ def read_ply(data: bytes) -> mesh_formats.RawMesh:
             mesh_formats.check_counts(0, element.count)
         columns, at = read_rows(rows, at, element, order)
         if element.name == "vertex" and element.count:
-            vertices = _vertices(columns)
+            vertices, normals = _columns_of(columns, "xyz"), None
+            if all(name in columns for name in NORMALS):
+                normals = _columns_of(columns, NORMALS)
         elif element.name == "face" and element.count:
             faces = _faces(columns)
     if at != len(rows):
         raise ValueError("has more in it than its header states")
-    return mesh_formats.RawMesh(vertices, faces)
+    return mesh_formats.RawMesh(vertices, faces, normals)
 
 
 def read_header(data: bytes) -> PlyHeader:
@@ -228,9 +232,9 @@ def _cut_short(element: Element) -> ValueError:
     return ValueError(f"is cut short: it has not the {element.count} of {element.name[:40]!r}")
 
 
-def _vertices(columns: Columns) -> mesh_formats.Floats:
+def _columns_of(columns: Columns, names: Sequence[str]) -> mesh_formats.Floats:
     found: list[NDArray[np.generic]] = []
-    for axis in "xyz":
+    for axis in names:
         column = columns.get(axis)
         if column is None or isinstance(column, mesh_formats.Ragged):
             raise ValueError(f"has vertices without {axis}")

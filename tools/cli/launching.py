@@ -267,6 +267,7 @@ def _resume(bag: Path, place: str, nodes: tuple[str, ...], out: Path | None, **h
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):
         raise InputError(f"--from {place}: must look like contour=12, or be the word end")
+    bag = bag.resolve()  # the link ``latest`` will be the new run's
     with as_input_errors():
         plan = replay.plan_resume(bag, int(number) if number else None, nodes=nodes, out=out)
     code = perform_and_print(plan, composed=False, **how)

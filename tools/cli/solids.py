@@ -26,12 +26,14 @@ REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 .mcap       a recording of palpate, or the folder of a run
 
 With --method general points need be in no order, and of no contours, if they have normals: columns
-nx,ny,nz, or arrays points and normals in an .npz; columns touch, if several belong to one touch.
-Handles and hollows are found. --bottom is the height on which the object stands, if it does.
+nx,ny,nz, properties nx, ny, nz of a .ply, or arrays points and normals in an .npz; columns touch,
+if several belong to one touch. A recording gives all its taxels. Handles and hollows are found.
+--bottom is the height on which the object stands, if it does.
 
 Contours run around the z axis; each may begin anywhere, in either direction, with any number of
-points. Files of points are taken to be in m unless told otherwise; lengths among the options are
-in the same unit. What is written is in m, STL and 3MF in mm.
+points; those in no order are put in order where that is safe. Files of points are taken to be in
+m unless told otherwise; lengths among the options are in the same unit. What is written is in m,
+STL and 3MF in mm.
 """
 LENGTH = click.FloatRange(min=0.0, min_open=True)
 UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
@@ -225,11 +227,12 @@ init_group = NamedGroup("init", help="Begin something of your own from a working
 @init_group.command("effect", short_help="Begin an effect.")
 @click.argument("name")
 def init_effect_command(name: str) -> None:
-    """Write NAME.py here: an effect that works, to be changed."""
+    """Write NAME.py and test_NAME.py here: an effect that works, to be changed."""
     from palpate.tools.init import begin
 
-    (path,), listed = begin("effect", name, Path())
-    click.echo(f"{path}: written; list it in a scene, and start palpate in this folder:")
+    (path, test), listed = begin("effect", name, Path())
+    click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
+    click.echo("list it in a scene, and start palpate in this folder:")
     click.echo(f"effects:\n  - {listed}")
 
 
@@ -250,8 +253,9 @@ def init_planner_command(name: str, touches: bool) -> None:
 def _begin_node(name: str, kind: Any, topic: str) -> None:
     from palpate.tools.init import begin
 
-    (module, test, graph), _ = begin(kind, name, Path())
-    click.echo(f"{module}, {test}, {graph}: written; in this folder")
+    (module, test, graph, *more), _ = begin(kind, name, Path())
+    files = ", ".join(map(str, (module, *more, test, graph)))
+    click.echo(f"{files}: written; in this folder")
     click.echo(f"  test it:    python -m pytest {test}")
     click.echo(f"  launch it:  palpate launch {graph}")
     click.echo(f"  look:       palpate topic echo {topic.format(name)}")
@@ -264,6 +268,12 @@ for kind, topic, short, told in (
         "/touch/patch",
         "Begin a driver for a sensor.",
         "a driver for a sensor of your own.",
+    ),
+    (
+        "filter",
+        "/touch/image",
+        "Begin a filter of frames.",
+        "palpate's own filter, to be changed; its steps are in NAME_steps.py.",
     ),
 ):
     init_group.command(
