@@ -41,6 +41,11 @@ COST_LAYOUTS = {
     "middle": launch.COST_ON_PHONE._replace(width=670, columns=2, bar=190.0),
     "wide": launch.COST_IN_REPORT,
 }
+TILES = {
+    "rms error": "rms_m",
+    "error bound": "rms_bound_95_m",
+    "untouched gap": "largest_untouched_m",
+}
 COSTS = {"robot_time_s": "robot time", "compute_s": "compute time", "wall_s": "elapsed time"}
 Html = Iterator[str]
 
@@ -113,7 +118,9 @@ def _headline(run: RunFacts, _: int) -> Html:
     summary, facts = run.summary, launch.headline_facts(run.summary)
     yield f"<p>{escape(summary['reason'])}</p>"
     yield '<dl class="facts">'
-    told = {"found": facts["found"][:1], "doubt": facts["doubt"], "missed": summary["missed"]}
+    # What has a tile says there whether its limit is kept.
+    missed = [one for one in summary["missed"] if not one.startswith((*TILES, "no error bound"))]
+    told = {"found": facts["found"][:1], "doubt": facts["doubt"], "missed": missed}
     for title, parts in {**told, "folder": [str(run.folder)]}.items():
         if parts:
             yield f"<dt>{title}</dt><dd>{escape('; '.join(parts))}</dd>"
@@ -130,17 +137,20 @@ def _tiles(summary: dict[str, Any]) -> Html:
 
 def _figures(summary: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Name, value and kind of what counts most."""
-    if summary["rms_m"] is not None:
-        floor = millimetres(summary["sampling_floor_m"])
-        yield f"rms error; sampling floor {floor}", millimetres(summary["rms_m"]), ""
-    if summary["rms_bound_95_m"] is not None:
-        asked, met = summary["tolerance_m"], summary["tolerance_met"]
-        told = "" if asked is None else f"; tolerance {1e3 * asked:g} mm"
-        told += {True: " reached", False: " NOT reached", None: ""}[met]
-        kind = {True: "good", False: "bad", None: ""}[met]
-        yield f"error bound, 95 %{told}", millimetres(summary["rms_bound_95_m"]), kind
-    if summary["largest_untouched_m"] is not None:
-        yield "untouched gap", millimetres(summary["largest_untouched_m"]), ""
+    criteria = {one["name"]: one for one in summary["criteria"]}
+    for name, key in TILES.items():
+        told, kind = name, ""
+        if name == "rms error" and summary[key] is not None:
+            told += f"; sampling floor {millimetres(summary['sampling_floor_m'])}"
+        if name in criteria:
+            kind = "good" if criteria[name]["is_met"] else "bad"
+            limit = "tolerance" if name == "error bound" else "limit"
+            told += f"; {limit} {1e3 * criteria[name]['limit']:.3g} mm"
+            told += " kept" if kind == "good" else " NOT kept"
+        if summary[key] is not None:
+            yield told, millimetres(summary[key]), kind
+        elif name in criteria:
+            yield told, "unknown", kind
     for key, name in (("contacts", "contacts of the hand"), ("contours", "contours")):
         if summary.get(key):
             yield name, str(summary[key]), ""

@@ -33,7 +33,7 @@ UNTOUCHED = "untouched places"  # Kind of a place that is far from every touch
 LEAST_OUTLIER = 5.0  # Times the median residual, from which a touch fits badly
 SURE: dict[str, type | tuple[type, ...]] = {  # Of every summary; whatever else may be null
     "reason": str, "touches": int, "contours": int, "robot_time_s": (int, float),
-    "nodes": dict, "curve": list, "missed": list,
+    "nodes": dict, "curve": list, "missed": list, "criteria": list,
 }  # fmt: skip
 PALPATE_FILES = ("scene.yaml", "launch.yaml")  # What a run needs to be run again
 
