@@ -215,14 +215,14 @@ def test_a_model_is_a_mesh_with_colours_and_goes_when_there_is_none(logged, tetr
     np.testing.assert_array_equal(mesh["triangle_indices"], tetrahedron.faces)
     assert model.archetypes["AnyValues"].named["coloured_by"] == "deviation"
     # The truth begins 1 mm beside two corners, on it lies the third.
-    assert bytes(mesh["vertex_colors"][0]).hex() == "fde725"
-    assert bytes(mesh["vertex_colors"][1]).hex() != "fde725"
+    assert bytes(mesh["vertex_colors"][0]).hex() == "440154"
+    assert bytes(mesh["vertex_colors"][1]).hex() != "440154"
     normals = mesh["vertex_normals"]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     assert (normals[0] < 0.0).all()
     assert (gone.time, list(gone.archetypes)) == (30.0, ["Clear"])
     truth = logged["world/truth"][0].archetypes["Mesh3D"].named
-    assert np.unique(truth["vertex_colors"]).tolist() == [153]
+    assert np.unique(truth["vertex_colors"]).tolist() == [*{*rgb("truth")}]
 
 
 def test_error_bound_and_log_are_told(logged):
