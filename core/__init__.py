@@ -8,8 +8,8 @@ Only the presets of `robot_time` are assumptions, to be replaced. They rest on n
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.archive import FORM_KEY, arrays_from_bytes, tree_from_arrays, tree_to_arrays
-    from palpate.core.archive import tree_to_bytes
+    from palpate.core.archive import FORM_KEY, arrays_from_bytes, arrays_to_bytes, tree_from_arrays
+    from palpate.core.archive import tree_to_arrays, tree_to_bytes
     from palpate.core.arrays import Bools, Floats, Ints
     from palpate.core.plugins import LENGTHS, TIMES, UNITS, Range, check_ranges, class_by_name
     from palpate.core.plugins import code_place, in_base_unit, in_base_units, ranges_of

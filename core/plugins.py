@@ -20,7 +20,8 @@ from types import NoneType
 from traceback import walk_tb
 from typing import Any, NamedTuple, get_args, get_type_hints
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # Units of lengths, m
+# Units of lengths, m.
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}  # Units of times, s
 UNITS = {"m": LENGTHS, "s": TIMES}  # Units in which a number may be given, by its own unit
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµμ]*)\s*")

@@ -11,7 +11,8 @@ from palpate.rooms import TYPE_CHECKING, lazy
 if TYPE_CHECKING:
     from palpate.launch.colours import COLOURS as COLOURS, rgb as rgb
     from palpate.launch.demand import NOISES as NOISES, read_demand as read_demand
-    from palpate.launch.demand import demanded_of as demanded_of, read_setup as read_setup
+    from palpate.launch.demand import demanded_of as demanded_of
+    from palpate.launch.demand import read_mesh_setup as read_mesh_setup, read_setup as read_setup
     from palpate.launch.exchange_rate import COST_IN_REPORT as COST_IN_REPORT
     from palpate.launch.exchange_rate import COST_ON_PHONE as COST_ON_PHONE
     from palpate.launch.exchange_rate import Scale as Scale, draw_svg as draw_svg, scale as scale
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from palpate.launch.launch_file import list_arguments as list_arguments
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import PROCEDURES as PROCEDURES
+    from palpate.launch.launch_source import find_exploration as find_exploration
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
     from palpate.launch.printing import titled as titled
     from palpate.launch.progress import Display as Display, open_display as open_display
     from palpate.launch.run import Plan as Plan, Run as Run, check_run as check_run
-    from palpate.launch.run import perform as perform, plan_run as plan_run
+    from palpate.launch.run import load_run as load_run, perform as perform, plan_run as plan_run
     from palpate.launch.run_directory import RECORDING as RECORDING, RUNS as RUNS
     from palpate.launch.run_directory import SUMMARY as SUMMARY
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.core import LENGTHS, TIMES, in_base_unit
 from palpate.core.explore import FEATURE_SHARE
-from palpate.launch.files import InputError, SourceMapped
+from palpate.launch.files import InputError, SourceMapped, is_mesh_file
 from palpate.launch.forecast import forecast, renewed_forecast
 from palpate.launch.printing import titled
 from palpate.messages.types import Superquadric
@@ -80,8 +81,10 @@ NOISES: Mapping[str, Mapping[str, float]] = {
 def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]]:
     """Options, keys of the scene and values for where the object stands and what disturbs touches.
 
-    Raises InputError if the pose is not 3 or 7 numbers.
+    Raises InputError if the pose is not 3 or 7 numbers, or there is no such noise.
     """
+    if noise is not None and noise not in NOISES:
+        raise InputError(f"--noise {noise}: must be one of {', '.join(NOISES)}")
     found: list[tuple[str, str, Any]] = []
     if pose is not None:
         words = pose.split(",")
@@ -98,6 +101,29 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
         found.append(("--noise none", "scene.effects", []))
     levels = NOISES[noise] if noise is not None else {}
     found += [(f"--noise {noise}", f"scene.effects.{key}", one) for key, one in levels.items()]
+    return found
+
+
+def read_mesh_setup(
+    scene: Path, unit: str | None, size: str | None, up: str | None = None
+) -> list[tuple[str, str, Any]]:
+    """Options, keys of the scene and values for how the file of a mesh is to be read.
+
+    Raises InputError if the scene is no mesh, or is given both a unit and a size.
+    """
+    asked = {"unit": unit, "size": size, "up": up}
+    found: list[tuple[str, str, Any]] = []
+    for key, value in asked.items():
+        if value is None:
+            continue
+        if not is_mesh_file(scene):
+            raise InputError(
+                f"--{key} {value}: {scene.stem} is no mesh; a scene has object.mesh.{key}"
+            )
+        what = read_quantity(value, LENGTHS, "--size") if key == "size" else value
+        found.append((f"--{key}", f"scene.object.mesh.{key}", what))
+    if unit is not None and size is not None:
+        raise InputError("--unit and --size exclude each other: either makes the object as large")
     return found
 
 

@@ -203,11 +203,25 @@ class ProgressWatcher(Watcher):
         self.progress.wall = time.monotonic() - self._began
 
 
-def open_display(*, quiet: bool) -> Display:
-    """The display that suits the place where standard error goes."""
+def open_display(*, quiet: bool, lines: bool = True) -> Display:
+    """The display that suits the place where standard error goes.
+
+    `lines`: whether lines are written where nothing can be redrawn, which a terminal and a notebook
+    can.
+    """
     if quiet:
         return Display()
-    return LiveDisplay() if sys.stderr.isatty() else LineDisplay(sys.stderr)
+    if sys.stderr.isatty() or _is_notebook():
+        return LiveDisplay()
+    return LineDisplay(sys.stderr) if lines else Display()
+
+
+def _is_notebook() -> bool:
+    if "IPython" not in sys.modules:
+        return False
+    from rich.console import Console
+
+    return Console().is_jupyter
 
 
 class LineDisplay(Display):

@@ -26,6 +26,7 @@ from palpate.core.touch.effects import EFFECT_NAMES, effect_type
 from palpate.launch import files
 from palpate.launch.node_kinds import INPUTS, search_current_folder, search_inputs
 from palpate.nodes import specs
+from palpate.reprs import readable
 
 LEAST_SLICED, LEAST_TOUCHED = 5.0e-3, 2.0e-3  # Smallest extents of objects in slices, or not, m
 SHIPPED_SCENES = Path(__file__).parent / "scenes"  # Folder of the scenes that come with palpate
@@ -58,6 +59,7 @@ class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     seed: specs.Seed = 0  # Seed of all that is random
 
 
+@readable
 @dataclass(frozen=True, slots=True)
 class Scene:
     """A checked scene."""
@@ -264,7 +266,7 @@ def _with_mesh(
     mesh = files.convert(part, files.MeshFile, "object.mesh")
     path = named[MESH]
     try:
-        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up)
+        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up, mesh.size)
     except ValueError as error:
         if files.is_mesh_file(scene):  # the sentence names it already
             raise

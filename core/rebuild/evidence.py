@@ -17,6 +17,7 @@ from palpate.core.rebuild.contours import inconsistent_contours, interpolation_e
 from palpate.core.rebuild.contours import look_like_features, match_slices, neighbour_misfits
 from palpate.core.rebuild.contours import point_outliers, refitted_curve, restack, slid_grid
 from palpate.core.rebuild.contours import stack_curves
+from palpate.reprs import readable
 
 FEWEST, MOST = 24, 160  # Places around a contour that are matched: as many as its points
 POINT = 0.03  # Of the widest contour: one at an end that is no wider, and meets itself, is a point
@@ -30,6 +31,7 @@ MANY = 12
 LEAST_SIZE, MOST_SIZE = 1e-50, 1e50  # Of what is rebuilt: its fifth power must be a number
 
 
+@readable
 class Evidence(NamedTuple):
     """Everything that is known of an object, seen from the slicing frame, in its contours' unit."""
 
@@ -51,7 +53,7 @@ class Evidence(NamedTuple):
         return int(sum(loop.outlier.sum() for loop in self.slices.loops))
 
     def health(self) -> dict[str, float]:
-        """Figures of what the contours are like, by name: see `Solid.health`."""
+        """Figures of what the contours are like, by name: see `LatticeSolid.health`."""
         slices = self.slices
         away = slices.fine - slices.middles[:, None]
         return {

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -28,6 +29,7 @@ Orders = tuple[int, ...]  # Order of the derivative along each axis
 FEW = 256  # Places of which the functions are kept
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
     """The B-splines of a knot vector.
@@ -165,6 +167,7 @@ def _overlaid(falling: Floats, rising: Floats) -> Floats:
     return raised
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicBasis:
     """The B-splines of uniform knots around a circle, whose turn is 1.

@@ -5,6 +5,7 @@ Rows are taken at once if their lists are as long as those of the first row, and
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ BYTE_ORDERS: dict[str, Literal["<", ">"] | None] = {
     "binary_little_endian": "<",
     "binary_big_endian": ">",
 }
+_HEADER_END = re.compile(rb"(\r\n|\r|\n)[ \t]*end_header[ \t]*(\r\n|\r|\n)")
 # Names of numbers, and what numpy calls them.
 PLY_TYPES = {
     **{"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"},
@@ -45,13 +47,14 @@ def read_ply(data: bytes) -> mesh_formats.RawMesh:
 
     Raises ValueError if the header is none, or the file has not what it states.
     """
+    data = data.removeprefix(mesh_formats.BOM)
     header = read_header(data)
     elements, rows, at = header.elements, memoryview(data), header.size
     order: ByteOrder = header.order or "="
     if header.order is None:  # text is read as if its numbers were binary, all of one type
         rows, at = memoryview(mesh_formats.parse_numbers(data[header.size :]).tobytes()), 0
         elements = tuple(map(_of_doubles, elements))
-    vertices, faces, normals = np.zeros((0, 3)), mesh_formats.NO_FACES, None
+    vertices, faces, normals = np.zeros((0, 3)), mesh_formats.NO_POLYGONS, None
     for element in elements:
         if element.name == "vertex":
             mesh_formats.check_counts(element.count, 0)
@@ -64,9 +67,10 @@ def read_ply(data: bytes) -> mesh_formats.RawMesh:
                 normals = _columns_of(columns, NORMALS)
         elif element.name == "face" and element.count:
             faces = _faces(columns)
-    if at != len(rows):
+    if at != len(rows) and header.order is None:
         raise ValueError("has more in it than its header states")
-    return mesh_formats.RawMesh(vertices, faces, normals)
+    notes = mesh_formats.tail_note(len(bytes(rows[at:]).strip()))
+    return mesh_formats.polygon_mesh(vertices, faces, notes)._replace(normals=normals)
 
 
 def read_header(data: bytes) -> PlyHeader:
@@ -96,13 +100,14 @@ def _lines(data: bytes) -> tuple[list[str], int]:
     head = data[:MAX_HEADER_BYTES]
     if head.split(None, 1)[:1] != [b"ply"]:
         raise ValueError("does not begin with 'ply'")
-    end = head.find(b"end_header")
-    size = head.find(b"\n", end) + 1
-    if end < 0 or size == 0:
+    end = _HEADER_END.search(head)
+    if end is None:
         raise ValueError(
             f"has a header without an end, or of more than {MAX_HEADER_BYTES >> 10} kB"
         )
-    return head[:end].decode("latin-1").splitlines()[1:], size
+    # A file of single carriage returns may begin its rows with the byte of a line feed.
+    size = end.end() - (end[2] == b"\r\n" and end[1] == b"\r")
+    return head[: end.start()].decode("latin-1").splitlines()[1:], size
 
 
 def _count(word: str) -> int:
@@ -242,11 +247,11 @@ def _columns_of(columns: Columns, names: Sequence[str]) -> mesh_formats.Floats:
     return mesh_formats.as_float64(np.stack(found, axis=1))
 
 
-def _faces(columns: Columns) -> mesh_formats.Indices:
+def _faces(columns: Columns) -> mesh_formats.Ragged:
     for name in FACE_LISTS:
         column = columns.get(name)
         if isinstance(column, mesh_formats.Ragged):
-            return mesh_formats.triangulate(column)
+            return column
     raise ValueError(f"has faces without a list {FACE_LISTS[0]!r}")
 
 

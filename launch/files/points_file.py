@@ -25,6 +25,7 @@ from palpate.launch.files.mesh_file import read_cloud, read_oriented_cloud
 from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
 from palpate.launch.files.solid_file import read_arrays
 from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.files.units import column_name
 from palpate.messages import CodecError, decode
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
 from palpate.nodes.rebuilding import common_frame, is_upright, touched_ends
@@ -115,10 +116,16 @@ def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
 
 def read_tops(path: Path) -> Floats:
     """Where ends were touched, (k, 3), from a text file of x, y and z."""
-    tops = _joined(read_table(path).columns, POSITION_COLUMNS)
+    tops, _ = read_positions(path)
     if not len(tops):
         raise InputError(f"{path}: holds no points that are finite")
     return tops
+
+
+def read_positions(path: Path) -> tuple[Floats, tuple[str, ...]]:
+    """Points (n, 3) from a text file of x, y and z, and what was left out."""
+    table = read_table(path)
+    return _joined(table.columns, POSITION_COLUMNS), table.notes
 
 
 class Table(NamedTuple):
@@ -162,7 +169,7 @@ def read_table(path: Path) -> Table:
         raise InputError(f"{path}: holds no points")
     number, first = rows[0]
     mark = next((mark for mark in (",", ";", "\t") if mark in first), None)
-    names = [name.strip().strip('"').lower() for name in first.split(mark)]
+    names = [column_name(name) for name in first.split(mark)]
     if any(_as_float(name) is None for name in names):
         rows = rows[1:]
     elif len(names) == len(POSITION_COLUMNS):

@@ -10,10 +10,12 @@ import numpy as np
 from palpate.messages.fields import Array, ControlPoints, Count, Degrees, Directions, Floats
 from palpate.messages.fields import Lengths, Metres, Numbers, PackedBytes, PerMetre, Points
 from palpate.messages.fields import Pose, Radians, Ratio, Seconds, Triangles, Unit, Vector
+from palpate.reprs import readable
 
 Ids = tuple[int, ...]
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ModelGoal:
     """A set of contours and probes to fit. Planner to reconstructor on ``/model/goal``."""
@@ -37,6 +39,7 @@ class ModelGoal:
     robot_time: Seconds  # Robot time spent so far
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanEstimate:
     """How good a model is, as far as can be told, and what the next halving of its error takes.
@@ -60,6 +63,7 @@ class PlanEstimate:
     open_width: Metres | None = None  # Width of the largest opening in what was touched
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanDone:
     """The exploration is over. Planner to reconstructor on ``/plan/done``."""
@@ -102,6 +106,7 @@ class PlanDone:
     under_share: Ratio | None = None  # Share of the surface on which the object stands
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Superquadric:
     """A superquadric, tapered and bent. Latched on ``/model/coarse``."""
@@ -120,6 +125,7 @@ class Superquadric:
     rank: Count  # Rank of the fit's Jacobian
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShapeModel:
     """A closed solid. Latched on ``/model/shape``.
@@ -183,6 +189,7 @@ class ShapeModel:
     archive: PackedBytes = field(default_factory=lambda: np.zeros(0, np.uint8))
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Score:
     """A model measured against the truth. On ``/score``.

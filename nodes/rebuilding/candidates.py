@@ -15,7 +15,7 @@ import numpy as np
 from palpate.core import IDENTITY_POSE, Floats, Ints, Steps, no_steps, tree_to_bytes
 from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
 from palpate.core.geometry import self_intersection, solidity
-from palpate.core.rebuild import Solid, fit_coarse, surface
+from palpate.core.rebuild import LatticeSolid, fit_coarse, surface
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
@@ -26,7 +26,7 @@ from palpate.nodes.specs import CONTACT_ERROR
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid
 
-    AnySolid = Solid | GeneralSolid
+    AnySolid = LatticeSolid | GeneralSolid
 
 COARSE_TOLERANCE = 5e-4  # Of the mesh that tells how fine the final one is, of the size
 SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
@@ -100,7 +100,7 @@ class MeshVolume:
 class Candidates:
     """The solids of one set, one of each method."""
 
-    sliced: Solid | None  # The final one as a control lattice; None: slices make no solid
+    sliced: LatticeSolid | None  # The final one as a control lattice; None: slices make no solid
     general: GeneralSolid | None  # None where nothing was touched, or slices do
     touched: ContactPoints  # Of what they are made
     why: str = ""  # Why slices make no solid, if they should
@@ -174,7 +174,7 @@ def shape_model(
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
     frame = IDENTITY_POSE
     deviation = None
-    if isinstance(solid, Solid):
+    if isinstance(solid, LatticeSolid):
         parts = _parts(solid, candidates, quality, step)
         frame = IDENTITY_POSE if solid.frame is None else solid.frame
         with step("bound"):
@@ -252,7 +252,7 @@ def _rounded(health: Mapping[str, float]) -> dict[str, float]:
 
 
 def _parts(
-    solid: Solid, candidates: Candidates, quality: Quality | None, step: Steps
+    solid: LatticeSolid, candidates: Candidates, quality: Quality | None, step: Steps
 ) -> dict[str, Any]:
     """Everything of a model that is the solid's; without a quality its mesh is coarse."""
     lattice: dict[str, Floats] = {}
@@ -270,7 +270,7 @@ def _parts(
     return lattice | told | shape
 
 
-def _band(solid: Solid) -> tuple[Floats, Floats]:
+def _band(solid: LatticeSolid) -> tuple[Floats, Floats]:
     """Heights along the slicing axis, and the side's standard deviation there."""
     assert solid.closed is not None
     if solid.closed.radial is not None:

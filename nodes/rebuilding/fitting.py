@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.core import Floats, Steps, no_steps, split_pose
 from palpate.core.explore import Longs, SpaceMap
-from palpate.core.rebuild import Method, Solid, reconstruct
+from palpate.core.rebuild import Method, LatticeSolid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
@@ -149,7 +149,7 @@ def is_swept(volume: MeshVolume, space: SpaceMap) -> bool:
     return bool(volume.depths(free).max(initial=0.0) > SWEPT)
 
 
-def _rebuild(state: State, goal: Goal, step: Steps) -> Solid:
+def _rebuild(state: State, goal: Goal, step: Steps) -> LatticeSolid:
     return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
         [state.probes[id_] for id_ in goal.probes],
@@ -168,7 +168,7 @@ def rebuild_set(
     platform: float | None,  # Height on which the object stands, m; None if it is held
     method: Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
-) -> Solid:
+) -> LatticeSolid:
     """The solid of a set; ValueError unless traced in one frame, or as `reconstruct` does."""
     frame = common_frame(contours)
     points = [each for of_goal in touched.values() for each in of_goal]

@@ -38,7 +38,7 @@ def test_a_number_with_its_unit_is_read(text, units, value):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0.2", "must have a unit: m, cm, mm, um, as in 0.2mm"),
+        ("0.2", "must have a unit: m, cm, mm, um, in, ft, as in 0.2mm"),
         ("0.2s", "the unit 's' is none of m, cm, mm, um"),
         ("mm", "must be a number with a unit, as 0.2mm"),
         ("nanmm", "must be a number with a unit"),

@@ -97,7 +97,7 @@ def test_a_length_with_its_unit_is_the_length_in_metres(write):
      "none.ply: the mesh cannot be read: No such file"),
     ("object:\n  mesh: {unit: mm}", "bad.yaml:2: object.mesh lacks the key 'file'"),
     ("object:\n  mesh: {file: x.ply, unit: inch}",
-     "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, m, mm"),
+     "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, ft, in, m"),
     ("object:\n  mesh: {file: ../x.ply, unit: mm}",
      "bad.yaml:2: object.mesh.file is '../x.ply'; it must lie in the scene's own folder"),
     ("object:\n  mesh: {file: /etc/x.ply, unit: mm}", "must lie in the scene's own folder"),

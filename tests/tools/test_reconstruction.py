@@ -430,3 +430,12 @@ def test_points_that_make_no_general_solid_are_one_sentence(home, capsys, header
     assert run(home / "flat.csv", "--method", "general", "-o", home / "a.stl", *options) == 2
     assert words in sentence(capsys)
     assert not (home / "a.stl").exists()
+
+
+def test_run_gives_all_its_touches_to_the_general_method(run_folder, capsys):
+    assert run(run_folder, "--method", "general", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["watertight"] and not found["unit_assumed"]
+    assert found["volume_m3"] == pytest.approx(4.0 / 3.0 * np.pi * 0.03**3, rel=0.05)
+    assert run(run_folder, "--method", "general", "--unit", "mm") == 2
+    assert "recordings are in m" in sentence(capsys)

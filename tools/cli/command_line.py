@@ -23,7 +23,7 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from palpate import __version__
-from palpate.launch.files import InputError, hint
+from palpate.launch.files import METRES_PER_UNIT, InputError, hint
 from palpate.nodes.runtime import THREAD_VARIABLES, open_closed_streams
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
@@ -134,8 +134,16 @@ UNTRUSTED = click.option(
     is_flag=True,
     help="Refuse a scene that names a program, or files outside its folder.",
 )
+SIZE = click.option(
+    "--size", metavar="LENGTH", help="Of a mesh, in place of a unit: largest extent, as 120mm."
+)
 VIEW = click.option("--view", is_flag=True, help="Show it in the browser: palpate view.")
 VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
+
+
+def unit_option(what: str, name: str = "--unit") -> Callable[[Command], Command]:
+    """An option that takes a unit of length."""
+    return click.option(name, type=click.Choice(list(METRES_PER_UNIT)), help=what)
 
 
 def out_option(told: str, **how: Any) -> Callable[[Command], Command]:

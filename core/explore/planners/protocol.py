@@ -18,6 +18,7 @@ import numpy as np
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.explore.planners.verdict import Limits
 from palpate.core.plugins import class_by_name, told_error
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from palpate.core.explore.planners.surface import ObservedSurface
@@ -47,6 +48,7 @@ class SliceOutcome(StrEnum):
     LOST = "lost"  # Nothing was there to touch: the height lies beyond the object's end
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ObservedSlice:
     """One slice that was asked for; without radii if it gave no usable contour."""
@@ -125,6 +127,7 @@ class Budget:
         return over or self.cut
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Observation:
     """All that the choice of the next slice may depend on."""

@@ -25,6 +25,7 @@ from palpate.core.geometry import areas_and_normals, point_tree, sample_surface
 from palpate.core.poses import pose_of
 from palpate.core.shapes import Mesh, TriangleShape
 from palpate.core.touch import Pad
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -75,6 +76,7 @@ class TouchOffer(NamedTuple):
     places: Ints  # Numbers of the places that are known afterwards
 
 
+@readable
 @dataclass(frozen=True, eq=False)
 class ObservedSurface:
     """A solid as a planner is told of it; world frame, m."""

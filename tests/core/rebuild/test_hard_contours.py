@@ -33,7 +33,7 @@ def ellipses(
 def test_a_blade_has_the_volume_that_it_has(ratio, count, by_length):
     solid = reconstruct(ellipses(0.05, 0.05 / ratio, count, by_length=by_length))
     volume = np.pi * 0.05**2 / ratio * LENGTH
-    assert solid.measures().moments[0] == pytest.approx(volume, rel=6e-3)
+    assert solid.volume == pytest.approx(volume, rel=6e-3)
     assert solid.health()["outlying_points"] == 0.0
 
 
@@ -42,7 +42,7 @@ def test_exact_points_are_no_outliers_however_much_noise_is_declared(noise):
     solid = reconstruct(ellipses(0.03, 0.02, 40), noise=noise)
     assert solid.health()["outlying_points"] == 0.0
     volume = np.pi * 0.03 * 0.02 * LENGTH
-    assert solid.measures().moments[0] == pytest.approx(volume, rel=3e-3)
+    assert solid.volume == pytest.approx(volume, rel=3e-3)
 
 
 def test_contours_that_cover_half_a_turn_are_said_to_gape():
@@ -56,7 +56,7 @@ def test_a_rod_is_as_good_as_what_is_thick():
     rod = [one + [0.1 * one[0, 2], 0.0, 0.0] for one in ellipses(3e-4, 3e-4, 40)]
     solid = reconstruct(rod)
     assert solid.method == "lattice"
-    assert solid.measures().moments[0] == pytest.approx(np.pi * 3e-4**2 * LENGTH, rel=3e-3)
+    assert solid.volume == pytest.approx(np.pi * 3e-4**2 * LENGTH, rel=3e-3)
 
 
 def circles(count: int, points: int, lobes: float = 0.0, missing: tuple[int, ...] = ()) -> list:
@@ -99,8 +99,8 @@ def test_points_in_no_order_give_the_solid_of_those_in_order(order, lobes):
         "doubled": lambda one: rng.permutation(np.concatenate([one, one])),
     }[order]
     solid = reconstruct([given(one) for one in ordered], method="skin")
-    volume = reconstruct(ordered, method="skin").measures().moments[0]
-    assert solid.measures().moments[0] == pytest.approx(volume, rel=1e-6)
+    volume = reconstruct(ordered, method="skin").volume
+    assert solid.volume == pytest.approx(volume, rel=1e-6)
 
 
 def test_points_that_have_no_order_are_dropped_by_name():
@@ -118,7 +118,7 @@ def test_stated_error_knows_the_points_of_leaning_contours(lean):
     for number, one in enumerate(contours):
         one[:, 2] += np.tan(np.radians(lean)) * (one[:, 0] if number % 2 else one[:, 1])
     solid = reconstruct(contours, method="skin")
-    missed = solid.signed_distances(np.concatenate(contours))
+    missed = solid.signed_distance(np.concatenate(contours))
     stated = solid.uncertainty()
     assert stated is not None
     assert stated.rms > 0.99 * np.sqrt(np.mean(missed**2))

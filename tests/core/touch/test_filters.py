@@ -309,3 +309,11 @@ def test_impulses_and_noise_together_leave_little_more_than_noise(noise):
         squares.append((cleaned.compression - exact)[cleaned.touched] ** 2)
     # Of one taxel in ten, full scale is off by 0.9 mm and more.
     assert np.sqrt(np.mean(np.concatenate(squares))) < 2.0 * noise
+
+
+def test_frame_of_nothing_but_impulses_touches_nothing():
+    pad, rng = Pad(16, 16, 1e-3, 3e-3, 0.0, 0.8), np.random.default_rng(7)
+    for noise in (0.0, 200e-6):
+        frame = np.where(rng.random((16, 16)) < 0.5, 0.0, 2.4e-3)
+        cleaned = clean(pad, frame + rng.normal(scale=noise, size=(16, 16)), noise, 50e-6, "auto")
+        assert not cleaned.touched.any() and cleaned.impulses > 50

@@ -59,7 +59,7 @@ def test_vertices_lie_on_the_surface_and_distances_have_signs():
     value, gradient = torus().evaluate(mesh.vertices)
     assert np.nanmax(np.abs(value)) < 2e-5 and np.nanmin(np.linalg.norm(gradient, axis=1)) > 0.5
     places = np.array([[RADIUS, 0.0, 0.0], [0.0, 0.0, 0.0], [RADIUS + TUBE + 0.004, 0.0, 0.0]])
-    assert torus().distance(places) == pytest.approx(torus_distance(places), abs=2e-4)
+    assert torus().signed_distance(places) == pytest.approx(torus_distance(places), abs=2e-4)
 
 
 def test_displaced_touches_are_put_back():
