@@ -230,7 +230,8 @@ def heading_at_end(path: Path, heading: float, width: float) -> Heading:
         tangent = arc if arc @ tangent > (CLOSE if good else ALIKE) else tangent
     change = math.remainder(normal_azimuth(tangent) - heading, 2 * math.pi)
     least, most = (bound / width for bound in CURVATURES)
-    return Heading(tangent, min(max(curvature, least), most), heading + change)
+    # A parabola that does not fit lies over a corner: its curvature is none of the face ahead.
+    return Heading(tangent, min(max(curvature, least), most) if good else 0.0, heading + change)
 
 
 def _parabola(near: Floats) -> tuple[Floats, float, float]:

@@ -148,7 +148,8 @@ def search_arc(
         if arc is None or has_arc(arc):
             return arc, posture
     arc, held = yield from _walk(spec, posture, target)
-    if arc is None or has_arc(arc):
+    # What meets the slice in one column is an edge along the pad's side: no tilt meets more of it.
+    if arc is None or has_arc(arc) or (len(arc.points) and not first):
         return arc, held
     return (yield from _search(spec, posture, held.tilt, arc, target, first))
 
