@@ -148,8 +148,7 @@ def search_arc(
         if arc is None or has_arc(arc):
             return arc, posture
     arc, held = yield from _walk(spec, posture, target)
-    # What meets the slice in one column is an edge along the pad's side: no tilt meets more of it.
-    if arc is None or has_arc(arc) or (len(arc.points) and not first):
+    if arc is None or has_arc(arc) or (not first and _is_edge(arc)):
         return arc, held
     return (yield from _search(spec, posture, held.tilt, arc, target, first))
 
@@ -188,6 +187,11 @@ def _walk(
 def has_arc(arc: SliceArc) -> bool:
     """Whether a touch has touched enough of the slice."""
     return len(arc.points) >= LEAST_ARC
+
+
+def _is_edge(arc: SliceArc) -> bool:
+    """Whether a touch met the slice in one column, far up and down: no tilt meets more of it."""
+    return len(arc.points) > 0 and min(arc.above, arc.below) > BRIDGED
 
 
 def next_posture(posture: Posture, arc: SliceArc) -> Posture:
