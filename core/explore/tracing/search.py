@@ -190,8 +190,8 @@ def has_arc(arc: SliceArc) -> bool:
 
 
 def _is_edge(arc: SliceArc) -> bool:
-    """Whether a touch met the slice in one column, far up and down: no tilt meets more of it."""
-    return len(arc.points) > 0 and min(arc.above, arc.below) > BRIDGED
+    """Whether a touch met the slice in one column that runs along it: no tilt meets more of it."""
+    return len(arc.points) > 0 and min(arc.above, arc.below) > 0 and arc.above + arc.below > BRIDGED
 
 
 def next_posture(posture: Posture, arc: SliceArc) -> Posture:

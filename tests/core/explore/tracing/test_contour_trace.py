@@ -81,7 +81,7 @@ def test_a_contour_closes_on_the_surface_within_few_touches(
         assert azimuth[-1] - azimuth[0] == pytest.approx(2 * np.pi, abs=0.2)
 
 
-@pytest.mark.parametrize("height", [0.0, 0.015])
+@pytest.mark.parametrize("height", [0.0, 0.022])
 def test_sharp_edges_take_few_touches(height, finger, flat, domed, block):
     for pad in (flat, domed):
         trace, status = finger(block, pad).contour(slice_at(height))
