@@ -30,6 +30,7 @@ FORM_KEY = "form"  # Name of the text that tells the tree's form
 ROOT = "solid"  # Path of the tree itself
 NUMERIC = "fiub"  # Kinds of arrays that are kept: floats, integers and truth values
 Arrays = dict[str, NDArray[np.generic]]
+RENAMED: Mapping[str, str] = {"Solid": "LatticeSolid"}  # Names in older archives, and today's
 # What stands for each kind of number.
 NUMBER_TYPES: dict[type, tuple[type, ...]] = {
     float: (float, int, np.floating, np.integer),
@@ -194,8 +195,8 @@ def class_named(name: str) -> type:
     """The class of a name; ValueError if there is none, or archives do not hold it."""
     found: list[type] = [
         kind
-        for module in _homes().get(name, ())
-        if _is_record(kind := getattr(importlib.import_module(module), name))
+        for module in _homes().get(RENAMED.get(name, name), ())
+        if _is_record(kind := getattr(importlib.import_module(module), RENAMED.get(name, name)))
     ]
     if len(found) != 1:
         raise ValueError(f"archives hold no class {name!r:.80}")
@@ -243,8 +244,13 @@ def declared_types(kind: type) -> dict[str, Any]:
 
 def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
     """Bytes (n,) that hold a tree, the same for the same tree; errors as of `tree_to_arrays`."""
+    return arrays_to_bytes(tree_to_arrays(tree))
+
+
+def arrays_to_bytes(arrays: Mapping[str, NDArray[np.generic]]) -> NDArray[np.uint8]:
+    """Bytes (n,) that hold the arrays of a tree, for `arrays_from_bytes`."""
     data = io.BytesIO()
-    np.savez(data, allow_pickle=False, **tree_to_arrays(tree))
+    np.savez(data, allow_pickle=False, **arrays)
     return np.frombuffer(data.getvalue(), np.uint8)
 
 

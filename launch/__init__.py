@@ -10,7 +10,8 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.launch.demand import NOISES as NOISES, read_demand as read_demand
-    from palpate.launch.demand import read_setup as read_setup, tolerance_of as tolerance_of
+    from palpate.launch.demand import demanded_of as demanded_of
+    from palpate.launch.demand import read_mesh_setup as read_mesh_setup, read_setup as read_setup
     from palpate.launch.exchange_rate import Scale as Scale, draw_svg as draw_svg, scale as scale
     from palpate.launch.graph import Graph as Graph, ResolvedNode as ResolvedNode
     from palpate.launch.graph import override as override, plain_params as plain_params
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from palpate.launch.launch_file import list_arguments as list_arguments
     from palpate.launch.launch_source import EXPLORE as EXPLORE
     from palpate.launch.launch_source import PROCEDURES as PROCEDURES
+    from palpate.launch.launch_source import find_exploration as find_exploration
     from palpate.launch.launch_source import find_launch_file as find_launch_file
     from palpate.launch.launch_source import prestart_fork_server as prestart_fork_server
     from palpate.launch.launcher import launch as launch
@@ -39,14 +41,14 @@ if TYPE_CHECKING:
     from palpate.launch.printing import titled as titled
     from palpate.launch.progress import Display as Display, open_display as open_display
     from palpate.launch.run import Plan as Plan, Run as Run, check_run as check_run
-    from palpate.launch.run import perform as perform, plan_run as plan_run
+    from palpate.launch.run import load_run as load_run, perform as perform, plan_run as plan_run
     from palpate.launch.run_directory import RECORDING as RECORDING, RUNS as RUNS
     from palpate.launch.run_directory import SUMMARY as SUMMARY
     from palpate.launch.run_directory import VERSIONED_PACKAGES as VERSIONED_PACKAGES
     from palpate.launch.run_directory import RunDirectory as RunDirectory
     from palpate.launch.run_directory import choose_run_directory as choose_run_directory
     from palpate.launch.run_directory import find_bag as find_bag, find_run_path as find_run_path
-    from palpate.launch.run_directory import find_run_mesh as find_run_mesh
+    from palpate.launch.run_directory import find_run_mesh as find_run_mesh, free_path as free_path
     from palpate.launch.run_directory import read_summary as read_summary
     from palpate.launch.run_directory import run_directory_of as run_directory_of
     from palpate.launch.run_directory import versions_text as versions_text

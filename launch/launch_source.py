@@ -27,6 +27,18 @@ _REFERENCE = re.compile(r"\$\(([^()]*)\)")
 Places = Mapping[KeyPath, str]
 
 
+def find_exploration(procedure: str | None = None) -> Path:
+    """The launch file that explores a scene, by an exploratory procedure if one is named.
+
+    Raises InputError if there is no such procedure.
+    """
+    if procedure is None:
+        return EXPLORE
+    if procedure not in PROCEDURES:
+        raise InputError(f"--procedure {procedure}: must be one of {', '.join(PROCEDURES)}")
+    return SHIPPED_LAUNCH_FILES / f"{procedure}.yaml"
+
+
 def prestart_fork_server(path: Path) -> None:
     """Wake the server of the nodes' processes, while the launch file is still to be checked.
 

@@ -82,6 +82,7 @@ def _card(
         pid=os.getpid(),
         began=time.strftime("%Y-%m-%dT%H:%M:%S"),
         folder="" if run_dir is None else str(run_dir.resolve()),
+        started_in=os.getcwd(),
         ends=ends,
         nodes=recorded_nodes(describe_wirings(wirings)),
         taps=dict(place.taps),

@@ -15,8 +15,8 @@ import numpy as np
 from palpate.launch.printing import counted
 from palpate.messages.types import BoundaryRepresentation, ConePose, Contour, ContourGoal
 from palpate.messages.types import GeneralisedCone, GraspContacts, LogRecord, NodeStatus, Openings
-from palpate.messages.types import PlanDone, PlanEstimate, Probe, ProcedureResult, Score, ShapeModel
-from palpate.messages.types import Superquadric
+from palpate.messages.types import ParameterEvent, PlanDone, PlanEstimate, Probe, ProcedureResult
+from palpate.messages.types import Score, ShapeModel, Superquadric
 from palpate.nodes.runtime import Watcher
 
 if TYPE_CHECKING:
@@ -33,8 +33,9 @@ LAST_KEPT: Mapping[type, str] = {
     **dict.fromkeys(PROCEDURE_MODELS, "recovered"),
 }
 # Types of the messages that are gathered.
-GATHERED_TYPES = (*LAST_KEPT, Contour, GraspContacts, PlanEstimate, Probe, Score)
+GATHERED_TYPES = (*LAST_KEPT, Contour, GraspContacts, ParameterEvent, PlanEstimate, Probe, Score)
 TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
+MODEL_TOPIC = "/model/shape"  # As the planner calls the topic of the models it decides by
 TOUCHES_A_LINE = 25  # Without a contour, between two lines of progress
 BAR, REDRAWN = 70, 8  # Columns of the bar, and how often it is drawn in a second
 LEVELS_SHOWN = frozenset({"warning", "error"})  # That a user sees; the rest is in log.jsonl
@@ -64,6 +65,7 @@ class Progress:
     # The same of estimates, and of the processor time that all nodes have told of, s.
     estimates: list[tuple[float, PlanEstimate]] = field(default_factory=list)
     spent: list[tuple[float, float]] = field(default_factory=list)
+    traced: bool = False  # Whether the log holds the trace of a node's error
     made: dict[int, float] = field(default_factory=dict)  # When each model was received, s
 
     @property
@@ -104,6 +106,9 @@ class Display:
     def show(self, progress: Progress) -> None:
         """Something may have changed."""
 
+    def tell(self, text: str) -> None:
+        """Something worth a line is known."""
+
     def note(self, record: LogRecord) -> None:
         """A node has something to report."""
 
@@ -122,8 +127,12 @@ class ProgressWatcher(Watcher):
         final: Callable[[ShapeModel], object] = lambda model: None,  # Told of the final model
     ) -> None:
         self.progress = Progress()
+        # What the exploration is expected to cost, in words, by the coarse model
+        self.expectation: Callable[[Superquadric], str] = lambda coarse: ""
         self._nodes, self._display, self._log, self._final = nodes, display, log, final
         self._began = time.monotonic()
+        # Tolerances that were set while the planner ran, and not yet taken up by it
+        self._tolerances: list[ParameterEvent] = []
 
     def ready(self, seconds: float) -> None:
         """All nodes are up and joined, this long after the launch began."""
@@ -151,17 +160,33 @@ class ProgressWatcher(Watcher):
             progress.made[message.number] = progress.wall
             if message.final:
                 self._final(message)
+            else:
+                self._take_up_tolerance()
+        elif isinstance(message, ParameterEvent) and message.topic == MODEL_TOPIC:
+            self._tolerances += [message] if message.param == "tolerance" else []
+            self._take_up_tolerance()
         elif isinstance(message, Score):
             progress.scores.append((progress.wall, message))
         elif isinstance(message, PlanEstimate):
             progress.estimates.append((progress.wall, message))
+        elif isinstance(message, Superquadric) and (told := self.expectation(message)):
+            self._display.tell(told)
         self._display.show(progress)
+
+    def _take_up_tolerance(self) -> None:
+        """The tolerance that the planner took up with the last model of those it decides by."""
+        model, models = self.progress.model, len(self.progress.made)
+        decided = models - (model is not None and model.final)
+        for event in self._tolerances:
+            if event.after < decided:
+                self.progress.tolerance = float(event.value)
 
     def log(self, record: LogRecord) -> None:
         """A node has something to report."""
         self._stamp()
         line = {"wall_s": round(self.progress.wall, 3), **asdict(record)}
         line["robot_time_s"] = line.pop("robot_time")
+        self.progress.traced |= record.level == "debug"
         self._log.write(json.dumps(line) + "\n")
         self._log.flush()
         self._display.note(record)
@@ -178,11 +203,25 @@ class ProgressWatcher(Watcher):
         self.progress.wall = time.monotonic() - self._began
 
 
-def open_display(*, quiet: bool) -> Display:
-    """The display that suits the place where standard error goes."""
+def open_display(*, quiet: bool, lines: bool = True) -> Display:
+    """The display that suits the place where standard error goes.
+
+    `lines`: whether lines are written where nothing can be redrawn, which a terminal and a notebook
+    can.
+    """
     if quiet:
         return Display()
-    return LiveDisplay() if sys.stderr.isatty() else LineDisplay(sys.stderr)
+    if sys.stderr.isatty() or _is_notebook():
+        return LiveDisplay()
+    return LineDisplay(sys.stderr) if lines else Display()
+
+
+def _is_notebook() -> bool:
+    if "IPython" not in sys.modules:
+        return False
+    from rich.console import Console
+
+    return Console().is_jupyter
 
 
 class LineDisplay(Display):
@@ -210,6 +249,11 @@ class LineDisplay(Display):
         if record.level in LEVELS_SHOWN and key not in self._noted:
             self._noted.add(key)
             self.print(f"{record.level[:8]:<9}{record.node}: {record.text}")
+
+    def tell(self, text: str) -> None:
+        """Write what is known, in lines."""
+        for line in text.splitlines():
+            self.print(line)
 
     def print(self, line: str) -> None:
         """Write one line."""

@@ -16,20 +16,21 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 
-from palpate.core import ROBOT_PRESETS
+from palpate.core import ROBOT_PRESETS, arrays_from_bytes
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
-from palpate.launch.demand import demand_text, tolerance_of
-from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path
-from palpate.launch.files import parse_yaml, set_within, yaml_text
+from palpate.launch.demand import Demanded, demand_text, demanded_of
+from palpate.launch.files import MODEL_FILE, InputError, SourceMapped, as_input_errors
+from palpate.launch.files import export_model, key_path, parse_yaml, plain_name, set_within
+from palpate.launch.files import yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
 from palpate.launch.printing import titled
 from palpate.launch.processes import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher
-from palpate.launch.run_directory import RunDirectory, choose_run_directory, exit_code, summarise
-from palpate.launch.run_directory import versions_text
+from palpate.launch.run_directory import SUMMARY, RunDirectory, choose_run_directory, exit_code
+from palpate.launch.run_directory import read_summary, run_directory_of, summarise, versions_text
 from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
@@ -38,8 +39,9 @@ from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution
 
 
 if TYPE_CHECKING:
-    from palpate.core.rebuild import GeneralSolid, Solid
+    from palpate.core.rebuild import Solid
 
+LOG = "log.jsonl"  # File of the run directory to which what nodes report is written
 _PLUGIN = re.compile(r"[\w.]+:[A-Za-z_]\w*")  # ``module:Class``
 
 
@@ -56,7 +58,7 @@ class Plan:
     before: EarlierRun | None = None  # An earlier run, if it goes on with one
     # Files that the run needs to be run again, by their names in its folder.
     inputs: Mapping[str, Path] = field(default_factory=dict)
-    tolerance: float | None = None  # Error asked for, m; None if nobody plans for one
+    demanded: Demanded | None = None  # What is asked of the planner; None if there is none
     asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
 
@@ -70,6 +72,7 @@ class Run:
     model: ShapeModel | None  # The last model
     # 0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
     exit_code: int
+    trace: Path | None = None  # File with the trace of what a node failed of, if one did
 
     def __repr__(self) -> str:
         """Five lines: what was found, its bound, what it cost, how it ended and where it lies."""
@@ -83,16 +86,19 @@ class Run:
         )
 
     @cached_property
-    def solid(self) -> Solid | GeneralSolid | None:
-        """The last model as a solid, exact at every place; None if nothing was rebuilt.
+    def solid(self) -> Solid | None:
+        """The last model as a solid; None if nothing was rebuilt.
 
-        Or if it is an exploratory procedure's, or no model was final: `model` has triangles.
+        A `LatticeSolid` or a `GeneralSolid` if the model is final; else, and of an exploratory
+        procedure, a `MeshSolid`. Its final mesh is that of the model.
         """
-        if self.model is None or not len(self.model.archive):
+        if self.model is None or not len(self.model.faces):
             return None
-        from palpate.launch.files import load  # imports scipy, which nobody else here needs
+        from palpate.launch.files import solid_of  # imports scipy, which nobody else here needs
 
-        return load(self.folder / "model.npz")
+        packed = self.model.archive
+        arrays = arrays_from_bytes(packed) if len(packed) else {}
+        return solid_of(arrays | {"vertices": self.model.vertices, "faces": self.model.faces})
 
     @property
     def text(self) -> str:
@@ -108,6 +114,26 @@ class Run:
     def files(self) -> list[str]:
         """Names of what the run left in its folder."""
         return sorted(path.name for path in self.folder.iterdir())
+
+
+def load_run(path: str | Path) -> Run:
+    """The run whose directory this is, as ``runs/latest``, or whose recording.
+
+    What only concerned its processes, the last counters of each node, is left out of its ending.
+    Raises InputError if it is no directory of a run, or a file in it cannot be read.
+    """
+    from palpate.launch.files import read_model  # imports scipy, which nobody else here needs
+
+    folder = run_directory_of(Path(path))
+    summary = read_summary(folder)
+    model = folder / MODEL_FILE
+    keys = ("status", "reason", "gaps", "duplicates", "restarts")
+    try:
+        ending = Ending(**{key: summary[key] for key in keys})
+        code = exit_code(summary, rebuilds=summary["method"] is not None)
+    except KeyError as error:
+        raise InputError(f"{folder / SUMMARY}: has no {error}: is it of this version?") from None
+    return Run(folder, ending, summary, read_model(model) if model.is_file() else None, code)
 
 
 def check_run(
@@ -205,6 +231,7 @@ def plan_run(
     robot time passes as fast as time. Raises InputError if anything is wrong; nothing has been
     started or written.
     """
+    name = plain_name(name)
     folder = choose_run_directory(name, out)
     described, wirings = check_run(path, args, settings, folder.path, realtime=realtime)
     again: dict[str, Any] = {"scene": "scene.yaml"} if described.scene is not None else {}
@@ -214,7 +241,7 @@ def plan_run(
     about = _about(described, resolved, {**settings, **args})
     told = with_description(wirings, about)
     scene = described.scene
-    asked = [demand_text(wirings, settings, None if scene is None else scene.size[2])]
+    asked = [demand_text(wirings, settings, None if scene is None else scene.size)]
     if scene is not None and scene.told:
         asked = [*titled("mesh", scene.told), *asked]
     inputs = dict(scene.inputs) if scene is not None else {}
@@ -226,7 +253,7 @@ def plan_run(
         about,
         folder,
         inputs=inputs,
-        tolerance=tolerance_of(wirings),
+        demanded=demanded_of(wirings),
         asked="\n".join(asked),
     )
 
@@ -288,7 +315,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     exports: list[Future[object]] = []
     # The final model is written while it is still being measured.
     with (
-        (folder.path / "log.jsonl").open("w", encoding="utf-8") as log,
+        (folder.path / LOG).open("w", encoding="utf-8") as log,
         ThreadPoolExecutor(1) as pool,
     ):
 
@@ -296,7 +323,9 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
             exports.append(pool.submit(export_model, model, folder.path))
 
         gatherer = ProgressWatcher(len(plan.wirings), display, log, export)
-        gatherer.progress.tolerance = plan.tolerance
+        if plan.demanded is not None:
+            gatherer.progress.tolerance = plan.demanded.asked.tolerance
+            gatherer.expectation = plan.demanded.expectation
         try:
             ending = _start(plan, gatherer, composed=composed)
         finally:
@@ -313,7 +342,8 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     folder.write_summary(summary)
     types = {name for wiring in plan.wirings for name in wiring.types.values()}
     code = exit_code(summary, rebuilds=ShapeModel.__name__ in types)
-    return Run(folder.path, ending, summary, progress.model, code)
+    trace = folder.path / LOG if progress.traced else None
+    return Run(folder.path, ending, summary, progress.model, code, trace)
 
 
 def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:

@@ -32,7 +32,7 @@ _WORDS = (
 MAX_REASON_CHARS = 200  # Of what is wrong with bytes that are no message
 Message = TypeVar("Message")
 _CODECS: dict[type, Codec] = {}
-_LAYOUT = struct.Struct("<QIQqdI")
+_LAYOUT = struct.Struct("<QIQqdI?")
 HEADER_SIZE = _LAYOUT.size
 MAX_SHOWN_CHARS = 60  # Characters of a value that are shown
 
@@ -201,6 +201,7 @@ class Header(NamedTuple):
     sent_ns: int  # The publisher's monotonic clock when it was sent, ns
     robot_time: float  # Robot time in the body, s; 0 if it has none
     schema: int  # Hash of the body's schema
+    outside: bool = False  # Whether a tool had the publisher publish it
 
 
 def pack_frame(topic: str, header: Header, body: bytes) -> bytes:

@@ -24,7 +24,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # wiener-first. auto leaves a frame as it is unless it shows impulses; then it fits robustly.
     order: FilterOrder = "auto"
     # Least compression that counts as touched, m, however quiet the sensor is.
-    contact: Annotated[float, Meta(gt=0, le=0.001)] = CONTACT
+    contact: Annotated[float, Meta(gt=0, le=0.001, description="m")] = CONTACT
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,16 +13,17 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core import Floats, explore, inverse_pose, transform_points
-from palpate.core.explore.planners import Choice, Estimate, Height, Observation, ObservedSurface
-from palpate.core.explore.planners import Planner, Stop, Touch, Wait, WrongChoiceError
+from palpate.core.explore.planners import Choice, Estimate, Findings, Height, Observation
+from palpate.core.explore.planners import ObservedSurface, Planner, Stop, Touch, Wait
+from palpate.core.explore.planners import WrongChoiceError
 from palpate.core.explore.planners import check_choice, estimate_error, make_planner, settled_height
 from palpate.core.explore.planners import untraceable_height
 from palpate.messages import derive
 from palpate.messages.types import Contour, ContourGoal, FingerClock, GraspContacts, GraspGoal
-from palpate.messages.types import ModelGoal, PlanDone, PlanEstimate, Probe, ProbeGoal, SensorInfo
-from palpate.messages.types import ShapeModel, Superquadric, World
+from palpate.messages.types import ModelGoal, ParameterEvent, PlanDone, PlanEstimate, Probe
+from palpate.messages.types import ProbeGoal, SensorInfo, ShapeModel, Superquadric, World
 from palpate.nodes import planning
-from palpate.nodes.runtime import Deferred, Node, Outputs
+from palpate.nodes.runtime import Deferred, Node, NotReadyError, Outputs
 from palpate.nodes.specs import pad_of_info, resolution_of_info
 
 if TYPE_CHECKING:
@@ -67,6 +68,11 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return made
 
     @property
+    def makes_single_touches(self) -> bool:
+        """Whether the rule chooses single touches: then there are no slices to make a solid of."""
+        return bool(getattr(self.rule, "single_touches", False))
+
+    @property
     def direction(self) -> Floats | None:
         """The slicing axis that is asked for, a unit vector; None if none is."""
         if self.axis is None:
@@ -88,20 +94,39 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the finger's width and what it tells; ValueError if the tolerance is below that."""
     resolution = resolution_of_info(info)
-    if params.tolerance < resolution:
-        raise ValueError(
-            f"tolerance is {params.tolerance} m; it must be at least what the sensor can tell, "
-            f"{resolution:g} m"
-        )
+    _check_tolerance(state.demand.tolerance, resolution)
     width = info.pitch * max(info.rows, info.cols)
     pad = pad_of_info(info)
     return replace(state, pad_width=width, resolution=resolution, pad=pad), []
 
 
+def _check_tolerance(tolerance: float, resolution: float) -> None:
+    if tolerance < resolution:
+        raise ValueError(
+            f"tolerance is {tolerance} m; it must be at least what the sensor can tell, "
+            f"{resolution:g} m"
+        )
+
+
+def check_demand(params: Params, state: State) -> None:
+    """Refuse, by a ValueError, a demand that cannot be met any more."""
+    if not state.resolution:
+        raise NotReadyError("the planner does not know its sensor yet")
+    _check_tolerance(params.tolerance, state.resolution)
+    demand = params.demand
+    if demand.most_touches < state.touches:
+        raise ValueError(
+            f"most_touches is {params.most_touches}; {state.touches} touches are made already"
+        )
+    if demand.most_seconds < state.clock:
+        raise ValueError(
+            f"most_seconds is {params.most_seconds:g} s; {state.clock:.1f} s have passed already"
+        )
+
+
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: close the hand for the first time."""
-    # Then there will be no slices to make a solid of.
-    alone = bool(getattr(params.rule, "single_touches", False))
+    alone = params.makes_single_touches
     return _grasp_on(params, replace(state, world=world, general=alone))
 
 
@@ -112,37 +137,41 @@ def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tupl
 
 def _grasp_on(params: Params, state: State) -> tuple[State, Outputs]:
     """The next closing; or, after the last one, the coarse model, or the end."""
-    goal = planning.grasp_goal(params.demand, state)
+    goal = planning.grasp_goal(state.demand, state)
     if goal is not None:
         return replace(state, closing=goal), [("/hand/goal", goal)]
     if not len(state.grasped.points):
-        within = "reach" if params.most_seconds is None else "reach and robot time"
-        return done(state, f"the hand closed on nothing within {within}")
+        within = "reach" if math.isinf(state.demand.most_seconds) else "reach and robot time"
+        return done(state.demand, state, f"the hand closed on nothing within {within}")
     state = replace(state, models=state.models + 1)
     return state, [("/model/goal", planning.model_goal(state))]
 
 
 def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame and begin with the slices."""
-    return decide(params.demand, params.rule, planning.with_coarse(state, coarse, params.direction))
+    return decide(state.demand, params.rule, planning.with_coarse(state, coarse, params.direction))
 
 
 def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
     """Remember how far a finger has come: an earlier result may be free to be taken up."""
     clocks = {**state.clocks, clock.finger: clock.robot_time}
-    return take_up(params.demand, params.rule, replace(state, clocks=clocks))
+    return take_up(state.demand, params.rule, replace(state, clocks=clocks))
 
 
 def take_result(params: Params, state: State, result: Contour | Probe) -> tuple[State, Outputs]:
     """Take up what a finger has finished, when its turn has come."""
     pending = {**state.pending, result.finger: result}
-    return take_up(params.demand, params.rule, replace(state, pending=pending))
+    return take_up(state.demand, params.rule, replace(state, pending=pending))
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Decide what comes next, now that the model with the last result is known."""
+    """Decide what comes next, now that the model with the last result is known.
+
+    Until the next model, what is asked is what was asked last when this one came.
+    """
     if model.final:
         return state, []
+    state = replace(state, demand=params.demand)
     assert state.survey is not None
     dropped = set(model.dropped)
     pairs = zip(state.contours, state.survey.traced, strict=True)
@@ -158,23 +187,24 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         state,
         survey=survey,
         asked=False,
-        surface=_surface(state, model),
+        surface=_surface(params, state, model),
         general=model.method == "general",
         aimed=(),
     )
-    observation = _observation(params.demand, state)
-    state, outputs = decide(params.demand, params.rule, state)
+    observation = _observation(state.demand, state)
+    state, outputs = decide(state.demand, params.rule, state)
     # Nobody waits for what is said of it.
     told = Deferred(PlanEstimate, lambda step: _estimate(model, estimate_error(observation)))
     return state, [*outputs, ("/plan/estimate", told)]
 
 
-def _surface(state: State, model: ShapeModel) -> ObservedSurface | None:
+def _surface(params: Params, state: State, model: ShapeModel) -> ObservedSurface | None:
     """The model as planners of single touches are told of it; None if nothing tells of errors."""
     assert state.world is not None and state.pad is not None
     earlier = state.surface.progress if state.surface is not None and state.general else ()
     refused = np.reshape(state.refused, (-1, 3))
-    return planning.observed_surface(model, state.pad, state.world, refused, earlier)
+    distance = params.demand.limits.unknown_distance
+    return planning.observed_surface(model, state.pad, state.world, distance, refused, earlier)
 
 
 def _estimate(model: ShapeModel | PlanDone, estimate: Estimate) -> PlanEstimate:
@@ -356,7 +386,7 @@ def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     stop = _answer(rule, state, observation)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
-    return done(state, stop.reason + _shape(state), observation)
+    return done(demand, state, stop.reason + _shape(state), observation)
 
 
 def _observation(demand: Demand, state: State, finger: int = 1) -> Observation:
@@ -375,21 +405,19 @@ def _observation(demand: Demand, state: State, finger: int = 1) -> Observation:
 
 
 def done(
-    state: State, reason: str, observation: Observation | None = None
+    demand: Demand, state: State, reason: str, observation: Observation | None = None
 ) -> tuple[State, Outputs]:
     """Say that it is over, and how good the solid is."""
     state = replace(state, models=state.models + 1)
     goal = planning.model_goal(state)
     if observation is None:
-        told = {"tolerance_met": False, "rms_bound_95": None, "largest_untouched": None}
-        plan_done = derive(PlanDone, goal, reason=reason, uncovered=0.0, **told)
-        return state, [("/plan/done", plan_done)]
+        return state, [("/plan/done", planning.plan_done(goal, reason, Findings(), demand.limits))]
     estimate = estimate_error(observation)
-    # Single touches of a general solid have no heights.
-    uncovered = 0.0 if state.general else untraceable_height(observation)
-    told = {} if estimate.open_area is None else planning.describe_open(estimate.open_area)
-    plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered, **told)
-    return state, [("/plan/estimate", _estimate(plan_done, estimate)), ("/plan/done", plan_done)]
+    found = estimate.findings
+    if not state.general:  # single touches of a general solid have no heights
+        found = replace(found, untraced_height=untraceable_height(observation))
+    over = planning.plan_done(goal, reason, found, observation.limits, estimate.open_area)
+    return state, [("/plan/estimate", _estimate(over, estimate)), ("/plan/done", over)]
 
 
 def _shape(state: State) -> str:
@@ -405,7 +433,7 @@ def _shape(state: State) -> str:
 
 NODE = Node(
     params=Params,
-    start=lambda params: (planning.State(), []),
+    start=lambda params: (planning.State(params.demand), []),
     handler_timeout=20.0,
     step="planning",
     inputs={
@@ -425,7 +453,10 @@ NODE = Node(
         "/model/goal": ModelGoal,
         "/plan/estimate": PlanEstimate,
         "/plan/done": PlanDone,
+        "/planner/parameter_events": ParameterEvent,
     },
+    settable=dict.fromkeys(("tolerance", "most_touches", "most_seconds"), "/model/shape"),
+    check_set=check_demand,
     needs=("/world", "/touch/info"),
     fan_in=("/finger/clock", "/contour/traced", "/probe/traced"),
 )

@@ -25,7 +25,7 @@ LIBRARIES = {
     "palpate.core": {"numpy", "scipy"},
     "palpate.core.shapes": {"numpy", "scipy", "trimesh", "embreex", "manifold3d"},
     "palpate.core.geometry": {"numpy", "scipy", "trimesh", "embreex"},
-    "palpate.core.geometry.closed_body": {"numpy", "trimesh", "matplotlib", "viser"},
+    "palpate.core.rebuild.protocol": {"numpy", "trimesh"},
     "palpate.messages": {"numpy", "msgspec"},
     "palpate.messages.bus": {"numpy", "msgspec", "zmq"},
     "palpate.messages.recording": {"numpy", "msgspec", "mcap", "lz4", "zstandard"},
@@ -34,6 +34,7 @@ LIBRARIES = {
     "palpate.launch": {"numpy", "msgspec", "ruamel", "rich", "trimesh", "scipy", "zmq"},
     "palpate.tools": {"numpy", "click", "msgspec", "ruamel", "rich", "scipy", "threadpoolctl"},
     "palpate.tools.cli": {"click", "rich"},
+    "palpate.tools.showing": {"numpy", "matplotlib", "viser"},
     "palpate.tools.bag": {"numpy", "msgspec", "rich", "mcap"},
     "palpate.tools.bag.rerun_export": {"numpy", "rerun"},
     "palpate.tools.bag.tables": {"numpy", "pandas"},
@@ -44,7 +45,7 @@ LIBRARIES = {
     "palpate.tools.gallery": {"numpy", "matplotlib", "PIL"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
-    "palpate.bench": {"numpy", "click", "msgspec", "threadpoolctl"},
+    "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
 }
 CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))
 CLOCK_MODULES = frozenset({"time", "datetime"})

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core import Floats
+from palpate.core.rebuild import Solid
 from palpate.launch import RECORDING, counted, files, find_run_mesh, millimetres, titled
 from palpate.messages.types import ShapeModel, Truth
 from palpate.tools.bag import open_decoded
@@ -49,6 +50,16 @@ def export(run: Path, outs: Sequence[Path]) -> dict[str, Any]:
     }
 
 
+def export_solid(solid: Solid, path: Path) -> None:
+    """Write the final mesh of a solid, in the format and unit of the suffix: `Solid.export`.
+
+    Raises InputError if the suffix is unknown or the file cannot be written.
+    """
+    check_suffixes([path], tuple(files.MESH_UNITS), option="")
+    mesh = solid.final_mesh
+    files.write_atomically({path: lambda part: files.write_mesh(part, mesh.vertices, mesh.faces)})
+
+
 class FinalSolid(NamedTuple):
     """What a run ended with; world frame, m."""
 
@@ -64,7 +75,7 @@ def read_final(run: Path) -> FinalSolid:
     Raises InputError if there is neither, or nothing could be rebuilt.
     """
     if run.is_dir() and not (run / RECORDING).is_file():
-        vertices, faces = files.read_surface(find_run_mesh(run), "m")
+        vertices, faces, _ = files.read_surface(find_run_mesh(run), "m")
         return FinalSolid(vertices, faces, {}, None)
     source = open_decoded(run)
     kinds = {topic: kind for topic, (kind, _) in source.recording.types.items()}

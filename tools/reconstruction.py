@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.core import Floats, transform_points
 from palpate.core.geometry import self_intersection, solidity
-from palpate.core.rebuild import GeneralSolid, Method, Solid
+from palpate.core.rebuild import LatticeSolid, Method, Solid
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import SurfaceMesh
@@ -62,7 +62,7 @@ class RebuildOptions(NamedTuple):
 class RebuildResult(NamedTuple):
     """A solid, and how it came about; in m."""
 
-    solid: Solid
+    solid: LatticeSolid
     mesh: SurfaceMesh
     found: files.MeasuredContours  # What was read
     unit: str  # As which it was read
@@ -85,8 +85,8 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
             raise files.InputError(f"--{name} {value:g}: must be a finite number")
     recorded = points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX
     unit, assumed = wanted.unit or "m", wanted.unit is None and not recorded
-    if recorded and unit != "m":
-        raise files.InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
+    if recorded:
+        check_recorded_unit(points, unit)
     metres = files.METRES_PER_UNIT[unit]
     say("reading the points")
     found = files.read_points(points).scaled(metres)
@@ -110,6 +110,12 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
         text = CONTOUR_NUMBER.sub(lambda match: places.get(int(match[1]), match[0]), str(error))
         raise files.InputError(f"{points}: {text}") from None
     return RebuildResult(solid, mesh, found, unit, assumed)
+
+
+def check_recorded_unit(points: Path, unit: str) -> None:
+    """InputError if a recording is to be read in another unit than its own."""
+    if unit != "m":
+        raise files.InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
 
 
 def _touched_ends(
@@ -143,7 +149,7 @@ def _touched_ends(
     return np.concatenate(parts) if parts else None
 
 
-def _meshed(solid: Solid, tolerance: float | None, unit: str) -> SurfaceMesh:
+def _meshed(solid: LatticeSolid, tolerance: float | None, unit: str) -> SurfaceMesh:
     if tolerance is None:
         return solid.mesh()
     try:
@@ -173,11 +179,11 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
     check_places(points, [*outs, *([] if lattice is None else [lattice])])
 
 
-def check_suffixes(outs: Iterable[Path], known: Sequence[str]) -> None:
+def check_suffixes(outs: Iterable[Path], known: Sequence[str], option: str = "-o ") -> None:
     """InputError if a file's format, by its ending, is none of those known."""
     for path in outs:
         if path.suffix.lower() not in known:
-            raise files.InputError(f"-o {path}: must end in one of {', '.join(known)}")
+            raise files.InputError(f"{option}{path}: must end in one of {', '.join(known)}")
 
 
 def check_places(source: Path, outs: Sequence[Path]) -> None:
@@ -203,7 +209,7 @@ def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | 
 
 
 def solid_writers(
-    solid: Solid | GeneralSolid, mesh: SurfaceMesh | Mesh, outs: Iterable[Path]
+    solid: Solid, mesh: SurfaceMesh | Mesh, outs: Iterable[Path]
 ) -> dict[Path, files.FileWriter]:
     """What writes each file: a whole solid, or its mesh, as the ending says."""
     return {
@@ -253,8 +259,8 @@ def rebuild_record(
         "watertight": shape.watertight,
         "genus": shape.genus,
         "self_intersections": crossings,
-        "volume_m3": float(measures.moments.volume),
-        "area_m2": float(measures.area),
+        "volume_m3": float(measures.volume_m3),
+        "area_m2": float(measures.area_m2),
         "size_m": [float(v) for v in mesh.vertices.max(0) - mesh.vertices.min(0)],
         "error_rms_m": None if known is None else known.rms,
         "error_most_m": None if known is None else known.most,
@@ -267,7 +273,7 @@ def rebuild_record(
 
 
 def rebuild_warnings(
-    solid: Solid, mesh: SurfaceMesh, found: files.MeasuredContours, unit: str, crossings: int
+    solid: LatticeSolid, mesh: SurfaceMesh, found: files.MeasuredContours, unit: str, crossings: int
 ) -> list[str]:
     """Sentences about everything that a user should doubt."""
     told, health = size_warnings(mesh.vertices, unit), solid.health()
@@ -308,7 +314,7 @@ def written_files(outs: Sequence[Path]) -> list[dict[str, str]]:
     ]
 
 
-def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
+def _contours(solid: LatticeSolid, places: Sequence[str]) -> list[str]:
     """What is odd about contours that were used, by their names in the file."""
     slices, feature_candidates = solid.slices, solid.evidence.feature_candidates
     marks = (
@@ -316,7 +322,12 @@ def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
         (~slices.star, ("cannot be seen whole from its middle",) * 2),
         (slices.self_intersecting, ("meets itself", "meet themselves")),
     )
+    reordered = [loop.which for loop in slices.loops if loop.reordered]
     told = []
+    if reordered:
+        told.append(
+            f"{_names(places, reordered)}: points were given in no order, and were put in order"
+        )
     for marked, (one, more) in marks:
         rows = slices.rows[marked].tolist()
         if rows:
@@ -335,7 +346,7 @@ def _names(places: Sequence[str], rows: Iterable[int]) -> str:
     return ", ".join(named[:MOST_NAMED]) + more
 
 
-def _ends(solid: Solid, vertices: Floats) -> list[str]:
+def _ends(solid: LatticeSolid, vertices: Floats) -> list[str]:
     """Ends that nobody touched, that lie far off, and that the surface does not reach."""
     heights = into_frame(solid.frame, vertices)[:, 2]
     low, high = float(heights.min()), float(heights.max())

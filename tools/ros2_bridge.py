@@ -197,7 +197,7 @@ def bridge(run: str | None, names: Sequence[str], echo: Callable[[str], None]) -
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--topics", default="", metavar="A,B", help="Only these topics.")
-@click.option("--run", metavar="ID", help="The run, as of palpate topic; the latest if left out.")
+@click.option("--run", metavar="ID", help="The graph, as of palpate topic.")
 def bridge_command(topics: str, run: str | None) -> None:
     """Publish the topics of a running graph in a ROS 2 graph, below /palpate."""
     bridge(run, [name for name in map(str.strip, topics.split(",")) if name], click.echo)

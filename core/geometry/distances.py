@@ -23,6 +23,7 @@ from palpate.core.geometry.nearest import NearestSearch, nearest_points, nearest
 from palpate.core.least_squares import Solutions, levenberg_marquardt
 from palpate.core.poses import pose_of, principal_axes, right_jacobians, rotation_angle
 from palpate.core.poses import rotations_from_vectors
+from palpate.reprs import readable
 
 SAMPLES = 20_000  # On each surface, so that the mean is right to about one part in a hundred
 SEED = 1999
@@ -48,6 +49,7 @@ class SurfaceDistances(NamedTuple):
     normal_deg: float  # Mean angle between normals at samples and at their nearest points
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedSurface:
     """A surface with its samples and its search tree, for any number of comparisons."""

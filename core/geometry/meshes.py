@@ -101,6 +101,13 @@ def is_closed(faces: Ints) -> bool:
     return len(rows) > 0 and _opposite_edges(rows, int(rows.max()) + 1) is not None
 
 
+def has_paired_edges(faces: Ints) -> bool:
+    """Whether each edge of faces (m, 3) belongs to exactly two of them, whichever way they turn."""
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    counts = np.unique(edges, axis=0, return_counts=True)[1]
+    return len(faces) > 0 and bool((counts == 2).all())
+
+
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:
     """Whether faces (m, 3) of vertices (n, 3), m, seen from their middle, look inwards."""
     return signed_volume((vertices - vertices.mean(axis=0))[faces]) < 0.0
@@ -219,6 +226,21 @@ def are_outside(vertices: Floats, faces: Ints, points: Floats, nearest: Nearest)
         begin = (np.argmin(on[at_edge], axis=1) + 1) % 3  # the edge opposite the missing corner
         across[at_edge] += normals[face_neighbours(faces)[nearest.faces[at_edge], begin]]
     return np.asarray(np.einsum("ni,ni->n", points - nearest.points, across) >= 0.0)
+
+
+def normals_at(corners: Floats, of_corners: Floats, nearest: Nearest) -> Floats:
+    """Unit normals (n, 3) at points of a mesh, between the normals of the corners of their faces.
+
+    `corners`, `of_corners` (m, 3, 3): places [m], and unit normals as `corner_normals` gives them.
+    """
+    near = corners[nearest.faces]
+    shares = _barycentric(near, areas_and_normals(near)[1], nearest.points)
+    shares = np.clip(shares, 0.0, 1.0)
+    has_area = shares.sum(axis=1, keepdims=True) > 0.0
+    shares = np.where(has_area, shares, 1.0)
+    sums = np.einsum("nj,njk->nk", shares, of_corners[nearest.faces])
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.asarray(sums / np.where(length > 0.0, length, 1.0))
 
 
 def _barycentric(corners: Floats, normals: Floats, points: Floats) -> Floats:

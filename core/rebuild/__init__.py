@@ -1,16 +1,19 @@
 """From contacts to a closed solid.
 
-`reconstruct` takes contours, normals and contact points and answers a `Solid`, exact at every
-place. What may be tuned are the thresholds on top of each chapter (shares of a size, standard
-deviations, counts); each method may be replaced alone. It rests on the rooms below (contours, side,
-ends, surface, lattice, recovery) and on `palpate.core.thesis`.
+`reconstruct` takes contours, normals and contact points and answers a `LatticeSolid`, exact at
+every place; `Solid` is what it has in common with all other solids. What may be tuned are the
+thresholds on top of each chapter (shares of a size, standard deviations, counts); each method may
+be replaced alone. It rests on the rooms below (contours, side, ends, surface, lattice, recovery)
+and on `palpate.core.thesis`.
 """
 
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.rebuild.general import GeneralSolid, rebuild_general
+    from palpate.core.rebuild.protocol import HasTriangles, MeshSolid, Solid, SolidCheck
+    from palpate.core.rebuild.protocol import SolidMeasures
     from palpate.core.rebuild.reconstruction import fit_coarse, reconstruct
-    from palpate.core.rebuild.solid import Method, Solid
+    from palpate.core.rebuild.solid import LatticeSolid, Method
 else:
     __getattr__, __dir__ = lazy(__name__)

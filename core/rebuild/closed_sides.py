@@ -26,6 +26,7 @@ from palpate.core.rebuild.side import fit_shifted_spline, looks_inward, noise_of
 from palpate.core.rebuild.side import with_normals
 from palpate.core.rebuild.surface import Patch, Surface, close_surface, search_surface
 from palpate.core.steps import Steps, no_steps
+from palpate.reprs import readable
 
 POINT = 1e-9  # Of the widest contour: one that is narrower is a point
 SECTIONS, SECTION_TURNS = 16, 64
@@ -37,6 +38,7 @@ LEAST_SIDE = 0.05  # Least height of the side, as a share of the object's
 MISFIT = 0.1  # Of the loft's own uncertainty: what a lattice may leave it by
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class ContourSolid:
     """A closed surface and how it came about."""
@@ -274,7 +276,7 @@ def refine_solid(
     sigma: float | None = None,
     weights: bool = False,
 ) -> tuple[Surface, LatticeFit]:
-    """Change a lattice so that the side of its closed surface passes points: `Solid.refined`."""
+    """Change a lattice so that its closed surface passes points: `LatticeSolid.refined`."""
     ends = closed.bottom, closed.top
     surface = _closed(fit.side, ends)
     if sigma is not None:

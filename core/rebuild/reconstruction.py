@@ -26,7 +26,7 @@ from palpate.core.rebuild.ends import StraightCurve
 from palpate.core.rebuild.evidence import Evidence, gather_curves
 from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.recovery import Recovery, recover
-from palpate.core.rebuild.solid import Method, Solid
+from palpate.core.rebuild.solid import Method, LatticeSolid
 from palpate.core.rebuild.surface import EndPatch, Patch, SampledPatch, Surface, closed_surface
 from palpate.core.rebuild.surface import placed, sampled_patch
 from palpate.core.shapes import Superquadric, Taper, regular_points
@@ -53,7 +53,7 @@ def reconstruct(
     grasp: Recovery | None = None,
     faithful: bool = False,
     step: Steps = no_steps,
-) -> Solid:
+) -> LatticeSolid:
     """Rebuild a solid from what was touched of it.
 
     `contours` are closed curves around the z axis of the slicing frame, (n, 3) each, or (n, 2) with
@@ -64,7 +64,7 @@ def reconstruct(
     their touches. `tops` (k, 3) are where single touches found the ends: those above the middle of
     the contours, along the slicing axis, the upper one, those below it the lower one. An end that
     nobody touched is closed where the contours say where, else level on the last contour; see
-    `Solid.uncovered`.
+    `LatticeSolid.uncovered`.
 
     Methods: "skin": a smooth surface through what was touched. "lattice": the same as a control
     lattice that deforms a prism, which can be edited and refined; of `size` control points across a
@@ -127,7 +127,7 @@ class Rebuilder:
     grasp: Recovery | None
     faithful: bool
 
-    def __call__(self, evidence: Evidence, step: Steps = no_steps) -> Solid:
+    def __call__(self, evidence: Evidence, step: Steps = no_steps) -> LatticeSolid:
         """The solid that evidence tells of, which can be made again from more of it."""
         if self.method == "coarse":
             points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
@@ -135,7 +135,7 @@ class Rebuilder:
             if not found.fitted:
                 raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
             surface = closed_surface((coarse_patch(found),))
-            solid = Solid(surface=surface, method="coarse", evidence=evidence, model=found)
+            solid = LatticeSolid(surface=surface, method="coarse", evidence=evidence, model=found)
         elif self.method == "thesis":
             solid = _thesis(evidence, self.faithful)
         else:
@@ -144,7 +144,7 @@ class Rebuilder:
             if self.method == "lattice":
                 with step("lattice"):
                     made = lattice_of(closed, self.size, self.grasp)
-            solid = Solid(
+            solid = LatticeSolid(
                 surface=made[0],
                 method=self.method,
                 evidence=evidence,
@@ -170,14 +170,14 @@ def coarse_patch(recovery: Recovery) -> SampledPatch:
     return sampled_patch(grid)
 
 
-def _thesis(evidence: Evidence, faithful: bool) -> Solid:
+def _thesis(evidence: Evidence, faithful: bool) -> LatticeSolid:
     slices = evidence.slices
     count = evidence.correspondence.grid.shape[1]
     turns = np.arange(count) / count
     rings = slices.points if faithful else [curve.at(turns) for curve in slices.curves]
     found = rebuild_thesis(_raised(rings, slices.heights), faithful=faithful)
     surface = closed_surface(thesis_patches(found))
-    return Solid(surface=surface, method="thesis", evidence=evidence, model=found)
+    return LatticeSolid(surface=surface, method="thesis", evidence=evidence, model=found)
 
 
 def _raised(rings: Sequence[Floats], heights: Floats) -> list[Floats]:

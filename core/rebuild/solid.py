@@ -14,23 +14,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.geometry import ClosedBody, self_intersection, solidity
-from palpate.core.poses import split_pose
+from palpate.core.poses import split_pose, transform_points
 from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
 from palpate.core.rebuild.ends import End, Shear, end_ways, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit
+from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import POSE_LEFT, SidePatch, Uncertainty
 from palpate.core.rebuild.surface import DEFAULT_TOLERANCE, EndPatch, Patch, SampledPatch
-from palpate.core.rebuild.surface import SolidMeasures, Surface, SurfaceMesh, SurfaceSearch
+from palpate.core.rebuild.surface import Surface, SurfaceMesh, SurfaceSearch
 from palpate.core.rebuild.surface import measure_surface, mesh_surface, placed, search_surface
 from palpate.core.splines import Lattice, Parallelepiped, SplineVolume, evaluate_grid
 from palpate.core.splines import interpolate_grid
@@ -43,20 +44,17 @@ SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16  # Of the side, and of each end piece: ar
 # Of the height of an edge that nobody touched: what its rounding may be wrong by, root mean square
 # over the edge and as much of the end. With noise, a superellipse taken for an arc errs by that.
 HIDES = 0.15
-SKETCH = 0.01  # Of the size: tolerance of the mesh that tells how large a solid is
 RING = 128  # Points of a rim
+MIN_RISE = 0.1  # Of the error that is known: contours that rise by less count as level
 
 
-class MeshCheck(NamedTuple):
-    """What a solid's mesh is like as a body."""
-
-    watertight: bool  # Each edge has two faces, which run along it in opposite directions
-    genus: int | None  # 0 without a hole through it; None unless watertight
-    self_intersections: int  # Pairs of triangles that cross
+def rms_of(values: Floats) -> float:
+    """Root mean square of values (n,)."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Solid(ClosedBody):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LatticeSolid(Solid):
     """A closed solid, and how it came about; lengths in the unit of the contours.
 
     It answers in the world, but heights count along the z axis of the slicing frame; where ends are
@@ -69,7 +67,9 @@ class Solid(ClosedBody):
     closed: ContourSolid | None = None  # Skin and ends; none with "thesis" and "coarse"
     lattice: LatticeFit | None = None  # With the method "lattice"; see `control_lattice`
     model: ThesisSolid | Recovery | None = None  # What the methods "thesis" and "coarse" found
-    rebuilder: Callable[[Evidence], Solid] | None = None  # In the same way, from other evidence
+    rebuilder: Callable[[Evidence], LatticeSolid] | None = (
+        None  # In the same way, from other evidence
+    )
 
     @property
     def slices(self) -> Slices:
@@ -88,7 +88,7 @@ class Solid(ClosedBody):
         shear = None if self.closed is None else self.closed.shear
         return None if part is None else moved_lattice(part.lattice, self.frame, shear)
 
-    def update(self, contour: ArrayLike, *, height: float | None = None) -> Solid:
+    def update(self, contour: ArrayLike, *, height: float | None = None) -> LatticeSolid:
         """The solid with one contour more: that of all contours at once, in any order.
 
         Other contours need not be made into curves again, which is most of the work. `contour` is
@@ -106,36 +106,38 @@ class Solid(ClosedBody):
             tolerance = max(DEFAULT_TOLERANCE * self.surface.size, noise)
         return mesh_surface(self.surface, tolerance)
 
-    def check(self) -> MeshCheck:
-        """What the mesh is like as a body; looking for triangles that cross takes a while."""
-        mesh = self.mesh()
-        body = solidity(mesh.vertices, mesh.faces)
-        crossings = self_intersection(mesh.vertices, mesh.faces).count
-        return MeshCheck(body.watertight, body.genus, crossings)
-
     def measures(self) -> SolidMeasures:
-        """Volume, centroid, second moments, inertia and area."""
-        return measure_surface(self.surface)
+        """As `Solid.measures`, integrated over the exact surface; extents are of the mesh."""
+        found = measure_surface(self.surface)
+        low, high = self.bounds
+        return SolidMeasures(
+            volume_m3=found.moments.volume,
+            area_m2=found.area,
+            centroid_m=found.moments.centroid,
+            inertia_m5=found.inertia(),
+            extents_m=high - low,
+        )
 
-    def signed_distances(self, places: Floats) -> Floats:
-        """Of places (n, 3) from the exact surface, (n,), negative inside."""
-        return self.search().nearest(places).distances
+    def closest(self, points: ArrayLike) -> Closest:
+        """As `Solid.closest`, on the exact surface."""
+        found = self._search.nearest(points)
+        normals = self.surface.normals(found.v, found.turns)
+        return Closest(found.points, normals, found.distances)
 
     def __repr__(self) -> str:
-        low, high = (
-            getattr(self.mesh(SKETCH * self.surface.size).vertices, end)(0)
-            for end in ("min", "max")
-        )
-        size = " x ".join(f"{side:.3g}" for side in high - low)
-        return f"<Solid {size}, {self.method} of {len(self.slices.rows)} contours>"
+        return f"<LatticeSolid {self._size()}, {self.method} of {len(self.slices.rows)} contours>"
 
     def search(self) -> SurfaceSearch:
         """Nearest points, signed distances and what lies inside: prepared once for many points."""
+        return self._search
+
+    @cached_property
+    def _search(self) -> SurfaceSearch:
         return search_surface(self.surface)
 
     def refined(
         self, points: ArrayLike, *, sigma: float | None = None, weights: bool = False
-    ) -> Solid:
+    ) -> LatticeSolid:
         """The solid after its control lattice was changed so that the side passes points.
 
         They are further points (n, 3) of the object, in the world; those nearest to an end are
@@ -170,12 +172,46 @@ class Solid(ClosedBody):
         )
 
     def uncertainty(self) -> Uncertainty | None:
-        """See `ContourSolid.uncertainty`; None with the methods "thesis" and "coarse"."""
-        return None if self.closed is None else self.closed.uncertainty()
+        """See `ContourSolid.uncertainty`; None with the methods "thesis" and "coarse".
+
+        No less than by how much points of contours that are not level lie off the solid.
+        """
+        if self.closed is None:
+            return None
+        known = self.closed.uncertainty()
+        missed = self._missed_by_tilt(known.rms)
+        if not len(missed):
+            return known
+        rms = math.hypot(known.rms, rms_of(missed))
+        return known._replace(rms=rms, most=max(known.most, float(np.abs(missed).max()), rms))
 
     def whole_deviation(self) -> Deviation | None:
         """See `whole_deviation`; None with the methods "thesis" and "coarse", which do not say."""
-        return None if self.closed is None else whole_deviation(self.closed, self.evidence.contacts)
+        if self.closed is None:
+            return None
+        found = whole_deviation(self.closed, self.evidence.contacts)
+        missed = self._missed_by_tilt(found.whole)
+        if not len(missed):
+            return found
+        return found._replace(whole=math.hypot(found.whole, rms_of(missed)))
+
+    def _missed_by_tilt(self, known: float) -> Floats:
+        """How far points of contours lie off the solid, (n,), m, if their own heights tell.
+
+        Contours are used at their mean heights. None, (0,), if their points lie so near to these
+        that it is little beside the error that is `known`, m, or if taxels count in their place.
+        """
+        loops = self.slices.loops
+        rises = np.concatenate([loop.rises for loop in loops])
+        if self.evidence.contacts is not None or rms_of(rises) <= MIN_RISE * known:
+            return np.zeros(0)
+        heights = np.repeat(self.slices.heights, [len(loop.points) for loop in loops])
+        plane = np.concatenate([loop.as_given for loop in loops])
+        used = ~np.concatenate([loop.outlier | loop.off_height for loop in loops])
+        places = np.column_stack([plane, heights + rises])[used]
+        if self.frame is not None:
+            places = transform_points(self.frame, places)
+        return self.search().nearest(places).distances
 
     @property
     def uncovered(self) -> tuple[float, float]:

@@ -9,12 +9,14 @@ import numpy as np
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.poses import split_pose
+from palpate.reprs import readable
 
 INSIDE = float("-inf")  # Range of a ray that starts inside the shape
 MISS = float("inf")  # Range of a ray that meets nothing within its reach
 BOUNDS_LEVEL = 6
 
 
+@readable
 class Mesh(NamedTuple):
     """A triangle mesh."""
 

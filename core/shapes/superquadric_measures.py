@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.shapes.global_deformations import Bend, Taper
 from palpate.core.shapes.superquadrics import Superquadric, gauge_and_gradient
+from palpate.reprs import readable
 
 LEVEL = 4  # 5120 facets
 HEADROOM = 1.25  # By how much a place may stand for more area than any corner or middle of a facet
@@ -27,6 +28,7 @@ CORNERS_AND_MIDDLES = (
 WEIGHTS = np.array([3, 3, 3, 27, 8, 8, 8]) / 60.0  # In an integral: exact for cubics
 
 
+@readable
 class MassMoments(NamedTuple):
     """Of a solid of density 1."""
 

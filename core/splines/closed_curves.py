@@ -17,6 +17,7 @@ from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.geometry import self_intersects
 from palpate.core.splines import curve_fits
 from palpate.core.splines.bases import CUBIC, periodic_knots
+from palpate.reprs import readable
 
 FLAT_SPREAD = 1e-9  # Width of the points over their length from which on they are not on a line
 FINE = 4  # Chords for each knot interval in which a curve is tested for meeting itself
@@ -38,6 +39,7 @@ class CurveFlags(NamedTuple):
     self_intersecting: bool  # The curve meets itself, seen along its normal
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosedCurve:
     """A closed cubic B-spline, counter-clockwise; its parameter runs from 0 to 1, in turns."""

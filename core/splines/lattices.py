@@ -21,6 +21,7 @@ from palpate.core.geometry import signed_volume
 from palpate.core.splines import spline_volumes
 from palpate.core.splines.bases import CUBIC, clamped_basis
 from palpate.core.splines.inversion import invert_points
+from palpate.reprs import readable
 
 LEAST_STRETCH = 1e-9  # Of the largest: what is squeezed more counts as squeezed by that much
 SIDE = 4  # Control points across a layer, each way: the fewest that a cubic basis takes
@@ -33,6 +34,7 @@ MOST_NUMBERS = 1 << 22  # Coefficients of pieces that are halved: more would tak
 FoldVerdict = Literal["sound", "folded", "undecided"]
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
     """A control lattice.
@@ -218,6 +220,7 @@ def box_lattice(
     return Lattice(spline_volumes.SplineVolume(frame.greville_control((s, t, u)), (s, t, u)), frame)
 
 
+@readable
 class LatticeLayer(NamedTuple):
     """What happens to one layer of control points."""
 

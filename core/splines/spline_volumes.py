@@ -19,6 +19,7 @@ import numpy as np
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.splines.bases import ROUNDING, Basis, Orders, evaluate_grid, evaluate_scattered
 from palpate.core.splines.bases import sparse_rows
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -41,6 +42,7 @@ LEAST_RELATIVE_VOLUME = 1e-12  # Over the edges' lengths, below which a parallel
 Bases = tuple[Basis, Basis, Basis]  # Along s, t and u
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class SplineVolume:
     """A spline solid over parameters s, t, u between 0 and 1.

@@ -19,6 +19,7 @@ from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.shapes import Mesh, Superquadric, regular_points
 from palpate.core.thesis.layers import ThesisLayer, invert_thesis, make_layer, make_program_layer
 from palpate.core.thesis.layers import rim_cells
+from palpate.reprs import readable
 
 # Of the model: the program's, whatever the object. Its surface keeps close to the lattice's faces,
 # where the shell is; a rounder one would be drawn inwards.
@@ -239,6 +240,7 @@ class ThesisHealth(NamedTuple):
     gaps: Floats  # (m,): how far open the curve is that gave the shell, over its mean width
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class ThesisSolid:
     """A superquadric's surface, deformed by a control lattice.

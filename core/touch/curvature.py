@@ -19,6 +19,7 @@ from palpate.core.touch.edges import classify_surface, isolated_outliers
 from palpate.core.touch.filters import clean
 from palpate.core.touch.jet import Jet, JetFit, fit_jet
 from palpate.core.touch.pad import CONTACT, Pad
+from palpate.reprs import readable
 
 LEAST = 4  # Rows and columns of an array
 ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
@@ -76,6 +77,7 @@ def surface_patch(
     return fit_patch(pad, surface, cleaned.touched, ALONG_ROWS, noise)
 
 
+@readable
 class Patch(NamedTuple):
     """A touched patch of surface, in the pad's frame.
 
@@ -194,6 +196,7 @@ def _patch(
     )
 
 
+@readable
 class LocalCurvature(NamedTuple):
     """Curvature at one place of a surface, with its covariance."""
 

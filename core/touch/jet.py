@@ -17,6 +17,7 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, scaled_mad
 from palpate.core.touch.pad import Pad
+from palpate.reprs import readable
 
 TUKEY = 4.685  # Deviations beyond which a taxel has no weight: 95 % efficient for normal noise
 MOST_ROUNDS = 8  # Of reweighting; weights that move by less than `SETTLED` end it before
@@ -258,6 +259,7 @@ def _units(scale: float) -> Floats:
     return np.array([[scale**-power] for power in (0, 1, 1, 2, 2, 2)])
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Jet:
     """z(x, y) as a polynomial about the pad's middle.

@@ -19,6 +19,7 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import split_pose
 from palpate.core.shapes import Shape
+from palpate.reprs import readable
 
 TouchOutcome = Literal["hit", "miss", "inside", "bottomed"]
 HITS = ("hit", "bottomed")  # Outcomes that tell where the surface is
@@ -205,6 +206,7 @@ def half_space_influence(pad: Pad) -> Floats:
     return kernel
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
     """How an array's signal is turned into compression of its pad, and back."""

@@ -19,6 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.plugins import told_error
 from palpate.core.poses import advanced_pose
 from palpate.core.robot_time import RobotPreset, contact_seconds
 from palpate.core.shapes import Shape
@@ -106,8 +107,7 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
     except ValueError:
         raise
     except Exception as error:  # an effect may be anybody's: whose it was must be told
-        kind = type(error).__name__
-        raise ValueError(f"the effect {name} cannot be prepared: {kind}: {error}") from error
+        raise ValueError(f"the effect {name} cannot be prepared: {told_error(error)}") from error
     if not isinstance(stage, Stage):
         raise ValueError(f"the effect {name} prepares a {type(stage).__name__}, not a Stage")
     if not (isinstance(stage.noise, (int, float)) and 0.0 <= stage.noise < math.inf):

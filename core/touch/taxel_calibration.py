@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, scaled_mad
 from palpate.core.touch.pad import Calibration
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -38,6 +39,7 @@ TaxelIndices = NDArray[np.signedinteger]
 LEAST_SPREAD = 1e-9  # m
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationEstimate:
     """A calibration, and how sure it is."""

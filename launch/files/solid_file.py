@@ -11,23 +11,29 @@ import math
 import tokenize
 import zipfile
 import zlib
+from dataclasses import fields
 from pathlib import Path
+from typing import Any, Literal, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import FORM_KEY, Floats, tree_from_arrays, tree_to_arrays
-from palpate.core.rebuild import GeneralSolid, Solid
+from palpate.core import FORM_KEY, Floats, arrays_to_bytes, tree_from_arrays, tree_to_arrays
+from palpate.core.rebuild import MeshSolid, Solid
 from palpate.core.rebuild.lattice import LatticeGrid, lattice_grid
 from palpate.core.splines import Lattice
 from palpate.launch.files.file_access import read_bounded, write_atomically
+from palpate.launch.files.mesh_file import ARCHIVE_FIELD, MESH_UNITS, MODEL_FILE, is_mesh_file
+from palpate.launch.files.mesh_file import read_surface
 from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.messages.types import ShapeModel
 
 SOLID_SUFFIX = ".npz"
 MAX_SOLID_BYTES = 512 << 20  # Largest file
 ALWAYS_ALLOWED_BYTES = 32 << 20  # Bytes to which any file may unpack
 MAX_RATIO = 16  # Times its own size to which a larger one may: measured numbers do not pack better
 MAX_ARRAYS = 4096  # Arrays of a file
+ARCHIVED = (FORM_KEY, "solid")  # Begin the names of the arrays that hold a packed solid
 MAX_AXIS_LENGTH = 1 << 40  # Along an axis
 Arrays = dict[str, NDArray[np.generic]]
 # What zipfile and numpy raise at files that are not what they say.
@@ -54,13 +60,13 @@ LATTICE_SUFFIXES = (".npz", ".vtk")
 AXES = "stu"
 
 
-def save(solid: Solid | GeneralSolid, path: str | Path) -> None:
+def save(solid: Solid, path: str | Path) -> None:
     """Write everything that there is to a solid that was rebuilt.
 
     `path`: a name that ends in ``.npz``; it is replaced as a whole. Raises InputError if it ends
     otherwise, or the file cannot be written; TypeError if it is no solid.
     """
-    if not isinstance(solid, Solid | GeneralSolid):
+    if not isinstance(solid, Solid):
         raise TypeError(f"solid must be a Solid, as reconstruct returns it, got {solid!r:.60}")
     path = Path(path)
     if path.suffix != SOLID_SUFFIX:
@@ -75,21 +81,66 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def load(path: str | Path) -> Solid | GeneralSolid:
-    """The solid that `save` wrote, or that a run left in its ``model.npz``.
+def load(path: str | Path, unit: Literal["m", "cm", "mm", "in"] | None = None) -> Solid:
+    """The solid in a file, or that a run left in its directory.
 
-    The file may be from anybody: nothing in it is ever run. Raises InputError if it cannot be read,
-    or holds no solid, or one of another version.
+    `path`: what `save` wrote; the directory of a run, or its ``model.npz``; or a mesh, ``.ply``,
+    ``.stl``, ``.obj``, ``.off`` or ``.glb``, whose coordinates are in `unit`; if that is left out,
+    in the unit that `Solid.export` writes: m, but mm in ``.stl``. The file may be from anybody:
+    nothing in it is ever run. Raises InputError if it cannot be read, or holds no solid, or one of
+    another version.
     """
     path = Path(path)
+    if is_mesh_file(path):
+        written_in = MESH_UNITS.get(path.suffix.lower(), "m").partition(",")[0]
+        vertices, faces, _ = read_surface(path, unit or written_in)
+        return MeshSolid(vertices, faces)
+    path = path / MODEL_FILE if path.is_dir() else path
     arrays = read_arrays(path)
-    if FORM_KEY not in arrays:
-        raise InputError(f"{path}: holds no solid: it was not written by palpate.save")
     with as_input_errors(path):
-        found = tree_from_arrays(arrays)
-    if not isinstance(found, Solid | GeneralSolid):
-        raise InputError(f"{path}: holds a {type(found).__name__}, not a solid")
-    return found
+        return solid_of(arrays)
+
+
+def solid_of(arrays: Arrays) -> Solid:
+    """The solid in arrays of `save`, or of a model with its final mesh.
+
+    Raises ValueError if there is none; the text is the rest of a sentence about the file.
+    """
+    mesh = None
+    if {"vertices", "faces"} <= arrays.keys() and arrays["faces"].size:
+        parts: Any = arrays  # MeshSolid checks what they hold
+        mesh = MeshSolid(parts["vertices"], parts["faces"])
+    if FORM_KEY not in arrays:
+        if mesh is None:
+            raise ValueError("holds no solid: it was not written by palpate.save")
+        return mesh
+    found = tree_from_arrays(arrays)
+    if not isinstance(found, Solid):
+        raise ValueError(f"holds a {type(found).__name__}, not a solid")
+    return found if mesh is None else found.with_final_mesh(mesh.vertices, mesh.faces)
+
+
+def read_model(path: Path) -> ShapeModel:
+    """The model that a run left in its ``model.npz``, as it was published.
+
+    Raises InputError if the file cannot be read, or holds no model of this version.
+    """
+    arrays, types = read_arrays(path), get_type_hints(ShapeModel)
+    packed = {name: one for name, one in arrays.items() if name.partition("/")[0] in ARCHIVED}
+    values: dict[str, Any] = {ARCHIVE_FIELD: arrays_to_bytes(packed)} if packed else {}
+    for name in (one.name for one in fields(ShapeModel)):
+        hint = types[name]
+        try:
+            if get_origin(hint) is dict:
+                keys, numbers = arrays[f"{name}_names"], arrays[f"{name}_values"]
+                values[name] = dict(zip(keys.tolist(), numbers.tolist(), strict=True))
+            elif name != ARCHIVE_FIELD:
+                found = arrays[name]
+                plain = tuple(found.tolist()) if get_origin(hint) is tuple else found
+                values[name] = plain if found.ndim else found.item()
+        except (KeyError, TypeError):
+            raise InputError(f"{path}: holds no model of this version: no {name} in it") from None
+    return ShapeModel(**values)
 
 
 def read_arrays(path: Path) -> Arrays:

@@ -13,10 +13,15 @@ if TYPE_CHECKING:
     from palpate.launch.processes.fork_server import until_ctrl_c, without_main_module
     from palpate.launch.processes.node_status import SILENCE, LauncherSockets
     from palpate.launch.processes.process_table import ForkServer, ProcessHosts, RemoteHost
-    from palpate.launch.processes.registry import FOLDER_PREFIX, MESSAGE_LOG_FOLDER, EarlierRun
-    from palpate.launch.processes.registry import Announcement, RunCard, SentMessage, addresses_of
-    from palpate.launch.processes.registry import find_run, message_log_folder, private_folder
-    from palpate.launch.processes.registry import remove_stale_folders, running_graphs
+    from palpate.launch.processes.registry import FOLDER_PREFIX, GRAPH_VARIABLE, MESSAGE_LOG_FOLDER
+    from palpate.launch.processes.registry import Announcement, EarlierRun, RunCard, SentMessage
+    from palpate.launch.processes.registry import (
+        addresses_of,
+        find_run,
+        message_log_folder,
+        private_folder,
+    )
+    from palpate.launch.processes.registry import RUNS_FOLDER, remove_stale_folders, running_graphs
     from palpate.launch.processes.registry import runtime_folder, stale_folders
     from palpate.launch.processes.supervisor import Supervisor
 else:

@@ -12,11 +12,11 @@ import zmq
 
 from palpate.messages import bus, decode, schema_hash
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
+from palpate.nodes.runtime import failure_records
 
 # A node without a sign of life for this long, and for as long as it declared that its work may
 # take, is mentioned in the log, s.
 SILENCE = 5.0
-_MAX_TEXT = 4000
 RETRY = 0.2  # A node that has not answered is asked again after this long, s
 
 
@@ -50,11 +50,7 @@ class NodeStatusTable:
             self.statuses[name] = decode(NodeStatus, word["status"])
         elif kind == "failed":
             self.failed[name] = str(word["text"])
-            trace = str(word["trace"]).encode()[-_MAX_TEXT:].decode(errors="ignore")
-            return [
-                _log_record(name, "error", self.failed[name]),
-                _log_record(name, "debug", trace),
-            ]
+            return failure_records(name, self.failed[name], str(word["trace"]))
         return []
 
     def left(self, name: str) -> str | None:

@@ -22,16 +22,18 @@ import msgspec
 import zmq
 
 from palpate.messages import Header, pack_frame
-from palpate.messages.bus import Addresses, Cause, Consumed, Journal, MessageLog, ParameterLog
-from palpate.messages.bus import SendTimes
+from palpate.messages.bus import Addresses, Cause, Consumed, Journal, MessageLog, OutsideMessage
+from palpate.messages.bus import ParameterLog, SendTimes
 from palpate.messages.types import ParameterEvent
 from palpate.nodes.runtime import RecordedNode, Wiring
 
 FOLDER_PREFIX = "palpate-run-"
 CARD_FILE, LOCK_FILE = "run.json", "lock"
+RUNS_FOLDER = "runs"  # Where run directories are made, in the working directory
 MESSAGE_LOG_FOLDER = ".published"  # In the run directory, for what is published and not remembered
 # What a private folder may hold: one that holds anything else is somebody's own.
-OWN_FILES = re.compile(r"[jnpst]\d+|j\d+c|control|tools|lock|\.?run\.json")
+OWN_FILES = re.compile(r"[jnpst]\d+|j\d+[co]|control|tools|lock|\.?run\.json")
+GRAPH_VARIABLE = "PALPATE_GRAPH"  # Of the environment: which running graph the tools mean
 GRACE_AGE = 60.0  # A folder without a card may just be coming up until it is so old, s
 _RUN_BITS = 63
 
@@ -44,6 +46,7 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
     pid: int  # Process of its launcher
     began: str  # Local time at which it was launched
     folder: str  # Its run directory; empty if it has none
+    started_in: str = ""  # Working directory in which it was launched; empty if not known
     ends: str  # The node whose Finished ends it
     nodes: tuple[RecordedNode, ...]  # Its nodes
     taps: dict[str, str]  # Name of the node to the address of its tap
@@ -68,11 +71,29 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
         return {topic: one.name for one in self.nodes for topic in one.outputs.values()}
 
     def is_called(self, name: str) -> bool:
-        """Whether that is its name, begins its number, or is its folder or a recording there."""
+        """Whether that is its name, begins its number, or is its folder or a recording there.
+
+        Of the folder, its last part alone will do.
+        """
         path = Path(name).resolve()
         home = path.parent if path.suffix == ".mcap" else path
-        same = bool(self.folder) and Path(self.folder).resolve() == home
+        run_dir = Path(self.folder).resolve() if self.folder else None
+        same = run_dir is not None and (run_dir == home or run_dir.name == name)
         return same or self.run.startswith(name) or self.name == name
+
+    def belongs_to(self, folder: Path) -> bool:
+        """Whether it was started in a folder, or its run directory is that, or lies in its runs."""
+        if self.started_in and Path(self.started_in) == folder:
+            return True
+        run_dir = Path(self.folder).resolve() if self.folder else None
+        homes = (folder, folder / RUNS_FOLDER)
+        return run_dir is not None and (run_dir == folder or run_dir.parent in homes)
+
+    @property
+    def title(self) -> str:
+        """Number, name and run directory, as a list of graphs has it."""
+        where = f" in {_shown(Path(self.folder))}" if self.folder else ""
+        return f"{self.run[:6]} ({self.name}{where})"
 
     def subscribers(self, topic: str) -> tuple[str, ...]:
         """The nodes that subscribe to a topic."""
@@ -174,21 +195,49 @@ def _read_card(folder: Path) -> RunCard | None:
 
 
 def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
-    """The running graph that is called so, as `RunCard.is_called` says, or the latest.
+    """The running graph that is meant.
 
-    Raises ValueError if there is none, or several are meant.
+    That is the one that is called `wanted`, as `RunCard.is_called` says; else the one that the
+    environment variable PALPATE_GRAPH calls so; else the one that belongs to the working directory;
+    else the only one. Raises ValueError if there is none, or several may be meant.
     """
     cards = running_graphs(parent)
     if not cards:
         raise ValueError("no graph of yours is running; start one with palpate run or launch")
-    if wanted is None:
-        return cards[-1]
-    found = [card for card in cards if card.is_called(wanted)]
+    chosen = os.environ.get(GRAPH_VARIABLE, "")
+    if wanted is None and chosen:
+        return _called(chosen, cards, f"{GRAPH_VARIABLE}={chosen}: ")
+    if wanted is not None:
+        return _called(wanted, cards, "")
+    here = [card for card in cards if card.belongs_to(Path.cwd())]
+    if len(here or cards) == 1:
+        return (here or cards)[0]
+    whose = "of this folder" if here else "and none is of this folder"
+    raise ValueError(
+        f"{len(here or cards)} graphs run {whose}; choose one by its number, with --run or "
+        f"{GRAPH_VARIABLE}: {_listed(here or cards)}"
+    )
+
+
+def _called(name: str, cards: Sequence[RunCard], source: str) -> RunCard:
+    """The graph of a name; `source` says where the name comes from."""
+    found = [card for card in cards if card.is_called(name)]
     if len(found) == 1:
         return found[0]
-    known = ", ".join(f"{card.run[:6]} ({card.name})" for card in cards)
     how = "several running graphs are" if found else "no running graph is"
-    raise ValueError(f"{how} called {wanted!r}; there are {known}")
+    raise ValueError(f"{source}{how} called {name!r}; there are {_listed(found or cards)}")
+
+
+def _listed(cards: Sequence[RunCard]) -> str:
+    return ", ".join(f"--run {card.title}" for card in cards)
+
+
+def _shown(path: Path) -> str:
+    """A path from the working directory, if it lies there."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except (ValueError, OSError):
+        return str(path)
 
 
 @contextmanager
@@ -275,6 +324,7 @@ class SentMessage(NamedTuple):
     sent_ns: int  # The node's clock, ns
     schema: int  # Hash of the type's schema
     body: bytes  # Encoded
+    outside: bool = False  # Whether a tool had the node send it
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,6 +343,8 @@ class EarlierRun:
     times: Mapping[str, Sequence[tuple[str, int]]]
     # Parameters that were set while a node ran
     changes: Mapping[str, Sequence[ParameterEvent]] = field(default_factory=dict)
+    # What tools had the others publish
+    outside: Mapping[str, Sequence[OutsideMessage]] = field(default_factory=dict)
 
     def lay(self, wirings: Sequence[Wiring], place: Addresses) -> None:
         """Write the journals and message logs that the nodes, with their subscribers, will find."""
@@ -315,6 +367,10 @@ class EarlierRun:
             with closing(ParameterLog(Path(place.journals[wiring.name]))) as log:
                 for change in changes:
                     log.note(msgspec.json.encode(change))
+        if outside := self.outside.get(wiring.name):
+            with closing(ParameterLog(Path(place.journals[wiring.name]), "o")) as log:
+                for message in outside:
+                    log.note(msgspec.json.encode(message))
         topics = [topic for topic in wiring.outputs.values() if wiring.subscribers.get(topic)]
         with closing(SendTimes(Path(place.times[wiring.name]), wiring.name, topics)) as times:
             for topic, sent_ns in self.times.get(wiring.name, ()):
@@ -324,9 +380,9 @@ class EarlierRun:
         """What a node has answered, and how."""
         topics = tuple(wiring.outputs.values())
         with closing(MessageLog(Path(place.pasts[wiring.name]), topics, persistent=True)) as past:
-            for topic, sent_ns, schema, body in self.published.get(wiring.name, ()):
+            for topic, sent_ns, schema, body, outside in self.published.get(wiring.name, ()):
                 seq, when = past.count(topic), sent_ns + later_ns
-                header = Header(place.run, 0, seq, when, 0.0, schema)
+                header = Header(place.run, 0, seq, when, 0.0, schema, outside)
                 past.add(topic, pack_frame(topic, header, body))
             for publisher, topic, seq in self.consumed.get(wiring.name, ()):
                 past.answer((), Cause(publisher, topic, seq))

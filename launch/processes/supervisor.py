@@ -19,7 +19,17 @@ from palpate.launch.processes.registry import Announcement
 from palpate.messages import decode
 from palpate.messages.bus import LAUNCHER, Addresses, ControlMessage, ControlServer
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.runtime import FAILED, Ending, Node, Source, Watcher, Wiring, load_node
+from palpate.nodes.runtime import (
+    FAILED,
+    AnyNode,
+    Ending,
+    Node,
+    Sink,
+    Source,
+    Watcher,
+    Wiring,
+    load_node,
+)
 from palpate.nodes.runtime import with_parameter
 
 TICK = 0.1  # The watcher is called this often, s
@@ -221,6 +231,8 @@ class Supervisor:
                     self._detector.forget()
                 elif word["kind"] == "acknowledged":
                     self._tools.done(word["ticket"])
+                elif word["kind"] == "refused":
+                    self._tools.refused(word["ticket"], str(word["text"]), again=word["again"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
                     told = word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
@@ -313,6 +325,12 @@ class ToolServer:
         if tool:
             self._line.send(tool, "done")
 
+    def refused(self, ticket: int, text: str, *, again: bool) -> None:
+        """A node does not do what a tool had asked for, or not yet."""
+        tool, _, _ = self._pending.pop(ticket, ("", "", {}))
+        if tool:
+            self._line.send(tool, "not_ready" if again else "refused", text=text)
+
     def buried(self, name: str) -> None:
         """A node has died: what it had been asked for may not have been done."""
         for ticket, (tool, node, _) in list(self._pending.items()):
@@ -358,14 +376,23 @@ class ToolServer:
         if word["kind"] == "set":
             self._with_set(name, word)
             return
-        if not isinstance(node, Source):
-            raise ValueError(f"{name} is no source: it publishes when it receives something")
         if word["kind"] == "publish":
-            topic = word["topic"]
-            if not node.outside or topic not in wiring.outputs.values():
-                raise ValueError(f"{name} does not publish {topic!r} for tools")
-            local = next(one for one, wire in wiring.outputs.items() if wire == topic)
-            decode(node.outputs(wiring.params)[local], word["body"])
+            self._check_message(wiring, node, word)
+        elif not isinstance(node, Source):
+            raise ValueError(f"{name} is no source: it publishes when it receives something")
+
+    @staticmethod
+    def _check_message(wiring: Wiring, node: AnyNode, word: ControlMessage) -> None:
+        """Refuse a message that a node could not publish, or not once more after its death."""
+        local = next((one for one, wire in wiring.outputs.items() if wire == word["topic"]), None)
+        if local is None or isinstance(node, Sink):
+            raise ValueError(f"{wiring.name} does not publish {word['topic']!r}")
+        if isinstance(node, Source) and node.repeats:
+            raise ValueError(
+                f"{wiring.name} publishes {word['topic']} as a file has it: nothing can be added"
+            )
+        types = node.outputs(wiring.params) if isinstance(node, Source) else node.outputs
+        decode(types[local], word["body"])
 
     def _with_set(self, name: str, word: ControlMessage) -> Any:
         """A node's parameters with one that a tool sets; ValueError if it cannot be set so."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate.messages.bus.handshake import join_call, join_cursor, read_epoch, read_reply
     from palpate.messages.bus.handshake import read_request, resent_frame
     from palpate.messages.bus.message_log import Cause, Consumed, Journal, MessageLog, SendTimes
-    from palpate.messages.bus.message_log import ParameterLog, SourceProgress
+    from palpate.messages.bus.message_log import OutsideMessage, ParameterLog, SourceProgress
     from palpate.messages.bus.node_sockets import LOG_TOPIC, PAST_BATCH, STATUS_TOPIC, NodeSockets
     from palpate.messages.bus.node_sockets import PastReader, TapReader
     from palpate.messages.bus.publisher import Publisher

@@ -119,6 +119,8 @@ FROM_NODES = ControlProtocol(
             "can_publish": bool,
         },
         "acknowledged": {"ticket": _Count},
+        # A tool's request; `again`: it may be repeated soon
+        "refused": {"ticket": _Count, "text": str, "again": bool},
         "exiting": {"status": bytes},
         "failed": {"text": str, "trace": str},
     }

@@ -323,14 +323,24 @@ class Journal:
         return tuple(Consumed(*edges[number - 1], seq) for seq, number in entries)
 
 
-class ParameterLog:
-    """Parameters that were set while a node ran, beyond its death, in a file beside its journal.
+class OutsideMessage(NamedTuple):
+    """A message that a tool had a node publish."""
 
-    Raises OSError if the file cannot be read or written.
+    topic: str  # On the wire
+    seq: int  # Its number on the topic
+    body: bytes  # Encoded
+    schema: int  # Hash of the type's schema
+
+
+class ParameterLog:
+    """What tools had a node do, beyond its death, in a file beside its journal: set parameters.
+
+    With `end` "o" the file is that of its `OutsideMessage`s. Raises OSError if the file cannot be
+    read or written.
     """
 
-    def __init__(self, journal: Path) -> None:
-        path = journal.with_name(f"{journal.name}c")
+    def __init__(self, journal: Path, end: str = "c") -> None:
+        path = journal.with_name(f"{journal.name}{end}")
         self._file = os.open(path, _FLAGS | os.O_APPEND, 0o600)
         # What earlier starts have put down, one a line; a line that was cut off was never done
         self.before = path.read_bytes().splitlines(keepends=True)
@@ -339,7 +349,7 @@ class ParameterLog:
             self.before.pop()
 
     def note(self, change: bytes) -> None:
-        """Put down what is about to be set, without a line break in it."""
+        """Put down what is about to be done, without a line break in it."""
         os.write(self._file, change + b"\n")
 
     def close(self) -> None:

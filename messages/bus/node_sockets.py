@@ -316,13 +316,20 @@ class NodeSockets:
         self._inbox.extendleft(reversed(list(arrivals)))
 
     def send(
-        self, topic: str, body: bytes, robot_time: float, schema: int, outlives: bool = False
+        self,
+        topic: str,
+        body: bytes,
+        robot_time: float,
+        schema: int,
+        outlives: bool = False,
+        outside: bool = False,
     ) -> None:
         """Publish a message, with a copy for the tap.
 
         Raises BlockedError if a subscriber's queue stays full for too long.
         """
-        self.tap.mirror(self.publisher.send(topic, body, robot_time, schema, outlives=outlives))
+        how = {"outlives": outlives, "outside": outside}
+        self.tap.mirror(self.publisher.send(topic, body, robot_time, schema, **how))
 
     def answer(self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:
         """Publish all that answers one message, once it is kept, with copies for the tap.

@@ -71,18 +71,26 @@ class Publisher:
         return self.past.counts
 
     def send(
-        self, topic: str, body: bytes, robot_time: float, schema: int, *, outlives: bool = False
+        self,
+        topic: str,
+        body: bytes,
+        robot_time: float,
+        schema: int,
+        *,
+        outlives: bool = False,
+        outside: bool = False,
     ) -> bytes:
         """Send one message to all subscribers of the topic, and return its frame.
 
         Before `go_live`, to those alone who have asked for it. What `outlives` this start of the
-        node is not made again by the next.
+        node is not made again by the next; what comes from `outside` a tool had it publish.
 
         Raises KeyError if the topic is not one of this publisher's; BlockedError if a subscriber's
         queue stays full for longer than the patience.
         """
         seq = self.past.count(topic)
-        header = Header(self.run, self.epoch, seq, self._time(topic, seq), robot_time, schema)
+        sent_ns = self._time(topic, seq)
+        header = Header(self.run, self.epoch, seq, sent_ns, robot_time, schema, outside)
         frame = pack_frame(topic, header, body)
         self.past.add(topic, frame, outlives=outlives)
         if self._lacks is None:

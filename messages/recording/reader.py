@@ -22,7 +22,14 @@ from palpate.messages.codec import schema_hash
 from palpate.messages.described import type_of_schema
 from palpate.messages.fields import CodecError
 from palpate.messages.recording.mcap_reading import Closed, DamagedRecording, placed_records
-from palpate.messages.recording.writer import ABOUT, COUNTS, PROFILE, AtomicFile, mcap_writer
+from palpate.messages.recording.writer import (
+    ABOUT,
+    COUNTS,
+    OUTSIDE,
+    PROFILE,
+    AtomicFile,
+    mcap_writer,
+)
 from palpate.messages.types import TYPES
 
 NOT_PALPATE = "was not written by palpate, or ends before it began"
@@ -40,6 +47,7 @@ class RecordedMessage(NamedTuple):
     sent_ns: int  # The publisher's monotonic clock, ns
     schema: int  # Hash of the type's schema when it was recorded
     body: bytes  # The message, still encoded
+    outside: bool = False  # Whether a tool had its publisher publish it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,13 +99,15 @@ class Recording:
                     sent_ns=record.publish_time,
                     schema=int(about["schema_hash"], 16),
                     body=record.data,
+                    outside=OUTSIDE in about,
                 )
 
 
 def open_recording(path: Path) -> Recording:
     """Check a recording from end to end, with the parts in which its recorder went on.
 
-    ValueError if it is missing, empty, no MCAP file, cut off, damaged, or not written by palpate.
+    ValueError if it is missing, empty, no MCAP file, cut off, damaged, not written by palpate, or
+    followed or preceded by other bytes.
     """
     about: Mapping[str, str] | None = None
     types: dict[str, tuple[str, int]] = {}
@@ -199,13 +209,18 @@ def checked_records(path: Path) -> Iterator[LocatedRecord]:
 def records_of_parts(path: Path) -> Iterator[LocatedRecord]:
     """Records of all parts; a part that another follows may be cut off.
 
-    Raises DamagedRecording as `placed_records` does, of the last part.
+    Raises DamagedRecording as `placed_records` does, of the last part, or of one that was closed.
     """
     parts = parts_of(path)
     for part in parts[:-1]:
+        closed = False
         try:
-            yield from (LocatedRecord(part, *placed) for placed in placed_records(part))
+            for placed in placed_records(part):
+                closed = isinstance(placed.record, Closed)
+                yield LocatedRecord(part, *placed)
         except ValueError:
+            if closed:  # other bytes follow it
+                raise
             continue  # its recorder was killed: the next part begins where this one ends
     yield from (LocatedRecord(parts[-1], *placed) for placed in placed_records(parts[-1]))
 

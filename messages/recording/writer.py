@@ -26,6 +26,7 @@ CHUNK_BYTES = 1 << 16
 FLUSH_NS = 20_000_000  # Longest traffic that is held in memory, ns
 PROFILE = "palpate"  # What the file's header says that it holds
 ABOUT = "palpate"  # Name of the metadata record that opens a recording: version and graph
+OUTSIDE = "outside"  # In the metadata of a channel of messages that tools had published
 COUNTS = "counts"  # Name of a metadata record that closes it: messages by topic
 MISSING = "missing"  # Name of the other: messages that were sent and never came, by topic
 
@@ -71,7 +72,7 @@ class RecordingWriter:
         self._file = AtomicFile(path)
         self._writer: Writer | None = mcap_writer(self._file)
         self._schemas: dict[str, int] = {}
-        self._channels: dict[tuple[str, int, int, int], int] = {}
+        self._channels: dict[tuple[str, int, int, int, bool], int] = {}
         self._counts: Counter[str] = Counter()
         self._logged = self._flushed = 0
         with self._stopping():
@@ -132,8 +133,8 @@ class RecordingWriter:
         return self._writer
 
     def _channel(self, writer: Writer, topic: str, header: Header) -> int:
-        """Channel of a topic; another one after a restart of its publisher."""
-        key = (topic, header.run, header.epoch, header.schema)
+        """Channel of a topic; another one after a restart of its publisher, or from outside."""
+        key = (topic, header.run, header.epoch, header.schema, header.outside)
         if key not in self._channels:
             if topic not in self._types:
                 raise ValueError(f"{topic} is not among the topics to record: {list(self._types)}")
@@ -142,6 +143,7 @@ class RecordingWriter:
                 "run": f"{header.run:016x}",
                 "epoch": str(header.epoch),
                 "schema_hash": f"{header.schema:08x}",
+                **({OUTSIDE: "true"} if header.outside else {}),
             }
             schema_id = self._schema(writer, self._types[topic])
             self._channels[key] = writer.register_channel(topic, "msgpack", schema_id, about)

@@ -8,8 +8,10 @@ from typing import Annotated, Literal
 
 from palpate.messages.fields import Count, Seconds, Unit
 from palpate.messages.types import model, motion, procedure, touch, world
+from palpate.reprs import readable
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class NodeStatus:
     """A node's counters. On ``/node/status``."""
@@ -28,6 +30,7 @@ class NodeStatus:
     steps: dict[str, float] = field(default_factory=dict)
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LogRecord:
     """One line for the log. On ``/log``."""
@@ -38,6 +41,7 @@ class LogRecord:
     robot_time: Seconds  # Robot time at which it happened; 0 if none
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ParameterEvent:
     """A parameter was set while the node ran. On ``/filter/parameter_events`` and the like."""
@@ -48,6 +52,7 @@ class ParameterEvent:
     after: Count  # Messages of this input that the node had handled by then
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Clock:
     """The time of a recording that is played. On ``/clock``."""

@@ -10,10 +10,12 @@ import numpy as np
 from palpate.messages.fields import Array, ControlPoints, Count, Degrees, Directions, Floats
 from palpate.messages.fields import Lengths, Metres, Numbers, PackedBytes, PerMetre, Points
 from palpate.messages.fields import Pose, Radians, Ratio, Seconds, Triangles, Unit, Vector
+from palpate.reprs import readable
 
 Ids = tuple[int, ...]
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ModelGoal:
     """A set of contours and probes to fit. Planner to reconstructor on ``/model/goal``."""
@@ -37,6 +39,7 @@ class ModelGoal:
     robot_time: Seconds  # Robot time spent so far
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanEstimate:
     """How good a model is, as far as can be told, and what the next halving of its error takes.
@@ -60,6 +63,7 @@ class PlanEstimate:
     open_width: Metres | None = None  # Width of the largest opening in what was touched
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanDone:
     """The exploration is over. Planner to reconstructor on ``/plan/done``."""
@@ -76,16 +80,21 @@ class PlanDone:
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent
     reason: str  # Why it is over
-    # Whether the tolerance was met, as far as can be told
-    tolerance_met: bool | None
+    # Whether every limit is kept, as far as can be told; null where nothing was asked
+    reached: bool | None
     # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
     # tell
     rms_bound_95: Metres | None
-    # Height of the largest stretch of the side that nothing has touched; null where nobody looked
+    # Width of the largest untouched gap: of the side's height, or of a general solid; null where
+    # nobody looked
     largest_untouched: Metres | None
     uncovered: Metres  # Height of stretches of the side that no touch could reach
-    # Share of the surface that lies far from every touch, the underside apart; null where nobody
-    # looked
+    # What is known of the solid, by the names of `palpate.planning.Findings`; m and shares
+    findings: dict[str, float] = field(default_factory=dict)
+    # What was asked, by the names of `palpate.planning.Limits`; m and shares
+    limits: dict[str, float] = field(default_factory=dict)
+    # Share of the surface that is unknown, for it lies farther than half a feature from every
+    # touch, the underside apart; null where nobody looked
     open_share: Ratio | None = None
     open_width: Metres | None = None  # Width of the largest opening in what was touched
     # Middles of the largest openings, if there are any, the largest first
@@ -97,6 +106,7 @@ class PlanDone:
     under_share: Ratio | None = None  # Share of the surface on which the object stands
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Superquadric:
     """A superquadric, tapered and bent. Latched on ``/model/coarse``."""
@@ -115,6 +125,7 @@ class Superquadric:
     rank: Count  # Rank of the fit's Jacobian
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShapeModel:
     """A closed solid. Latched on ``/model/shape``.
@@ -148,6 +159,11 @@ class ShapeModel:
     vertices: Points = field(default_factory=lambda: np.zeros((0, 3)))
     # Triangles, counter-clockwise seen from outside
     faces: Triangles = field(default_factory=lambda: np.zeros((0, 3), np.int32))
+    # Of the final model's mesh: whether every edge has exactly two faces, how many holes go through
+    # it, and how many pairs of triangles cross; null of models on the way, for nobody looked
+    closed: bool | None = None
+    genus: Count | None = None
+    self_crossings: Count | None = None
     # Error that is expected at each vertex of a general solid, of touches that were left out, by
     # their distance from the others; 0 where slices tell of theirs by height
     vertex_errors: Lengths = field(default_factory=lambda: np.zeros(0))
@@ -175,6 +191,7 @@ class ShapeModel:
     archive: PackedBytes = field(default_factory=lambda: np.zeros(0, np.uint8))
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Score:
     """A model measured against the truth. On ``/score``.
@@ -198,4 +215,5 @@ class Score:
     size: Metres  # True height of the object
     watertight: bool  # True if every edge has exactly two faces
     genus: Count  # Number of handles; -1 for a surface that is not closed and has none to count
+    true_genus: Count = -1  # The same of the truth
     final: bool  # True for the score of the final model

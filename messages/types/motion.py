@@ -10,6 +10,7 @@ import numpy as np
 from palpate.messages.fields import Count, Curvatures, Direction, Directions, FingerNumbers, Lengths
 from palpate.messages.fields import Metres, MoveParts, PlanarPoint, Points, Pose, Seconds, Vector
 from palpate.messages.types.touch import Outcome
+from palpate.reprs import readable
 
 # How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
 # ends below the slice; no way on; wound round too far without closing; the allowance of touches is
@@ -19,6 +20,7 @@ ContourStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budge
 GapReason = Literal["bridged", "missed"]
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ContourGoal:
     """A slice to trace. Planner to tracer on ``/contour/goal``."""
@@ -39,6 +41,7 @@ class ContourGoal:
     reason: str = ""  # Why there, in words
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Contour:
     """One traced contour. Latched, all kept, on ``/contour/traced``."""
@@ -63,6 +66,7 @@ class Contour:
     robot_time: Seconds  # Robot time of the last touch
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ProbeGoal:
     """A single touch off the contours: a pole, a cap. Planner to tracer on ``/probe/goal``."""
@@ -76,6 +80,7 @@ class ProbeGoal:
     not_after: Seconds | None = None
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Probe:
     """What a single touch found, or one goal's frames of a driver.
@@ -93,6 +98,7 @@ class Probe:
     robot_time: Seconds  # Robot time of the last touch
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TouchGoal:
     """One guarded move. Tracer to simulator on ``/finger/goal``."""
@@ -107,6 +113,7 @@ class TouchGoal:
     not_before: Seconds  # Robot time before which the move must not start
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FingerClock:
     """How far a finger has come. Tracer to planner on ``/finger/clock``, if there are several."""
@@ -115,6 +122,7 @@ class FingerClock:
     robot_time: Seconds  # Robot time of its last touch
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GraspGoal:
     """A pose of the hand from which it shall close. On ``/hand/goal``."""
@@ -129,6 +137,7 @@ class GraspGoal:
     not_before: Seconds  # Robot time of the decision
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GraspContacts:
     """Where the fingers met the object. On ``/hand/contacts``."""

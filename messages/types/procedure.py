@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from palpate.messages.fields import Array, Count, Direction, Directions, Floats, Lengths, Metres
 from palpate.messages.fields import Numbers, Points, Radians, Ratio, Seconds, Vector
+from palpate.reprs import readable
 
 Pairs = Annotated[NDArray[np.int32], Array("<i4", (None, 2), "#")]
 Counts = Annotated[NDArray[np.int32], Array("<i4", (None,), "#")]
 Covariance = Annotated[Floats, Array("<f8", (3, 3), "m2")]
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ProcedureResult:
     """A procedure is over. Latched on ``/procedure/result``."""
@@ -31,6 +33,7 @@ class ProcedureResult:
     robot_time: Seconds  # Robot time spent
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoundaryRepresentation:
     """A polyhedron as winged edges (Baumgart). Latched on ``/model/boundary``."""
@@ -48,6 +51,7 @@ class BoundaryRepresentation:
     residual: Metres  # Root mean square distance of the touched points from their planes
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GeneralisedCone:
     """A straight homogeneous generalised cone. Latched on ``/model/cone``."""
@@ -64,6 +68,7 @@ class GeneralisedCone:
     residual: Metres  # Root mean square distance of the touched points
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ConePose:
     """Axis and apex of a cone, from contact features. Latched on ``/model/cone_pose``."""
@@ -80,6 +85,7 @@ class ConePose:
     residual_sigma: Ratio  # Residual of all features, over its standard deviation
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Openings:
     """Holes and cavities of an object. Latched on ``/model/openings``."""

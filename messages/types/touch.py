@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.messages.fields import Count, Direction, Floats, LengthImage, Mask, Metres, MoveParts
 from palpate.messages.fields import Numbers, PerMetre, Pose, Radians, Ratio, Seconds, SignalImage
+from palpate.reprs import readable
 
 # ``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start pose
 # lay inside the object. ``bottomed``: the pad saturated before the asked depth
@@ -25,6 +26,7 @@ def no_move() -> Floats:
 SurfaceKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TactileFrame:
     """One raw frame, taken at the end of a guarded move. On ``/touch/raw``."""
@@ -42,6 +44,7 @@ class TactileFrame:
     robot_time: Seconds  # Robot time at the end of the touch
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SequenceEnd:
     """No more frames will come. Driver to collector on ``/touch/end``."""
@@ -50,6 +53,7 @@ class SequenceEnd:
     robot_time: Seconds  # Robot time of the last of them
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TactileImage:
     """One calibrated and filtered frame. On ``/touch/image``."""
@@ -67,6 +71,7 @@ class TactileImage:
     robot_time: Seconds  # Robot time at the end of the touch
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfacePatch:
     """The piece of surface that one touch met. On ``/touch/patch``."""

@@ -10,8 +10,10 @@ import numpy as np
 from palpate.messages.fields import Count, LengthImage, Metres, MetresPerSecond, NewtonsPerMetre
 from palpate.messages.fields import PerMetre, PlanarPoint, Points, Ratio, RatioImage, RobotSpeeds
 from palpate.messages.fields import Triangles, Vector, Voxels
+from palpate.reprs import readable
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class World:
     """What a robot knows before it touches anything. Latched on ``/world``."""
@@ -29,6 +31,7 @@ class World:
     robot: RobotSpeeds = field(default_factory=lambda: np.zeros(0))
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Truth:
     """The true shape. Latched on ``/truth``, for the evaluator and viewers alone."""
@@ -43,6 +46,7 @@ class Truth:
     height: Metres  # True height of the object
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SpaceMap:
     """What is known of the space about the object. Latched on ``/model/space``."""
@@ -55,6 +59,7 @@ class SpaceMap:
     states: Voxels  # 0: nothing is known, 1: a finger has swept it and it is free, 2: touched
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SensorInfo:
     """The fingertip's array, pad and calibration. Latched on ``/touch/info``.

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import IDENTITY_POSE, Floats, Steps, no_steps, tree_to_bytes
-from palpate.core.geometry import nearest_points
-from palpate.core.rebuild import Solid, fit_coarse, surface
+from palpate.core import IDENTITY_POSE, Floats, Ints, Steps, no_steps, tree_to_bytes
+from palpate.core.geometry import nearest_points, self_intersection, solidity
+from palpate.core.rebuild import LatticeSolid, fit_coarse, surface
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
@@ -26,7 +26,7 @@ from palpate.nodes.specs import CONTACT_ERROR
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid
 
-    AnySolid = Solid | GeneralSolid
+    AnySolid = LatticeSolid | GeneralSolid
 
 COARSE_TOLERANCE = 5e-4  # Of the mesh that tells how fine the final one is, of the size
 SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
@@ -64,7 +64,7 @@ QUALITIES: Mapping[str, Quality] = {
 class Candidates:
     """The solids of one set, one of each method."""
 
-    sliced: Solid | None  # The final one as a control lattice; None: slices make no solid
+    sliced: LatticeSolid | None  # The final one as a control lattice; None: slices make no solid
     general: GeneralSolid | None  # None where nothing was touched, or slices do
     touched: ContactPoints  # Of what they are made
     why: str = ""  # Why slices make no solid, if they should
@@ -81,7 +81,7 @@ class Candidates:
 
     def mesh_of(self, solid: AnySolid) -> Mesh | surface.SurfaceMesh:
         """A mesh for a look of one of the solids."""
-        return self.volume.mesh if isinstance(solid, Solid) else solid.mesh(1)
+        return self.volume.mesh if isinstance(solid, LatticeSolid) else solid.mesh(1)
 
     def predicted(self, number: int, touched: ContactPoints) -> dict[str, Floats]:
         """Mean square distance of each touch since from the solids, by method, m^2.
@@ -144,7 +144,7 @@ def shape_model(
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
     frame = IDENTITY_POSE
     deviation = None
-    if isinstance(solid, Solid):
+    if isinstance(solid, LatticeSolid):
         parts = _parts(solid, candidates, quality, step)
         frame = IDENTITY_POSE if solid.frame is None else solid.frame
         with step("bound"):
@@ -164,6 +164,7 @@ def shape_model(
         ends_deviation=0.0 if deviation is None else deviation.ends,
         **parts,
         **_errors(parts["vertices"], candidates, step),
+        **(_checked(parts["vertices"], parts["faces"], step) if final else {}),
         rejected=rejected,
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
@@ -199,6 +200,16 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
 
 
+def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:
+    """What kind of surface the final mesh is, before anybody writes it."""
+    if not len(faces):
+        return {}
+    with step("mesh"):
+        body = solidity(vertices, faces)
+        crossings = self_intersection(vertices, faces).count
+    return {"closed": body.watertight, "genus": body.genus, "self_crossings": crossings}
+
+
 def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) -> dict[str, Any]:
     with step("mesh"):
         mesh = solid.mesh(1 if quality is None else quality.parts)
@@ -212,7 +223,7 @@ def _rounded(health: Mapping[str, float]) -> dict[str, float]:
 
 
 def _parts(
-    solid: Solid, candidates: Candidates, quality: Quality | None, step: Steps
+    solid: LatticeSolid, candidates: Candidates, quality: Quality | None, step: Steps
 ) -> dict[str, Any]:
     """Everything of a model that is the solid's; without a quality its mesh is coarse."""
     lattice: dict[str, Floats] = {}
@@ -230,7 +241,7 @@ def _parts(
     return lattice | told | shape
 
 
-def _band(solid: Solid) -> tuple[Floats, Floats]:
+def _band(solid: LatticeSolid) -> tuple[Floats, Floats]:
     """Heights along the slicing axis, and the side's standard deviation there."""
     assert solid.closed is not None
     if solid.closed.radial is not None:

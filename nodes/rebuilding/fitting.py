@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.core import Floats, Steps, no_steps, split_pose
 from palpate.core.explore import Longs, SpaceMap
-from palpate.core.rebuild import Method, Solid, reconstruct
+from palpate.core.rebuild import Method, LatticeSolid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
@@ -117,7 +117,7 @@ def _draft(
     """
     if before is not None and set(touched_goals(before)) == set(touched_goals(goal)):
         return _chosen(state, before, step)
-    if not isinstance(solid, Solid):
+    if not isinstance(solid, LatticeSolid):
         return None
     touched = fitted_solids(state, goal, step).touched
     candidates = _sliced(state, goal, touched, ("draft",), step)
@@ -186,6 +186,7 @@ def _general(
         platform=state.platform,
         cell=general.FINE if final else general.fitting_cell(evidence),
         folds=general.FOLDS if final else general.FEW_FOLDS,
+        outward=True,
         step=step,
     )
 
@@ -218,7 +219,7 @@ def _continued(state: State, goal: Goal, step: Steps) -> tuple[GeneralSolid, int
     return solid, known.whole
 
 
-def _rebuild(state: State, goal: Goal, method: Method, step: Steps) -> Solid:
+def _rebuild(state: State, goal: Goal, method: Method, step: Steps) -> LatticeSolid:
     return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
         [state.probes[id_] for id_ in goal.probes],
@@ -237,7 +238,7 @@ def rebuild_set(
     platform: float | None,  # Height on which the object stands, m; None if it is held
     method: Method = "lattice",
     step: Steps = no_steps,  # Told which step begins
-) -> Solid:
+) -> LatticeSolid:
     """The solid of a set; ValueError unless traced in one frame, or as `reconstruct` does."""
     frame = common_frame(contours)
     points = [each for of_goal in touched.values() for each in of_goal]

@@ -25,6 +25,7 @@ from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
 from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
+from palpate.nodes.runtime.work import failure_records, failure_text, failure_trace
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
 TopicT = TypeVar("TopicT")
@@ -91,7 +92,11 @@ def run_composed(
         except KeyboardInterrupt:
             return composition.ending("interrupted", "interrupted by Ctrl-C")
         except Exception as error:  # The edge of the nodes: whatever it was must be told in words.
-            return composition.ending("died", f"{composition.doing}: {error}")
+            text = failure_text(composition.doing, error)
+            name = composition.doing.split()[0]
+            for record in failure_records(name, text, failure_trace(error)):
+                watcher.log(record)
+            return composition.ending("died", text)
     reason = composition.finished.get(ends)
     if reason is None:
         return composition.ending("stalled", f"all is quiet, and {ends} has not finished")
@@ -189,7 +194,13 @@ class Composition:
     def _ask_sources(self) -> bool:
         """Have a source publish what it has next, when nothing else is left to do."""
         for name, work in self.works.items():
-            if isinstance(work, SourceWork) and (left := work.wait()) is not None:
+            if not isinstance(work, SourceWork):
+                continue
+            try:
+                left = work.wait()
+            finally:
+                self.doing = f"{name} {work.doing}"
+            if left is not None:
                 time.sleep(left)
                 if work.wait() == 0.0:
                     self._publish(name, lambda work=work: [work.publish_next()])  # type: ignore[misc]
@@ -218,7 +229,7 @@ class Composition:
             self._tick()
 
     def _send(self, name: str, parcel: Outgoing) -> None:
-        topic, body, robot_time, schema, _ = parcel
+        topic, body, robot_time, schema = parcel[:4]
         seq = self._sent[name].get(topic, 0)
         self._sent[name][topic] = seq + 1
         header = Header(0, 0, seq, time.monotonic_ns(), robot_time, schema)

@@ -13,9 +13,7 @@ import os
 import signal
 import sys
 import time
-import traceback
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from multiprocessing import forkserver
 from pathlib import Path
@@ -24,10 +22,12 @@ import msgspec
 
 from palpate.messages import bus, encode
 from palpate.messages.types import LogRecord, NodeStatus, ParameterEvent
-from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
+from palpate.nodes.runtime.node import Finished, Node, NotReadyError, Source, Wiring, load_node
 from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
+from palpate.nodes.runtime.repeating import JournalOrder, OutsideMessages, unpublished
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
 from palpate.nodes.runtime.work import Latency, NodeWork, Outgoing, Promise, SinkWork
+from palpate.nodes.runtime.work import failure_text, failure_trace
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
 FAILED = 3  # Exit code of a node that has told the launcher why it failed
@@ -36,7 +36,6 @@ IDLE_MS = int(HEARTBEAT_PERIOD * 500)
 BUSY_PERIOD = 0.02  # A node that is busy for long looks this often who asks it for the past, s
 FLUSH_MS = 20  # A sink to which nothing comes for so long puts away what it holds
 DRAIN_TIME = 1.0  # A sink that is told to end still writes what has arrived, for so long, s
-MAX_TRACE_CHARS = 20_000  # Longest trace that is sent to the launcher, characters
 # Takes what is to be called when the process is asked to end, instead of dying at once.
 OnTerminate = Callable[[Callable[[], None]], None]
 Publication = Outgoing | Promise | Finished
@@ -117,6 +116,8 @@ def _load(
         edges = [(one.publisher, one.topic) for one in wiring.inputs]
         if not node.has_side_effects:
             loop.journal = kept.enter_context(closing(bus.Journal(file, edges)))
+        if not node.has_side_effects:
+            loop.outside = kept.enter_context(closing(OutsideMessages(file)))
         if node.settable:
             loop.changes = kept.enter_context(closing(bus.ParameterLog(file)))
         had = loop.changes.before if loop.changes else ()
@@ -162,7 +163,9 @@ class NodeLoop:
         # Where it puts down what it handles; only of nodes that could do it again
         self.journal: bus.Journal | None = None
         self.changes: bus.ParameterLog | None = None  # Where it puts down what is set, if it may be
-        self._unset: list[bus.ControlMessage] = []  # To be set once it has been rebuilt
+        # What tools have it publish; only of nodes that publish again after a death
+        self.outside: OutsideMessages | None = None
+        self._unset: list[bus.ControlMessage] = []  # To be done between two messages
         self._name, self._station = name, station
         station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
@@ -192,8 +195,7 @@ class NodeLoop:
             self._state, self._next_beat = "running", 0.0
             self._beat_if_due()
             self._publish(owed)
-            for word in self._unset:
-                self._set(work, word)
+            self._publish_outside()
         while not self._ended:
             received, told = station.wait(self._patience(work))
             self._next_look = time.monotonic() + BUSY_PERIOD
@@ -203,6 +205,9 @@ class NodeLoop:
                 self._join()
             elif self._held:
                 self._let_go(self._held)
+            elif self._unset:
+                for word in self._take_unset():
+                    self._do(work, word)
             elif received or station.waiting:
                 arrival = station.receive()
                 if arrival is not None:
@@ -223,9 +228,7 @@ class NodeLoop:
     def send_failed(self, error: Exception) -> None:
         """Tell the launcher, and those who listen, what went wrong."""
         doing = self.work.doing if self.work else "loading"
-        what = next(iter(str(error).splitlines()), "")
-        text = f"{doing}: {type(error).__name__}: {what}"[:1000]
-        trace = "".join(traceback.format_exception(error))[-MAX_TRACE_CHARS:]
+        text, trace = failure_text(doing, error), failure_trace(error)
         self._station.line.send("failed", text=text, trace=trace)
 
     def _patience(self, work: Work) -> int:
@@ -264,6 +267,7 @@ class NodeLoop:
                 time.sleep(min(left, BUSY_PERIOD))
                 return
         self._publish(published)
+        self._publish_outside()
 
     def _go_on(self, work: Work) -> list[Publication]:
         """Take up what an earlier start has done; returns what it had not come to publish."""
@@ -275,6 +279,7 @@ class NodeLoop:
             self._publish(unpublished(work.begin(), past.counts))
             return [Finished(past.finished)] if past.finished else []
         self._publish(work.begin())
+        self._publish_outside()
         if isinstance(work, NodeWork) and self.journal is not None:
             owed += self._replay(work, self.journal.before)
         station.publisher.go_live()
@@ -292,6 +297,8 @@ class NodeLoop:
                 order.put(come)
             while order.replaying and (arrival := order.take()) is not None:
                 owed += self._republish(work.replay(arrival), behind=bool(owed))
+                if not owed:
+                    self._publish_outside()
                 self._beat_if_due()
         station.give_back(order.rest())
         return owed
@@ -348,18 +355,45 @@ class NodeLoop:
                 )
             elif word["kind"] == "stop":
                 self._ended = True
-            elif word["kind"] == "set" and self._state == "rebuilding":
+            elif isinstance(work, NodeWork) and self._going:
                 self._unset.append(word)
-            elif word["kind"] == "set":
-                self._set(work, word)
+            elif isinstance(work, NodeWork):
+                told = {"text": f"{self._name} has not begun yet", "again": True}
+                line.send("refused", ticket=word["ticket"], **told)
             elif isinstance(work, SourceWork):
                 self._publish(work.obey(word))
                 line.send("acknowledged", ticket=word["ticket"])
 
+    def _publish_outside(self) -> None:
+        """Publish what tools had an earlier start publish, where its turn has come."""
+        if self.outside is not None and self.outside.left:
+            self._publish(self.outside.due(self._station.publisher.past.count))
+
+    def _take_unset(self) -> list[bus.ControlMessage]:
+        words, self._unset = self._unset, []
+        return words
+
+    def _do(self, work: Work, word: bus.ControlMessage) -> None:
+        """What a tool asks for between two messages."""
+        if word["kind"] == "set":
+            self._set(work, word)
+            return
+        assert isinstance(work, NodeWork)
+        parcel = work.outside(word["topic"], word["body"])
+        if self.outside is not None:
+            self.outside.note(parcel, self._station.publisher.past.count(parcel.topic))
+        self._publish([parcel])
+        self._station.line.send("acknowledged", ticket=word["ticket"])
+
     def _set(self, work: Work, word: bus.ControlMessage) -> None:
         """Set a parameter before the next message, once it is put down that it is."""
         assert isinstance(work, NodeWork) and self.changes is not None
-        change = work.change(word["param"], word["value"])
+        try:
+            change = work.change(word["param"], word["value"])
+        except ValueError as error:
+            told = {"text": f"{self._name}: {error}", "again": isinstance(error, NotReadyError)}
+            self._station.line.send("refused", ticket=word["ticket"], **told)
+            return
         self.changes.note(msgspec.json.encode(change))
         self._publish(work.set(change))
         self._station.line.send("acknowledged", ticket=word["ticket"])
@@ -420,51 +454,3 @@ class NodeLoop:
         deadline = time.monotonic() + DRAIN_TIME
         while time.monotonic() < deadline and (arrival := self._station.receive()) is not None:
             work.take(arrival)
-
-
-def unpublished(
-    published: Iterable[Outgoing | Finished], counts: Mapping[str, int]
-) -> Iterator[Outgoing | Finished]:
-    """What of a node's first outputs an earlier start, which published so many, did not come to."""
-    had = dict(counts)
-    for one in published:
-        if isinstance(one, Outgoing) and had[one.topic]:
-            had[one.topic] -= 1
-        else:
-            yield one
-
-
-class JournalOrder:
-    """Puts arrivals into the order in which earlier starts of the node have consumed them."""
-
-    def __init__(self, before: Sequence[bus.Consumed]) -> None:
-        self._before = deque(before)
-        self._come: dict[tuple[str, str], deque[bus.Received]] = {}
-
-    @property
-    def replaying(self) -> bool:
-        """Whether something is still to be handled that had been handled before."""
-        return bool(self._before)
-
-    def put(self, arrival: bus.Received) -> None:
-        """Take note of what has arrived."""
-        self._come.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
-
-    def take(self) -> bus.Received | None:
-        """What was handled next, if it has come; ValueError if it is not what was sent before."""
-        wanted = self._before[0]
-        come = self._come.get((wanted.publisher, wanted.topic))
-        if not come:
-            return None
-        arrival = come.popleft()
-        if arrival.header.seq != wanted.seq:
-            raise ValueError(
-                f"{wanted.topic} {wanted.seq} of {wanted.publisher} must come next, as before; "
-                f"got {arrival.header.seq}"
-            )
-        self._before.popleft()
-        return arrival
-
-    def rest(self) -> list[bus.Received]:
-        """What has come beyond the journal: each publisher's in its order."""
-        return [arrival for come in self._come.values() for arrival in come]

@@ -43,6 +43,10 @@ class Deferred:
     make: Callable[[Steps], object]  # Makes it, naming its steps; nothing it is bound to may change
 
 
+class NotReadyError(ValueError):
+    """A parameter cannot be set yet: the node does not know enough to judge it."""
+
+
 def resolved(message: object) -> object:
     """A message of a handler as it is sent."""
     return message.make(no_steps) if isinstance(message, Deferred) else message
@@ -75,6 +79,9 @@ class Node:
     # Parameters that may be set while it runs, each with the input between two of whose messages
     # that is done: its handler alone may look at them. Told on an output of `ParameterEvent`.
     settable: Mapping[str, str] = field(default_factory=dict)
+    # ``(params, state)``: refuses parameters that are to be set by a ValueError, by a
+    # `NotReadyError` until something is known.
+    check_set: Callable[[Any, Any], None] = lambda params, state: None
 
     def __post_init__(self) -> None:
         """Refuse settable parameters that no run could be repeated with."""

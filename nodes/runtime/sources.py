@@ -122,7 +122,7 @@ class SourceWork:
                 self.pace.resume(now)
             case "step":
                 self.pace.step(int(word["number"]))
-            case "publish" if self._source.outside:
+            case "publish" if not self._source.repeats:
                 local = next(one for one, wire in self._wires.items() if wire == word["topic"])
                 decode(self._types[local], word["body"])
                 return [self._pack(Timed(0.0, local, word["body"]))]

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import math
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from palpate.core import code_place
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import Received
-from palpate.messages.types import ParameterEvent
+from palpate.messages.types import LogRecord, ParameterEvent
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Sink, SinkWriter, Wiring
 from palpate.nodes.runtime.node import with_parameter
 
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
 Edge = tuple[str, str]  # Publisher and topic on the wire
 Output = tuple[str, object] | Finished
 OutputT = TypeVar("OutputT")
+MAX_FAILURE_CHARS = 1000  # Longest sentence that tells of a failure, its place aside
+PIECE_CHARS = 4000  # Of a longer trace that stand in one line of the log
+MAX_TRACE_CHARS = 20_000  # Longest trace that is kept of one, characters
 _LOG_BIN_WIDTH = math.log(1.05)
 _BINS = 512
 
@@ -38,6 +44,7 @@ class Outgoing(NamedTuple):
     robot_time: float  # Robot time in the message, s; 0 if it has none
     schema: int  # Hash of the message type's schema
     outlives: bool = False  # Whether it took long, and is not made again by a next start
+    outside: bool = False  # Whether a tool had the node publish it
 
 
 class Promise(NamedTuple):
@@ -115,7 +122,13 @@ class NodeWork:
             return [*(self._pack(output) for output in outputs), *self._set_due(self._pack)]
 
     def change(self, param: str, value: str) -> ParameterEvent:
-        """That a settable parameter is set, to a value in JSON, before the next message."""
+        """That a settable parameter is set, to a value in JSON, before the next message.
+
+        Raises ValueError if the node refuses it.
+        """
+        made = with_parameter(self._params, param, value)
+        if self._begun:
+            self._node.check_set(made, self._state)
         topic = self._node.settable[param]
         return ParameterEvent(param=param, value=value, topic=topic, after=self._handled[topic])
 
@@ -123,6 +136,16 @@ class NodeWork:
         """Set a parameter, as soon as the node has started; what it publishes of that."""
         self._changes.append(change)
         return self._set_due(self._pack) if self._begun else []
+
+    def outside(self, topic: str, body: bytes) -> Outgoing:
+        """A message, on a topic on the wire, that a tool has the node publish.
+
+        Raises CodecError if it is not of the topic's type.
+        """
+        local = next(one for one, wire in self._wires.items() if wire == topic)
+        cls = self._node.outputs[local]
+        time_s = float(getattr(decode(cls, body), "robot_time", 0.0))
+        return Outgoing(topic, body, time_s, codec_of(cls).hash, outside=True)
 
     def _set_due(self, pack: Callable[[Output], OutputT]) -> list[OutputT]:
         """Set what is to be set at this place, each told of in one message."""
@@ -249,7 +272,8 @@ def recorded_changes(
 ) -> list[ParameterEvent]:
     """Parameters that were set, according to a recording, while a node ran."""
     topic = wiring.outputs.get(node.event_topic or "")
-    return [decode(ParameterEvent, one.body) for one in messages if one.topic == topic]
+    own = (one for one in messages if one.topic == topic and not one.outside)
+    return [decode(ParameterEvent, one.body) for one in own]
 
 
 def check_declared(name: str, declared: Mapping[str, type], local: str, cls: type) -> None:
@@ -321,6 +345,31 @@ class SinkWork:
         self.doing = "closing"
         with self.steps(self._step):
             self._writer.close(self.missing)
+
+
+def failure_text(doing: str, error: Exception) -> str:
+    """What a node was doing, what went wrong, and where: in the user's code, or else in palpate."""
+    what, place = next(iter(str(error).splitlines()), ""), code_place(error)
+    text = f"{doing}: {type(error).__name__}: {what}"[:MAX_FAILURE_CHARS]
+    if place is None:
+        return text
+    file, here = Path(place.file), Path.cwd()
+    shown = file.relative_to(here) if file.is_relative_to(here) else file
+    return f"{text} ({place._replace(file=str(shown))})"
+
+
+def failure_trace(error: Exception) -> str:
+    """The trace of an error, its end if it is very long."""
+    return "".join(traceback.format_exception(error))[-MAX_TRACE_CHARS:]
+
+
+def failure_records(name: str, text: str, trace: str) -> list[LogRecord]:
+    """Lines for the log about a node that failed: the sentence, and its trace in pieces."""
+    pieces = [trace[i : i + PIECE_CHARS] for i in range(0, len(trace), PIECE_CHARS)]
+    return [
+        LogRecord(node=name, level="error", text=text, robot_time=0.0),
+        *(LogRecord(node=name, level="debug", text=one, robot_time=0.0) for one in pieces),
+    ]
 
 
 def _handling(arrival: Received) -> str:

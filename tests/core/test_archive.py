@@ -18,7 +18,7 @@ from palpate.core.archive import (
     tree_to_bytes,
 )
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.solid import Solid
+from palpate.core.rebuild.solid import LatticeSolid
 from palpate.core.rebuild.surface.closed import Curvatures
 from palpate.core.shapes.global_deformations import Unbent
 from palpate.core.splines.spline_volumes import Parallelepiped
@@ -158,11 +158,18 @@ def test_what_cannot_be_kept_is_named_with_its_path():
 
 
 def test_a_class_goes_by_its_own_name_which_no_other_may_have():
-    assert class_name(Solid) == "Solid"
-    moved = dataclass(type("Solid", (), {"__module__": "palpate.core.rebuild.elsewhere"}))
+    assert class_name(LatticeSolid) == "LatticeSolid"
+    moved = dataclass(type("LatticeSolid", (), {"__module__": "palpate.core.rebuild.elsewhere"}))
     assert class_name(moved) is None
     with pytest.raises(ValueError, match="archives hold no class 'Unbent'"):
         class_name(Unbent)
+
+
+def test_an_archive_with_the_older_name_of_its_class_is_read():
+    arrays = tree_to_arrays(solid_by("skin"))
+    older = str(arrays[FORM_KEY]).replace('"class":"LatticeSolid"', '"class":"Solid"', 1)
+    assert older != str(arrays[FORM_KEY])
+    assert isinstance(tree_from_arrays({**arrays, FORM_KEY: np.array(older)}), LatticeSolid)
 
 
 def test_an_archive_tells_no_module_so_that_modules_may_move():
@@ -180,7 +187,7 @@ class Foreign:
 def test_only_classes_of_the_core_have_a_name():
     assert class_name(Foreign) is None
     assert class_name(int) is None
-    assert class_named(class_name(Solid) or "") is Solid
+    assert class_named(class_name(LatticeSolid) or "") is LatticeSolid
     assert class_named(class_name(Curvatures) or "") is Curvatures
     with pytest.raises(ValueError, match="cannot be kept: it is a Foreign"):
         tree_to_arrays(Foreign())
@@ -194,9 +201,9 @@ def test_only_classes_of_the_core_have_a_name():
         "Nothing",
         "np",
         "reconstruct",
-        "rebuild.solid:Solid",
+        "rebuild.solid:LatticeSolid",
         "..messages.codec:Codec",
-        "Solid.__init__",
+        "LatticeSolid.__init__",
         "_Writer",
         "Unbent",  # two of them
         "",
@@ -261,7 +268,7 @@ def test_missing_arrays_wrong_kinds_and_orders_are_refused():
 
 def test_a_class_with_other_fields_is_of_another_version():
     arrays = tree_to_arrays(solid_by("skin"))
-    with pytest.raises(ValueError, match=r"is a Solid of another version: extra"):
+    with pytest.raises(ValueError, match=r"is a LatticeSolid of another version: extra"):
         tree_from_arrays(with_form(arrays, lambda form: form["tree"]["fields"].update(extra=1)))
 
 

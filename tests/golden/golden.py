@@ -281,7 +281,7 @@ def saved_solid(path: Path) -> Flat:
         "normals_sha256": sha256(solid.surface.normals(v, turns)),
         "nearest_sha256": sha256(nearest.points, nearest.distances),
         "inside": int(np.count_nonzero(search.inside(places))),
-        "area": solid.measures().area,
+        "area": solid.area,
     }
     return found | flatten({"health": solid.health()})
 

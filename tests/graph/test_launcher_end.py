@@ -1,6 +1,7 @@
 import dataclasses
 import multiprocessing
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -86,6 +87,8 @@ def test_the_trace_of_a_failure_goes_to_the_log(watcher, toys, tmp_path):
     assert [line.level for line in watcher.lines if line.node == "broken"] == ["error", "debug"]
     assert watcher.lines[-1].text.startswith("Traceback")
     assert "palpate_toy_broken.py" in watcher.lines[-1].text
+    place = re.search(r"\(.*palpate_toy_broken\.py:\d+ in \w+\)$", watcher.lines[-2].text)
+    assert place is not None
 
 
 def test_a_module_or_parameters_that_do_not_fit_end_the_graph(watcher, tmp_path, toys):
@@ -115,7 +118,7 @@ def test_a_sink_that_cannot_close_is_a_failure(watcher, toys, tmp_path):
     graph = [source(), counter(5), toys.sink(tmp_path / "lines.txt", spoilt=True)]
     ending = run(graph, watcher, tmp_path, ends="counter")
     assert ending.status == "died"
-    assert ending.reason == "sink failed while closing: OSError: no space left on device"
+    assert ending.reason.startswith("sink failed while closing: OSError: no space left on device (")
 
 
 def test_quiet_without_an_end_is_reported(watcher, tmp_path, monkeypatch):

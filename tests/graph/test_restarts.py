@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import random
+import re
 import signal
 import threading
 import time
@@ -140,9 +141,11 @@ def test_a_message_that_breaks_a_node_twice_ends_the_run(watcher, toys, tmp_path
     wirings = [toy("source", ToyParams(burst=5)), replace(toys.broken("raise"), on_exit="restart")]
     ending = launch(wirings, ends="source", watch=[], watcher=watcher, work_dir=tmp_path)
     assert ending.status == "died"
-    assert ending.reason == (
-        "broken failed while handling /source 2 from source: ZeroDivisionError: "
-        "cannot divide by the number of touches; so it did when it was started again"
+    assert re.fullmatch(
+        r"broken failed while handling /source 2 from source: ZeroDivisionError: cannot divide by "
+        r"the number of touches \(.*palpate_toy_broken\.py:\d+ in \w+\); so it did when it was "
+        r"started again",
+        ending.reason,
     )
 
 

@@ -225,7 +225,7 @@ def test_a_tool_of_another_version_cannot_hurt_a_source(watcher, tmp_path):
     ending = launch([typing(), counter], ends="counter", watch=[], watcher=watcher)
     assert aside.failure is None
     assert (ending.status, ending.restarts) == ("finished", {})
-    assert refused[0] == "console does not publish '/nowhere' for tools"
+    assert refused[0] == "console does not publish '/nowhere'"
     assert refused[1].startswith("not a TactileFrame: missing field goal")
     assert refused[2] == "counter is no source: it publishes when it receives something"
     assert refused[3] == "there is no node 'nobody'"

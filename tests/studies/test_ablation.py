@@ -9,7 +9,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.side import shifts
-from palpate.core.rebuild.solid import Solid
+from palpate.core.rebuild.solid import LatticeSolid
 from palpate.core.touch.curvature import ALONG_ROWS
 from palpate.core.touch.pad import Pad
 from palpate.nodes import curvature, filter
@@ -48,7 +48,7 @@ def cleaned(share: float):
     return filter.clean(PAD, ball(share), 1e-5, contact=5e-5, order="auto")
 
 
-def solid_of(noise: int | None, count: int = 12, *, taxels: bool = True) -> Solid:
+def solid_of(noise: int | None, count: int = 12, *, taxels: bool = True) -> LatticeSolid:
     contours, contacts = touched_contours(CASE, count, 48, noise)
     tops = np.array([[0.0, 0.0, CASE.low], [0.0, 0.0, CASE.high]])
     patches = fitting.stack_points([contacts]) if taxels else None

@@ -19,19 +19,35 @@ from palpate.messages.types.touch import SurfacePatch
 from palpate.nodes.runtime.testing import recorded
 from palpate.tools.cli import command_line as cli
 from palpate.tools.init import begin
-from palpate.tools.templates import driver_check, node_check, planner_check, planner_touches_check
+from palpate.tools.templates import (
+    driver_check,
+    effect_check,
+    filter_check,
+    node_check,
+    planner_check,
+    planner_touches_check,
+)
 from palpate.tools.templates.planner import Template
 
-KINDS = ("node", "driver", "effect", "planner")
+KINDS = ("node", "driver", "filter", "effect", "planner")
 CHECKS = [
     (module, name)
-    for module in (node_check, driver_check, planner_check, planner_touches_check)
+    for module in (
+        node_check,
+        driver_check,
+        filter_check,
+        effect_check,
+        planner_check,
+        planner_touches_check,
+    )
     for name in vars(module)
     if name.startswith("test_")
 ]
 FILES = {
     "node": ("my_node.py", "test_my_node.py", "my_node.yaml"),
     "driver": ("my_driver.py", "test_my_driver.py", "my_driver.yaml"),
+    "filter": ("my_filter.py", "test_my_filter.py", "my_filter.yaml", "my_filter_steps.py"),
+    "effect": ("my_effect.py", "test_my_effect.py"),
     "planner": ("my_planner.py", "test_my_planner.py"),
     "planner_touches": ("my_planner_touches.py", "test_my_planner_touches.py"),
 }
@@ -42,7 +58,7 @@ def test_what_is_new_works_at_once_and_its_tests_pass(tmp_path):
         begun, named = begin(kind.partition("_")[0], f"my_{kind}", tmp_path, kind)
         assert tuple(path.name for path in begun) == names
         assert named == f"my_{kind}:My{kind.title().replace('_', '')}"
-        assert not any("emplate" in path.read_text() for path in begun)
+        assert not any("emplate" in path.read_text() for path in begun if kind != "effect")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout
@@ -142,7 +158,8 @@ def test_a_bad_name_is_refused(kind, name, words, tmp_path):
     [
         *(("driver", name) for name in ("mine.py", "test_mine.py", "mine.yaml")),
         *(("planner", name) for name in ("mine.py", "test_mine.py")),
-        ("effect", "mine.py"),
+        *(("filter", name) for name in ("mine.py", "mine_steps.py")),
+        *(("effect", name) for name in ("mine.py", "test_mine.py")),
     ],
 )
 def test_nothing_is_overwritten_and_nothing_half_written(kind, there, tmp_path):
@@ -163,7 +180,7 @@ def test_every_command_that_the_verb_prints_does_what_it_says(kind, here, capsys
     assert cli.run(["init", kind, "printed"]) == 0
     told = capsys.readouterr().out
     commands = re.findall(r"python -m .+|palpate (?!in ).+", told)
-    assert len(commands) == {"node": 3, "driver": 3, "effect": 0, "planner": 1}[kind]
+    assert len(commands) == {"effect": 1, "planner": 1}.get(kind, 3)
     for command in commands:
         program, *words = shlex.split(command)
         if program == "python":
@@ -171,7 +188,7 @@ def test_every_command_that_the_verb_prints_does_what_it_says(kind, here, capsys
             done = subprocess.run(again, capture_output=True, text=True, timeout=300)
             assert done.returncode == 0, done.stdout
         elif words[0] == "launch":
-            budget = ["--set", "planner.most_touches=30"] if kind == "node" else []
+            budget = ["--set", "planner.most_touches=30"] if kind != "driver" else []
             assert cli.run([*words, "--composed", "--quiet", "--out", "d", *budget]) in (0, 1)
         else:
             graph = describe(here / "printed.yaml", {}, here / "out").graph
@@ -203,7 +220,7 @@ def test_the_verb_says_what_was_written_and_what_to_do_next(kind, here, capsys):
 
 
 def test_a_new_effect_can_be_listed_at_once(write, tmp_path, monkeypatch):
-    (path,), listed = begin("effect", "mains_hum", tmp_path)
+    (path, _), listed = begin("effect", "mains_hum", tmp_path)
     assert (path, listed) == (tmp_path / "mains_hum.py", "mains_hum:MainsHum")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))

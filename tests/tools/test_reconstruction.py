@@ -395,7 +395,10 @@ def write_table(path, rows, header="x,y,z,nx,ny,nz"):
 def test_points_in_no_order_become_a_solid_with_a_hole(ring, home, capsys):
     write_table(home / "ring.csv", np.hstack(ring))
     np.savez(home / "ring.npz", points=ring[0], normals=ring[1])
-    for name in ("ring.csv", "ring.npz"):
+    names = "\n".join(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    head = f"ply\nformat ascii 1.0\nelement vertex 700\n{names}\nend_header"
+    np.savetxt(home / "ring.ply", np.hstack(ring), header=head, comments="")
+    for name in ("ring.csv", "ring.npz", "ring.ply"):
         out = home / f"{name}.npz"
         asked = ("--method", "general", "--unit", "mm", "-o", out, "-o", home / f"{name}.stl")
         assert run(home / name, *asked, "--json") == 0
@@ -427,3 +430,12 @@ def test_points_that_make_no_general_solid_are_one_sentence(home, capsys, header
     assert run(home / "flat.csv", "--method", "general", "-o", home / "a.stl", *options) == 2
     assert words in sentence(capsys)
     assert not (home / "a.stl").exists()
+
+
+def test_run_gives_all_its_touches_to_the_general_method(run_folder, capsys):
+    assert run(run_folder, "--method", "general", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["watertight"] and not found["unit_assumed"]
+    assert found["volume_m3"] == pytest.approx(4.0 / 3.0 * np.pi * 0.03**3, rel=0.05)
+    assert run(run_folder, "--method", "general", "--unit", "mm") == 2
+    assert "recordings are in m" in sentence(capsys)

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from palpate.tools.bag.contents import recover_recording, recovered_text
     from palpate.tools.bag.decoding import open_decoded
     from palpate.tools.bag.export import export_bag
-    from palpate.tools.bag.live_recording import GraphMessages, record_graph, recorded_text
+    from palpate.tools.bag.live_recording import GraphMessages, default_path, record_graph
+    from palpate.tools.bag.live_recording import recorded_text
     from palpate.tools.bag.playback import play_recording, player_entry, read_remap
     from palpate.tools.bag.tables import open_recording
 else:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import msgspec
 
 from palpate import __version__
-from palpate.launch import counted
+from palpate.launch import counted, free_path
 from palpate.launch.files import check_new
 from palpate.launch.processes import RunCard
 from palpate.messages import Header, recording
@@ -149,6 +149,11 @@ class GraphMessages:
         return [(topic, *one) for topic, order in self._orders.items() for one in order.take()]
 
 
+def default_path() -> Path:
+    """A new file in the working directory, named by the local time as rosbag2 does."""
+    return free_path(Path(f"palpate_{time.strftime('%Y_%m_%d-%H_%M_%S')}.mcap"))
+
+
 def record_graph(
     card: RunCard,
     topics: Sequence[Topic],
@@ -169,7 +174,8 @@ def record_graph(
     with GraphMessages(card, topics) as messages, ExitStack() as stack:
         writer = _writer(card, topics, path)
         stack.callback(lambda: writer.close(messages.lost))
-        echo(f"recording {counted(len(topics), 'topic')} of {card.name}; Ctrl-C ends it")
+        what = f"{counted(len(topics), 'topic')} of {card.name}"
+        echo(f"recording {what} into {path}; Ctrl-C ends it")
         begun: list[tuple[str, Header, bytes]] = []
         for batch in messages.batches(duration):
             begun += batch

@@ -17,6 +17,8 @@ from palpate.tools.bag.decoding import open_decoded, units_of
 if TYPE_CHECKING:
     import pandas as pd
 
+MAX_SHOWN = 600  # Characters of the names in a repr
+
 
 def open_recording(path: str | Path) -> RecordedTables:
     """A recording as tables: ``open_recording("runs/latest")["/touch/patch"]["k1"]``.
@@ -25,6 +27,21 @@ def open_recording(path: str | Path) -> RecordedTables:
     Raises InputError if there is no such recording, or it is damaged.
     """
     return RecordedTables(open_decoded(Path(path)))
+
+
+class Table(np.ndarray[Any, np.dtype[np.void]]):
+    """The structured array of a topic, or one of its columns, with a repr of a few lines."""
+
+    def __repr__(self) -> str:
+        plain = self.view(np.ndarray)
+        if self.dtype.names and self.ndim:
+            shown = ", ".join(self.dtype.names)
+            shown = shown if len(shown) <= MAX_SHOWN else f"{shown[:MAX_SHOWN]}..."
+            return f"<table of {len(self)} messages: {shown}>"
+        if self.dtype.names or self.ndim > 1 or self.dtype.hasobject:
+            return f"<{'row' if self.dtype.names else self.dtype} {self.shape}>"
+        with np.printoptions(threshold=20, edgeitems=3):
+            return repr(plain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +64,8 @@ class RecordedTables(Mapping[str, NDArray[np.void]]):
                 f"{hint(topic, self.source.topics)}"
             )
         if topic not in self._read:
-            self._read[topic] = _table(list(self.source.published([topic])), self.source.first_ns)
+            table = _table(list(self.source.published([topic])), self.source.first_ns)
+            self._read[topic] = table.view(Table)
         return self._read[topic]
 
     def __iter__(self) -> Iterator[str]:
@@ -62,6 +80,7 @@ class RecordedTables(Mapping[str, NDArray[np.void]]):
     def __repr__(self) -> str:
         counts = self.source.recording.counts
         told = ", ".join(f"{topic} {counts[topic]}" for topic in self)
+        told = told if len(told) <= MAX_SHOWN else f"{told[:MAX_SHOWN]}..."
         return f"<recording {self.source.recording.path}: {told}>"
 
     def units(self, topic: str) -> dict[str, str]:

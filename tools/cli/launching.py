@@ -51,26 +51,18 @@ docs/sweep.md says more.
 """
 # What is asked of a graph that is performed, and of how its result is printed.
 PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
-DEMAND = ("tolerance", "feature", "budget", "touches", "quality")
-# Arguments of the launch file by the options that give them.
-ARGUMENTS = {
-    "seed": "seed",
-    "fingers": "fingers",
-    "unit": "scene.object.mesh.unit",
-    "up": "scene.object.mesh.up",
-}
 
 
 @click.command("run")
 @click.argument("scene", default="vase", shell_complete=command_line.complete_scene)
 @command_line.RUN_FOLDER
 @click.option("--seed", type=command_line.SEED, help="Overrides the scene's seed.")
-@click.option(
-    "--unit", type=click.Choice(["m", "cm", "mm"]), help="Of a mesh: its file tells none."
-)
+@command_line.unit_option("Of a mesh: its file tells none.")
+@command_line.SIZE
 @click.option(
     "--up", type=click.Choice(["z", "-z", "y", "-y", "x", "-x"]), help="Of a mesh: what points up."
 )
+@click.option("--size", metavar="LENGTH", help="Of a mesh: scale its largest extent, as 80mm.")
 @click.option("--pose", metavar="X,Y,Z[,QX,QY,QZ,QW]", help="Where the object stands, m.")
 @click.option(
     "--noise", type=click.Choice(["none", "low", "default", "high"]), help="Of finger and taxels."
@@ -100,16 +92,7 @@ ARGUMENTS = {
 @command_line.quiet_option()
 @command_line.VERBOSE
 def run_command(
-    scene: str,
-    out: Path | None,
-    procedure: str | None,
-    settings: tuple[str, ...],
-    pose: str | None,
-    noise: str | None,
-    realtime: bool,
-    no_record: bool,
-    untrusted: bool,
-    **asked: Any,
+    scene: str, procedure: str | None, settings: tuple[str, ...], no_record: bool, **asked: Any
 ) -> int:
     """Explore SCENE, a shipped scene's name, a YAML file or a mesh, and rebuild its object.
 
@@ -117,31 +100,19 @@ def run_command(
     --feature is untouched, which follows the tolerance if it is left out; or once --budget or
     --touches is spent, which are never exceeded. Exits with 1 if the tolerance was not reached.
     """
-    file = launch.EXPLORE if procedure is None else launch.find_launch_file(Path(procedure))
     if not asked["composed"]:
-        launch.prestart_fork_server(file)
-    from palpate.launch.files import SourceMapped, is_mesh_file
-    from palpate.tools.exploration import perform_and_print
+        launch.prestart_fork_server(launch.find_exploration(procedure))
+    from palpate.tools.exploration import perform_and_print, plan_exploration
 
-    path = launch.find_scene(scene)
-    if untrusted:
-        launch.load_scene(path, untrusted=True)
-    for key in ("unit", "up"):
-        if asked[key] is not None and not is_mesh_file(path):
-            told = f"{scene} is no mesh; a scene has object.mesh.{key}"
-            raise InputError(f"--{key} {asked[key]}: {told}")
-    args = {"scene": SourceMapped(str(path), "")}
-    for option, name, value in (
-        ("--no-record", "record", not no_record),
-        *((f"--{key}", name, asked[key]) for key, name in ARGUMENTS.items()),
-        *launch.read_setup(pose, noise),
-    ):
-        if value is not None:
-            args[name] = SourceMapped(value, option)
-    demand = launch.read_demand(**{key: asked[key] for key in DEMAND}, procedure=procedure)
-    given = {**launch.read_settings(settings), **demand}
-    plan = launch.plan_run(file, args, given, name=path.stem, out=out, realtime=realtime)
-    return perform_and_print(plan, **{key: asked[key] for key in PERFORMING})
+    performing = {key: asked.pop(key) for key in PERFORMING}
+    plan = plan_exploration(
+        launch.find_scene(scene),
+        settings=launch.read_settings(settings),
+        record=not no_record,
+        procedure=procedure,
+        **asked,
+    )
+    return perform_and_print(plan, **performing)
 
 
 @click.command("sweep", help=SWEEP_HELP)
@@ -267,6 +238,7 @@ def _resume(bag: Path, place: str, nodes: tuple[str, ...], out: Path | None, **h
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):
         raise InputError(f"--from {place}: must look like contour=12, or be the word end")
+    bag = bag.resolve()  # the link ``latest`` will be the new run's
     with as_input_errors():
         plan = replay.plan_resume(bag, int(number) if number else None, nodes=nodes, out=out)
     code = perform_and_print(plan, composed=False, **how)

@@ -28,8 +28,9 @@ NAME_WIDTH = 18  # Letters
 def view_command(run: Path | None, port: int, attached: bool) -> None:
     """Show RUN in the browser, as it runs or from its recording, until Ctrl-C.
 
-    RUN is a run directory, an MCAP file, or the name or number of a running graph; the latest if it
-    is left out. The page is served to this machine alone and asks nothing of any other. A running
+    RUN is a run directory, an MCAP file, or the name or number of a running graph; if it is left
+    out, the graph that PALPATE_GRAPH names, or that of this folder, or the only one, or the last
+    run. The page is served to this machine alone and asks nothing of any other. A running
     graph is never held up by who looks at it. docs/view.md says what is seen.
     """
     from palpate.tools.view import view_run

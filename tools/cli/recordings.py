@@ -37,12 +37,12 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
 
 
 @bag_group.command("record", short_help="Record a running graph.")
-@command_line.out_option("The new file.", required=True)
+@command_line.out_option("The new file; palpate_ with date and time if left out.")
 @command_line.TOPICS
 @click.option("--duration", type=click.FloatRange(0.0, min_open=True), help="End after, s.")
 @command_line.RUN
 def bag_record_command(
-    out: Path, topics: tuple[str, ...], duration: float | None, run: str | None
+    out: Path | None, topics: tuple[str, ...], duration: float | None, run: str | None
 ) -> int:
     """Record a running graph until it ends, or Ctrl-C, from its first message on.
 
@@ -57,7 +57,8 @@ def bag_record_command(
         known = introspection.topics_of(card)
         names = topics or [name for name in known if name not in introspection.STATUS_TOPICS]
         found = introspection.find_topics(card, names)
-        done = bags.record_graph(card, found, out, duration=duration, echo=click.echo)
+        path = out or bags.default_path()
+        done = bags.record_graph(card, found, path, duration=duration, echo=click.echo)
     click.echo(bags.recorded_text(done))
     return int(bool(done.lost))
 

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 PUB_HELP = """Publish BODY, a message's fields in YAML, on TOPIC.
 
-A graph has one publisher for each topic. So what is to be published from outside belongs to a
-console in its launch file:
+A graph has one publisher for each topic. That node publishes it between two messages of its own,
+so that it is recorded, received like any other message, published again if the node dies, and
+known to a replay as not the node's own. Who publishes a topic that no node has is a console in the
+launch file:
 
 \b
     console: {params: {topics: {/finger/goal: TouchGoal}}}
-
-What is published is recorded and received like any other message.
 """
 topic_group = NamedGroup("topic", help="Receive and publish on the topics of a running graph.")
 node_group = NamedGroup("node", help="Look at the nodes of a running graph, and at all kinds.")
@@ -203,7 +203,7 @@ for verb, short, told in (
     )
 
 
-@topic_group.command("pub", short_help="Publish a message on a console's topic.", help=PUB_HELP)
+@topic_group.command("pub", short_help="Publish a message.", help=PUB_HELP)
 @TOPIC
 @click.argument("body")
 @click.option("-r", "--rate", default=1.0, show_default=True, help="Messages in a second.")
@@ -313,10 +313,11 @@ def param_get_command(node: str, param: str, run: str | None, as_json: bool) -> 
 @click.argument("value")
 @RUN
 def param_set_command(node: str, param: str, value: str, run: str | None) -> None:
-    """Set PARAM of NODE to VALUE, in YAML, from the next touch on.
+    """Set PARAM of NODE to VALUE, in YAML, from the next touch on, or of the planner, model on.
 
-    Only parameters that palpate node kinds NODE calls settable can be set. That it was set is
-    recorded on the node's topic of ParameterEvents, and done at the same touch in a replay.
+    A length or a time may have a unit, as 0.1mm or 5min; without one it is in m or s. Only
+    parameters that palpate node kinds NODE calls settable can be set. That it was set is recorded
+    on the node's topic of ParameterEvents, and done at the same place in a replay.
     """
     with as_input_errors():
         click.echo(introspection.set_parameter(card_of(run), node, param, value))
@@ -334,16 +335,9 @@ def param_dump_command(node: str | None, run: str | None, as_json: bool) -> None
 
 
 def card_of(run: str | None) -> RunCard:
-    """The running graph that is meant; says which, if several run and none is named.
-
-    Raises InputError if there is none, or several are meant.
-    """
+    """The running graph that is meant; InputError if there is none, or several may be meant."""
     with as_input_errors():
-        card = processes.find_run(run)
-    others = len(processes.running_graphs()) - 1
-    if run is None and others > 0:
-        print_aside(f"{others + 1} graphs run; this is the latest, {card.run[:6]} ({card.name})")
-    return card
+        return processes.find_run(run)
 
 
 def wrapped(line: str) -> str:

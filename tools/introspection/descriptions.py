@@ -19,14 +19,15 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import structs
 
+from palpate.core import UNITS, in_base_unit
 from palpate.launch import TEXT_WIDTH, Entry, find_bag, load_entry
-from palpate.launch.files import as_input_errors, hint
+from palpate.launch.files import InputError, as_input_errors, hint, parse_yaml
 from palpate.launch.processes import RunCard, find_run, running_graphs
 from palpate.messages import recording, type_of_schema
 from palpate.messages.types import TYPES
-from palpate.nodes.runtime import Sink, Source, load_node
+from palpate.nodes.runtime import RecordedNode, Sink, Source, load_node
 from palpate.tools.introspection.echo import TextStyle, field_lines, yaml_lines, yaml_value
-from palpate.tools.introspection.requests import find_node, params_of
+from palpate.tools.introspection.requests import find_node, params_of, request
 
 OWN_PACKAGE = "palpate."  # Modules that may be imported to look at what they hold
 INDENT = 8  # Columns before the comment of a parameter
@@ -172,11 +173,39 @@ def param_text(described: Mapping[str, Any]) -> str:
     return "\n".join([*yaml_lines(told), *default])
 
 
+def set_parameter(card: RunCard, name: str, param: str, value: str) -> str:
+    """Set a parameter between two messages; returns what it was and is.
+
+    `value` is in YAML; a length or a time may have a unit, as ``0.1mm``, and is in SI without one.
+    Raises ValueError if there is no such node, the parameter cannot be set while it runs, or the
+    node refuses the value; InputError if the unit is none of the parameter's.
+    """
+    node = find_node(card, name)
+    made = parse_yaml(value, "VALUE").value
+    units = UNITS.get(_unit_of(node, param))
+    if isinstance(made, str) and units is not None:
+        try:
+            made = in_base_unit(made, units)
+        except ValueError as error:
+            raise InputError(f"{param} {made}: {error}") from None
+    request(card, "set", node=node.name, param=param, value=msgspec.json.encode(made).decode())
+    was, now = (yaml_value(x, TextStyle(flow=True)) for x in (params_of(node)[param], made))
+    return f"{node.name}.{param}: {was} -> {now}"
+
+
+def _unit_of(node: RecordedNode, param: str) -> str:
+    """The unit of a parameter, as far as it is known without importing the user's modules."""
+    if not node.module.startswith(OWN_PACKAGE):
+        return ""
+    about = parameters_of(load_node(node.module).params).get(param)
+    return "" if about is None else about.unit
+
+
 def known_interfaces(run: str | None, bag: Path | None) -> dict[str, str]:
     """Message types by name with their schemas: palpate's, and those of a graph or a recording.
 
-    Without `run` and `bag` they are those of the latest graph, if one runs. Raises InputError if
-    there is no such graph or recording.
+    Without `run` and `bag` they are those of the graph that is meant, if one runs. Raises
+    InputError if there is no such graph or recording.
     """
     found: Mapping[str, str] = {}
     with as_input_errors():

@@ -19,7 +19,8 @@ import zmq
 
 from palpate import __version__
 from palpate.launch import VERSIONED_PACKAGES, titled
-from palpate.launch.processes import FOLDER_PREFIX, SILENCE, RunCard, runtime_folder, stale_folders
+from palpate.launch.processes import FOLDER_PREFIX, GRAPH_VARIABLE, SILENCE, RunCard, find_run
+from palpate.launch.processes import runtime_folder, stale_folders
 from palpate.nodes.runtime import THREAD_VARIABLES
 from palpate.tools.introspection.requests import StatusSample, request, sample_status
 from palpate.tools.introspection.topics import is_running
@@ -28,7 +29,7 @@ LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24  # Free bytes of a disk: doubtful for lo
 MIN_OPEN_FILES = 256  # Open files that a process needs, at the least
 LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # In a private folder, named at random
 # Variables of the environment by which palpate is affected.
-ENVIRONMENT_VARIABLES = ("XDG_RUNTIME_DIR", "TMPDIR", *THREAD_VARIABLES)
+ENVIRONMENT_VARIABLES = ("XDG_RUNTIME_DIR", "TMPDIR", GRAPH_VARIABLE, *THREAD_VARIABLES)
 
 
 class Finding(NamedTuple):
@@ -142,6 +143,8 @@ def graphs_findings(cards: list[RunCard]) -> Iterator[Finding]:
     """What there is to say of each running graph."""
     if not cards:
         yield fine("no graph of yours is running")
+    elif len(cards) > 1 or os.environ.get(GRAPH_VARIABLE):
+        yield choice_finding()
     for card in cards:
         try:
             answer = request(card, "status")
@@ -151,6 +154,14 @@ def graphs_findings(cards: list[RunCard]) -> Iterator[Finding]:
                 yield failing(f"{error}; if it stays so, kill {card.pid}")
             continue
         yield from graph_findings(card, answer, beats)
+
+
+def choice_finding() -> Finding:
+    """Which graph the verbs mean here."""
+    try:
+        return fine(f"here the verbs mean the graph {find_run(None).title}")
+    except ValueError as error:
+        return doubtful(str(error))
 
 
 def graph_findings(

@@ -51,7 +51,8 @@ _WORDS = {"true": True, "false": False, "null": None}
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 PATH_PATTERN = rf"{_NAME}(?:\.{_NAME}|\[[0-9]+\])*"  # Pattern of a path
 _SHAPE = "a filter looks like touch > 3 and (outcome == 'hit' or pose[2] < 0.01)"
-_STEP = re.compile(rf"\.?({_NAME})|\[([0-9]{{1,9}})\]")
+_STEP = re.compile(rf"\.?({_NAME})|\[([0-9]+)\]")
+_INDEX_DIGITS = 9  # A longer index is beyond every array, and is not read further
 
 
 class TextStyle(NamedTuple):
@@ -73,6 +74,40 @@ class EchoFormat(NamedTuple):
     csv: bool = False
     raw: bool = False  # Whether bytes are shown as they came, unread
     wanted: MessageFilter | None = None  # Which messages are shown; all of them if None
+    lacking: Callable[[FieldPath, str | None], None] = lambda path, why: None  # Of each value
+
+    def value(self, path: FieldPath, fields: Mapping[str, Any]) -> Any:
+        """The value at a path; None where this message has none, as a list may be too short."""
+        try:
+            found = path.of(fields)
+        except LookupError as error:
+            self.lacking(path, str(error.args[0]))
+            return None
+        self.lacking(path, None)
+        return found
+
+
+class FieldReport:
+    """Which of the values that were asked for some message had."""
+
+    def __init__(self, tell: Echo) -> None:
+        self._tell = tell
+        self._lacking: dict[str, str] = {}
+        self._had: set[str] = set()
+
+    def note(self, path: FieldPath, why: str | None) -> None:
+        """A message had the value, or lacks it and why; tells of the first that does."""
+        if why is None:
+            self._had.add(path.text)
+        elif path.text not in self._lacking:
+            self._lacking[path.text] = why
+            self._tell(f"null where there is none: {why}")
+
+    def check(self) -> None:
+        """ValueError if no message had one of them."""
+        for text, why in self._lacking.items():
+            if text not in self._had:
+                raise ValueError(f"--field {text}: no message that was shown has it; {why}")
 
 
 class LossReport:
@@ -112,11 +147,14 @@ def echo_topic(
     `say` takes each message, `tell` what is odd. Raises ValueError if what comes is not what the
     topic carries, or cannot be compared as the filter asks.
     """
+    report = FieldReport(tell)
+    form = form._replace(lacking=report.note)
     with TapSubscription(card, [topic], latched=True) as taps:
         texts = (message_text(topic, one, form) for one in _received(taps, topic, losses, tell))
         for text in islice((text for text in texts if text is not None), most):
             say(text)
     losses.tell()
+    report.check()
 
 
 def _received(
@@ -140,10 +178,7 @@ def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | 
         return None
     if form.raw:
         return f"{received.body!r}\n---"
-    values = list[Any](None for _ in form.paths) or list(fields.values())
-    for i, path in enumerate(form.paths):
-        with suppress(LookupError):
-            values[i] = path.of(fields)
+    values = [form.value(path, fields) for path in form.paths] or list(fields.values())
     if form.csv:
         return csv_line(values, form.style)
     if not form.paths:
@@ -315,12 +350,54 @@ def read_path(text: str, cls: type) -> FieldPath:
     """
     wanted = text.removeprefix("m.")
     if not re.fullmatch(PATH_PATTERN, wanted):
-        raise ValueError(f"{text!r} is no field; expected something like pose[2] or robot_time")
-    steps = tuple(int(index) if index else name for name, index in _STEP.findall(wanted))
+        raise ValueError(
+            f"{text!r:.60} is no field; expected something like pose[2] or robot_time: one value, "
+            "by an index from 0"
+        )
+    steps = tuple(
+        int(index[: _INDEX_DIGITS + 1]) if index else name for name, index in _STEP.findall(wanted)
+    )
     known = codec_of(cls).names
     if steps[0] not in known:
         raise ValueError(f"{cls.__name__} has no field {steps[0]!r}; {hint(str(steps[0]), known)}")
-    return FieldPath(text, steps)
+    path = FieldPath(text, steps)
+    _check_steps(path, schema(cls)["properties"][steps[0]])
+    return path
+
+
+def _check_steps(path: FieldPath, rule: dict[str, Any]) -> None:
+    """Refuse, by a ValueError, what no message can have, by the schema of the first step."""
+    shape: list[int | None] = []
+    for count, step in enumerate(path.steps[1:], 1):
+        before = path.written(count)
+        if not shape and "anyOf" in rule:
+            rule = rule["anyOf"][0]
+        if not shape and "dtype" in rule:
+            rule, shape = {"type": "number"}, list(rule["shape"])
+        if isinstance(step, str):
+            if shape or rule.get("type") != "object":
+                raise ValueError(f"{before} holds {_held(rule, shape)}: it has no field {step!r}")
+            rule = {"type": "number"}
+        elif shape:
+            length = shape.pop(0)
+            if length is not None and step >= length:
+                raise ValueError(_beyond(before, length, path.text))
+        elif rule.get("type") == "array":
+            rule = rule["items"]
+        else:
+            raise ValueError(f"{before} holds {_held(rule, shape)}: it has no element [{step}]")
+
+
+def _held(rule: dict[str, Any], shape: list[int | None]) -> str:
+    """What is there, in words."""
+    if shape or rule.get("type") == "array":
+        return "several values by their indices"
+    return "a table, by its names" if rule.get("type") == "object" else "one value"
+
+
+def _beyond(name: str, length: int, text: str) -> str:
+    last = f"from {name}[0] to {name}[{length - 1}]" if length else "none"
+    return f"{text!r:.60}: {name} has {length} elements, {last}"
 
 
 def _comparison(path: FieldPath, compare: Callable[[Any, Any], bool], wanted: Any) -> MessageFilter:
@@ -350,11 +427,22 @@ class FieldPath(NamedTuple):
     text: str  # As it was written
     steps: tuple[str | int, ...]  # Field, then keys of tables and indices of sequences
 
+    def written(self, count: int) -> str:
+        """The first so many steps, as a text."""
+        return "".join(
+            f"[{one}]" if isinstance(one, int) else f".{one}" for one in self.steps[:count]
+        ).removeprefix(".")
+
     def of(self, fields: Mapping[str, Any]) -> Any:
-        """The value at this path; raises LookupError if this message has none there."""
+        """The value at this path; raises LookupError, that says why, if this message has none."""
         value: Any = fields
-        for step in self.steps:
-            if not isinstance(value, (np.ndarray, tuple) if isinstance(step, int) else Mapping):
-                raise LookupError(self.text)
-            value = value[step]  # type: ignore[index]
+        for count, step in enumerate(self.steps):
+            before = self.written(count)
+            if value is None:
+                raise LookupError(f"{before} is null")
+            if isinstance(step, str) and step not in value:
+                raise LookupError(f"{before} has no {step!r}; {hint(step, value)}")
+            if isinstance(step, int) and step >= len(value):
+                raise LookupError(_beyond(before, len(value), self.text))
+            value = value[step]
         return value.item() if isinstance(value, np.generic) else value

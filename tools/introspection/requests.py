@@ -20,10 +20,11 @@ from palpate.launch import TEXT_WIDTH
 from palpate.launch.files import InputError, as_input_errors, hint, parse_yaml
 from palpate.launch.processes import RunCard, find_run
 from palpate.messages import Array, bus, decode, encode
-from palpate.messages.types import TYPES, NodeStatus
-from palpate.nodes.runtime import RecordedNode, Source, load_node
-from palpate.tools.introspection.echo import TextStyle, yaml_lines, yaml_value
-from palpate.tools.introspection.topics import TapSubscription, Topic, topics_of
+from palpate.messages.types import NodeStatus
+from palpate.nodes.runtime import RecordedNode
+from palpate.tools.introspection.echo import yaml_lines
+from palpate.tools.introspection.topics import STATUS_TOPICS, TapSubscription, Topic
+from palpate.tools.introspection.topics import find_topic, topics_of, type_of
 
 NODES_PACKAGE = "palpate.nodes."
 STATUS_PATIENCE = 1.5  # A node that says nothing for so long works, hangs or is stopped, s
@@ -164,19 +165,6 @@ def _short(value: Any) -> Any:
     return f"{len(data)} {what}, sha256 {hashlib.sha256(data).hexdigest()}"
 
 
-def set_parameter(card: RunCard, name: str, param: str, value: str) -> str:
-    """Set a parameter, to a value in YAML, between two touches; returns what it was and is.
-
-    Raises ValueError if there is no such node, the parameter cannot be set while it runs, or the
-    value is none for it.
-    """
-    node = find_node(card, name)
-    made = parse_yaml(value, "VALUE").value
-    request(card, "set", node=node.name, param=param, value=msgspec.json.encode(made).decode())
-    was, now = (yaml_value(x, TextStyle(flow=True)) for x in (params_of(node)[param], made))
-    return f"{node.name}.{param}: {was} -> {now}"
-
-
 def notify(card: RunCard, kind: str, **fields: Any) -> None:
     """Send a request to the launcher of a running graph, without waiting for an answer."""
     with _control_line(card) as line:
@@ -245,16 +233,19 @@ def publish(
     run: str | None,
     echo: Callable[[str], None],
 ) -> None:
-    """Publish a message, its fields in YAML, on a console's topic, so many times or until Ctrl-C.
+    """Have the node that publishes a topic publish a message, its fields in YAML.
 
-    InputError if no such graph runs, the topic is not a console's, or the body is no such message.
+    It is published so many times, or until Ctrl-C. InputError if no such graph runs or no node of
+    it publishes the topic, or the body is no such message.
     """
     if not rate > 0.0:
         raise InputError(f"--rate must be positive, got {rate:g}")
     with as_input_errors():
         card = find_run(run)
-        node = _console(card, topic)
-        cls = TYPES[card.topics[topic]]
+        found = find_topic(card, topic)
+        if found.name in STATUS_TOPICS:
+            raise ValueError(f"{found.name} is what nodes say of themselves; nothing can be added")
+        cls = type_of(found)
         fields = parse_yaml(body, "BODY").value
         if not isinstance(fields, dict):
             raise ValueError(f"BODY must be a map of fields in YAML, got {body!r:.60}")
@@ -262,24 +253,8 @@ def publish(
         for number in range(times) if times is not None else count():
             if number:
                 time.sleep(1.0 / rate)
-            request(card, "publish", node=node, topic=topic, body=data)
-            echo(f"published {cls.__name__} on {topic}")
-
-
-def _console(card: RunCard, topic: str) -> str:
-    """The node that publishes a topic, if tools may publish for it."""
-    name = card.publishers.get(topic)
-    if name is None:
-        raise ValueError(
-            f"run {card.run[:6]} ({card.name}) has no topic {topic!r}; {hint(topic, card.topics)}"
-        )
-    node = load_node(next(one.module for one in card.nodes if one.name == name))
-    if not (isinstance(node, Source) and node.outside):
-        raise ValueError(
-            f"{topic} is published by {name}, and a topic has one publisher; only the topics of a "
-            "console in the launch file can be published from outside"
-        )
-    return name
+            request(card, "publish", node=found.publishers[0], topic=found.name, body=data)
+            echo(f"published {cls.__name__} on {found.name}")
 
 
 def message_from_plain(cls: type, values: Mapping[str, Any]) -> object:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.core import code_place
 from palpate.launch import search_current_folder
 from palpate.messages import Header, schema_hash
 from palpate.messages.bus import Received
@@ -81,9 +82,12 @@ class MessageExchange:
             player.check(kept)
             player.record_published(kept)
         link = self._links.get(kept.topic)
-        if link is None:
-            header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
+        if link is None or kept.outside:
+            seq = kept.seq if link is None else link.received
+            header = Header(kept.run, kept.epoch, seq, kept.sent_ns, 0.0, kept.schema, kept.outside)
             self._send(kept.topic, header, kept.body)
+            if link is not None:
+                link.received += 1
         elif link.waiting:
             self._pass_on(link, link.waiting.popleft()[1])
         else:
@@ -175,7 +179,7 @@ class ReplayedNode:
 
     def record_published(self, kept: RecordedMessage) -> None:
         """Compare with what it had published, if the recorded message was its own."""
-        if kept.topic in self.publications:
+        if kept.topic in self.publications and not kept.outside:
             comparison = self.publications[kept.topic]
             comparison.recorded(kept.body)
             self.first = self.first or comparison.first
@@ -192,8 +196,9 @@ class ReplayedNode:
         try:
             published = act()
         except Exception as error:  # The edge of the node: whatever it was must be told in words.
-            text = " ".join(str(error).split())
+            text, place = " ".join(str(error).split()), code_place(error)
             self.failure = f"{type(error).__name__} {self._work.doing}: {text}"
+            self.failure += f" ({place})" if place is not None and place.is_own else ""
             for comparison in self.publications.values():
                 comparison.fall_silent()
             return []

@@ -23,7 +23,7 @@ from palpate import launch
 from palpate.launch.files import SourceMapped, convert
 from palpate.launch.processes import EarlierRun, SentMessage
 from palpate.messages import decode, schema_hash
-from palpate.messages.bus import Consumed
+from palpate.messages.bus import Consumed, OutsideMessage
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
 from palpate.messages.types import TYPES, Contour, ParameterEvent
 from palpate.nodes import runtime
@@ -225,7 +225,7 @@ def plan_resume(
             earlier_run_of(wirings, _until(recording, contour)),
             changes=_changes(wirings, recording),  # those after that contour, too
         ),
-        tolerance=launch.tolerance_of(wirings),
+        demanded=launch.demanded_of(wirings),
     )
 
 
@@ -256,6 +256,7 @@ def earlier_run_of(
     publishers = {topic: one for one in wirings for topic in one.outputs.values()}
     received: dict[str, list[ConsumedAt]] = {one.name: [] for one in wirings}
     sent: dict[str, list[SentMessage]] = {one.name: [] for one in wirings if one.persistent}
+    outside = defaultdict[str, list[OutsideMessage]](list)
     times: dict[str, list[tuple[str, int]]] = {
         one.name: [] for one in wirings if not one.persistent
     }
@@ -267,16 +268,21 @@ def earlier_run_of(
             received[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
         wiring = publishers[one.topic]
         if wiring.persistent:
-            sent[wiring.name].append(SentMessage(one.topic, one.sent_ns, one.schema, one.body))
-        else:
-            times[wiring.name].append((one.topic, one.sent_ns))
+            sent[wiring.name].append(
+                SentMessage(one.topic, one.sent_ns, one.schema, one.body, one.outside)
+            )
+            continue
+        times[wiring.name].append((one.topic, one.sent_ns))
+        if one.outside:
+            message = OutsideMessage(one.topic, one.seq, one.body, one.schema)
+            outside[wiring.name].append(message)
     consumed = {
         one.name: answered_messages(one, received[one.name], sent[one.name])
         if one.persistent
         else [each for each, _ in received[one.name]]
         for one in wirings
     }
-    return EarlierRun(consumed, sent, times)
+    return EarlierRun(consumed, sent, times, outside=outside)
 
 
 def answered_messages(
@@ -292,7 +298,7 @@ def answered_messages(
     asked = [(one, sent_ns) for one, sent_ns in received if one.topic not in latched]
     if not asked:
         return []
-    answers = sum(one.sent_ns > asked[0][1] for one in sent)
+    answers = sum(one.sent_ns > asked[0][1] for one in sent if not one.outside)
     return [one for one, _ in asked[:answers]]
 
 
@@ -303,7 +309,7 @@ def _changes(
     publishers = {topic: one.name for one in wirings for topic in one.outputs.values()}
     found = defaultdict[str, list[ParameterEvent]](list)
     for kept in recording.messages():
-        if kept.type == ParameterEvent.__name__:
+        if kept.type == ParameterEvent.__name__ and not kept.outside:
             found[publishers[kept.topic]].append(decode(ParameterEvent, kept.body))
     return dict(found)
 

@@ -138,7 +138,7 @@ class View:
 def view_run(run: Path | None, *, port: int, attached: bool = False, echo: Echo) -> None:
     """Show a run, named by its directory, its recording or, while it runs, its name, until Ctrl-C.
 
-    Left out: the graph that was launched last, or else the last run. `attached`: the run is about
+    Left out: the graph that `find_run` finds, or else the last run. `attached`: the run is about
     to begin, and whoever begins it holds standard input open for as long as the view shall last.
     Raises InputError if there is none, or its recording cannot be read.
     """

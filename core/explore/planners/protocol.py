@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
-from palpate.core.plugins import class_by_name
+from palpate.core.explore.planners.verdict import Limits
+from palpate.core.plugins import class_by_name, told_error
+from palpate.reprs import readable
 
 if TYPE_CHECKING:
     from palpate.core.explore.planners.surface import ObservedSurface
@@ -31,6 +33,7 @@ LEAST_SPACING = 0.03  # Of the height: slices that are nearer tell hardly more t
 END_SHARE, NEAR_END_SHARE, END_TOLERANCES = 0.03, 0.02, 20.0
 END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
 SAME = 1e-9  # Of the height: heights that differ by less are one
+ALL_REACHED = "every limit is kept"  # Why a planner stops that has reached what was asked
 PLANNER_NAMES = ("predicted", "touches", "uniform", "thesis", "fuzzy")  # The default first
 
 
@@ -45,6 +48,7 @@ class SliceOutcome(StrEnum):
     LOST = "lost"  # Nothing was there to touch: the height lies beyond the object's end
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ObservedSlice:
     """One slice that was asked for; without radii if it gave no usable contour."""
@@ -123,6 +127,7 @@ class Budget:
         return over or self.cut
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Observation:
     """All that the choice of the next slice may depend on."""
@@ -175,6 +180,11 @@ class Observation:
         counts = {len(one.radii) for one in self.slices if one.usable}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
+
+    @property
+    def limits(self) -> Limits:
+        """What is asked of the solid."""
+        return Limits(tolerance=self.tolerance, feature=self.feature)
 
     @property
     def extent(self) -> float:
@@ -375,6 +385,10 @@ def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
         return described(**settings)
     except TypeError as error:  # one that must be given is missing, say
         raise ValueError(f"the planner {name!r} cannot be made: {error}") from None
+    except ValueError:
+        raise
+    except Exception as error:  # a class of one's own may break in any way
+        raise ValueError(f"the planner {name!r} cannot be made: {told_error(error)}") from error
 
 
 Choice = Height | Touch | Wait | Stop

@@ -20,6 +20,7 @@ from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry import point_tree
 from palpate.core.poses import IDENTITY_POSE, rotation_matrix, split_pose
 from palpate.core.touch import Jet, Pad
+from palpate.reprs import readable
 
 SIDE = 3  # Taxels along the side of a square
 # An edge is where a smooth surface leaves the taxels of a square by so many times more than its
@@ -33,6 +34,7 @@ ALONE = 1e-3  # The same of the width, where there is but one contour
 LEVEL = 0.05  # Level part of a normal, of 1, below which it tells nothing of the side
 
 
+@readable
 class ContactPoints(NamedTuple):
     """Touched taxels, world frame."""
 

@@ -19,8 +19,9 @@ from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.rebuild.contours.curves import ContourCurve, DroppedContour, DropReason
 from palpate.core.rebuild.contours.curves import chord_places, curve_places, drop_reasons
-from palpate.core.rebuild.contours.outliers import neighbour_weights
+from palpate.core.rebuild.contours.prediction import neighbour_weights
 from palpate.core.splines import ClosedCurve
+from palpate.reprs import readable
 
 SAME_HEIGHT = 1e-3  # Of the mean spacing: contours at heights nearer to each other are one
 NOT_APART = 1e-9  # Of a contour's perimeter: heights nearer to each other differ by rounding
@@ -51,6 +52,7 @@ TWIST = 1.5  # What a departure from the least twist, squared, in turns, costs
 APART = 10.0
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Slices:
     """Closed curves at rising heights: M of them, at least one."""

@@ -19,16 +19,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import label
 from scipy.spatial import ConvexHull, cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import ClosedBody, nearest_points, nearest_search
+from palpate.core.geometry import SHARP, nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, Weights
 from palpate.core.rebuild.general.fitting import fit_implicit, refit_locally
 from palpate.core.rebuild.general.topology import CoarseSolid
+from palpate.core.rebuild.protocol import Closest, Solid
 from palpate.core.shapes import Mesh, grid_surface
 
 FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell where touches lie close together, and else, m
@@ -65,8 +67,8 @@ BLOCK = 1000  # Places that are held against all faces of it at a time
 LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GeneralSolid(ClosedBody):
+@dataclass(frozen=True, eq=False)
+class GeneralSolid(Solid):
     """A solid as an implicit spline; lengths in m, places in the world."""
 
     origin: Floats  # Of the cells, (3,), on the platform
@@ -117,19 +119,33 @@ class GeneralSolid(ClosedBody):
         return Mesh(places, faces)
 
     def __repr__(self) -> str:
-        low, high = self.contacts.points.min(axis=0), self.contacts.points.max(axis=0)
-        size = " x ".join(f"{side:.3g}" for side in high - low)
-        return f"<GeneralSolid {size} m, of {len(self.fit.displacements)} touches>"
+        return f"<GeneralSolid {self._size()} m, of {len(self.fit.displacements)} touches>"
 
-    def signed_distances(self, places: Floats) -> Floats:
-        """Of places (n, 3) from the surface, (n,), negative inside, m."""
-        mesh = self.mesh()
-        found = nearest_points(nearest_search(mesh.vertices[mesh.faces]), places)
-        value, _ = self.evaluate(places)
-        value = np.where(np.isfinite(value), value, self.coarse.at(places))
+    def closest(self, points: ArrayLike) -> Closest:
+        """As `Solid.closest`, moved from the mesh onto the spline where that is the surface.
+
+        It is not where the solid is cut off at its platform, or where the spline's gradient and the
+        mesh's normal point apart, as at edges.
+        """
+        found = self.final_mesh.closest(points)
+        places = self.project(found.points)
+        gradient = self.evaluate(places)[1]
+        slope = np.linalg.norm(gradient, axis=1, keepdims=True)
+        normals = gradient / np.maximum(slope, LEAST_SLOPE)
+        along = np.einsum("ni,ni->n", normals, found.normals)
+        on_spline = (along > np.cos(SHARP)) & (slope[:, 0] >= LEAST_SLOPE)  # False where it is NaN
         if self.platform is not None:
-            value = np.maximum(value, self.platform - places[:, 2])
-        return np.where(value < 0.0, -found.distances, found.distances)
+            on_spline &= found.points[:, 2] > self.platform
+        places = np.where(on_spline[:, None], places, found.points)
+        normals = np.where(on_spline[:, None], normals, found.normals)
+        offset = np.asarray(points, np.float64).reshape(-1, 3) - places
+        distances = np.linalg.norm(offset, axis=1)
+        side = np.where(
+            on_spline & (distances < self.cell),
+            np.einsum("ni,ni->n", offset, normals),
+            found.distances,
+        )
+        return Closest(places, normals, np.where(side < 0.0, -distances, distances))
 
     def residuals(self, places: Floats) -> Floats:
         """Distances (n,) of places (n, 3) from the surface, m: to first order where it is near."""

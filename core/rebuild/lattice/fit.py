@@ -26,6 +26,7 @@ from palpate.core.rebuild.lattice.section import fit_section, layers_of, section
 from palpate.core.rebuild.lattice.section import section_system, solve_section
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import ContourSurface
+from palpate.reprs import readable
 
 SIDES = (7, 9, 11, 13, 17, 21)  # Control points across a section each way that are tried
 FILLS: tuple[SectionFill, ...] = ("bending", "rings", "cones")
@@ -72,6 +73,7 @@ class Refinement(NamedTuple):
     steps: int  # Steps taken
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class LatticeFit:
     """A solved lattice."""

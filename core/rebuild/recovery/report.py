@@ -18,6 +18,7 @@ from palpate.core import shapes
 from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import pose_of, principal_axes, rotations_from_vectors
 from palpate.core.rebuild.recovery.distances import RIGID, Warps, distances_alone, normal_distances
+from palpate.reprs import readable
 
 MOST_UNCOVERED = 0.1  # The most in some hundred fits to 60 points all around was 0.08
 COVER_LEVEL = 2  # 320 facets: enough to draw a few hundred places from
@@ -238,6 +239,7 @@ class SearchResult(NamedTuple):
     steps: int  # Steps tried by the fit that was taken, those of its first stage left out
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Recovery(shapes.FittedSuperquadric):
     """A superquadric, tapered and bent, and how well its points determine it.

@@ -8,7 +8,7 @@ It rests on `palpate.core.rebuild.ends` for what closes a side, and on `palpate.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
-    from palpate.core.rebuild.surface.closed import EndPatch, Patch, SampledPatch, SolidMeasures
+    from palpate.core.rebuild.surface.closed import EndPatch, Patch, SampledPatch
     from palpate.core.rebuild.surface.closed import Surface, close_surface, closed_surface
     from palpate.core.rebuild.surface.closed import measure_surface, placed, sampled_patch
     from palpate.core.rebuild.surface.meshing import DEFAULT_TOLERANCE, SurfaceMesh, SurfaceSearch

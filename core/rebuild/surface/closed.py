@@ -25,6 +25,7 @@ from palpate.core.rebuild.contours import are_star_shaped
 from palpate.core.rebuild.ends import End, ProfileCurve, Relief, Shear, StraightCurve
 from palpate.core.rebuild.ends import profile_curves
 from palpate.core.shapes import MassMoments
+from palpate.reprs import readable
 
 # Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
 # at this distance, where the tangents do not vanish.
@@ -49,6 +50,7 @@ Ring = Callable[[int], Floats]  # Points (..., 3) of a ring, or a derivative by 
 Orders = tuple[int, int]  # Times it is differentiated by v and by turns; together up to 2
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """Pieces from pole to pole; `close_surface` makes one."""
@@ -235,6 +237,7 @@ def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -
     return replace(surface, middle=middle[0], frame=frame, shear=shear)
 
 
+@readable
 class Curvatures(NamedTuple):
     """Of a surface at points; convex positive."""
 
@@ -244,7 +247,8 @@ class Curvatures(NamedTuple):
     directions: Floats  # Unit tangents along which the curvature is k1, (n, 3)
 
 
-class SolidMeasures(NamedTuple):
+@readable
+class SurfaceMeasures(NamedTuple):
     """Of a solid of density 1, in the unit of its surface."""
 
     moments: MassMoments  # Volume, centroid, and second moments from the frame's origin
@@ -260,7 +264,7 @@ class SolidMeasures(NamedTuple):
         return np.asarray(np.trace(about) * np.eye(3) - about)
 
 
-def measure_surface(surface: Surface) -> SolidMeasures:
+def measure_surface(surface: Surface) -> SurfaceMeasures:
     """Volume, area, centroid and second moments, taken about the middle of the box and moved."""
     sums, error = _sums(surface, 0), np.inf
     for level in range(1, HALVINGS + 1):
@@ -278,7 +282,7 @@ def measure_surface(surface: Surface) -> SolidMeasures:
     middle, centroid = surface.middle, surface.middle + offset
     moved = np.outer(offset, middle)
     second = second + volume * (moved + moved.T + np.outer(middle, middle))
-    return SolidMeasures(MassMoments(volume, centroid, second), area, error)
+    return SurfaceMeasures(MassMoments(volume, centroid, second), area, error)
 
 
 def _sums(surface: Surface, level: int) -> Floats:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints, finite_array, positive
 from palpate.core.rebuild.surface.closed import Surface, dot
+from palpate.reprs import readable
 
 DEFAULT_TOLERANCE = 2e-4  # Tolerance, of the size, where none is asked for
 MOST_PLACES = 2_000_000  # Most vertices
@@ -39,6 +40,7 @@ BELOW = 1e-9  # v below a seam at which the lower piece answers
 CLOSE = 4.0  # Tolerances of the mesh: nearer, the surface's own normal says which side it is
 
 
+@readable
 class SurfaceMesh(NamedTuple):
     """Triangles whose vertices know their places on the surface."""
 
@@ -220,6 +222,7 @@ def _check_count(count: int, tolerance: float) -> None:
         )
 
 
+@readable
 class NearestOnSurface(NamedTuple):
     """Where a surface is nearest to points."""
 

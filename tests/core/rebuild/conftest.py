@@ -11,7 +11,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours.contacts import ContactPoints, stack_points
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.solid import Solid
+from palpate.core.rebuild.solid import LatticeSolid
 from palpate.core.rebuild.surface.closed import Patch
 from palpate.core.shapes.superquadrics import Superquadric
 
@@ -67,7 +67,7 @@ class Oracle:
         ranges = self.shape.cast(origins, np.array([0.0, 0.0, -1.0]), 9 * self.shape.size[2])
         return self.contacts_at(origins - ranges[:, None] * [0.0, 0.0, 1.0] + self.middle)
 
-    def rebuilt(self, shares: Sequence[float], top: bool = True, **options: Any) -> Solid:
+    def rebuilt(self, shares: Sequence[float], top: bool = True, **options: Any) -> LatticeSolid:
         """From contours at these heights, contacts along them and from above."""
         contours, contacts, tops = self.evidence(shares, top)
         options = {"method": "skin", **options}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.reconstruction import reconstruct
-from palpate.core.rebuild.solid import Solid
+from palpate.core.rebuild.solid import LatticeSolid
 
 HALF = 50.0
 HEIGHTS = np.linspace(-49.0, 49.0, 9)
@@ -27,17 +27,17 @@ def rings(count: int = 60) -> list[Floats]:
     return [ring(z, count) for z in HEIGHTS]
 
 
-def skin(contours: Any, tops: Any = TOPS, **more: Any) -> Solid:
+def skin(contours: Any, tops: Any = TOPS, **more: Any) -> LatticeSolid:
     return reconstruct(contours, tops=tops, method="skin", **more)
 
 
 @cache
-def whole() -> Solid:
+def whole() -> LatticeSolid:
     return skin(rings())
 
 
-def volume(solid: Solid) -> float:
-    return solid.measures().moments.volume
+def volume(solid: LatticeSolid) -> float:
+    return solid.volume
 
 
 @cache
@@ -48,14 +48,13 @@ def whole_volume() -> float:
 WANTED = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF
 
 
-def assert_closed(solid: Solid) -> None:
-    found = solid.check()
-    assert found == (True, 0, 0)
+def assert_closed(solid: LatticeSolid) -> None:
+    assert solid.check()[:4] == (True, True, 0, 0)  # closed, oriented, genus, self-crossings
     assert np.isfinite(solid.mesh().vertices).all()
     assert all(np.isfinite(value) for value in solid.health().values())
 
 
-def same_side(one: Solid, other: Solid) -> float:
+def same_side(one: LatticeSolid, other: LatticeSolid) -> float:
     """Largest distance of two sides at the same places, over the size."""
     heights, turns = np.linspace(-49.0, 49.0, 33)[:, None], np.arange(40) / 40
     off = one.closed.loft.at(heights, turns) - other.closed.loft.at(heights, turns)

@@ -16,7 +16,7 @@ from palpate.core.rebuild.contours.contacts import ContactPoints
 from palpate.core.rebuild.reconstruction import coarse_patch, fit_coarse, reconstruct
 from palpate.core.rebuild.recovery import recover
 from palpate.core.rebuild.recovery.report import Recovery
-from palpate.core.rebuild.solid import Method, Solid
+from palpate.core.rebuild.solid import LatticeSolid, Method
 from palpate.core.rebuild.surface.closed import closed_surface, measure_surface
 from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
 from palpate.core.shapes.global_deformations import Bend
@@ -45,7 +45,7 @@ def ball(count: int, around: int, seed: int = 0, noise: float = 0.0) -> list[Flo
 
 
 @cache
-def plain_ball() -> Solid:
+def plain_ball() -> LatticeSolid:
     return reconstruct(ball(15, 60), tops=TOPS)
 
 
@@ -63,8 +63,8 @@ def eight(height: float) -> Floats:
 def test_a_ball_comes_back_from_contours_in_any_order_and_direction():
     rebuilt = plain_ball()
     measures = rebuilt.measures()
-    assert measures.moments.volume == pytest.approx(4 / 3 * np.pi * HALF**3, rel=1e-4)
-    assert measures.area == pytest.approx(4 * np.pi * HALF**2, rel=1e-4)
+    assert measures.volume_m3 == pytest.approx(4 / 3 * np.pi * HALF**3, rel=1e-4)
+    assert measures.area_m2 == pytest.approx(4 * np.pi * HALF**2, rel=1e-4)
     assert (rebuilt.closed.bottom.kind, rebuilt.closed.top.kind) == ("conic", "conic")
 
 
@@ -187,7 +187,7 @@ EGG = egg(np.linspace(-29.5, 29.5, 15))
 
 
 @cache
-def whole(method: Method, faithful: bool = False) -> Solid:
+def whole(method: Method, faithful: bool = False) -> LatticeSolid:
     return reconstruct(EGG, method=method, faithful=faithful)
 
 
@@ -207,7 +207,7 @@ def test_every_method_gives_a_closed_solid(method, faithful, off):
     found = solidity(mesh.vertices, mesh.faces)
     assert (solid.method, found.watertight, found.genus) == (method, True, 0)
     if not faithful:
-        assert solid.measures().moments.volume == pytest.approx(VOLUME, rel=off)
+        assert solid.volume == pytest.approx(VOLUME, rel=off)
     assert solid.search().inside(np.zeros((1, 3))).all()
     assert all(np.isfinite(value) for value in solid.health().values())
 
@@ -264,7 +264,7 @@ def test_the_lattice_is_put_around_the_section_that_a_grasp_found():
     fitted, grasped = whole("lattice"), reconstruct(EGG, grasp=found)
     assert fitted.lattice is not None and grasped.lattice is not None
     assert grasped.lattice.section.half_extent == pytest.approx(found.size[:2], rel=0.02)
-    assert grasped.measures().moments.volume == pytest.approx(VOLUME, rel=1e-3)
+    assert grasped.volume == pytest.approx(VOLUME, rel=1e-3)
     with pytest.raises(ValueError, match="size and grasp must be left out"):
         reconstruct(EGG, method="skin", grasp=found)
 
@@ -305,7 +305,7 @@ def contours(count: int = 15, noise: float = 0.2, seed: int = 0) -> list[Floats]
     return found
 
 
-def apart(one: Solid, other: Solid) -> float:
+def apart(one: LatticeSolid, other: LatticeSolid) -> float:
     rows, turns = np.linspace(0.0, 1.0, 41)[:, None], np.arange(30)[None] / 30
     return float(np.abs(one.surface.at(rows, turns) - other.surface.at(rows, turns)).max())
 
@@ -356,7 +356,7 @@ def test_what_is_no_contour_is_refused():
     solid = reconstruct(contours(5), tops=UPDATE_TOPS, method="skin")
     with pytest.raises(ValueError, match=r"contour 5 must have shape \(any, 3\)"):
         solid.update(np.zeros((4, 2)))
-    bare = Solid(surface=solid.surface, method="skin", evidence=solid.evidence)
+    bare = LatticeSolid(surface=solid.surface, method="skin", evidence=solid.evidence)
     with pytest.raises(ValueError, match="solid must be rebuilt by reconstruct to be updated"):
         bare.update(contours(5)[0])
 

@@ -1,6 +1,7 @@
 import os
 import shutil
 import time
+from contextlib import ExitStack
 
 import pytest
 
@@ -19,8 +20,9 @@ from palpate.launch.processes.registry import (
 )
 
 
-def card(run, name="vase", folder=""):
+def card(run, name="vase", folder="", started_in=""):
     return RunCard(
+        started_in=started_in,
         run=run,
         name=name,
         began=f"2026-01-01T00:00:{run[-2:]}",
@@ -87,19 +89,52 @@ def test_what_is_not_ours_or_just_coming_up_is_left_alone(tmp_path):
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_a_run_is_found_by_its_number_or_name_or_as_the_latest(tmp_path):
+def test_a_run_is_found_by_its_number_or_name_or_as_the_only_one(tmp_path):
     with pytest.raises(ValueError, match="no graph of yours is running"):
         find_run(None, tmp_path)
     with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
         announce(one, card("ab01"))
+        assert find_run(None, tmp_path).run == "ab01"
         announce(other, card("ac02", "egg"))
-        assert find_run(None, tmp_path).run == "ac02"
+        with pytest.raises(
+            ValueError, match=r"2 graphs run and none.* --run ab01 \(vase\), --run ac"
+        ):
+            find_run(None, tmp_path)
         assert find_run("ab", tmp_path).run == "ab01"
         assert find_run("egg", tmp_path).run == "ac02"
         with pytest.raises(ValueError, match=r"several running graphs are called 'a'; there are"):
             find_run("a", tmp_path)
         with pytest.raises(ValueError, match=r"no running graph is called 'x'; .* ab01 \(vase\)"):
             find_run("x", tmp_path)
+
+
+def test_the_graph_of_the_working_directory_is_meant_before_others(tmp_path, monkeypatch):
+    monkeypatch.delenv("PALPATE_GRAPH", raising=False)
+    here, there = tmp_path / "here", tmp_path / "there"
+    (here / "runs" / "1_vase").mkdir(parents=True)
+    there.mkdir()
+    graphs = {
+        "ab01": card("ab01", started_in=str(there), folder=str(there / "runs" / "1_egg")),
+        "ac02": card("ac02", started_in=str(there), folder=str(here / "runs" / "1_vase")),
+        "ad03": card("ad03", started_in=str(tmp_path)),
+    }
+    with ExitStack() as stack:
+        for one in graphs.values():
+            announce(stack.enter_context(private_folder(tmp_path)), one)
+        meant = ((here, "ac02"), (here / "runs" / "1_vase", "ac02"), (tmp_path, "ad03"))
+        for folder, number in meant:
+            monkeypatch.chdir(folder)
+            assert find_run(None, tmp_path).run == number
+        monkeypatch.chdir(there)
+        with pytest.raises(ValueError, match=r"2 graphs run of this folder.*ab01.*ac02"):
+            find_run(None, tmp_path)
+        for name in ("ad", "1_egg", str(there / "runs" / "1_egg")):
+            monkeypatch.setenv("PALPATE_GRAPH", name)
+            assert find_run(None, tmp_path).run == ("ad03" if name == "ad" else "ab01")
+            assert find_run("ac", tmp_path).run == "ac02"
+        monkeypatch.setenv("PALPATE_GRAPH", "cube")
+        with pytest.raises(ValueError, match="PALPATE_GRAPH=cube: no running graph is called"):
+            find_run(None, tmp_path)
 
 
 def test_a_folder_that_holds_anything_else_is_somebodys_own(tmp_path):

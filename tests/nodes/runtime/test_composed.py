@@ -39,6 +39,8 @@ def test_a_node_that_raises_ends_the_graph_with_its_words(
     assert ending.status == "died"
     assert "filter handling /touch/raw 0" in ending.reason
     assert "a taxel came off" in ending.reason
+    line = fail.__code__.co_firstlineno + 1
+    assert ending.reason.endswith(f"test_composed.py:{line} in fail)")
 
 
 def test_a_graph_that_falls_quiet_has_stalled(

@@ -13,8 +13,9 @@ from palpate.messages.bus.message_log import Consumed
 from palpate.messages.bus.subscriber import Received
 from palpate.messages.codec import Header, encode, schema_hash
 from palpate.messages.types.world import World
-from palpate.nodes.runtime.loop import JournalOrder, NodeLoop
+from palpate.nodes.runtime.loop import NodeLoop
 from palpate.nodes.runtime.node import Input, Node, Sink, lone_wiring
+from palpate.nodes.runtime.repeating import JournalOrder
 from palpate.nodes.runtime.work import NodeWork, Outgoing, Promise, SinkWork
 
 BEFORE = (Consumed("a", "/x", 0), Consumed("b", "/y", 0), Consumed("a", "/x", 1))

@@ -83,3 +83,16 @@ def test_an_unknown_topic_and_an_unknown_file_are_one_sentence(record, tmp_path)
         recording["/touch/path"]
     with pytest.raises(InputError, match=r"none.mcap"):
         palpate.open_recording(tmp_path / "none.mcap")
+
+
+def test_reprs_of_a_recording_and_its_tables_are_short(run_folder):
+    recording = palpate.open_recording(run_folder)
+    assert is_short(recording)
+    for topic, table in recording.items():
+        assert is_short(table), topic
+        assert all(is_short(table[name]) for name in table.dtype.names), topic
+        assert is_short(table[:1])
+
+
+def is_short(value):
+    return repr(value).count("\n") < 9 and len(repr(value)) < 1000

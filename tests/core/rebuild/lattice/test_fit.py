@@ -11,7 +11,7 @@ from palpate.core.rebuild.lattice.fit import LatticeFit, fit_lattice, lattice_gr
 from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.side.lofting import fit_contour_loft
 from palpate.core.rebuild.side.surfaces import SidePatch
-from palpate.core.rebuild.solid import Solid
+from palpate.core.rebuild.solid import LatticeSolid
 from palpate.core.splines.bases import Basis
 from palpate.core.splines.lattices import Lattice, box_lattice, fold_report
 from palpate.core.splines.spline_volumes import SplineVolume
@@ -172,7 +172,7 @@ HALF = 50.0
 
 
 @cache
-def ball() -> Solid:
+def ball() -> LatticeSolid:
     """A ball of 100 mm, lattice and all."""
     turn = 2 * np.pi * np.arange(60) / 60
     contours = []
@@ -184,13 +184,13 @@ def ball() -> Solid:
 
 
 @cache
-def tube() -> Solid:
+def tube() -> LatticeSolid:
     turn = 2 * np.pi * np.arange(60) / 60
     rim = np.column_stack([0.3 * np.cos(turn), 0.2 * np.sin(turn), np.zeros(60)])
     return reconstruct([rim + [0.1 * z, 0.0, z] for z in np.linspace(0.0, 1.0, 9)])
 
 
-def outwards(solid: Solid, v: float, turns: float, by: float) -> np.ndarray:
+def outwards(solid: LatticeSolid, v: float, turns: float, by: float) -> np.ndarray:
     at, way = solid.surface.at(v, turns), solid.surface.normals(v, turns)
     return np.asarray((at + by * way)[None])
 

@@ -12,25 +12,25 @@ from palpate.core.geometry.meshes import solidity
 from palpate.core.rebuild.lattice.fit import fit_lattice
 from palpate.core.rebuild.reconstruction import reconstruct
 from palpate.core.rebuild.side.lofting import fit_contour_loft
-from palpate.core.rebuild.solid import Solid
+from palpate.core.rebuild.solid import LatticeSolid
 
 Making = Callable[..., Any]
 SIZE = 2.0
 
 
-def side_points(solid: Solid, count: int = 400) -> np.ndarray:
+def side_points(solid: LatticeSolid, count: int = 400) -> np.ndarray:
     rng = np.random.default_rng(0)
     assert solid.lattice is not None
     return solid.lattice.side.at(rng.random(count), rng.random(count))
 
 
-def rms(sampled: Any, solid: Solid) -> float:
+def rms(sampled: Any, solid: LatticeSolid) -> float:
     points = side_points(solid)
     points = points[np.abs(points[:, 2]) < 0.98]
     return float(np.sqrt(np.mean(np.square(sampled.off(points))))) / SIZE
 
 
-def is_closed(solid: Solid) -> bool:
+def is_closed(solid: LatticeSolid) -> bool:
     mesh = solid.mesh(0.02)
     found = solidity(mesh.vertices, mesh.faces)
     return bool(np.isfinite(mesh.vertices).all() and found.watertight and found.genus == 0)

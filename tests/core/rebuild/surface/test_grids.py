@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.geometry import solidity
-from palpate.core.rebuild import Solid, reconstruct
+from palpate.core.rebuild import LatticeSolid, reconstruct
 from palpate.core.rebuild.ends.closing import End
 from palpate.core.rebuild.ends.profiles import Flat
 from palpate.core.rebuild.ends.relief import with_relief
@@ -35,7 +35,7 @@ def made(kind: str, contours: Any) -> Surface:
         return close_surface(Wall(), bottom, end)
     if kind == "ends":
         return reconstruct(contours, tops=[[0, 0, -1], [0, 0, 1]], method="skin").surface
-    solid: Solid = reconstruct(contours, method="lattice" if kind == "weighted" else kind)
+    solid: LatticeSolid = reconstruct(contours, method="lattice" if kind == "weighted" else kind)
     if kind == "weighted":
         solid = solid.refined(contours[4] * [1.01, 1.0, 1.0], weights=True)
     return solid.surface

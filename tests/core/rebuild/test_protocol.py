@@ -1,0 +1,226 @@
+"""What every solid answers, whatever it was rebuilt from: the laws of `palpate.Solid`."""
+
+import sys
+from dataclasses import fields
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+
+import palpate
+from palpate.launch.files import InputError
+
+RADIUS, HEIGHT = 0.03, 0.06
+RING, TUBE = 0.028, 0.011
+
+
+@pytest.fixture(scope="module")
+def normals():
+    found = np.random.default_rng(0).normal(size=(300, 3))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def ball(normals):
+    return palpate.rebuild_general(RADIUS * normals, 2.0 * normals)
+
+
+@pytest.fixture(scope="module")
+def cylinder():
+    turn = 2.0 * np.pi * np.arange(24) / 24
+    ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn)])
+    ends = np.array([[0.0, 0.0, -0.5 * HEIGHT], [0.0, 0.0, 0.5 * HEIGHT]])
+    return palpate.reconstruct([ring] * 3, tops=ends, heights=(-0.02, 0.0, 0.02))
+
+
+@pytest.fixture(scope="module")
+def torus():
+    mesh = trimesh.creation.torus(RING, TUBE, major_sections=128, minor_sections=64)
+    return palpate.MeshSolid(mesh.vertices, mesh.faces)
+
+
+def ball_distance(points):
+    return np.linalg.norm(points, axis=1) - RADIUS
+
+
+def torus_distance(points):
+    return np.hypot(np.hypot(points[:, 0], points[:, 1]) - RING, points[:, 2]) - TUBE
+
+
+def cylinder_distance(points):
+    beside = np.hypot(points[:, 0], points[:, 1]) - RADIUS
+    beyond = np.abs(points[:, 2]) - 0.5 * HEIGHT
+    outside = np.hypot(np.maximum(beside, 0.0), np.maximum(beyond, 0.0))
+    return outside + np.minimum(np.maximum(beside, beyond), 0.0)
+
+
+SHAPES = {
+    "ball": (ball_distance, 4.0 / 3.0 * np.pi * RADIUS**3, 4.0 * np.pi * RADIUS**2, 0, 5e-5),
+    "torus": (torus_distance, 2 * np.pi**2 * RING * TUBE**2, 4 * np.pi**2 * RING * TUBE, 1, 2e-5),
+    "cylinder": (
+        cylinder_distance,
+        np.pi * RADIUS**2 * HEIGHT,
+        2.0 * np.pi * RADIUS * (HEIGHT + RADIUS),
+        0,
+        1e-5,
+    ),
+}
+
+
+@pytest.fixture(params=sorted(SHAPES))
+def shape(request):
+    """A solid of each class, with its true distance, volume, area and genus, and how far off."""
+    return (request.getfixturevalue(request.param), *SHAPES[request.param])
+
+
+def test_volume_area_and_genus_are_those_of_the_shape(shape):
+    solid, _, volume, area, genus, _ = shape
+    assert isinstance(solid, palpate.Solid)
+    assert solid.volume == pytest.approx(volume, rel=2e-3)
+    assert solid.area == pytest.approx(area, rel=2e-3)
+    assert solid.genus == genus
+    assert solid.check() == (True, True, genus, 0, 0)
+
+
+def test_signed_distances_are_those_of_the_shape(shape):
+    solid, expected, *_, tolerance = shape
+    points = np.random.default_rng(1).uniform(-0.06, 0.06, (500, 3))
+    assert solid.signed_distance(points) == pytest.approx(expected(points), abs=tolerance)
+    assert np.array_equal(solid.distance(points), np.abs(solid.signed_distance(points)))
+    assert solid.signed_distance(np.zeros((0, 3))).shape == (0,)
+
+
+def test_normals_point_along_the_gradient_of_the_distance(shape):
+    solid, expected, *_ = shape
+    points = np.random.default_rng(2).uniform(-0.06, 0.06, (500, 3))
+    step = 1e-7 * np.eye(3)
+    slopes = [(expected(points + one) - expected(points - one)) / 2e-7 for one in step]
+    on_face = ~((np.hypot(*points[:, :2].T) > RADIUS) & (np.abs(points[:, 2]) > 0.5 * HEIGHT))
+    off = np.linalg.norm(solid.normal(points) - np.column_stack(slopes), axis=1)
+    assert np.quantile(off[on_face], 0.98) < 0.03  # elsewhere the closest point is a crease
+
+
+def test_measures_agree_with_trimesh_and_bounds(shape):
+    solid, measures = shape[0], shape[0].measures()
+    mesh = solid.to_trimesh()
+    assert isinstance(mesh, trimesh.Trimesh) and mesh.is_watertight
+    assert measures.volume_m3 == pytest.approx(mesh.volume, rel=2e-3)
+    assert measures.centroid_m == pytest.approx(mesh.center_mass, abs=1e-5)
+    least = 2e-3 * mesh.moment_inertia.max()
+    assert measures.inertia_m5 == pytest.approx(mesh.moment_inertia, abs=least)
+    assert measures.extents_m == pytest.approx(np.ptp(solid.bounds, axis=0))
+    assert np.array_equal(solid.bounds, mesh.bounds)
+    exact = solid.final_mesh.measures()
+    assert exact.volume_m3 == pytest.approx(mesh.volume, rel=1e-9)
+    assert exact.inertia_m5 == pytest.approx(mesh.moment_inertia, abs=1e-9 * least)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".obj", ".glb"])
+def test_an_exported_solid_is_loaded_again(shape, suffix, tmp_path):
+    solid = shape[0]
+    solid.export(tmp_path / f"solid{suffix}")
+    again = palpate.load(tmp_path / f"solid{suffix}")
+    assert isinstance(again, palpate.Solid)
+    assert again.volume == pytest.approx(solid.to_trimesh().volume, rel=1e-5)
+    assert again.bounds == pytest.approx(solid.bounds, abs=1e-8)
+
+
+def test_an_export_that_cannot_be_written_is_refused_in_one_sentence(torus, tmp_path):
+    with pytest.raises(InputError, match=r"a\.foo: must end in one of \.ply, \.stl"):
+        torus.export(tmp_path / "a.foo")
+    with pytest.raises(InputError, match=r"a\.stl: cannot be written: there is no folder"):
+        torus.export(tmp_path / "none" / "a.stl")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_mesh_that_is_no_body_says_why(torus):
+    faces = torus.faces.copy()
+    open_solid = palpate.MeshSolid(torus.vertices, faces[1:])
+    assert open_solid.check()[:3] == (False, False, None) and open_solid.genus is None
+    faces[0] = faces[0, ::-1]
+    assert palpate.MeshSolid(torus.vertices, faces).check()[:3] == (True, False, None)
+    inside_out = palpate.MeshSolid(torus.vertices, torus.faces[:, ::-1])
+    assert inside_out.check()[:3] == (True, False, 1)
+    shifted = np.concatenate([torus.faces, torus.faces + len(torus.vertices)])
+    double = np.concatenate([torus.vertices, torus.vertices + [0.02, 0.0, 0.003]])
+    assert palpate.MeshSolid(double, shifted).check().self_crossings > 0
+    flat = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0, 0]])
+    fan = [[0, 2, 4], [4, 2, 1], [0, 4, 3], [4, 1, 3], [0, 3, 2], [1, 2, 3], [0, 4, 1]]
+    assert palpate.MeshSolid(flat, fan).check().degenerate_faces == 1
+
+
+@pytest.mark.parametrize("ask", ["distance", "signed_distance", "normal"])
+def test_points_that_are_none_are_refused(shape, ask):
+    for points in ([[np.nan, 0.0, 0.0]], [0.0, 0.0, 0.0], [[0.0, 0.0]], "abc"):
+        with pytest.raises(ValueError, match=r"points must"):
+            getattr(shape[0], ask)(points)
+
+
+def test_scattered_points_need_normals(normals):
+    with pytest.raises(ValueError, match="points and normals"):
+        palpate.rebuild_general(RADIUS * normals)
+
+
+def test_a_solid_is_one_line(ball, cylinder, torus):
+    assert repr(cylinder) == "<LatticeSolid 0.06 x 0.06 x 0.06, lattice of 3 contours>"
+    assert repr(ball) == "<GeneralSolid 0.06 x 0.06 x 0.06 m, of 300 touches>"
+    assert repr(torus) == "<MeshSolid 0.078 x 0.078 x 0.022 m, of 16384 triangles>"
+
+
+def test_a_final_mesh_replaces_the_own_one(ball, torus):
+    other = ball.with_final_mesh(torus.vertices, torus.faces)
+    assert (other.genus, ball.genus) == (1, 0)
+    assert other.volume == pytest.approx(torus.volume)
+    assert np.array_equal(other.mesh().faces, ball.mesh().faces)
+
+
+def test_it_is_shown_in_a_window_where_there_is_no_viser(ball, monkeypatch):
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
+    figure = ball.show()
+    assert figure.axes[0].get_title() == repr(ball)
+    figure.canvas.draw()
+    assert np.asarray(figure.canvas.buffer_rgba())[..., :3].std() > 1.0
+
+
+def test_it_is_shown_on_loopback_alone_where_there_is(ball, monkeypatch, capsys):
+    shown = []
+
+    def serve(host, label, verbose):
+        add = lambda name, vertices, faces, color: shown.append((name, len(vertices)))  # noqa: E731
+        return SimpleNamespace(
+            host=host, scene=SimpleNamespace(add_mesh_simple=add), get_port=lambda: 8080
+        )
+
+    monkeypatch.setitem(sys.modules, "viser", SimpleNamespace(ViserServer=serve))
+    assert ball.show().host == "127.0.0.1"
+    assert shown == [("/solid", len(ball.mesh().vertices))]
+    assert capsys.readouterr().out == f"{ball!r} is shown at http://127.0.0.1:8080\n"
+
+
+@pytest.mark.parametrize("name", ["ball", "cylinder", "torus"])
+def test_a_saved_solid_is_loaded_the_same(name, request, tmp_path):
+    solid = request.getfixturevalue(name)
+    palpate.save(solid, tmp_path / "solid.npz")
+    again = palpate.load(tmp_path / "solid.npz")
+    assert type(again) is type(solid)
+    assert np.array_equal(again.mesh().vertices, solid.mesh().vertices)
+
+
+@pytest.mark.parametrize("name", ["ball", "cylinder", "torus"])
+def test_whatever_belongs_to_a_solid_has_a_short_repr(name, request):
+    solid = request.getfixturevalue(name)
+    parts = [getattr(solid, one.name) for one in fields(solid)]
+    records = [one for one in parts if not isinstance(one, np.ndarray)]
+    for one in (
+        solid.mesh(),
+        solid.check(),
+        solid.measures(),
+        solid.closest([[0, 0, 0]]),
+        *records,
+    ):
+        assert len(repr(one)) < 1000 and repr(one).count("\n") < 9, type(one)
