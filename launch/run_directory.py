@@ -261,6 +261,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "largest_untouched_m": known and known.largest_untouched,
         **{key: done and _plain(getattr(done, name)) for key, name in OPEN_FIELDS.items()},
         "method": model and model.method,
+        "rejected": [] if model is None else list(model.rejected),
         "predicted_m": {} if model is None else dict(sorted(model.predicted.items())),
         "contacts": progress.contacts,
         "contours": progress.contours,

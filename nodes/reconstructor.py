@@ -123,16 +123,18 @@ def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
 
 
 def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
-    final = rebuilding.is_final(goal)
-    candidates = rebuilding.fitted_solids(state, goal, step)
-    with step("prediction"):
-        predicted, enough = rebuilding.predicted_squares(state, goal, step)
+    found = rebuilding.published_solid(state, goal, step)
     for number in sorted(state.fitted)[:-KEPT]:
         del state.fitted[number]
-    quality = state.quality if final else None
-    solid = candidates.better(predicted if enough else {})
     return rebuilding.shape_model(
-        goal, candidates, solid, predicted, rebuilding.spanned_by(state, goal), quality, step
+        goal,
+        found.candidates,
+        found.solid,
+        found.predicted,
+        rebuilding.spanned_by(state, goal),
+        state.quality if rebuilding.is_final(goal) else None,
+        step,
+        found.rejected,
     )
 
 

@@ -153,10 +153,12 @@ def _smooth(
         return ContactFeature(None, f"concave, by {bend:.3g} 1/m: the section of a cone is convex")
     across = _unit("principal_direction", across)
     along = np.cross(outward, across)
-    # Over the middle the surface is a polynomial of fourth degree where it bends, of second along.
+    # Over the middle the surface is a polynomial of fourth degree where it bends, of second along;
+    # of few points a simpler one, for twice as many as there are coefficients.
     middle = points.mean(axis=0)
     u, v, w = np.stack([across, along, outward]) @ (points - middle).T
     terms = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v, u**3, u**4])
+    terms = terms[:, : len(points) // 2]
     place = middle + np.linalg.lstsq(terms, w, rcond=None)[0][0] * outward
     along = along / np.linalg.norm(along)
     parabolic = Feature(

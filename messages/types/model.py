@@ -188,6 +188,8 @@ class ShapeModel:
     uncertainty_height: Lengths = field(default_factory=lambda: np.zeros(0))
     # Standard deviation of the surface at each such height
     uncertainty: Lengths = field(default_factory=lambda: np.zeros(0))
+    # Solids that were fitted and not sent, for what contradicted each; this one stands in for them
+    rejected: tuple[str, ...] = ()
     # Figures of the fit: residuals, condition, share of folds, fallbacks taken
     health: dict[str, float] = field(default_factory=dict)
     touches: Count  # Touches spent when the model was asked for

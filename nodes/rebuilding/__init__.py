@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from palpate.nodes.rebuilding.candidates import is_final, shape_model
     from palpate.nodes.rebuilding.fitting import TOUCHED_OUTCOMES, Goal, State, common_frame
     from palpate.nodes.rebuilding.fitting import fitted_solids, is_coarse, is_complete, is_upright
-    from palpate.nodes.rebuilding.fitting import known_space, predicted_squares, rebuild_set
+    from palpate.nodes.rebuilding.fitting import known_space, published_solid, rebuild_set
     from palpate.nodes.rebuilding.fitting import spanned_by, touched_ends
 else:
     __getattr__, __dir__ = lazy(__name__)

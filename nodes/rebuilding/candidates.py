@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from palpate.core import IDENTITY_POSE, Floats, Ints, Steps, no_steps, tree_to_bytes
-from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
-from palpate.core.geometry import self_intersection, solidity
+from palpate.core.geometry import nearest_points, self_intersection, solidity
 from palpate.core.rebuild import LatticeSolid, fit_coarse, surface
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
-from palpate.core.shapes import Mesh, TriangleShape
+from palpate.core.shapes import Mesh
 from palpate.messages import derive, types
+from palpate.nodes.rebuilding.volume import MeshVolume
 from palpate.nodes.specs import CONTACT_ERROR
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 COARSE_TOLERANCE = 5e-4  # Of the mesh that tells how fine the final one is, of the size
 SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
 MUCH = 0.5  # Of the slices' error: what a general solid's must be below
-OVER = 0.5  # Cosine to a face's normal above which a place lies over it, not inside beside a crease
-UPWARD, FARTHEST = np.array([0.0, 0.0, 1.0]), 1.0  # Rays out of a solid, and their length, m
 _NONE = np.zeros(0)
 Goal = types.ModelGoal | types.PlanDone
 
@@ -63,40 +61,6 @@ QUALITIES: Mapping[str, Quality] = {
 
 
 @dataclass(frozen=True, eq=False)
-class MeshVolume:
-    """What a closed mesh encloses."""
-
-    mesh: Mesh | surface.SurfaceMesh
-
-    @cached_property
-    def search(self) -> NearestSearch:
-        """Of its nearest points."""
-        return nearest_search(self.mesh.vertices[self.mesh.faces])
-
-    @cached_property
-    def shape(self) -> TriangleShape:
-        """The same, ready for rays."""
-        return TriangleShape(self.mesh.vertices, self.mesh.faces)
-
-    def depths(self, places: Floats) -> Floats:
-        """How deep places (n, 3) lie in it, (n,), m; 0 outside."""
-        depths = np.zeros(len(places))
-        if not len(places):
-            return depths
-        nearest = nearest_points(self.search, places)
-        edges = self.search.triangles.edges[nearest.faces]
-        normals = np.cross(edges[:, 0], edges[:, 1])
-        over = np.einsum("ni,ni->n", places - nearest.points, normals)
-        # Who stands over the nearest face is outside; rays, which take long to prepare, tell of
-        # whoever does not.
-        left = np.flatnonzero(over <= OVER * nearest.distances * np.linalg.norm(normals, axis=1))
-        if len(left):
-            inside = left[np.isneginf(self.shape.cast(places[left], UPWARD, FARTHEST))]
-            depths[inside] = nearest.distances[inside]
-        return depths
-
-
-@dataclass(frozen=True, eq=False)
 class Candidates:
     """The solids of one set, one of each method."""
 
@@ -105,6 +69,7 @@ class Candidates:
     touched: ContactPoints  # Of what they are made
     why: str = ""  # Why slices make no solid, if they should
     whole: int = 0  # Touches of which the general solid was last fitted as a whole
+    rejected: tuple[str, ...] = ()  # Solids that were fitted and contradicted, and by what
     # How the touches of later sets were predicted, by the number of the set.
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
 
@@ -113,6 +78,10 @@ class Candidates:
         """The slices' solid, meshed for a look."""
         assert self.sliced is not None
         return MeshVolume(surface.grid_mesh(self.sliced.surface))
+
+    def mesh_of(self, solid: AnySolid) -> Mesh | surface.SurfaceMesh:
+        """A mesh for a look of one of the solids."""
+        return self.volume.mesh if isinstance(solid, LatticeSolid) else solid.mesh(1)
 
     def predicted(self, number: int, touched: ContactPoints) -> dict[str, Floats]:
         """Mean square distance of each touch since from the solids, by method, m^2.
@@ -163,6 +132,7 @@ def shape_model(
     spanned: Floats,  # Places that pads spanned, and that nothing touched, (k, 3), m
     quality: Quality | None = None,  # Of the mesh, if it is the final one
     step: Steps = no_steps,  # Told which step begins
+    rejected: tuple[str, ...] = (),  # Solids that were rejected instead, and why
 ) -> types.ShapeModel:
     """The message for the solid that predicts better."""
     dropped: dict[int, str] = {}
@@ -195,6 +165,7 @@ def shape_model(
         **parts,
         **_errors(parts["vertices"], candidates, step),
         **(_checked(parts["vertices"], parts["faces"], step) if final else {}),
+        rejected=rejected,
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -19,15 +19,16 @@ from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
 from palpate.messages import types
-from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, MeshVolume, Quality
-from palpate.nodes.rebuilding.candidates import is_final
+from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality, is_final
+from palpate.nodes.rebuilding.soundness import departure, faults_of
+from palpate.nodes.rebuilding.volume import MeshVolume
 
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid
+    from palpate.nodes.rebuilding.candidates import AnySolid
 
 SETS = 3  # By how the last so many were predicted a method is chosen
 MORE = 1.25  # Times as many touches as a general solid was fitted to: then it is fitted anew
-SWEPT = 5.0e-3  # Depth inside a solid at which no finger can have been, m
 Goal = types.ModelGoal | types.PlanDone
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 HALF_OPENING = 1.5e-3  # From every touch: what pads spanned and lies farther is an opening, m
@@ -67,19 +68,67 @@ def fitted_solids(state: State, goal: Goal, step: Steps) -> Candidates:
     return state.fitted[goal.number]
 
 
+class Published(NamedTuple):
+    """What is sent of a set."""
+
+    candidates: Candidates  # Among which the solid is
+    solid: AnySolid | None  # None if nothing sound could be rebuilt
+    predicted: Mapping[str, Floats]  # As `predicted_squares` of the set
+    rejected: tuple[str, ...]  # Solids that were rejected instead, and why
+
+
+def published_solid(state: State, goal: Goal, step: Steps) -> Published:
+    """The solid of a set that predicts better; the last one before it if that alone is sound."""
+    found = _chosen(state, goal, step)
+    before = next((one for one in reversed(state.history) if one.number < goal.number), None)
+    if found.solid is None:
+        if not found.rejected or before is None:
+            return found
+        earlier = _chosen(state, before, step)
+        return found._replace(candidates=earlier.candidates, solid=earlier.solid)
+    bound = goal.rms_bound_95 if isinstance(goal, types.PlanDone) else None
+    if bound is None:
+        return found
+    draft = _draft(state, goal, before, found.solid, step)
+    if draft is None or draft.solid is None:
+        return found
+    with step("prediction"):
+        meshes = (one.candidates.mesh_of(one.solid) for one in (found, draft) if one.solid)
+        why = departure(*meshes, bound)
+    if not why:
+        return found
+    return draft._replace(predicted=found.predicted, rejected=(*found.rejected, *why))
+
+
+def _chosen(state: State, goal: Goal, step: Steps) -> Published:
+    candidates = fitted_solids(state, goal, step)
+    with step("prediction"):
+        predicted, is_enough = predicted_squares(state, goal, step)
+    solid = candidates.better(predicted if is_enough else {})
+    return Published(candidates, solid, predicted, candidates.rejected)
+
+
+def _draft(
+    state: State, goal: Goal, before: Goal | None, solid: AnySolid, step: Steps
+) -> Published | None:
+    """What a final solid is held against: the last one before it, if it is of the same touches.
+
+    Else a draft of its own slices; None for a general solid.
+    """
+    if before is not None and set(touched_goals(before)) == set(touched_goals(goal)):
+        return _chosen(state, before, step)
+    if not isinstance(solid, LatticeSolid):
+        return None
+    touched = fitted_solids(state, goal, step).touched
+    candidates = _sliced(state, goal, touched, ("draft",), step)
+    return Published(candidates, candidates.sliced, {}, ())
+
+
 def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
-    sliced, why = None, ""
-    if goal.contours and not goal.general:
-        try:
-            sliced = _rebuild(state, goal, step)
-        except ValueError as error:  # what was touched is no solid: a result, not a fault
-            why = str(error)
     touched = [one for one in touched_points(state, goal) if len(one.points)]
-    alone = Candidates(sliced, None, stack_points(touched), why)
-    if sliced is not None and is_swept(alone.volume, known_space(state, goal)):
-        why = "a finger has passed through what its slices enclose"
-        sliced, alone = None, replace(alone, sliced=None, why=why)
-    if not touched or (sliced is not None and not goal.failed):
+    methods: tuple[Method, ...] = ("lattice", "draft") if is_final(goal) else ("draft",)
+    alone = _sliced(state, goal, stack_points(touched), methods, step)
+    if not touched or (alone.sliced is not None and not goal.failed):
         return alone
     found = _continued(state, goal, step)
     if found is not None:
@@ -87,7 +136,36 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     general = _general(state, goal, touched, step)
     if general is None:
         return replace(alone, why="all touches lie in one plane")
+    space = None if state.space is None else known_space(state, goal)
+    faults = faults_of(MeshVolume(general.mesh(1)), None, alone.touched, space)
+    if faults:
+        told = tuple(f"the general solid: {fault}" for fault in faults)
+        return replace(alone, rejected=(*alone.rejected, *told))
     return replace(alone, general=general, whole=len(touched))
+
+
+def _sliced(
+    state: State, goal: Goal, touched: ContactPoints, methods: Sequence[Method], step: Steps
+) -> Candidates:
+    """The solid of the slices by the first method whose solid nothing contradicts."""
+    alone = Candidates(None, None, touched)
+    if not goal.contours or goal.general:
+        return alone
+    space = None if state.space is None else known_space(state, goal)
+    for method in methods:
+        try:
+            solid = _rebuild(state, goal, method, step)
+        except ValueError as error:  # what was touched is no solid: a result, not a fault
+            return replace(alone, why=str(error))
+        found = replace(alone, sliced=solid, why="")
+        with step("bound"):
+            deviation = solid.whole_deviation()
+        faults = faults_of(found.volume, deviation and deviation.whole, touched, space)
+        if not faults:
+            return found
+        told = tuple(f"the {method} of its slices: {fault}" for fault in faults)
+        alone = replace(alone, why="; ".join(faults), rejected=(*alone.rejected, *told))
+    return alone
 
 
 def _general(
@@ -141,21 +219,13 @@ def _continued(state: State, goal: Goal, step: Steps) -> tuple[GeneralSolid, int
     return solid, known.whole
 
 
-def is_swept(volume: MeshVolume, space: SpaceMap) -> bool:
-    """Whether a finger has been deep inside a solid (m), which is then none: it is hollow there."""
-    free, vertices = space.free_places(), volume.mesh.vertices
-    low, high = vertices.min(axis=0) + SWEPT, vertices.max(axis=0) - SWEPT
-    free = free[((free > low) & (free < high)).all(axis=1)]
-    return bool(volume.depths(free).max(initial=0.0) > SWEPT)
-
-
-def _rebuild(state: State, goal: Goal, step: Steps) -> LatticeSolid:
+def _rebuild(state: State, goal: Goal, method: Method, step: Steps) -> LatticeSolid:
     return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
         [state.probes[id_] for id_ in goal.probes],
         {id_: _touches_of(state, id_) for id_ in touched_goals(goal)},
         state.platform,
-        "lattice" if is_final(goal) else "draft",
+        method,
         step,
     )
 

@@ -8,6 +8,7 @@ import pytest
 from palpate.core.explore.tracing.contour_path import TouchCommand, arc_in_slice
 from palpate.core.explore.tracing.contour_trace import Trace, after_touch, next_command
 from palpate.core.rebuild.contours.contacts import contact_points_of
+from palpate.core.shapes.polyhedra import Polyhedron
 from palpate.core.shapes.protocol import Shape
 from palpate.core.shapes.superquadrics import Superquadric
 from palpate.core.touch.curvature import fit_patch
@@ -84,6 +85,14 @@ def box():
 @pytest.fixture
 def cylinder():
     return Superquadric(np.array([0.025, 0.025, 0.04]), np.array([0.1, 1.0]))
+
+
+@pytest.fixture
+def block():
+    """A block of 60 by 44 by 50 mm about the origin: plane faces, sharp edges."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return Polyhedron(corners * [0.03, 0.022, 0.025], faces)
 
 
 @pytest.fixture

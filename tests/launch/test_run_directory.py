@@ -107,7 +107,7 @@ KEYS = {
     "largest_untouched_m", "limits", "criteria", "reached", "true_genus", "self_crossings",
     "open_share", "open_width_m", "open_places_m", "open_normals", "open_touches",
     "under_share", "method",
-    "predicted_m",
+    "predicted_m", "rejected",
     "contacts", "touches", "robot_time_s", "ready_s", "wall_s", "compute_s", "touches_per_s",
     "mesh_sha256", "final", "gaps", "duplicates", "restarts", "nodes", "numerics", "curve",
     "steps", "missed", "procedure",

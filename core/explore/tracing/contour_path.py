@@ -230,7 +230,10 @@ def heading_at_end(path: Path, heading: float, width: float) -> Heading:
         tangent = arc if arc @ tangent > (CLOSE if good else ALIKE) else tangent
     change = math.remainder(normal_azimuth(tangent) - heading, 2 * math.pi)
     least, most = (bound / width for bound in CURVATURES)
-    return Heading(tangent, min(max(curvature, least), most), heading + change)
+    # A parabola that bends as an edge does lies over one: its curvature is none of the face ahead.
+    is_edge = not good and curvature > most
+    bounded = 0.0 if is_edge else min(max(curvature, least), most)
+    return Heading(tangent, bounded, heading + change)
 
 
 def _parabola(near: Floats) -> tuple[Floats, float, float]:

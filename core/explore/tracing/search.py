@@ -148,7 +148,7 @@ def search_arc(
         if arc is None or has_arc(arc):
             return arc, posture
     arc, held = yield from _walk(spec, posture, target)
-    if arc is None or has_arc(arc):
+    if arc is None or has_arc(arc) or (not first and _is_edge(arc)):
         return arc, held
     return (yield from _search(spec, posture, held.tilt, arc, target, first))
 
@@ -187,6 +187,11 @@ def _walk(
 def has_arc(arc: SliceArc) -> bool:
     """Whether a touch has touched enough of the slice."""
     return len(arc.points) >= LEAST_ARC
+
+
+def _is_edge(arc: SliceArc) -> bool:
+    """Whether a touch met the slice in one column that runs along it: no tilt meets more of it."""
+    return len(arc.points) > 0 and min(arc.above, arc.below) > 0 and arc.above + arc.below > BRIDGED
 
 
 def next_posture(posture: Posture, arc: SliceArc) -> Posture:

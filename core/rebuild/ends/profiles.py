@@ -392,7 +392,7 @@ def rounded(depths: Floats, radii: Floats, end: float) -> Rounded | None:
     level += 1.0 - (level - float(cut[best, -1]))
     found = Rounded(float(arcs[best]), float(widths[best]), (level, slope, bend))
     leaves = float(found.shares(np.array([1.0]))[0])
-    return found if best > 0 and leaves > LEAST_DISC else None
+    return found if best > 0 and LEAST_DISC < leaves < 1.0 + WIDEST else None
 
 
 Profile = Flat | Conic | Superellipse | Rounded

@@ -13,14 +13,16 @@ import trimesh
 from palpate.core import no_steps
 from palpate.core.arrays import Floats
 from palpate.core.explore import empty_map
-from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.shapes import Mesh
 from palpate.core.shapes.tessellations import icosphere
 from palpate.core.touch import Pad
 from palpate.messages.types.model import ModelGoal, PlanDone
-from palpate.nodes.rebuilding import State, fitted_solids, spanned_by
-from palpate.nodes.rebuilding.candidates import HOLLOW, MeshVolume, openings
-from palpate.nodes.rebuilding.fitting import MORE, SWEPT, is_swept
+from palpate.nodes.rebuilding import State, fitted_solids, published_solid, spanned_by
+from palpate.nodes.rebuilding.candidates import HOLLOW, openings
+from palpate.nodes.rebuilding.fitting import MORE
+from palpate.nodes.rebuilding.soundness import SoundnessSettings, faults_of
+from palpate.nodes.rebuilding.volume import MeshVolume
 
 RADIUS, MIDDLE = 0.02, np.array([0.0, 0.0, 0.05])
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
@@ -104,13 +106,73 @@ def ball_mesh() -> Mesh:
     return Mesh(MIDDLE + RADIUS * directions, faces)
 
 
-@pytest.mark.parametrize(("depth", "swept"), [(0.3 * SWEPT, False), (2.0 * SWEPT, True)])
-def test_what_a_finger_went_through_is_no_solid(depth: float, swept: bool):
+def faults(vertices: Floats, touched: ContactPoints, deepest: float, deviation: float = 1e-5):
+    """What contradicts a ball's mesh after a finger came down to so far over it [m]."""
     space = empty_map(0.1, 0.0)
-    down = np.linspace(RADIUS + 0.02, RADIUS - depth, 40)
+    down = np.linspace(RADIUS + 0.02, RADIUS + deepest, 40)
     way = MIDDLE + down[:, None] * np.array([0.0, 0.0, 1.0])
     space = space.marked(space.numbers(way), np.zeros(0, np.int64))
-    assert is_swept(MeshVolume(ball_mesh()), space) is swept
+    return faults_of(MeshVolume(ball_mesh()._replace(vertices=vertices)), deviation, touched, space)
+
+
+SWEPT = SoundnessSettings().max_swept_depth
+
+
+def all_touches() -> ContactPoints:
+    return stack_points([touch_of(number) for number in range(TOUCHES)])
+
+
+def spiked(height: float) -> Floats:
+    vertices = ball_mesh().vertices.copy()
+    vertices[vertices[:, 2].argmax(), 2] += height
+    return vertices
+
+
+def test_a_solid_that_nothing_contradicts_has_no_faults():
+    assert faults(ball_mesh().vertices, all_touches(), -0.3 * SWEPT) == ()
+
+
+@pytest.mark.parametrize(
+    ("vertices", "off", "deepest", "deviation", "sentence"),
+    [
+        (spiked(0.5), 0.0, 0.0, 1e-5, "beyond the space that was explored"),
+        (spiked(0.03), 0.0, 0.0, 1e-5, "beyond the space that was explored"),
+        (ball_mesh().vertices, 0.0, -2.0 * SWEPT, 1e-5, "a finger has passed through"),
+        (ball_mesh().vertices, 0.003, 0.0, 1e-5, "of the touches lie over 1.0 mm off it"),
+        (ball_mesh().vertices, 0.0, 0.0, np.nan, "is not finite"),
+        (spiked(np.nan), 0.0, 0.0, 1e-5, "is not finite"),
+    ],
+)
+def test_a_solid_is_rejected_for_what_contradicts_it(
+    vertices: Floats, off: float, deepest: float, deviation: float, sentence: str
+):
+    touched = all_touches()
+    astray = touched.points + off * np.asarray(touched.normals) * (touched.touch < 3)[:, None]
+    found = faults(vertices, touched._replace(points=astray), deepest, deviation)
+    assert len(found) == 1 and sentence in found[0]
+
+
+@pytest.mark.parametrize("bound", [1e-9, 1e-3])
+def test_a_final_solid_off_its_draft_by_more_than_the_bound_is_rejected(bound: float):
+    draft, final = asked(TOUCHES - 1), goal_of(PlanDone, TOUCHES)
+    final = replace(final, probes=draft.probes, rms_bound_95=bound)
+    state = replace(state_of(TOUCHES), history=(draft,))
+    found = published_solid(state, final, no_steps)
+    stands = fitted_solids(state, draft if bound < 1e-6 else final, no_steps)
+    assert found.solid is stands.general
+    assert bool(found.rejected) is (bound < 1e-6)
+
+
+def test_where_no_solid_is_sound_the_one_before_stands():
+    draft, later = asked(TOUCHES - 2), goal_of(PlanDone, TOUCHES)
+    state = replace(state_of(TOUCHES), history=(draft,))
+    assert state.space is not None
+    before = published_solid(state, draft, no_steps)
+    # The finger of the last touch went through the middle.
+    middle = {TOUCHES - 1: (state.space.numbers(MIDDLE[None]),)}
+    found = published_solid(replace(state, swept=middle), later, no_steps)
+    assert found.solid is before.solid
+    assert "a finger has passed through" in found.rejected[0]
 
 
 def places(*spanned: Floats) -> Floats:

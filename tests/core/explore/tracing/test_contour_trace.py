@@ -81,6 +81,16 @@ def test_a_contour_closes_on_the_surface_within_few_touches(
         assert azimuth[-1] - azimuth[0] == pytest.approx(2 * np.pi, abs=0.2)
 
 
+@pytest.mark.parametrize("height", [0.0, 0.022])
+def test_sharp_edges_take_few_touches(height, finger, flat, domed, block):
+    for pad in (flat, domed):
+        trace, status = finger(block, pad).contour(slice_at(height))
+        assert (status, trace.gaps) == ("closed", ())
+        assert trace.touches <= 40
+        x, y = np.abs(trace.path.points[:, :2]).T
+        assert np.minimum(abs(x - 0.03), abs(y - 0.022)).max() < EXACT
+
+
 @pytest.mark.parametrize("share", [0.0, 0.6, 0.93])
 def test_the_length_of_a_contour_of_a_ball_is_that_of_its_circle(share, finger, flat, ball):
     trace, _ = finger(ball, flat).contour(slice_at(0.03 * share))

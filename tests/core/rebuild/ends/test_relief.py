@@ -76,6 +76,28 @@ def test_touches_beside_the_rim_alone_tell_of_no_relief() -> None:
     assert with_relief(level_end(), kept, ROW, POSE).relief is None
 
 
+@pytest.mark.parametrize("pose", [POSE, 0.0])
+@pytest.mark.parametrize("taxels", [3, 4, 7])
+def test_fewer_taxels_than_unknowns_tell_of_no_relief(taxels: int, pose: float) -> None:
+    for seed in range(10):
+        contacts = touched(BULGE, seed, pose or POSE, touches=4)
+        nth = np.concatenate([np.arange((contacts.touch == one).sum()) for one in range(4)])
+        kept = ContactPoints(*(each[nth < taxels] for each in contacts if each is not None))
+        assert with_relief(level_end(), kept, ROW, pose or None).relief is None
+
+
+def test_a_relief_rises_nowhere_far_above_what_was_touched() -> None:
+    """Touches of one half of the face: a polynomial would rise by metres over the other half."""
+    for seed in range(10):
+        contacts = touched(BULGE, seed, touches=5)
+        near = contacts.points[:, 0] < -0.2 * RADIUS
+        kept = ContactPoints(*(each[near] for each in contacts if each is not None))
+        relief = with_relief(level_end(), kept, ROW, None).relief
+        if relief is not None:
+            touched_rise = np.abs(relief.at(kept.points[:, :2])).max()
+            assert np.abs(relief.at(0.95 * ROW)).max() <= 2.0 * touched_rise
+
+
 class Wall(Patch):
     """The side of a cylinder."""
 

@@ -1,0 +1,130 @@
+"""Whether a solid may leave the reconstructor: what was touched and swept must not contradict it.
+
+A final solid must also lie as near to the last solid on the way as the error bound says that was
+stated for that one; otherwise the bound would hold for neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.core import Floats
+from palpate.core.explore import SpaceMap
+from palpate.core.geometry import compare_surfaces, nearest_points, prepare_surface
+from palpate.core.rebuild import surface
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.general import touch_squares
+from palpate.core.shapes import Mesh
+from palpate.nodes.rebuilding.volume import MeshVolume
+
+
+@dataclass(frozen=True, slots=True)
+class SoundnessSettings:
+    """What a solid may contradict before it is rejected.
+
+    Single touches err, for a pad bridges hollows and edges: so a solid is rejected for a share of
+    them. The offset is compared with the solid's own stated deviation.
+    """
+
+    max_overhang: float = 0.5  # fraction of the touched extent; an end may go on where untouched
+    max_swept_depth: float = 5.0e-3  # [m] depth inside the solid at which a finger has been
+    min_touch_offset: float = 1.0e-3  # [m] distance of a touch from the surface that is tolerated
+    max_deviations: float = 6.0  # of the solid's stated deviation: the same
+    max_contradicted: float = 0.05  # fraction of the touches that may lie farther off
+    n_samples: int = 4000  # places of each surface at which two solids are compared
+
+
+def faults_of(
+    volume: MeshVolume,
+    deviation: float | None,
+    touched: ContactPoints,
+    space: SpaceMap | None,
+    settings: SoundnessSettings = SoundnessSettings(),
+) -> tuple[str, ...]:
+    """What contradicts a solid, a sentence each; empty if nothing does.
+
+    `deviation`: standard deviation that the solid states of itself [m], None if it states none.
+    `touched`: all that touched it. `space`: what fingers have swept; None where nobody knows.
+    """
+    return tuple(_faults(volume, deviation, touched, space, settings))
+
+
+def _faults(
+    volume: MeshVolume,
+    deviation: float | None,
+    touched: ContactPoints,
+    space: SpaceMap | None,
+    settings: SoundnessSettings,
+) -> Iterator[str]:
+    vertices = volume.mesh.vertices
+    if not np.isfinite(vertices).all() or not np.isfinite(deviation or 0.0):
+        yield "its surface or its error is not finite"
+        return
+    beyond = _overhang(vertices, touched.points, space, settings)
+    if beyond > 0.0:
+        yield f"it reaches {1e3 * beyond:.1f} mm beyond the space that was explored"
+    if space is not None and is_swept(volume, space, settings):
+        yield "a finger has passed through what it encloses"
+    allowed = max(settings.min_touch_offset, settings.max_deviations * (deviation or 0.0))
+    share = _contradicted(volume, touched, allowed)
+    if share > settings.max_contradicted:
+        yield f"{100.0 * share:.0f} % of the touches lie over {1e3 * allowed:.1f} mm off it"
+
+
+def _overhang(
+    vertices: Floats, points: Floats, space: SpaceMap | None, settings: SoundnessSettings
+) -> float:
+    """How far vertices (n, 3) reach beyond what was touched, or a finger's reach [m]; 0 if not."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    beyond = [0.0]
+    if len(points):
+        least, most = points.min(axis=0), points.max(axis=0)
+        margin = settings.max_overhang * float((most - least).max())
+        beyond += [float((least - margin - low).max()), float((high - most - margin).max())]
+    if space is not None:
+        top = space.low + space.step * np.array(space.states.shape)
+        beyond += [float((space.low - space.step - low).max()), float((high - top).max())]
+    return max(beyond)
+
+
+def is_swept(
+    volume: MeshVolume, space: SpaceMap, settings: SoundnessSettings = SoundnessSettings()
+) -> bool:
+    """Whether a finger has been deep inside a solid, which is then hollow there."""
+    deep = settings.max_swept_depth
+    free, vertices = space.free_places(), volume.mesh.vertices
+    low, high = vertices.min(axis=0) + deep, vertices.max(axis=0) - deep
+    free = free[((free > low) & (free < high)).all(axis=1)]
+    return bool(volume.depths(free).max(initial=0.0) > deep)
+
+
+def _contradicted(volume: MeshVolume, touched: ContactPoints, allowed: float) -> float:
+    """Share of the touches whose points lie farther from the surface, root mean square [m]."""
+    if not len(touched.points):
+        return 0.0
+    off = nearest_points(volume.search, touched.points).distances
+    return float((touch_squares(touched, off) > allowed**2).mean())
+
+
+def departure(
+    mesh: Mesh | surface.SurfaceMesh,
+    draft: Mesh | surface.SurfaceMesh,
+    bound: float | None,
+    settings: SoundnessSettings = SoundnessSettings(),
+) -> tuple[str, ...]:
+    """Whether a solid lies farther from its draft than the bound stated for that [m] allows."""
+    if bound is None or not len(mesh.faces) or not len(draft.faces):
+        return ()
+    one, other = (
+        prepare_surface(each.vertices, each.faces, settings.n_samples) for each in (mesh, draft)
+    )
+    rms = compare_surfaces(one, other).rms
+    if rms <= bound:
+        return ()
+    return (
+        f"it lies {1e3 * rms:.3g} mm rms from the last model on the way, "
+        f"whose error bound is {1e3 * bound:.3g} mm",
+    )
