@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 KeyPath = tuple[str | int, ...]  # Keys and positions from the top of a document to a value
-MOST_LISTED = 12  # Most names that are listed when none is near
 _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 
 
@@ -99,5 +98,4 @@ def hint(name: str, known: Iterable[str]) -> str:
         return f"did you mean {near[0]!r}?"
     if not names:
         return "none is known here"
-    more = ", ..." if len(names) > MOST_LISTED else ""
-    return f"known: {', '.join(names[:MOST_LISTED])}{more}"
+    return f"known: {', '.join(names)}"

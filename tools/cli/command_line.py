@@ -6,6 +6,7 @@ written to a file, never to the screen. A verb is imported only when it is calle
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -227,6 +228,8 @@ def run(arguments: Sequence[str]) -> int:
         return DONE
     except OSError as error:
         text = f"{error.filename or 'the system'}: {error.strerror or error}"
+        if error.errno == errno.EMFILE:
+            text = "the system allows too few open files: raise their number with ulimit -n 256"
         return _print_error(text, BAD_INPUT)
     except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
         return _print_error(_bug_text(error), DIED)
