@@ -30,9 +30,11 @@ class Bench(NamedTuple):
 BENCHES: Mapping[str, Bench] = {
     "speed": Bench(
         "the shipped scenes from start to exit: accuracy, and where their time goes, in turns with "
-        "an older checkout (--against); a touch by its taxels; and how runs grow",
+        "an older checkout (--against); a touch by its taxels; splines against scipy's; and how "
+        "runs grow",
         {
             "touches": "speed:touch_rows",
+            "splines": "splines:spline_rows",
             "scenes": "speed:scene_rows",
             "growth": "speed:growth_rows",
         },

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from palpate.core.archive import FORM_KEY, arrays_from_bytes, tree_from_arrays, tree_to_arrays
     from palpate.core.archive import tree_to_bytes
     from palpate.core.arrays import Bools, Floats, Ints
-    from palpate.core.plugins import Range, check_ranges, class_by_name, code_place, ranges_of
+    from palpate.core.plugins import LENGTHS, TIMES, UNITS, Range, check_ranges, class_by_name
+    from palpate.core.plugins import code_place, in_base_unit, in_base_units, ranges_of
     from palpate.core.plugins import told_error
     from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, advanced_pose, compose_poses
     from palpate.core.poses import inverse_pose, pad_rotation, pose_of, rotation_matrix

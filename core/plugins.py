@@ -1,15 +1,18 @@
-"""Plug-ins: a class by its name, and the declared ranges of its parameters.
+"""Plug-ins: a class by its name, and the declared ranges and units of its parameters.
 
 Effects and planners that come with palpate go by their own names, a user's as ``module:Class``.
-Each declares the range and unit of its numbers beside its fields; they are checked in one place.
+Each declares the range and unit of its numbers beside its fields; they are checked in one place. A
+length or a time may also be given as a text with a unit, ``0.2mm``.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
+from decimal import Decimal
 from functools import cache
 from importlib import import_module
 from numbers import Integral, Real
@@ -17,6 +20,11 @@ from types import NoneType
 from traceback import walk_tb
 from typing import Any, NamedTuple, get_args, get_type_hints
 
+# Units of lengths, m.
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}  # Units of times, s
+UNITS = {"m": LENGTHS, "s": TIMES}  # Units in which a number may be given, by its own unit
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµμ]*)\s*")
 PACKAGE = __name__.partition(".")[0]
 # Folders of code that is neither the user's nor palpate's
 INSTALLED = frozenset(
@@ -129,6 +137,42 @@ def check_ranges(value: Any) -> None:
         if not of_kind or (whole and not isinstance(number, Integral)):
             what = "a whole number" if whole else "a number"
             raise ValueError(f"{name} is {number!r}; expected {what}, {allowed}")
+
+
+def in_base_unit(text: str, units: Mapping[str, float]) -> float:
+    """A number with its unit, ``0.2mm`` or ``5 min``, in m or s; `units` as in `UNITS`.
+
+    Raises ValueError, a sentence without its subject, if there is no number, no unit or another.
+    """
+    found = _QUANTITY.fullmatch(text)
+    example = f"0.2{'mm' if 'mm' in units else 's'}"
+    if found is None:
+        raise ValueError(f"must be a number with a unit, as {example}")
+    number, unit = found.groups()
+    unit = unit.replace("µ", "u").replace("μ", "u")
+    if unit not in units:
+        what = f"the unit {unit!r} is none of" if unit else "must have a unit:"
+        raise ValueError(f"{what} {', '.join(units)}, as in {example}")
+    try:
+        return float(Decimal(number) * Decimal(repr(units[unit])))  # 10um is 1e-5, to the last bit
+    except ArithmeticError:
+        return float(number)  # so large or small that no unit matters
+
+
+def in_base_units(described: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a dataclass with its lengths and times, where given as texts, in m and s.
+
+    Raises ValueError with the parameter and the text if one cannot be read.
+    """
+    found, ranges = dict(given), ranges_of(described)
+    for name, value in given.items():
+        units = UNITS.get(ranges[name].unit) if name in ranges else None
+        if isinstance(value, str) and units is not None:
+            try:
+                found[name] = in_base_unit(value, units)
+            except ValueError as error:
+                raise ValueError(f"{name} is {value!r}; expected number: {error}") from None
+    return found
 
 
 class Ranged:

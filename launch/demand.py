@@ -1,28 +1,20 @@
-"""What a user asks of a run, in units, and what that is expected to cost before it begins.
-
-Expected touches and robot seconds are medians over the shipped scenes, each explored at five shares
-of its height; in brackets, the span in which the middle half of them lies. Another object may take
-more: what a run really costs, and what a better one would, it tells itself.
-"""
+"""What a user asks of a run, in units, and in words with what that is expected to cost."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from palpate.core import LENGTHS, TIMES, in_base_unit
 from palpate.core.explore import FEATURE_SHARE
-from palpate.launch.files import InputError, SourceMapped
+from palpate.launch.files import InputError, SourceMapped, is_mesh_file
+from palpate.launch.forecast import forecast, renewed_forecast
 from palpate.launch.printing import titled
+from palpate.messages.types import Superquadric
 from palpate.nodes import planner, reconstructor
 from palpate.nodes.runtime import Wiring
-
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµ]*)\s*")
 
 
 def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:
@@ -30,18 +22,12 @@ def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:
 
     Raises InputError if there is no number, no unit or another one, or it is not positive.
     """
-    found = _QUANTITY.fullmatch(text)
-    example = f"0.2{'mm' if 'mm' in units else 's'}"
-    if found is None:
-        raise InputError(f"{option} {text}: must be a number with a unit, as {example}")
-    number, unit = found.groups()
-    unit = unit.replace("µ", "u")
-    if unit not in units:
-        what = f"the unit {unit!r} is none of" if unit else "must have a unit:"
-        raise InputError(f"{option} {text}: {what} {', '.join(units)}, as in {example}")
-    value = float(number) * units[unit]
-    if not 0.0 < value < math.inf:
-        raise InputError(f"{option} {text}: must be more than 0, as {example}")
+    try:
+        value = in_base_unit(text, units)
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"must be more than 0, as 0.2{'mm' if 'mm' in units else 's'}")
+    except ValueError as error:
+        raise InputError(f"{option} {text}: {error}") from None
     return value
 
 
@@ -99,8 +85,9 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
     """
     found: list[tuple[str, str, Any]] = []
     if pose is not None:
+        words = pose.split(",")
         try:
-            numbers = [float(one) for one in pose.split(",")]
+            numbers = [*map(_coordinate, words[:3]), *map(float, words[3:])]
         except ValueError:
             numbers = []
         if len(numbers) not in (3, 7):
@@ -115,92 +102,99 @@ def read_setup(pose: str | None, noise: str | None) -> list[tuple[str, str, Any]
     return found
 
 
-class ExpectedCost(NamedTuple):
-    """What shipped scenes took at one tolerance: lower quartile, median, upper quartile."""
+def read_mesh_setup(
+    scene: Path, unit: str | None, size: str | None, up: str | None = None
+) -> list[tuple[str, str, Any]]:
+    """Options, keys of the scene and values for how the file of a mesh is to be read.
 
-    touches: tuple[float, float, float]
-    seconds: tuple[float, float, float]  # Robot time, one finger of the preset ``modern``, s
-
-
-# By the tolerance over the object's height, %: `python tests/studies tolerances`.
-COSTS: Mapping[float, ExpectedCost] = {
-    1.0: ExpectedCost((45, 65, 94), (156, 190, 238)),
-    0.5: ExpectedCost((55, 76, 99), (172, 194, 248)),
-    0.2: ExpectedCost((89, 98, 132), (212, 226, 292)),
-    0.1: ExpectedCost((138, 144, 164), (274, 284, 318)),
-    0.05: ExpectedCost((185, 198, 241), (344, 366, 395)),
-}
-# Processor time of a whole run over that of quality normal.
-QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}
-# Of a run of quality normal, s for each touch, on one core of a machine of 2020.
-COMPUTE_PER_TOUCH = 0.05
-
-
-def expected_cost(share: float) -> ExpectedCost:
-    """For a tolerance over the height, between those that were measured by powers."""
-    known = np.log(sorted(COSTS))
-    rows = np.log([COSTS[one] for one in sorted(COSTS)])
-
-    def between(which: int) -> tuple[float, float, float]:
-        at, columns = math.log(100.0 * share), rows[:, which].T
-        low, middle, high = (float(np.exp(np.interp(at, known, one))) for one in columns)
-        return low, middle, high
-
-    return ExpectedCost(touches=between(0), seconds=between(1))
-
-
-def demand_text(
-    wirings: Sequence[Wiring], settings: Mapping[str, SourceMapped], height: float | None
-) -> str:
-    """What is asked, by whom, and what it is expected to cost; empty without a planner.
-
-    `height`: of the object, m; None where the launch file has no scene.
+    Raises InputError if the scene is no mesh, or is given both a unit and a size.
     """
+    asked = {"unit": unit, "size": size, "up": up}
+    found: list[tuple[str, str, Any]] = []
+    for key, value in asked.items():
+        if value is None:
+            continue
+        if not is_mesh_file(scene):
+            raise InputError(
+                f"--{key} {value}: {scene.stem} is no mesh; a scene has object.mesh.{key}"
+            )
+        what = read_quantity(value, LENGTHS, "--size") if key == "size" else value
+        found.append((f"--{key}", f"scene.object.mesh.{key}", what))
+    if unit is not None and size is not None:
+        raise InputError("--unit and --size exclude each other: either makes the object as large")
+    return found
+
+
+def _coordinate(text: str) -> float:
+    """A length in m, or with its unit."""
+    return in_base_unit(text, LENGTHS) if text.strip()[-1:].isalpha() else float(text)
+
+
+class Demanded(NamedTuple):
+    """What is asked of the planner, and how finely the solid is to be meshed."""
+
+    asked: planner.Params
+    quality: str
+
+    def expectation(self, coarse: Superquadric) -> str:
+        """What that is expected to cost by the grasp, in lines; empty if it gave no solid."""
+        found = renewed_forecast(self.asked, coarse, self.quality)
+        return (
+            "" if found is None else "\n".join(titled("expected", *found.texts(), "by the grasp"))
+        )
+
+
+def demanded_of(wirings: Sequence[Wiring]) -> Demanded | None:
+    """What is asked of the one planner; None without one."""
     params = [one.params for one in wirings]
     planners = [one for one in params if isinstance(one, planner.Params)]
     if len(planners) != 1:
+        return None
+    rebuilt = [one.quality for one in params if isinstance(one, reconstructor.Params)]
+    return Demanded(planners[0], rebuilt[0] if rebuilt else "normal")
+
+
+def demand_text(
+    wirings: Sequence[Wiring],
+    settings: Mapping[str, SourceMapped],
+    size: Sequence[float] | None,
+) -> str:
+    """What is asked, by whom, and what it is expected to cost; empty without a planner.
+
+    `size`: of the object's box, (3,), m; None where the launch file has no scene.
+    """
+    demanded = demanded_of(wirings)
+    if demanded is None:
         return ""
-    asked = planners[0]
-    qualities = [one.quality for one in params if isinstance(one, reconstructor.Params)]
-    lines = titled("asked", *_choices(asked, qualities, settings))
-    if height is not None:
-        lines += titled("expected", *_expectation(asked, qualities, height))
+    lines = titled("asked", *_choices(demanded, settings))
+    if size is not None:
+        asked, height = demanded.asked, size[2]
+        found = forecast(asked, size, quality=demanded.quality)
+        share = f"for {100.0 * asked.tolerance / height:.2g} % of {1e3 * height:.0f} mm"
+        lines += titled("expected", *found.texts(), share)
     return "\n".join(lines)
 
 
-def tolerance_of(wirings: Sequence[Wiring]) -> float | None:
-    """The error that the planner is to reach, m; None without one planner."""
-    found = [one.params.tolerance for one in wirings if isinstance(one.params, planner.Params)]
-    return found[0] if len(found) == 1 else None
+def _choices(demanded: Demanded, settings: Mapping[str, SourceMapped]) -> list[str]:
+    """All limits that the exploration has, and who has set them."""
 
-
-def _choices(
-    asked: planner.Params, qualities: Sequence[str], settings: Mapping[str, SourceMapped]
-) -> list[str]:
     def why(name: str, otherwise: str = "default or scene") -> str:
         return settings[name].source if name in settings else otherwise
 
-    feature = asked.demand.feature
+    asked, limits = demanded.asked, demanded.asked.demand.limits
     follows = f"{FEATURE_SHARE:g} times the tolerance"
     reason = follows if asked.feature is None else why("planner.feature")
     parts = [
         f"tolerance {1e3 * asked.tolerance:.3g} mm ({why('planner.tolerance')})",
-        f"untouched at most {1e3 * feature:.3g} mm ({reason})",
+        f"feature {1e3 * asked.demand.feature:.3g} mm ({reason})",
+        f"unknown at most {100.0 * limits.unknown_share:.2g} % of the surface, over half a "
+        "feature from any touch",
     ]
+    if not asked.makes_single_touches:
+        parts.append("gap between contours at most a feature")
+    parts.append("a closed surface, no hole unentered")
     if asked.most_touches is not None:
         parts.append(f"at most {asked.most_touches} touches ({why('planner.most_touches')})")
     if asked.most_seconds is not None:
         parts.append(f"at most {asked.most_seconds:g} s ({why('planner.most_seconds')})")
-    parts += [f"quality {one} ({why('reconstructor.quality', 'default')})" for one in qualities]
-    return parts
-
-
-def _expectation(asked: planner.Params, qualities: Sequence[str], height: float) -> list[str]:
-    touches, seconds = expected_cost(asked.tolerance / height)
-    compute = COMPUTE_PER_TOUCH * touches[1] * max([QUALITY_COST[q] for q in qualities] or [1.0])
-    return [
-        f"about {touches[1]:.0f} touches ({touches[0]:.0f} to {touches[2]:.0f})",
-        f"robot {seconds[1]:.0f} s ({seconds[0]:.0f} to {seconds[2]:.0f})",
-        f"computing {compute:.0f} s",
-        f"for {100.0 * asked.tolerance / height:.2g} % of {1e3 * height:.0f} mm",
-    ]
+    return [*parts, f"quality {demanded.quality} ({why('reconstructor.quality', 'default')})"]

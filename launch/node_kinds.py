@@ -118,7 +118,7 @@ def load_entry(entry: Entry) -> AnyNode:
 
 def search_inputs(folder: Path) -> None:
     """Have modules that a run was made with looked for in its folder, too, after all others."""
-    inputs = str((folder / INPUTS).absolute())
+    inputs = str((folder / INPUTS).resolve())  # the link ``latest`` moves on
     if Path(inputs).is_dir() and inputs not in sys.path:
         sys.path.append(inputs)
 
@@ -127,21 +127,26 @@ def own_modules(names: Iterable[str]) -> dict[str, Path]:
     """Files of imported modules of the user's own, by their places in a folder of modules.
 
     `names`: dotted, with or without ``:Class``. Own are those that are neither of palpate nor
-    installed.
+    installed; what they have imported from the folder in which they were found goes with them.
     """
-    found = {}
-    for name in names:
-        module = sys.modules.get(name.partition(":")[0])
-        file = Path(getattr(module, "__file__", None) or "")
-        installed = {"site-packages", "dist-packages"} & set(file.parts)
-        if module is None or not file.is_file() or installed or name.startswith("palpate."):
-            continue
-        *parents, last = module.__name__.split(".")
-        found[str(Path(*parents, f"{last}.py"))] = file
-        for depth, folder in zip(range(len(parents), 0, -1), file.parents, strict=False):
-            if (folder / "__init__.py").is_file():
-                found[str(Path(*parents[:depth], "__init__.py"))] = folder / "__init__.py"
-    return found
+    named = [_own_file(name.partition(":")[0]) for name in names]
+    folders = {folder for folder, _ in filter(None, named)}
+    if not folders:
+        return {}
+    imported = filter(None, map(_own_file, [*sys.modules]))
+    return {str(place): folder / place for folder, place in imported if folder in folders}
+
+
+def _own_file(name: str) -> tuple[Path, Path] | None:
+    """The folder in which an imported module was found, and its place there; None if not own."""
+    file = Path(getattr(sys.modules.get(name), "__file__", None) or "")
+    installed = {"site-packages", "dist-packages"} & set(file.parts)
+    if installed or name.partition(".")[0] == "palpate" or not file.is_file():
+        return None
+    parents = name.split(".") if file.stem == "__init__" else name.split(".")[:-1]
+    place = Path(*parents, file.name)
+    folder = file.parents[len(parents)]
+    return (folder, place) if folder / place == file else None  # it may have been run by its path
 
 
 def search_current_folder(name: str) -> None:

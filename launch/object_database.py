@@ -82,7 +82,7 @@ def _with_mesh(given: files.SourceMapped, path: Path, name: str) -> files.Source
     mesh = files.convert(part, files.MeshFile, where)
     try:
         file = files.file_within(path.resolve().parent, mesh.file, f"{where}.file")
-        vertices, faces, _ = files.read_mesh(file, mesh.unit)
+        vertices, faces, _ = files.read_mesh(file, mesh.unit, mesh.up, mesh.size)
     except ValueError as error:
         raise part.error(("file",), str(error)) from None
     data = to_builtins(specs.encode_mesh(vertices, faces), builtin_types=(bytes,))

@@ -106,6 +106,9 @@ class Display:
     def show(self, progress: Progress) -> None:
         """Something may have changed."""
 
+    def tell(self, text: str) -> None:
+        """Something worth a line is known."""
+
     def note(self, record: LogRecord) -> None:
         """A node has something to report."""
 
@@ -124,6 +127,8 @@ class ProgressWatcher(Watcher):
         final: Callable[[ShapeModel], object] = lambda model: None,  # Told of the final model
     ) -> None:
         self.progress = Progress()
+        # What the exploration is expected to cost, in words, by the coarse model
+        self.expectation: Callable[[Superquadric], str] = lambda coarse: ""
         self._nodes, self._display, self._log, self._final = nodes, display, log, final
         self._began = time.monotonic()
         # Tolerances that were set while the planner ran, and not yet taken up by it
@@ -164,6 +169,8 @@ class ProgressWatcher(Watcher):
             progress.scores.append((progress.wall, message))
         elif isinstance(message, PlanEstimate):
             progress.estimates.append((progress.wall, message))
+        elif isinstance(message, Superquadric) and (told := self.expectation(message)):
+            self._display.tell(told)
         self._display.show(progress)
 
     def _take_up_tolerance(self) -> None:
@@ -228,6 +235,11 @@ class LineDisplay(Display):
         if record.level in LEVELS_SHOWN and key not in self._noted:
             self._noted.add(key)
             self.print(f"{record.level[:8]:<9}{record.node}: {record.text}")
+
+    def tell(self, text: str) -> None:
+        """Write what is known, in lines."""
+        for line in text.splitlines():
+            self.print(line)
 
     def print(self, line: str) -> None:
         """Write one line."""

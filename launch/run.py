@@ -19,9 +19,9 @@ from msgspec import to_builtins
 from palpate.core import ROBOT_PRESETS
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
-from palpate.launch.demand import demand_text, tolerance_of
+from palpate.launch.demand import Demanded, demand_text, demanded_of
 from palpate.launch.files import SourceMapped, as_input_errors, export_model, key_path
-from palpate.launch.files import parse_yaml, set_within, yaml_text
+from palpate.launch.files import parse_yaml, plain_name, set_within, yaml_text
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
@@ -57,7 +57,7 @@ class Plan:
     before: EarlierRun | None = None  # An earlier run, if it goes on with one
     # Files that the run needs to be run again, by their names in its folder.
     inputs: Mapping[str, Path] = field(default_factory=dict)
-    tolerance: float | None = None  # Error asked for, m; None if nobody plans for one
+    demanded: Demanded | None = None  # What is asked of the planner; None if there is none
     asked: str = ""  # What is asked of it and what that is expected to cost, in lines
 
 
@@ -207,6 +207,7 @@ def plan_run(
     robot time passes as fast as time. Raises InputError if anything is wrong; nothing has been
     started or written.
     """
+    name = plain_name(name)
     folder = choose_run_directory(name, out)
     described, wirings = check_run(path, args, settings, folder.path, realtime=realtime)
     again: dict[str, Any] = {"scene": "scene.yaml"} if described.scene is not None else {}
@@ -216,7 +217,7 @@ def plan_run(
     about = _about(described, resolved, {**settings, **args})
     told = with_description(wirings, about)
     scene = described.scene
-    asked = [demand_text(wirings, settings, None if scene is None else scene.size[2])]
+    asked = [demand_text(wirings, settings, None if scene is None else scene.size)]
     if scene is not None and scene.told:
         asked = [*titled("mesh", scene.told), *asked]
     inputs = dict(scene.inputs) if scene is not None else {}
@@ -228,7 +229,7 @@ def plan_run(
         about,
         folder,
         inputs=inputs,
-        tolerance=tolerance_of(wirings),
+        demanded=demanded_of(wirings),
         asked="\n".join(asked),
     )
 
@@ -303,7 +304,9 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
             exports.append(pool.submit(export_model, model, folder.path))
 
         gatherer = ProgressWatcher(len(plan.wirings), display, log, export)
-        gatherer.progress.tolerance = plan.tolerance
+        if plan.demanded is not None:
+            gatherer.progress.tolerance = plan.demanded.asked.tolerance
+            gatherer.expectation = plan.demanded.expectation
         try:
             ending = _start(plan, gatherer, composed=composed)
         finally:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 import shutil
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 
 from palpate import __version__
+from palpate.core.explore.planners import Findings, Limits, Verdict, judge
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
 from palpate.launch.files import InputError, mesh_sha256, write_atomically
-from palpate.launch.printing import millimetres
 from palpate.launch.processes import RUNS_FOLDER, running_graphs
 from palpate.launch.progress import Progress
-from palpate.launch.summary_text import known_texts, unknown_texts
+from palpate.launch.summary_text import criteria_texts
 from palpate.messages.recording import free_bytes
-from palpate.messages.types import ProcedureResult
+from palpate.messages.types import ProcedureResult, Score, ShapeModel
 from palpate.nodes.runtime import Ending
 
 RUNS = Path(RUNS_FOLDER)  # Where run directories are made, unless the user wants another folder
@@ -46,8 +46,12 @@ SCORE_FIELDS = {
     "volume_error": "volume_error",
     "sampling_floor_m": "sampling_floor",
     "size_m": "size",
-    "watertight": "watertight",
-    "genus": "genus",
+}
+# Keys of `summary.json` for what was asked, by the names of limits.
+_LIMIT_KEYS = {
+    "tolerance": "tolerance_m",
+    "feature": "feature_m",
+    "unknown_share": "unknown_share",
 }
 # The same of what nobody touched, in a PlanDone, and of a node, in its status.
 OPEN_FIELDS = {
@@ -133,8 +137,18 @@ def _link_latest(link: Path, target: str) -> None:
 def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
     """The folder for a run of this name, not yet made: `out`, or a new one in ``runs/``.
 
-    Raises InputError if the folder that the user asks for holds something already.
+    Raises InputError if the folder that the user asks for holds something already, or its path is
+    no text, which nodes could not be told.
     """
+    whole = (RUNS if out is None else out).absolute()
+    try:
+        str(whole).encode()
+    except UnicodeEncodeError:
+        coding = sys.getfilesystemencoding().upper()
+        raise InputError(
+            f"{whole}: its name is no text in {coding}, so that nodes could not be told where to "
+            "write; choose another folder"
+        ) from None
     if out is None:
         stamp = time.strftime("%Y-%m-%dT%H-%M-%S")
         return RunDirectory(free_path(RUNS / f"{stamp}_{name}"), linked=True)
@@ -225,8 +239,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     known = done or progress.estimate  # an interrupted run has but estimates
     compute = sum(status.cpu for status in ending.statuses.values()) or None
     distances = {key: score and getattr(score, name) for key, name in SCORE_FIELDS.items()}
-    if score is not None and score.genus < 0:
-        distances["genus"] = None  # an open surface has no handles to count
+    verdict = _verdict(progress)
     summary = {
         "palpate": __version__,
         "status": ending.status,
@@ -235,9 +248,16 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "scene": scene,
         "seed": seed,
         **distances,
+        **_mesh_facts(model, score),
+        "true_genus": _true_genus(score),
         "rms_bound_95_m": known and known.rms_bound_95,
-        "tolerance_m": progress.tolerance,
-        "tolerance_met": done and done.tolerance_met,
+        "tolerance_m": (done.limits if done else {}).get("tolerance", progress.tolerance),
+        "tolerance_met": next(
+            (one.is_met for one in verdict.criteria if one.name == "error bound"), None
+        ),
+        "limits": done and {_LIMIT_KEYS[key]: value for key, value in done.limits.items()},
+        "criteria": [{**one._asdict(), "is_met": one.is_met} for one in verdict.criteria],
+        "reached": verdict.reached if done is not None else None,
         "largest_untouched_m": known and known.largest_untouched,
         **{key: done and _plain(getattr(done, name)) for key, name in OPEN_FIELDS.items()},
         "method": model and model.method,
@@ -269,6 +289,37 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     return {**summary, "missed": missed_goals(summary) if told else []}
 
 
+def _mesh_facts(model: ShapeModel | None, score: Score | None) -> dict[str, Any]:
+    """What kind of surface the last model's mesh is: as its reconstructor says, or as measured."""
+    closed = genus = crossings = None
+    if model is not None and model.closed is not None:
+        closed, genus, crossings = model.closed, model.genus, model.self_crossings
+    elif score is not None:
+        closed, genus = score.watertight, score.genus if score.watertight else None
+    return {"watertight": closed, "genus": genus, "self_crossings": crossings}
+
+
+def _verdict(progress: Progress) -> Verdict:
+    """What was asked and reached, with what is known of the mesh and, in a simulation, the truth.
+
+    Where no exploration has ended, nothing but the mesh is judged.
+    """
+    done, score, facts = progress.done, progress.score, _mesh_facts(progress.model, progress.score)
+    found = Findings(
+        **({} if done is None else done.findings),
+        true_error=None if score is None else score.rms,
+        closed=facts["watertight"],
+        self_crossings=facts["self_crossings"],
+        genus=facts["genus"],
+        true_genus=_true_genus(score),
+    )
+    return judge(found, Limits() if done is None else Limits(**done.limits))
+
+
+def _true_genus(score: Score | None) -> int | None:
+    return score.true_genus if score is not None and score.true_genus >= 0 else None
+
+
 def _procedure(found: ProcedureResult | None) -> dict[str, Any] | None:
     """What an exploratory procedure found; None of an exploration in slices."""
     if found is None:
@@ -280,8 +331,8 @@ def _procedure(found: ProcedureResult | None) -> dict[str, Any] | None:
 def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
     """0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
 
-    The goal is missed where a planner says that the tolerance was not met, whatever the budget that
-    ended it; and where it rebuilds, without a final, watertight model, or a part untraced.
+    The goal is missed where a limit is not kept, whatever the budget that ended the run; and where
+    it rebuilds, without a final model.
     """
     if summary["status"] == "interrupted":
         return 130
@@ -291,8 +342,7 @@ def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
 
 
 def missed_goals(summary: Mapping[str, Any], *, rebuilds: bool = True) -> list[str]:
-    """What a finished run was to reach and has not, in words."""
-    closed = summary["mesh_sha256"] is not None and summary["watertight"] is not False
+    """What a finished run was to reach and has not, in words: the limits that are not kept."""
     procedure = summary.get("procedure")
     if procedure is not None:  # it says itself what it was to find
         done = procedure["status"] == "done"
@@ -300,19 +350,6 @@ def missed_goals(summary: Mapping[str, Any], *, rebuilds: bool = True) -> list[s
     found = []
     if rebuilds and not summary["final"]:
         found.append("there is no final model")
-    if rebuilds and not closed:
-        found.append("there is no closed solid")
-    if rebuilds and summary["uncovered_m"]:
-        found.append(f"{millimetres(summary['uncovered_m'])} of the height could not be traced")
-    if summary["tolerance_met"] is False:
-        known = "; ".join(known_texts(summary))
-        found.append(f"the tolerance was not reached: {known}{_rest(summary)}")
-    return found
-
-
-def _rest(summary: Mapping[str, Any]) -> str:
-    """What touches would be needed for what is not known, in words; nothing if none are."""
-    if not summary.get("open_share"):
-        return ""
-    unknown = unknown_texts(summary)[0]
-    return f"; {unknown}: about {math.ceil(summary['open_touches'])} touches if it can be reached"
+    elif rebuilds and summary["mesh_sha256"] is None:
+        found.append("there is no solid")
+    return found + criteria_texts(summary, met=False)

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import msgspec
-from msgspec import Meta, Struct, structs, to_builtins
+from msgspec import Struct, structs, to_builtins
 from ruamel.yaml import YAML
 
 from palpate.core import ROBOT_PRESETS
@@ -39,7 +39,7 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     # The finger reaches this far sideways from the axis and up from the platform on which the
     # object stands, m; as far as the object asks for if left out.
-    reach: Annotated[float, Meta(gt=0, le=10)] | None = None
+    reach: specs.Length | None = None
     robot: str = "modern"  # Preset of the robot's speeds: modern or puma
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Scene:
     """A checked scene."""
 
-    name: str  # The file's name without its suffix
+    name: str  # The file's name without its suffix; what cannot be seen in it is ``_``
     path: Path  # The file
     text: str  # The file's text
     spec: SceneSpec  # What it holds, with defaults filled in and the mesh read
@@ -91,7 +91,8 @@ def load_scene(
     path = find_scene(name)
     search_inputs(path.parent)
     is_mesh = files.is_mesh_file(path)
-    alone = files.SourceMapped({"object": {"mesh": {"file": path.name}}}, str(path))
+    own_name = files.plain_name(path.name)
+    alone = files.SourceMapped({"object": {"mesh": {"file": own_name}}}, str(path))
     given = alone if is_mesh else files.read_yaml(path)
     for key, value in changes.items():
         given = _changed(given, key, value)
@@ -100,7 +101,9 @@ def load_scene(
     folder = path.resolve().parent
     own = not untrusted and any(map(folder.is_relative_to, (Path.cwd(), Path.home())))
     named = _named_files(given, folder, confined=not (own or is_mesh))
-    inputs = {f"{INPUTS}/{one.name}": one for one in named.values()}
+    if is_mesh and MESH in named and given.part(MESH).value == own_name:
+        named[MESH] = path.resolve()  # whatever it is called
+    inputs = {f"{INPUTS}/{files.plain_name(one.name)}": one for one in named.values()}
     text = path.read_text(encoding="utf-8") if not is_mesh else ""
     if changes or inputs:
         text = files.yaml_text(_moved_files(given, named).value)
@@ -117,7 +120,8 @@ def load_scene(
     )
     _check_finger(spec, located)
     size = _check_reach(spec, located)
-    return Scene(path.stem, path, text, spec, located, size, inputs, told)
+    name = files.plain_name(path.stem)
+    return Scene(name, path, text, spec, located, size, inputs, told)
 
 
 def _refuse_programs(given: files.SourceMapped) -> None:
@@ -161,7 +165,7 @@ def _moved_files(
 ) -> files.SourceMapped:
     """The scene as it stands in the folder of a run, with the files that it names."""
     for key, path in named.items():
-        place = files.SourceMapped(f"{INPUTS}/{path.name}", "")
+        place = files.SourceMapped(f"{INPUTS}/{files.plain_name(path.name)}", "")
         given = replace(given, value=files.set_within(given.value, key, place))
     return given
 
@@ -260,7 +264,7 @@ def _with_mesh(
     mesh = files.convert(part, files.MeshFile, "object.mesh")
     path = named[MESH]
     try:
-        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up)
+        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up, mesh.size)
     except ValueError as error:
         if files.is_mesh_file(scene):  # the sentence names it already
             raise

@@ -1,11 +1,12 @@
 """What a run says when it is over: the result in a few lines, and on request all figures.
 
-The result stays in sight: what was found, what it cost, what to doubt and which file to open fill
-at most 12 lines of a terminal of 80 columns. Timings and diagnostics are for those who ask.
+The result stays in sight: what was found, which limits are kept, what it cost, what to doubt and
+which file to open, in about 12 lines of 80 columns. Timings and diagnostics are for those who ask.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from palpate.launch.exchange_rate import draw_text, halving_lines
 from palpate.launch.printing import TITLE_WIDTH, counted, millimetres, text_table, titled
 
-HEADLINE, WIDTH = 12, 80  # Lines at most, and columns
+WIDTH = 80  # Columns
 LEAST_SHARE = 0.5  # Of the processor time, %: a step that took less is not printed
 ENDED = {"finished": "done", "died": "died", "stalled": "stalled", "interrupted": "stopped"}
 OPENED = (
@@ -27,30 +28,28 @@ FULL = "all figures in summary.json"
 
 
 def headline_text(summary: Mapping[str, Any], files: Sequence[str], folder: Path) -> str:
-    """What was found, what it cost, what to doubt and what to open: at most 12 lines of 80 columns.
+    """What was found and reached, what it cost, what to doubt and what to open: 80 columns.
 
-    `files` are the names of what the run left in its `folder`.
+    `files` are the names of what the run left in its `folder`. About 12 lines; nothing is cut off.
     """
-    facts = headline_facts(summary)
-    found = [line for key in ("found", "bound") if facts[key] for line in titled(key, *facts[key])]
-    if not summary["missed"]:
-        found += _short(_procedure(summary), 2)
-    cost = _short(titled("cost", *facts["cost"]), 2)
+    lines = []
+    for title, parts in headline_facts(summary).items():
+        if parts:
+            lines += titled(title, *parts)
+        if title == "found":
+            lines += _procedure(summary)
     opened = next((one for one in OPENED if one in files), "summary.json")
-    ended = _short(titled(ENDED[summary["status"]], summary["reason"]), 2)
-    ended += titled("open", str(folder / opened), f"({FULL})")
-    missed = titled("missed", *summary["missed"]) if summary["missed"] else []
-    doubts = titled("doubt", *told) if (told := facts["doubt"]) else []
-    room = HEADLINE - len(found) - len(cost) - len(ended)
-    missed = _short(missed, room)
-    return "\n".join([*found, *cost, *missed, *_short(doubts, room - len(missed)), *ended])
+    lines += titled(ENDED[summary["status"]], summary["reason"])
+    lines += titled("open", str(folder / opened), f"({FULL})")
+    return "\n".join(lines)
 
 
 def headline_facts(summary: Mapping[str, Any]) -> dict[str, list[str]]:
-    """What was found, what is stated of its error, what it cost and what to doubt, in words."""
+    """What was found, which limits are kept and which are not, the cost and what to doubt."""
     return {
         "found": _found(summary),
-        "bound": _asked(summary),
+        "reached": criteria_texts(summary, met=True),
+        "missed": list(summary["missed"]),
         "cost": _time(summary),
         "doubt": _doubts(summary),
     }
@@ -59,8 +58,10 @@ def headline_facts(summary: Mapping[str, Any]) -> dict[str, list[str]]:
 def run_lines(summary: Mapping[str, Any]) -> list[str]:
     """What was found, how far it is to be trusted and what it cost, a line of 80 columns each."""
     facts, found = headline_facts(summary), []
-    for title in ("found", "bound", "cost"):
-        told, parts = f"  {title:<6}", facts[title] or ["none"]
+    for title in ("found", "reached", "missed", "cost"):
+        if title == "missed" and not facts[title]:
+            continue
+        told, parts = f"  {title:<7}", facts[title] or ["none"]
         for number, part in enumerate(parts):
             more = f"{told}, {part}" if number else f"{told} {part}"
             told = more if len(more) < WIDTH else told
@@ -68,13 +69,36 @@ def run_lines(summary: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def _short(lines: list[str], most: int) -> list[str]:
-    """Lines, of which no more are kept; that there were more is told."""
-    if len(lines) <= most:
-        return lines
-    if most < 1:
-        return []
-    return [*lines[: most - 1], f"{lines[most - 1][:76]} ..."]
+def criteria_texts(summary: Mapping[str, Any], *, met: bool) -> list[str]:
+    """The limits that are kept, or that are not, each with its figure.
+
+    Of those that are kept, what the mesh must be like goes without saying.
+    """
+    judged = [one for one in summary["criteria"] if one["is_met"] == met]
+    told = [one for one in judged if not met or (one["limit"] and one["unit"] != "#")]
+    return [_criterion_text(one) for one in told]
+
+
+def _criterion_text(one: Mapping[str, Any]) -> str:
+    name, value, limit = one["name"], one["value"], one["limit"]
+    if value is None:
+        return f"no {name} can be stated (limit {_quantity(limit, one['unit'])})"
+    if one["is_exact"]:
+        return f"{name} {value:.0f} (the object's is {limit:.0f})"
+    if one["unit"] == "#":
+        return counted(int(value), name.removesuffix("s"))
+    if not limit:
+        return f"{name} {_quantity(value, one['unit'])} (none is allowed)"
+    return f"{name} {_quantity(value, one['unit'])} (limit {_quantity(limit, one['unit'], 3)})"
+
+
+def _quantity(value: float, unit: str, digits: int | None = None) -> str:
+    """A length or a share with its unit; to a micrometre or a tenth, or to so many digits."""
+    if unit == "m":
+        return millimetres(value) if digits is None else f"{1e3 * value:.{digits}g} mm"
+    if 0.0 < value < 5e-4:
+        return "under 0.1 %"
+    return f"{100.0 * value:.1f} %" if digits is None else f"{100.0 * value:.{digits}g} %"
 
 
 def _found(summary: Mapping[str, Any]) -> list[str]:
@@ -82,35 +106,35 @@ def _found(summary: Mapping[str, Any]) -> list[str]:
     if summary["mesh_sha256"] is None:
         told = summary["procedure"] is not None and not summary["missed"]
         return [] if told else ["no solid"]
-    closed = "a surface that is NOT closed" if summary["watertight"] is False else "a closed solid"
+    kind = _surface_kind(summary)
     made_of = ("contours", "contour") if summary["contours"] else ("touches", "touch")
-    parts = [f"{closed} from {counted(summary[made_of[0]], made_of[1], made_of[0])}"]
-    if summary["chamfer_m"] is not None:
-        parts = [f"{closed}, {1e3 * summary['size_m']:.0f} mm high"]
-        parts.append(f"rms error {millimetres(summary['rms_m'])}")
-        parts.append(f"sampling floor {millimetres(summary['sampling_floor_m'])}")
-    return parts
+    if summary["chamfer_m"] is None:
+        return [f"{kind} from {counted(summary[made_of[0]], made_of[1], made_of[0])}"]
+    return [
+        f"{kind}, {1e3 * summary['size_m']:.0f} mm high",
+        f"rms error {millimetres(summary['rms_m'])}",
+        f"sampling floor {millimetres(summary['sampling_floor_m'])}",
+    ]
 
 
-def _asked(summary: Mapping[str, Any]) -> list[str]:
-    """What is stated of the error, against what was asked for."""
-    bound, asked = summary["rms_bound_95_m"], summary["tolerance_m"]
-    if bound is None and (asked is None or summary["tolerance_met"] is None):
-        return []
-    stated = "no error bound" if bound is None else f"95 % error bound {millimetres(bound)}"
-    parts = [stated]
-    if asked is not None:
-        reached = {True: "reached", False: "NOT reached", None: "not judged"}
-        parts.append(f"tolerance {1e3 * asked:.3g} mm {reached[summary['tolerance_met']]}")
-    if summary["largest_untouched_m"] is not None:
-        parts.append(f"untouched at most {1e3 * summary['largest_untouched_m']:.1f} mm")
-    return parts
+def _surface_kind(summary: Mapping[str, Any]) -> str:
+    """What kind of surface the mesh is, as far as somebody looked."""
+    if summary["watertight"] is None:
+        return "a surface that was not checked"
+    if not summary["watertight"]:
+        return "a surface that is NOT closed"
+    if summary["self_crossings"]:
+        return "a surface that crosses itself"
+    genus = summary["genus"]
+    return "a closed solid" + (f" with {counted(genus, 'hole')} through it" if genus else "")
 
 
 def _doubts(summary: Mapping[str, Any]) -> list[str]:
-    """Why not to believe the solid everywhere, as far as it is no missed goal."""
-    told = " ".join(summary["missed"])
-    found = [one for one in unknown_texts(summary) if one not in told]
+    """Why not to believe the solid everywhere, beside the limits that are not kept."""
+    found = unknown_texts(summary)
+    bound, error = summary["rms_bound_95_m"], summary["rms_m"]
+    if bound is not None and error is not None and error > bound:
+        found.append("the rms error is larger than the stated bound")
     if summary["contours_failed"]:
         found.append(f"{counted(summary['contours_failed'], 'slice')} could not be traced")
     if summary["restarts"]:
@@ -176,29 +200,20 @@ def _figure_text(name: str, value: float) -> str:
 
 
 def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
-    """What nobody touched, where, and what the object stands on, in words; nothing if unknown."""
+    """Where nothing was touched, and what the object stands on, in words; nothing if unknown."""
     told = []
     if summary.get("open_share"):
-        share = f"{100.0 * summary['open_share']:.1f} %"
-        share = "less than 0.1 %" if share == "0.0 %" else share
         place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_places_m"][0])
+        touches = math.ceil(summary["open_touches"])
         told.append(
-            f"{share} of the surface lies over 5 mm from any touch, "
-            f"the widest opening {millimetres(summary['open_width_m'])} at ({place}) mm"
+            f"{_quantity(summary['open_share'], '1')} of the surface is unknown, the widest part "
+            f"{millimetres(summary['open_width_m'])} wide at ({place}) mm: about "
+            f"{counted(touches, 'touch', 'touches')} if a finger reaches it"
         )
     if summary.get("under_share"):
-        told.append(
-            f"{100.0 * summary['under_share']:.1f} % stands on the platform and is taken for flat"
-        )
+        share = _quantity(summary["under_share"], "1")
+        told.append(f"{share} of the surface is the underside, which is taken for flat")
     return told
-
-
-def known_texts(summary: Mapping[str, Any]) -> list[str]:
-    """How good the solid is and what is left unknown, as far as it was told, in words."""
-    bound, untouched = summary["rms_bound_95_m"], summary["largest_untouched_m"]
-    stated = bound is not None
-    known = [f"rms below {millimetres(bound)} (95 %)" if stated else "no error can be stated"]
-    return known + ([] if untouched is None else [f"untouched at most {millimetres(untouched)}"])
 
 
 def _cost(summary: Mapping[str, Any]) -> list[str]:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core import Floats
-from palpate.core.explore.planners import MOST_OPEN, describe_opening
+from palpate.core.explore import FEATURE_SHARE
+from palpate.core.explore.planners import Findings, Limits
 from palpate.core.touch import HITS
 from palpate.messages import derive
 from palpate.messages.types import ModelGoal, PlanDone, Probe, SensorInfo, SequenceEnd
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from palpate.core.touch import Pad
 
 MOST_REACH = 0.6  # Of all touches about their middle, m: the map of space has room for no more
+TOLD_DISTANCE = 5.0e-3  # From every touch, beyond which places are told where nothing is asked, m
 MARGIN = 0.02  # About all that was touched, m: nothing of the object lies farther off
 
 
@@ -38,6 +40,17 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     platform: Annotated[float, Meta(ge=-10, le=10, description="m")] | None = None
     # Root mean square error that is asked for, m; null: whatever the touches give.
     tolerance: Length | None = None
+    # Largest gap that may stay untouched, m; null: `explore.FEATURE_SHARE` times the tolerance.
+    feature: Length | None = None
+
+    @property
+    def limits(self) -> Limits:
+        """What is asked of the solid."""
+        if self.tolerance is None:
+            return Limits(feature=self.feature)
+        return Limits(
+            tolerance=self.tolerance, feature=self.feature or FEATURE_SHARE * self.tolerance
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +115,7 @@ def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[Stat
     state = replace(state, world=world, over=bool(why))
     outputs.append(("/world", world))
     if why:
-        return _ended(state, outputs, _done(state, why, probes=()))
+        return _ended(state, outputs, _done(params, replace(_goal(state), probes=()), why))
     return state, [*outputs, ("/model/goal", _goal(state))]
 
 
@@ -151,29 +164,23 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         return state, []
     assert state.pad is not None and state.world is not None
     frames, met = state.touches
-    surface = planning.observed_surface(model, state.pad, state.world)
+    asked = params.limits
+    distance = TOLD_DISTANCE if asked.feature is None else asked.unknown_distance
+    surface = planning.observed_surface(model, state.pad, state.world, distance)
     if surface is None:
         reason = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
-        return _ended(state, [], _done(state, reason))
-    opened = surface.open_area
+        return _ended(state, [], _done(params, _goal(state), reason))
     reason = f"all {frames} frames were used, {met} of which show a contact"
-    if surface.has_openings or opened.share > MOST_OPEN:
-        reason = f"{reason}; {describe_opening(surface)}"
-    bound = {"rms_bound_95": surface.rms_bound_95, "largest_untouched": opened.width}
-    told = {**bound, **planning.describe_open(opened)}
-    return _ended(state, [], _done(state, reason, _is_met(params, surface), **told))
+    return _ended(state, [], _done(params, _goal(state), reason, surface))
 
 
-def _is_met(params: Params, surface: ObservedSurface) -> bool | None:
-    if params.tolerance is None:
-        return None
-    closed = not surface.has_openings and surface.open_area.share <= MOST_OPEN
-    return closed and surface.rms_bound_95 <= params.tolerance
-
-
-def _done(state: State, reason: str, met: bool | None = None, **told: Any) -> PlanDone:
-    nothing = {"rms_bound_95": None, "largest_untouched": None, "uncovered": 0.0}
-    return derive(PlanDone, _goal(state), reason=reason, tolerance_met=met, **{**nothing, **told})
+def _done(
+    params: Params, goal: ModelGoal, reason: str, surface: ObservedSurface | None = None
+) -> PlanDone:
+    if surface is None:
+        return planning.plan_done(goal, reason, Findings(), params.limits)
+    found, unknown = surface.findings, surface.open_area
+    return planning.plan_done(goal, reason, found, params.limits, unknown)
 
 
 def _ended(state: State, outputs: Outputs, done: PlanDone) -> tuple[State, Outputs]:

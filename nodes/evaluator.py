@@ -30,7 +30,9 @@ class TrueSurface:
 
     def __init__(self, truth: Truth) -> None:
         self.height = truth.height
-        self.volume = geometry.solidity(truth.vertices, truth.faces).volume  # m3
+        solid = geometry.solidity(truth.vertices, truth.faces)
+        self.volume = solid.volume  # m3
+        self.genus = NO_GENUS if solid.genus is None else solid.genus
         if not self.volume > 0.0:
             raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
         whole = geometry.prepare_surface(truth.vertices, truth.faces)
@@ -84,6 +86,7 @@ def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
         size=truth.height,
         sampling_floor=truth.floors[every],
         genus=NO_GENUS if solid.genus is None else solid.genus,
+        true_genus=truth.genus,
     )
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core import Floats, explore, inverse_pose, transform_points
-from palpate.core.explore.planners import Choice, Estimate, Height, Observation, ObservedSurface
-from palpate.core.explore.planners import Planner, Stop, Touch, Wait, WrongChoiceError
+from palpate.core.explore.planners import Choice, Estimate, Findings, Height, Observation
+from palpate.core.explore.planners import ObservedSurface, Planner, Stop, Touch, Wait
+from palpate.core.explore.planners import WrongChoiceError
 from palpate.core.explore.planners import check_choice, estimate_error, make_planner, settled_height
 from palpate.core.explore.planners import untraceable_height
 from palpate.messages import derive
@@ -65,6 +66,11 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """The rule that chooses slices."""
         made: Planner = make_planner(self.planner, self.settings)
         return made
+
+    @property
+    def makes_single_touches(self) -> bool:
+        """Whether the rule chooses single touches: then there are no slices to make a solid of."""
+        return bool(getattr(self.rule, "single_touches", False))
 
     @property
     def direction(self) -> Floats | None:
@@ -120,8 +126,7 @@ def check_demand(params: Params, state: State) -> None:
 
 def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
     """Begin: close the hand for the first time."""
-    # Then there will be no slices to make a solid of.
-    alone = bool(getattr(params.rule, "single_touches", False))
+    alone = params.makes_single_touches
     return _grasp_on(params, replace(state, world=world, general=alone))
 
 
@@ -137,7 +142,7 @@ def _grasp_on(params: Params, state: State) -> tuple[State, Outputs]:
         return replace(state, closing=goal), [("/hand/goal", goal)]
     if not len(state.grasped.points):
         within = "reach" if math.isinf(state.demand.most_seconds) else "reach and robot time"
-        return done(state, f"the hand closed on nothing within {within}")
+        return done(state.demand, state, f"the hand closed on nothing within {within}")
     state = replace(state, models=state.models + 1)
     return state, [("/model/goal", planning.model_goal(state))]
 
@@ -182,7 +187,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         state,
         survey=survey,
         asked=False,
-        surface=_surface(state, model),
+        surface=_surface(params, state, model),
         general=model.method == "general",
         aimed=(),
     )
@@ -193,12 +198,13 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     return state, [*outputs, ("/plan/estimate", told)]
 
 
-def _surface(state: State, model: ShapeModel) -> ObservedSurface | None:
+def _surface(params: Params, state: State, model: ShapeModel) -> ObservedSurface | None:
     """The model as planners of single touches are told of it; None if nothing tells of errors."""
     assert state.world is not None and state.pad is not None
     earlier = state.surface.progress if state.surface is not None and state.general else ()
     refused = np.reshape(state.refused, (-1, 3))
-    return planning.observed_surface(model, state.pad, state.world, refused, earlier)
+    distance = params.demand.limits.unknown_distance
+    return planning.observed_surface(model, state.pad, state.world, distance, refused, earlier)
 
 
 def _estimate(model: ShapeModel | PlanDone, estimate: Estimate) -> PlanEstimate:
@@ -380,7 +386,7 @@ def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     stop = _answer(rule, state, observation)
     if not isinstance(stop, Stop):
         raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
-    return done(state, stop.reason + _shape(state), observation)
+    return done(demand, state, stop.reason + _shape(state), observation)
 
 
 def _observation(demand: Demand, state: State, finger: int = 1) -> Observation:
@@ -399,21 +405,19 @@ def _observation(demand: Demand, state: State, finger: int = 1) -> Observation:
 
 
 def done(
-    state: State, reason: str, observation: Observation | None = None
+    demand: Demand, state: State, reason: str, observation: Observation | None = None
 ) -> tuple[State, Outputs]:
     """Say that it is over, and how good the solid is."""
     state = replace(state, models=state.models + 1)
     goal = planning.model_goal(state)
     if observation is None:
-        told = {"tolerance_met": False, "rms_bound_95": None, "largest_untouched": None}
-        plan_done = derive(PlanDone, goal, reason=reason, uncovered=0.0, **told)
-        return state, [("/plan/done", plan_done)]
+        return state, [("/plan/done", planning.plan_done(goal, reason, Findings(), demand.limits))]
     estimate = estimate_error(observation)
-    # Single touches of a general solid have no heights.
-    uncovered = 0.0 if state.general else untraceable_height(observation)
-    told = {} if estimate.open_area is None else planning.describe_open(estimate.open_area)
-    plan_done = derive(PlanDone, goal, estimate, reason=reason, uncovered=uncovered, **told)
-    return state, [("/plan/estimate", _estimate(plan_done, estimate)), ("/plan/done", plan_done)]
+    found = estimate.findings
+    if not state.general:  # single touches of a general solid have no heights
+        found = replace(found, untraced_height=untraceable_height(observation))
+    over = planning.plan_done(goal, reason, found, observation.limits, estimate.open_area)
+    return state, [("/plan/estimate", _estimate(over, estimate)), ("/plan/done", over)]
 
 
 def _shape(state: State) -> str:

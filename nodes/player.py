@@ -27,9 +27,9 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     loop: bool = False  # Whether it begins anew at its end
     # Begins so many s after the recording's first message; latched messages from before that are
     # published first.
-    start_offset: Annotated[float, Meta(ge=0)] = 0.0
+    start_offset: Annotated[float, Meta(ge=0, description="s")] = 0.0
     # Ends so many s after the recording's first message.
-    until: Annotated[float, Meta(gt=0)] | None = None
+    until: Annotated[float, Meta(gt=0, description="s")] | None = None
     # Publishes the recording's time on ``/clock`` so often in a second; 0 never does.
     clock: Annotated[float, Meta(ge=0, le=1000)] = 0.0
     paused: bool = False  # Whether it waits at its beginning to be told to go on

@@ -5,6 +5,9 @@ from palpate.rooms import TYPE_CHECKING, lazy
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from palpate import effects as effects, geometry as geometry, planning as planning
+    from palpate import procedures as procedures, rebuild as rebuild, shapes as shapes
+    from palpate import splines as splines, testing as testing, thesis as thesis, touch as touch
     from palpate.core.rebuild import GeneralSolid as GeneralSolid, Solid as Solid
     from palpate.core.rebuild import rebuild_general as rebuild_general, reconstruct as reconstruct
     from palpate.core.rebuild.contours import ContactPoints as ContactPoints

@@ -19,7 +19,8 @@ from typing import Any
 def lazy(room: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """``__getattr__`` and ``__dir__`` of a room, whose exports stand under ``if TYPE_CHECKING:``.
 
-    What is returned raises AttributeError if the room exports no such name.
+    ``__all__`` is among the attributes: the names that the room exports, for ``import *`` and
+    ``help``. What is returned raises AttributeError if the room exports no such name.
     """
     module = sys.modules[room]
     homes: dict[str, str] = {}
@@ -30,9 +31,13 @@ def lazy(room: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
         return homes
 
     def get(name: str) -> Any:
+        if name == "__all__":
+            return sorted(read())
         if name.startswith("__") or name not in read():
             raise AttributeError(f"module {room!r} has no attribute {name!r}")
-        found = getattr(import_module(homes[name]), name)
+        home = homes[name]
+        inner = home == room  # a room within this one
+        found = import_module(f"{room}.{name}") if inner else getattr(import_module(home), name)
         setattr(module, name, found)  # Asked once a name: what comes later finds it without us.
         return found
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import pydoc
 import re
 import shutil
 import subprocess
@@ -15,6 +17,7 @@ import pytest
 import palpate
 
 ROOT = Path(__file__).parent.parent
+ROOMS = sorted({path.stem for path in (ROOT / "palpate").glob("[a-z]*.py")} - {"rooms"})
 IMPORT_ALL = """
 import importlib, pathlib, sys
 home = pathlib.Path(sys.argv[1])
@@ -99,6 +102,7 @@ def test_the_top_module_offers_its_names_and_no_others():
     assert palpate.load_scene("sphere").name == "sphere"
     assert callable(palpate.explore)
     assert {name for name in dir(palpate) if not name.startswith("__")} == {
+        *ROOMS,
         "ContactPoints",
         "GeneralSolid",
         "Run",
@@ -116,6 +120,26 @@ def test_the_top_module_offers_its_names_and_no_others():
     }
     with pytest.raises(AttributeError, match="has no attribute 'exlpore'"):
         palpate.exlpore  # noqa: B018
+
+
+@pytest.mark.parametrize("room", ["palpate", *(f"palpate.{name}" for name in ROOMS)])
+def test_a_room_gives_all_its_names_to_import_star_dir_and_help(room):
+    names: dict[str, object] = {}
+    exec(f"from {room} import *", names)
+    found = importlib.import_module(room)
+    assert found.__all__
+    assert set(found.__all__) == names.keys() - {"__builtins__"}
+    assert set(found.__all__) <= set(dir(found))
+    text = pydoc.plain(pydoc.render_doc(found))
+    shown = [name for name in found.__all__ if re.search(rf"\b{name}\b", text)]
+    assert shown == list(found.__all__)
+
+
+def test_a_folder_called_palpate_does_not_hide_the_package(tmp_path):
+    (tmp_path / "palpate").symlink_to(ROOT)
+    code = "import os; os.chdir(os.sys.argv[1]); import palpate; print(palpate.explore.__name__)"
+    done = run(sys.executable, "-c", code, tmp_path)
+    assert (done.stdout, done.stderr) == ("explore\n", "")
 
 
 def test_importing_palpate_imports_nothing_heavy():

@@ -64,7 +64,7 @@ def read_final(run: Path) -> FinalSolid:
     Raises InputError if there is neither, or nothing could be rebuilt.
     """
     if run.is_dir() and not (run / RECORDING).is_file():
-        vertices, faces = files.read_surface(find_run_mesh(run), "m")
+        vertices, faces, _ = files.read_surface(find_run_mesh(run), "m")
         return FinalSolid(vertices, faces, {}, None)
     source = open_decoded(run)
     kinds = {topic: kind for topic, (kind, _) in source.recording.types.items()}

@@ -85,8 +85,8 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
             raise files.InputError(f"--{name} {value:g}: must be a finite number")
     recorded = points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX
     unit, assumed = wanted.unit or "m", wanted.unit is None and not recorded
-    if recorded and unit != "m":
-        raise files.InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
+    if recorded:
+        check_recorded_unit(points, unit)
     metres = files.METRES_PER_UNIT[unit]
     say("reading the points")
     found = files.read_points(points).scaled(metres)
@@ -110,6 +110,12 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
         text = CONTOUR_NUMBER.sub(lambda match: places.get(int(match[1]), match[0]), str(error))
         raise files.InputError(f"{points}: {text}") from None
     return RebuildResult(solid, mesh, found, unit, assumed)
+
+
+def check_recorded_unit(points: Path, unit: str) -> None:
+    """InputError if a recording is to be read in another unit than its own."""
+    if unit != "m":
+        raise files.InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
 
 
 def _touched_ends(
@@ -316,7 +322,12 @@ def _contours(solid: Solid, places: Sequence[str]) -> list[str]:
         (~slices.star, ("cannot be seen whole from its middle",) * 2),
         (slices.self_intersecting, ("meets itself", "meet themselves")),
     )
+    reordered = [loop.which for loop in slices.loops if loop.reordered]
     told = []
+    if reordered:
+        told.append(
+            f"{_names(places, reordered)}: points were given in no order, and were put in order"
+        )
     for marked, (one, more) in marks:
         rows = slices.rows[marked].tolist()
         if rows:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.core.geometry import areas_and_normals, self_intersection, solidity
 from palpate.core.rebuild import GeneralSolid, rebuild_general
-from palpate.core.rebuild.general import touch_distances
+from palpate.core.rebuild.contours import ContactPoints, checked_contacts
+from palpate.core.rebuild.general import oriented, touch_distances
 from palpate.core.shapes import Mesh
-from palpate.launch import files
-from palpate.tools.reconstruction import ProgressText, RebuildOptions, single_threaded
-from palpate.tools.reconstruction import size_warnings, solid_writers, written_files
+from palpate.launch import counted, files
+from palpate.tools.reconstruction import RECORDING_SUFFIX, ProgressText, RebuildOptions
+from palpate.tools.reconstruction import check_recorded_unit, single_threaded, size_warnings
+from palpate.tools.reconstruction import solid_writers, written_files
 
 FAR = 5.0e-3  # From every point: what of the surface lies farther is made up, m
 MOST_FAR = 0.01  # Of the surface: more of that is worth a warning
@@ -31,22 +33,58 @@ def rebuild_scattered(
     for name in ("tops", "top", "tolerance"):
         if getattr(wanted, name) is not None:
             raise files.InputError(f"--{name} is of no use with --method general")
-    unit, metres = wanted.unit or "m", files.METRES_PER_UNIT[wanted.unit or "m"]
     say("reading the points")
-    found, notes = files.read_oriented(points)
-    say(f"rebuilding from {len(found.points)} points")
-    given = {"platform": wanted.bottom, "pose": wanted.noise}
-    options: dict[str, Any] = {k: metres * v for k, v in given.items() if v is not None}
+    found = _read(points, wanted)
+    say(f"rebuilding from {len(found.contacts.points)} points")
+    pose = None if wanted.noise is None else found.metres * wanted.noise
+    given = {"platform": found.platform, "pose": pose}
+    options: dict[str, Any] = {k: v for k, v in given.items() if v is not None}
+    notes = list(found.notes)
     try:
         with single_threaded():
-            solid = rebuild_general(found._replace(points=metres * found.points), **options)
+            contacts, turned = oriented(checked_contacts(found.contacts))
+            if turned:
+                notes.append(
+                    f"turned the normals of {counted(turned, 'point')}: they pointed inwards"
+                )
+            solid = rebuild_general(contacts, outward=True, **options)
             say("meshing")
             mesh = solid.mesh()
     except ValueError as error:
         raise files.InputError(f"{points}: {str(error).replace('patches', 'points')}") from None
     files.write_atomically(solid_writers(solid, mesh, outs))
-    told = {"points": str(points), "unit": unit, "unit_assumed": wanted.unit is None}
-    return {**told, "notes": notes, **_record(solid, mesh, unit), "written": written_files(outs)}
+    told = {"points": str(points), "unit": found.unit, "unit_assumed": found.assumed}
+    return {
+        **{**told, "notes": notes},
+        **_record(solid, mesh, found.unit),
+        "written": written_files(outs),
+    }
+
+
+class _Found(NamedTuple):
+    """Points with normals, in m, and how they were read."""
+
+    contacts: ContactPoints
+    platform: float | None  # Height on which the object stands
+    unit: str
+    metres: float  # Of that unit
+    assumed: bool  # Nobody said which unit it is
+    notes: tuple[str, ...]
+
+
+def _read(points: Path, wanted: RebuildOptions) -> _Found:
+    unit, metres = wanted.unit or "m", files.METRES_PER_UNIT[wanted.unit or "m"]
+    bottom = None if wanted.bottom is None else metres * wanted.bottom
+    if points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX:
+        check_recorded_unit(points, unit)
+        taxels, platform = files.read_touches(files.recording_of(points))
+        touches = counted(int(taxels.touch.max()) + 1, "touch", "touches")
+        notes = (f"{len(taxels.points)} taxels of {touches}",)
+        standing = platform if bottom is None else bottom
+        return _Found(taxels, standing, unit, metres, False, notes)
+    contacts, told = files.read_oriented(points)
+    contacts = contacts._replace(points=metres * contacts.points)
+    return _Found(contacts, bottom, unit, metres, wanted.unit is None, told)
 
 
 def _record(solid: GeneralSolid, mesh: Mesh, unit: str) -> dict[str, Any]:

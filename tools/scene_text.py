@@ -15,12 +15,19 @@ from palpate.launch.files import SourceMapped
 from palpate.nodes.specs import SensorSpec, describe_effects
 
 
-def check_scene(scene: str, *, untrusted: bool = False) -> launch.Scene:
-    """The scene, which can be explored; else raises InputError."""
+def check_scene(
+    scene: str, *, unit: str | None = None, size: str | None = None, untrusted: bool = False
+) -> launch.Scene:
+    """The scene, which can be explored; else raises InputError.
+
+    `unit` or `size`, as ``120mm``: of a mesh file, how large it is.
+    """
     path = launch.find_scene(scene)
     if untrusted:
         launch.load_scene(path, untrusted=True)
     args = {"scene": SourceMapped(str(path), "")}
+    for option, name, value in launch.read_mesh_setup(path, unit, size):
+        args[name] = SourceMapped(value, option)
     described, _ = launch.check_run(launch.EXPLORE, args, {}, launch.RUNS)
     assert described.scene is not None
     return described.scene

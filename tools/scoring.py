@@ -15,7 +15,6 @@ from palpate.launch import files, find_run_mesh, millimetres, titled
 
 MAX_SIZE_RATIO = 5.0  # Times as large or as small: one of the units is probably wrong
 ScoreRecord = Mapping[str, Any]
-OWN_UNITS = {".stl": "mm"}  # Of a format if the user does not say, where it is not m: as written
 POINT_SUFFIXES = (".csv", ".xyz", ".txt")  # Formats that hold points alone
 MIN_POINTS = 6  # Points, so that they say anything
 MAX_COORDINATE = 1e30  # Coordinate, m, of which powers are still numbers
@@ -35,7 +34,8 @@ def score(
     model onto the reference first, rigidly. Raises InputError if a file cannot be read or does not
     hold what it must.
     """
-    model, reference = find_run_mesh(model), find_run_mesh(reference)
+    model, unit = _solid_of(model, unit)
+    reference, reference_unit = _solid_of(reference, reference_unit)
     solid = _outwards(read_mesh_or_points(model, unit))
     wanted = _outwards(read_mesh_or_points(reference, reference_unit))
     if not len(solid.faces):
@@ -61,17 +61,24 @@ def score(
     return {**shared, **_against_points(surface, wanted.vertices, aligned)}
 
 
+def _solid_of(path: Path, unit: str | None) -> tuple[Path, str | None]:
+    """The mesh of a run, which is in m; another file is itself."""
+    mesh = find_run_mesh(path)
+    return mesh, unit or ("m" if mesh != path else None)
+
+
 def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     """A surface (PLY, STL, OBJ, OFF, GLB, NPZ) or points (CSV, TXT, XYZ, a PLY without faces).
 
-    Without a `unit` as palpate writes it: mm for STL and m for all others. Raises InputError if the
-    file cannot be read, or holds neither.
+    Without a `unit` a surface is in the one that `palpate run` takes it to be in, or else in the
+    one in which palpate writes it, mm for STL and m for all others; points are in m. Raises
+    InputError if the file cannot be read, or holds neither.
     """
     kind = path.suffix.lower()
-    taken = unit if unit is not None else OWN_UNITS.get(kind, "m")
+    taken = unit or "m"
     points: Floats | None = None
     if kind in POINT_SUFFIXES:
-        points = _read_csv(path) * files.METRES_PER_UNIT[taken]
+        points = _read_table(path) * files.METRES_PER_UNIT[taken]
     elif kind == ".ply":
         points = files.read_cloud(path, taken)
     if points is not None:
@@ -89,7 +96,7 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
         vertices, faces = _read_model(path)
         vertices = vertices * files.METRES_PER_UNIT[taken]
     else:
-        vertices, faces = files.read_surface(path, taken)
+        vertices, faces, taken = files.read_surface(path, unit)
     size = float(np.abs(vertices).max(initial=0.0))
     if len(vertices) and np.isfinite(size) and not size <= MAX_COORDINATE:
         raise files.InputError(
@@ -98,34 +105,12 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     return MeshOrPoints(vertices, faces, taken)
 
 
-def _read_csv(path: Path) -> Floats:
-    """The columns x, y and z if a header names them, else the first three."""
-    try:
-        text = files.read_bounded(path, files.MAX_MESH_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise files.InputError(f"{path}: is no text in UTF-8") from None
-    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
-    if not lines:
-        raise files.InputError(f"{path}: holds no points")
-    delimiter = next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
-    header = [name.strip().strip('"').lower() for name in lines[0].split(delimiter)]
-    try:
-        named = not [float(name) for name in header]
-    except ValueError:
-        named = True
-    columns = [0, 1, 2]
-    if named and {"x", "y", "z"} <= set(header):
-        columns = [header.index(name) for name in "xyz"]
-    if len(header) < 3:
-        raise files.InputError(f"{path}: has {len(header)} columns; x, y and z are needed")
-    rows = lines[1:] if named else lines
-    if not rows:
-        raise files.InputError(f"{path}: holds no points under its header")
-    try:
-        found = np.loadtxt(rows, delimiter=delimiter, usecols=columns, ndmin=2, comments=None)
-    except ValueError as error:
-        raise files.InputError(f"{path}: is no table of numbers: {error}") from None
-    return np.asarray(found, np.float64)
+def _read_table(path: Path) -> Floats:
+    """The columns x, y and z of a table, found as `palpate rebuild` finds them."""
+    points, left_out = files.read_positions(path)
+    if left_out:
+        raise files.InputError(f"{path}: holds {left_out[0].removeprefix('left out ')}")
+    return points
 
 
 def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners import LEAST_FEATURE, Budget, Observation, ObservedSlice
+from palpate.core.explore.planners import LEAST_FEATURE, Budget, Limits, Observation, ObservedSlice
 from palpate.core.explore.planners import ObservedSurface, SliceOutcome, slice_without_contour
 from palpate.core.geometry import area_centroid, winding_number
 
@@ -40,6 +40,11 @@ class Demand(NamedTuple):
     feature: float  # Largest height that may stay untouched, m
     most_touches: float  # Touches that may be made
     most_seconds: float  # Robot time that may pass, s
+
+    @property
+    def limits(self) -> Limits:
+        """What is asked of the solid."""
+        return Limits(tolerance=self.tolerance, feature=self.feature)
 
 
 class ModelUncertainty(NamedTuple):

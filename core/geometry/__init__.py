@@ -12,13 +12,18 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.core.geometry.closed_body import ClosedBody
+    from palpate.core.geometry.crossings import (
+        CrossingSettings,
+        SelfIntersection,
+        self_intersection,
+    )
     from palpate.core.geometry.distances import SAMPLES, Alignment, PreparedSurface, align
     from palpate.core.geometry.distances import compare_surfaces, prepare_surface, sample_surface
     from palpate.core.geometry.meshes import are_outside, areas_and_normals, close_rings, facet_sag
     from palpate.core.geometry.meshes import is_closed, is_inside_out, join_rings, linked_groups
     from palpate.core.geometry.meshes import signed_volume, solidity, triangle_corners
     from palpate.core.geometry.nearest import Nearest, NearestSearch, nearest_points, nearest_search
-    from palpate.core.geometry.nearest import point_tree, self_intersection
+    from palpate.core.geometry.nearest import point_tree
     from palpate.core.geometry.polygons import area_centroid, area_centroids, azimuth_match
     from palpate.core.geometry.polygons import edge_distance, inscribed_circle, kernel_point
     from palpate.core.geometry.polygons import self_intersects, signed_area, turn_between

@@ -1,11 +1,10 @@
-"""Exact nearest points on a triangle mesh, many at once, and where it passes through itself.
+"""Exact nearest points on a triangle mesh, many at once.
 
 The triangle with the nearest centre gives each query an upper bound. Every triangle whose box
 begins nearer than that, and whose disc does too, is then measured. The boxes are sorted along a
 Morton curve; each four of them get a box about them, up to the root: a search descends one level
 for all points together. Large triangles are cut up. Own code: trimesh's needs a compiled extra, and
-is not exact. Two triangles cross where the line in which their planes meet runs through both:
-Möller, *A fast triangle-triangle intersection test*, 1997; of neighbours beyond shared vertices.
+is not exact.
 """
 
 from __future__ import annotations
@@ -16,10 +15,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from palpate.core.arrays import Bools, Floats, Ints, finite_array
-from palpate.core.geometry.meshes import areas_and_normals, checked_faces
+from palpate.core.arrays import Bools, Floats
+from palpate.core.geometry.boxes import morton_order
+from palpate.core.geometry.meshes import areas_and_normals
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 Indices = NDArray[np.intp]
 SLIVER_HEIGHT = 1e-8  # Over length, below which a triangle counts as its edges alone
 CHILDREN = 4
-MORTON_BITS = 16  # Of each coordinate: finer than any neighbourhood that matters
 BLOCK = 4096  # Points that descend together
 MOST_PAIRS = 1 << 20  # Pairs of point and box that are held at once, unless a single point has more
 SLIVER_AREA = 1e-6  # Over squared radius, below which a normal is mostly rounding
@@ -35,11 +34,6 @@ SLACK = 1e-13  # Of the squared distance to the centre: what rounding may take f
 EXTRA_PIECES = 50_000  # Pieces that may be cut beyond twice the number of faces
 COMPACT = 2.0  # Longest edge over the root of the mean area at which a piece is left whole
 NEXT_LIMIT = 0.7  # Each round cuts what is longer than this share of the round before
-# Of a triangle's longest edge: a corner that lies nearer to a plane lies in it, and what two
-# triangles have in common over a shorter way is a touch.
-TOUCHING = 1e-9
-LEAST_SINE = 1e-9  # Of the angle between two planes: below it they are one
-PAIRS_AT_ONCE = 400_000  # Pairs that are tested at once
 
 
 def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:
@@ -222,7 +216,7 @@ class BoxTree:
     @classmethod
     def about(cls, low: Floats, high: Floats) -> Self:
         """From the smallest and largest coordinates (n, 3) of each thing."""
-        order = np.argsort(_morton(0.5 * (low + high)), kind="stable")
+        order = morton_order(0.5 * (low + high))
         low, high = low[order], high[order]
         levels = [_padded(low, high)]
         while len(low) > CHILDREN:
@@ -266,19 +260,6 @@ class BoxTree:
         return point, self.order[box]
 
 
-def _morton(points: Floats) -> NDArray[np.uint64]:
-    """Place of each point along the curve that interleaves the bits of its coordinates."""
-    low = points.min(axis=0)
-    size = float(np.ptp(points, axis=0).max()) or 1.0
-    cells = ((points - low) * ((1 << MORTON_BITS) - 1) / size).astype(np.uint64)
-    code = np.zeros(len(points), np.uint64)
-    for bit in range(MORTON_BITS):
-        for axis in range(3):
-            digit = (cells[:, axis] >> np.uint64(bit)) & np.uint64(1)
-            code |= digit << np.uint64(3 * bit + axis)
-    return code
-
-
 def _padded(low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """Centres and half extents by fours, (n, 3, 4), filled up with boxes that nothing reaches."""
     missing = -len(low) % CHILDREN
@@ -314,131 +295,3 @@ class BoundingDiscs(NamedTuple):
         beside = np.sqrt(np.maximum(square - height * height, 0.0)) - self.radii[discs]
         beside = np.maximum(beside, 0.0)
         return np.asarray(height * height + beside * beside <= reach * reach + SLACK * square)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SelfIntersection:
-    """Crossings of a surface with itself."""
-
-    faces: Ints  # (count, 2): pairs of faces that cross, the lower number first, in order
-    places: Floats  # (count, 3): the middle of what each pair has in common
-
-    @property
-    def count(self) -> int:
-        """Pairs of faces that cross."""
-        return len(self.faces)
-
-
-def self_intersection(vertices: ArrayLike, faces: ArrayLike) -> SelfIntersection:
-    """Pairs of faces that pass through each other.
-
-    Vertices in the same place count as one; faces without area cross nothing. Raises ValueError as
-    `triangle_corners`. Faces that only touch do not cross, nor do faces that lie on each other in
-    one plane, nor does one that has an edge in the other's plane: the last digit decides those.
-    """
-    places = finite_array("vertices", vertices, (None, 3))
-    places, names = np.unique(places, axis=0, return_inverse=True)
-    rows = names.reshape(-1)[checked_faces(faces, len(names.reshape(-1)))]
-    corners = places[rows]
-    areas, normals = areas_and_normals(corners)
-    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
-    flat = areas <= TOUCHING * longest**2
-    normals[flat] = 0.0
-    crossing, middles = [np.zeros((0, 2), np.int32)], [np.zeros((0, 3))]
-    for one, other in _near(corners):
-        hit, place = _crossings(_Pairs(rows, corners, normals, longest, one, other))
-        crossing.append(np.column_stack([one[hit], other[hit]]).astype(np.int32))
-        middles.append(place)
-    found = np.concatenate(crossing)
-    order = np.lexsort((found[:, 1], found[:, 0]))
-    return SelfIntersection(found[order], np.concatenate(middles)[order])
-
-
-def _near(corners: Floats) -> Iterator[tuple[Indices, Indices]]:
-    """Pairs of triangles, each once, whose boxes overlap."""
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    centres = 0.5 * (low + high)
-    reach = np.linalg.norm(high - low, axis=1) * (0.5 + 1e-9) + np.finfo(float).tiny
-    for one, other in BoxTree.about(low, high).within(centres, reach):
-        above = one < other
-        one, other = one[above], other[above]
-        meet = (low[one] <= high[other]).all(axis=1) & (low[other] <= high[one]).all(axis=1)
-        one, other = one[meet], other[meet]
-        for begin in range(0, len(one), PAIRS_AT_ONCE):
-            yield one[begin : begin + PAIRS_AT_ONCE], other[begin : begin + PAIRS_AT_ONCE]
-
-
-def _crossings(pairs: _Pairs) -> tuple[Indices, Floats]:
-    number = np.arange(len(pairs.one))
-    for turn in (False, True):
-        heights = _heights(pairs.swapped() if turn else pairs)
-        keep = (heights.max(axis=1) > 0.0) & (heights.min(axis=1) < 0.0)
-        pairs, number = pairs.take(keep), number[keep]
-    line = np.cross(pairs.normals[pairs.one], pairs.normals[pairs.other])
-    sine = np.linalg.norm(line, axis=1)
-    keep = sine > LEAST_SINE
-    pairs, number, line = pairs.take(keep), number[keep], line[keep] / sine[keep, None]
-    origin = pairs.corners[pairs.one, 0]
-    begin, end = _interval(pairs, line, origin)
-    begin_other, end_other = _interval(pairs.swapped(), line, origin)
-    low, high = np.maximum(begin, begin_other), np.minimum(end, end_other)
-    least = TOUCHING * np.maximum(pairs.longest[pairs.one], pairs.longest[pairs.other])
-    hit = high - low > least
-    return number[hit], _on_line(pairs.take(hit), line[hit], 0.5 * (low + high)[hit])
-
-
-def _interval(pairs: _Pairs, line: Floats, origin: Floats) -> tuple[Floats, Floats]:
-    """Where the first triangles begin and end along the lines in which the planes meet."""
-    heights = _heights(pairs)
-    along = np.einsum("pij,pj->pi", pairs.corners[pairs.one] - origin[:, None], line)
-    following, next_along = np.roll(heights, -1, axis=1), np.roll(along, -1, axis=1)
-    passes = heights * following < 0.0
-    share = heights / np.where(passes, heights - following, 1.0)
-    met = along + share * (next_along - along)
-    begin = np.where(passes, met, np.inf).min(axis=1)
-    end = np.where(passes, met, -np.inf).max(axis=1)
-    on = heights == 0.0
-    begin = np.minimum(begin, np.where(on, along, np.inf).min(axis=1))
-    end = np.maximum(end, np.where(on, along, -np.inf).max(axis=1))
-    return begin, end
-
-
-def _heights(pairs: _Pairs) -> Floats:
-    """Heights (p, 3) of the first triangle's corners over the other's plane; 0 if in it."""
-    normals = pairs.normals[pairs.other]
-    offset = pairs.corners[pairs.one] - pairs.corners[pairs.other, :1]
-    heights: Floats = np.einsum("pij,pj->pi", offset, normals)
-    mine, yours = pairs.rows[pairs.one], pairs.rows[pairs.other]
-    shared = (mine[:, :, None] == yours[:, None, :]).any(axis=2)
-    least = TOUCHING * np.maximum(pairs.longest[pairs.one], pairs.longest[pairs.other])
-    heights[shared | (np.abs(heights) <= least[:, None])] = 0.0
-    return heights
-
-
-def _on_line(pairs: _Pairs, line: Floats, along: Floats) -> Floats:
-    """The point (p, 3) at this place along the line in which two planes meet."""
-    origin = pairs.corners[pairs.one, 0]
-    one, other = pairs.normals[pairs.one], pairs.normals[pairs.other]
-    height = np.einsum("pi,pi->p", pairs.corners[pairs.other, 0] - origin, other)
-    across = np.cross(line, one)  # In the first plane the second rises as the sine
-    slope = np.einsum("pi,pi->p", across, other)
-    return np.asarray(origin + along[:, None] * line + (height / slope)[:, None] * across)
-
-
-class _Pairs(NamedTuple):
-    """Pairs of triangles of a mesh."""
-
-    rows: Indices
-    corners: Floats
-    normals: Floats
-    longest: Floats
-    one: Indices
-    other: Indices
-
-    def take(self, which: Bools | Indices) -> _Pairs:
-        """Some of them."""
-        return self._replace(one=self.one[which], other=self.other[which])
-
-    def swapped(self) -> _Pairs:
-        """The same, the other way round."""
-        return self._replace(one=self.other, other=self.one)

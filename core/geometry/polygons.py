@@ -6,13 +6,13 @@ several times or not at all, where the match of Fung, 1999, 4.2, step 5, has sev
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.geometry.boxes import overlapping_pairs
 
 CELLS = 12  # Across the longer side of the box around the polygon, at the beginning
 TOLERANCE = 1e-3  # Of the longer side: no circle is larger by more
@@ -24,9 +24,6 @@ CORNERS: Floats = 0.5 * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 
 AROUND: Floats = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(16) / 16])
 FLAT = 1e-9  # Area, as a share of the box around the contour, below which it encloses nothing
 Numbers = NDArray[np.intp]
-Boxes = Floats  # Left, lower, right and upper sides, (4, k)
-FIRST_BOXES = 32  # At most so many boxes are compared each with each
-PAIRS_AT_ONCE = 1 << 15  # Pairs of boxes that are looked at together, so that memory stays small
 LENGTH_SHARE = 0.1  # Of the even pace, mixed in where the azimuth does not always rise
 DEEP = 1e-3  # Of the polygon's size: what sees it whole lies so far behind each edge
 
@@ -178,48 +175,14 @@ def self_intersects(polygon: Floats) -> bool:
     polygon = (polygon - polygon[0]) / np.ptp(polygon, axis=0).max()
     following = np.roll(polygon, -1, axis=0)
     count = len(polygon)
-    for first, second in _near_pairs(polygon, following):
+    sides = np.minimum(polygon, following), np.maximum(polygon, following)
+    for first, second in overlapping_pairs(*sides):
         apart = second - first
         distinct = (apart > 1) & (apart < count - 1)
         a, b = first[distinct], second[distinct]
         if _meet(polygon[a], following[a], polygon[b], following[b]).any():
             return True
     return False
-
-
-def _near_pairs(starts: Floats, ends: Floats) -> Iterator[tuple[Numbers, Numbers]]:
-    """Pairs of edges (k,), (k,) whose boxes overlap, the first never after the second."""
-    levels = _boxes(np.vstack([np.minimum(starts, ends).T, np.maximum(starts, ends).T]))
-    first, second = np.triu_indices(levels[-1].shape[1])
-    waiting = [(len(levels) - 1, first, second)]
-    while waiting:
-        level, first, second = waiting.pop()
-        left, low, right, high = levels[level]
-        overlap = (left[first] <= right[second]) & (left[second] <= right[first])
-        overlap &= (low[first] <= high[second]) & (low[second] <= high[first])
-        first, second = first[overlap], second[overlap]
-        if level == 0:
-            yield first, second
-            continue
-        first = 2 * np.repeat(first, 4) + np.tile([0, 0, 1, 1], len(first))
-        second = 2 * np.repeat(second, 4) + np.tile([0, 1, 0, 1], len(second))
-        there = (first <= second) & (second < levels[level - 1].shape[1])
-        first, second = first[there], second[there]
-        for begin in range(0, len(first), PAIRS_AT_ONCE):
-            part = slice(begin, begin + PAIRS_AT_ONCE)
-            waiting.append((level - 1, first[part], second[part]))
-
-
-def _boxes(edges: Boxes) -> list[Boxes]:
-    levels = [edges]
-    while levels[-1].shape[1] > FIRST_BOXES:
-        below = levels[-1]
-        if below.shape[1] % 2:  # the last one stands alone
-            below = np.hstack([below, below[:, -1:]])
-        one, other = below[:, ::2], below[:, 1::2]
-        both = np.vstack([np.minimum(one[:2], other[:2]), np.maximum(one[2:], other[2:])])
-        levels.append(both)
-    return levels
 
 
 def _meet(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:

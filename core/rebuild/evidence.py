@@ -13,8 +13,9 @@ from palpate.core.geometry import signed_area
 from palpate.core.rebuild.contours import ContactPoints, ContourCurve, Correspondence
 from palpate.core.rebuild.contours import DroppedContour, FeatureCandidate, Slices
 from palpate.core.rebuild.contours import are_nearly_star_shaped, contour_curves
-from palpate.core.rebuild.contours import inconsistent_contours, look_like_features, match_slices
-from palpate.core.rebuild.contours import neighbour_misfits, point_outliers, refitted_curve, restack
+from palpate.core.rebuild.contours import inconsistent_contours, interpolation_errors
+from palpate.core.rebuild.contours import look_like_features, match_slices, neighbour_misfits
+from palpate.core.rebuild.contours import point_outliers, refitted_curve, restack, slid_grid
 from palpate.core.rebuild.contours import stack_curves
 
 FEWEST, MOST = 24, 160  # Places around a contour that are matched: as many as its points
@@ -87,8 +88,8 @@ def gather_curves(
     frame: Floats | None = None,
 ) -> Evidence:
     """What is known, put in order: contours as curves and tops (k, 3), seen from the frame."""
-    slices = stack_curves(given)
-    slices, bottom, top = _ends(slices, tops)
+    slices, bottom, top = _ends(stack_curves(given), tops)
+    slices = _in_order(slices)
     reached = [*slices.heights[[0, -1]], *(end for end in (bottom, top) if end is not None)]
     size = max(float(slices.perimeter.max()), float(max(reached) - min(reached)))
     if not LEAST_SIZE <= size <= MOST_SIZE:
@@ -105,7 +106,7 @@ def gather_curves(
     if contacts is None:  # else it is not the contours that the surface goes through
         slices, matched = _mended(slices, matched)
     slices, matched, kept = _without_bad(slices, matched)
-    off = np.maximum(neighbour_misfits(slices.heights, matched.grid), kept)
+    off = np.maximum(_misfits(slices, matched), kept)
     feature_candidates = tuple(
         FeatureCandidate(int(slices.rows[row]), float(slices.heights[row]), float(off[row]))
         for row in np.flatnonzero(off)
@@ -115,9 +116,26 @@ def gather_curves(
     )
 
 
+def _in_order(slices: Slices) -> Slices:
+    """Without contours whose points are in no order; ValueError, which names them, if none is."""
+    disordered = np.array([loop.disordered for loop in slices.loops])
+    if not disordered.any():
+        return slices
+    if disordered.all():
+        raise ValueError(
+            f"contours must hold their points in order around the object, and those of contour "
+            f"{slices.rows[0]} are in none that can be told"
+        )
+    return slices.without(disordered, "its points are in no order")
+
+
 def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:
     """Without contours that neighbours contradict; by how much those are off that stay, (M,)."""
-    found = inconsistent_contours(slices.heights, matched.grid)
+    grid = slid_grid(slices.heights, slices.fine, matched.places)
+    found = inconsistent_contours(slices.heights, grid)
+    if found.bad.any():  # how far curves may be off between points is looked at only then
+        uncertain = interpolation_errors(slices.loops)
+        found = inconsistent_contours(slices.heights, grid, uncertain)
     if not found.bad.any():
         return slices, matched, np.zeros(len(found.bad))
     perhaps = look_like_features(matched.grid, slices.star, found.bad)
@@ -127,6 +145,14 @@ def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Corre
         slices = slices.without(bad, "unlike its neighbours", found.off, perhaps)
         matched = _matched(slices)
     return slices, matched, kept
+
+
+def _misfits(slices: Slices, matched: Correspondence) -> Floats:
+    """By how much contours (M,) are unlike their neighbours, m; 0 where that is not clear."""
+    off = neighbour_misfits(slices.heights, slid_grid(slices.heights, slices.fine, matched.places))
+    if off.any():
+        off[off <= interpolation_errors(slices.loops)] = 0.0
+    return off
 
 
 def _mended(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence]:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.geometry import ClosedBody, self_intersection, solidity
-from palpate.core.poses import split_pose
+from palpate.core.poses import split_pose, transform_points
 from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
 from palpate.core.rebuild.ends import End, Shear, end_ways, levelled, on_end
@@ -45,6 +45,12 @@ SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16  # Of the side, and of each end piece: ar
 HIDES = 0.15
 SKETCH = 0.01  # Of the size: tolerance of the mesh that tells how large a solid is
 RING = 128  # Points of a rim
+MIN_RISE = 0.1  # Of the error that is known: contours that rise by less count as level
+
+
+def rms_of(values: Floats) -> float:
+    """Root mean square of values (n,)."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 class MeshCheck(NamedTuple):
@@ -170,12 +176,46 @@ class Solid(ClosedBody):
         )
 
     def uncertainty(self) -> Uncertainty | None:
-        """See `ContourSolid.uncertainty`; None with the methods "thesis" and "coarse"."""
-        return None if self.closed is None else self.closed.uncertainty()
+        """See `ContourSolid.uncertainty`; None with the methods "thesis" and "coarse".
+
+        No less than by how much points of contours that are not level lie off the solid.
+        """
+        if self.closed is None:
+            return None
+        known = self.closed.uncertainty()
+        missed = self._missed_by_tilt(known.rms)
+        if not len(missed):
+            return known
+        rms = math.hypot(known.rms, rms_of(missed))
+        return known._replace(rms=rms, most=max(known.most, float(np.abs(missed).max()), rms))
 
     def whole_deviation(self) -> Deviation | None:
         """See `whole_deviation`; None with the methods "thesis" and "coarse", which do not say."""
-        return None if self.closed is None else whole_deviation(self.closed, self.evidence.contacts)
+        if self.closed is None:
+            return None
+        found = whole_deviation(self.closed, self.evidence.contacts)
+        missed = self._missed_by_tilt(found.whole)
+        if not len(missed):
+            return found
+        return found._replace(whole=math.hypot(found.whole, rms_of(missed)))
+
+    def _missed_by_tilt(self, known: float) -> Floats:
+        """How far points of contours lie off the solid, (n,), m, if their own heights tell.
+
+        Contours are used at their mean heights. None, (0,), if their points lie so near to these
+        that it is little beside the error that is `known`, m, or if taxels count in their place.
+        """
+        loops = self.slices.loops
+        rises = np.concatenate([loop.rises for loop in loops])
+        if self.evidence.contacts is not None or rms_of(rises) <= MIN_RISE * known:
+            return np.zeros(0)
+        heights = np.repeat(self.slices.heights, [len(loop.points) for loop in loops])
+        plane = np.concatenate([loop.as_given for loop in loops])
+        used = ~np.concatenate([loop.outlier | loop.off_height for loop in loops])
+        places = np.column_stack([plane, heights + rises])[used]
+        if self.frame is not None:
+            places = transform_points(self.frame, places)
+        return self.signed_distances(places)
 
     @property
     def uncovered(self) -> tuple[float, float]:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from palpate.core.shapes.boolean_solids import complement_of, difference
     from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric, FittedSuperquadric
     from palpate.core.shapes.deformed_superquadrics import largest_curvature
+    from palpate.core.shapes.face_cutting import cut_faces
     from palpate.core.shapes.generalised_cylinders import GeneralisedCylinder, Section
     from palpate.core.shapes.generalised_cylinders import SplineSection, SuperellipseSection
     from palpate.core.shapes.global_deformations import Bend, Taper

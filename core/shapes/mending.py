@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import linked_groups, solidity
-from palpate.core.shapes.polyhedra import by_ears
+from palpate.core.arrays import Floats, Ints
+from palpate.core.geometry import linked_groups, self_intersection, solidity
+from palpate.core.shapes.face_cutting import by_ears
+from palpate.core.shapes.junctions import split_at_junctions
+from palpate.core.shapes.walls import loose_walls, outer_surface
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -24,7 +26,6 @@ HOLE_SHARE = 0.1  # Of the largest extent: what lies behind a wider hole cannot 
 SPECK_SHARE = 0.01  # Of the largest extent: what is loose and smaller is no part of the object
 STITCH_SHARE = 1e-4  # Of the largest extent: corners of open edges so near to one another are one
 EDGE_SHARE = 0.1  # Of the median edge: so near at most, that no face is stitched to itself
-CROSSED = 1e-5  # Of the largest extent: an edge that goes no deeper through a face only touches it
 CONTAINED = 1e-6  # Of its volume: what of a hollow may stand out of the object around it
 MOST_ROUNDS = 4  # Times that a patch of crossings is cut out, each time a ring wider
 MOST_CUTS = 6  # Planes one after the other that part a piece which crosses itself
@@ -76,7 +77,7 @@ def _is_sound(vertices: Floats, faces: Ints) -> bool:
     found = solidity(vertices, faces)
     one = found.watertight and found.components == 1 and found.volume > 0.0
     solid = as_manifold(vertices, faces) if one else None
-    return solid is not None and not len(_crossings(solid).through)
+    return solid is not None and not self_intersection(vertices, faces).count
 
 
 def as_manifold(vertices: Floats, faces: Ints) -> Manifold | None:
@@ -95,39 +96,22 @@ def arrays_of(solid: Manifold) -> tuple[Floats, Ints]:
 
 
 class Crossings(NamedTuple):
-    """Where edges go through faces of which they are no part, and the mesh in which they do."""
+    """Where faces go through each other, and the mesh in which they do."""
 
     places: Floats  # (n, 3), m
-    through: Ints  # (n,), the faces gone through
+    through: Ints  # (n, 2), the faces that cross
     vertices: Floats  # (v, 3), m
     faces: Ints  # (m, 3)
 
     def without_them(self) -> Ints:
-        """The faces that neither are gone through nor touch one that is."""
+        """The faces that neither cross one nor touch one that does."""
         return self.faces[~np.isin(self.faces, self.faces[self.through]).any(axis=1)]
 
 
 def _crossings(solid: Manifold) -> Crossings:
-    again = as_manifold(*arrays_of(solid))  # After a boolean, rays number faces otherwise
-    solid = solid if again is None else again
     vertices, faces = arrays_of(solid)
-    _, same = np.unique(vertices, axis=0, return_inverse=True)  # fans that touch in a corner
-    ends = np.unique(_edges(faces), axis=0)
-    met = [
-        (edge, hit.face_id, *hit.position)
-        for edge, (start, end) in enumerate(vertices[ends].tolist())
-        for hit in solid.ray_cast(start, end)
-    ]
-    found = np.reshape(met, (-1, 5))
-    edge, face = found[:, :2].astype(np.int64).T
-    apart = (same[faces[face]][:, :, None] != same[ends[edge]][:, None]).all(axis=(1, 2))
-    a, b, c = vertices[faces[face]].transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    depths = np.einsum("nki,ni->nk", vertices[ends[edge]] - a[:, None], normal)
-    least = CROSSED * float(np.ptp(vertices, axis=0).max()) * length
-    through = apart & (depths.min(axis=1) < -least) & (depths.max(axis=1) > least)
-    return Crossings(found[through, 2:], face[through], vertices, faces)
+    found = self_intersection(vertices, faces)
+    return Crossings(found.places, found.faces, vertices, faces)
 
 
 def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> Ints:
@@ -146,6 +130,8 @@ def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> I
         a, b, c = faces.T
         faces = faces[(a != b) & (b != c) & (c != a)]
         _tell(mends, len(vertices) - len(first), "corner", "on open edges stitched to others")
+    faces, parted = split_at_junctions(vertices, faces, least)
+    _tell(mends, parted, "corner", "on open edges set into edges that passed them")
     _, kept = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     _tell(mends, len(faces) - len(kept), "face", "that stood twice left out")
     return faces[np.sort(kept)]
@@ -154,18 +140,23 @@ def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> I
 def _closed(
     vertices: Floats, faces: Ints, size: float, mends: list[str], own: bool
 ) -> tuple[Floats, Ints]:
-    """The mesh without faces at edges of three and more, turned alike, its holes closed.
+    """The mesh without walls and sheets, turned alike, its holes closed.
 
     `own`: the holes are where crossings were cut out.
     """
-    given = len(faces)
-    while len(faces) and (left_out := _crowded(faces)).any():
-        faces = faces[~left_out]
-    _tell(mends, given - len(faces), "face", "at edges of three and more left out")
+    if _has_crowded_edges(faces):
+        outer = outer_surface(vertices, faces)
+        _tell(mends, outer.walls, "face", "of walls within it left out")
+        _tell(mends, outer.sheets, "face", "of sheets on it left out")
+        faces, turned = outer.faces, outer.turned
+    else:
+        faces, turned = _turned_alike(faces)
+    _tell(mends, turned, "face", "turned like the others")
     if not len(faces):
         raise ValueError(NO_SOLID)
-    faces, turned = _turned_alike(faces)
-    _tell(mends, turned, "face", "turned like the others")
+    loose = loose_walls(vertices, faces, STITCH_SHARE * size)
+    _tell(mends, int(loose.sum()), "face", "of loose walls within it left out")
+    faces = faces[~loose]
     loops = _loops(faces)
     widest = _widest(vertices, loops)
     if widest > HOLE_SHARE * size:
@@ -184,13 +175,8 @@ def _closed(
     return vertices, np.concatenate(patches).astype(np.int32)
 
 
-def _crowded(faces: Ints) -> Bools:
-    """Faces (m,) at an edge that three and more of them have; if there are, the open ones alone."""
-    _, edge, count = np.unique(_edges(faces), axis=0, return_inverse=True, return_counts=True)
-    faces_there = count[edge].reshape(-1, 3)
-    crowded = (faces_there > 2).any(axis=1)
-    fins = crowded & (faces_there == 1).any(axis=1)
-    return np.asarray(fins if fins.any() else crowded)
+def _has_crowded_edges(faces: Ints) -> bool:
+    return bool((np.unique(_edges(faces), axis=0, return_counts=True)[1] > 2).any())
 
 
 def _turned_alike(faces: Ints) -> tuple[Ints, int]:

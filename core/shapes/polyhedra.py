@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry import linked_groups, signed_volume
-from palpate.core.poses import axes_along
+from palpate.core.shapes.face_cutting import by_ears
 from palpate.core.shapes.protocol import ImplicitShape
 from palpate.core.shapes.triangle_meshes import HAS_EMBREE, CrossedMesh, TriangleShape
 
@@ -29,7 +29,6 @@ LEAST_EDGE = 1e-6  # Of its extent
 LEAST_VOLUME = 1e-9  # Of a cube as large as its extent
 ASKEW = np.array([0.36, 0.48, 0.8])  # Direction in which it is asked whether points are inside
 FEW_TRIANGLES = 500  # So many are looked at in double precision; of more, Embree finds the first
-AREA_TOLERANCE = 1e-6  # Of a polygon's area: one that crosses itself is cut into another area
 STRAIGHT = 1e-9  # Sine of a turn to the right that is rounding
 Longs = NDArray[np.integer]
 
@@ -239,24 +238,6 @@ def _convex(vertices: Floats, begins: Ints, corners: Ints, normals: Floats) -> B
     turn = np.add.reduceat(np.arctan2(sine, cosine), begins[:-1])
     lefts = np.minimum.reduceat(sine, begins[:-1]) >= -STRAIGHT
     return np.asarray(lefts & (turn < 3.0 * np.pi))
-
-
-def by_ears(places: Floats, normal: Floats, face: int) -> Ints:
-    """Triangles (n - 2, 3) of one polygon by its own corners' numbers."""
-    import manifold3d
-
-    flat = places @ axes_along(normal)[:, :2]
-    triangles = np.asarray(manifold3d.triangulate([flat]), np.int32)
-    a, b, c = flat[triangles].transpose(1, 0, 2)
-    covered = 0.5 * np.abs(_cross(b - a, c - a)).sum()
-    area = 0.5 * float(_cross(flat, np.roll(flat, -1, axis=0)).sum())
-    if abs(covered - area) > AREA_TOLERANCE * abs(area) or len(triangles) != len(flat) - 2:
-        raise ValueError(f"faces[{face}] crosses itself; its corners must go around it once")
-    return triangles
-
-
-def _cross(first: Floats, second: Floats) -> Floats:
-    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

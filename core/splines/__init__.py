@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from palpate.core.splines.closed_curves import fit_closed_curve, local_noise
     from palpate.core.splines.closed_curves import order_closed_points
     from palpate.core.splines.coons import Slopes, coons_patch, coons_surface, hermite_patch
-    from palpate.core.splines.curve_fits import EVEN_GAP, EVEN_MIDDLE, LEAST_SMOOTHING
+    from palpate.core.splines.curve_fits import LEAST_SMOOTHING, are_even_chords
     from palpate.core.splines.curve_fits import UNEVEN_GAP_RATIO, CurveFit, Modes, choose_closed_fit
     from palpate.core.splines.curve_fits import closed_curve_points, closed_knots, curve_parameters
     from palpate.core.splines.curve_fits import demmler_reinsch, fit_closed_least_squares, gap_ratio

@@ -3,8 +3,8 @@
 A basis of `count` functions of degree p has ``count + p + 1`` knots; it is whole on its domain,
 from the knot p to the knot `count`. Values come from the triangular scheme of Cox and de Boor,
 which divides by no distance but those of knots on either side of the place, so that nothing is 0/0
-however often knots repeat. Own code: scipy's gives no derivatives in matrix form. Of a tensor
-product, scattered places take the control points that reach them; grids go axis by axis.
+however often knots repeat. Own code: scipy's gives no derivatives in matrix form. Tensor products
+are evaluated by scipy's NdBSpline at scattered places, and axis by axis on grids.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ ROUNDING = 64 * float(np.finfo(float).eps)  # Of the largest parameter: taken to
 CUBIC = 3
 Orders = tuple[int, ...]  # Order of the derivative along each axis
 FEW = 256  # Places of which the functions are kept
-BLOCK = 1 << 18  # Numbers gathered at a time: about what a core keeps at hand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -306,47 +305,19 @@ def evaluate_scattered(
     (len(orders), m, c). Raises ValueError if shapes do not fit, a number is not finite, a parameter
     lies outside the domain by more than rounding, or an order is negative.
     """
-    at = finite_array("at", at, (None, len(bases)))
+    from scipy.interpolate import NdBSpline  # Slow to import, and not wanted to evaluate on a grid
+
+    places = finite_array("at", at, (None, len(bases)))
     control = _checked(bases, control, orders)
-    result = np.empty((len(orders), len(at), control.shape[-1]))
-    reach = int(np.prod([basis.degree + 1 for basis in bases])) * control.shape[-1]
-    step = max(BLOCK // reach, 1)
-    for start in range(0, len(at), step):
-        part = slice(start, start + step)
-        result[:, part] = _evaluate_block(bases, control, at[part], orders)
+    columns = zip(bases, places.T, strict=True)
+    inside = np.column_stack([clip_to_domain(x, basis.domain) for basis, x in columns])
+    spline = NdBSpline(
+        tuple(basis.knots for basis in bases), control, tuple(basis.degree for basis in bases)
+    )
+    result = np.empty((len(orders), len(inside), control.shape[-1]))
+    for found, order in zip(result, orders, strict=True):
+        found[:] = spline(inside, nu=order) if len(inside) else 0.0
     return result
-
-
-def _evaluate_block(
-    bases: Sequence[Basis], control: Floats, at: Floats, orders: Sequence[Orders]
-) -> Floats:
-    numbers = np.zeros((len(at), 1), np.int64)
-    weights = []
-    for axis, basis in enumerate(bases):
-        local = basis.nonzero(at[:, axis], max((order[axis] for order in orders), default=0))
-        columns = local.columns()
-        numbers = (numbers[:, :, None] * basis.count + columns[:, None, :]).reshape(len(at), -1)
-        weights.append(np.ascontiguousarray(local.values.transpose(1, 0, 2)))
-    near = control.reshape(-1, control.shape[-1]).take(numbers, axis=0)
-    result = np.empty((len(orders), len(at), control.shape[-1]))
-    _contract(weights, near, list(enumerate(orders)), result)
-    return result
-
-
-def _contract(
-    weights: list[Floats], near: Floats, orders: list[tuple[int, Orders]], result: Floats
-) -> None:
-    """Sum over the first axis once for each order along it, then over the others."""
-    wanted = sorted({order[0] for _, order in orders})
-    rows = weights[0][:, wanted]
-    sums = rows @ near.reshape(len(near), rows.shape[2], -1)
-    for place, first in enumerate(wanted):
-        rest = [(number, order[1:]) for number, order in orders if order[0] == first]
-        if len(weights) > 1:
-            _contract(weights[1:], sums[:, place], rest, result)
-        else:
-            for number, _ in rest:
-                result[number] = sums[:, place]
 
 
 def evaluate_grid(

@@ -33,6 +33,7 @@ CORNER = np.pi / 3  # A point at which the polygon turns farther is a corner, ra
 MOST_CORNERS = 0.2  # Of the points: where more of them turn like that, it is noise, not corners
 EVEN_GAP = 2.0  # Longest chord over the usual one, at most, of points at equal distances;
 EVEN_MIDDLE = 1.25  # and of the middle half: only across corners chords are short
+MAX_EVEN_CHORD = 1.25  # Times the upper quartile: a longer chord is a gap, for no corner makes one
 MOST_MOVE = 0.45  # Of the gap to a neighbour: two points that move towards each other do not meet
 
 
@@ -267,14 +268,20 @@ def curve_parameters(points: Floats, kind: Parametrisation) -> Floats:
     corner tells too short, and chords otherwise.
     """
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    if kind == "even":
-        tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
-        if chords.max() <= EVEN_GAP * tenth and most <= EVEN_MIDDLE * quarter:
-            return np.arange(len(points)) / len(points)
+    if kind == "even" and are_even_chords(chords):
+        return np.arange(len(points)) / len(points)
     if kind == "centripetal" or (kind == "auto" and _has_corners(points)):
         chords = np.sqrt(chords)
     ends = np.cumsum(chords)
     return np.asarray(np.concatenate([[0.0], ends[:-1]]) / ends[-1])
+
+
+def are_even_chords(chords: Floats) -> bool:
+    """Whether chords (m,) are those of points at equal distances along a curve, with corners."""
+    tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
+    longest = float(chords.max())
+    no_gap = longest <= min(EVEN_GAP * tenth, MAX_EVEN_CHORD * most)
+    return bool(no_gap and most <= EVEN_MIDDLE * quarter)
 
 
 def _has_corners(points: Floats) -> bool:

@@ -28,6 +28,11 @@ UNEVEN = 0.25
 STANDS_OFF = 0.5  # In pitches: what stands off by more is looked at, however badly the jet fits
 FAR = 6.0  # In between, robust deviations from the jet
 BEND_DEVIATIONS = 2.0 * math.sqrt(6.0)  # By which noise alone may bend a line of three: two its own
+APART_DEVIATIONS = 2.0 * math.sqrt(2.0)  # By which noise sets two taxels apart: two its own
+NOISE_FAR = 4.0  # Deviations of the noise: what stands off by less is noise
+# Of its misfit: what noise may bend a line that supports a taxel, for at the end of a line an
+# impulse bends it by all of its misfit.
+MOST_OWN_MISFIT = 0.6
 OWN_MISFIT = 0.5  # A line supports a taxel if it bends by less than this share of its misfit
 # Even lines of a taxel that can support others: the outermost of a step's corner has three, and so
 # has the middle of five in a row. Impulses are seldom that many in a row.
@@ -40,6 +45,7 @@ LEVEL = 0.15  # In pitches: as high as this beside one that is no impulse, a tax
 # In pitches: how far an impulse in the outermost rings stands beyond all that is about it; the
 # array's own corners have three neighbours only.
 BEYOND, BEYOND_IN_CORNERS = 0.15, 0.45
+MOST_REPAIRS = 4  # Rounds of repairing what the round before has left
 MOST_BRINKS = 16  # Rounds in which those that do not are given up
 WAYS = ((0, 1), (1, 0), (1, 1), (1, -1))  # Directions of the lines, in rows and columns
 
@@ -75,7 +81,7 @@ def clean(
         return cleaned._replace(touched=cleaned.touched & ~lost)
     if order == "auto":
         least = max(contact, CONTACT_DEVIATIONS * noise)
-        mended, impulses = remove_impulses(pad, compression, least, noise)
+        mended, impulses = remove_all_impulses(pad, compression, least, noise)
         found = contact_mask(pad, mended, contact, noise) & ~impulses
         return CleanedImage(mended, found, int(np.count_nonzero(impulses)))
     filtered = FILTERS[order](compression, noise**2)
@@ -169,19 +175,41 @@ def remove_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> Re
         impulses = touched & ~supported & ~(middle | (_beside(middle) > 0))
         off = image
     else:
-        off, spread = _misfit(pad, image, touched, supported, noise)
+        trusted = supported
+        if by_noise > UNEVEN * pad.pitch:  # noise makes room for impulses on uneven lines
+            trusted = supported & (np.abs(image - median_filter(image)) <= NOISE_FAR * noise)
+        off, spread = _misfit(pad, image, touched, trusted, noise)
         far = min(max(FAR * spread, UNEVEN * pad.pitch), STANDS_OFF * pad.pitch)
+        far = max(far, NOISE_FAR * noise)
         suspect = np.abs(off) > far
-        allowed = np.maximum(OWN_MISFIT * np.abs(off), by_noise)
+        most = np.minimum(by_noise, MOST_OWN_MISFIT * np.abs(off))
+        allowed = np.maximum(OWN_MISFIT * np.abs(off), most)
         also_off = np.abs(off) > ALSO_OFF * far
         impulses = suspect & ~_supported(pad, image, allowed, by_noise, also_off)
         impulses &= ~_in_squares(impulses, image, UNEVEN * pad.pitch)
-        impulses &= ~_level(image, impulses, math.hypot(LEVEL * pad.pitch, by_noise))
+        impulses &= ~_level(
+            image, impulses, math.hypot(LEVEL * pad.pitch, APART_DEVIATIONS * noise)
+        )
     if not impulses.any():
         return RepairedImage(image, impulses)
     impulses &= ~_on_the_brink(pad, image, impulses)
     expected = np.maximum(image - off + _median_of_others(off, impulses), 0.0)
     return RepairedImage(np.where(impulses, expected, image), impulses)
+
+
+def remove_all_impulses(pad: Pad, image: Floats, contact: float, noise: float) -> RepairedImage:
+    """Remove impulses until none is left: those that remain in one round bend the jet of the next.
+
+    Arguments as of `remove_impulses`. Without noise one round finds all that can be told.
+    """
+    repaired = remove_impulses(pad, image, contact, noise)
+    impulses = repaired.impulses
+    for _ in range(MOST_REPAIRS if noise > 0.0 and impulses.any() else 0):
+        repaired = remove_impulses(pad, repaired.image, contact, noise)
+        if not (repaired.impulses & ~impulses).any():
+            break
+        impulses = impulses | repaired.impulses
+    return RepairedImage(repaired.image, impulses)
 
 
 def _supported(

@@ -69,6 +69,11 @@ def file_within(folder: Path, name: str, what: str, *, confined: bool = True) ->
     return path
 
 
+def plain_name(name: str) -> str:
+    """A name for what is made of a file: characters that cannot be seen, or written, are ``_``."""
+    return "".join(one if one.isprintable() else "_" for one in name)
+
+
 def write_atomically(files: Mapping[Path, FileWriter]) -> None:
     """Write files beside their places, and move all there once all are written.
 

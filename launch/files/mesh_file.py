@@ -15,32 +15,32 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from palpate.core import Floats, arrays_from_bytes, inverse_pose, transform_points
 from palpate.core.shapes import mend_mesh
-from palpate.launch.files import mesh_formats
+from palpate.launch.files import glb, mesh_formats
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.ply import read_ply
 from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.files.units import METRES_PER_UNIT, OWN_UNITS, guess_unit
 from palpate.messages.types import ShapeModel
 
 MAX_MESH_BYTES = 64 << 20  # Largest file
 MAX_FACES = mesh_formats.MAX_TRIANGLES  # Most triangles
 MIN_EXTENT = 1e-4  # Smallest extent of an object, m
 MAX_EXTENT = 10.0  # Largest extent of an object, m
-METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # Metres in each unit
 # Formats that are read.
 READERS: Mapping[str, Callable[[bytes], mesh_formats.RawMesh]] = {
     "ply": read_ply,
     "stl": mesh_formats.read_stl,
     "obj": mesh_formats.read_obj,
     "off": mesh_formats.read_off,
-    "glb": mesh_formats.read_glb,
+    "glb": glb.read_glb,
 }
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -62,8 +62,14 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     file: str  # Path, relative to the scene's folder
     # Unit of the file's coordinates, which it does not tell; guessed where only one is likely.
-    unit: Literal["m", "cm", "mm"] | None = None
+    unit: Literal["m", "cm", "mm", "um", "in", "ft"] | None = None
     up: Literal["z", "-z", "y", "-y", "x", "-x"] = "z"  # The file's axis that shall point up
+    # Largest extent that the object shall have, m, in place of a unit.
+    size: Annotated[float, Meta(ge=MIN_EXTENT, le=MAX_EXTENT)] | None = None
+
+    def __post_init__(self) -> None:
+        if self.unit is not None and self.size is not None:
+            raise ValueError("unit and size exclude each other: either makes the object as large")
 
 
 def is_mesh_file(path: Path) -> bool:
@@ -71,28 +77,39 @@ def is_mesh_file(path: Path) -> bool:
     return path.suffix.lower().lstrip(".") in READERS
 
 
-def read_mesh(path: Path, unit: str | None = None, up: str = "z") -> tuple[Vertices, Faces, str]:
+def read_mesh(
+    path: Path, unit: str | None = None, up: str = "z", size: float | None = None
+) -> tuple[Vertices, Faces, str]:
     """The one solid in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
 
-    `up`: the axis of the file that shall point up. The solid may be of any genus; small faults are
-    mended (`palpate.shapes.mend_mesh`). Returns its vertices (n, 3), each once, in m, its triangles
+    `up`: the axis of the file that shall point up. `size`: largest extent that the solid shall
+    have, m, in place of a unit. The solid may be of any genus; small faults are mended
+    (`palpate.shapes.mend_mesh`). Returns its vertices (n, 3), each once, in m, its triangles
     (m, 3), counter-clockwise seen from outside, and a sentence on what was guessed and mended.
     Raises InputError if the file cannot be read, is not one solid of fitting size, or might be in
     several units.
     """
-    vertices, faces = read_surface(path, "m")
-    told = []
-    if unit is None:
-        unit = _likely_unit(path, vertices)
-        sides = np.ptp(vertices, axis=0)
-        size = " x ".join(f"{1e3 * METRES_PER_UNIT[unit] * side:.3g}" for side in sides)
-        told.append(f"taken to be in {unit}, {size} mm")
-    vertices = _upright(vertices * METRES_PER_UNIT[unit], up)
+    vertices, faces, notes = _read_whole(path)
+    told = list(notes)
+    sides = np.ptp(vertices, axis=0)
+    if size is not None:
+        scale = size / float(sides.max())
+        told.append(f"scaled by {scale:.4g} to {_millimetres(scale * sides)}")
+    else:
+        if unit is None:
+            unit = _likely_unit(path, float(sides.max()))
+            told.append(f"taken to be in {unit}, {_millimetres(METRES_PER_UNIT[unit] * sides)}")
+        scale = METRES_PER_UNIT[unit]
+    vertices = _upright(vertices * scale, up)
     _check_size(path, vertices, unit)
     with as_input_errors(path):
         found = mend_mesh(vertices, faces)
     told += found.mends
     return found.vertices, found.faces, f"{path.name}: {'; '.join(told)}" if told else ""
+
+
+def _millimetres(sides: Vertices) -> str:
+    return " x ".join(f"{1e3 * side:.3g}" for side in sides) + " mm"
 
 
 def _upright(vertices: Vertices, up: str) -> Vertices:
@@ -102,48 +119,56 @@ def _upright(vertices: Vertices, up: str) -> Vertices:
     return turned * [1.0, -1.0, -1.0] if up.startswith("-") else turned
 
 
-def _likely_unit(path: Path, vertices: Vertices) -> str:
-    """The unit in which the largest extent is one that hands grip, if there is just one."""
-    extent = float(np.ptp(vertices, axis=0).max())
-    likely = [unit for unit in ("m", "mm") if 0.02 <= METRES_PER_UNIT[unit] * extent <= 1.0]
-    if path.suffix.lower() == ".glb":
-        return "m"
-    if len(likely) != 1:
+def _likely_unit(path: Path, extent: float) -> str:
+    unit = guess_unit(path.suffix.lower(), extent)
+    if unit is None:
         raise InputError(
             f"{path}: measures {extent:.3g}, in a unit that the file does not tell and that cannot "
-            "be guessed; give the unit: m, cm or mm"
+            f"be guessed; give the unit: {', '.join(METRES_PER_UNIT)}; or its size"
         )
-    return likely[0]
+    return unit
 
 
-def _check_size(path: Path, vertices: Vertices, unit: str) -> None:
+def _check_size(path: Path, vertices: Vertices, unit: str | None) -> None:
     with np.errstate(over="ignore"):
         extents = np.ptp(vertices, axis=0)
     if extents.min() < MIN_EXTENT or extents.max() > MAX_EXTENT:
         size = " x ".join(f"{extent:.3g}" for extent in extents)
         raise InputError(
-            f"{path}: measures {size} m when read in {unit}; each side must be between "
-            f"{MIN_EXTENT:g} and {MAX_EXTENT:g} m; is the unit right?"
+            f"{path}: measures {size} m when {f'read in {unit}' if unit else 'scaled so'}; each "
+            f"side must be between {MIN_EXTENT:g} and {MAX_EXTENT:g} m; is the unit right?"
         )
 
 
-def read_surface(path: Path, unit: str) -> tuple[Vertices, Faces]:
+def read_surface(path: Path, unit: str | None) -> tuple[Vertices, Faces, str]:
     """The surface in a file, closed or not, of any size; arguments and arrays as of `read_mesh`.
 
-    GLB files have y up, and are turned so that z is. InputError if unreadable or without triangles.
+    Without a `unit` in the likely one, or else in that which palpate writes. GLB files have y up,
+    and are turned so that z is. Returns the unit as well. InputError if unreadable or without
+    triangles.
     """
+    vertices, faces, _ = _read_whole(path)
+    if unit is None:
+        kind = path.suffix.lower()
+        guessed = guess_unit(kind, float(np.ptp(vertices, axis=0).max()))
+        unit = guessed or OWN_UNITS.get(kind, "m")
+    return vertices * METRES_PER_UNIT[unit], faces, unit
+
+
+def _read_whole(path: Path) -> tuple[Vertices, Faces, tuple[str, ...]]:
+    """The surface in a file's own unit, z up, and what was passed over."""
     found = _load(path)
     if not len(found.faces) and len(found.vertices):
         raise InputError(f"{path}: holds points without triangles")
     vertices, faces = _merged(path, found)
     if path.suffix.lower() == ".glb":
         vertices = vertices @ Y_UP
-    return vertices * METRES_PER_UNIT[unit], faces
+    return vertices, faces, found.notes
 
 
 def _merged(path: Path, mesh: mesh_formats.RawMesh) -> tuple[Vertices, Faces]:
     """Vertices that are equal made one, because STL repeats them for each face."""
-    vertices, faces = mesh
+    vertices, faces = mesh.vertices, mesh.faces
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles")
     if len(faces) > MAX_FACES:
@@ -167,6 +192,19 @@ def read_cloud(path: Path, unit: str) -> Vertices | None:
     """The points (n, 3) in a file that holds nothing else, in m; None if it holds more."""
     found = _load(path)
     return None if len(found.faces) else found.vertices * METRES_PER_UNIT[unit]
+
+
+def read_oriented_cloud(path: Path) -> tuple[Vertices, Vertices]:
+    """The points (n, 3) of a file without faces, and their normals (n, 3), in its own unit.
+
+    Raises InputError if it cannot be read, holds a surface, or the points have no normals.
+    """
+    found = _load(path)
+    if len(found.faces):
+        raise InputError(f"{path}: holds a surface; to measure it there is palpate score")
+    if found.normals is None:
+        raise InputError(f"{path}: has no normals nx, ny, nz; points in no order need them")
+    return found.vertices, found.normals
 
 
 def _load(path: Path) -> mesh_formats.RawMesh:
@@ -220,6 +258,8 @@ def _model_arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
         if field.name == ARCHIVE_FIELD:
             continue
         value = getattr(model, field.name)
+        if value is None:
+            continue
         if isinstance(value, dict):
             found[f"{field.name}_names"] = np.array(list(value), dtype=np.str_)
             found[f"{field.name}_values"] = np.array(list(value.values()), dtype=np.float64)
@@ -289,12 +329,12 @@ def glb_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
     parts = ((0, len(corners)), (len(corners), places.nbytes))
     views = [{"buffer": 0, "byteOffset": at, "byteLength": size} for at, size in parts]
     bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
-    numbers, floats = mesh_formats.UNSIGNED, mesh_formats.FLOAT
+    numbers, floats = glb.UNSIGNED, glb.FLOAT
     accessors = [
         {"bufferView": 0, "componentType": numbers, "type": "SCALAR", "count": faces.size},
         {"bufferView": 1, "componentType": floats, "type": "VEC3", "count": len(places), **bounds},
     ]
-    piece = {"attributes": {"POSITION": 1}, "indices": 0, "mode": mesh_formats.TRIANGLE_MODE}
+    piece = {"attributes": {"POSITION": 1}, "indices": 0, "mode": glb.TRIANGLE_MODE}
     described = {
         "asset": {"version": "2.0", "generator": "palpate"},
         "scene": 0,
@@ -305,7 +345,7 @@ def glb_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
         "bufferViews": views,
         "buffers": [{"byteLength": len(corners) + places.nbytes}],
     }
-    return mesh_formats.glb_of(json.dumps(described).encode(), corners + places.tobytes())
+    return glb.glb_of(json.dumps(described).encode(), corners + places.tobytes())
 
 
 def obj_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:

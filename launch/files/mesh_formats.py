@@ -1,4 +1,4 @@
-"""STL, OBJ, OFF and GLB, read with distrust.
+"""STL, OBJ and OFF, read with distrust; what all readers of meshes share.
 
 Counts, offsets and sizes are checked before anything is allocated.
 
@@ -8,75 +8,78 @@ and raised RecursionError.
 
 from __future__ import annotations
 
-import math
 import re
 import struct
 import warnings
-from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import rotation_matrix
+from palpate.core.shapes import cut_faces
 
 STL_HEADER = struct.Struct("<80xI")
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_CORNER = re.compile(rb"^[ \t]*vertex[ \t]([^\r\n]*)", re.MULTILINE)
-_OFF_START = re.compile(rb"\s*(?:ST)?C?N?OFF\b")
+# The name of a solid in text, up to the end of its line or to the first facet on it.
+_NAME = re.compile(rb"\b(?:end[ \t]*)?solid\b.*?(?=\bfacet\s+normal\s+(?:[-+.\d]|nan)|[\r\n]|\Z)")
+_CORNER = re.compile(rb"\bvertex\s+(\S+\s+\S+\s+\S+)(?=\s+(?:vertex|endloop)\b)")
+_FACET_WORD = re.compile(rb"\bvertex\b|\bendfacet\b")
+_END = re.compile(rb"\bend(?:[ \t]*solid)?\b|\bsolid\b")
+BOM = b"\xef\xbb\xbf"  # Mark that some programs write before text in UTF-8
+_CONTINUED = re.compile(rb"\\[ \t]*(?:\r\n|\r|\n)")
+_OFF_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?OFF\b")
 MAX_TRIANGLES = 2_000_000  # Of a mesh
-MAX_FACE_CORNERS = 1024  # Of a face; cut into triangles about its first: no rounder ones
+MAX_FACE_CORNERS = 1024  # Of a face
 MAX_VERTICES = 3 * MAX_TRIANGLES  # Of a mesh: STL repeats each corner for each triangle
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 NO_FACES = np.zeros((0, 3), np.int64)
-MAX_JSON_BYTES = 1 << 20  # Of the part that describes the others, bytes
-TRIANGLE_MODE = 4  # Mode of a primitive
-_HEAD = struct.Struct("<4sII")
-_CHUNK = struct.Struct("<II")
-_JSON, _BIN = 0x4E4F534A, 0x004E4942
-UNSIGNED = 5125  # Of whole numbers of 4 bytes
-_INDICES = {5121: "<u1", 5123: "<u2", UNSIGNED: "<u4"}
-FLOAT = 5126
-UNIT_ERROR = 1e-3  # By which a quaternion's length may differ from 1: files round
-Part = TypeVar("Part")
-Quaternion = tuple[float, float, float, float]
-Vector = tuple[float, float, float]
 
 
 def read_stl(data: bytes) -> RawMesh:
     """The triangles of an STL file; those of several solids are put together.
 
-    ValueError if it is neither text with whole facets nor binary of the length that it states.
+    ValueError if it is neither text with whole facets nor binary with the triangles that it states.
     """
-    if len(data) >= STL_HEADER.size:
-        (count,) = STL_HEADER.unpack_from(data)
-        if len(data) == STL_HEADER.size + count * STL_TRIANGLE.itemsize:
-            check_counts(0, count)
-            found = np.frombuffer(data, STL_TRIANGLE, offset=STL_HEADER.size)["corners"]
-            return _unmerged(as_float64(found))
-    if data[:100].lstrip()[:5].lower() != b"solid":
-        raise ValueError("is cut short, or has not the triangles that it states")
-    return _read_text(data.lower())
+    stated = STL_HEADER.unpack_from(data)[0] if len(data) >= STL_HEADER.size else 0
+    beyond = len(data) - STL_HEADER.size - stated * STL_TRIANGLE.itemsize
+    text = data.removeprefix(BOM).lstrip()
+    if beyond != 0 and text[:5].lower() == b"solid" and b"\0" not in data[: STL_HEADER.size]:
+        return _read_text(text.lower())
+    if len(data) < STL_HEADER.size or beyond < 0:
+        held = max(0, len(data) - STL_HEADER.size) // STL_TRIANGLE.itemsize
+        raise ValueError(f"is cut short: it states {stated} triangles and has {held}")
+    if beyond and beyond % STL_TRIANGLE.itemsize == 0:
+        held = stated + beyond // STL_TRIANGLE.itemsize
+        raise ValueError(f"states {stated} triangles and has {held}")
+    check_counts(0, stated)
+    found = np.frombuffer(data, STL_TRIANGLE, stated, STL_HEADER.size)["corners"]
+    return _unmerged(as_float64(found), tail_note(beyond))
+
+
+def tail_note(count: int) -> tuple[str, ...]:
+    """What is told of bytes after the end of a mesh."""
+    return (f"{count} byte{'s' * (count != 1)} after its end passed over",) if count else ()
 
 
 def _read_text(text: bytes) -> RawMesh:
-    if text.rfind(b"endsolid") < text.rfind(b"facet"):
+    if not _END.search(text, text.rfind(b"endfacet") + len(b"endfacet")):
         raise ValueError("is cut short: its last solid has no end")
-    corners = _CORNER.findall(text)
+    text = _NAME.sub(b"", text)
+    corners, words = _CORNER.findall(text), _FACET_WORD.findall(text)
     check_counts(len(corners), 0)
-    if len(corners) != 3 * text.count(b"endfacet"):
-        raise ValueError(f"has {len(corners)} corners in {text.count(b'endfacet')} facets")
+    facets = words.count(b"endfacet")
+    if words != [b"vertex", b"vertex", b"vertex", b"endfacet"] * facets:
+        raise ValueError(f"has {len(words) - facets} corners in {facets} facets")
     found = parse_numbers(b"\n".join(corners))
-    if len(found) != 3 * len(corners):
+    if len(found) != 3 * len(corners) or len(corners) != 3 * facets:
         raise ValueError("has a corner that is not three numbers")
     return _unmerged(found)
 
 
-def _unmerged(corners: Floats) -> RawMesh:
+def _unmerged(corners: Floats, notes: tuple[str, ...] = ()) -> RawMesh:
     vertices = corners.reshape(-1, 3)
-    return RawMesh(vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3))
+    return RawMesh(vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3), notes)
 
 
 def read_obj(data: bytes) -> RawMesh:
@@ -87,7 +90,7 @@ def read_obj(data: bytes) -> RawMesh:
     places: list[bytes] = []
     lengths: list[int] = []
     corners: list[int] = []
-    for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
+    for line in _CONTINUED.sub(b" ", data.removeprefix(BOM)).splitlines():
         words = line.split(None, 1)
         if len(words) < 2:
             continue
@@ -102,7 +105,7 @@ def read_obj(data: bytes) -> RawMesh:
     if len(found) != 3 * len(places):
         raise ValueError("has a vertex that is not three numbers")
     polygons = Ragged(np.array(lengths, np.int64), np.array(corners, np.int64))
-    return RawMesh(found.reshape(-1, 3), triangulate(polygons))
+    return polygon_mesh(found.reshape(-1, 3), polygons)
 
 
 def _obj_corners(text: bytes, vertices: int) -> list[int]:
@@ -122,27 +125,49 @@ def read_off(data: bytes) -> RawMesh:
 
     Raises ValueError if it does not begin with OFF, or has not what it states.
     """
+    data = data.removeprefix(BOM)
     start = _OFF_START.match(data)
     if start is None:
         raise ValueError("does not begin with OFF")
     whole = (line.partition(b"#")[0].strip() for line in data[start.end() :].splitlines())
     lines = [line for line in whole if line]
-    counts = lines[0].split() if lines else []
+    counts = b" ".join(lines[:3]).split()
     try:
         vertices, faces = int(counts[0]), int(counts[1])
     except (IndexError, ValueError):
         raise ValueError("does not state how many vertices and faces it has") from None
     check_counts(vertices, faces)
     if len(lines) < 1 + vertices + faces:
-        raise ValueError(
-            f"states {vertices} vertices and {faces} faces, and has {len(lines) - 1} lines of them"
-        )
+        if start.group().strip() == b"OFF":
+            lines = _off_lines(b" ".join(lines).split(), vertices, faces)
+        else:
+            raise _off_cut_short(vertices, faces, len(lines) - 1)
     rows = (b" ".join(row.split(None, 3)[:3]) for row in lines[1:][:vertices])
     places = parse_numbers(b"\n".join(rows))
     if len(places) != 3 * vertices:
         raise ValueError("has a vertex that is not three numbers")
     polygons = _off_polygons(lines[1 + vertices :][:faces])
-    return RawMesh(places.reshape(-1, 3), triangulate(polygons))
+    return polygon_mesh(places.reshape(-1, 3), polygons)
+
+
+def _off_lines(words: list[bytes], vertices: int, faces: int) -> list[bytes]:
+    """The lines of a file that breaks them elsewhere, or nowhere; it has no colours."""
+    at = 3 + 3 * vertices
+    lines = [b" ".join(words[:3])]
+    lines += [b" ".join(words[begin : begin + 3]) for begin in range(3, min(at, len(words)), 3)]
+    while at < len(words) and len(lines) < 1 + vertices + faces:
+        count = int(words[at]) if words[at].isdigit() and len(words[at]) < 10 else len(words)
+        if at + 1 + count > len(words):
+            break
+        lines.append(b" ".join(words[at : at + 1 + count]))
+        at += 1 + count
+    if len(lines) < 1 + vertices + faces:
+        raise _off_cut_short(vertices, faces, len(lines) - 1)
+    return lines
+
+
+def _off_cut_short(vertices: int, faces: int, held: int) -> ValueError:
+    return ValueError(f"states {vertices} vertices and {faces} faces, and has {held} lines of them")
 
 
 def _off_polygons(lines: list[bytes]) -> Ragged:
@@ -165,6 +190,8 @@ class RawMesh(NamedTuple):
 
     vertices: Floats  # (n, 3), in the file's unit
     faces: Indices  # (m, 3); none if the file holds points alone
+    notes: tuple[str, ...] = ()  # What was passed over, each a part of a sentence
+    normals: Floats | None = None  # At the vertices, (n, 3), if the format has them; else None
 
 
 class Ragged(NamedTuple):
@@ -172,6 +199,9 @@ class Ragged(NamedTuple):
 
     lengths: Indices  # (n,)
     items: NDArray[np.generic]  # All items of the first list, then all of the second
+
+
+NO_POLYGONS = Ragged(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 def parse_numbers(text: bytes) -> Floats:
@@ -200,26 +230,34 @@ def check_counts(vertices: int, faces: int) -> None:
         raise ValueError(f"states {faces} faces; there may be 0 to {MAX_TRIANGLES}")
 
 
-def triangulate(polygons: Ragged) -> Indices:
-    """Polygons cut into triangles (m, 3) about their first corners.
+def polygon_mesh(vertices: Floats, polygons: Ragged, notes: tuple[str, ...] = ()) -> RawMesh:
+    """Vertices (n, 3) and their polygons, cut into triangles in their own planes.
 
-    Raises ValueError if a polygon has fewer than three corners or far too many, if a corner is no
-    whole number, or if there are too many triangles.
+    Raises ValueError if a polygon has fewer than three corners or far too many, lies in no plane
+    or crosses itself, if a corner is no whole number, or if there are too many triangles.
     """
     lengths, items = polygons
     if not len(lengths):
-        return NO_FACES
+        return RawMesh(vertices, NO_FACES, notes)
     if lengths.min() < 3:
         raise ValueError(f"has a face of {lengths.min()} corners; a face has three or more")
     if (most := lengths.max()) > MAX_FACE_CORNERS:
         raise ValueError(f"has a face of {most} corners; at most {MAX_FACE_CORNERS} are read")
-    total = len(items) - 2 * len(lengths)
-    check_counts(0, total)
+    check_counts(0, len(items) - 2 * len(lengths))
     corners = _whole_numbers(items)
-    cut = lengths - 2
-    first = np.repeat(np.cumsum(lengths) - lengths, cut)
-    turn = np.arange(total) - np.repeat(np.cumsum(cut) - cut, cut)
-    return np.stack([corners[first], corners[first + turn + 1], corners[first + turn + 2]], axis=1)
+    if most > 3:
+        _check_corners(vertices, lengths, corners)
+    return RawMesh(vertices, cut_faces(vertices, lengths, corners).astype(np.int64), notes)
+
+
+def _check_corners(vertices: Floats, lengths: Indices, corners: Indices) -> None:
+    outside = (corners < 0) | (corners >= len(vertices))
+    if outside.any():
+        face = int(np.searchsorted(np.cumsum(lengths), outside.argmax(), side="right"))
+        raise ValueError(f"has a face, number {face + 1}, of a vertex that does not exist")
+    finite = np.asarray(np.isfinite(vertices).all(axis=1))
+    if not finite[corners].all():
+        raise ValueError(f"has a vertex, number {int(np.argmin(finite))}, that is not finite")
 
 
 def _whole_numbers(items: NDArray[np.generic]) -> Indices:
@@ -230,191 +268,3 @@ def _whole_numbers(items: NDArray[np.generic]) -> Indices:
             raise ValueError("has a face with a corner that is no whole number")
         return found
     return items.astype(np.int64)
-
-
-class Accessor(msgspec.Struct, frozen=True, rename="camel"):
-    """How numbers lie in a view."""
-
-    component_type: int
-    count: int
-    type: str
-    buffer_view: int | None = None
-    byte_offset: int = 0
-    sparse: dict[str, Any] | None = None
-
-
-class BufferView(msgspec.Struct, frozen=True, rename="camel"):
-    """A stretch of the data."""
-
-    buffer: int
-    byte_length: int
-    byte_offset: int = 0
-    byte_stride: int | None = None
-
-
-class Primitive(msgspec.Struct, frozen=True):
-    """One piece of a mesh."""
-
-    attributes: dict[str, int]
-    indices: int | None = None
-    mode: int = TRIANGLE_MODE
-
-
-class GltfMesh(msgspec.Struct, frozen=True):
-    """A mesh of pieces."""
-
-    primitives: tuple[Primitive, ...]
-
-
-class Gltf(msgspec.Struct, frozen=True, rename="camel"):
-    """What of the description is read."""
-
-    meshes: tuple[GltfMesh, ...] = ()
-    nodes: tuple[GltfNode, ...] = ()
-    accessors: tuple[Accessor, ...] = ()
-    buffer_views: tuple[BufferView, ...] = ()
-
-
-def read_glb(data: bytes) -> RawMesh:
-    """The one mesh in a GLB file, in its own directions: y is up.
-
-    ValueError if the file has not what it states, or holds not exactly one mesh of one piece.
-    """
-    described, held = _chunks(data)
-    try:
-        gltf = msgspec.json.decode(described, type=Gltf)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise ValueError(f"is described by something else than glTF: {error!s:.80}") from None
-    pieces = [piece for mesh in gltf.meshes for piece in mesh.primitives]
-    if len(pieces) != 1:
-        raise ValueError(f"holds {len(pieces)} meshes; there must be exactly one")
-    (piece,) = pieces
-    if piece.mode != TRIANGLE_MODE:
-        raise ValueError(f"holds no triangles but a mesh of mode {piece.mode}")
-    found = _accessor_values(gltf, held, piece.attributes.get("POSITION"), "VEC3", {FLOAT: "<f4"})
-    vertices = apply_node_transform(as_float64(found), gltf.nodes)
-    if piece.indices is None:
-        corners = np.arange(len(vertices), dtype=np.int64)
-    else:
-        numbers = _accessor_values(gltf, held, piece.indices, "SCALAR", _INDICES)
-        corners = numbers.astype(np.int64).ravel()
-    if len(corners) % 3:
-        raise ValueError(f"has triangles of {len(corners)} corners in all")
-    check_counts(len(vertices), len(corners) // 3)
-    return RawMesh(vertices, corners.reshape(-1, 3))
-
-
-def _chunks(data: bytes) -> tuple[bytes, memoryview]:
-    if len(data) < _HEAD.size + _CHUNK.size:
-        raise ValueError("is cut short")
-    magic, version, length = _HEAD.unpack_from(data)
-    if magic != b"glTF" or version != 2:
-        raise ValueError("does not begin as glTF 2 does")
-    if length != len(data):
-        raise ValueError(f"has {len(data)} bytes and states {length}")
-    size, kind = _CHUNK.unpack_from(data, _HEAD.size)
-    begin = _HEAD.size + _CHUNK.size
-    if kind != _JSON or size > min(MAX_JSON_BYTES, len(data) - begin):
-        raise ValueError(f"has no description, or one of more than {MAX_JSON_BYTES >> 10} kB")
-    after = begin + size
-    if len(data) < after + _CHUNK.size:
-        return data[begin:after], memoryview(b"")
-    held, kind = _CHUNK.unpack_from(data, after)
-    after += _CHUNK.size
-    if kind != _BIN or held > len(data) - after:
-        raise ValueError("is cut short, or has no data where they must be")
-    return data[begin : begin + size], memoryview(data)[after : after + held]
-
-
-def glb_of(described: bytes, data: bytes) -> bytes:
-    """A GLB file of a description in JSON and its data, each filled up to whole words."""
-    described += b" " * (-len(described) % 4)
-    data += bytes(-len(data) % 4)
-    size = _HEAD.size + 2 * _CHUNK.size + len(described) + len(data)
-    head = _HEAD.pack(b"glTF", 2, size) + _CHUNK.pack(len(described), _JSON)
-    return head + described + _CHUNK.pack(len(data), _BIN) + data
-
-
-def _accessor_values(
-    gltf: Gltf, held: memoryview, number: int | None, shape: str, kinds: dict[int, str]
-) -> NDArray[np.generic]:
-    accessor = _at(gltf.accessors, number)
-    if (accessor.type, accessor.sparse) != (shape, None) or accessor.component_type not in kinds:
-        raise ValueError(f"has numbers of a kind that is not read: {accessor.type[:40]!r}")
-    view = _at(gltf.buffer_views, accessor.buffer_view)
-    width = 3 if shape == "VEC3" else 1
-    kind = np.dtype(kinds[accessor.component_type])
-    stride = view.byte_stride or width * kind.itemsize
-    span = (accessor.count - 1) * stride + width * kind.itemsize
-    numbers = (accessor.count, accessor.byte_offset, view.byte_offset, view.byte_length)
-    fits = min(numbers) >= 0 and view.buffer == 0 and stride >= width * kind.itemsize
-    within = accessor.byte_offset + span <= view.byte_length
-    if not (fits and within and view.byte_offset + view.byte_length <= len(held)):
-        raise ValueError(f"states {accessor.count} numbers that it does not hold")
-    if accessor.count == 0:
-        return np.zeros((0, width), kind)
-    start = view.byte_offset + accessor.byte_offset
-    return np.ndarray((accessor.count, width), kind, held, start, (stride, kind.itemsize))
-
-
-def _at(parts: Sequence[Part], number: int | None) -> Part:
-    if number is None or not 0 <= number < len(parts):
-        raise ValueError("names a part that does not exist")
-    return parts[number]
-
-
-def apply_node_transform(vertices: Floats, nodes: Sequence[GltfNode]) -> Floats:
-    """Vertices (n, 3) of the only mesh, where the node that has it puts them.
-
-    Raises ValueError if several nodes have it, or a node has several parents or is its own.
-    """
-    have = [number for number, node in enumerate(nodes) if node.mesh is not None]
-    if len(have) > 1:
-        raise ValueError(f"puts its mesh in {len(have)} places; there must be one")
-    if not have:
-        return vertices
-    parents = _parents(nodes)
-    number: int | None = have[0]
-    whole = np.eye(4)
-    for _ in range(len(nodes) + 1):
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is looked for later
-            if number is None:
-                return np.asarray(vertices @ whole[:3, :3].T + whole[:3, 3])
-            whole = _node_matrix(nodes[number]) @ whole
-        number = parents.get(number)
-    raise ValueError("has a node that is within itself")
-
-
-def _parents(nodes: Sequence[GltfNode]) -> dict[int, int]:
-    parents: dict[int, int] = {}
-    for number, node in enumerate(nodes):
-        for child in node.children:
-            if child in parents:
-                raise ValueError(f"has a node {child} that is within two others")
-            parents[child] = number
-    return parents
-
-
-def _node_matrix(node: GltfNode) -> Floats:
-    if node.matrix is not None:
-        if len(node.matrix) != 16:
-            raise ValueError(f"has a node with a matrix of {len(node.matrix)} numbers")
-        return np.array(node.matrix, np.float64).reshape(4, 4).T
-    length = math.hypot(*node.rotation)
-    if not abs(length - 1.0) <= UNIT_ERROR:
-        raise ValueError(f"has a node whose rotation has the length {length:g}, not 1")
-    motion = np.eye(4)
-    motion[:3, :3] = rotation_matrix(np.array(node.rotation) / length) * np.array(node.scale)
-    motion[:3, 3] = node.translation
-    return motion
-
-
-class GltfNode(msgspec.Struct, frozen=True):
-    """A place, within that of the node whose child it is."""
-
-    mesh: int | None = None
-    children: tuple[int, ...] = ()
-    matrix: tuple[float, ...] | None = None
-    translation: Vector = (0.0, 0.0, 0.0)
-    rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    scale: Vector = (1.0, 1.0, 1.0)

@@ -5,7 +5,9 @@ Rows are taken at once if their lists are as long as those of the first row, and
 
 from __future__ import annotations
 
+import re
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -20,12 +22,14 @@ Columns = dict[str, Column]
 ByteOrder = Literal["<", ">", "="]
 MAX_HEADER_BYTES = 64 << 10  # Of a header, comments and all
 MAX_ELEMENTS = 64  # Elements, and properties of an element
+NORMALS = ("nx", "ny", "nz")  # Properties of vertices
 MAX_DIGITS = 18  # Of a count
 BYTE_ORDERS: dict[str, Literal["<", ">"] | None] = {
     "ascii": None,
     "binary_little_endian": "<",
     "binary_big_endian": ">",
 }
+_HEADER_END = re.compile(rb"(\r\n|\r|\n)[ \t]*end_header[ \t]*(\r\n|\r|\n)")
 # Names of numbers, and what numpy calls them.
 PLY_TYPES = {
     **{"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"},
@@ -39,17 +43,18 @@ _STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
 
 
 def read_ply(data: bytes) -> mesh_formats.RawMesh:
-    """The vertices and faces of a PLY file; all else in it is passed over.
+    """The vertices, their normals, and faces of a PLY file; all else in it is passed over.
 
     Raises ValueError if the header is none, or the file has not what it states.
     """
+    data = data.removeprefix(mesh_formats.BOM)
     header = read_header(data)
     elements, rows, at = header.elements, memoryview(data), header.size
     order: ByteOrder = header.order or "="
     if header.order is None:  # text is read as if its numbers were binary, all of one type
         rows, at = memoryview(mesh_formats.parse_numbers(data[header.size :]).tobytes()), 0
         elements = tuple(map(_of_doubles, elements))
-    vertices, faces = np.zeros((0, 3)), mesh_formats.NO_FACES
+    vertices, faces, normals = np.zeros((0, 3)), mesh_formats.NO_POLYGONS, None
     for element in elements:
         if element.name == "vertex":
             mesh_formats.check_counts(element.count, 0)
@@ -57,12 +62,15 @@ def read_ply(data: bytes) -> mesh_formats.RawMesh:
             mesh_formats.check_counts(0, element.count)
         columns, at = read_rows(rows, at, element, order)
         if element.name == "vertex" and element.count:
-            vertices = _vertices(columns)
+            vertices, normals = _columns_of(columns, "xyz"), None
+            if all(name in columns for name in NORMALS):
+                normals = _columns_of(columns, NORMALS)
         elif element.name == "face" and element.count:
             faces = _faces(columns)
-    if at != len(rows):
+    if at != len(rows) and header.order is None:
         raise ValueError("has more in it than its header states")
-    return mesh_formats.RawMesh(vertices, faces)
+    notes = mesh_formats.tail_note(len(bytes(rows[at:]).strip()))
+    return mesh_formats.polygon_mesh(vertices, faces, notes)._replace(normals=normals)
 
 
 def read_header(data: bytes) -> PlyHeader:
@@ -92,13 +100,14 @@ def _lines(data: bytes) -> tuple[list[str], int]:
     head = data[:MAX_HEADER_BYTES]
     if head.split(None, 1)[:1] != [b"ply"]:
         raise ValueError("does not begin with 'ply'")
-    end = head.find(b"end_header")
-    size = head.find(b"\n", end) + 1
-    if end < 0 or size == 0:
+    end = _HEADER_END.search(head)
+    if end is None:
         raise ValueError(
             f"has a header without an end, or of more than {MAX_HEADER_BYTES >> 10} kB"
         )
-    return head[:end].decode("latin-1").splitlines()[1:], size
+    # A file of single carriage returns may begin its rows with the byte of a line feed.
+    size = end.end() - (end[2] == b"\r\n" and end[1] == b"\r")
+    return head[: end.start()].decode("latin-1").splitlines()[1:], size
 
 
 def _count(word: str) -> int:
@@ -228,9 +237,9 @@ def _cut_short(element: Element) -> ValueError:
     return ValueError(f"is cut short: it has not the {element.count} of {element.name[:40]!r}")
 
 
-def _vertices(columns: Columns) -> mesh_formats.Floats:
+def _columns_of(columns: Columns, names: Sequence[str]) -> mesh_formats.Floats:
     found: list[NDArray[np.generic]] = []
-    for axis in "xyz":
+    for axis in names:
         column = columns.get(axis)
         if column is None or isinstance(column, mesh_formats.Ragged):
             raise ValueError(f"has vertices without {axis}")
@@ -238,11 +247,11 @@ def _vertices(columns: Columns) -> mesh_formats.Floats:
     return mesh_formats.as_float64(np.stack(found, axis=1))
 
 
-def _faces(columns: Columns) -> mesh_formats.Indices:
+def _faces(columns: Columns) -> mesh_formats.Ragged:
     for name in FACE_LISTS:
         column = columns.get(name)
         if isinstance(column, mesh_formats.Ragged):
-            return mesh_formats.triangulate(column)
+            return column
     raise ValueError(f"has faces without a list {FACE_LISTS[0]!r}")
 
 

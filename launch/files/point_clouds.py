@@ -1,8 +1,4 @@
-"""Contours as they were read, and clouds of points at repeated heights cut into contours.
-
-Points of a contour without order are ordered by azimuth, or by a short tour: nearest neighbours,
-improved by reversing parts (Croes, *A method for solving traveling-salesman problems*, 1958).
-"""
+"""Contours as they were read, and clouds of points at repeated heights cut into contours."""
 
 from __future__ import annotations
 
@@ -11,14 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core import Floats, Ints
-from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.contours import ContactPoints, order_points
 
 MIN_CONTOUR_POINTS = 3  # Of a contour
 GAP_RATIO = 3.0  # Times as large as any step within a slice is the least step from one to the next
-AZIMUTH_TOLERANCE = 1.02  # Times as long as the tour: else the section is not star-shaped
-MAX_TOUR_POINTS = 1500  # Points up to which a tour is shortened; its cost grows with their square
-MAX_SWEEPS = 30  # Most rounds of shortening
-MIN_GAIN = 1e-9  # Of the tour's length
 
 
 class MeasuredContours(NamedTuple):
@@ -111,72 +103,3 @@ def slices_by_height(z: Floats) -> tuple[Ints, float]:
     slice_of[order] = np.concatenate([[0], np.cumsum(steps > apart)])
     spreads = [np.ptp(z[slice_of == number]) for number in range(cuts + 1)]
     return slice_of, float(max(spreads))
-
-
-def order_points(points: Floats) -> PointOrder:
-    """The way around points (n, 2) of one contour.
-
-    By azimuth about their middle where the section is star-shaped from there; else, or where a tour
-    from neighbour to neighbour is clearly shorter, that tour.
-    """
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    away = points - middle
-    by_azimuth = np.argsort(np.arctan2(away[:, 1], away[:, 0]), kind="stable").astype(np.int32)
-    if len(points) < 5:
-        return PointOrder(by_azimuth, True)
-    tour = _two_opt(points, _nearest_neighbour_tour(points))
-    if _tour_length(points[by_azimuth]) <= AZIMUTH_TOLERANCE * _tour_length(points[tour]):
-        return PointOrder(by_azimuth, True)
-    return PointOrder(tour, False)
-
-
-def _two_opt(points: Floats, tour: Ints) -> Ints:
-    """The tour with parts reversed as long as that shortens it."""
-    if len(tour) > MAX_TOUR_POINTS:
-        return tour
-    tour = tour.copy()
-    least = MIN_GAIN * _tour_length(points[tour])
-    for _ in range(MAX_SWEEPS):
-        shorter = False
-        for first in range(len(tour) - 2):
-            shorter |= _reverse_best(points, tour, first, least)
-        if not shorter:
-            break
-    return tour
-
-
-def _tour_length(loop: Floats) -> float:
-    return float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum())
-
-
-def _reverse_best(points: Floats, tour: Ints, first: int, least: float) -> bool:
-    """Cut behind a place of the tour and where it gains most, and reverse what lies between."""
-    loop = points[tour]
-    here, following = loop[first], loop[first + 1]
-    ends, after = loop[first + 2 :], np.roll(loop, -1, axis=0)[first + 2 :]
-    saved = np.linalg.norm(following - here) + np.linalg.norm(after - ends, axis=1)
-    spent = np.linalg.norm(ends - here, axis=1) + np.linalg.norm(after - following, axis=1)
-    best = int(np.argmax(saved - spent))
-    if saved[best] - spent[best] <= least:
-        return False
-    tour[first + 1 : first + 3 + best] = tour[first + 1 : first + 3 + best][::-1].copy()
-    return True
-
-
-def _nearest_neighbour_tour(points: Floats) -> Ints:
-    """From each point to the nearest that is left, beginning at the one farthest right."""
-    left = np.ones(len(points), bool)
-    tour = np.empty(len(points), np.int32)
-    here = int(np.argmax(points[:, 0]))
-    for step in range(len(points)):
-        tour[step], left[here] = here, False
-        away = np.where(left, np.linalg.norm(points - points[here], axis=1), np.inf)
-        here = int(np.argmin(away))
-    return tour
-
-
-class PointOrder(NamedTuple):
-    """A closed way through points."""
-
-    rows: Ints  # (n,): the points in their order
-    by_azimuth: bool  # Whether it goes by azimuth about the middle; else it is a short tour

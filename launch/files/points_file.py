@@ -21,10 +21,11 @@ from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.contours import contact_points_of as contacts_contact_points_of
 from palpate.core.touch import Jet
 from palpate.launch.files.file_access import read_bounded
-from palpate.launch.files.mesh_file import read_cloud
+from palpate.launch.files.mesh_file import read_cloud, read_oriented_cloud
 from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
 from palpate.launch.files.solid_file import read_arrays
 from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.files.units import column_name
 from palpate.messages import CodecError, decode
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
 from palpate.nodes.rebuilding import common_frame, is_upright, touched_ends
@@ -59,10 +60,7 @@ def read_points(path: Path) -> MeasuredContours:
     """
     if not path.exists():
         raise InputError(f"{path}: cannot be read: No such file or directory")
-    if path.is_dir():
-        path = path / RECORDING_NAME
-        if not path.exists():
-            raise InputError(f"{path.parent}: is no folder of a run: it holds no {RECORDING_NAME}")
+    path = recording_of(path)
     kind = path.suffix.lower()
     if kind not in POINT_READERS:
         known = ", ".join(POINT_READERS)
@@ -73,18 +71,33 @@ def read_points(path: Path) -> MeasuredContours:
     return found
 
 
+def recording_of(path: Path) -> Path:
+    """The recording in the folder of a run; another path as it is.
+
+    Raises InputError if a folder holds none.
+    """
+    if not path.is_dir():
+        return path
+    if not (path / RECORDING_NAME).exists():
+        raise InputError(f"{path}: is no folder of a run: it holds no {RECORDING_NAME}")
+    return path / RECORDING_NAME
+
+
 def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
     """Points with outward normals in no order, in the file's own unit; and what was left out.
 
-    Text with the columns x, y, z, nx, ny, nz, or NPZ with ``points`` and ``normals`` (n, 3); maybe
-    with ``touch``, the number of the touch that met each, else each is a touch of its own. Raises
-    InputError, with file and line, if it cannot be read, or the points have no normals.
+    Text with the columns x, y, z, nx, ny, nz, NPZ with ``points`` and ``normals`` (n, 3), or PLY
+    without faces; text and NPZ maybe with ``touch``, the number of the touch that met each, else
+    each is a touch of its own. Raises InputError, with file and line, if it cannot be read, or the
+    points have no normals.
     """
-    kind = path.suffix.lower()
-    if kind == ".npz":
+    kind, touch, notes = path.suffix.lower(), None, tuple[str, ...]()
+    if kind == ".ply":
+        points, normals = read_oriented_cloud(path)
+    elif kind == ".npz":
         arrays = read_arrays(path)
         points, normals = (_array(path, arrays, name, 3) for name in ("points", "normals"))
-        touch, notes = arrays.get("touch"), tuple[str, ...]()
+        touch = arrays.get("touch")
     elif kind in (".csv", ".txt", ".xyz"):
         columns, _, notes = read_table(path)
         if NORMAL_COLUMNS[0] not in columns:
@@ -92,8 +105,9 @@ def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
         points, normals = _joined(columns, POSITION_COLUMNS), _joined(columns, NORMAL_COLUMNS)
         touch = columns.get(TOUCH_COLUMN)
     else:
-        text = "is no format of points with normals; known: .csv, .txt, .xyz, .npz"
-        raise InputError(f"{path}: {kind or 'no suffix'!r} {text}")
+        known = ".csv, .txt, .xyz, .npz, .ply, .mcap and the folder of a run"
+        text = f"{kind or 'no suffix'!r} is no format of points with normals; known: {known}"
+        raise InputError(f"{path}: {text}")
     numbers = np.arange(len(points)) if touch is None else np.unique(touch, return_inverse=True)[1]
     if len(normals) != len(points) or len(numbers) != len(points):
         raise InputError(f"{path}: must have as many normals and touches as points, {len(points)}")
@@ -102,10 +116,16 @@ def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
 
 def read_tops(path: Path) -> Floats:
     """Where ends were touched, (k, 3), from a text file of x, y and z."""
-    tops = _joined(read_table(path).columns, POSITION_COLUMNS)
+    tops, _ = read_positions(path)
     if not len(tops):
         raise InputError(f"{path}: holds no points that are finite")
     return tops
+
+
+def read_positions(path: Path) -> tuple[Floats, tuple[str, ...]]:
+    """Points (n, 3) from a text file of x, y and z, and what was left out."""
+    table = read_table(path)
+    return _joined(table.columns, POSITION_COLUMNS), table.notes
 
 
 class Table(NamedTuple):
@@ -149,7 +169,7 @@ def read_table(path: Path) -> Table:
         raise InputError(f"{path}: holds no points")
     number, first = rows[0]
     mark = next((mark for mark in (",", ";", "\t") if mark in first), None)
-    names = [name.strip().strip('"').lower() for name in first.split(mark)]
+    names = [column_name(name) for name in first.split(mark)]
     if any(_as_float(name) is None for name in names):
         rows = rows[1:]
     elif len(names) == len(POSITION_COLUMNS):
@@ -360,6 +380,11 @@ def read_recording(path: Path) -> MeasuredContours:
 
     Raises InputError if it cannot be read, or holds no closed contour.
     """
+    return contours_of(path, _recorded(path))
+
+
+def _recorded(path: Path) -> dict[type, list[Any]]:
+    """All messages of the `MESSAGE_TYPES` in a recording, by their types."""
     # Not for those who read a CSV file: mcap is imported with it.
     from palpate.messages.recording import open_recording
 
@@ -373,7 +398,36 @@ def read_recording(path: Path) -> MeasuredContours:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:
         raise InputError(str(error)) from None
-    return contours_of(path, recorded)
+    return recorded
+
+
+class RecordedTouches(NamedTuple):
+    """What the touches of a recording met, in m."""
+
+    taxels: ContactPoints  # With the numbers of their touches
+    platform: float | None  # Height on which the object stood; None if it was held or is unknown
+
+
+def read_touches(path: Path) -> RecordedTouches:
+    """All taxels that the touches of a recording met, whether or not their contours were closed.
+
+    Raises InputError if it cannot be read, or nothing was touched.
+    """
+    recorded = _recorded(path)
+    goals = {one.id for kind in (Contour, Probe) for one in recorded[kind]}
+    for done in recorded[PlanDone][-1:]:
+        goals = {*done.contours, *done.probes}
+    touches = _touches(recorded, goals)
+    if not touches:
+        raise InputError(
+            f"{path}: holds no touches with their taxels; record the topics /touch/info and "
+            "/touch/patch, or leave out --method general"
+        )
+    world = recorded[World][-1] if recorded[World] else None
+    platform = None if world is None or world.held else float(world.platform)
+    return RecordedTouches(
+        stack_points([one for each in touches.values() for one in each]), platform
+    )
 
 
 def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredContours:

@@ -8,8 +8,11 @@ from __future__ import annotations
 import io
 import math
 import re
+import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +25,7 @@ from ruamel.yaml.events import MappingStartEvent, NodeEvent, ScalarEvent, Sequen
 from ruamel.yaml.events import SequenceStartEvent
 from ruamel.yaml.nodes import ScalarNode
 
-from palpate.core import told_error
+from palpate.core import UNITS, in_base_unit, ranges_of, told_error
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint, key_path
 from palpate.launch.files.source_map import path_text
@@ -178,12 +181,14 @@ def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target
     """The value as an instance of `wanted`, a ``msgspec.Struct`` or a dataclass.
 
     `name` is where the document belongs, put before each path: ``planner`` makes
-    ``planner.tolerance``. Raises InputError if a key is unknown or missing, a value has the wrong
-    type or lies out of range, or a number is not finite.
+    ``planner.tolerance``. A number whose declared unit is m or s may be a text with a unit, as
+    ``0.2mm``. Raises InputError if a key is unknown or missing, a value has the wrong type or unit
+    or lies out of range, a number is not finite, or a text is not Unicode.
     """
     kind = type_info(wanted)  # type: ignore[arg-type]
     _refuse_unknown(given, given.value, kind, (), name)
-    _refuse_infinite(given, given.value, (), name)
+    given = replace(given, value=_in_base_units(given, given.value, kind, (), name))
+    _refuse_strange(given, given.value, (), name)
     try:
         return msgspec.convert(given.value, wanted)
     except msgspec.ValidationError as error:
@@ -218,16 +223,65 @@ def _refuse_unknown(
                 _refuse_unknown(given, item, item_kind, (*path, i), name)
 
 
-def _refuse_infinite(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:
+def _in_base_units(
+    given: SourceMapped, value: Any, kind: inspect.Type | None, path: KeyPath, name: str
+) -> Any:
+    """The value with lengths and times that are texts within it made numbers, in m and s."""
+    if isinstance(kind, inspect.UnionType):
+        for choice in kind.types:
+            value = _in_base_units(given, value, choice, path, name)
+    elif isinstance(kind, inspect.Metadata):
+        unit = (kind.extra_json_schema or {}).get("description", "")
+        return _in_base_unit(given, value, unit, path, name)
+    elif isinstance(kind, _KEYED) and isinstance(value, Mapping):
+        ranges = ranges_of(kind.cls) if isinstance(kind, inspect.DataclassType) else {}
+        value = {**value}
+        for field in kind.fields:
+            key = field.encode_name
+            if key in ranges and key in value:
+                unit = ranges[key].unit
+                value[key] = _in_base_unit(given, value[key], unit, (*path, key), name)
+            elif key in value:
+                value[key] = _in_base_units(given, value[key], field.type, (*path, key), name)
+    elif isinstance(kind, inspect.DictType) and isinstance(value, Mapping):
+        inner = kind.value_type
+        return {k: _in_base_units(given, v, inner, (*path, k), name) for k, v in value.items()}
+    elif isinstance(value, (list, tuple)):
+        kinds = getattr(kind, "item_types", None) or [getattr(kind, "item_type", None)] * len(value)
+        return [
+            _in_base_units(given, item, item_kind, (*path, i), name)
+            for i, (item, item_kind) in enumerate(zip_longest(value, kinds[: len(value)]))
+        ]
+    return value
+
+
+def _in_base_unit(given: SourceMapped, value: Any, unit: str, path: KeyPath, name: str) -> Any:
+    """The value in its unit if it is a text, and the unit one of those with multiples."""
+    if not isinstance(value, str) or unit not in UNITS:
+        return value
+    try:
+        return in_base_unit(value, UNITS[unit])
+    except ValueError as error:
+        where = path_text((name, *path) if name else path)
+        raise given.error(path, f"{where} is {value[:60]!r}; expected number: {error}") from None
+
+
+def _refuse_strange(given: SourceMapped, value: Any, path: KeyPath, name: str) -> None:
+    """Refuse what no message can carry: infinity, NaN, and names in another coding."""
     if isinstance(value, Mapping):
         for key, item in value.items():
-            _refuse_infinite(given, item, (*path, key), name)
+            _refuse_strange(given, item, (*path, key), name)
     elif isinstance(value, (list, tuple)):
         for i, item in enumerate(value):
-            _refuse_infinite(given, item, (*path, i), name)
+            _refuse_strange(given, item, (*path, i), name)
     elif isinstance(value, float) and not math.isfinite(value):
         where = path_text((name, *path) if name else path)
         raise given.error(path, f"{where} is {value}; a number must be finite")
+    elif isinstance(value, str) and any("\ud800" <= one <= "\udfff" for one in value):
+        where = path_text((name, *path) if name else path)
+        coding = sys.getfilesystemencoding().upper()
+        why = f"no text in {coding}; give the file or folder another name"
+        raise given.error(path, f"{where} is {value[:60]!r}, {why}")
 
 
 def _complaint(given: SourceMapped, wanted: type, name: str, text: str) -> InputError:
@@ -270,7 +324,7 @@ def _shown(value: Any) -> str:
     if isinstance(value, bytes):
         return f"{len(value)} bytes"
     if isinstance(value, Mapping):
-        return f"a map of {', '.join(map(str, value)) or 'nothing'}"[:60]
+        return f"a map of {', '.join(map(str, value)) or 'nothing'}"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

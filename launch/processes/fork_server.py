@@ -13,7 +13,8 @@ from contextlib import ExitStack, contextmanager
 from multiprocessing import forkserver, resource_tracker, util
 from types import FrameType, ModuleType
 
-from palpate.nodes.runtime import PRELOAD_VARIABLE, THREAD_VARIABLES
+from palpate.nodes.runtime import PRELOAD_VARIABLE, SAFE_PATH_VARIABLE, THREAD_VARIABLES
+from palpate.nodes.runtime import open_closed_streams
 
 _RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 _PRELOADING = "palpate.nodes.runtime.preloading"
@@ -36,15 +37,21 @@ def start_fork_server(modules: Iterable[str]) -> None:
     stays as it is: nodes import what it lacks. What must not reach a node is blocked while it is
     started, and stays so in all that is forked from it. Blocked, not ignored: a Ctrl-C still comes.
     """
+    open_closed_streams()
     multiprocessing.get_context("forkserver").set_forkserver_preload([_PRELOADING])
+    # Python looks for modules first where it is started; our nodes are told where to look later.
+    settings = {
+        **NODE_ENVIRONMENT,
+        SAFE_PATH_VARIABLE: "1",
+        PRELOAD_VARIABLE: " ".join(preloaded_modules(modules)),
+    }
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:
-        # Started first, for it unblocks the signals that it ignores, behind our back; it does
-        # not ignore a hangup.
-        resource_tracker.ensure_running()
-        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-        preloaded = {PRELOAD_VARIABLE: " ".join(preloaded_modules(modules))}
-        with without_main_module(), _environment({**NODE_ENVIRONMENT, **preloaded}):
+        with without_main_module(), _environment(settings):
+            # Started first, for it unblocks the signals that it ignores, behind our back; it does
+            # not ignore a hangup.
+            resource_tracker.ensure_running()
+            signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
             _choose_socket_folder()
             forkserver.ensure_running()
     finally:

@@ -85,7 +85,8 @@ def placed_records(path: Path) -> Iterator[PlacedRecord]:
 
     `Closed` comes last, and is missing if the file ends after a whole record without having been
     closed. Raises DamagedRecording if the file is missing, empty, no MCAP file, cut off within a
-    record, or damaged; what was whole before that has been given by then.
+    record, damaged, or followed or preceded by other bytes; what was whole before that has been
+    given by then.
     """
     byte = 0
     try:
@@ -109,9 +110,9 @@ def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
     magic = file.read(len(MAGIC))
     if not magic:
         raise RecordFault("is empty", 0)
-    if magic != MAGIC:
-        raise RecordFault("is not an MCAP file: it begins otherwise", 0)
     size = os.fstat(file.fileno()).st_size
+    if magic != MAGIC:
+        raise RecordFault(_preceded(magic + file.read(_SKIP_BYTES), size), 0)
     checksum, opcode, place = zlib.crc32(magic), 0, len(MAGIC)
     while opcode != Opcode.FOOTER and place < size:
         head = file.read(_HEAD.size)
@@ -132,6 +133,22 @@ def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
             return
         yield place, opcode, content, before
         place += len(head) + length
+    if opcode == Opcode.FOOTER and place + len(MAGIC) < size:
+        raise RecordFault(_followed(file, size - place - len(MAGIC)), place + len(MAGIC))
+
+
+def _preceded(beginning: bytes, size: int) -> str:
+    """What is wrong with a file that begins with other bytes than a recording."""
+    found = beginning.find(MAGIC)
+    if found < 0 or found + len(MAGIC) == size:  # it is none, or that is its end
+        return "is not an MCAP file: it begins otherwise"
+    return f"begins later than its file: {found} bytes precede the beginning of the recording"
+
+
+def _followed(file: IO[bytes], rest: int) -> str:
+    """What is wrong with a file that holds more than the recording."""
+    another = ", and begin as another one" if file.read(len(MAGIC)) == MAGIC else ""
+    return f"goes on after its end: {rest} bytes follow the end of the recording{another}"
 
 
 def _check_head(opcode: int, length: int, place: int, size: int) -> None:

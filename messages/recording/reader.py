@@ -106,7 +106,8 @@ class Recording:
 def open_recording(path: Path) -> Recording:
     """Check a recording from end to end, with the parts in which its recorder went on.
 
-    ValueError if it is missing, empty, no MCAP file, cut off, damaged, or not written by palpate.
+    ValueError if it is missing, empty, no MCAP file, cut off, damaged, not written by palpate, or
+    followed or preceded by other bytes.
     """
     about: Mapping[str, str] | None = None
     types: dict[str, tuple[str, int]] = {}
@@ -208,13 +209,18 @@ def checked_records(path: Path) -> Iterator[LocatedRecord]:
 def records_of_parts(path: Path) -> Iterator[LocatedRecord]:
     """Records of all parts; a part that another follows may be cut off.
 
-    Raises DamagedRecording as `placed_records` does, of the last part.
+    Raises DamagedRecording as `placed_records` does, of the last part, or of one that was closed.
     """
     parts = parts_of(path)
     for part in parts[:-1]:
+        closed = False
         try:
-            yield from (LocatedRecord(part, *placed) for placed in placed_records(part))
+            for placed in placed_records(part):
+                closed = isinstance(placed.record, Closed)
+                yield LocatedRecord(part, *placed)
         except ValueError:
+            if closed:  # other bytes follow it
+                raise
             continue  # its recorder was killed: the next part begins where this one ends
     yield from (LocatedRecord(parts[-1], *placed) for placed in placed_records(parts[-1]))
 

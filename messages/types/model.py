@@ -76,16 +76,21 @@ class PlanDone:
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent
     reason: str  # Why it is over
-    # Whether the tolerance was met, as far as can be told
-    tolerance_met: bool | None
+    # Whether every limit is kept, as far as can be told; null where nothing was asked
+    reached: bool | None
     # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
     # tell
     rms_bound_95: Metres | None
-    # Height of the largest stretch of the side that nothing has touched; null where nobody looked
+    # Width of the largest untouched gap: of the side's height, or of a general solid; null where
+    # nobody looked
     largest_untouched: Metres | None
     uncovered: Metres  # Height of stretches of the side that no touch could reach
-    # Share of the surface that lies far from every touch, the underside apart; null where nobody
-    # looked
+    # What is known of the solid, by the names of `palpate.planning.Findings`; m and shares
+    findings: dict[str, float] = field(default_factory=dict)
+    # What was asked, by the names of `palpate.planning.Limits`; m and shares
+    limits: dict[str, float] = field(default_factory=dict)
+    # Share of the surface that is unknown, for it lies farther than half a feature from every
+    # touch, the underside apart; null where nobody looked
     open_share: Ratio | None = None
     open_width: Metres | None = None  # Width of the largest opening in what was touched
     # Middles of the largest openings, if there are any, the largest first
@@ -148,6 +153,11 @@ class ShapeModel:
     vertices: Points = field(default_factory=lambda: np.zeros((0, 3)))
     # Triangles, counter-clockwise seen from outside
     faces: Triangles = field(default_factory=lambda: np.zeros((0, 3), np.int32))
+    # Of the final model's mesh: whether every edge has exactly two faces, how many holes go through
+    # it, and how many pairs of triangles cross; null of models on the way, for nobody looked
+    closed: bool | None = None
+    genus: Count | None = None
+    self_crossings: Count | None = None
     # Error that is expected at each vertex of a general solid, of touches that were left out, by
     # their distance from the others; 0 where slices tell of theirs by height
     vertex_errors: Lengths = field(default_factory=lambda: np.zeros(0))
@@ -196,4 +206,5 @@ class Score:
     size: Metres  # True height of the object
     watertight: bool  # True if every edge has exactly two faces
     genus: Count  # Number of handles; -1 for a surface that is not closed and has none to count
+    true_genus: Count = -1  # The same of the truth
     final: bool  # True for the score of the final model

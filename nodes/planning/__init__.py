@@ -9,9 +9,10 @@ from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from palpate.nodes.planning.budget import Allowance, allowance, fits_contour, shortest_grasp
-    from palpate.nodes.planning.knowledge import describe_open, observed_surface
-    from palpate.nodes.planning.phases import State, Task, contour_goal, contour_limit, grasp_goal
-    from palpate.nodes.planning.phases import model_goal, next_touch, probe_goal
+    from palpate.nodes.planning.knowledge import observed_surface, plan_done
+    from palpate.nodes.planning.phases import State, Task, contour_goal, contour_limit
+    from palpate.nodes.planning.phases import fitted_superquadric, grasp_goal, model_goal
+    from palpate.nodes.planning.phases import next_touch, probe_goal
     from palpate.nodes.planning.phases import traced_of, with_coarse, with_contacts, with_probe
     from palpate.nodes.planning.phases import with_single
 else:

@@ -289,9 +289,14 @@ def with_contacts(state: State, contacts: GraspContacts) -> State:
 
 def with_coarse(state: State, coarse: Superquadric, axis: Floats | None) -> State:
     """The state with the slicing frame that the coarse model lets choose, or with a given axis."""
-    bend = Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0)
-    fit = derive(FittedSuperquadric, coarse, bend=bend, rms=coarse.residual)
+    fit = fitted_superquadric(coarse)
     return with_frame(replace(state, grasped=replace(state.grasped, fit=fit)), axis)
+
+
+def fitted_superquadric(coarse: Superquadric) -> FittedSuperquadric:
+    """The coarse model as a solid."""
+    bend = Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0)
+    return derive(FittedSuperquadric, coarse, bend=bend, rms=coarse.residual)
 
 
 class EndTouch(NamedTuple):

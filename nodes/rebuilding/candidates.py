@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import IDENTITY_POSE, Floats, Steps, no_steps, tree_to_bytes
+from palpate.core import IDENTITY_POSE, Floats, Ints, Steps, no_steps, tree_to_bytes
 from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
+from palpate.core.geometry import self_intersection, solidity
 from palpate.core.rebuild import Solid, fit_coarse, surface
 from palpate.core.rebuild import lattice as lattices
 from palpate.core.rebuild.contours import ContactPoints
@@ -193,6 +194,7 @@ def shape_model(
         ends_deviation=0.0 if deviation is None else deviation.ends,
         **parts,
         **_errors(parts["vertices"], candidates, step),
+        **(_checked(parts["vertices"], parts["faces"], step) if final else {}),
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
     )
@@ -225,6 +227,16 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
         if candidates.general is not None:
             errors, bounds = candidates.general.expected_errors(vertices)
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
+
+
+def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:
+    """What kind of surface the final mesh is, before anybody writes it."""
+    if not len(faces):
+        return {}
+    with step("mesh"):
+        body = solidity(vertices, faces)
+        crossings = self_intersection(vertices, faces).count
+    return {"closed": body.watertight, "genus": body.genus, "self_crossings": crossings}
 
 
 def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) -> dict[str, Any]:

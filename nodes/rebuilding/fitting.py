@@ -108,6 +108,7 @@ def _general(
         platform=state.platform,
         cell=general.FINE if final else general.fitting_cell(evidence),
         folds=general.FOLDS if final else general.FEW_FOLDS,
+        outward=True,
         step=step,
     )
 

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from palpate.nodes.runtime.node import describe_wirings, is_persistent, load_node
     from palpate.nodes.runtime.node import publishers_of, recorded_nodes
     from palpate.nodes.runtime.node import schemas_of, with_description, with_parameter
-    from palpate.nodes.runtime.preloading import PRELOAD_VARIABLE, THREAD_VARIABLES
+    from palpate.nodes.runtime.preloading import PRELOAD_VARIABLE, SAFE_PATH_VARIABLE
+    from palpate.nodes.runtime.preloading import THREAD_VARIABLES, open_closed_streams
     from palpate.nodes.runtime.testing import assert_same, drive, example, feed, messages_on
     from palpate.nodes.runtime.testing import recorded
     from palpate.nodes.runtime.work import ContractError, NodeWork, Outgoing, failure_records

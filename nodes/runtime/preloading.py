@@ -18,6 +18,7 @@ from importlib.util import LazyLoader, find_spec, module_from_spec
 from types import CodeType, FunctionType, ModuleType
 
 PRELOAD_VARIABLE = "PALPATE_PRELOAD"  # Of the environment: names of modules between blanks
+SAFE_PATH_VARIABLE = "PYTHONSAFEPATH"  # Of the environment: no module comes from the current folder
 # Of the environment: how many threads linear algebra takes, read when numpy is imported.
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _PR_SET_PDEATHSIG = 1
@@ -88,6 +89,19 @@ def _codes_of(values: Iterable[object]) -> Iterator[CodeType]:
             yield from _codes_of(vars(one).values())
 
 
+def open_closed_streams() -> None:
+    """Have a standard stream that was closed lead to nowhere.
+
+    Otherwise the next file or socket has its number, here or in a process that is started.
+    """
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # so Python says that it was closed
+            mode = "r" if name == "stdin" else "w"
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115 (open to the end)
+            os.set_inheritable(stream.fileno(), True)  # the lowest free number: its own
+            setattr(sys, name, stream)
+
+
 def signal_at_parent_death(number: int) -> None:
     """Have the kernel send this process a signal when its parent dies; 0 sends none."""
     if sys.platform == "linux":
@@ -95,4 +109,5 @@ def signal_at_parent_death(number: int) -> None:
 
 
 if PRELOAD_VARIABLE in os.environ:
+    os.environ.pop(SAFE_PATH_VARIABLE, None)  # it is not for the programs that a node starts
     preload(os.environ.pop(PRELOAD_VARIABLE).split())

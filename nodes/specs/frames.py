@@ -237,7 +237,7 @@ class SensorParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     # What a number is multiplied by to be in m, s or N: 0.001 for mm.
     scale: Annotated[float, Meta(gt=0)] = 1.0
     # Standard deviation of one taxel's compression, m, if there is no calibration.
-    noise: Annotated[float, Meta(ge=0, le=0.001)] = 0.0
+    noise: Annotated[float, Meta(ge=0, le=0.001, description="m")] = 0.0
 
 
 def sensor_info(sensing: SensorParams) -> SensorInfo:

@@ -27,6 +27,7 @@ PlaneNumber = Annotated[float, Meta(ge=-1e6, le=1e6)]
 SectionScale = Annotated[float, Meta(ge=0, le=100, description="1")]
 TermPlane = tuple[PlaneNumber, PlaneNumber, PlaneNumber, PlaneNumber]
 Coordinate = Annotated[float, Meta(ge=-10, le=10, description="m")]
+Shift = Annotated[float, Meta(description="m")]
 Degrees = Annotated[float, Meta(ge=-360, le=360, description="degrees")]
 Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
 Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
@@ -226,7 +227,7 @@ class LayerSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What happens to one layer of a control lattice."""
 
     scale: Annotated[float, Meta(gt=0, le=10)] = 1.0  # Widens the layer
-    shift: tuple[float, float] = (0.0, 0.0)  # Moves it along x and y, m
+    shift: tuple[Shift, Shift] = (0.0, 0.0)  # Moves it along x and y, m
     turn: Annotated[float, Meta(ge=-180, le=180)] = 0.0  # Turns it about z, degrees
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import RobotPreset, told_error, touch
+from palpate.core import RobotPreset, in_base_units, told_error, touch
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.touch.effects import effect_type, rank
 from palpate.messages import derive
@@ -154,8 +154,8 @@ def _described(name: str, parameters: Mapping[str, Any]) -> touch.Effect:
         if key not in known:
             raise ValueError(f"effects.{name} has no parameter {key!r}; it has {known}")
     try:
-        return msgspec.convert(parameters, kind)
-    except msgspec.ValidationError as error:
+        return msgspec.convert(in_base_units(kind, parameters), kind)
+    except ValueError as error:
         raise ValueError(f"effects.{name}: {error}") from None
     except Exception as error:  # a class of one's own may break in any way
         raise ValueError(f"the effect {name!r} cannot be made: {told_error(error)}") from error

@@ -5,7 +5,14 @@ from typing import Annotated, ClassVar
 import numpy as np
 import pytest
 
-from palpate.core.plugins import Range, check_ranges, code_place, ranges_of, told_error
+from palpate.core.plugins import (
+    Range,
+    check_ranges,
+    code_place,
+    in_base_units,
+    ranges_of,
+    told_error,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +59,13 @@ def test_ranges_are_read_off_the_fields_that_have_one():
 def test_a_range_is_stated_with_its_unit_unless_it_has_none():
     assert str(Range(0.0, 2e-3, "m")) == "0 to 0.002 m"
     assert str(Range(0.1, 0.9, "1")) == "0.1 to 0.9"
+
+
+def test_a_length_given_as_text_is_read_by_its_unit_and_nothing_else_is_changed():
+    given = {"length": "0.5mm", "share": "0.5", "free": "1mm", "other": "2mm"}
+    assert in_base_units(Described, given) == {**given, "length": 5e-4}
+    with pytest.raises(ValueError, match="length is '1s'; expected number: the unit 's'"):
+        in_base_units(Described, {"length": "1s"})
 
 
 def test_both_ends_of_a_range_belong_to_it():

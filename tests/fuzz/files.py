@@ -347,7 +347,7 @@ def read_meshes(path: Path) -> None:
     if points is not None and len(points):
         assert points.ndim == 2 and points.shape[1] == 3, "points without three coordinates"
     else:
-        _check(*files.read_surface(path, "mm"))
+        _check(*files.read_surface(path, "mm")[:2])
     vertices, faces, _ = files.read_mesh(path, "mm")
     _check(vertices, faces)
     found, extents = solidity(vertices, faces), np.ptp(vertices, axis=0)

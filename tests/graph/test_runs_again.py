@@ -54,21 +54,30 @@ def test_meshes_and_modules_of_ones_own_go_with_the_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "work")
     for what in ("effect", "planner"):
         assert command_line.run(["init", what, f"my_{what}"]) == 0
+    Path("my_helper.py").write_text("")
+    with Path("my_planner.py").open("a") as file:
+        file.write("\nimport my_helper\n")
     shutil.copy(launch.SHIPPED_SCENES / "pear.ply", "elsewhere/mesh.ply")
     Path("scenes/s.yaml").write_text(OWN_SCENE)
 
-    def palpate(folder, *told):
+    def palpate(folder, *told, into=None):
         env = {**os.environ, "PYTHONPATH": str(Path(launch.__file__).parents[2])}
         words = [sys.executable, "-m", "palpate", *told, "--quiet"]
         done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True)
         assert done.returncode in (0, 1), done.stderr
-        return (launch.read_summary(folder / told[-1]))["mesh_sha256"]
+        return (launch.read_summary(folder / (into or told[-1])))["mesh_sha256"]
 
     first = palpate(tmp_path / "work", "run", "scenes/s.yaml", "--touches", "40", "--out", "../run")
     kept = {str(one.relative_to(tmp_path / "run")) for one in (tmp_path / "run/inputs").iterdir()}
-    assert kept == {"inputs/mesh.ply", "inputs/my_effect.py", "inputs/my_planner.py"}
+    own = ("mesh.ply", "my_effect.py", "my_helper.py", "my_planner.py")
+    assert kept == {f"inputs/{name}" for name in own}
     assert not re.search(r"work|elsewhere", (tmp_path / "run/scene.yaml").read_text())
     shutil.rmtree(tmp_path / "work")
     assert first is not None
     assert palpate(tmp_path / "other", "run", "../run/scene.yaml", "--out", "a") == first
     assert palpate(tmp_path / "other", "launch", "../run/launch.yaml", "--out", "b") == first
+    (tmp_path / "other/runs").mkdir()
+    shutil.move(tmp_path / "run", tmp_path / "other/runs/first")
+    (tmp_path / "other/runs/latest").symlink_to("first")  # which is the new run's meanwhile
+    latest = "runs/latest"
+    assert palpate(tmp_path / "other", "launch", f"{latest}/launch.yaml", into=latest) == first

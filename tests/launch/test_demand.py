@@ -1,18 +1,20 @@
+import math
+
 import pytest
 
 from palpate.launch import check_run, find_scene
 from palpate.launch.demand import (
-    COSTS,
     LENGTHS,
     NOISES,
     TIMES,
     demand_text,
-    expected_cost,
+    demanded_of,
     read_demand,
     read_quantity,
     read_setup,
 )
 from palpate.launch.files import InputError, SourceMapped, key_path
+from palpate.launch.forecast import COSTS, ellipsoid_area, expected_cost, forecast
 from palpate.launch.launch_source import EXPLORE
 from palpate.launch.scene import load_scene
 
@@ -36,7 +38,7 @@ def test_a_number_with_its_unit_is_read(text, units, value):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0.2", "must have a unit: m, cm, mm, um, as in 0.2mm"),
+        ("0.2", "must have a unit: m, cm, mm, um, in, ft, as in 0.2mm"),
         ("0.2s", "the unit 's' is none of m, cm, mm, um"),
         ("mm", "must be a number with a unit, as 0.2mm"),
         ("nanmm", "must be a number with a unit"),
@@ -85,19 +87,39 @@ def resolved(settings, tmp_path):
 def test_what_is_asked_is_told_with_its_reason_and_what_it_is_expected_to_cost(tmp_path):
     settings = read_demand("0.4mm", None, "300s", None, "fine")
     _, wirings = resolved(settings, tmp_path)
-    text = " ".join(demand_text(wirings, settings, 0.08).split())
+    text = " ".join(demand_text(wirings, settings, (0.08, 0.08, 0.08)).split())
     assert "tolerance 0.4 mm (--tolerance 0.4mm)" in text
-    assert "untouched at most 40 mm (100 times the tolerance)" in text
+    assert "feature 40 mm (100 times the tolerance)" in text
+    assert "unknown at most 1 % of the surface, over half a feature from any touch" in text
+    assert "gap between contours at most a feature" in text
+    assert "a closed surface, no hole unentered" in text
     assert "at most 300 s (--budget 300s)" in text
     assert "quality fine (--quality fine)" in text
     assert "expected about" in text and "for 0.5 % of 80 mm" in text
     own = read_demand("0.4mm", "3mm", None, 90, None)
     _, wirings = resolved(own, tmp_path)
     text = " ".join(demand_text(wirings, own, None).split())
-    assert "untouched at most 3 mm (--feature 3mm)" in text
+    assert "feature 3 mm (--feature 3mm)" in text
     assert "at most 90 touches (--touches 90)" in text
     assert "expected" not in text
-    assert demand_text([], {}, 0.1) == ""
+    assert demand_text([], {}, (0.1, 0.1, 0.1)) == ""
+
+
+def test_expected_touches_grow_with_the_surface_and_with_accuracy(tmp_path):
+    for name in ("predicted", "touches"):
+        settings = {"planner.planner": SourceMapped(name, "")}
+        asked = demanded_of(resolved(settings, tmp_path)[1]).asked
+        ball, wide = forecast(asked, (0.08,) * 3), forecast(asked, (0.16, 0.16, 0.08))
+        assert ball.touches[1] < wide.touches[1] < 4.0 * ball.touches[1]
+        assert forecast(asked, (0.08,) * 3, quality="fine").compute > ball.compute
+        finer = forecast(type(asked)(planner=name, tolerance=1e-4), (0.08,) * 3)
+        assert finer.touches[1] > ball.touches[1] and finer.seconds[1] > ball.seconds[1]
+
+
+def test_the_area_of_an_ellipsoid_is_that_of_closed_forms():
+    assert ellipsoid_area((2.0, 2.0, 2.0)) == pytest.approx(4.0 * math.pi, rel=1e-12)
+    long = 2.0 * math.pi * (1.0 + 3.0 / math.sqrt(1 - 1 / 9) * math.asin(math.sqrt(1 - 1 / 9)))
+    assert ellipsoid_area((2.0, 2.0, 6.0)) == pytest.approx(long, rel=0.011)
 
 
 def test_a_robot_time_in_which_no_hand_can_close_twice_is_refused(tmp_path):

@@ -87,7 +87,7 @@ def test_a_robot_without_a_clock_has_no_ratio():
 def test_the_last_entry_of_a_run_that_is_over_has_all_that_was_computed():
     done = PlanDone(
         number=3, contours=(), probes=(), touches=40, robot_time=80.0, reason="x", uncovered=0.0,
-        tolerance_met=True, rms_bound_95=1e-4, largest_untouched=0.0,
+        reached=True, rms_bound_95=1e-4, largest_untouched=0.0,
     )  # fmt: skip
     told = [estimate(2, 20, 1e-3), estimate(3, 40, 1e-4)]
     spent = [(2.0, 1.0), (3.0, 2.0)]

@@ -71,6 +71,12 @@ def test_a_file_in_the_place_of_the_folder_is_refused():
         choose_run_directory("vase", Path("here"))
 
 
+def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_made():
+    with pytest.raises(InputError, match="its name is no text in UTF-8, so that nodes could not"):
+        choose_run_directory("vase", Path("here\udcff"))
+    assert not any(Path().iterdir())
+
+
 def test_a_folder_that_cannot_be_made_is_refused():
     Path("file").write_text("mine")
     with pytest.raises(InputError, match="file/here: cannot be written: Not a directory"):
@@ -98,7 +104,7 @@ KEYS = {
     "palpate", "status", "reason", "scene", "seed", "chamfer_m", "rms_m", "hausdorff_m", "p95_m",
     "normal_deg", "volume_error", "sampling_floor_m", "size_m", "watertight", "genus", "contours",
     "contours_failed", "uncovered_m", "rms_bound_95_m", "tolerance_m", "tolerance_met",
-    "largest_untouched_m",
+    "largest_untouched_m", "limits", "criteria", "reached", "true_genus", "self_crossings",
     "open_share", "open_width_m", "open_places_m", "open_normals", "open_touches",
     "under_share", "method",
     "predicted_m",
@@ -195,25 +201,75 @@ def test_a_run_without_a_solid_has_missed_its_goal(progress, tetrahedron, score)
     assert code(rebuilds=False) == 0
 
 
-def planned(met, reason="the budget is spent: 40 of 40 touches"):
+def planned(found, limits, reason="the budget is spent: 40 of 40 touches"):
     return PlanDone(
         number=3, contours=(1, 2), probes=(), touches=40, robot_time=20.0, reason=reason,
-        tolerance_met=met, rms_bound_95=3e-4, largest_untouched=2.5e-3, uncovered=0.0,
+        reached=None, rms_bound_95=found.get("error_bound"), largest_untouched=2.5e-3,
+        uncovered=0.0, findings=found, limits=limits,
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("met", "code"), [(True, 0), (None, 0), (False, 1)])
-def test_a_tolerance_that_was_not_reached_is_a_missed_goal_whatever_ended_the_run(
-    progress, met, code, tmp_path
+KEPT = {"error_bound": 6e-4, "unknown_share": 4e-3, "untouched_gap": 9e-3, "unentered_hole": 0.0}
+ASKED = {"tolerance": 1e-3, "feature": 0.02, "unknown_share": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, []),
+        ({"error_bound": 3e-3}, ["error bound 3.000 mm (limit 1 mm)"]),
+        ({"unknown_share": 0.03}, ["unknown share 3.0 % (limit 1 %)"]),
+        ({"untouched_gap": 0.03}, ["untouched gap 30.000 mm (limit 20 mm)"]),
+        ({"unentered_hole": 5e-3}, ["unentered hole 5.000 mm (none is allowed)"]),
+        ({"untraced_height": 5e-3}, ["untraced height 5.000 mm (none is allowed)"]),
+        (
+            {"error_bound": 3e-3, "underside_error": 7e-3, "underside_share": 0.16},
+            ["error bound 3.000 mm (limit 1 mm)", "underside error 7.000 mm (limit 2.5 mm)"],
+        ),
+    ],
+)
+def test_the_limit_that_is_not_kept_is_named_whatever_ended_the_run(
+    progress, changes, told, tmp_path
 ):
-    progress.done = planned(met)
+    progress.done = planned(KEPT | changes, ASKED)
     summary = summarise(ending(), progress, "vase", 7)
+    code = int(bool(told))
     assert [exit_code(summary, rebuilds=rebuilds) for rebuilds in (True, False)] == [code, code]
-    told = "the tolerance was not reached: rms below 0.300 mm (95 %); untouched at most 2.500 mm"
-    assert summary["missed"] == ([] if met is not False else [told])
-    text = headline_text(summary, [], tmp_path)
-    assert ("missed     the tolerance was not reached" in text) == (met is False)
+    assert (summary["reached"], summary["missed"]) == (not told, told)
+    assert summary["limits"] == {"tolerance_m": 1e-3, "feature_m": 0.02, "unknown_share": 0.01}
+    text = " ".join(headline_text(summary, [], tmp_path).split())
+    assert ("missed" in text) == bool(told) and all(one in text for one in told)
     assert "the budget is spent: 40 of 40 touches" in text
+
+
+def test_a_bound_that_nobody_can_state_is_not_within_any_tolerance(progress):
+    progress.done = planned({}, ASKED)
+    summary = summarise(ending(), progress, "vase", 7)
+    assert summary["missed"] == ["no error bound can be stated (limit 1.000 mm)"]
+    progress.done = planned({}, {"unknown_share": 0.01})
+    assert summarise(ending(), progress, "vase", 7)["missed"] == []
+
+
+@pytest.mark.parametrize(
+    ("model", "score_changes", "told", "kind"),
+    [
+        ({"genus": 2}, {"genus": 2, "true_genus": 2}, [], "a closed solid with 2 holes through it"),
+        ({}, {"true_genus": 1}, ["genus 0 (the object's is 1)"], "a closed solid,"),
+        ({"self_crossings": 6}, {}, ["6 self-crossings"], "a surface that crosses itself"),
+        ({"closed": False, "genus": None}, {}, ["1 open surface"], "a surface that is NOT closed"),
+        ({}, {"rms": 2e-3}, ["rms error 2.000 mm (limit 1 mm)"], "a closed solid,"),
+    ],
+)
+def test_what_the_mesh_and_the_truth_say_is_judged_too(
+    progress, tetrahedron, score, model, score_changes, told, kind, tmp_path
+):
+    facts = {"closed": True, "genus": 0, "self_crossings": 0} | model
+    progress.model = dataclasses.replace(tetrahedron, **facts)
+    progress.scores = [(3.0, dataclasses.replace(score, **score_changes))]
+    progress.done = planned(KEPT, ASKED)
+    summary = summarise(ending(), progress, "vase", 7)
+    assert summary["missed"] == told and exit_code(summary, rebuilds=True) == bool(told)
+    assert kind in headline_text(summary, [], tmp_path)
 
 
 def test_an_interrupted_run_tells_what_was_known_by_then(progress):
@@ -225,7 +281,7 @@ def test_an_interrupted_run_tells_what_was_known_by_then(progress):
     ]  # fmt: skip
     summary = summarise(ending("interrupted", "Ctrl-C"), progress, "vase", 7)
     assert (summary["rms_bound_95_m"], summary["largest_untouched_m"]) == (4e-4, 9e-3)
-    assert (summary["tolerance_met"], summary["missed"]) == (None, [])
+    assert (summary["reached"], summary["missed"]) == (None, [])
     assert exit_code(summary, rebuilds=True) == 130
 
 

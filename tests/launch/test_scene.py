@@ -14,6 +14,7 @@ from palpate.launch.scene import (
     load_scene,
     shipped_scenes,
 )
+from palpate.nodes.specs import describe_effects
 from palpate.tools.init import begin
 
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
@@ -47,8 +48,39 @@ def test_a_scene_fills_in_its_defaults_and_reads_its_mesh_in_metres(write):
     assert vertices[:, 2].max() == pytest.approx(0.1)
 
 
+IN_UNITS = """
+object: {cone: {radius: 30mm, height: 6 cm, top: 1e3um}, pose: {position: [0, -1mm, 3cm]}}
+sensor: {pitch: 1000µm, pad: {thickness: 3mm, radius: 1.5cm}}
+world: {reach: 15cm}
+effects: [gaussian_noise: {sigma: 10um}]
+"""
+IN_METRES = """
+object: {cone: {radius: 0.03, height: 0.06, top: 0.001}, pose: {position: [0, -0.001, 0.03]}}
+sensor: {pitch: 0.001, pad: {thickness: 0.003, radius: 0.015}}
+world: {reach: 0.15}
+effects: [gaussian_noise: {sigma: 1.0e-5}]
+"""
+
+
+def test_a_length_with_its_unit_is_the_length_in_metres(write):
+    one, other = (load_scene(write("s.yaml", text)).spec for text in (IN_UNITS, IN_METRES))
+    for key in ("object", "sensor", "world"):
+        assert repr(getattr(one, key)) == repr(getattr(other, key))
+    assert describe_effects(one.effects) == describe_effects(other.effects)
+
+
 @pytest.mark.parametrize(("text", "words"), [
     ("", "bad.yaml: is empty"),
+    ("object:\n  sphere: {radius: 30mmm}",
+     "bad.yaml:2: object.sphere.radius is '30mmm'; expected number: the unit 'mmm' is none of"),
+    ("object:\n  sphere: {radius: 5s}",
+     "bad.yaml:2: object.sphere.radius is '5s'; expected number: the unit 's' is none of m, cm"),
+    ("object:\n  sphere: {radius: '0.03'}",
+     "bad.yaml:2: object.sphere.radius is '0.03'; expected number: must have a unit: m, cm, mm"),
+    ("object:\n  sphere: {radius: -3mm}", "bad.yaml:2: object.sphere.radius is -0.003; expected"),
+    (BALL + "sensor: {rows: 16mm}", "bad.yaml:3: sensor.rows is '16mm'; expected whole number"),
+    (BALL + "effects:\n- gaussian_noise:\n    sigma: 1 parsec",
+     "bad.yaml:5: effects.gaussian_noise.sigma is '1 parsec'; expected number: the un"),
     ("a: [", "bad.yaml:1: is not YAML"),
     ("seed: 3", "bad.yaml:1: the document lacks the key 'object'"),
     (BALL + "sede: 3", "bad.yaml:3: unknown key 'sede'; did you mean 'seed'?"),
@@ -65,7 +97,7 @@ def test_a_scene_fills_in_its_defaults_and_reads_its_mesh_in_metres(write):
      "none.ply: the mesh cannot be read: No such file"),
     ("object:\n  mesh: {unit: mm}", "bad.yaml:2: object.mesh lacks the key 'file'"),
     ("object:\n  mesh: {file: x.ply, unit: inch}",
-     "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, m, mm"),
+     "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, ft, in, m"),
     ("object:\n  mesh: {file: ../x.ply, unit: mm}",
      "bad.yaml:2: object.mesh.file is '../x.ply'; it must lie in the scene's own folder"),
     ("object:\n  mesh: {file: /etc/x.ply, unit: mm}", "must lie in the scene's own folder"),

@@ -159,7 +159,7 @@ def test_it_ends_when_the_hand_closes_on_nothing(explored: Explored, cylinder: A
     assert len(of(published, "/hand/goal")) > 800  # everywhere within reach, twice
     [done] = of(published, "/plan/done")
     assert done.reason == "the hand closed on nothing within reach"
-    assert (done.contours, done.tolerance_met, done.rms_bound_95) == ((), False, None)
+    assert (done.contours, done.reached, done.rms_bound_95) == ((), False, None)
 
 
 def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
@@ -179,7 +179,7 @@ def test_a_slice_that_fails_is_tried_again_nearby_and_told_of(
 def test_the_default_rule_covers_the_side_and_states_a_bound(explored: Explored, world: World):
     published = explored(Params(), world)
     [done] = of(published, "/plan/done")
-    assert done.tolerance_met
+    assert done.reached
     assert done.rms_bound_95 < Params().tolerance
     assert done.largest_untouched <= FEATURE_SHARE * Params().tolerance
     heights = sorted(goal.height for goal in of(published, "/contour/goal"))
@@ -195,7 +195,7 @@ def test_a_budget_ends_it_and_is_kept(explored: Explored, world: World, budget: 
     [done] = of(explored(params, world), "/plan/done")
     assert done.reason.startswith("the budget is spent")
     assert words in done.reason
-    assert done.tolerance_met is False
+    assert done.reached is False
     spent, most = (
         (done.touches, budget["most_touches"])
         if "most_touches" in budget
@@ -255,7 +255,7 @@ def test_fingers_work_side_by_side_apart_from_each_other(explored: Explored, sev
     heights = sorted(goal.height for goal in first)
     assert min(np.diff(heights)) > 1.5 * 0.016 - 1e-12
     [done] = of(published, "/plan/done")
-    assert done.tolerance_met
+    assert done.reached
 
 
 def test_the_order_in_which_fingers_arrive_changes_nothing(explored: Explored, several: World):
@@ -309,7 +309,7 @@ def test_an_answer_that_nobody_can_act_on_ends_it_with_what_there_is(
     [done] = of(explored(Params(planner="lost_planner:Lost"), world), "/plan/done")
     assert len(done.contours) == 3
     assert done.reason.startswith("the planner Lost gave no answer to act on: a height must lie")
-    assert not done.tolerance_met
+    assert not done.reached
 
 
 def test_ends_of_a_general_solid_are_not_touched_apart(

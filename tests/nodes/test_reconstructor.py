@@ -98,7 +98,7 @@ def model_goal(number: int, contours: Sequence[int], probes: Sequence[int]) -> M
 def plan_done(number: int, contours: Sequence[int], probes: Sequence[int]) -> PlanDone:
     return PlanDone(
         number=number, contours=tuple(contours), probes=tuple(probes), touches=19,
-        robot_time=30.0, reason="enough", tolerance_met=None, rms_bound_95=None,
+        robot_time=30.0, reason="enough", reached=None, rms_bound_95=None,
         largest_untouched=None, uncovered=0.0,
     )  # fmt: skip
 

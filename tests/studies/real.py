@@ -194,7 +194,7 @@ def _run(path: Path, seed: int, folder: Path) -> RealRun:
         touched_rms_m=picture.touched_rms,
         sampling_floor_m=found.score.sampling_floor,
         bound_m=found.done.rms_bound_95,
-        met=found.done.tolerance_met,
+        met=found.done.reached,
         covered=picture.covered,
         open_share=found.done.open_share,
         under_share=found.done.under_share,

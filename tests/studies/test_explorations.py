@@ -23,7 +23,7 @@ def explored():
 
 
 def changed(one: Explored, *, bound: float | None, within: bool = True) -> Explored:
-    return one._replace(done=replace(one.done, rms_bound_95=bound, tolerance_met=within))
+    return one._replace(done=replace(one.done, rms_bound_95=bound, reached=within))
 
 
 def named(rows: list[Row], part: str) -> Row:

@@ -395,7 +395,10 @@ def write_table(path, rows, header="x,y,z,nx,ny,nz"):
 def test_points_in_no_order_become_a_solid_with_a_hole(ring, home, capsys):
     write_table(home / "ring.csv", np.hstack(ring))
     np.savez(home / "ring.npz", points=ring[0], normals=ring[1])
-    for name in ("ring.csv", "ring.npz"):
+    names = "\n".join(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    head = f"ply\nformat ascii 1.0\nelement vertex 700\n{names}\nend_header"
+    np.savetxt(home / "ring.ply", np.hstack(ring), header=head, comments="")
+    for name in ("ring.csv", "ring.npz", "ring.ply"):
         out = home / f"{name}.npz"
         asked = ("--method", "general", "--unit", "mm", "-o", out, "-o", home / f"{name}.stl")
         assert run(home / name, *asked, "--json") == 0

@@ -70,7 +70,7 @@ def test_the_unit_can_be_said(saved, unit, scale):
 
 
 def test_a_wrong_unit_is_doubted(saved):
-    found = score(saved("a.ply"), saved("b.stl"))  # written in m, and read in mm
+    found = score(saved("a.ply"), saved("b.stl"), reference_unit="mm")  # written in m
     assert not found["same_order_of_size"]
     assert "warning    their sizes differ widely: see --unit" in score_text(found)
 
@@ -220,12 +220,13 @@ def test_points_are_read_however_the_table_is_written(write, text):
     ("name", "text", "words"),
     [
         ("p.csv", "", "p.csv: holds no points"),
-        ("p.csv", "x,y,z\n", "p.csv: holds no points under its header"),
-        ("p.csv", "1,2\n3,4\n", "p.csv: has 2 columns; x, y and z are needed"),
-        ("p.csv", "1,2,3\n4,5,six\n", "p.csv: is no table of numbers: could not convert"),
-        ("p.csv", "1,2,3\n4,5\n", "p.csv: is no table of numbers"),
+        ("p.csv", "x,y,z\n", "p.csv:1: holds no points under its header"),
+        ("p.csv", "1,2\n3,4\n", "p.csv:1: has 2 columns and no header"),
+        ("p.csv", "1,2,3\n4,5,six\n", "p.csv:2: z must be a number, got 'six'"),
+        ("p.csv", "1,2,3\n4,5\n", "p.csv:2: has 2 columns where 3 are named"),
+        ("p.csv", "7,1,2,3\n" * 6, "p.csv:1: has 4 columns and no header; name them"),
         ("p.csv", "1,2,3\n4,5,6\n", "p.csv: holds 2 points; at least 6 are needed"),
-        ("p.csv", "1,2,3\n" * 6 + "nan,0,0\n", "p.csv: point 6 is not finite"),
+        ("p.csv", "1,2,3\n" * 6 + "nan,0,0\n", "p.csv: holds 1 point not finite, line 7"),
         ("p.csv", "1,2,3\n" * 6, "p.csv: all 6 points are in one place"),
         ("p.csv", "0,0,0\n" + "1,2,3e200\n" * 6, "p.csv: reaches 3e.200 m from the origin"),
         ("m.obj", "v 0 0 0\nv 1e99 0 0\nv 0 1 0\nf 1 2 3\n", "m.obj: reaches 1e.99 m from"),
@@ -239,11 +240,23 @@ def test_files_that_hold_nothing_are_refused(write, name, text, words):
         read_mesh_or_points(write(name, text), None)
 
 
+@pytest.mark.parametrize(
+    ("header", "order"),
+    [("Id,X [mm],Y [mm],Z [mm]", (0, 1, 2)), ("Id;Z_mm;Y_mm;X_mm", (2, 1, 0))],
+)
+def test_columns_are_taken_by_their_names(write, header, order):
+    points = np.random.default_rng(3).normal(size=(8, 3))
+    mark, placed = header[2], points[:, list(order)].tolist()
+    rows = [mark.join(map(repr, [i, *row])) for i, row in enumerate(placed)]
+    found = read_mesh_or_points(write("p.csv", "\n".join([header, *rows])), "m")
+    np.testing.assert_array_equal(found.vertices, points)
+
+
 def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none\.csv: cannot be read: No such file"):
         read_mesh_or_points(tmp_path / "none.csv", None)
     (tmp_path / "p.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match=r"p\.csv: is no text in UTF-8"):
+    with pytest.raises(InputError, match=r"p\.csv:1: is no text in UTF-8"):
         read_mesh_or_points(tmp_path / "p.csv", None)
 
 
@@ -251,7 +264,7 @@ def test_a_file_that_is_too_large_is_refused(write, monkeypatch, tmp_path):
     np.savez_compressed(tmp_path / "m.npz", vertices=np.zeros((2_000_000, 3)))
     with pytest.raises(InputError, match="unpacks to 45 MiB, more than is read"):
         read_mesh_or_points(tmp_path / "m.npz", None)
-    monkeypatch.setattr("palpate.launch.files.MAX_MESH_BYTES", 1000)
+    monkeypatch.setattr("palpate.launch.files.points_file.MAX_TABLE_BYTES", 1000)
     with pytest.raises(InputError, match="is larger than 0 kB, the most that is read"):
         read_mesh_or_points(write("p.csv", "1,2,3\n" * 200), None)
 

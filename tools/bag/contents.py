@@ -149,7 +149,9 @@ def info_text(info: BagInfo) -> str:
     closed, end = "yes", info["end"]
     if end is not None:
         name = Path(end["path"]).name
-        closed = f"no: {name} {end['why']}; {end['byte']} bytes of it are whole"
+        was = {part["path"]: part["closed"] for part in info["parts"]}[end["path"]]
+        word = "yes, but" if was else "no:"
+        closed = f"{word} {name} {end['why']}; {end['byte']} bytes of it are whole"
     for title, text in (
         ("version", info["version"] or "not known"),
         ("closed", closed),
@@ -226,7 +228,8 @@ def _copy(source: Path, target: Path) -> Recovered:
         if not copy.counts:
             ends = f"its end: it {why}" if why else "its end"
             raise InputError(f"{part}: nothing can be recovered: no message comes before {ends}")
-        about = {"from": " ".join(one.name for one in parts), "to": f"{part.name}, byte {byte}"}
+        names = " ".join(printable(one.name) for one in parts)
+        about = {"from": names, "to": f"{printable(part.name)}, byte {byte}"}
         copy.close(RECOVERED_RECORD, about | {"why": why})
     finally:
         copy.give_up()

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.launch import Entry, Graph, find_bag, launch
-from palpate.launch.files import InputError, as_input_errors
+from palpate.launch.files import InputError, as_input_errors, plain_name
 from palpate.launch.processes import running_graphs
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime import Watcher, Wiring
@@ -50,7 +50,7 @@ def play_recording(entry: Entry, *, quiet: bool) -> int:
     wirings = Graph((entry,), ends=PLAYER_NAME).wirings()
     with Keyboard() as keys:
         watcher = PlaybackWatcher(wirings[0], quiet=quiet, keys=keys)
-        name = Path(entry.params["path"]).stem
+        name = plain_name(Path(entry.params["path"]).stem)
         with as_input_errors():
             ending = launch(wirings, ends=PLAYER_NAME, watch=(), watcher=watcher, name=name)
     if ending.status == "interrupted":

@@ -181,7 +181,7 @@ class FaultInjector:
     def _look_on(self, card: RunCard) -> None:
         """Have a tool join."""
         names = [*card.taps.values(), "--", STATUS_TOPIC, *card.topics]
-        command, quiet = [sys.executable, "-m", __name__, *names], subprocess.DEVNULL
+        command, quiet = [sys.executable, "-P", "-m", __name__, *names], subprocess.DEVNULL
         self._onlookers.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=quiet))
 
     def _stop_onlookers(self) -> None:

@@ -316,7 +316,7 @@ class Exploration:
 
 
 def _start_palpate(arguments: list[str], out: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "palpate", *arguments, "--out", str(out), "--quiet"]
+    command = [sys.executable, "-P", "-m", "palpate", *arguments, "--out", str(out), "--quiet"]
     out.parent.mkdir(parents=True, exist_ok=True)
     with out.with_suffix(".txt").open("wb") as words:
         return subprocess.Popen(

@@ -7,6 +7,7 @@ written to a file, never to the screen. A verb is imported only when it is calle
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import signal
@@ -23,8 +24,8 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from palpate import __version__
-from palpate.launch.files import InputError, hint
-from palpate.nodes.runtime import THREAD_VARIABLES
+from palpate.launch.files import METRES_PER_UNIT, InputError, hint
+from palpate.nodes.runtime import THREAD_VARIABLES, open_closed_streams
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
 HELP_OPTIONS = ["-h", "--help"]
@@ -134,8 +135,16 @@ UNTRUSTED = click.option(
     is_flag=True,
     help="Refuse a scene that names a program, or files outside its folder.",
 )
+SIZE = click.option(
+    "--size", metavar="LENGTH", help="Of a mesh, in place of a unit: largest extent, as 120mm."
+)
 VIEW = click.option("--view", is_flag=True, help="Show it in the browser: palpate view.")
 VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
+
+
+def unit_option(what: str, name: str = "--unit") -> Callable[[Command], Command]:
+    """An option that takes a unit of length."""
+    return click.option(name, type=click.Choice(list(METRES_PER_UNIT)), help=what)
 
 
 def out_option(told: str, **how: Any) -> Callable[[Command], Command]:
@@ -185,14 +194,53 @@ def progress_printer(shown: bool, form: str = "{}") -> Callable[[str], None]:
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Do what the command line, without the program's name, asks for, and exit."""
+    _prepare_streams()
     # Idle threads of linear algebra wait in a loop, which took a tenth of a run's processor time.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
     if COMPLETE_VARIABLE in os.environ:
         sys.exit(answer_shell())
     code = run(sys.argv[1:] if arguments is None else arguments)
+    _drop_refused_output()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
     sys.exit(code)
+
+
+def _prepare_streams() -> None:
+    """Make the standard streams usable, whatever the caller has done to them.
+
+    What an encoding lacks is written as an escape. What standard error cannot take is dropped: it
+    carries no results, and nobody may be listening.
+    """
+    open_closed_streams()
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout is sys.__stdout__:
+        sys.stdout.reconfigure(errors="backslashreplace")
+    if isinstance(sys.stderr, io.TextIOWrapper) and sys.stderr is sys.__stderr__:
+        sys.stderr = io.TextIOWrapper(
+            io.BufferedWriter(_LossyFile(sys.stderr.fileno(), "w", closefd=False)),
+            encoding=sys.stderr.encoding,
+            errors="backslashreplace",
+            line_buffering=True,
+        )
+
+
+class _LossyFile(io.FileIO):
+    """A file that drops what cannot be written to it."""
+
+    def write(self, data: Any) -> int:
+        """Write the bytes, or drop them; returns how many are gone."""
+        written = None
+        with suppress(OSError):
+            written = super().write(data)
+        return len(data) if written is None else written
+
+
+def _drop_refused_output() -> None:
+    """Have standard output lead to nowhere if it takes no more: Python writes its rest at exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def answer_shell() -> int:
@@ -223,13 +271,17 @@ def run(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _print_error("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # Whoever read our output has had enough, as in ``palpate node kinds | head -1``.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        return (
+            DONE  # whoever read our output has had enough, as in ``palpate node kinds | head -1``
+        )
     except OSError as error:
         text = f"{error.filename or 'the system'}: {error.strerror or error}"
         if error.errno == errno.EMFILE:
             text = "the system allows too few open files: raise their number with ulimit -n 256"
+        return _print_error(text, BAD_INPUT)
+    except UnicodeEncodeError as error:
+        place = error.object[max(0, error.start - 80) : error.end + 80]
+        text = f"{place!r} is no text in {error.encoding}; give the file or folder another name"
         return _print_error(text, BAD_INPUT)
     except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
         return _print_error(_bug_text(error), DIED)
@@ -244,16 +296,18 @@ def _print_error(text: str, code: int) -> int:
 def _usage_text(error: click.ClickException) -> str:
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "palpate"
-    text = error.format_message()
-    return f"{text if text.endswith('...') else text.rstrip('.')} (see {path} --help)"
+    return f"{error.format_message().rstrip('.')} (see {path} --help)"
 
 
 def _bug_text(error: Exception) -> str:
-    with tempfile.NamedTemporaryFile(
-        "w", prefix="palpate-", suffix=".txt", delete=False, encoding="utf-8"
-    ) as file:
-        traceback.print_exception(error, file=file)
-    return f"a bug: {type(error).__name__}: {error!s:.200}; the traceback is in {file.name}"
+    text = "".join(traceback.format_exception(error)).encode(errors="backslashreplace")
+    try:
+        with tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".txt", delete=False) as file:
+            file.write(text)
+        where = f"is in {file.name}"
+    except OSError as fault:
+        where = f"could not be written: {fault.strerror}"
+    return f"a bug: {type(error).__name__}: {error!s:.200}; the traceback {where}"
 
 
 class NamedGroup(click.Group):

@@ -56,8 +56,6 @@ DEMAND = ("tolerance", "feature", "budget", "touches", "quality")
 ARGUMENTS = {
     "seed": "seed",
     "fingers": "fingers",
-    "unit": "scene.object.mesh.unit",
-    "up": "scene.object.mesh.up",
 }
 
 
@@ -65,9 +63,8 @@ ARGUMENTS = {
 @click.argument("scene", default="vase", shell_complete=command_line.complete_scene)
 @command_line.RUN_FOLDER
 @click.option("--seed", type=command_line.SEED, help="Overrides the scene's seed.")
-@click.option(
-    "--unit", type=click.Choice(["m", "cm", "mm"]), help="Of a mesh: its file tells none."
-)
+@command_line.unit_option("Of a mesh: its file tells none.")
+@command_line.SIZE
 @click.option(
     "--up", type=click.Choice(["z", "-z", "y", "-y", "x", "-x"]), help="Of a mesh: what points up."
 )
@@ -120,20 +117,17 @@ def run_command(
     file = launch.EXPLORE if procedure is None else launch.find_launch_file(Path(procedure))
     if not asked["composed"]:
         launch.prestart_fork_server(file)
-    from palpate.launch.files import SourceMapped, is_mesh_file
+    from palpate.launch.files import SourceMapped
     from palpate.tools.exploration import perform_and_print
 
     path = launch.find_scene(scene)
     if untrusted:
         launch.load_scene(path, untrusted=True)
-    for key in ("unit", "up"):
-        if asked[key] is not None and not is_mesh_file(path):
-            told = f"{scene} is no mesh; a scene has object.mesh.{key}"
-            raise InputError(f"--{key} {asked[key]}: {told}")
     args = {"scene": SourceMapped(str(path), "")}
     for option, name, value in (
         ("--no-record", "record", not no_record),
         *((f"--{key}", name, asked[key]) for key, name in ARGUMENTS.items()),
+        *launch.read_mesh_setup(path, asked["unit"], asked["size"], asked["up"]),
         *launch.read_setup(pose, noise),
     ):
         if value is not None:
@@ -267,6 +261,7 @@ def _resume(bag: Path, place: str, nodes: tuple[str, ...], out: Path | None, **h
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):
         raise InputError(f"--from {place}: must look like contour=12, or be the word end")
+    bag = bag.resolve()  # the link ``latest`` will be the new run's
     with as_input_errors():
         plan = replay.plan_resume(bag, int(number) if number else None, nodes=nodes, out=out)
     code = perform_and_print(plan, composed=False, **how)

@@ -11,9 +11,9 @@ import click
 
 from palpate import launch
 from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import JSON, PATH, RUN_PATH, UNTRUSTED, NamedGroup
+from palpate.tools.cli.command_line import JSON, PATH, RUN_PATH, SIZE, UNTRUSTED, NamedGroup
 from palpate.tools.cli.command_line import complete_scene, out_option, print_figures
-from palpate.tools.cli.command_line import progress_printer, quiet_option
+from palpate.tools.cli.command_line import progress_printer, quiet_option, unit_option
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -26,15 +26,16 @@ REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 .mcap       a recording of palpate, or the folder of a run
 
 With --method general points need be in no order, and of no contours, if they have normals: columns
-nx,ny,nz, or arrays points and normals in an .npz; columns touch, if several belong to one touch.
-Handles and hollows are found. --bottom is the height on which the object stands, if it does.
+nx,ny,nz, properties nx, ny, nz of a .ply, or arrays points and normals in an .npz; columns touch,
+if several belong to one touch. A recording gives all its taxels. Handles and hollows are found.
+--bottom is the height on which the object stands, if it does.
 
 Contours run around the z axis; each may begin anywhere, in either direction, with any number of
-points. Files of points are taken to be in m unless told otherwise; lengths among the options are
-in the same unit. What is written is in m, STL and 3MF in mm.
+points; those in no order are put in order where that is safe. Files of points are taken to be in
+m unless told otherwise; lengths among the options are in the same unit. What is written is in m,
+STL and 3MF in mm.
 """
 LENGTH = click.FloatRange(min=0.0, min_open=True)
-UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
 
 
 @click.command("rebuild", help=REBUILD_HELP)
@@ -43,7 +44,7 @@ UNIT_CHOICE = click.Choice(["m", "cm", "mm", "in"])
     "File to write: .ply, .stl, .glb, .obj, .3mf, or .npz with everything. Repeatable.",
     multiple=True,
 )
-@click.option("--unit", type=UNIT_CHOICE, help="Unit of POINTS.")
+@unit_option("Unit of POINTS.")
 @click.option(
     "--method", type=click.Choice(["lattice", "skin", "thesis", "coarse", "general"]),
     default="lattice", show_default=True, help="How to rebuild.",
@@ -80,8 +81,8 @@ def rebuild_command(
 @click.command("score")
 @click.argument("model", **RUN_PATH)
 @click.argument("reference", **RUN_PATH)
-@click.option("--unit", type=UNIT_CHOICE, help="Unit of MODEL.")
-@click.option("--reference-unit", type=UNIT_CHOICE, help="Unit of REFERENCE.")
+@unit_option("Unit of MODEL.")
+@unit_option("Unit of REFERENCE.", "--reference-unit")
 @click.option("--align", "aligned", is_flag=True, help="Move MODEL onto REFERENCE first, rigidly.")
 @JSON
 def score_command(model: Path, reference: Path, as_json: bool, **how: Any) -> None:
@@ -92,8 +93,10 @@ def score_command(model: Path, reference: Path, as_json: bool, **how: Any) -> No
     a PLY file without faces. Against points the distances are one-sided, from each point to the
     model.
 
-    A file does not say its unit: it is taken for what palpate writes, mm for STL and m for all
-    others, unless told otherwise. GLB files have y up, and are turned.
+    A file does not say its unit. That of a surface is guessed as palpate run does; where several
+    are likely it is what palpate writes, mm for STL and m for all others. Points are in m, and are
+    found by the names of their columns, as palpate rebuild does. GLB files have y up, and are
+    turned.
     """
     from palpate.tools.scoring import score, score_text
 
@@ -132,7 +135,7 @@ def export_command(run: Path, out: tuple[Path, ...], as_json: bool) -> None:
 
 @click.command("recognise")
 @click.argument("run", **RUN_PATH)
-@click.option("--unit", type=UNIT_CHOICE, help="Unit of a mesh file.")
+@unit_option("Unit of a mesh file.")
 @click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
 @JSON
 @quiet_option("Show no progress.")
@@ -166,13 +169,18 @@ def scene_list(as_json: bool) -> None:
 
 @scene_group.command("check", short_help="Say whether a scene can be explored.")
 @click.argument("scene", shell_complete=complete_scene)
+@unit_option("Of a mesh: its file tells none.")
+@SIZE
 @UNTRUSTED
 @JSON
-def scene_check(scene: str, untrusted: bool, as_json: bool) -> None:
-    """Say whether SCENE can be explored, how large its object is, and what is simulated."""
+def scene_check(scene: str, as_json: bool, **how: Any) -> None:
+    """Say whether SCENE can be explored, how large its object is, and what is simulated.
+
+    SCENE is a shipped scene's name, a YAML file or a mesh; of a mesh it is told what was mended.
+    """
     from palpate.tools.scene_text import check_scene, scene_figures, scene_text
 
-    found = check_scene(scene, untrusted=untrusted)
+    found = check_scene(scene, **how)
     print_figures(scene_figures(found), scene_text(found), as_json=as_json)
 
 

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import structs
 
-from palpate.launch import LENGTHS, TEXT_WIDTH, TIMES, Entry, find_bag, load_entry, read_quantity
-from palpate.launch.files import as_input_errors, hint, parse_yaml
+from palpate.core import UNITS, in_base_unit
+from palpate.launch import TEXT_WIDTH, Entry, find_bag, load_entry
+from palpate.launch.files import InputError, as_input_errors, hint, parse_yaml
 from palpate.launch.processes import RunCard, find_run, running_graphs
 from palpate.messages import recording, type_of_schema
 from palpate.messages.types import TYPES
@@ -29,7 +30,6 @@ from palpate.tools.introspection.echo import TextStyle, field_lines, yaml_lines,
 from palpate.tools.introspection.requests import find_node, params_of, request
 
 OWN_PACKAGE = "palpate."  # Modules that may be imported to look at what they hold
-UNITS = {"m": LENGTHS, "s": TIMES}  # Units that a value may have, by the parameter's own
 INDENT = 8  # Columns before the comment of a parameter
 _BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
@@ -184,7 +184,10 @@ def set_parameter(card: RunCard, name: str, param: str, value: str) -> str:
     made = parse_yaml(value, "VALUE").value
     units = UNITS.get(_unit_of(node, param))
     if isinstance(made, str) and units is not None:
-        made = read_quantity(made, units, param)
+        try:
+            made = in_base_unit(made, units)
+        except ValueError as error:
+            raise InputError(f"{param} {made}: {error}") from None
     request(card, "set", node=node.name, param=param, value=msgspec.json.encode(made).decode())
     was, now = (yaml_value(x, TextStyle(flow=True)) for x in (params_of(node)[param], made))
     return f"{node.name}.{param}: {was} -> {now}"

@@ -225,7 +225,7 @@ def plan_resume(
             earlier_run_of(wirings, _until(recording, contour)),
             changes=_changes(wirings, recording),  # those after that contour, too
         ),
-        tolerance=launch.tolerance_of(wirings),
+        demanded=launch.demanded_of(wirings),
     )
 
 

@@ -41,7 +41,7 @@ def test_the_side_is_within_tolerance_where_palpate_says_so() -> None:
     for name, radius in TUNED.items():
         trial = PlannerTrial(radius)
         slices, _ = run_planner(Template(), trial, TOLERANCE)
-        met = estimate_error(observation_of(slices, TOLERANCE)).tolerance_met
+        met = estimate_error(observation_of(slices, TOLERANCE)).reached
         assert not met or trial.rms(slices) < TOLERANCE, name
 
 

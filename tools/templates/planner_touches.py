@@ -28,18 +28,18 @@ from palpate.planning import (
     Stop,
     Touch,
     Wait,
+    estimate_error,
     exhausted_budget,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Template:
-    """Touches what is known worst until the error is within tolerance."""
+    """Touches what is known worst until every limit is kept."""
 
     single_touches: ClassVar[bool] = True  # No slices but the first: the solid may have any shape
     # A touch must take this share of the squared error that is asked for, over the whole surface.
     least_gain: Annotated[float, Range(0.0, 1.0, "1")] = 0.001
-    most_open: Annotated[float, Range(0.0, 1.0, "1")] = 0.01  # Of the surface, far from any touch
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -59,14 +59,12 @@ class Template:
         return Height(0.5 * (observation.low + observation.high), "there is no solid yet")
 
     def _next_on(self, surface: ObservedSurface, observation: Observation) -> Choice:
-        known = surface.rms_bound_95 <= observation.tolerance
-        opened = surface.reachable(observation.tried) > self.most_open
-        if known and not opened and not surface.has_openings:
-            return Stop("the error is within tolerance")
+        if estimate_error(observation).reached:
+            return Stop("every limit is kept")
         # What each touch would take: of squared errors, or of what lies far from any touch.
         left = surface.left(observation.tried)
         wanted = self.least_gain * observation.tolerance**2 * len(left)
-        if known and opened:
+        if surface.rms_bound_95 <= observation.tolerance:
             left, wanted = np.where(surface.away, left, 0.0), 0.0
         gains = [float(left[offer.places].sum()) for offer in surface.offers]
         if max(gains, default=0.0) <= wanted:

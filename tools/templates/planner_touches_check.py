@@ -52,7 +52,7 @@ def test_it_stops_within_tolerance() -> None:
     """And says so."""
     choice = Template().next(ball((1.0, 0.0, 0.0), error=1e-5))
     assert isinstance(choice, Stop)
-    assert "within tolerance" in choice.reason
+    assert "limit is kept" in choice.reason
 
 
 def test_what_was_tried_is_not_tried_again() -> None:

@@ -18,7 +18,15 @@ class ViewProcess:
     """The process, which ends when its standard input does: also if this one is killed."""
 
     def __init__(self, folder: Path, echo: Callable[[str], None]) -> None:
-        command = [sys.executable, "-m", "palpate", "view", "--attached", str(folder.absolute())]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "palpate",
+            "view",
+            "--attached",
+            str(folder.absolute()),
+        ]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,

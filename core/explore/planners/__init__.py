@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.coverage import untraceable_height
     from palpate.core.explore.planners.fuzzy import Fuzzy
     from palpate.core.explore.planners.predicted import COVERING, UNTOUCHED, Predicted
-    from palpate.core.explore.planners.protocol import END_SHARE, LEAST_FEATURE, PLANNER_NAMES
+    from palpate.core.explore.planners.protocol import ALL_REACHED, END_SHARE, LEAST_FEATURE
+    from palpate.core.explore.planners.protocol import PLANNER_NAMES
     from palpate.core.explore.planners.protocol import Budget, Choice, Height, Observation
     from palpate.core.explore.planners.protocol import ObservedSlice, Planner, SliceOutcome, Stop
     from palpate.core.explore.planners.protocol import Touch, Wait, WrongChoiceError, check_choice
@@ -23,11 +24,11 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners.surface import ObservedSurface, OpenArea, Progress
     from palpate.core.explore.planners.surface import TouchOffer
     from palpate.core.explore.planners.thesis import TEMPLATES, Thesis, polyline_of
-    from palpate.core.explore.planners.touches import MOST_OPEN, Touches, describe_opening
-    from palpate.core.explore.planners.touches import next_touch
+    from palpate.core.explore.planners.touches import Touches, next_touch
     from palpate.core.explore.planners.trial import AROUND, EXTENT, MOST_CONTOURS_PLANNED
     from palpate.core.explore.planners.trial import TUNED, PlannerTrial, Radius, lost_slice
     from palpate.core.explore.planners.trial import measure_side, observation_of, run_planner
     from palpate.core.explore.planners.uniform import Uniform
+    from palpate.core.explore.planners.verdict import Criterion, Findings, Limits, Verdict, judge
 else:
     __getattr__, __dir__ = lazy(__name__)

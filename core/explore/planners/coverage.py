@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, zip_longest
 from typing import NamedTuple
@@ -28,7 +28,7 @@ from palpate.core.arrays import Floats, Ints
 from palpate.core.explore.planners.protocol import END_DEVIATIONS, SAME, Observation, ObservedSlice
 from palpate.core.explore.planners.protocol import SliceOutcome, first_and_last
 from palpate.core.explore.planners.surface import OpenArea
-from palpate.core.explore.planners.touches import is_known, is_open
+from palpate.core.explore.planners.verdict import Findings, Verdict, judge
 
 # Heights, per least distance of two slices, at which it is asked whether anything was touched.
 ROWS = 8
@@ -266,16 +266,35 @@ class Cost(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What can be said of the solid that is rebuilt from the slices so far."""
+    """What can be said of the solid that is rebuilt from what was touched so far."""
 
     observation: Observation  # Of which
-    # Its root mean square error is below this in 95 of 100 runs, m; None where there is no solid.
-    rms_bound_95: float | None
-    # Largest height that nothing has touched, or in which an end may lie, m.
-    largest_untouched: float
-    tolerance_met: bool  # Whether all that is as small as is asked for
-    prediction: ErrorPrediction | None  # Of what the bound is made; None likewise
+    findings: Findings  # What is known of the solid, and can be judged
+    prediction: ErrorPrediction | None  # Of what the bound is made; None where there is none
     open_area: OpenArea | None = None  # What lies far from every touch; None where nobody looked
+
+    @property
+    def verdict(self) -> Verdict:
+        """What is known, held against what is asked."""
+        return judge(self.findings, self.observation.limits)
+
+    @property
+    def reached(self) -> bool:
+        """Whether every limit is kept."""
+        return bool(self.verdict.reached)
+
+    @property
+    def rms_bound_95(self) -> float | None:
+        """The root mean square error is below this in 95 of 100 runs, m; None without a solid."""
+        return self.findings.error_bound
+
+    @property
+    def largest_untouched(self) -> float:
+        """The largest gap that nothing has touched, m: of the side, or of a general solid."""
+        gap = self.findings.untouched_gap
+        if gap is not None:
+            return gap
+        return 0.0 if self.open_area is None else self.open_area.width
 
     @cached_property
     def halving(self) -> Cost | None:
@@ -289,24 +308,22 @@ def estimate_error(observation: Observation) -> Estimate:
     """The bound, what is untouched, and what the next halving takes."""
     surface = observation.surface
     if surface is not None and observation.general:
-        known, hole = is_known(observation, surface), surface.open_area
-        return Estimate(observation, surface.rms_bound_95, hole.width, known, None, hole)
+        return Estimate(observation, surface.findings, None, surface.open_area)
     prediction, spans = prediction_of(observation), untouched_spans(observation)
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
-    untouched = max([span.length for span in spans] + [loose])
-    if prediction is None:
-        bound = None
-        if len(profile_of(observation).heights) and observation.deviation is not None:
-            bound = DEVIATION * observation.deviation
-        return Estimate(observation, bound, untouched, False, None)
-    bound = prediction.rms_bound_95 * observation.extent
-    opened = None
-    if surface is not None:
-        bound, opened = math.hypot(bound, surface.hidden), surface.open_area
-    met = bound <= observation.tolerance and untouched <= observation.feature
-    if met and surface is not None:
-        met = not is_open(observation, surface)
-    return Estimate(observation, bound, untouched, met, prediction, opened)
+    found = Findings(untouched_gap=max([span.length for span in spans] + [loose]))
+    if prediction is None:  # one slice tells how far its own band is off, and of nothing else
+        return Estimate(observation, found, None)
+    found = replace(found, error_bound=prediction.rms_bound_95 * observation.extent)
+    if surface is None:
+        return Estimate(observation, found, prediction)
+    found = replace(
+        found,
+        error_bound=math.hypot(found.error_bound or 0.0, surface.hidden),
+        unknown_share=surface.open_area.share,
+        unentered_hole=surface.unentered_hole,
+    )
+    return Estimate(observation, found, prediction, surface.open_area)
 
 
 def prediction_of(observation: Observation) -> ErrorPrediction | None:

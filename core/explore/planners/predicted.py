@@ -8,6 +8,7 @@ between two pads, which is why both are asked for.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,8 +20,9 @@ from palpate.core.explore.planners.coverage import NEAR, ORDER, ErrorPrediction,
 from palpate.core.explore.planners.coverage import estimate_error, even_heights, free_height
 from palpate.core.explore.planners.coverage import longest_first, longest_untouched, parts_needed
 from palpate.core.explore.planners.coverage import prediction_of, untouched_spans
-from palpate.core.explore.planners.protocol import END_DEVIATIONS, Choice, Height, Observation, Stop
-from palpate.core.explore.planners.protocol import Wait, exhausted_budget, first_and_last
+from palpate.core.explore.planners.protocol import ALL_REACHED, END_DEVIATIONS, Choice, Height
+from palpate.core.explore.planners.protocol import Observation, Stop, Wait, exhausted_budget
+from palpate.core.explore.planners.protocol import first_and_last
 from palpate.core.explore.planners.touches import LEAST_GAIN, next_touch
 from palpate.core.plugins import Range, check_ranges
 
@@ -68,8 +70,9 @@ class Predicted:
         if observation.busy_heights:
             return Wait("other fingers are at work where there is something left to do")
         estimate = estimate_error(observation)
-        if surface is not None and not estimate.tolerance_met:
-            return next_touch(observation, surface, LEAST_GAIN, estimate.rms_bound_95)
+        if surface is not None and not estimate.reached:
+            bound = math.inf if estimate.rms_bound_95 is None else estimate.rms_bound_95
+            return next_touch(observation, surface, LEAST_GAIN, bound)
         return Stop(_reason(observation, estimate))
 
     def settled(self, observation: Observation) -> Height | None:
@@ -210,14 +213,12 @@ def _reason(observation: Observation, estimate: Estimate) -> str:
     if estimate.prediction is None or estimate.rms_bound_95 is None:
         return "fewer than two slices could be traced"
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
-    if estimate.tolerance_met:
-        return "the error is within tolerance, and nothing larger than a feature is untouched"
+    if estimate.reached:
+        return ALL_REACHED
     if estimate.rms_bound_95 <= observation.tolerance:
         if loose > observation.feature:
-            return (
-                "the error of the side is within tolerance, but where the object ends is uncertain"
-            )
-        return "the error is within tolerance, but what is left untouched cannot be reached"
+            return "no further touch tells where the object ends"
+        return "what is left untouched cannot be reached"
     noise = estimate.prediction.noise
     if observation.ends_deviation > observation.tolerance:
         return (

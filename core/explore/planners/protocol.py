@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
+from palpate.core.explore.planners.verdict import Limits
 from palpate.core.plugins import class_by_name, told_error
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ LEAST_SPACING = 0.03  # Of the height: slices that are nearer tell hardly more t
 END_SHARE, NEAR_END_SHARE, END_TOLERANCES = 0.03, 0.02, 20.0
 END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
 SAME = 1e-9  # Of the height: heights that differ by less are one
+ALL_REACHED = "every limit is kept"  # Why a planner stops that has reached what was asked
 PLANNER_NAMES = ("predicted", "touches", "uniform", "thesis", "fuzzy")  # The default first
 
 
@@ -175,6 +177,11 @@ class Observation:
         counts = {len(one.radii) for one in self.slices if one.usable}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
+
+    @property
+    def limits(self) -> Limits:
+        """What is asked of the solid."""
+        return Limits(tolerance=self.tolerance, feature=self.feature)
 
     @property
     def extent(self) -> float:

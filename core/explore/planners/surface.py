@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.explore.planners.verdict import Findings
 from palpate.core.geometry import areas_and_normals, point_tree, sample_surface
 from palpate.core.poses import pose_of
 from palpate.core.shapes import Mesh, TriangleShape
@@ -42,8 +43,7 @@ BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
 CLEARANCE = 1.0e-3  # Of the finger from the pedestal, m: what lies so low stands on it
 DOWNWARD = -0.7  # Upward part of the normals of what faces down
 SAME = 1e-9  # Targets that differ by less are one, m
-OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
-HIDDEN_SLOPE = 0.5  # Error that an untouched place may hide, over its distance from touch
+HIDDEN_SLOPE = 0.5  # Error that an unknown place may hide, over its distance from touch
 OPENINGS = 8  # Of which the middles are told
 LEAST_MEAN = 0.3  # Length of a mean normal below which they point everywhere
 BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes it, m
@@ -91,6 +91,7 @@ class ObservedSurface:
     openings: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     touches: int = 0  # That were made
     earlier: tuple[Progress, ...] = ()  # What was known before, of the same method
+    unknown_distance: float = 10.0e-3  # From every touch, beyond which a place is unknown
 
     def __post_init__(self) -> None:
         count = len(finite_array("mesh.vertices", self.mesh.vertices, (None, 3)))
@@ -126,7 +127,7 @@ class ObservedSurface:
     def open_area(self) -> OpenArea:
         """What lies far from every touch, the underside apart."""
         places = self.places
-        far = self.far
+        far = self.away & ~places.under
         known = np.count_nonzero(~places.under)
         middles = _middles(places, far)
         return OpenArea(
@@ -137,6 +138,25 @@ class ObservedSurface:
             float(places.under.mean()),
             float(far.sum()) / PLACES * self.area / TOUCHED_AREA,
         )
+
+    @cached_property
+    def findings(self) -> Findings:
+        """What is known of it, for a verdict."""
+        places = self.places
+        return Findings(
+            error_bound=self.rms_bound_95,
+            underside_error=self.bound_of(places.under),
+            underside_share=float(places.under.mean()),
+            crease_error=self.bound_of(self.creased),
+            crease_share=float(self.creased.mean()),
+            unknown_share=self.open_area.share,
+            unentered_hole=self.unentered_hole,
+        )
+
+    @cached_property
+    def unentered_hole(self) -> float:
+        """Width of the widest hole that a pad spanned and nothing entered, m; 0 without one."""
+        return 2.0 * float(self.places.distances[self.places.spanned].max(initial=0.0))
 
     @cached_property
     def area(self) -> float:
@@ -193,23 +213,13 @@ class ObservedSurface:
     def hidden(self) -> float:
         """What the open area may hide of which slices know nothing, over the whole surface, m."""
         slope = np.where(self.places.spanned, SPANNED_SLOPE, HIDDEN_SLOPE)
-        square = np.square(slope * self.places.distances) * (self.far & ~self.reached)
-        return float(np.sqrt(square.mean()))
-
-    @cached_property
-    def has_openings(self) -> bool:
-        """Whether a pad has spanned what may be a bore, a slit or a gap, and nothing told since."""
-        return bool(self.places.spanned.any())
+        hides = self.away & ~self.places.under & ~self.reached
+        return float(np.sqrt((np.square(slope * self.places.distances) * hides).mean()))
 
     @cached_property
     def away(self) -> Bools:
-        """Which places lie far from every touch or were spanned, (n,)."""
-        return (self.places.distances > OPEN) | self.places.spanned
-
-    @cached_property
-    def far(self) -> Bools:
-        """The same, the underside apart, (n,)."""
-        return self.away & ~self.places.under
+        """Which places are unknown: far from every touch, or spanned, (n,)."""
+        return (self.places.distances > self.unknown_distance) | self.places.spanned
 
     def reachable(self, tried: Floats) -> float:
         """Share of the surface that lies far from every touch and that a touch can reach."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
 from palpate.core.explore.planners.surface import ObservedSurface, Progress, TouchOffer
+from palpate.core.explore.planners.verdict import judge
 from palpate.core.plugins import Range, check_ranges
 
 LEAST_GAIN = 1e-3  # Of the squared error that is asked for, over the whole surface
@@ -22,9 +23,9 @@ NEARLY = 0.6  # Of the largest gain: touches that are worth less wait
 # the bound went up and down, but never below what it had been.
 WINDOW, WINDOW_SHARE, SETTLED, SAME_OPEN = 24, 0.25, 0.06, 0.004
 WHILE, WHILE_SHARE = 96, 0.5
-# Of the surface: so much of it may lie far from every touch, and so much more is touched as long as
-# it can be, for where nothing was touched thin ends grow horns.
-MOST_OPEN, LEAST_OPEN = 0.01, 0.002
+# Of the surface: more of it than this that is unknown is touched as long as it can be, for where
+# nothing was touched thin ends grow horns.
+LEAST_OPEN = 0.002
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,10 +72,7 @@ def next_touch(
     Where the error is within the `bound`, m, or the surface's own: what lies far from touches.
     """
     if has_settled(surface.progress):
-        rest = 1e3 * surface.touchable_bound(observation.tried)
-        return protocol.Stop(
-            f"further touches no longer lower the error, {rest:.2g} mm where a finger reaches"
-        )
+        return protocol.Stop("further touches no longer lower the error")
     left = surface.left(observation.tried)
     if bound is None:
         bound = surface.rms_bound_95
@@ -90,11 +88,14 @@ def next_touch(
         found = _best(observation, surface, (surface.away & (left > 0.0)).astype(float), 1.0)
         if found is not None:
             return protocol.Touch(*found[:3], "nothing near to it was touched")
-    if reachable <= MOST_OPEN and bound <= observation.tolerance and not surface.has_openings:
-        return protocol.Stop(
-            "the error is within tolerance, and nothing larger than a feature is untouched"
-        )
-    return protocol.Stop(_reason(observation, surface))
+    findings = replace(surface.findings, error_bound=bound)
+    if judge(findings, observation.limits).reached:
+        return protocol.Stop(protocol.ALL_REACHED)
+    if bound <= observation.tolerance:
+        return protocol.Stop("no finger reaches what is unknown")
+    if touchable <= observation.tolerance:
+        return protocol.Stop("no finger reaches where the error may be large")
+    return protocol.Stop("no further touch would lower the error enough")
 
 
 def has_settled(progress: Sequence[Progress]) -> bool:
@@ -141,45 +142,3 @@ def _best(
         if rate > most:
             best, most = offer, rate
     return best
-
-
-def is_known(observation: protocol.Observation, surface: ObservedSurface) -> bool:
-    """Whether a general solid is known as well as is asked for."""
-    within = surface.rms_bound_95 <= observation.tolerance
-    return within and not is_open(observation, surface)
-
-
-def is_open(observation: protocol.Observation, surface: ObservedSurface) -> bool:
-    """Whether so much lies far from every touch, or in openings, that a feature may be there."""
-    return surface.has_openings or surface.reachable(observation.tried) > MOST_OPEN
-
-
-def _reason(observation: protocol.Observation, surface: ObservedSurface) -> str:
-    """Why it is over, where no touch is left that would help."""
-    if surface.has_openings or surface.open_area.share > MOST_OPEN:
-        return f"{describe_opening(surface)}, and no touch reaches it"
-    if surface.touchable_bound(observation.tried) <= observation.tolerance:
-        places = surface.places
-        words, untouched = max(
-            (
-                ("is the underside", places.under),
-                ("lies in creases too narrow for it", surface.creased),
-            ),
-            key=lambda part: float(np.square(surface.bounds_there[part[1]]).sum()),
-        )
-        return (
-            "the error is within tolerance where a finger reaches, but "
-            f"{untouched.mean():.1%} of the surface {words}, which may be off by "
-            f"{1e3 * surface.bound_of(untouched):.2g} mm"
-        )
-    return "no further touch would bring the error within tolerance"
-
-
-def describe_opening(surface: ObservedSurface) -> str:
-    """What of a surface is not known, where, and how wide."""
-    found = surface.open_area
-    place = ", ".join(f"{1e3 * one:.0f}" for one in found.places[0])
-    return (
-        f"{100.0 * found.share:.2g}% of the surface is not known, the largest opening of it "
-        f"{1e3 * found.width:.0f} mm wide at ({place}) mm"
-    )

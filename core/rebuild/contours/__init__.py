@@ -17,9 +17,12 @@ if TYPE_CHECKING:
     from palpate.core.rebuild.contours.curves import are_nearly_star_shaped, are_star_shaped
     from palpate.core.rebuild.contours.curves import contour_curves, drop_reasons, quadric_terms
     from palpate.core.rebuild.contours.curves import refitted_curve
+    from palpate.core.rebuild.contours.ordering import order_points
     from palpate.core.rebuild.contours.outliers import FeatureCandidate, inconsistent_contours
     from palpate.core.rebuild.contours.outliers import look_like_features, neighbour_misfits
-    from palpate.core.rebuild.contours.outliers import neighbour_weights, point_outliers
+    from palpate.core.rebuild.contours.outliers import point_outliers
+    from palpate.core.rebuild.contours.prediction import interpolation_errors, neighbour_weights
+    from palpate.core.rebuild.contours.prediction import slid_grid
     from palpate.core.rebuild.contours.slices import Correspondence, Slices, match_slices, restack
     from palpate.core.rebuild.contours.slices import stack_curves
 else:

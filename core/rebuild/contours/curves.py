@@ -18,6 +18,7 @@ from palpate.core import splines
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.geometry import area_centroid, self_intersects, turn_between
 from palpate.core.rebuild.contours.contacts import into_frame
+from palpate.core.rebuild.contours.ordering import FoundOrder, found_order, is_simple_ring
 
 REACH = 4  # Points on either side; half of them may be wrong
 CLEARLY = 6.0  # Deviations from which on a point is away from the median of those beside it,
@@ -31,7 +32,7 @@ DropReason = (
     Literal["too few points", "in one place", "in one place: a touch of its end", "on one line"]
     | Literal["around no area", "repeats another at its height", "inside another at its height"]
     | Literal["crosses another at its height", "beside another at its height"]
-    | Literal["unlike its neighbours"]
+    | Literal["unlike its neighbours", "its points are in no order"]
 )
 FINE = 512  # Places along each curve at which it is compared with others
 LEAST_CURVE_POINTS = 3
@@ -60,6 +61,9 @@ class ContourCurve:
     perimeter: float  # m
     tilt: float  # Root mean square of its rise and fall, m
     error: float  # Standard error of the height, m
+    rises: Floats  # (n,): how far each of `points` lies above the height, m
+    reordered: bool = False  # Its points were given in no order, and were put in order
+    disordered: bool = False  # Its points were given in no order, and have no safe one
 
 
 def contour_curves(
@@ -71,10 +75,11 @@ def contour_curves(
     """Each contour as a closed curve, or why it is none: too few points, in one place, on a line.
 
     A contour is (n, 3) points, z the slicing axis, in any one unit (written m here): begun
-    anywhere, in either direction, any number of them, the first again at the end or not. Rows that
-    are not finite are left out. With `heights` (len(contours),) they are (n, 2). `first` is the
-    number of the first; `frame` (7,) the pose of the frame around whose z axis they run, in the
-    world. Raises ValueError if a shape is another, or a height is not finite or beside a frame.
+    anywhere, in either direction, any number of them, the first again at the end or not. Points in
+    no order are put in order where that is safe. Rows that are not finite are left out. With
+    `heights` (len(contours),) they are (n, 2). `first` is the number of the first; `frame` (7,) the
+    pose of the frame around whose z axis they run, in the world.
+    Raises ValueError if a shape is another, or a height is not finite or beside a frame.
     """
     if frame is not None and heights is not None:
         raise ValueError(
@@ -121,6 +126,10 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
     level = float(np.median(points[:, 2])) if len(points) else None
     if len(points) < LEAST_CURVE_POINTS:
         return DroppedContour(which, "too few points", level)
+    order = FoundOrder(None, False)
+    if not is_simple_ring(points[:, :2]):
+        order = found_order(points[:, :2])
+        points = points if order.rows is None else points[order.rows]
     found = slice_curve(points[:, :2])
     used = points[found.curve.used]
     if len(used) < LEAST_CURVE_POINTS:
@@ -131,9 +140,10 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
     off_height = height_outliers(used[:, 2], perimeter)
     good = used[~off_height]
     tilt, noise = height_residual_of(good)
+    height = float(good[0, 2] + (good[:, 2] - good[0, 2]).mean())
     return ContourCurve(
         which=which,
-        height=float(good[0, 2] + (good[:, 2] - good[0, 2]).mean()),
+        height=height,
         curve=found.curve,
         points=used[:, :2],
         as_given=used[:, :2],
@@ -144,6 +154,9 @@ def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
         perimeter=perimeter,
         tilt=tilt,
         error=noise / float(np.sqrt(len(good))),
+        rises=used[:, 2] - height,
+        reordered=order.rows is not None,
+        disordered=order.disordered,
     )
 
 
@@ -203,6 +216,7 @@ def refitted_curve(loop: ContourCurve, points: Floats, outlier: Bools) -> Contou
         as_given=loop.as_given[used],
         outlier=outlier[used],
         off_height=loop.off_height[used],
+        rises=loop.rises[used],
         fine=found.fine,
         star=found.star,
         perimeter=_length(found.fine),
@@ -246,9 +260,7 @@ def _noisy_even(points: Floats) -> bool:
     noise = across / PROBABLE_ERROR / CUBIC_GAIN
     step = float(np.median(length)) / 4.0
     reach = int(np.clip(np.ceil(CLEAR * noise / max(step, noise)), 3, max(count // WIDEST, 3)))
-    chords = np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1)
-    tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
-    return bool(chords.max() <= splines.EVEN_GAP * tenth and most <= splines.EVEN_MIDDLE * quarter)
+    return splines.are_even_chords(np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1))
 
 
 def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:

@@ -8,7 +8,6 @@ prediction and its neighbours' by known shares, which edges and steps of the obj
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats
 from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
+from palpate.core.rebuild.contours.prediction import lagrange_weights, neighbour_weights
 
 # Of points.
 # Deviations of the points' noise from which on one is off; and, of what the contours beside it are
@@ -56,7 +56,6 @@ CANDIDATE_CLEARLY = 4.0  # Times what its neighbours are off without it, that on
 # that is narrower than both others, or aside, is a candidate.
 CANDIDATE_LEAST_SLICES = 4
 ALIKE = 0.05  # Root mean square difference of two shapes of radius 1 that are alike
-EACH_SIDE = 2  # Neighbours below and above that tell of a contour
 
 
 class PointOutliers(NamedTuple):
@@ -240,7 +239,7 @@ def neighbour_deviation(beside: Floats, ahead: Floats) -> NeighbourDeviation:
     share = ahead[:, one] / (ahead[:, one] - ahead[:, two])
     lines = (own[:, one] + share * (own[:, two] - own[:, one]) for own in in_frame)
     off = [-np.sort(five, axis=1)[:, 2] for five in lines]  # Their medians
-    cubic = np.einsum("nk,nkd->nd", _lagrange_weights(ahead[:, CUBIC]), beside[:, CUBIC])
+    cubic = np.einsum("nk,nkd->nd", lagrange_weights(ahead[:, CUBIC]), beside[:, CUBIC])
     bend = -np.einsum("nij,nj->ni", frame, cubic)
     return NeighbourDeviation(np.stack(off, axis=1), bend, frame, point)
 
@@ -270,10 +269,13 @@ class InconsistentContours(NamedTuple):
     off: Floats  # (M,): by how much each of these is off, root mean square, m; 0 for the others
 
 
-def inconsistent_contours(heights: Floats, grid: Floats) -> InconsistentContours:
+def inconsistent_contours(
+    heights: Floats, grid: Floats, uncertain: Floats | None = None
+) -> InconsistentContours:
     """Find contours that contradict their neighbours.
 
-    Of contours (M, K, 2) at rising heights (M,), matched place by place, m. What a single contour
+    Of contours (M, K, 2) at rising heights (M,), matched place by place, m; a contour that is off
+    by no more than its `uncertain` (M,), m, is none. What a single contour
     has touched, a groove narrower than twice the spacing, is no different from a contour gone
     wrong. The lowest and the highest contour are never bad: beyond them nothing tells how the
     object rounds off. None is bad where there are fewer than 9, or so many bad, more than one in
@@ -291,7 +293,8 @@ def inconsistent_contours(heights: Floats, grid: Floats) -> InconsistentContours
     usual = float(np.quantile(_rms(errors), USUAL))
     size = float(_rms((grid - grid.mean(axis=1, keepdims=True)).reshape(count, -1)).mean())
     least = max(CLEARLY * usual, LEAST_OFF * size)
-    while found := _worst(shares, errors, bad, least):
+    allowed = np.full(count, least) if uncertain is None else np.maximum(uncertain, least)
+    while found := _worst(shares, errors, bad, allowed):
         bad[list(found)] = True
     off = np.zeros(count)
     if bad.any():
@@ -299,7 +302,7 @@ def inconsistent_contours(heights: Floats, grid: Floats) -> InconsistentContours
     return InconsistentContours(bad, off)
 
 
-def _worst(shares: Floats, errors: Floats, bad: Bools, least: float) -> tuple[int, ...]:
+def _worst(shares: Floats, errors: Floats, bad: Bools, least: Floats) -> tuple[int, ...]:
     """The contour, or else the two, that are bad besides those already found; none if no other."""
     count = len(errors)
     removed = np.linalg.qr(shares[:, bad])[0]
@@ -319,12 +322,17 @@ def _worst(shares: Floats, errors: Floats, bad: Bools, least: float) -> tuple[in
 
 
 def _gain(
-    shares: Floats, columns: Floats, errors: Floats, bad: Bools, rows: tuple[int, ...], least: float
+    shares: Floats,
+    columns: Floats,
+    errors: Floats,
+    bad: Bools,
+    rows: tuple[int, ...],
+    least: Floats,
 ) -> float:
     """Squared error that goes away if these contours are put right; 0 if they are not bad."""
     free = columns[:, rows]
     off = _solve(free, errors)
-    if _rms(off).min() <= least:
+    if (_rms(off) <= least[list(rows)]).any():
         return 0.0
     left = errors - free @ off
     for row, one in zip(rows, off, strict=True):
@@ -419,38 +427,3 @@ def look_like_features(grid: Floats, star: Bools, bad: Bools) -> Bools:
 def _rms_length(apart: Floats) -> Floats:
     """Root mean square length (M,) of differences (M, K, 2)."""
     return np.asarray(np.sqrt((apart**2).sum(axis=2).mean(axis=1)))
-
-
-def neighbour_weights(heights: Floats) -> Floats:
-    """Weights (M, M) that predict contours at rising heights (M,): ``weights @ rows``.
-
-    Lagrange's, by the two nearest contours below and above; at either end by the three nearest.
-    Rows sum to 1; they are 0 where there are fewer than 2 others.
-    """
-    return _weights(tuple(heights.tolist()))
-
-
-@lru_cache(maxsize=64)
-def _weights(levels: tuple[float, ...]) -> Floats:
-    """The same, once for each stack; not to be written to."""
-    heights, count = np.array(levels), len(levels)
-    every = np.arange(count)
-    weights = np.zeros((count, count))
-    for row in range(count):
-        below, above = every[:row], every[row + 1 :]
-        if not len(below) or not len(above):
-            near = np.concatenate([below[-EACH_SIDE - 1 :], above[: EACH_SIDE + 1]])
-        else:
-            near = np.concatenate([below[-EACH_SIDE:], above[:EACH_SIDE]])
-        if len(near) >= 2:
-            weights[row, near] = _lagrange_weights(heights[near], levels[row])
-    weights.setflags(write=False)
-    return weights
-
-
-def _lagrange_weights(nodes: Floats, place: float = 0.0) -> Floats:
-    """Weights (..., k) of values at nodes (..., k) in their polynomial's value at a place."""
-    apart = nodes[..., :, None] - nodes[..., None, :]
-    others = np.broadcast_to(~np.eye(nodes.shape[-1], dtype=bool), apart.shape)
-    ahead = np.broadcast_to((place - nodes)[..., None, :], apart.shape)
-    return np.asarray(np.divide(ahead, apart, out=np.ones_like(apart), where=others).prod(axis=-1))

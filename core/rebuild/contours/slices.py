@@ -19,7 +19,7 @@ from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.rebuild.contours.curves import ContourCurve, DroppedContour, DropReason
 from palpate.core.rebuild.contours.curves import chord_places, curve_places, drop_reasons
-from palpate.core.rebuild.contours.outliers import neighbour_weights
+from palpate.core.rebuild.contours.prediction import neighbour_weights
 from palpate.core.splines import ClosedCurve
 
 SAME_HEIGHT = 1e-3  # Of the mean spacing: contours at heights nearer to each other are one

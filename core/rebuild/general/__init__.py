@@ -8,6 +8,7 @@ tuned. It rests on core geometry and the points of `palpate.core.rebuild.contour
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.core.rebuild.general.orientation import Orientation, oriented
     from palpate.core.rebuild.general.rebuilding import fitting_cell, is_flat, rebuild_general
     from palpate.core.rebuild.general.solid import FEW_FOLDS, FINE, FOLDS, GeneralSolid
     from palpate.core.rebuild.general.solid import touch_distances, touch_squares

@@ -18,6 +18,7 @@ from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
 from palpate.core.rebuild.general.dissection import dissect
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, fit_implicit
+from palpate.core.rebuild.general.orientation import oriented
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
@@ -50,20 +51,23 @@ def rebuild_general(
     cell: float = solid.FINE,
     pose: float = solid.POSE,
     folds: int = solid.FOLDS,
+    outward: bool = False,
     step: Steps = no_steps,
 ) -> solid.GeneralSolid:
     """The solid of touched points with normals, of whatever shape it is.
 
-    `contacts`: world frame, m; or points (n, 3), each a touch of its own, with outward `normals`
-    (n, 3) of any length. `free` (k, 3): places that a finger has swept. `platform`: height on
+    `contacts`: world frame, m; or points (n, 3), each a touch of its own, with `normals` (n, 3) of
+    any length, outward: those that point inwards are turned (`oriented`) unless `outward` vouches
+    for all, as a pad does. `free` (k, 3): places that a finger has swept. `platform`: height on
     which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
     standard deviation of a touch's place. `folds`: quarters of the touches that are left out in
-    turn, to predict them. Raises ValueError without normals, or if all lies in one plane.
+    turn, to predict them. Raises ValueError without normals, if they disagree, or
+    if all lies in one plane.
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
-        outward = None if normals is None else np.asarray(normals, np.float64)
-        contacts = ContactPoints(points, outward, np.arange(len(points), dtype=np.int32))
+        directions = None if normals is None else np.asarray(normals, np.float64)
+        contacts = ContactPoints(points, directions, np.arange(len(points), dtype=np.int32))
     contacts = checked_contacts(contacts)
     if contacts.normals is None or not len(contacts.points):
         raise ValueError("patches must have points and normals for a general solid, got none")
@@ -71,6 +75,7 @@ def rebuild_general(
     if is_flat(contacts.points):
         raise ValueError("patches must not all lie in one plane")
     touched = _thinned(contacts)
+    touched = touched if outward else oriented(touched).contacts
     with step("topology"):
         coarse = _coarse(touched, free, platform, cell)
     with step("implicit spline"):

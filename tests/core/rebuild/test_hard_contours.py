@@ -57,3 +57,69 @@ def test_a_rod_is_as_good_as_what_is_thick():
     solid = reconstruct(rod)
     assert solid.method == "lattice"
     assert solid.measures().moments[0] == pytest.approx(np.pi * 3e-4**2 * LENGTH, rel=3e-3)
+
+
+def circles(count: int, points: int, lobes: float = 0.0, missing: tuple[int, ...] = ()) -> list:
+    """Sections of a cylinder of 30 mm, round or of three lobes; the middle one lacks points."""
+    found = []
+    for number in range(count):
+        angles = 2.0 * np.pi * np.arange(points) / points
+        if number == count // 2:
+            angles = np.delete(angles, missing)
+        radius = 0.03 * (1.0 + lobes * np.cos(3.0 * angles))
+        level = np.full(len(angles), 0.004 * number)
+        found.append(np.column_stack([radius * np.cos(angles), radius * np.sin(angles), level]))
+    return found
+
+
+@pytest.mark.parametrize("lobes", [0.0, 0.1, 0.25])
+@pytest.mark.parametrize(("count", "points"), [(12, 8), (15, 16), (15, 40)])
+def test_a_missing_point_is_no_difference_of_shape(count, points, lobes):
+    solid = reconstruct(circles(count, points, lobes, (3,)), method="skin")
+    assert not solid.slices.dropped and not solid.evidence.feature_candidates
+
+
+def test_an_odd_contour_is_found_though_points_are_missing():
+    contours = circles(15, 40, 0.1, (3, 11))
+    contours[10][:, :2] *= 1.15
+    dropped = reconstruct(contours, method="skin").slices.dropped
+    assert [one.which for one in dropped] == [10]
+
+
+@pytest.mark.parametrize("order", ["shuffled", "by columns", "zigzag", "twice", "doubled"])
+@pytest.mark.parametrize("lobes", [0.0, 0.25])
+def test_points_in_no_order_give_the_solid_of_those_in_order(order, lobes):
+    rng = np.random.default_rng(3)
+    ordered = circles(9, 40, lobes)
+    given = {
+        "shuffled": lambda one: rng.permutation(one),
+        "by columns": lambda one: one[np.argsort(one[:, 0])],
+        "zigzag": lambda one: one[np.arange(40).reshape(2, 20).T.ravel()],
+        "twice": lambda one: np.concatenate([one, one]),
+        "doubled": lambda one: rng.permutation(np.concatenate([one, one])),
+    }[order]
+    solid = reconstruct([given(one) for one in ordered], method="skin")
+    volume = reconstruct(ordered, method="skin").measures().moments[0]
+    assert solid.measures().moments[0] == pytest.approx(volume, rel=1e-6)
+
+
+def test_points_that_have_no_order_are_dropped_by_name():
+    contours = circles(9, 40)
+    contours[4][:, :2] = np.random.default_rng(0).uniform(-0.03, 0.03, (40, 2))
+    dropped = reconstruct(contours, method="skin").slices.dropped
+    assert [(one.which, one.why) for one in dropped] == [(4, "its points are in no order")]
+    with pytest.raises(ValueError, match="in order around the object, and those of contour 0"):
+        reconstruct([contours[4] + [0.0, 0.0, level] for level in LEVELS])
+
+
+@pytest.mark.parametrize("lean", [5.0, 15.0, 30.0])
+def test_stated_error_knows_the_points_of_leaning_contours(lean):
+    contours = circles(7, 40)
+    for number, one in enumerate(contours):
+        one[:, 2] += np.tan(np.radians(lean)) * (one[:, 0] if number % 2 else one[:, 1])
+    solid = reconstruct(contours, method="skin")
+    missed = solid.signed_distances(np.concatenate(contours))
+    stated = solid.uncertainty()
+    assert stated is not None
+    assert stated.rms > 0.99 * np.sqrt(np.mean(missed**2))
+    assert stated.most > 0.99 * np.abs(missed).max()

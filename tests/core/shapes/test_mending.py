@@ -102,9 +102,10 @@ def test_faces_that_stand_twice_and_fins_are_left_out(ball):
     assert told((vertices, twice), volume_of(ball)) == "42 faces that stood twice left out"
     fin = np.concatenate([faces, [[faces[0, 0], faces[0, 1], len(vertices)]]])
     words = told((np.concatenate([vertices, vertices[:1] * 1.1]), fin), volume_of(ball))
-    assert words == "1 face at edges of three and more left out"
+    assert words == "1 face of sheets on it left out"
     within = np.concatenate([faces, [[faces[0, 0], faces[0, 1], faces[900, 0]]]])
-    assert told((vertices, within), volume_of(ball)) == words
+    words = told((vertices, within), volume_of(ball))
+    assert words == "1 face of walls within it left out"
 
 
 def test_triangles_without_common_corners_are_stitched(ball):
@@ -194,7 +195,7 @@ def test_what_bounds_no_solid_is_refused(ball):
     with pytest.raises(ValueError, match="has one side only, like a Moebius strip"):
         mend_mesh(strip, np.array(faces, np.int32))
     corners = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], np.float64)
-    with pytest.raises(ValueError, match="bounds no solid: its faces enclose nothing, or meet as"):
+    with pytest.raises(ValueError, match="is open: it has a hole of"):
         mend_mesh(0.03 * corners, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32))
 
 
@@ -212,3 +213,58 @@ def test_what_no_round_mends_is_refused(ball, monkeypatch):
     monkeypatch.setattr(mending, "MOST_ROUNDS", 0)
     with pytest.raises(ValueError, match="crosses itself in ways that cannot be mended"):
         mend_mesh(*turned(ball))
+
+
+def test_a_base_that_folds_within_its_plane_stays_as_it_is():
+    turns = np.arange(16) * np.pi / 8
+    ring = 0.04 * np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns])
+    wider = 1.1 * ring + [0.0, 0.0, 0.03]
+    vertices = np.concatenate([[[0.0401, 0.008, 0.0]], ring, wider, [[0.0, 0.0, 0.05]]])
+    assert mend_mesh(vertices, join_rings(np.array([16, 16]))).mends == ()
+
+
+def sheet(start, along, across, rows, columns):
+    """A rectangle of so many squares, as triangles (m, 3, 3)."""
+    i, j = (grid.ravel()[:, None] for grid in np.mgrid[:rows, :columns])
+    a = np.asarray(start) + i * np.asarray(along) / rows + j * np.asarray(across) / columns
+    b, d = a + np.asarray(along) / rows, a + np.asarray(across) / columns
+    c = b + d - a
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def block(*counts):
+    """The sides of a cube of 40 mm, each of so many rows and columns."""
+    x, y, z = 0.04 * np.eye(3)
+    sides = [(0 * x, y, x), (z, x, y), (0 * x, x, z), (y, z, x), (0 * x, z, y), (x, y, z)]
+    return [sheet(*side, *count) for side, count in zip(sides, counts, strict=True)]
+
+
+def mesh_of(parts):
+    triangles = np.concatenate(parts)
+    vertices, names = np.unique(triangles.reshape(-1, 3).round(9), axis=0, return_inverse=True)
+    return vertices, names.reshape(-1, 3).astype(np.int32)
+
+
+X, Y, Z = 0.04 * np.eye(3)
+
+
+@pytest.mark.parametrize(
+    ("walls", "words"),
+    [
+        ([sheet(0.25 * Z, X, Y, 4, 4), sheet(0.5 * Z, Y, X, 4, 4)], "64 faces of walls within it"),
+        ([sheet(0.5 * Z, X, Y, 4, 4), sheet(0.5 * X, Y, Z, 4, 4)], "64 faces of walls within it"),
+        ([sheet(0.5 * Z, X, 0.5 * Y, 4, 2)], "16 faces of walls within it"),
+        ([sheet(0.3 * Z, X, Y, 1, 1)], "2 faces of loose walls within it"),
+        ([sheet(0.5 * Z, -X, Y, 4, 4)], "32 faces of sheets on it"),
+    ],
+)
+def test_walls_and_sheets_of_a_closed_block_are_left_out(walls, words):
+    mesh = mesh_of([*block(*[(4, 4)] * 6), *walls])
+    assert told(mesh, 0.04**3, within=1e-6) == f"{words} left out"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sides_cut_each_in_its_own_squares_are_stitched(seed):
+    counts = np.random.default_rng(seed).integers(1, 6, (6, 2))
+    words = told(mesh_of(block(*counts)), 0.04**3, within=1e-6)
+    assert words.endswith("on open edges set into edges that passed them")

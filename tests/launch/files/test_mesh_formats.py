@@ -69,6 +69,54 @@ def test_a_mesh_is_where_its_nodes_put_it():
     np.testing.assert_allclose(np.ptp(found.vertices, axis=0), [100.0, 120.0, 160.0], rtol=1e-2)
 
 
+def test_a_scene_is_all_that_it_shows_as_often_as_it_shows_it():
+    mirrored = {"mesh": 0, "translation": [200.0, 0.0, 0.0], "scale": [-1.0, 1.0, 1.0]}
+    nodes = [{"mesh": 0}, mirrored, {"mesh": 0, "translation": [9e9, 0.0, 0.0]}]
+    one = READERS["glb"](VALID["plain.glb"])
+    data = changed(nodes=nodes, scenes=[{"nodes": [2]}, {"nodes": [0, 1]}], scene=1)
+    found = READERS["glb"](data + b"\n")
+    assert volume(found) == pytest.approx(2.0 * volume(one))
+    assert found.notes == ("2 pieces put together", "1 byte after its end passed over")
+
+
+@pytest.mark.parametrize(("mode", "corners"), [(5, [0, 1, 2, 3]), (6, [0, 1, 3, 2])])
+def test_strips_and_fans_are_cut_into_triangles_turned_alike(mode, corners):
+    places = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "<f4")[corners]
+    described = {
+        "asset": {"version": "2.0"},
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": mode}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4}],
+        "bufferViews": [{"buffer": 0, "byteLength": 48}],
+        "buffers": [{"byteLength": 48}],
+    }
+    found = READERS["glb"](glb(described, places.tobytes()))
+    a, b, c = found.vertices[found.faces].transpose(1, 0, 2)
+    np.testing.assert_allclose(np.cross(b - a, c - a)[:, 2], [1.0, 1.0])
+
+
+TEXT_STL = VALID["text.stl"]
+NAME = TEXT_STL.split(b"\n")[0].removeprefix(b"solid").strip()
+
+
+@pytest.mark.parametrize(("kind", "data"), [
+    ("stl", b"\xef\xbb\xbf" + TEXT_STL),
+    ("stl", TEXT_STL.replace(b"\n", b"\r")),
+    ("stl", b" ".join(TEXT_STL.split())),
+    ("stl", TEXT_STL.replace(b"endsolid", b"end solid") + b"\n\n"),
+    ("stl", TEXT_STL.replace(b"solid " + NAME, b"solid endsolid facet normal vertex 1 2 3")),
+    ("stl", b"solid".ljust(80) + VALID["binary.stl"][80:] + b"\n"),
+    ("obj", b"\xef\xbb\xbf" + VALID["plain.obj"]),
+    ("off", b"# a comment\n" + VALID["plain.off"]),
+    ("off", b" ".join(VALID["plain.off"].replace(b"# by hand", b"").split())),
+    ("ply", VALID["text.ply"].replace(b"\n", b"\r")),
+    ("ply", VALID["big.ply"] + b"\r\n"),
+    ("ply", VALID["text.ply"].replace(b"element", b"comment end_header here\nelement", 1)),
+])  # fmt: skip
+def test_odd_names_marks_line_ends_and_tails_change_nothing(kind, data):
+    plain = {"stl": "text.stl", "ply": "text.ply", "obj": "plain.obj", "off": "plain.off"}[kind]
+    assert volume(READERS[kind](data)) == pytest.approx(volume(READERS[kind](VALID[plain])))
+
+
 def changed(**parts):
     described, held = gltf_of(VALID["plain.glb"])
     return glb({**described, **parts}, held)
@@ -113,8 +161,9 @@ REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
     ("ply", lambda: ply(b"\n3 ", b"\n3 0.5"), "a corner that is no whole number"),
     ("ply", lambda: ply(b"\n3 ", b"\nthree "), "something else where there must be numbers"),
     ("stl", lambda: b"\0" * 83, "is cut short"),
-    ("stl", lambda: VALID["binary.stl"][:-1], "has not the triangles that it states"),
-    ("stl", lambda: stl(b"endsolid", b"end"), "its last solid has no end"),
+    ("stl", lambda: VALID["binary.stl"][:-1], "cut short: it states 320 triangles and has 319"),
+    ("stl", lambda: VALID["binary.stl"] + b"x" * 50, "states 320 triangles and has 321"),
+    ("stl", lambda: stl(b"endsolid", b""), "its last solid has no end"),
     ("stl", lambda: stl(b"vertex", b"vortex"), "has 959 corners in 320 facets"),
     ("stl", lambda: stl(b"vertex", b"vertex 1"), "a corner that is not three numbers"),
     ("obj", lambda: CORNERS + b"f 1 2\n", "a face of 2 corners"),
@@ -133,12 +182,17 @@ REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
     ("off", lambda: b"mesh", "does not begin with OFF"),
     ("glb", lambda: b"glTF", "is cut short"),
     ("glb", lambda: b"glTF" + b"\1\0\0\0" * 4, "does not begin as glTF 2 does"),
-    ("glb", lambda: VALID["plain.glb"] + b"x", "bytes and states"),
+    ("glb", lambda: VALID["plain.glb"][:-4], "is cut short"),
     ("glb", lambda: glb(b"[" * 100_000, b""), "is described by something else than glTF"),
-    ("glb", lambda: changed(meshes=[]), "holds 0 meshes"),
+    ("glb", lambda: changed(meshes=[], nodes=[]), "shows no triangles"),
+    ("glb", lambda: changed(buffers=[{"uri": "x.bin"}]), "keeps its data elsewhere, in 'x.bin'"),
+    (
+        "glb",
+        lambda: changed(extensionsRequired=["KHR_draco_mesh_compression"]),
+        "is compressed with KHR_draco_mesh_compression, which is not read",
+    ),
     ("glb", lambda: changed(bufferViews=[]), "names a part that does not exist"),
     ("glb", lambda: changed(nodes=[{"children": [0], "mesh": 0}]), "within itself"),
-    ("glb", lambda: changed(nodes=[{"mesh": 0}, {"mesh": 0}]), "in 2 places"),
     ("glb", lambda: changed(nodes=[{"children": [1, 1]}, {"mesh": 0}]), "within two others"),
     ("glb", lambda: changed(nodes=[{"mesh": 0, "matrix": [1.0]}]), "a matrix of 1 numbers"),
 ]

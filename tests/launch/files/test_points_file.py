@@ -264,7 +264,7 @@ def probe(number, *, hit):
 def done(contours, probes):
     return PlanDone(
         number=1, contours=contours, probes=probes, touches=9, robot_time=3.0,
-        reason="enough", tolerance_met=None, rms_bound_95=None, largest_untouched=None,
+        reason="enough", reached=None, rms_bound_95=None, largest_untouched=None,
         uncovered=0.0,
     )  # fmt: skip
 

@@ -16,10 +16,10 @@ from palpate.launch.processes.fork_server import (
 RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 
 
-def output_of(script):
-    """Lines that a new interpreter prints."""
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+def output_of(script, folder=None):
+    """Lines that a new interpreter prints, which is started in a folder."""
+    command = [sys.executable, *(["-P"] if folder else []), "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -88,6 +88,25 @@ print("palpate.nodes.filter" in sys.modules)
 
 def test_what_cannot_be_imported_keeps_nothing_else_from_being_preloaded():
     assert output_of(BROKEN) == ["True"]
+
+
+SHADOWED = """
+import multiprocessing
+from palpate.launch.processes.fork_server import start_fork_server, without_main_module
+start_fork_server(["palpate.nodes.filter"])
+words = "'palpate.nodes.filter' in sys.modules, 'PYTHONSAFEPATH' in os.environ"
+told = f"import os, sys; print({words})"
+process = multiprocessing.get_context("forkserver").Process(target=exec, args=(told,))
+with without_main_module():
+    process.start()
+process.join()
+"""
+
+
+def test_modules_where_palpate_is_started_do_not_hide_those_of_nodes(tmp_path):
+    for name in ("palpate", "numpy", "signal"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('the wrong one')")
+    assert output_of(SHADOWED, tmp_path) == ["True False"]
 
 
 DRAWN = """

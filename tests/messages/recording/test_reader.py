@@ -104,6 +104,25 @@ def test_an_mcap_file_of_others_is_refused(cut: Callable[[bytes], Path]):
         open_recording(cut(file.getvalue()))
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (0, 1, "goes on after its end: 1 bytes follow the end of the recording$"),
+        (0, 100, "100 bytes follow the end of the recording$"),
+        (0, None, r"\d+ bytes follow the end of the recording, and begin as another one$"),
+        (7, 0, "7 bytes precede the beginning of the recording$"),
+    ],
+)
+def test_other_bytes_around_a_recording_are_counted(
+    whole: bytes, cut: Callable[[bytes], Path], before: int, after: int | None, words: str
+):
+    rest = whole if after is None else b"x" * after
+    path = cut(b"x" * before + whole + rest)
+    with pytest.raises(ValueError, match=words):
+        open_recording(path)
+    assert before or len(prefix(path)[0]) == 101  # of what is whole nothing is lost
+
+
 def test_a_recording_cut_anywhere_gives_its_beginning_or_one_sentence(
     whole: bytes, cut: Callable[[bytes], Path]
 ):

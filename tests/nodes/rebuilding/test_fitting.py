@@ -48,7 +48,7 @@ def state_of(touches: int) -> State:
 
 def goal_of(kind: Any, touches: int) -> Any:
     """A general solid of the first touches."""
-    told: dict[str, Any] = {"reason": "", "tolerance_met": False, "uncovered": 0.0}
+    told: dict[str, Any] = {"reason": "", "reached": False, "uncovered": 0.0}
     told |= {"rms_bound_95": None, "largest_untouched": None}
     return kind(
         number=touches,

@@ -141,7 +141,7 @@ def explored(record, sensor, patch, contour, tetrahedron, score):
         touches=4,
         robot_time=2.0,
         reason="within, all of it",
-        tolerance_met=True,
+        reached=True,
         rms_bound_95=None,
         largest_untouched=None,
         uncovered=0.0,

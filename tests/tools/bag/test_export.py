@@ -230,7 +230,7 @@ def test_truth_is_one_nothing_is_empty_and_texts_are_whole(folder):
     (done,) = rows(folder / "plan_done.csv")
     (patch,) = rows(folder / "touch_patch.csv")
     (log,) = rows(folder / "log.csv")
-    assert (done["tolerance_met"], done["rms_bound_95"]) == ("1", "")
+    assert (done["reached"], done["rms_bound_95"]) == ("1", "")
     assert done["reason"] == "within, all of it"
     assert [patch[f"mask.0.{j}"] for j in range(3)] == ["0", "1", "1"]
     assert patch["umbilic"] == "0"

@@ -64,7 +64,7 @@ def test_the_version_is_reported(capsys):
     ("arguments", "words"),
     [
         (["lanch"], "there is no command 'lanch'; did you mean 'launch'? (see palpate --help)"),
-        (["bench"], "... (see palpate --help)"),
+        (["bench"], "sweep, topic, view (see palpate --help)"),
         (["run", "--sed", "3"], "No such option"),
         (["run", "vase", "--seed", "-3"], "-3 is not in the range"),
         (["run", "vaes"], "there is no scene 'vaes'; did you mean 'vase'?"),
@@ -233,6 +233,37 @@ def test_an_output_that_nobody_reads_is_no_failure():
     )
     os.close(write)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize(
+    "streams",
+    [">&-", "2>&-", "<&-", "<&- >&- 2>&-", "2>/dev/full", "2>&1 | true", ">/dev/null 2>&1 <&-"],
+)
+@pytest.mark.parametrize(("verb", "code"), [("scene list", 0), ("scene chekc", 2), ("", 2)])
+def test_streams_that_are_closed_or_full_change_no_exit_code(streams, verb, code, home):
+    call = f"{sys.executable} -P -m palpate {verb}"
+    script = f"( {call} ; echo $? >code ) {streams}"
+    subprocess.run(["bash", "-c", script], timeout=300, check=True, capture_output=True)
+    assert int((home / "code").read_text()) == code
+
+
+def test_an_output_that_cannot_be_written_is_a_sentence():
+    call = f"{sys.executable} -P -m palpate scene list >/dev/full"
+    done = subprocess.run(["bash", "-c", call], capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (2, "palpate: the system: No space left on device\n")
+
+
+@pytest.mark.parametrize("name", ["b\udcff", "é", "a\nb", "-x", "50%s 'a' \"b\""])
+@pytest.mark.parametrize("coding", ["utf-8", "ascii"])
+def test_a_scene_of_any_name_is_checked_and_told_in_any_terminal(name, coding, home):
+    (home / os.fsencode(f"{name}.yaml").decode(errors="surrogateescape")).write_text(
+        "object: {sphere: {radius: 30mm}}"
+    )
+    env = {**os.environ, "PYTHONIOENCODING": coding, "PYTHONPATH": ""}
+    told = [sys.executable, "-P", "-m", "palpate", "scene", "check", "--", f"{name}.yaml"]
+    done = subprocess.run(told, capture_output=True, env=env, timeout=300)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"can be explored" in done.stdout
 
 
 def test_the_exit_code_of_a_verb_is_that_of_the_process(monkeypatch):

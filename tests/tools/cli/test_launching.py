@@ -100,10 +100,23 @@ def test_a_mesh_is_explored_as_it_is_and_what_is_mended_is_told_first(tmp_path, 
     )
 
 
+@pytest.mark.parametrize(("how", "size"), [
+    (["--unit", "in"], "127.0 x 101.6 x 76.2 mm"),
+    (["--unit", "cm"], "50.0 x 40.0 x 30.0 mm"),
+    (["--size", "120mm"], "120.0 x 96.0 x 72.0 mm"),
+])  # fmt: skip
+def test_check_takes_the_unit_or_the_size_of_a_mesh(here, capsys, how, size):
+    trimesh.creation.box([5.0, 4.0, 3.0]).export(here / "box.off")
+    assert run(["scene", "check", "box.off", *how]) == 0
+    assert f"the object measures {size}" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("more", "words"), [
     (["vase", "--unit", "mm"], "--unit mm: vase is no mesh; a scene has object.mesh.unit"),
     (["box.off"], "box.off: measures 5, in a unit that the file does not tell"),
     (["box.off", "--unit", "cm"], "box.off: is open: it has a hole of "),
+    (["box.off", "--size", "120"], "--size 120: must have a unit: m, cm, mm, um, in, ft, as in"),
+    (["box.off", "--unit", "cm", "--size", "1m"], "--unit and --size exclude each other"),
     (["none.stl"], "none.stl: the scene does not exist; a scene is a YAML file, or a mesh"),
 ])  # fmt: skip
 def test_what_is_no_mesh_to_explore_is_refused(here, capsys, more, words):

@@ -86,7 +86,7 @@ DONE = PlanDone(
     touches=3,
     robot_time=1.0,
     reason="enough",
-    tolerance_met=True,
+    reached=True,
     rms_bound_95=1e-3,
     largest_untouched=None,
     uncovered=0.0,
@@ -162,9 +162,9 @@ def test_the_first_of_many_is_shown():
 
 
 def test_lists_and_truth_values_are_no_quantities():
-    found = changed(DONE, contours=(1, 3), tolerance_met=False).fields
+    found = changed(DONE, contours=(1, 3), reached=False).fields
     assert found["contours"].notes == {"value": ChangeNote(1, "(1, 2)", "(1, 3)")}
-    assert found["tolerance_met"].notes == {"value": ChangeNote(1, "True", "False")}
+    assert found["reached"].notes == {"value": ChangeNote(1, "True", "False")}
 
 
 def test_arrays_of_another_shape_are_counted():

@@ -64,8 +64,9 @@ def walk_over(planner, side, unit=1.0, top=1.0, **changes):
         if not isinstance(choice, Height):
             assert isinstance(choice, Stop)
             known = estimate_error(known_of(slices, unit, **changes))
-            told = vars(known) | {"reason": choice.reason, "halving": known.halving}
-            end = SimpleNamespace(**told)
+            names = ("rms_bound_95", "largest_untouched", "reached", "halving", "prediction")
+            told = {name: getattr(known, name) for name in names}
+            end = SimpleNamespace(reason=choice.reason, **told)
             return [one.height / (HEIGHT * unit) for one in slices], end
         share = choice.height / (HEIGHT * unit)
         if share < top:

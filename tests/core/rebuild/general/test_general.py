@@ -13,7 +13,7 @@ from palpate.core.archive import tree_from_arrays, tree_to_arrays
 from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.general import GeneralSolid, rebuild_general
+from palpate.core.rebuild.general import GeneralSolid, oriented, rebuild_general
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
 from palpate.core.rebuild.general.dissection import dissect, factorise
 
@@ -171,3 +171,21 @@ def test_dissection_solves_what_a_dense_matrix_does():
 
 def test_the_examples_of_the_page_are_right():
     assert doctest.testfile(str(PAGE), module_relative=False).failed == 0
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 1.0])
+def test_normals_that_point_inwards_are_turned(share):
+    touched = torus_touches()
+    assert touched.normals is not None
+    wrong = np.random.default_rng(4).random(len(touched.points)) < share
+    turned = touched._replace(normals=np.where(wrong[:, None], -1.0, 1.0) * touched.normals)
+    found = oriented(turned)
+    assert found.turned == np.count_nonzero(wrong)
+    assert np.array_equal(found.contacts.normals, touched.normals)
+
+
+def test_normals_that_agree_with_nothing_are_refused():
+    touched = torus_touches()
+    random = np.random.default_rng(5).normal(size=touched.points.shape)
+    with pytest.raises(ValueError, match="normals must agree with those beside them"):
+        rebuild_general(touched._replace(normals=random), cell=CELL)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.geometry import nearest_points, nearest_search, self_intersection
 from palpate.core.geometry.meshes import solidity
-from palpate.core.geometry.nearest import nearest_points, nearest_search, self_intersection
 from palpate.core.rebuild.ends.closing import End
 from palpate.core.rebuild.ends.profiles import Conic, Flat, Profile, Superellipse
 from palpate.core.rebuild.surface.closed import Patch, Surface, close_surface

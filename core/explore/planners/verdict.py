@@ -1,0 +1,144 @@
+"""What was asked of a solid and what was reached: one judgement for planner, run and report.
+
+Every limit is one `Criterion` with a name, a figure and a limit. A planner stops when all of them
+are kept, a run tells those that are not, and its exit code follows. Nobody else decides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Literal, NamedTuple
+
+CriterionUnit = Literal["m", "1", "#"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What is asked of a solid; None where nothing is."""
+
+    tolerance: float | None = None  # of the root mean square error [m]
+    feature: float | None = None  # largest gap that may stay untouched between contours [m]
+    # Share of the surface that may lie farther than `unknown_distance` from every touch. Beside
+    # what an object stands on and in corners that hold a pad off, a little always does.
+    unknown_share: float = 0.01
+
+    @property
+    def unknown_distance(self) -> float:
+        """Distance from every touch beyond which a place is unknown [m]: half a feature."""
+        return math.inf if self.feature is None else 0.5 * self.feature
+
+    def stated(self) -> dict[str, float]:
+        """What is asked, by name, as messages carry it."""
+        return _stated(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """What is known of a solid; None where it is not known, or does not apply to it."""
+
+    error_bound: float | None = None  # 95 % bound of the root mean square error [m]
+    # The same of two parts alone, with their shares of the surface: what the object stands on, and
+    # creases that are too narrow for a finger.
+    underside_error: float | None = None  # [m]
+    underside_share: float | None = None
+    crease_error: float | None = None  # [m]
+    crease_share: float | None = None
+    unknown_share: float | None = None  # of the surface, underside apart, far from every touch
+    untouched_gap: float | None = None  # largest height of the side that no contour touched [m]
+    unentered_hole: float | None = None  # width of the widest hole that no finger entered [m]
+    untraced_height: float | None = None  # where contours were tried and could not be traced [m]
+    closed: bool | None = None  # whether every edge of the mesh has exactly two faces
+    self_crossings: int | None = None  # pairs of triangles that cross
+    genus: int | None = None  # holes that go through the solid
+    # What only a simulation knows.
+    true_error: float | None = None  # root mean square error [m]
+    true_genus: int | None = None
+
+    def stated(self) -> dict[str, float]:
+        """What is known, by name, as messages carry it."""
+        return _stated(self)
+
+
+def _stated(record: Limits | Findings) -> dict[str, float]:
+    return {name: float(value) for name, value in asdict(record).items() if value is not None}
+
+
+class Criterion(NamedTuple):
+    """One figure of a solid and its limit."""
+
+    name: str
+    value: float | None  # None: not known, so that the limit is not kept
+    limit: float
+    unit: CriterionUnit  # of both: metres, a share, or a count
+    is_exact: bool = False  # whether the figure must be the limit, not only below it
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the limit is kept."""
+        if self.value is None:
+            return False
+        return self.value == self.limit if self.is_exact else self.value <= self.limit
+
+
+class Verdict(NamedTuple):
+    """All that was asked of a solid."""
+
+    criteria: tuple[Criterion, ...]
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether every limit is kept; None where nothing was asked."""
+        return all(one.is_met for one in self.criteria) if self.criteria else None
+
+    @property
+    def failed(self) -> tuple[Criterion, ...]:
+        """The limits that are not kept."""
+        return tuple(one for one in self.criteria if not one.is_met)
+
+
+def judge(found: Findings, limits: Limits) -> Verdict:
+    """Hold what is known of a solid against what is asked of it.
+
+    The error bound counts wherever a tolerance is asked for, known or not; every other figure
+    where it is known.
+    """
+    return Verdict((*_errors(found, limits), *_coverage(found, limits), *_surface(found)))
+
+
+def _errors(found: Findings, limits: Limits) -> Iterator[Criterion]:
+    tolerance = limits.tolerance
+    if tolerance is None:
+        return
+    yield Criterion("error bound", found.error_bound, tolerance, "m")
+    # A part that alone takes the whole solid beyond the tolerance is named with what it may err by.
+    for name, error, share in (
+        ("underside error", found.underside_error, found.underside_share),
+        ("crease error", found.crease_error, found.crease_share),
+    ):
+        if error is not None and share and error * math.sqrt(share) > tolerance:
+            yield Criterion(name, error, tolerance / math.sqrt(share), "m")
+    if found.true_error is not None:
+        yield Criterion("rms error", found.true_error, tolerance, "m")
+
+
+def _coverage(found: Findings, limits: Limits) -> Iterator[Criterion]:
+    if limits.feature is not None:
+        if found.unknown_share is not None:
+            yield Criterion("unknown share", found.unknown_share, limits.unknown_share, "1")
+        if found.untouched_gap is not None:
+            yield Criterion("untouched gap", found.untouched_gap, limits.feature, "m")
+    if limits.tolerance is not None and found.unentered_hole is not None:
+        yield Criterion("unentered hole", found.unentered_hole, 0.0, "m")
+    if found.untraced_height is not None:
+        yield Criterion("untraced height", found.untraced_height, 0.0, "m")
+
+
+def _surface(found: Findings) -> Iterator[Criterion]:
+    if found.closed is not None:
+        yield Criterion("open surface", float(not found.closed), 0.0, "#")
+    if found.self_crossings is not None:
+        yield Criterion("self-crossings", float(found.self_crossings), 0.0, "#")
+    if found.genus is not None and found.true_genus is not None:
+        yield Criterion("genus", float(found.genus), float(found.true_genus), "#", is_exact=True)

@@ -1,0 +1,159 @@
+"""Which way normals point: turned outwards by what they agree on, or refused.
+
+Normals that vary little from a point to those beside it belong to one patch, and point to one side
+of it (Hoppe et al., *Surface reconstruction from unorganized points*, 1992). Which side is outside
+is told by the convex hull: what lies on it can only point away from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from palpate.core.arrays import Bools, Floats
+from palpate.core.rebuild.contours import ContactPoints
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationSettings:
+    """How normals are compared; tuned on balls, boxes, cups and plates with turned normals."""
+
+    n_neighbors: int = 8  # points beside each
+    min_alignment: float = 0.7  # |cosine| of two normals of one patch
+    max_offset: float = 0.5  # |cosine| between a normal and the way to a neighbour on its patch
+    min_patch: int = 4  # points of a patch that has a side of its own
+    max_unaligned: float = 0.5  # fraction of points without a patch, beyond which nothing agrees
+    max_minority: float = 0.35  # fraction of a patch that may point to the other side of it
+    max_unclear: float = 0.05  # fraction of points on patches beyond that
+    hull_distance: float = 0.01  # fraction of the extent: points as near lie on the hull
+    min_hull_cosine: float = 0.3  # between a normal and the hull's, to vote for a side
+    min_votes: int = 3  # of points on the hull
+    max_hull_points: int = 2000  # more vote no better
+
+
+class Orientation(NamedTuple):
+    """Normals that point outwards."""
+
+    contacts: ContactPoints
+    turned: int  # How many were turned
+
+
+def oriented(
+    contacts: ContactPoints, settings: OrientationSettings = OrientationSettings()
+) -> Orientation:
+    """The same points with their unit normals (n, 3) outwards.
+
+    Raises ValueError if normals disagree so that no side of the surface can be told.
+    """
+    points, normals = contacts.points, np.asarray(contacts.normals)
+    if len(points) <= settings.n_neighbors:
+        return Orientation(contacts, 0)
+    patch, sign, alone = _patches(points, normals, settings)
+    share = float(alone.mean())
+    if share > settings.max_unaligned:
+        raise ValueError(
+            f"patches.normals must agree with those beside them, got {share:.0%} that agree with "
+            "none: are they normals of these points?"
+        )
+    sign = _voted(points, normals, patch, sign, settings)
+    turned = int(np.count_nonzero(sign < 0.0))
+    found = contacts if not turned else contacts._replace(normals=normals * sign[:, None])
+    return Orientation(found, turned)
+
+
+def _patches(
+    points: Floats, normals: Floats, settings: OrientationSettings
+) -> tuple[NDArray[np.int32], Floats, Bools]:
+    """The patch of each point, its side of it, 1 or -1, (n,), and which points have none."""
+    count = len(points)
+    found = cKDTree(points).query(points, k=settings.n_neighbors + 1)
+    distances, near = np.asarray(found[0]), np.asarray(found[1])
+    rows = np.repeat(np.arange(count), settings.n_neighbors)
+    columns, lengths = near[:, 1:].ravel(), distances[:, 1:].ravel()
+    cosine = (normals[rows] * normals[columns]).sum(axis=1)
+    way = points[columns] - points[rows]
+    offset = np.maximum(*(np.abs((way * normals[ends]).sum(axis=1)) for ends in (rows, columns)))
+    joined = np.abs(cosine) >= settings.min_alignment
+    joined &= offset <= settings.max_offset * lengths
+    rows, columns, cosine = rows[joined], columns[joined], cosine[joined]
+    cost = 1.0 + 1e-6 - np.abs(cosine)  # above 0, for an edge of 0 is none
+    tree = minimum_spanning_tree(csr_array((cost, (rows, columns)), shape=(count, count)))
+    n_patches, patch = connected_components(tree, directed=False)
+    sign = _propagated(tree, normals, np.unique(patch, return_index=True)[1])
+    # The side that most of a patch point to is +1.
+    total = np.bincount(patch, sign, n_patches)
+    sign *= np.where(total < 0.0, -1.0, 1.0)[patch]
+    sizes = np.bincount(patch, minlength=n_patches)
+    return patch.astype(np.int32), sign, (sizes < settings.min_patch)[patch]
+
+
+def _propagated(tree: csr_array, normals: Floats, first: NDArray[np.intp]) -> Floats:
+    """The sign (n,) of each normal against that of the `first` (p,) of its patch, along trees."""
+    count = len(normals)
+    edges = tree.tocoo()
+    rows = np.concatenate([edges.row, np.full(len(first), count)])  # one root joins all trees
+    columns, ones = np.concatenate([edges.col, first]), np.ones(len(rows))
+    joined = csr_array((ones, (rows, columns)), shape=(count + 1, count + 1))
+    order, before = breadth_first_order(joined, count, directed=False)
+    before = before[order[1:]]
+    agree = (normals[order[1:]] * normals[np.minimum(before, count - 1)]).sum(axis=1) >= 0.0
+    sign = np.ones(count + 1)
+    steps = zip(order[1:].tolist(), before.tolist(), agree.tolist(), strict=True)
+    for here, other, same in steps:
+        sign[here] = sign[other] if same or other == count else -sign[other]
+    return sign[:count]
+
+
+def _voted(
+    points: Floats,
+    normals: Floats,
+    patch: NDArray[np.int32],
+    sign: Floats,
+    settings: OrientationSettings,
+) -> Floats:
+    """The sign (n,) of each normal, by the side on which the hull of all points lies.
+
+    A patch that does not reach the hull follows most of those that do.
+    """
+    sizes = np.bincount(patch)
+    minority = np.bincount(patch, sign < 0.0) / sizes
+    votes = np.bincount(patch, sign * _hull_votes(points, normals, settings), len(sizes))
+    least = np.minimum(settings.min_votes, sizes)
+    known = np.abs(votes) >= least
+    unclear = ~known & (minority > settings.max_minority)
+    share = float(sizes[unclear].sum() / sizes.sum())
+    if share > settings.max_unclear:
+        raise ValueError(
+            f"patches.normals must point to one side of the surface, got {share:.0%} of them where "
+            "those beside disagree"
+        )
+    outward = float((np.sign(votes) * sizes)[known].sum()) >= 0.0
+    other = 1.0 if outward else -1.0
+    side = np.where(known, np.where(votes < 0.0, -1.0, 1.0), other)
+    return np.asarray(sign * side[patch])
+
+
+def _hull_votes(points: Floats, normals: Floats, settings: OrientationSettings) -> Floats:
+    """For each point on the convex hull, whether its normal points away from it, 1, or in, -1."""
+    votes = np.zeros(len(points))
+    every = -(-len(points) // settings.max_hull_points)
+    some = np.arange(0, len(points), every)
+    try:
+        faces = np.unique(ConvexHull(points[some], qhull_options="QJ").equations, axis=0)
+    except QhullError:
+        return votes
+    heights = points[some] @ faces[:, :3].T + faces[:, 3]
+    near = heights >= -settings.hull_distance * float(np.ptp(points, axis=0).max())
+    cosines = normals[some] @ faces[:, :3].T
+    high = np.where(near, cosines, -np.inf).max(axis=1)
+    low = np.where(near, cosines, np.inf).min(axis=1)
+    least = settings.min_hull_cosine
+    votes[some] = np.where((high > least) & (low > -least), 1.0, 0.0)
+    votes[some] -= np.where((low < -least) & (high < least), 1.0, 0.0)
+    return votes

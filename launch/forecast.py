@@ -1,0 +1,146 @@
+"""What an exploration is expected to cost: before it begins, and again once the hand has grasped.
+
+Slices cost by tolerance over height, as the shipped scenes did; a wider object has longer
+contours. Single touches cost by the area, as scans did. Before the grasp the object's box tells its
+area, in a simulation; after it the coarse model does. Neither sees hollows and thin walls: such an
+object takes many times more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.messages.types import Superquadric
+from palpate.nodes import planner, planning
+
+ELLIPSOID_POWER = 1.6075  # Of Thomsen's formula for the area, within 1.1 %
+COARSE_LEVEL = 4  # Of the icosphere by which the coarse model's area is measured
+
+
+class ExpectedCost(NamedTuple):
+    """What shipped scenes took at one tolerance: lower quartile, median, upper quartile."""
+
+    touches: tuple[float, float, float]
+    seconds: tuple[float, float, float]  # Robot time, one finger of the preset ``modern``, s
+
+
+# By the tolerance over the object's height, %: `python tests/studies tolerances`.
+COSTS: Mapping[float, ExpectedCost] = {
+    1.0: ExpectedCost((45, 65, 94), (156, 190, 238)),
+    0.5: ExpectedCost((55, 76, 99), (172, 194, 248)),
+    0.2: ExpectedCost((89, 98, 132), (212, 226, 292)),
+    0.1: ExpectedCost((138, 144, 164), (274, 284, 318)),
+    0.05: ExpectedCost((185, 198, 241), (344, 366, 395)),
+}
+# Processor time of a whole run over that of quality normal.
+QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForecastSettings:
+    """How the cost follows from the object's size; from the shipped scenes and ten scans."""
+
+    # Area of a box's content over that of the ellipsoid in it; only until the grasp is known.
+    fullness: float = 1.2
+    typical_perimeter: float = 0.22  # of the shipped scenes: area over height [m]
+    # Of single touches, at `typical_share` of the height; others as slices have it.
+    touches_per_area: float = 0.6e4  # [1/m^2]
+    typical_share: float = 2e-3  # tolerance over height
+    spread: float = 1.5  # factor between the middle and either quartile of single touches
+    grasp_seconds: float = 110.0  # robot time until the first contour [s]
+    seconds_per_touch: float = 2.0  # robot time of a single touch with its way [s]
+    compute_per_slice_touch: float = 0.05  # processor time on one core of 2020 [s]
+    compute_per_single_touch: float = 0.3  # the same where a general solid is fitted [s]
+
+
+class Forecast(NamedTuple):
+    """What an exploration is expected to take."""
+
+    touches: tuple[float, float, float]  # lower quartile, median, upper quartile
+    seconds: tuple[float, float, float]  # the same of robot time [s]
+    compute: float  # processor time [s]
+
+    def texts(self) -> list[str]:
+        """The same in words."""
+        (low, middle, high), seconds = self.touches, self.seconds
+        return [
+            f"about {middle:.0f} touches ({low:.0f} to {high:.0f})",
+            f"robot {seconds[1]:.0f} s ({seconds[0]:.0f} to {seconds[2]:.0f})",
+            f"computing {self.compute:.0f} s",
+        ]
+
+
+def forecast(
+    asked: planner.Params,
+    size: Sequence[float],  # Of the object's box, (3,), m
+    area: float | None = None,  # Of its surface, m^2; None: as its box lets expect
+    quality: str = "normal",
+    settings: ForecastSettings = ForecastSettings(),
+) -> Forecast:
+    """What an object of this size is expected to take, by slices or by single touches."""
+    if area is None:
+        area = settings.fullness * ellipsoid_area(size)
+    height = float(size[2])
+    cost = expected_cost(asked.tolerance / height)
+    if asked.makes_single_touches:
+        found = _single_touches(cost, area, settings)
+    else:
+        found = _slices(cost, area / height / settings.typical_perimeter, settings)
+    return found._replace(compute=found.compute * QUALITY_COST[quality])
+
+
+def renewed_forecast(
+    asked: planner.Params, coarse: Superquadric, quality: str = "normal"
+) -> Forecast | None:
+    """The same by the coarse model that the grasp has given; None if that is no solid."""
+    from palpate.core.geometry import areas_and_normals  # which nobody needs before the grasp
+
+    try:
+        mesh = planning.fitted_superquadric(coarse).shape().mesh(COARSE_LEVEL)
+    except ValueError:  # its bend folds it
+        return None
+    area = float(areas_and_normals(mesh.vertices[mesh.faces])[0].sum())
+    return forecast(asked, np.ptp(mesh.vertices, axis=0).tolist(), area, quality)
+
+
+def expected_cost(share: float) -> ExpectedCost:
+    """For a tolerance over the height, between those that were measured by powers."""
+    known = np.log(sorted(COSTS))
+    rows = np.log([COSTS[one] for one in sorted(COSTS)])
+
+    def between(which: int) -> tuple[float, float, float]:
+        at, columns = math.log(100.0 * share), rows[:, which].T
+        low, middle, high = (float(np.exp(np.interp(at, known, one))) for one in columns)
+        return low, middle, high
+
+    return ExpectedCost(touches=between(0), seconds=between(1))
+
+
+def ellipsoid_area(size: Sequence[float]) -> float:
+    """Area of the ellipsoid in a box of this size (3,), m^2: K. Thomsen's formula."""
+    a, b, c = ((0.5 * float(side)) ** ELLIPSOID_POWER for side in size)
+    return float(4.0 * math.pi * ((a * b + a * c + b * c) / 3.0) ** (1.0 / ELLIPSOID_POWER))
+
+
+def _slices(cost: ExpectedCost, wider: float, settings: ForecastSettings) -> Forecast:
+    """By the cost of a typical object and by how much longer than its contours these are."""
+    low, middle, high = (wider * one for one in cost.touches)
+    grasp = settings.grasp_seconds
+    begins, median, ends = (grasp + wider * max(one - grasp, 0.0) for one in cost.seconds)
+    compute = settings.compute_per_slice_touch * middle
+    return Forecast((low, middle, high), (begins, median, ends), compute)
+
+
+def _single_touches(cost: ExpectedCost, area: float, settings: ForecastSettings) -> Forecast:
+    finer = cost.touches[1] / expected_cost(settings.typical_share).touches[1]
+    middle = settings.touches_per_area * area * finer
+    touches = middle / settings.spread, middle, middle * settings.spread
+    low, median, high = (
+        settings.grasp_seconds + settings.seconds_per_touch * one for one in touches
+    )
+    return Forecast(touches, (low, median, high), settings.compute_per_single_touch * middle)
