@@ -215,8 +215,13 @@ def _folded(line: str, value: Any) -> list[str]:
     """A line of YAML; of 80 columns, if it is a sequence, as every reader of YAML takes it."""
     if len(line) <= TEXT_WIDTH or not isinstance(value, (np.ndarray, tuple, list)):
         return [line]
-    how = {"break_long_words": False, "break_on_hyphens": False}
-    return textwrap.wrap(line, TEXT_WIDTH - FOLDED, subsequent_indent=" " * FOLDED, **how)
+    return textwrap.wrap(
+        line,
+        TEXT_WIDTH - FOLDED,
+        subsequent_indent=" " * FOLDED,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def csv_line(values: list[Any], style: TextStyle) -> str:
