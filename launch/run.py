@@ -329,6 +329,11 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     InputError if the run directory cannot be written, or its disk is too full for a recording.
     """
     folder, about = plan.folder, plan.about
+    if not composed:
+        from palpate.launch.processes import check_open_files
+
+        with as_input_errors():
+            check_open_files(len(plan.wirings))
     for wiring in plan.wirings:
         if wiring.module == RECORDER:
             folder.check_room(wiring.params.spare)
