@@ -211,7 +211,7 @@ class LatticeSolid(Solid):
         places = np.column_stack([plane, heights + rises])[used]
         if self.frame is not None:
             places = transform_points(self.frame, places)
-        return self.signed_distances(places)
+        return self.signed_distance(places)
 
     @property
     def uncovered(self) -> tuple[float, float]:
