@@ -93,8 +93,8 @@ def published_solid(state: State, goal: Goal, step: Steps) -> Published:
     if draft is None or draft.solid is None:
         return found
     with step("prediction"):
-        meshes = (one.candidates.mesh_of(one.solid) for one in (found, draft) if one.solid)
-        why = departure(*meshes, bound)
+        mesh = found.candidates.mesh_of(found.solid)
+        why = departure(mesh, draft.candidates.mesh_of(draft.solid), bound)
     if not why:
         return found
     return draft._replace(predicted=found.predicted, rejected=(*found.rejected, *why))
