@@ -48,6 +48,26 @@ def positive(name: str, value: float, unit: str) -> float:
     return float(value)
 
 
+def in_metres(name: str, length: float, most: float) -> float:
+    """A length that can be meant in metres; ValueError if it is more than `most`, m."""
+    if length > most:
+        raise ValueError(
+            f"{name} is {length:g} m, and at most {most:g} m is meant here: lengths are in metres; "
+            "multiply millimetres by 0.001"
+        )
+    return length
+
+
+def check_extent(name: str, points: Floats, most: float) -> None:
+    """Raise ValueError if points (n, 3) span more than `most` [m]: they are hardly in metres."""
+    span = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    if span > most:
+        raise ValueError(
+            f"{name} span {span:.4g} m, and at most {most:g} m is meant here: coordinates are in "
+            "metres; multiply millimetres by 0.001"
+        )
+
+
 def not_negative(name: str, value: float, unit: str) -> float:
     """A finite number that is 0 or more; else ValueError."""
     if not 0.0 <= value < math.inf:

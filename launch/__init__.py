@@ -9,9 +9,12 @@ palpate.nodes and on launch.files and launch.processes.
 from palpate.rooms import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
+    from palpate.launch.colours import COLOURS as COLOURS, rgb as rgb
     from palpate.launch.demand import NOISES as NOISES, read_demand as read_demand
     from palpate.launch.demand import demanded_of as demanded_of
     from palpate.launch.demand import read_mesh_setup as read_mesh_setup, read_setup as read_setup
+    from palpate.launch.exchange_rate import COST_IN_REPORT as COST_IN_REPORT
+    from palpate.launch.exchange_rate import COST_ON_PHONE as COST_ON_PHONE
     from palpate.launch.exchange_rate import Scale as Scale, draw_svg as draw_svg, scale as scale
     from palpate.launch.graph import Graph as Graph, ResolvedNode as ResolvedNode
     from palpate.launch.graph import override as override, plain_params as plain_params

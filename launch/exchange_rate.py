@@ -14,8 +14,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from itertools import pairwise
 from pathlib import Path
+from string import Template
 from typing import Any, NamedTuple
 
+from palpate.launch.colours import COLOURS, ERROR_ON_DARK
 from palpate.launch.progress import Progress
 from palpate.messages.types import NodeStatus, PlanEstimate, Score
 
@@ -38,11 +40,13 @@ STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0
          tuple(n / 2.0 for n in range(2, 20)))  # fmt: skip
 ROWS, COLUMNS, LABEL = 9, 58, 10  # Of the drawing in text: rows, columns, and those before them
 # Of that in SVG, in pixels.
-WIDE, MARGIN, LEFT, PANEL, HIGH, APART = 980, 24.0, 62.0, 270.0, 250.0, 30.0
-TOP, LINE, BAR = 108.0, 20.0, 190.0
+MARGIN, LEFT, PANEL, HIGH, APART = 24.0, 62.0, 270.0, 250.0, 30.0
+LINE, LIST = 20.0, 470.0  # Height of a row; width of a list of bars
 MOST_BARS = 14
 TICK_ROOM, LINE_ROOM = 28.0, 12.0  # Between the labels of two ticks, across and upwards
-_STYLE = Path(__file__).with_name("cost.css").read_text("utf-8")
+_STYLE = Template(Path(__file__).with_name("cost.css").read_text("utf-8")).substitute(
+    COLOURS, error_on_dark=ERROR_ON_DARK
+)
 Point = tuple[float, float]
 
 
@@ -256,30 +260,49 @@ def _legend_lines(chart: Chart, grid: Sequence[Sequence[str]]) -> list[str]:
     return lines
 
 
-def draw_svg(summary: Mapping[str, Any]) -> str:
+class Layout(NamedTuple):
+    """How the drawing is laid out."""
+
+    width: int  # pixels
+    columns: int  # panels beside each other
+    bar: float  # length of the longest bar, pixels
+    alone: bool  # as a file of its own, which says all figures; a report says some of them itself
+
+
+COST_FILE = Layout(980, 3, 190.0, alone=True)
+COST_IN_REPORT = COST_FILE._replace(alone=False)
+COST_ON_PHONE = Layout(358, 1, 110.0, alone=False)
+
+
+def draw_svg(summary: Mapping[str, Any], layout: Layout = COST_FILE) -> str:
     """Error and bound against each cost, and where the time went, as the text of an SVG file."""
     charts = [(axis, chart) for axis in AXES if (chart := chart_of(summary, axis)) is not None]
-    parts = [*_heading(summary), *_legend(charts[0][1] if charts else None)]
+    parts, top = _heading(summary) if layout.alone else [], 58.0 if layout.alone else 6.0
+    legend, top = _legend(charts[0][1] if charts else None, layout, top)
+    parts += legend
     errors = [error for _, chart in charts for _, error in chart.points]
     levels = [level for _, chart in charts for level in (chart.floor, chart.tolerance)]
     errors += [level for level in levels if level is not None]
     for number, (axis, chart) in enumerate(charts):
-        left = LEFT + number * (PANEL + APART)
-        parts += _panel(chart, axis, left, scale(errors, TOP + HIGH, TOP), labelled=number == 0)
-    top = TOP + (HIGH + 92.0 if charts else 24.0)
-    nodes = {name: one["cpu_s"] for name, one in summary["nodes"].items()}
-    lists = (("Processor time by step", summary["steps"]), ("by node", nodes))
-    longest = max([*summary["steps"].values(), *nodes.values()], default=0.0)
-    for number, (title, times) in enumerate(lists):
-        parts += _bars(title, times, longest, LEFT + number * 470.0, top)
-    rows = max(min(len(times), MOST_BARS) for _, times in lists)
+        row, column = divmod(number, layout.columns)
+        corner = LEFT + column * (PANEL + APART), top + 22.0 + row * (HIGH + 72.0)
+        up = scale(errors, corner[1] + HIGH, corner[1])
+        parts += _panel(chart, axis, corner, up, labelled=column == 0)
+    top += 40.0 + (HIGH + 72.0) * math.ceil(len(charts) / layout.columns)
+    lists = {"Processor time by step": summary["steps"]}
+    if layout.alone:  # a report has a table of nodes
+        lists["by node"] = {name: one["cpu_s"] for name, one in summary["nodes"].items()}
+    for number, (title, times) in enumerate(lists.items()):
+        longest = max([one for some in lists.values() for one in some.values()], default=0.0)
+        parts += _bars(title, times, longest, (LEFT + number * LIST, top), layout)
+    rows = max(min(len(times), MOST_BARS) for times in lists.values())
     high = math.ceil(top + LINE * rows + MARGIN)
     return "\n".join(
         [
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {high}" width="{WIDE}" '
-            f'height="{high}" role="img">',
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {layout.width} {high}" '
+            f'width="{layout.width}" height="{high}" role="img">',
             f"<title>What accuracy cost</title>\n<style>\n{_STYLE}</style>",
-            f'<rect class="page" x="0.5" y="0.5" width="{WIDE - 1}" height="{high - 1}"/>',
+            f'<rect class="page" x="0.5" y="0.5" width="{layout.width - 1}" height="{high - 1}"/>',
             *parts,
             "</svg>\n",
         ]
@@ -292,7 +315,7 @@ def _heading(summary: Mapping[str, Any]) -> list[str]:
     if summary["compute_s"] is not None:
         told.append(f"compute {summary['compute_s']:.1f} s")
     if summary["largest_untouched_m"] is not None:
-        told.append(f"untouched at most {1e3 * summary['largest_untouched_m']:.3g} mm")
+        told.append(f"untouched gap {1e3 * summary['largest_untouched_m']:.3g} mm")
     ended = summary["status"] + (", goal missed" if summary["missed"] else "")
     name = f": {summary['scene']}" if summary["scene"] else ""
     return [
@@ -301,38 +324,47 @@ def _heading(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _legend(chart: Chart | None) -> list[str]:
+def _legend(chart: Chart | None, layout: Layout, top: float) -> tuple[list[str], float]:
+    """What the lines mean, and where the legend ends; in a report its tiles say the figures."""
     if chart is None:
-        return [_text("small", LEFT, 78.0, "no model was judged")]
-    parts, left = [], LEFT
-    told = ((ERROR, "true", "true error (rms)"), (BOUND, "stated", "stated bound (95 %)"))
-    for key, name, words in told:
-        if chart.series[key]:
-            parts += [*_sample(name, left, words), _mark(name, left + 13.0, 76.0)]
-            left += 172.0
+        return [_text("small", LEFT, top + 20.0, "no model was judged")], top + 28.0
+    told = [
+        (kind, words, 172.0)
+        for key, kind, words in (
+            (ERROR, "true", "true error (rms)"),
+            (BOUND, "stated", "error bound (95 %)"),
+        )
+        if chart.series[key]
+    ]
     if chart.forecast:
-        parts += _sample("forecast", left, "next halving of the bound")
-        left += 204.0
-    if chart.floor is not None:
-        parts += _sample("floor", left, f"sampling floor {1e3 * chart.floor:.3f} mm")
-        left += 182.0
-    if chart.tolerance is not None:
-        parts += _sample("tolerance", left, f"tolerance {1e3 * chart.tolerance:.3g} mm")
-    return parts
+        told.append(("forecast", "next halving of the bound", 204.0))
+    for kind, words, level in (
+        ("floor", "sampling floor", chart.floor),
+        ("tolerance", "tolerance", chart.tolerance),
+    ):
+        if level is not None:
+            figure = f" {1e3 * level:.3g} mm" if layout.alone else ""
+            told.append((kind, words + figure, 182.0))
+    parts, left, y = list[str](), LEFT, top + 18.0
+    for kind, words, width in told:
+        if left > LEFT and left + width > layout.width:
+            left, y = LEFT, y + LINE
+        parts += [*_line(kind, [(left, y), (left + 26.0, y)])]
+        parts.append(_text("small", left + 32.0, y + 4.0, words))
+        if kind in ("true", "stated"):
+            parts.append(_mark(kind, left + 13.0, y))
+        left += width
+    return parts, y + 10.0
 
 
-def _sample(kind: str, left: float, words: str) -> list[str]:
-    line = _line(kind, [(left, 76.0), (left + 26.0, 76.0)])
-    return [*line, _text("small", left + 32.0, 80.0, words)]
-
-
-def _panel(chart: Chart, axis: str, left: float, up: Scale, *, labelled: bool) -> list[str]:
+def _panel(chart: Chart, axis: str, corner: Point, up: Scale, *, labelled: bool) -> list[str]:
+    left, top = corner
     across = scale([cost for cost, _ in chart.points], left, left + PANEL)
-    bottom, right = TOP + HIGH, left + PANEL
+    bottom, right = top + HIGH, left + PANEL
     parts, labelled_to = [], -math.inf
     for value in across.ticks(7):
         x = across.at(value)
-        parts += _line("grid", [(x, TOP), (x, bottom)])
+        parts += _line("grid", [(x, top), (x, bottom)])
         if x >= labelled_to:
             parts.append(_text("small middle", x, bottom + 17.0, f"{value:g}"))
             labelled_to = x + TICK_ROOM
@@ -344,7 +376,7 @@ def _panel(chart: Chart, axis: str, left: float, up: Scale, *, labelled: bool) -
             labelled_from = y - LINE_ROOM
             parts.append(_text("small right", left - 7.0, y + 4.0, f"{1e3 * value:g}"))
     if labelled:
-        parts.append(_text("small right", left - 7.0, TOP - 10.0, "mm"))
+        parts.append(_text("small right", left - 7.0, top - 10.0, "mm"))
     if chart.floor is not None:
         y = up.at(chart.floor)
         parts.append(_rect("below", left, y, PANEL, bottom - y))
@@ -360,22 +392,24 @@ def _panel(chart: Chart, axis: str, left: float, up: Scale, *, labelled: bool) -
         places = [(across.at(cost), up.at(error)) for cost, error in points]
         marked = places[1:] if name == "forecast" else places
         parts += _line(name, places, *(_mark(name, *place) for place in marked))
-    parts.append(_rect("frame", left, TOP, PANEL, HIGH))
+    parts.append(_rect("frame", left, top, PANEL, HIGH))
     return [*parts, _text("head middle", left + 0.5 * PANEL, bottom + 40.0, AXES[axis][0])]
 
 
 def _bars(
-    title: str, times: Mapping[str, float], longest: float, left: float, top: float
+    title: str, times: Mapping[str, float], longest: float, corner: Point, layout: Layout
 ) -> list[str]:
     """Times as bars, the longest first; the shortest are one where there are too many."""
     rows = sorted(times.items(), key=lambda one: -one[1])
     if len(rows) > MOST_BARS:
         rest = sum(seconds for _, seconds in rows[MOST_BARS - 1 :])
         rows = [*rows[: MOST_BARS - 1], (f"{len(rows) - MOST_BARS + 1} others", rest)]
-    total = sum(times.values())
-    parts = [_text("head", left, top - 14.0, f"{title}, {total:.1f} s" if total else title)]
+    (left, top), total = corner, sum(times.values())
+    title += f", {total:.1f} s" if total and layout.alone else ""
+    left = left if layout.columns > 1 else 0.0
+    parts = [_text("head", max(left, 12.0), top - 14.0, title)]
     for number, (name, seconds) in enumerate(rows):
-        y, width = top + LINE * number, BAR * seconds / longest if longest > 0.0 else 0.0
+        y, width = top + LINE * number, layout.bar * seconds / longest if longest > 0.0 else 0.0
         share = f" ({100.0 * seconds / total:.0f} %)" if seconds > 0.01 * total else ""
         parts += [
             _text("small right", left + 118.0, y + 12.0, name),

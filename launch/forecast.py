@@ -94,6 +94,47 @@ def forecast(
     return found._replace(compute=found.compute * QUALITY_COST[quality])
 
 
+class SizeCost(NamedTuple):
+    """What an object takes at least by its size."""
+
+    touches: float
+    seconds: float  # of processor time [s]
+    memory: float  # of the node that takes the most [bytes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizeLimits:
+    """Which objects are begun, and how their size is weighed.
+
+    A ball of 0.3 m takes 717 touches of a pad 16 mm wide, of which an archive keeps 8 kB each and a
+    message in the making some copies.
+    """
+
+    max_seconds: float = 600.0  # of processor time [s]
+    max_memory: float = 2e9  # [bytes]
+    touch_area: float = 1.54  # [pad widths squared] of surface that one touch covers
+    touch_memory: float = 40e3  # [bytes] of a touch
+    fit_memory: float = 1.5e9  # [bytes] of one fit at most: `core.rebuild.general.GridSettings`
+    touch_seconds: float = 0.05  # of processor time, of a touch at least [s]
+
+
+def size_cost(
+    asked: planner.Params,
+    size: Sequence[float],  # Of the object's box, (3,), m
+    area: float,  # Of its surface, m^2
+    pad_width: float,  # m
+    quality: str = "normal",
+    limits: SizeLimits = SizeLimits(),
+) -> SizeCost:
+    """What an object of this size takes, and no more than the touches that are allowed."""
+    expected = forecast(asked, size, area, quality)
+    touches = max(expected.touches[1], area / (limits.touch_area * pad_width**2))
+    seconds = max(expected.compute, limits.touch_seconds * touches)
+    share = 1.0 if asked.most_touches is None else min(1.0, asked.most_touches / touches)
+    memory = limits.fit_memory + limits.touch_memory * share * touches
+    return SizeCost(share * touches, share * seconds, memory)
+
+
 def renewed_forecast(
     asked: planner.Params, coarse: Superquadric, quality: str = "normal"
 ) -> Forecast | None:

@@ -40,6 +40,7 @@ def launch(
     """
     began = time.monotonic()
     _check(wirings, ends)
+    processes.check_open_files(len(wirings))
     sources = _sources(wirings, watch)
     names = [wiring.name for wiring in wirings]
     with (

@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Collection, Sequence
 from typing import Literal
 
-TEXT_WIDTH = 80  # Columns of what is printed; tables may be wider, so that no number is broken
+TEXT_WIDTH = 80  # Columns of what is printed; no number and no path is broken
 MAX_INDENT = 60  # Columns before the last cell of a row: beyond it a long one stands below
 TITLE_WIDTH = 11  # Columns before the parts of a block
 GAP = "  "  # Between two columns, and between two parts of a block
@@ -22,8 +22,56 @@ def text_table(
 
     Columns whose numbers are in `right` stand to the right, as numbers do; `least` is the least
     width of each. What a row lacks at its end is empty. A last cell of words is broken between them
-    so that lines have 80 columns.
+    so that lines have 80 columns; if that is not enough, the columns beyond stand below each row.
     """
+    lines = _table_lines(rows, right, least)
+    if max(map(len, lines), default=0) <= TEXT_WIDTH:
+        return lines
+    columns = max(map(len, rows))
+    full = [[*row, *[""] * (columns - len(row))] for row in rows]
+    found: list[list[str]] = [[] for _ in rows]
+    for begin, end in _column_groups([max(map(len, cells)) for cells in zip(*full, strict=True)]):
+        part = [one - begin for one in right if begin <= one < end]
+        blank = " " * 4 if begin else ""
+        grid = _grid([row[begin:end] for row in full], part, least[begin:end])
+        for below, line in zip(found, grid, strict=True):
+            below += [f"{blank}{line}"] if len(line) < TEXT_WIDTH - 4 else _wrapped(line, blank)
+    return [line for below in found for line in below if line.strip()]
+
+
+def _wrapped(line: str, blank: str) -> list[str]:
+    return textwrap.wrap(
+        line,
+        TEXT_WIDTH,
+        initial_indent=blank,
+        subsequent_indent=" " * 8,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _column_groups(widths: Sequence[int]) -> list[tuple[int, int]]:
+    """Columns that fit side by side, by the first and the one after the last."""
+    groups, begin, used = [], 0, 0
+    for place, width in enumerate(widths):
+        if used and used + len(GAP) + width > TEXT_WIDTH - (4 if begin else 0):
+            groups.append((begin, place))
+            begin, used = place, 0
+        used += width + (len(GAP) if used else 0)
+    return [*groups, (begin, len(widths))]
+
+
+def _table_lines(
+    rows: Sequence[Sequence[str]], right: Collection[int], least: Sequence[int]
+) -> list[str]:
+    lines = _grid(rows, right, least)
+    return [
+        piece for line, row in zip(lines, rows, strict=True) for piece in _folded(line, row[-1])
+    ]
+
+
+def _grid(rows: Sequence[Sequence[str]], right: Collection[int], least: Sequence[int]) -> list[str]:
+    """A line a row, however long."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -37,10 +85,7 @@ def text_table(
     console = Console(width=1_000_000, no_color=True, force_terminal=False)
     with console.capture() as printed:
         console.print(grid)
-    lines = [line.rstrip() for line in printed.get().splitlines()]
-    return [
-        piece for line, row in zip(lines, rows, strict=True) for piece in _folded(line, row[-1])
-    ]
+    return [line.rstrip() for line in printed.get().splitlines()]
 
 
 def _folded(line: str, last: str) -> list[str]:

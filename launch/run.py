@@ -14,15 +14,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from msgspec import to_builtins
 
 from palpate.core import ROBOT_PRESETS, arrays_from_bytes
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
+from palpate.core.geometry import areas_and_normals
 from palpate.launch.demand import Demanded, demand_text, demanded_of
 from palpate.launch.files import MODEL_FILE, InputError, SourceMapped, as_input_errors
 from palpate.launch.files import export_model, key_path, parse_yaml, plain_name, set_within
 from palpate.launch.files import yaml_text
+from palpate.launch.forecast import SizeLimits, size_cost
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
@@ -35,7 +38,8 @@ from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, planning, simulator
 from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
-from palpate.nodes.specs import build_pipeline, build_shape, info_of, resolution_of_info
+from palpate.nodes.specs import EXTENT_LEVEL, build_pipeline, build_shape, info_of
+from palpate.nodes.specs import resolution_of_info
 
 
 if TYPE_CHECKING:
@@ -170,6 +174,9 @@ def check_feasibility(graph: Graph, wirings: Sequence[Wiring]) -> None:
         asked, place = plans[0].params, places[plans[0].name]
         _check_tolerance(asked, place, fingers[0].params)
         _check_budget(asked, place, fingers[0].params)
+        demanded = demanded_of(wirings)
+        assert demanded is not None
+        _check_size(demanded, place, fingers[0].params)
         if len(fingers) > 1:
             _check_room(asked, place, fingers[0].params, len(fingers))
 
@@ -195,6 +202,24 @@ def _check_budget(asked: planner.Params, place: Entry, hand: simulator.Params) -
             ("most_seconds",),
             f"most_seconds is {asked.most_seconds:g} s; the grasp alone may take {least:.1f} s "
             f"with the robot {hand.robot!r}: allow more",
+        )
+
+
+def _check_size(demanded: Demanded, place: Entry, hand: simulator.Params) -> None:
+    """Refuse an object that takes too long or too much memory, before a touch is made of it."""
+    vertices, faces = build_shape(hand.object).mesh(EXTENT_LEVEL)
+    size = np.ptp(vertices, axis=0).tolist()
+    area = float(areas_and_normals(vertices[faces])[0].sum())
+    width = hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
+    limits = SizeLimits()
+    cost = size_cost(demanded.asked, size, area, width, demanded.quality)
+    if cost.seconds > limits.max_seconds or cost.memory > limits.max_memory:
+        sides = " x ".join(f"{side:.3g}" for side in size)
+        raise place.error(
+            f"the object measures {sides} m and would take about {cost.touches:.0f} touches, "
+            f"{cost.seconds / 60.0:.0f} min of computing and {1e-9 * cost.memory:.1f} GB; at most "
+            f"{limits.max_seconds / 60.0:.0f} min and {1e-9 * limits.max_memory:g} GB are begun: "
+            "allow fewer touches (--touches), or multiply by 0.001 what is in millimetres"
         )
 
 
@@ -304,6 +329,11 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     InputError if the run directory cannot be written, or its disk is too full for a recording.
     """
     folder, about = plan.folder, plan.about
+    if not composed:
+        from palpate.launch.processes import check_open_files
+
+        with as_input_errors():
+            check_open_files(len(plan.wirings))
     for wiring in plan.wirings:
         if wiring.module == RECORDER:
             folder.check_room(wiring.params.spare)

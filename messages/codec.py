@@ -21,7 +21,8 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 import msgspec
 import numpy as np
 
-from palpate.messages.fields import LARGEST, CodecError, Convert, field_rule, shape_text
+from palpate.messages.fields import LARGEST, MAX_MESSAGE_BYTES, CodecError, Convert, field_rule
+from palpate.messages.fields import shape_text
 
 MAX_BYTES = 1 << 20  # Largest body of a type that does not set its own ``MAX_BYTES``
 # How msgspec puts it, and how we do
@@ -185,7 +186,7 @@ def codec_of(cls: type) -> Codec:
             read=msgspec.msgpack.Decoder(wire).decode,
             pack=tuple((place, pack) for place, pack in packed if pack),
             unpack=tuple((name, unpack) for name, unpack in unpacked if unpack),
-            max_bytes=getattr(cls, "MAX_BYTES", MAX_BYTES),
+            max_bytes=min(getattr(cls, "MAX_BYTES", MAX_BYTES), MAX_MESSAGE_BYTES),
             schema={"$schema": "https://json-schema.org/draft/2020-12/schema", **described},
             hash=int.from_bytes(digest[:4], "little"),
         )

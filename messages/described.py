@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.messages.codec import printable, schema
-from palpate.messages.fields import Array, CodecError, Unit
+from palpate.messages.fields import MAX_MESSAGE_BYTES, Array, CodecError, Unit
 
-MAX_BODY_BYTES = 256 << 20  # A schema does not say how large a body may be: as a recording allows
 MAX_SCHEMA_CHARS = 1 << 20
 MAX_SCHEMA_FIELDS = 512
 _PLAIN = {"number": float, "integer": int, "boolean": bool, "string": str}
@@ -53,7 +52,7 @@ def _made(described: dict[str, Any]) -> type:
     return make_dataclass(
         name,
         [(field, _hint(rule)) for field, rule in fields.items()],
-        namespace={"MAX_BYTES": MAX_BODY_BYTES, "__doc__": "Known by its schema alone."},
+        namespace={"MAX_BYTES": MAX_MESSAGE_BYTES, "__doc__": "Known by its schema alone."},
         frozen=True,
         slots=True,
         eq=False,

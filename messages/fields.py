@@ -23,6 +23,8 @@ Shape = tuple[int | None, ...]
 Floats = NDArray[np.float64]
 MAX_TEXT = 4096  # Longest text, characters
 MAX_ITEMS = 4096  # Longest tuple
+# Largest body of any message: what codec, writer and reader of recordings all hold to.
+MAX_MESSAGE_BYTES = 256 << 20
 FEW_ELEMENTS = 16  # Elements up to which an array is summed up faster without numpy
 MAX_FIELDS = 64  # Most entries of a table
 LARGEST = f"{sys.float_info.max!r}"  # What a finite number does not exceed

@@ -38,12 +38,16 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
     _, axes = split_pose(image.pose)
     pad = sensor.pad
     surface = pad.surface(image.compression, image.mask)
-    found = touch.fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
+    if image.fault == "none":
+        found = touch.fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
+    else:
+        found = touch.Patch("invalid", fault=image.fault)
     patch = derive(
         SurfacePatch,
-        image,
         found,
-        height=surface,
+        image,
+        height=surface if found.cut is None else np.where(found.cut, 0.0, surface),
+        mask=image.mask if found.cut is None else image.mask & ~found.cut,
         jet=np.zeros(0) if found.jet is None else found.jet.coefficients,
         jet_scale=1.0 if found.jet is None else found.jet.scale,
         normal=axes @ found.normal,

@@ -65,7 +65,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         return state, [Finished("nothing could be rebuilt")] if model.final else []
     outputs: Outputs = [("/score", Deferred(Score, partial(_score, state, model)))]
     if model.final:
-        outputs.append(Finished("final model scored"))
+        outputs.append(Finished("the final solid was compared with the true one"))
     return state, outputs
 
 

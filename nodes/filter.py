@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Bools
-from palpate.core.touch import CONTACT, Calibration, FilterOrder, Pad, clean
+from palpate.core import Bools, Floats
+from palpate.core.touch import CONTACT, HITS, Calibration, FilterOrder, Pad, clean, is_repeated
 from palpate.messages import derive
 from palpate.messages.types import ParameterEvent, SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime import Node, Outputs
@@ -37,6 +38,7 @@ class State:
     lost: Bools | None  # Taxels that it does not trust, (rows, cols); None if it trusts all
     # Goal and touch of the last frame: a link may deliver a frame twice.
     last: tuple[int, int] = (-1, -1)
+    before: Floats | None = None  # Compression that the last frame reported, (rows, cols), m
 
 
 def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[State, Outputs]:
@@ -47,20 +49,29 @@ def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[St
 
 
 def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State, Outputs]:
-    """Signal to compression, noise and impulses removed, touched taxels marked."""
+    """Signal to compression, noise and impulses removed, touched taxels marked.
+
+    Raises ValueError if the frame is no image of the sensor's array, or no times in seconds.
+    """
     if state.last == (frame.goal, frame.touch):
         return state, []
+    reported = state.calibration.decode(frame.array)
     cleaned = clean(
         state.pad,
-        state.calibration.decode(frame.array),
+        reported,
         state.noise,
         contact=params.contact,
         order=params.order,
         lost=state.lost,
+        pressed=frame.outcome in HITS,
     )
+    before = state.before
+    if before is not None and is_repeated(reported, before, state.noise):
+        cleaned = cleaned._replace(touched=np.zeros_like(cleaned.touched), fault="frozen")
     advance = float(frame.move[ADVANCE])
     image = derive(TactileImage, frame, cleaned, mask=cleaned.touched, advance=advance)
-    return replace(state, last=(frame.goal, frame.touch)), [("/touch/image", image)]
+    state = replace(state, last=(frame.goal, frame.touch), before=reported)
+    return state, [("/touch/image", image)]
 
 
 NODE = Node(

@@ -18,6 +18,7 @@ from palpate.core.explore.planners import ObservedSurface, Planner, Stop, Touch,
 from palpate.core.explore.planners import WrongChoiceError
 from palpate.core.explore.planners import check_choice, estimate_error, make_planner, settled_height
 from palpate.core.explore.planners import untraceable_height
+from palpate.core.touch import FAULTS
 from palpate.messages import derive
 from palpate.messages.types import Contour, ContourGoal, FingerClock, GraspContacts, GraspGoal
 from palpate.messages.types import ModelGoal, ParameterEvent, PlanDone, PlanEstimate, Probe
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
 
+MAX_FAULTS = 3  # Single touches in succession that no sensor that works can have felt
 MOST_GOALS = 4000  # A message lists no more than `messages.fields.MAX_ITEMS` of their results
 
 
@@ -241,6 +243,7 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     if finger is None:
         return state, []
     result, task = state.pending[finger], state.tasks[finger]
+    faults = 0 if result.fault == "none" else state.faults + 1
     state = replace(
         state,
         pending={other: one for other, one in state.pending.items() if other != finger},
@@ -249,6 +252,8 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
         touches=state.touches + result.touches,
         clock=max(state.clock, result.robot_time),
         cut=state.cut or not result.touches,
+        faults=faults,
+        broken=_broken(state, result, faults),
     )
     if not result.touches:
         return decide(demand, rule, state)
@@ -268,16 +273,26 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
     return decide(demand, rule, state)
 
 
+def _broken(state: State, result: Contour | Probe, faults: int) -> str:
+    """Why a sensor is not to be used any more, if it is so."""
+    gives_up = isinstance(result, Contour) or faults >= MAX_FAULTS
+    if state.broken or result.fault == "none" or not gives_up:
+        return state.broken
+    return f"the sensor of finger {result.finger} failed: {FAULTS[result.fault]}"
+
+
 def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
     """Give every idle finger something to do; end when there is nothing left."""
     assert state.world is not None
     outputs: Outputs = []
     for finger in range(1, state.world.fingers + 1):
-        if finger in state.tasks:
+        if finger in state.tasks or state.broken:
             continue
         state, given = _assign(demand, rule, state, finger)
         outputs += given
     if not state.tasks and not state.asked:
+        if state.broken:
+            return done(demand, state, state.broken, _observation(demand, state))
         return _finish(demand, rule, state)
     # A result may have waited for this decision.
     state, more = take_up(demand, rule, state)

@@ -27,6 +27,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     # Touches after which a contour is given up.
     most_touches: Annotated[int, Meta(ge=10, le=10_000)] = 150
+    # Frames in succession that no surface can have made, after which a contour is given up.
+    most_faults: Annotated[int, Meta(ge=1, le=1000)] = 3
     finger: Finger = 1  # The finger that it leads: it takes the goals that name this one
 
 
@@ -38,6 +40,7 @@ class Job:
     touches: int = 0  # Touches made, repeated ones included
     trace: tracing.Trace | None = None  # The contour so far; None for a probe
     aim: tracing.TouchCommand | None = None  # Where the finger was sent; None for a probe
+    faults: int = 0  # Frames without a surface that came one after the other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,15 +97,26 @@ def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[Sta
         raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
     if isinstance(job.goal, types.ProbeGoal):
         assert state.pad is not None
-        probe = derive(types.Probe, job.goal, patch, point=_deepest(state.pad, patch), touches=1)
+        told: dict[str, object] = {"point": _deepest(state.pad, patch), "touches": 1}
+        if patch.kind == "invalid":
+            told |= {"outcome": "miss", "normal": -split_pose(patch.pose)[1][:, 2]}
+        else:
+            told["fault"] = "none"
+        probe = derive(types.Probe, job.goal, patch, **told)
         return _finish(params, state, ("/probe/traced", probe), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
     back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
     if patch.outcome == "inside" and job.aim.standoff < back_off:
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
         return _send(params, state, replace(job, aim=farther), job.goal, patch.robot_time)
+    faults = job.faults + 1 if patch.kind == "invalid" else 0
+    if faults >= params.most_faults:
+        contour = _contour(job, job.goal, job.trace, "stuck", patch.robot_time)
+        broken = replace(contour, fault=patch.fault)
+        return _finish(params, state, ("/contour/traced", broken), patch.robot_time)
     arc = _slice_arc(state.pad, job.goal, patch)
-    return _trace(params, state, job, tracing.after_touch(job.trace, arc), patch.robot_time)
+    after = replace(job, faults=faults)
+    return _trace(params, state, after, tracing.after_touch(job.trace, arc), patch.robot_time)
 
 
 def _begin(
@@ -193,7 +207,7 @@ def _finish(
 def _slice_arc(
     pad: Pad, goal: types.ContourGoal, patch: types.SurfacePatch
 ) -> tracing.SliceArc | None:
-    if patch.outcome not in HITS:
+    if patch.outcome not in HITS or patch.kind == "invalid":
         return None
     pose = compose_poses(inverse_pose(goal.frame), patch.pose)
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None

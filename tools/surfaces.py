@@ -1,6 +1,8 @@
-"""What is told of each vertex of a model: its deviation from the truth, and how sure it is.
+"""Values of the vertices of a model, and their colours: deviation from the truth, uncertainty.
 
-Values become colours by viridis, which keeps its order in print and for colour-blind readers.
+Values become colours by viridis, which keeps its order in print and for colour-blind readers: on a
+surface from light, where the value is 0, to dark, so that light and shade still show the shape; in
+a tactile image from dark to light. What has one colour has it from `palpate.launch.COLOURS`.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ def vertex_colours(scalars: Mapping[str, Floats]) -> VertexColours | None:
     """Colours by the first of the scalars; None without any."""
     for name, values in scalars.items():
         top = scale_top(values)
-        return VertexColours(name, top, viridis(values, top))
+        return VertexColours(name, top, shades(values, top))
     return None
 
 
@@ -71,8 +73,13 @@ def scale_top(values: Floats) -> float:
     return float(power * next(one for one in ROUND if one * power >= 0.999 * top))
 
 
+def shades(values: Floats, top: float) -> Colours:
+    """Colours (n, 3) on a surface of values (n,) from 0, which is light, to `top`, dark."""
+    return viridis(top - np.clip(values, 0.0, top), top)
+
+
 def viridis(values: Floats, top: float) -> Colours:
-    """Colours (n, 3) of values (n,), from 0 to `top`."""
+    """Colours (n, 3) of values (n,) from 0, which is dark, to `top`, light."""
     shares = np.clip(values / top, 0.0, 1.0) * (len(_VIRIDIS) - 1)
     whole = np.minimum(shares.astype(np.intp), len(_VIRIDIS) - 2)
     rest = (shares - whole)[:, None]
@@ -109,8 +116,14 @@ def thinned(
 
 
 def hex_colour(value: float, top: float) -> str:
-    """Colour of one value as ``#rrggbb``."""
+    """Colour of one value as ``#rrggbb``, as `viridis` has it."""
     return "#" + viridis(np.array([value]), top).tobytes().hex()
+
+
+def css_ramp(*, of_surface: bool) -> str:
+    """CSS gradient of the scale of values on a surface, or of a tactile image; 0 is at the left."""
+    values = np.linspace(1.0, 0.0, 17) if of_surface else np.linspace(0.0, 1.0, 17)
+    return f"linear-gradient(to right, {', '.join(hex_colour(one, 1.0) for one in values)})"
 
 
 # Every sixteenth of the 256 colours of viridis (van der Walt and Smith, 2015), and the last.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from palpate.core.arrays import Bools, Floats, Ints, finite_array, not_negative,
 FeatureGroup = Literal["V", "E", "F", "P"]  # Vertex, edge, face, parabolic point
 FeaturePlace = Literal["T", "B", "S", "M"]  # Top, bottom, side, meridian
 ENDS: dict[FeaturePlace | None, float] = {"T": 1.0, "B": -1.0}  # Which way each faces on the axis
-ContactKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
+ContactKind = Literal["smooth", "edge", "corner", "insufficient", "miss", "invalid"]
 PLACES: dict[str, tuple[FeaturePlace, ...]] = {
     "V": ("T", "B"), "E": ("T", "B", "M"), "F": ("T", "B", "S"), "P": ("M",),
 }  # fmt: skip
@@ -108,7 +108,7 @@ def feature_of_contact(
     deviation of one taxel, m. Raises ValueError if arrays have other shapes or are not finite, or
     the directions that count are no unit vectors.
     """
-    if kind in ("insufficient", "miss"):
+    if kind in ("insufficient", "miss", "invalid"):
         return ContactFeature(None, f"the touch is called {kind}")
     touched = finite_array("points", points, (None, 3))
     outward = _unit("normal", finite_array("normal", normal, (3,)))
@@ -121,7 +121,7 @@ def feature_of_contact(
     if kind == "corner":
         return _vertex(touched, outward, noise)
     if kind != "smooth":
-        raise ValueError(f"kind must be smooth, edge, corner, insufficient or miss, got {kind!r}")
+        raise ValueError(f"kind must be one of {get_args(ContactKind)}, got {kind!r}")
     # A jet bends by 2e-3 of the patch's width on a plane's account
     sagitta = max(SIGNIFICANT * noise / np.sqrt(len(touched)), 4.0 * 2e-3 * float(spread[0]))
     least = np.maximum(SIGNIFICANT * np.array(principal_error), 0.5 * sagitta / spread[0] ** 2)

@@ -19,6 +19,7 @@ from palpate.core.touch import Pad
 
 UNKNOWN, FREE, TOUCHED = 0, 1, 2  # States of a voxel
 VOXEL = 2.5e-3  # Edge of one, m: a sixth of a pad
+MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while free ones are listed
 MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
 PRESSED = 1.5e-3  # By how much, m
 EVERY = 2  # Taxels along rows and columns: places of the face that are swept
@@ -56,7 +57,11 @@ class SpaceMap:
 def empty_map(
     reach: float, platform: float, centre: Sequence[float] = (0.0, 0.0), step: float = VOXEL
 ) -> SpaceMap:
-    """A map of all that a finger reaches, so far sideways of `centre` and up from platform, m."""
+    """A map of all that a finger reaches, so far sideways of `centre` and up from platform, m.
+
+    Voxels are larger than `step` where the map would have more than `MAX_VOXELS`.
+    """
+    step = max(step, reach * (4.0 / MAX_VOXELS) ** (1.0 / 3.0))
     low = np.array([centre[0] - reach, centre[1] - reach, platform])
     shape = [int(np.ceil(side / step)) + 1 for side in (2.0 * reach, 2.0 * reach, reach)]
     return SpaceMap(low, step, np.zeros(shape, np.uint8))

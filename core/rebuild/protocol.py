@@ -75,6 +75,9 @@ class SolidMeasures:
         )
 
 
+MAX_REMOTENESS = 300.0  # Of points over the solid's own distance from the origin
+
+
 @readable
 class Closest(NamedTuple):
     """Where a surface is closest to points."""
@@ -146,16 +149,27 @@ class Solid(ABC):
     def signed_distance(self, points: ArrayLike) -> Floats:
         """Distances (n,) [m] of points (n, 3) [m] from the surface, negative inside.
 
-        Raises ValueError if points have another shape or are not finite.
+        Raises ValueError if points have another shape, are not finite, or lie so far away that they
+        are given in another unit.
         """
-        return self.closest(points).distances
+        return self.closest(self._in_its_unit(points)).distances
 
     def normal(self, points: ArrayLike) -> Floats:
         """Outward unit normals (n, 3) of the surface where it is closest to points (n, 3) [m].
 
         Raises ValueError if points have another shape or are not finite.
         """
-        return self.closest(points).normals
+        return self.closest(self._in_its_unit(points)).normals
+
+    def _in_its_unit(self, points: ArrayLike) -> Floats:
+        places = finite_array("points", points, (None, 3))
+        far, size = (float(np.abs(one).max(initial=0.0)) for one in (places, self.bounds))
+        if far > MAX_REMOTENESS * size:
+            raise ValueError(
+                f"points lie up to {far:.4g} from the origin, and the solid up to {size:.3g}: they "
+                "must be in its unit; multiply millimetres by 0.001 where that is the metre"
+            )
+        return places
 
     def closest(self, points: ArrayLike) -> Closest:
         """Closest points of the surface, their normals and signed distances [m].

@@ -11,6 +11,7 @@ from palpate.rooms import TYPE_CHECKING, lazy
 if TYPE_CHECKING:
     from palpate.core.touch.curvature import LocalCurvature, Patch, PatchKind, begin_fusion
     from palpate.core.touch.curvature import fit_patch, fuse, surface_patch
+    from palpate.core.touch.faults import FAULTS, FrameFault, frame_fault, is_repeated
     from palpate.core.touch.filters import FilterOrder, adaptive_wiener, clean, median_filter
     from palpate.core.touch.filters import median_then_wiener, neighbourhoods, remove_impulses
     from palpate.core.touch.filters import wiener_then_median

@@ -13,17 +13,20 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, finite_array, positive
+from palpate.core.arrays import Bools, Floats, finite_array, in_metres, positive
 from palpate.core.touch import forms
 from palpate.core.touch.edges import classify_surface, isolated_outliers
+from palpate.core.touch.faults import MIN_SIDE, FrameFault, check_image, cut_off_taxels
+from palpate.core.touch.faults import pressed_fault
 from palpate.core.touch.filters import clean
 from palpate.core.touch.jet import Jet, JetFit, fit_jet
 from palpate.core.touch.pad import CONTACT, Pad
 from palpate.reprs import readable
 
-LEAST = 4  # Rows and columns of an array
+# Longest lengths of a sensor that is meant in metres; what is longer was given in millimetres.
+MAX_PITCH, MAX_THICKNESS, MAX_RADIUS, MAX_NOISE, MAX_CONTACT = 0.01, 0.05, 1.0, 1e-3, 1e-3
 ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
-PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
+PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss", "invalid"]
 CONFIDENT = 0.04  # In pitches: such a misfit, or 4 deviations of the noise, halves the confidence
 CONFIDENT_DEVIATIONS = 4.0
 ALONE = 0.5  # Of the touched taxels: if more stand alone, what lies between them is no surface
@@ -46,6 +49,8 @@ def surface_patch(
     radius: float | None = None,
     noise: float = 0.0,
     contact: float = CONTACT,
+    thickness: float | None = None,
+    saturation: float = 1.0,
 ) -> Patch:
     """Normal, curvatures and verdict of one touch, from any array over an elastic pad.
 
@@ -53,35 +58,59 @@ def surface_patch(
     lies at ``y = (i - (rows - 1) / 2) * pitch``. `pitch`: distance between neighbouring taxels, m.
     `radius`: radius of a domed pad, m; None for a flat one. `noise`: standard deviation of one
     taxel, m, as far as known: errors are for no less. `contact`: least compression that counts as
-    touched, m. The patch is told in the pad's frame: x along the columns, y along the rows, z into
-    the object. Raises ValueError if the image is no finite array of at least 4 by 4, or a length is
-    not positive.
+    touched, m. `thickness`: of the pad, m, and `saturation`: largest compression as a share of it,
+    if they are known: what reads more is at fault. The patch is told in the pad's frame: x along
+    the columns, y along the rows, z into the object. Raises ValueError if the image is no finite
+    array of at least 4 by 4, or a length is not positive, or too long to be meant in metres.
     """
     image = finite_array("compression", compression, (None, None))
-    if min(image.shape) < LEAST:
-        raise ValueError(f"compression must be at least {LEAST} by {LEAST}, got {image.shape}")
+    if min(image.shape) < MIN_SIDE:
+        raise ValueError(
+            f"compression must be at least {MIN_SIDE} by {MIN_SIDE}, got {image.shape}"
+        )
     if not 0.0 <= noise < np.inf:
         raise ValueError(f"noise must not be negative, got {noise} m")
+    if not 0.0 < saturation <= 1.0:
+        raise ValueError(f"saturation must be a share above 0 and at most 1, got {saturation}")
     positive("contact", contact, "m")
-    # Its thickness, and where it saturates, matter to who presses it, not to what it then says.
+    given = positive("thickness", MAX_THICKNESS if thickness is None else thickness, "m")
+    lengths = {
+        "pitch": (pitch, MAX_PITCH),
+        "thickness": (given, MAX_THICKNESS),
+        "radius": (radius or 0.0, MAX_RADIUS),
+        "noise": (noise, MAX_NOISE),
+        "contact": (contact, MAX_CONTACT),
+        "compression": (_typical(image, contact), MAX_THICKNESS),
+    }
+    for name, (length, most) in lengths.items():
+        in_metres(name, length, most)
     pad = Pad(
         rows=image.shape[0],
         cols=image.shape[1],
         pitch=positive("pitch", pitch, "m"),
-        thickness=pitch,
+        thickness=given,
         dome=0.0 if radius is None else 1.0 / positive("radius", radius, "m"),
-        saturation=1.0,
+        saturation=saturation,
     )
     cleaned = clean(pad, image, noise, contact, "auto")
+    if cleaned.fault != "none":
+        return Patch("invalid", fault=cleaned.fault)
     surface = pad.surface(cleaned.compression, cleaned.touched)
     return fit_patch(pad, surface, cleaned.touched, ALONG_ROWS, noise)
+
+
+def _typical(image: Floats, contact: float) -> float:
+    """Median size of what is more than a touch, m; single taxels may read anything."""
+    sizes = np.abs(image)
+    return float(np.median(sizes[sizes > contact])) if (sizes > contact).any() else 0.0
 
 
 @readable
 class Patch(NamedTuple):
     """A touched patch of surface, in the pad's frame.
 
-    Curvatures and their errors are 0 unless the patch is smooth.
+    Curvatures and their errors are 0 unless the patch is smooth. An ``invalid`` patch comes of a
+    frame that no surface can have made: its `fault` says what is wrong with it.
     """
 
     kind: PatchKind  # What it is
@@ -105,6 +134,8 @@ class Patch(NamedTuple):
         None  # The shape operator there; None unless the patch is smooth
     )
     shape_covariance: Floats | None = None  # Of its parts, (3, 3), 1/m^2; None unless smooth
+    fault: FrameFault = "none"  # What is wrong with the frame; some of it if its top is cut off
+    cut: Bools | None = None  # Touched taxels that were left out as cut off, (rows, cols)
 
 
 def fit_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise: float) -> Patch:
@@ -115,10 +146,49 @@ def fit_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise
     wanted, pad frame; its part in the tangent plane counts. `noise`: standard deviation of one
     taxel, m, as far as known. Errors are for the larger of this and what the misfit shows. Fung,
     1999, section 3.5, with a jet in place of the interpolating spline, which turns taxels' noise
-    into curvature. Convex is positive, as (3.1) expects and (3.15) does not give.
+    into curvature. Convex is positive, as (3.1) expects and (3.15) does not give. Taxels that all
+    read the same largest compression, as a saturated array does, are left out where the surface
+    goes on beyond it. Raises ValueError if `height` is not finite, or no image of this pad.
     """
+    check_image(pad, "height", height)
+    check_image(pad, "touched", touched)
     if not touched.any():
         return Patch("miss")
+    fault = pressed_fault(pad, height, touched)
+    if fault != "none":
+        return Patch("invalid", fault=fault)
+    cut = cut_off_taxels(pad, height, touched, noise)
+    if cut is not None:
+        return _fit_beside(pad, height, touched, cut, direction, noise)
+    return _fit_touched(pad, height, touched, direction, noise)
+
+
+def _fit_beside(
+    pad: Pad, height: Floats, touched: Bools, cut: Bools, direction: Floats, noise: float
+) -> Patch:
+    """The patch of what is not cut off, its errors for what may be under the rest."""
+    share = float(cut.sum() / touched.sum())
+    patch = _fit_touched(pad, height, touched & ~cut, direction, noise)
+    patch = patch._replace(fault="saturated", cut=cut, confidence=patch.confidence * (1.0 - share))
+    if patch.kind != "smooth" or patch.shape_covariance is None:
+        return patch._replace(kind="insufficient", confidence=0.0)
+    # Nothing was seen of the middle: its curvature may be off by that share of what is beside it.
+    k1, k2 = patch.principal
+    unseen = share * max(abs(k1), abs(k2))
+    return patch._replace(
+        principal_error=(
+            math.hypot(patch.principal_error[0], unseen),
+            math.hypot(patch.principal_error[1], unseen),
+        ),
+        across_error=math.hypot(patch.across_error, unseen),
+        shape_covariance=patch.shape_covariance + unseen**2 * ISOTROPIC,
+    )
+
+
+def _fit_touched(
+    pad: Pad, height: Floats, touched: Bools, direction: Floats, noise: float
+) -> Patch:
+    """The patch of all taxels that are touched."""
     fit = fit_jet(pad, height, touched, noise)
     if fit is None:
         return Patch("insufficient")

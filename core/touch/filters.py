@@ -16,6 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.core.arrays import Bools, Floats, Ints, scaled_mad
+from palpate.core.touch.faults import FrameFault, check_image, frame_fault
 from palpate.core.touch.jet import LEAST_TAXELS, fit_robust_jet, monomials
 from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad, contact_mask
 
@@ -59,6 +60,7 @@ class CleanedImage(NamedTuple):
     compression: Floats  # (rows, cols), m
     touched: Bools  # Where the pad touches, impulses left out, (rows, cols)
     impulses: int  # Taxels that stood out and were replaced; 0 if none were looked for
+    fault: FrameFault = "none"  # What is wrong with the frame as a whole; then nothing is touched
 
 
 def clean(
@@ -68,6 +70,8 @@ def clean(
     contact: float,
     order: FilterOrder,
     lost: Bools | None = None,
+    *,
+    pressed: bool = False,
 ) -> CleanedImage:
     """Filter a frame, and mark what is touched.
 
@@ -78,11 +82,17 @@ def clean(
     impulses a joint robust fit finds them, and what they hid is put in their place; one of little
     but impulses tells of no surface, and nothing in it counts as touched. The others are
     the filters of Fung, 1999, section 3.4.2, alone or in either order. `lost` (rows, cols) of bool:
-    taxels that a calibration distrusts read as their neighbours, and as untouched.
+    taxels that a calibration distrusts read as their neighbours, and as untouched. `pressed`:
+    whether the guarded move ended on a surface. Raises ValueError if the image is not finite, or
+    no image of this pad.
     """
+    check_image(pad, "compression", compression)
     if lost is not None:
-        cleaned = clean(pad, _filled(compression, lost), noise, contact, order)
+        cleaned = clean(pad, _filled(compression, lost), noise, contact, order, pressed=pressed)
         return cleaned._replace(touched=cleaned.touched & ~lost)
+    fault = frame_fault(pad, compression, noise, contact, pressed=pressed)
+    if fault != "none":
+        return CleanedImage(compression, np.zeros(compression.shape, np.bool_), 0, fault)
     if order == "auto":
         least = max(contact, CONTACT_DEVIATIONS * noise)
         alone = np.abs(compression - median_filter(compression))

@@ -30,6 +30,7 @@ CONTACT = 50e-6  # Least compression that counts as touched, m
 # A taxel counts as touched from 5 standard deviations of its noise on: at 3, one in a thousand
 # untouched ones would put a point where there is no surface.
 CONTACT_DEVIATIONS = 5.0
+MAX_ECHO_RATIO = 1e3  # Times that of an undeformed pad: later ones are of another unit
 KEPT_OPERATORS = 4  # Of large arrays each takes up to 134 MB
 Signal = Literal["time", "force"]  # What an array sends: times of flight of echoes, s, or forces, N
 
@@ -231,11 +232,23 @@ class Calibration:
     def decode(self, array: Floats) -> Floats:
         """Compression, m, of each taxel of a frame in s or N; corrected by gain and offset.
 
-        With times of flight this is (1.1), whose reference t1 is that of the undeformed pad.
+        With times of flight this is (1.1), whose reference t1 is that of the undeformed pad. Raises
+        ValueError where it is no frame of the calibrated array, or most taxels take so long that
+        they are not in seconds.
         """
+        for known in (self.gain, self.offset):
+            if np.shape(known) not in ((), array.shape):
+                raise ValueError(f"a frame must have shape {np.shape(known)}, got {array.shape}")
         if self.signal == "force":
             raw = array / self.taxel_stiffness
         else:
+            whole = 2.0 * self.thickness / self.sound_speed
+            typical = float(np.median(np.abs(array)))
+            if typical > MAX_ECHO_RATIO * whole:
+                raise ValueError(
+                    f"times of flight are {typical:.3g} s, through a pad that takes {whole:.3g} s: "
+                    "times are in seconds; multiply microseconds by 1e-6"
+                )
             raw = self.thickness - (0.5 * self.sound_speed) * array
         corrected: Floats = np.multiply(raw, self.gain) + self.offset
         return corrected

@@ -11,9 +11,15 @@ if TYPE_CHECKING:
     from palpate.launch.processes.fork_server import NODE_ENVIRONMENT, Interrupts, preloaded_modules
     from palpate.launch.processes.fork_server import signals_as_ctrl_c, start_fork_server
     from palpate.launch.processes.fork_server import until_ctrl_c, without_main_module
-    from palpate.launch.processes.node_status import SILENCE, LauncherSockets
+    from palpate.launch.processes.node_status import (
+        SILENCE,
+        LauncherSockets,
+        check_open_files,
+        open_files_needed,
+    )
     from palpate.launch.processes.process_table import ForkServer, ProcessHosts, RemoteHost
-    from palpate.launch.processes.registry import FOLDER_PREFIX, GRAPH_VARIABLE, MESSAGE_LOG_FOLDER
+    from palpate.launch.processes.registry import FOLDER_PREFIX, GRAPH_VARIABLE, LONGEST_SOCKET
+    from palpate.launch.processes.registry import MESSAGE_LOG_FOLDER
     from palpate.launch.processes.registry import Announcement, EarlierRun, RunCard, SentMessage
     from palpate.launch.processes.registry import (
         addresses_of,

@@ -6,10 +6,11 @@ import multiprocessing
 import os
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import forkserver, resource_tracker, util
 from types import FrameType, ModuleType
 
 from palpate.nodes.runtime import PRELOAD_VARIABLE, SAFE_PATH_VARIABLE, THREAD_VARIABLES
@@ -24,6 +25,8 @@ NODE_ENVIRONMENT = {
     **dict.fromkeys(THREAD_VARIABLES, "1"),
     "PYTHONHASHSEED": "0",
 }
+# The server's socket in the temporary folder, and the longest path of one that systems take.
+LONGEST_LISTENER, MAX_SOCKET_BYTES = "pymp-xxxxxxxx/listener-xxxxxxxx", 103
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -49,9 +52,23 @@ def start_fork_server(modules: Iterable[str]) -> None:
             # not ignore a hangup.
             resource_tracker.ensure_running()
             signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+            _choose_socket_folder()
             forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _choose_socket_folder() -> None:
+    """Have the server's own socket lie where its path is short enough: the folder is made once."""
+    socket = f"{tempfile.gettempdir()}/{LONGEST_LISTENER}"
+    if len(os.fsencode(socket)) > MAX_SOCKET_BYTES:
+        from palpate.launch.processes.registry import runtime_folder  # not before: it takes long
+
+        before, tempfile.tempdir = tempfile.tempdir, str(runtime_folder())
+        try:
+            util.get_temp_dir()
+        finally:
+            tempfile.tempdir = before
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,29 @@ from palpate.nodes.runtime import failure_records
 # A node without a sign of life for this long, and for as long as it declared that its work may
 # take, is mentioned in the log, s.
 SILENCE = 5.0
+# Open files of the launcher by itself, and for each node: a pipe to and from its process, and the
+# connections of its control, its tap and its topics.
+LAUNCHER_FILES, NODE_FILES = 24, 5
 RETRY = 0.2  # A node that has not answered is asked again after this long, s
+
+
+def open_files_needed(nodes: int) -> int:
+    """Files that the launcher of so many nodes has open at once, sockets and pipes among them."""
+    return LAUNCHER_FILES + NODE_FILES * nodes
+
+
+def check_open_files(nodes: int) -> None:
+    """Have the system allow as many open files as a graph needs; ValueError if it does not."""
+    needed = open_files_needed(nodes)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        raise ValueError(
+            f"a graph of {nodes} nodes needs {needed} open files, the system allows {hard}: raise "
+            f"it with ulimit -n {needed}, or run it with --composed"
+        )
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 class NodeStatusTable:

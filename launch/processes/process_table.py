@@ -27,6 +27,8 @@ from palpate.messages.bus import FROM_HOSTS, Addresses, ControlClient, ControlMe
 from palpate.nodes.runtime import OnExit, Wiring, enter_process
 
 MAX_RESTARTS, RESTART_WINDOW = 3, 10.0  # Starts of a node within so many s: more is a storm
+OUT_OF_MEMORY = "was killed by the system for want of memory"
+MIN_WORK = 2.0  # A node that is killed sooner was killed by somebody, not for memory, s
 SILENCE_LIMIT = 1.2  # Signs of life come four a second; a node without one so long is looked at, s
 LAUNCHER_GAP = 0.5  # If the launcher had not run for so long, nobody is blamed for silence, s
 GRACE = 2.5  # A process that is asked to end is killed after this long, s
@@ -55,6 +57,7 @@ class ProcessTable:
         self._addresses, self._hosts, self._sockets = place, hosts, sockets
         self._ahead_ns = ahead_ns
         self._watchdog = Watchdog({one.name: one.handler_timeout for one in wirings})
+        self._kills = KilledNodes(place.journals)
         self._hung: dict[str, float] = {}
         self._living: dict[int, str] = {}
 
@@ -81,6 +84,7 @@ class ProcessTable:
         sentinel = self._hosts.of(name).spawn(name, msgspec.msgpack.encode(seat), packed)
         self._living[sentinel] = name
         self._watchdog.begin(name, time.monotonic())
+        self._kills.begun(name, time.monotonic())
         self._sockets.watch(sentinel)
 
     def bury(self, sentinel: int) -> tuple[str, int]:
@@ -95,7 +99,11 @@ class ProcessTable:
         silence = self._hung.pop(name, None)
         if silence is not None:
             return f"hung: it gave no sign of life for {silence:.1f} s"
-        return exit_text(code) if failed is None else f"failed while {failed}"
+        if failed is not None:
+            return f"failed while {failed}"
+        if code == -signal.SIGKILL and self._kills.for_memory(name, time.monotonic()):
+            return f"{OUT_OF_MEMORY}: explore a smaller object, or with fewer touches"
+        return exit_text(code)
 
     def sign(self, name: str, kind: str) -> None:
         """A node has reported something of a kind to the launcher."""
@@ -119,6 +127,51 @@ class ProcessTable:
             self._hosts.of(name).kill(name)
 
 
+class KilledNodes:
+    """Which of the nodes that were killed were so by the system, for want of memory.
+
+    The system counts whom it kills for memory; in a container it may not tell. Then a node that
+    worked for a while and came no further than at its last death, by the journal of what it
+    consumed, has met the same end.
+    """
+
+    def __init__(self, journals: Mapping[str, str]) -> None:
+        self._journals = journals
+        self._counted = memory_kills()
+        self._begun: dict[str, float] = {}
+        self._places: dict[str, int] = {}
+
+    def begun(self, name: str, now: float) -> None:
+        """A node was started; monotonic time, s."""
+        self._begun[name] = now
+
+    def _journalled(self, name: str) -> int:
+        """Bytes of its journal: how far it came."""
+        try:
+            return os.stat(self._journals.get(name, "")).st_size
+        except OSError:  # on another machine
+            return 0
+
+    def for_memory(self, name: str, now: float) -> bool:
+        """Whether a node that was killed was so for memory, as far as can be told."""
+        counted, place = memory_kills(), self._journalled(name)
+        worked = now - self._begun.get(name, now) >= MIN_WORK
+        stuck = 0 < place == self._places.get(name) and worked
+        known = counted > self._counted or stuck
+        self._counted, self._places[name] = counted, place
+        return known
+
+
+def memory_kills() -> int:
+    """How many processes this system has killed for want of memory; 0 where it does not tell."""
+    try:
+        with open("/proc/vmstat", encoding="ascii") as file:
+            counts = (line.split() for line in file)
+            return next((int(number) for name, number in counts if name == "oom_kill"), 0)
+    except (OSError, ValueError):
+        return 0
+
+
 class RestartPolicy:
     """What nodes have died of so far, and what is done about it."""
 
@@ -136,7 +189,7 @@ class RestartPolicy:
         """
         if self._on_exit[name] == "stop":
             return f"{name} {how}"
-        if failed:
+        if failed or how.startswith(OUT_OF_MEMORY):
             if self._failed_while.get(name) == how:
                 return f"{name} {how}; so it did when it was started again"
             self._failed_while[name] = how

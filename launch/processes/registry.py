@@ -30,6 +30,8 @@ from palpate.nodes.runtime import RecordedNode, Wiring
 FOLDER_PREFIX = "palpate-run-"
 CARD_FILE, LOCK_FILE = "run.json", "lock"
 RUNS_FOLDER = "runs"  # Where run directories are made, in the working directory
+LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # In a private folder, named at random
+SYSTEM_TEMPORARY = "/tmp"
 MESSAGE_LOG_FOLDER = ".published"  # In the run directory, for what is published and not remembered
 # What a private folder may hold: one that holds anything else is somebody's own.
 OWN_FILES = re.compile(r"[jnpst]\d+|j\d+[co]|control|tools|lock|\.?run\.json")
@@ -101,13 +103,21 @@ class RunCard(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def runtime_folder(parent: Path | None = None) -> Path:
-    """Where private folders are made: the user's run-time folder, or else the temporary one."""
+    """Where private folders are made: the user's run-time folder, or else the temporary one.
+
+    If sockets there had too long a path, the system's temporary folder.
+    """
     if parent is not None:
         return parent
-    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    if runtime and os.access(runtime, os.W_OK | os.X_OK):
-        return Path(runtime)
-    return Path(tempfile.gettempdir())
+    named = (os.environ.get("XDG_RUNTIME_DIR", ""), tempfile.gettempdir(), SYSTEM_TEMPORARY)
+    usable = [Path(one) for one in named if one and os.access(one, os.W_OK | os.X_OK)]
+    fitting = [one for one in usable if fits_socket(one / LONGEST_SOCKET)]
+    return next(iter([*fitting, *usable]), Path(tempfile.gettempdir()))
+
+
+def fits_socket(path: Path) -> bool:
+    """Whether a socket's path is short enough for the system."""
+    return len(os.fsencode(path)) <= zmq.IPC_PATH_MAX_LEN
 
 
 def announce(folder: Path, card: RunCard) -> None:

@@ -20,8 +20,11 @@ import lz4.frame
 from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 
+from palpate.messages.fields import MAX_MESSAGE_BYTES
+
 MAGIC = b"\x89MCAP0\r\n"
-MAX_CHUNK_BYTES = (256 << 20) + (1 << 20)  # Of a chunk: the largest message, and what stands before
+# Of a chunk: the largest message, and what stands before it.
+MAX_CHUNK_BYTES = MAX_MESSAGE_BYTES + (1 << 20)
 # Most bytes of those records that are held in memory.
 MAX_HELD_BYTES: Mapping[int, int] = {
     Opcode.CHUNK: MAX_CHUNK_BYTES,
@@ -242,8 +245,7 @@ def _unpacked(size: int, compression: str, packed: memoryview) -> bytearray | me
     if compression not in ("", "lz4"):
         raise RecordFault(f"has chunks packed by {compression!r}; only lz4 is read")
     length = len(packed)
-    likely = max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * length)
-    most = min(MAX_CHUNK_BYTES, LZ4_RATIO * length, likely)
+    most = min(LZ4_RATIO * length, max_chunk_bytes(length))
     if size > most:
         raise RecordFault(
             f"is damaged: a chunk of {size} bytes, at most {most} are allowed of {length} packed"
@@ -256,6 +258,11 @@ def _unpacked(size: int, compression: str, packed: memoryview) -> bytearray | me
         return _unpacked_lz4(packed, size)
     except RuntimeError:
         raise RecordFault("is damaged: a chunk cannot be unpacked") from None
+
+
+def max_chunk_bytes(packed: int) -> int:
+    """Bytes to which a chunk of `packed` bytes may unpack; more are neither written nor read."""
+    return min(MAX_CHUNK_BYTES, max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * packed))
 
 
 def _unpacked_lz4(packed: memoryview, size: int) -> bytearray:

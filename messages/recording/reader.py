@@ -28,7 +28,7 @@ from palpate.messages.recording.writer import (
     OUTSIDE,
     PROFILE,
     AtomicFile,
-    mcap_writer,
+    ChunkWriter,
 )
 from palpate.messages.types import TYPES
 
@@ -283,7 +283,7 @@ class RecordingCopy:
     def __init__(self, path: Path, library: str) -> None:
         self.counts: Counter[str] = Counter()  # Messages by topic, as far as taken
         self._path, self._file = path, AtomicFile(path)
-        self._writer = mcap_writer(self._file)
+        self._writer = ChunkWriter(self._file)
         try:
             self._writer.start(profile=PROFILE, library=library)
         except OSError:

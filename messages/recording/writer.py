@@ -17,9 +17,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, cast
 
+import lz4.frame
 from mcap.writer import CompressionType, Writer
 
 from palpate.messages.codec import Header, schema
+from palpate.messages.fields import MAX_MESSAGE_BYTES
+from palpate.messages.recording.mcap_reading import MAX_DECLARED_BYTES, SMALL_CHUNK_BYTES
+from palpate.messages.recording.mcap_reading import max_chunk_bytes
 from palpate.messages.types import TYPES
 
 CHUNK_BYTES = 1 << 16
@@ -31,14 +35,49 @@ COUNTS = "counts"  # Name of a metadata record that closes it: messages by topic
 MISSING = "missing"  # Name of the other: messages that were sent and never came, by topic
 
 
-def mcap_writer(file: AtomicFile) -> Writer:
-    """What writes a recording's records: packed by lz4, with checksums of each chunk and of all."""
-    return Writer(
-        cast(IO[bytes], file),
-        chunk_size=CHUNK_BYTES,
-        compression=CompressionType.LZ4,
-        enable_data_crcs=True,
-    )
+class ChunkWriter(Writer):
+    """Writes a recording's records: packed by lz4, with checksums of each chunk and of all.
+
+    A message that lz4 packs more densely than a reader believes is stored as it is, in a chunk of
+    its own.
+    """
+
+    def __init__(self, file: AtomicFile) -> None:
+        super().__init__(
+            cast(IO[bytes], file),
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.LZ4,
+            enable_data_crcs=True,
+        )
+
+    def add_message(
+        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
+    ) -> None:
+        """Write a message; ValueError if it is larger than any may be."""
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise ValueError(
+                f"a message of {len(data)} bytes cannot be recorded; at most {MAX_MESSAGE_BYTES} "
+                "are allowed"
+            )
+        message = channel_id, log_time, data, publish_time, sequence
+        if _is_readable_packed(data):
+            super().add_message(*message)
+            return
+        self.flush()  # type: ignore[no-untyped-call]
+        # The library has no other way to choose the packing of one chunk.
+        vars(self)["_Writer__compression"] = CompressionType.NONE
+        try:
+            super().add_message(*message)  # ends its chunk, being larger than `CHUNK_BYTES`
+        finally:
+            vars(self)["_Writer__compression"] = CompressionType.LZ4
+
+
+def _is_readable_packed(data: bytes) -> bool:
+    """Whether a reader takes the chunk of a message, packed, for whole and not for a bomb."""
+    before = CHUNK_BYTES + MAX_DECLARED_BYTES  # What may stand in the chunk with it
+    if len(data) + before <= SMALL_CHUNK_BYTES:
+        return True
+    return len(data) + before <= max_chunk_bytes(len(lz4.frame.compress(data)))
 
 
 class RecordingWriter:
@@ -70,7 +109,7 @@ class RecordingWriter:
         self._path, self._types, self._publishers = path, types, publishers
         self._spare = spare
         self._file = AtomicFile(path)
-        self._writer: Writer | None = mcap_writer(self._file)
+        self._writer: ChunkWriter | None = ChunkWriter(self._file)
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, int, int, int, bool], int] = {}
         self._counts: Counter[str] = Counter()
@@ -116,7 +155,7 @@ class RecordingWriter:
         finally:
             self._give_up()
 
-    def _flush(self, writer: Writer) -> None:
+    def _flush(self, writer: ChunkWriter) -> None:
         writer.flush()  # type: ignore[no-untyped-call]
         self._flushed = self._logged
         left = free_bytes(self._path.parent)
@@ -127,12 +166,12 @@ class RecordingWriter:
                 f"only {left >> 20} MiB are free on the disk, {self._spare >> 20} are to stay so",
             )
 
-    def _open_writer(self) -> Writer:
+    def _open_writer(self) -> ChunkWriter:
         if self._writer is None:
             raise ValueError(f"recording {self._path} is closed")
         return self._writer
 
-    def _channel(self, writer: Writer, topic: str, header: Header) -> int:
+    def _channel(self, writer: ChunkWriter, topic: str, header: Header) -> int:
         """Channel of a topic; another one after a restart of its publisher, or from outside."""
         key = (topic, header.run, header.epoch, header.schema, header.outside)
         if key not in self._channels:
@@ -149,7 +188,7 @@ class RecordingWriter:
             self._channels[key] = writer.register_channel(topic, "msgpack", schema_id, about)
         return self._channels[key]
 
-    def _schema(self, writer: Writer, name: str) -> int:
+    def _schema(self, writer: ChunkWriter, name: str) -> int:
         if name not in self._schemas:
             text = (self._texts.get(name) or json.dumps(schema(TYPES[name]))).encode()
             self._schemas[name] = writer.register_schema(name, "jsonschema", text)

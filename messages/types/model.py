@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from palpate.messages.fields import Array, ControlPoints, Count, Degrees, Directions, Floats
+from palpate.messages.fields import (
+    MAX_MESSAGE_BYTES,
+    Array,
+    ControlPoints,
+    Count,
+    Degrees,
+    Directions,
+    Floats,
+)
 from palpate.messages.fields import Lengths, Metres, Numbers, PackedBytes, PerMetre, Points
 from palpate.messages.fields import Pose, Radians, Ratio, Seconds, Triangles, Unit, Vector
 from palpate.reprs import readable
@@ -135,7 +143,7 @@ class ShapeModel:
     what an exploratory procedure found, whose own model has a topic of its own.
     """
 
-    MAX_BYTES = 256 << 20  # All that was touched is kept in it: 9,500 touches are 80 MB
+    MAX_BYTES = MAX_MESSAGE_BYTES  # All that was touched is kept in it: 9,500 touches are 80 MB
 
     number: Count  # Number of the goal that asked for it
     method: Literal["lattice", "general", "procedure"] = "lattice"  # What it is

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.messages.fields import Count, Curvatures, Direction, Directions, FingerNumbers, Lengths
 from palpate.messages.fields import Metres, MoveParts, PlanarPoint, Points, Pose, Seconds, Vector
-from palpate.messages.types.touch import Outcome
+from palpate.messages.types.touch import FrameFault, Outcome
 from palpate.reprs import readable
 
 # How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
@@ -63,6 +63,7 @@ class Contour:
     gap_ends: Points  # First points after them
     gap_reasons: tuple[GapReason, ...]  # What the pad met there
     touches: Count  # Touches made
+    fault: FrameFault = "none"  # Of the sensor, if it ended the contour
     robot_time: Seconds  # Robot time of the last touch
 
 
@@ -95,6 +96,7 @@ class Probe:
     # Outward normal at the middle of the contact, or the pad's own if it could not be touched
     normal: Direction
     touches: Count  # Touches made; 0 if it could not have ended in time
+    fault: FrameFault = "none"  # Of the sensor: then nobody knows what it touched, and it is a miss
     robot_time: Seconds  # Robot time of the last touch
 
 

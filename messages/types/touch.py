@@ -22,8 +22,11 @@ def no_move() -> Floats:
 
 
 # What the touched surface is: smooth enough for curvatures, an edge, a corner, too few taxels to
-# say, or nothing touched
-SurfaceKind = Literal["smooth", "edge", "corner", "insufficient", "miss"]
+# say, nothing touched, or a frame that no surface can have made
+SurfaceKind = Literal["smooth", "edge", "corner", "insufficient", "miss", "invalid"]
+# What is wrong with a frame as a whole: nothing; pressed, and nothing read; less than nothing or
+# more than the pad is thick; most taxels read as much as they can; the frame of an earlier touch
+FrameFault = Literal["none", "dead", "impossible", "saturated", "frozen"]
 
 
 @readable
@@ -68,6 +71,7 @@ class TactileImage:
     compression: LengthImage  # Compression of the pad under each taxel
     mask: Mask  # Where the pad touches
     impulses: Count  # Taxels that stood out like impulses, and were replaced or left out
+    fault: FrameFault = "none"  # What is wrong with the frame; then nothing is marked as touched
     robot_time: Seconds  # Robot time at the end of the touch
 
 
@@ -101,6 +105,7 @@ class SurfacePatch:
     curvature_across: PerMetre  # Normal curvature along `direction`. 0 unless `kind` is smooth
     curvature_across_error: PerMetre  # Its standard error; 0 unless `kind` is smooth
     kind: SurfaceKind  # What the surface is
+    fault: FrameFault = "none"  # Why it is `invalid`, or that its top is cut off
     # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet
     confidence: Ratio
     residual: Metres  # Root mean square misfit of the jet

@@ -7,7 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.messages.fields import Count, LengthImage, Metres, MetresPerSecond, NewtonsPerMetre
+from palpate.messages.fields import (
+    MAX_MESSAGE_BYTES,
+    Count,
+    LengthImage,
+    Metres,
+    MetresPerSecond,
+    NewtonsPerMetre,
+)
 from palpate.messages.fields import PerMetre, PlanarPoint, Points, Ratio, RatioImage, RobotSpeeds
 from palpate.messages.fields import Triangles, Vector, Voxels
 from palpate.reprs import readable
@@ -36,7 +43,7 @@ class World:
 class Truth:
     """The true shape. Latched on ``/truth``, for the evaluator and viewers alone."""
 
-    MAX_BYTES = 256 << 20
+    MAX_BYTES = MAX_MESSAGE_BYTES
 
     vertices: Points  # Vertices of the true surface, world frame
     faces: Triangles  # Triangles of the true surface, counter-clockwise seen from outside
@@ -51,7 +58,7 @@ class Truth:
 class SpaceMap:
     """What is known of the space about the object. Latched on ``/model/space``."""
 
-    MAX_BYTES = 64 << 20
+    MAX_BYTES = 16 << 20  # `palpate.core.explore.MAX_VOXELS`, and what stands beside them
 
     number: Count  # Number of the model with which it goes
     low: Vector  # Middle of the first voxel, world frame

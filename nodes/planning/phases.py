@@ -88,6 +88,8 @@ class State:
     again: Task | None = None  # The single touch that is to be begun anew from farther off
     # Finger to where its last single touch began, (3,), m.
     resting: Mapping[int, Floats] = field(default_factory=dict)
+    faults: int = 0  # Results in succession that a fault of the sensor ended
+    broken: str = ""  # Why the sensor is not to be used any more
     # Whether a goal came back without a touch: what is left of the budget is too little for one.
     cut: bool = False
     # Usable contours, probes and arcs of the last model.

@@ -11,8 +11,9 @@ if TYPE_CHECKING:
     from palpate.nodes.specs.frames import DRIVER_OUTPUTS, FRAMES_A_GOAL, MOST_FRAMES
     from palpate.nodes.specs.frames import FrameSequence, SensorParams, is_header
     from palpate.nodes.specs.frames import parse_row, read_frames, sensor_info, tactile_frame
-    from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, Seed, SuperquadricSpec
-    from palpate.nodes.specs.objects import build_shape, encode_mesh, fitted_reach, object_extents
+    from palpate.nodes.specs.objects import EXTENT_LEVEL, ObjectSpec, PoseSpec, Seed
+    from palpate.nodes.specs.objects import SuperquadricSpec, build_shape, encode_mesh
+    from palpate.nodes.specs.objects import fitted_reach, object_extents
     from palpate.nodes.specs.primitives import Length
     from palpate.nodes.specs.sensors import CONTACT_ERROR, CalibrationSpec, EffectSpecs, PadSpec
     from palpate.nodes.specs.sensors import SensorSpec, build_pipeline, calibration_of_info

@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pytest
 
+from palpate.launch import rgb
 from palpate.tools.report import write_report
-from palpate.tools.surfaces import viridis
+from palpate.tools.surfaces import shades
 
 from .pictures import colours_in, drawn_by, picture_of, share_changed
 
@@ -73,16 +74,37 @@ def test_it_opens_without_an_error_and_asks_nobody_for_anything(opened):
     assert opened.page.locator(".still").is_hidden()
 
 
-def test_the_colours_of_the_solid_are_those_of_the_scale(opened):
-    page = opened.page
-    control(page, "contours").uncheck()
+def seen_solid(page) -> np.ndarray:
+    """Colours (n, 3) of the solid alone, without the white ground."""
+    for name in ("contours", "untouched"):
+        if control(page, name).count():
+            control(page, name).uncheck()
     settled(page)
-    seen = canvas(page).reshape(-1, 3)
-    scale = viridis(np.linspace(0.0, 1.0, 256), 1.0)
-    solid = seen[np.ptp(seen.astype(int), axis=1) > 12]  # what is no grey of the ground
-    near = np.abs(solid[:, None].astype(int) - scale[None, ::4]).max(axis=2).min(axis=1)
-    assert len(solid) > 5000
-    assert np.quantile(near, 0.9) <= 3  # but where edges are smoothed
+    seen = canvas(page).reshape(-1, 3).astype(float)
+    return seen[seen.min(axis=1) < 255]
+
+
+def test_the_first_picture_shows_the_shape_in_light(opened):
+    page, colour = opened.page, np.array(rgb("solid"))
+    box = page.locator("#view0 canvas").bounding_box()
+    assert box["y"] + box["height"] <= 800  # nobody has to scroll
+    seen = seen_solid(page)
+    brightness = (seen / colour).mean(axis=1)
+    lit = np.abs(seen - brightness[:, None] * colour).max(axis=1) <= 3
+    assert lit.mean() > 0.9  # but where edges are smoothed
+    assert np.ptp(np.quantile(brightness[lit], [0.05, 0.95])) > 0.15
+    assert brightness[lit].min() > 0.4
+
+
+def test_the_colours_of_the_solid_are_those_of_the_scale_in_light(opened):
+    page = opened.page
+    control(page, "colour").select_option("deviation")
+    solid = seen_solid(page)[::7]
+    scale = shades(np.linspace(0.0, 1.0, 64), 1.0).astype(float)
+    brightness = np.clip(solid @ scale.T / (scale**2).sum(axis=1), 0.5, 1.0)
+    off = np.abs(solid[:, None] - brightness[..., None] * scale).max(axis=2).min(axis=1)
+    assert len(solid) > 700
+    assert np.quantile(off, 0.9) <= 4  # but where edges are smoothed
 
 
 def test_toggles_show_and_hide_what_they_are_called(opened):
@@ -102,7 +124,10 @@ def test_the_slider_goes_through_the_run(opened):
     page = opened.page
     end = canvas(page)
     told = control(page, "readout").inner_text()
-    assert re.match(r"[\d.]+ s, 40 touches, \d+ contours?: model \d+, rms error", told)
+    assert told == "end of the run"
+    seek(page, 0.999)
+    late = control(page, "readout").inner_text()
+    assert re.match(r"[\d.]+ s, \d+ touches, \d+ contours?: model \d+, rms error", late)
     seek(page, 0.0)
     assert control(page, "readout").inner_text() == "0.0 s, 0 touches, 0 contours: no model yet"
     assert colours_in(canvas(page)) == 1
@@ -120,12 +145,12 @@ def test_playing_goes_from_the_beginning_to_the_end(opened):
     seek(page, 0.97)
     control(page, "play").click()
     page.wait_for_function("document.querySelector('[data-control=time]').value === '1'")
-    assert "40 touches" in control(page, "readout").inner_text()
+    assert control(page, "readout").inner_text() == "end of the run"
 
 
 def test_what_colours_tell_can_be_chosen_and_the_scale_says_it(opened):
     page, pictures = opened.page, {}
-    for name in ("deviation", "uncertainty", "plain"):
+    for name in ("plain", "deviation", "uncertainty"):
         control(page, "colour").select_option(name)
         settled(page)
         pictures[name] = canvas(page)
@@ -158,15 +183,30 @@ def test_a_click_on_a_diagnostic_goes_to_its_place_and_time(opened):
     settled(page)
     after = canvas(page)
     assert share_changed(before, after) > CHANGED
-    mark = np.abs(after.astype(int) - [0xD5, 0x5E, 0x00]).max(axis=2) < 8
+    mark = np.abs(after.astype(int) - rgb("untouched")).max(axis=2) < 8
     assert mark.sum() > 60
+
+
+WIDER = """() => [...document.querySelectorAll("body *")].filter((one) =>
+    one.getClientRects().length && !one.closest("details, svg, .view3d")
+    && one.getBoundingClientRect().right > innerWidth + 1
+).map((one) => one.outerHTML.slice(0, 80))"""
+
+
+@pytest.mark.parametrize("width", [390, 768, 1100])
+def test_nothing_is_wider_than_the_page(open_page, report, width):
+    page = open_page(report, width, 844).page
+    drawn(page)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate(WIDER) == []
 
 
 def test_it_fits_a_phone_and_the_dark(open_page, report):
     found = open_page(report, 390, 844, color_scheme="dark")
     page = found.page
     drawn(page)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    box = page.locator("#view0 canvas").bounding_box()
+    assert box["y"] + box["height"] <= 844
     ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert ground == "rgb(13, 17, 23)"
     assert colours_in(canvas(page)) > 20

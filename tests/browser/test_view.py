@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from palpate.tools.surfaces import viridis
+from palpate.tools.surfaces import shades
 from palpate.tools.view import read_timeline
 from palpate.tools.view.live import TICK, View, address_of, serving
 
@@ -131,14 +131,15 @@ def frames_while_turning(page):
     return page.evaluate("() => window.rate")
 
 
-def test_colours_of_the_solid_are_those_of_the_scale(view, open_page):
+def test_colours_of_the_solid_are_those_of_the_scale_in_light(view, open_page):
     view.panel._wishes["points"].value = False
     view.panel._wishes["colouring"].value = "uncertainty"
     view.draw()
     watched = opened(open_page, view)
     pixels = np.unique(scene_of(watched.page).reshape(-1, 3), axis=0)
-    scale = viridis(np.linspace(0.0, 1.0, 2000), 1.0).astype(int)
-    apart = np.abs(pixels[:, None].astype(int) - scale[None]).max(axis=2).min(axis=1)
+    scale = shades(np.linspace(0.0, 1.0, 200), 1.0).astype(float)
+    light = np.clip(pixels @ scale.T / (scale**2).sum(axis=1), 0.4, 1.0)
+    apart = np.abs(pixels[:, None] - light[..., None] * scale).max(axis=2).min(axis=1)
     assert (apart <= 2).sum() > 20
     assert watched.errors == []
 
@@ -159,3 +160,12 @@ def test_a_jump_is_seen_at_once_also_on_a_telephone(view, open_page, capsys):
         print(f"\na jump is told after {1e3 * np.median(taken):.0f} ms", end=" ")
     assert np.median(taken) < 1.0  # a guard: other processes may have the machine
     assert (watched.errors, watched.outside()) == ([], [])
+
+
+def test_on_a_telephone_the_panel_leaves_most_of_the_window_to_the_object(view, open_page):
+    page = open_page(address_of(view.server), 390, 844).page
+    page.wait_for_selector("text=robot time")
+    top = page.get_by_text("contours traced").bounding_box()["y"]
+    assert top > 0.6 * 844
+    assert page.get_by_role("button", name="Play").is_visible()
+    assert not page.get_by_text("true solid", exact=True).first.is_visible()

@@ -64,3 +64,36 @@ def test_another_seed_is_another_sensor(lab):
     few = ("--composed", "--no-record", "--set", "planner.most_touches=60")
     hashes = {explored(lab, f"s{n}", *few, "--seed", n)["mesh_sha256"] for n in "12"}
     assert len(hashes) == 2
+
+
+DYING = """
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+import numpy as np
+from palpate.core.plugins import Range, Ranged
+from palpate.core.touch import Phase, Stage
+
+@dataclass(frozen=True, kw_only=True)
+class Dying(Ranged):
+    phase: ClassVar = Phase.SIGNAL
+    after: Annotated[int, Range(0, 10_000, "1")] = 40
+    reading: Annotated[float, Range(-1.0, 1.0, "m")] = 0.0
+
+    def prepare(self, finger):
+        def apply(touch, state):
+            if touch.number >= self.after:
+                touch.reading = np.full_like(touch.reading, self.reading)
+        return Stage(apply)
+"""
+
+
+def test_a_sensor_that_dies_ends_the_run_with_what_was_known(tmp_path):
+    (tmp_path / "dying.py").write_text(DYING)
+    scene = SCENE.partition("effects:")[0]
+    scene += "effects:\n  - dying:Dying: {after: 30}\nexplore: {planner: touches}\n"
+    (tmp_path / "scene.yaml").write_text(scene)
+    given = ("run", "scene.yaml", "--quiet", "--composed", "--no-record", "--out", "out")
+    done = palpate(*given, folder=tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert "the sensor of finger 1 failed: the pad was pressed and no taxel" in done.stderr
+    assert (tmp_path / "out" / "mesh.ply").exists()

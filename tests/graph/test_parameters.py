@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", rea
 SAID = """{param: order, value: '"none"', topic: /touch/raw, after: 0}"""  # By no node
 ESTIMATE = (
     "{number: 0, contours: 0, touches: 0, robot_time: 0, rms_bound_95: null, "
-    "largest_untouched: null, halving_touches: null, halving_seconds: null, open_share: null, "
+    "largest_untouched: 1, halving_touches: null, halving_seconds: null, open_share: null, "
     "open_width: null}"
 )
 WITHIN = 60.0  # A deadline that only a broken graph misses, s

@@ -84,3 +84,24 @@ def test_an_edge_has_no_curvature(
     roof = np.maximum(2e-3 - steepness * np.abs(axis) + 0 * axis[:, None], 0.0)
     patch = felt(replace(info, dome=0.0), image_of(roof, sideways(0.0)))
     assert (patch.kind, patch.k1, patch.k2) == ("edge", 0.0, 0.0)
+
+
+@pytest.mark.parametrize("fault", ["dead", "saturated", "frozen", "impossible"])
+def test_a_frame_at_fault_is_an_invalid_patch(
+    info: SensorInfo, sideways: Callable[[float], Floats], fault: str
+):
+    patch = felt(
+        info, image_of(ball(0.03), sideways(0.0), fault=fault, mask=np.zeros((16, 16), bool))
+    )
+    assert (patch.kind, patch.fault, patch.confidence) == ("invalid", fault, 0.0)
+    assert not patch.mask.any() and not patch.height.any()
+
+
+def test_taxels_that_were_cut_off_are_no_surface(
+    info: SensorInfo, sideways: Callable[[float], Floats]
+):
+    cut = np.minimum(ball(0.03), 0.7e-3)
+    patch = felt(info, image_of(cut, sideways(0.0)))
+    assert (patch.kind, patch.fault) == ("smooth", "saturated")
+    assert not patch.mask[cut >= 0.7e-3].any() and patch.mask.any()
+    assert abs(patch.k1 - 1 / 0.03) < 2.0 * patch.k1_error

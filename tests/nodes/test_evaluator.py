@@ -120,7 +120,7 @@ def test_only_the_final_model_ends_the_graph(informed: State, model: Model):
     _, going_on = take_model(Params(), informed, model(RADIUS))
     _, ended = take_model(Params(), informed, model(RADIUS, final=True))
     assert len(going_on) == 1
-    assert ended[1:] == [Finished("final model scored")]
+    assert ended[1:] == [Finished("the final solid was compared with the true one")]
     assert resolved(ended[0][1]).final  # type: ignore[index, attr-defined]
 
 

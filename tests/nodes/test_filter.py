@@ -175,3 +175,56 @@ def test_gain_and_offset_of_the_calibration_are_applied(
     found = replace(info, gain=gain, offset=np.full(bump.shape, 1e-5))
     image = cleaned(found, frame_of((bump - 1e-5) / gain, sideways(0.0), info))
     assert np.allclose(image.compression, bump, rtol=0, atol=1e-15)
+
+
+def test_a_dead_a_saturated_and_an_impossible_frame_touch_nothing_and_say_why(
+    info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
+):
+    pose, limit = sideways(0.0), info.saturation * info.thickness
+    frames = {
+        "dead": frame_of(np.zeros((16, 16)), pose, info),
+        "saturated": frame_of(np.full((16, 16), limit), pose, info),
+        "impossible": frame_of(bump, pose, info, array=np.zeros((16, 16))),
+    }
+    frames["less"] = frame_of(bump - 3e-3, pose, info)
+    frames["negative"] = replace(frames["impossible"], array=np.full((16, 16), -1e-6))
+    for name, frame in frames.items():
+        image = cleaned(info, frame)
+        assert image.fault == (name if name in ("dead", "saturated") else "impossible")
+        assert not image.mask.any()
+    missed = frame_of(np.zeros((16, 16)), pose, info, outcome="miss")
+    assert cleaned(info, missed).fault == "none"
+
+
+def test_a_frame_with_noise_that_comes_again_from_elsewhere_is_frozen(
+    info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats]
+):
+    def faults(noise: float, array: Floats) -> list[str]:
+        state, _ = calibrate(Params(), None, replace(info, noise=noise))
+        found = []
+        for touch in range(3):
+            frame = frame_of(array, sideways(0.1 * touch), info, touch=touch)
+            state, [(_, image)] = take_frame(Params(), state, frame)  # type: ignore[misc]
+            found.append(image.fault)  # type: ignore[attr-defined]
+        return found
+
+    noisy = bump + np.random.default_rng(0).normal(0.0, 10e-6, bump.shape)
+    rounded = 5e-6 * np.rint(bump / 5e-6)
+    assert faults(10e-6, noisy) == ["none", "frozen", "frozen"]
+    assert faults(10e-6, 5e-6 * np.rint(noisy / 5e-6)) == ["none", "frozen", "frozen"]
+    assert faults(5e-6 / 12**0.5, rounded) == ["none"] * 3  # an even surface
+    assert faults(0.0, bump) == ["none"] * 3
+
+
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        (np.zeros((3, 3)), r"a frame must have shape \(16, 16\), got \(3, 3\)"),
+        (np.full((16, 16), 5.5), "times are in seconds; multiply microseconds by 1e-6"),
+    ],
+)
+def test_a_frame_of_another_array_or_unit_is_refused(
+    info: SensorInfo, bump: Floats, sideways: Callable[[float], Floats], array: Floats, words: str
+):
+    with pytest.raises(ValueError, match=words):
+        cleaned(info, replace(frame_of(bump, sideways(0.0), info), array=array))

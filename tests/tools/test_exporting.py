@@ -115,7 +115,7 @@ def test_ply_has_deviation_and_uncertainty_of_each_vertex_and_their_colours(
     assert found["deviation"] == pytest.approx(deviations, rel=1e-5)
     assert found["uncertainty"] == pytest.approx([0.001] * 4)
     shares = deviations / told["colours_end_m"]
-    viridis = 255.0 * mpl.colormaps["viridis"](shares)[:, :3]
+    viridis = 255.0 * mpl.colormaps["viridis_r"](shares)[:, :3]
     colours = np.column_stack([found[name] for name in ("red", "green", "blue")]).astype(float)
     assert np.abs(colours - viridis).max() < 4.0
     assert told["coloured_by"] == "deviation"

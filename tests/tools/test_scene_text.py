@@ -6,8 +6,9 @@ import pytest
 
 from palpate.core.plugins import ranges_of
 from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type
+from palpate.launch.files import InputError
 from palpate.launch.scene import load_scene
-from palpate.tools.scene_text import effects_text, list_effects, simulation_text
+from palpate.tools.scene_text import check_scene, effects_text, list_effects, simulation_text
 
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
 
@@ -68,3 +69,17 @@ def test_the_list_names_every_effect_and_parameter():
     for name in EFFECT_NAMES:
         assert f"{name}: {effect_title(name)}" in published
         assert all(f" {field.name} " in published for field in fields(effect_type(name)))
+
+
+@pytest.mark.parametrize(("radius", "begun"), [(0.15, True), (0.3, True), (1.5, False)])
+def test_what_takes_too_long_is_refused_before_it_begins(tmp_path, radius, begun):
+    scene = tmp_path / "ball.yaml"
+    place = f"pose: {{position: [0, 0, {radius}]}}"
+    scene.write_text(
+        f"object: {{sphere: {{radius: {radius}}}, {place}}}\nexplore: {{tolerance: 1e-3}}\n"
+    )
+    if begun:
+        assert check_scene(str(scene)).size[2] == pytest.approx(2.0 * radius, rel=1e-3)
+    else:
+        with pytest.raises(InputError, match=r"3 x 3 x 3 m .* touches, \d+ min .* GB; at most"):
+            check_scene(str(scene))

@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from palpate import __version__
 from palpate.core import Floats
+from palpate.launch import rgb
 from palpate.messages import schema, types
 from palpate.nodes.specs import pad_of_info
 from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
@@ -29,9 +30,7 @@ FRAMES_TOPIC = "/tf"  # Topic of the frames of the fingers
 LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4}
 LINE_STRIP, LINE_LOOP, ALL, FLOAT32 = 0, 1, 1, 7
 LINE_PIXELS = 3.0  # Width of a contour
-MODEL_COLOUR = {"r": 0.36, "g": 0.55, "b": 0.84, "a": 1.0}
-TRUTH_COLOUR = {"r": 0.6, "g": 0.6, "b": 0.6, "a": 0.3}
-CONTOUR_COLOUR = {"r": 0.9, "g": 0.45, "b": 0.1, "a": 1.0}
+TRUTH_OPACITY = 0.3
 INSTEAD = (types.ShapeModel, types.Truth, types.LogRecord)  # Shown as Foxglove's messages alone
 # Types that are read though their topics are not wanted: others are drawn by what they say.
 ALSO_READ = frozenset(kind.__name__ for kind in (types.SensorInfo, types.Truth))
@@ -152,7 +151,7 @@ def _contour(decoded: DecodedMessage) -> FoxgloveMessage:
         "thickness": LINE_PIXELS,
         "scale_invariant": True,
         "points": _points(contour.points),
-        "color": CONTOUR_COLOUR,
+        "color": _colour("contour"),
         "colors": [],
         "indices": [],
     }
@@ -228,11 +227,17 @@ def _model(decoded: DecodedMessage, truth: TruthSurface | None) -> FoxgloveMessa
         told |= {"coloured_by": shown.name, "colours_end_m": shown.top}
         shares = (shown.colours / 255.0).round(4).tolist()
         colours = [{"r": r, "g": g, "b": b, "a": 1.0} for r, g, b in shares]
-    return _mesh(decoded, MODEL_COLOUR, colours, told)
+    return _mesh(decoded, _colour("solid"), colours, told)
 
 
 def _truth(decoded: DecodedMessage) -> FoxgloveMessage:
-    return _mesh(decoded, TRUTH_COLOUR, [], {"height_m": decoded.message.height})
+    return _mesh(decoded, _colour("truth", TRUTH_OPACITY), [], {"height_m": decoded.message.height})
+
+
+def _colour(quantity: str, opacity: float = 1.0) -> Mapping[str, float]:
+    """The colour of a quantity, 0 to 1."""
+    shares = (round(one / 255.0, 4) for one in rgb(quantity))
+    return {**dict(zip("rgb", shares, strict=True)), "a": opacity}
 
 
 def _mesh(

@@ -14,16 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core import Floats, transform_points
+from palpate.launch import rgb
 from palpate.launch.files import InputError
 from palpate.messages import types
 from palpate.nodes.specs import pad_of_info
 from palpate.tools.bag.decoding import DecodedRecording
-from palpate.tools.surfaces import Colours, TruthSurface, vertex_colours, vertex_scalars, viridis
+from palpate.tools.surfaces import Colours, TruthSurface, vertex_colours, vertex_scalars
 
 TIMELINE = "robot_time"
 LEVELS = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
-TRUTH_COLOUR = (153, 153, 153)
-TOUCHED_COLOUR = (230, 115, 25)
 POINT_PIXELS, LINE_PIXELS = 1.5, 2.0
 MILLIMETRES_PER_METRE = 1000.0
 # Where a message is shown, and as what, an archetype of Rerun or several.
@@ -43,9 +42,7 @@ def write_rerun(source: DecodedRecording, path: Path) -> int:
     stream = rerun.RecordingStream("palpate")
     stream.save(path, default_blueprint=_layout(rerun.blueprint))
     stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    counts, kinds = source.recording.counts, source.recording.types
-    contours = sum(counts[one] for one in source.topics if kinds[one][0] == types.Contour.__name__)
-    converter, shown = RerunConverter(rerun, contours), 0
+    converter, shown = RerunConverter(rerun), 0
     for decoded in source.published(also=ALSO_READ):
         message = decoded.message
         found = list(DRAWN[type(message)](converter, message))
@@ -87,9 +84,8 @@ def _layout(blueprint: Any) -> Any:
 class RerunConverter:
     """Turns messages into what Rerun shows; remembers the sensor, the truth, and contours."""
 
-    def __init__(self, rerun: Any, contours: int) -> None:
-        """`contours`: how many there will be; they are coloured in their order."""
-        self._rerun, self._contours, self._traced = rerun, contours, 0
+    def __init__(self, rerun: Any) -> None:
+        self._rerun = rerun
         self._sensor: types.SensorInfo | None = None
         self._truth: TruthSurface | None = None
 
@@ -122,20 +118,19 @@ class RerunConverter:
         cells = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
         points = self._rerun.Points3D(
             transform_points(patch.pose, cells),
-            colors=TOUCHED_COLOUR,
+            colors=rgb("touch"),
             radii=self._rerun.Radius.ui_points(POINT_PIXELS),
         )
         yield "world/touched", (points,)
 
     def contour(self, contour: types.Contour) -> Shown:
-        """A contour as a line, from teal for the first to yellow for the last."""
+        """A contour as a line."""
         points = contour.points
         if contour.status == "closed":
             points = np.concatenate([points, points[:1]])
-        turn, self._traced = self._traced / max(self._contours - 1, 1), self._traced + 1
         strip = self._rerun.LineStrips3D(
             [points],
-            colors=viridis(np.array([0.5 + 0.5 * turn]), 1.0),  # Good models are dark
+            colors=rgb("contour"),
             radii=self._rerun.Radius.ui_points(LINE_PIXELS),
         )
         yield f"world/contours/{contour.id}", (strip,)
@@ -155,7 +150,7 @@ class RerunConverter:
     def truth(self, truth: types.Truth) -> Shown:
         """The true surface, which is remembered."""
         self._truth = TruthSurface(truth)
-        grey = np.full((len(truth.vertices), 3), TRUTH_COLOUR, np.uint8)
+        grey = np.full((len(truth.vertices), 3), rgb("truth"), np.uint8)
         yield "world/truth", (self._mesh(truth.vertices, truth.faces, grey),)
 
     def _mesh(self, vertices: Floats, faces: NDArray[np.int32], colours: Colours | None) -> Any:

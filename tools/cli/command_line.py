@@ -6,6 +6,7 @@ written to a file, never to the screen. A verb is imported only when it is calle
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -275,6 +276,8 @@ def run(arguments: Sequence[str]) -> int:
         )
     except OSError as error:
         text = f"{error.filename or 'the system'}: {error.strerror or error}"
+        if error.errno == errno.EMFILE:
+            text = "the system allows too few open files: raise their number with ulimit -n 256"
         return _print_error(text, BAD_INPUT)
     except UnicodeEncodeError as error:
         place = error.object[max(0, error.start - 80) : error.end + 80]

@@ -251,7 +251,7 @@ def init_planner_command(name: str, touches: bool) -> None:
 
     template = "planner_touches" if touches else "planner"
     (path, test), named = begin("planner", name, Path(), template)
-    click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
+    click.echo(f"{path}: written; to test it: python -m pytest {test}")
     click.echo("name it in a scene, and start palpate in this folder:")
     click.echo(f"explore:\n  planner: {named}")
 

@@ -14,11 +14,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from palpate.launch import counted, read_summary
+from palpate.launch import COLOURS, counted, read_summary, rgb
 from palpate.messages.types import Contour
 from palpate.tools.exploration import explore
 from palpate.tools.gallery import style
-from palpate.tools.surfaces import scale_top, viridis
+from palpate.tools.surfaces import scale_top, shades
 from palpate.tools.view import Canvas, Timeline, finger_mesh, read_timeline
 
 SCENE, MESH_SCENE = "vase", "from_mesh"
@@ -83,18 +83,18 @@ def _draw_moment(line: Timeline, time: float, canvas: Canvas) -> None:
     _draw_contours(line.contours[: moment.contours], canvas)
     points = [one.points for one in touches]
     points += [one.points for one in line.grasps[: moment.grasps]]
-    canvas.draw_points(np.concatenate(points), style.rgb(style.ORANGE), 0.8)
+    canvas.draw_points(np.concatenate(points), np.array(rgb("touch")), 0.8)
     if touches and moment.touches < len(line.touches):
-        canvas.draw_mesh(*finger_mesh(touches[-1].pose), style.rgb(style.VERMILION))
+        canvas.draw_mesh(*finger_mesh(touches[-1].pose), np.array(rgb("finger")))
     if line.truth is not None:
         ghost = Canvas(canvas.width, canvas.height, canvas.camera)
-        ghost.draw_mesh(line.truth.vertices, line.truth.faces, np.full(3, 90.0))
+        ghost.draw_mesh(line.truth.vertices, line.truth.faces, np.array(rgb("truth")))
         canvas.blend(ghost, GHOST)
 
 
 def _draw_contours(contours: Sequence[Contour], canvas: Canvas) -> None:
     for one in contours:
-        canvas.draw_line(one.points, style.rgb(style.BLUE), 2.0, closed=one.status == "closed")
+        canvas.draw_line(one.points, np.array(rgb("contour")), 2.0, closed=one.status == "closed")
 
 
 def draw_deviation() -> Figure:
@@ -111,11 +111,11 @@ def draw_deviation() -> Figure:
         canvas.draw_mesh(model.vertices, model.faces, np.array(style.SOLID))
         _draw_contours(line.contours, canvas)
         points = np.concatenate([one.points for one in line.touches])
-        canvas.draw_points(points, style.rgb(style.ORANGE), 0.8)
+        canvas.draw_points(points, np.array(rgb("touch")), 0.8)
 
     def coloured(canvas: Canvas) -> None:
-        colours = viridis(far, top).astype(np.float64)
-        canvas.draw_mesh(model.vertices, model.faces, colours, lit=False)
+        colours = shades(far, top).astype(np.float64)
+        canvas.draw_mesh(model.vertices, model.faces, colours)
 
     for axes, draw, azimuth, title in zip(
         panels,
@@ -125,7 +125,7 @@ def draw_deviation() -> Figure:
         strict=True,
     ):
         style.show_solid(axes, draw, model.vertices, (azimuth, 18.0), shape=(290, 205), title=title)
-    scale = ScalarMappable(Normalize(0.0, 1e3 * top), "viridis")
+    scale = ScalarMappable(Normalize(0.0, 1e3 * top), "viridis_r")
     label = "distance from the true surface, mm"
     figure.colorbar(scale, ax=panels, shrink=0.8, aspect=30, extend="max", label=label)
     return figure
@@ -152,12 +152,14 @@ def draw_cost() -> Figure:
 def _draw_errors(axes: Axes, summary: Mapping[str, Any], key: str) -> None:
     curve = [one for one in summary["curve"] if one[key] is not None]
     for what, colour, mark, label in (
-        ("rms_bound_95_m", style.VERMILION, "s", "stated bound, 95 %"),
-        ("rms_m", style.BLUE, "o", "true error"),
+        ("rms_bound_95_m", COLOURS["bound"], "s", "error bound, 95 %"),
+        ("rms_m", COLOURS["error"], "o", "true error"),
     ):
         known = [(one[key], 1e3 * one[what]) for one in curve if one[what] is not None]
         axes.plot(*np.array(known).T, f"{mark}-", color=colour, markersize=4.0, label=label)
-    axes.axhline(1e3 * summary["tolerance_m"], color=style.GREY, linestyle=":", label="asked for")
+    axes.axhline(
+        1e3 * summary["tolerance_m"], color=COLOURS["tolerance"], linestyle="--", label="tolerance"
+    )
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
     axes.set_xlim(left=0.0)

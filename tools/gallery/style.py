@@ -17,13 +17,14 @@ from matplotlib.ticker import MaxNLocator
 
 from palpate.core import Floats, Ints
 from palpate.core.shapes import Mesh
+from palpate.launch import rgb as rgb_of
 from palpate.tools.view import FINER, Camera, Canvas
 
 WIDTH, DPI = 7.0, 100  # Of a figure, inches, and its pixels an inch
 BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, PURPLE, GREY = "#0072b2", "#d55e00", "#cc79a7", "#8c8c8c"
 LINES = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK)
-SOLID = (168, 200, 228)  # Of a solid that nothing is told of
+SOLID = rgb_of("solid")
 LOOK: dict[Any, Any] = {  # Of matplotlib
     "font.size": 9.0,
     "axes.titlesize": 9.0,

@@ -19,7 +19,7 @@ import zmq
 
 from palpate import __version__
 from palpate.launch import VERSIONED_PACKAGES, titled
-from palpate.launch.processes import FOLDER_PREFIX, GRAPH_VARIABLE, SILENCE, RunCard, find_run
+from palpate.launch.processes import GRAPH_VARIABLE, LONGEST_SOCKET, SILENCE, RunCard, find_run
 from palpate.launch.processes import runtime_folder, stale_folders
 from palpate.nodes.runtime import THREAD_VARIABLES
 from palpate.tools.introspection.requests import StatusSample, request, sample_status
@@ -27,7 +27,6 @@ from palpate.tools.introspection.topics import is_running
 
 LOW_SPACE, MIN_SPACE = 1 << 30, 1 << 24  # Free bytes of a disk: doubtful for long recordings, any
 MIN_OPEN_FILES = 256  # Open files that a process needs, at the least
-LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # In a private folder, named at random
 # Variables of the environment by which palpate is affected.
 ENVIRONMENT_VARIABLES = ("XDG_RUNTIME_DIR", "TMPDIR", GRAPH_VARIABLE, *THREAD_VARIABLES)
 

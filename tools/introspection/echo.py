@@ -13,6 +13,7 @@ import json
 import math
 import operator
 import re
+import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -21,12 +22,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.launch import text_table
+from palpate.launch import TEXT_WIDTH, text_table
 from palpate.launch.files import hint
 from palpate.launch.processes import RunCard
 from palpate.messages import codec_of, schema
 from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, message_of
 
+FOLDED = 4  # Columns before what of a sequence stands on its further lines
 MAX_ITEMS = 16  # A sequence with more elements is shortened, unless all is wanted
 ITEMS_SHOWN = 3  # Elements of a shortened sequence that are shown
 # Texts that need no quotes in YAML.
@@ -206,7 +208,20 @@ def yaml_lines(fields: Mapping[str, Any], style: TextStyle = _WHOLE) -> Iterator
             yield f"{_text(name)}:"
             yield from (f"  {line}" for line in yaml_lines(value, style))
         else:
-            yield f"{_text(name)}: {yaml_value(value, style)}"
+            yield from _folded(f"{_text(name)}: {yaml_value(value, style)}", value)
+
+
+def _folded(line: str, value: Any) -> list[str]:
+    """A line of YAML; of 80 columns, if it is a sequence, as every reader of YAML takes it."""
+    if len(line) <= TEXT_WIDTH or not isinstance(value, (np.ndarray, tuple, list)):
+        return [line]
+    return textwrap.wrap(
+        line,
+        TEXT_WIDTH - FOLDED,
+        subsequent_indent=" " * FOLDED,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def csv_line(values: list[Any], style: TextStyle) -> str:

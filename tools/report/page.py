@@ -18,21 +18,35 @@ from typing import Any
 import numpy as np
 
 from palpate import launch
-from palpate.launch import millimetres
+from palpate.launch import COLOURS, millimetres
 from palpate.launch.files import write_atomically
-from palpate.tools.report.run_facts import MOST_PLACES, Place, RunFacts, ratio_rows, read_run
+from palpate.tools.graph_drawing import draw_svg
+from palpate.tools.report.run_facts import MOST_PLACES, UNTOUCHED, Place, RunFacts, ratio_rows
+from palpate.tools.report.run_facts import read_run
 from palpate.tools.report.view_data import DEVIATION, PLAIN, UNCERTAINTY, view_data
-from palpate.tools.surfaces import hex_colour
+from palpate.tools.surfaces import css_ramp
 from palpate.tools.view import png_bytes, still
 
 REPORT = "report.html"
 STILL = (720, 520)  # Pixels
 HERE = Path(__file__).parent
 SURFACES = {
+    PLAIN: "plain",
     DEVIATION: "distance from the truth, mm",
     UNCERTAINTY: "stated standard deviation, mm",
-    PLAIN: "plain",
 }
+SHOWN_AT_FIRST = ("solid", "contour", "untouched")
+COST_LAYOUTS = {
+    "narrow": launch.COST_ON_PHONE,
+    "middle": launch.COST_ON_PHONE._replace(width=670, columns=2, bar=190.0),
+    "wide": launch.COST_IN_REPORT,
+}
+TILES = {
+    "rms error": "rms_m",
+    "error bound": "rms_bound_95_m",
+    "untouched gap": "largest_untouched_m",
+}
+COSTS = {"robot_time_s": "robot time", "compute_s": "compute time", "wall_s": "elapsed time"}
 Html = Iterator[str]
 
 
@@ -50,10 +64,13 @@ def report_text(runs: Sequence[RunFacts]) -> str:
     """The page of one run or two."""
     title = " and ".join(f"{one.summary['scene'] or one.folder.name}" for one in runs)
     body = [f"<h1>palpate: {escape(title)}</h1>"]
-    if len(runs) == 2:
-        body += _section("Side by side", list(_compared(runs)))
     for heading, write in SECTIONS.items():
         columns = [list(write(one, number)) for number, one in enumerate(runs)]
+        if write is _headline:  # the figures of one run are tiles, those of two a table
+            if len(runs) == 2:
+                body += _section("Side by side", list(_compared(runs)))
+            else:
+                columns[0] = [*_tiles(runs[0].summary), *columns[0]]
         body += _section(heading, *columns)
     return html_page(f"palpate: {title}", body, kind="two" if len(runs) > 1 else "one", view=True)
 
@@ -97,37 +114,50 @@ def _compared(runs: Sequence[RunFacts]) -> Html:
 
 
 def _headline(run: RunFacts, _: int) -> Html:
+    """How the run ended, and what is to be doubted; its figures stand in tiles or in a table."""
     summary, facts = run.summary, launch.headline_facts(run.summary)
-    yield f'<p class="dim">{escape(str(run.folder))}, {escape(summary["reason"])}</p>'
-    yield '<div class="tiles">'
-    for name, value, kind in _tiles(summary):
-        yield f'<div class="tile {kind}"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
-    yield "</div>"
+    yield f"<p>{escape(summary['reason'])}</p>"
     yield '<dl class="facts">'
-    for title, parts in {**facts, "missed": summary["missed"]}.items():
+    # What has a tile says there whether its limit is kept.
+    missed = [one for one in summary["missed"] if not one.startswith((*TILES, "no error bound"))]
+    told = {"found": facts["found"][:1], "doubt": facts["doubt"], "missed": missed}
+    for title, parts in {**told, "folder": [str(run.folder)]}.items():
         if parts:
             yield f"<dt>{title}</dt><dd>{escape('; '.join(parts))}</dd>"
     yield "</dl>"
 
 
-def _tiles(summary: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
+def _tiles(summary: dict[str, Any]) -> Html:
+    """The figures of a run, each once."""
+    yield '<div class="tiles">'
+    for name, value, kind in _figures(summary):
+        yield f'<div class="tile {kind}"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
+    yield "</div>"
+
+
+def _figures(summary: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Name, value and kind of what counts most."""
-    if summary["rms_m"] is not None:
-        floor = millimetres(summary["sampling_floor_m"])
-        yield f"rms error; sampling floor {floor}", millimetres(summary["rms_m"]), ""
-    if summary["rms_bound_95_m"] is not None:
-        asked, met = summary["tolerance_m"], summary["tolerance_met"]
-        told = "" if asked is None else f"; tolerance {1e3 * asked:g} mm"
-        told += {True: " reached", False: " NOT reached", None: ""}[met]
-        kind = {True: "good", False: "bad", None: ""}[met]
-        yield f"bound of the error, 95 %{told}", millimetres(summary["rms_bound_95_m"]), kind
+    criteria = {one["name"]: one for one in summary["criteria"]}
+    for name, key in TILES.items():
+        told, kind = name, ""
+        if name == "rms error" and summary[key] is not None:
+            told += f"; sampling floor {millimetres(summary['sampling_floor_m'])}"
+        if name in criteria:
+            kind = "good" if criteria[name]["is_met"] else "bad"
+            limit = "tolerance" if name == "error bound" else "limit"
+            told += f"; {limit} {1e3 * criteria[name]['limit']:.3g} mm"
+            told += " kept" if kind == "good" else " NOT kept"
+        if summary[key] is not None:
+            yield told, millimetres(summary[key]), kind
+        elif name in criteria:
+            yield told, "unknown", kind
+    for key, name in (("contacts", "contacts of the hand"), ("contours", "contours")):
+        if summary.get(key):
+            yield name, str(summary[key]), ""
     yield "touches", str(summary["touches"]), ""
-    yield "robot time", f"{summary['robot_time_s']:.0f} s", ""
-    if summary["compute_s"] is not None:
-        yield "compute time", f"{summary['compute_s']:.1f} s", ""
-    share = summary["open_share"]
-    if share is not None:
-        yield "of the surface is not known", f"{100.0 * share:.1f} %", "bad" if share > 0.05 else ""
+    for key, name in COSTS.items():
+        if summary.get(key) is not None:
+            yield name, f"{summary[key]:.1f} s", ""
 
 
 def _view(run: RunFacts, number: int) -> Html:
@@ -137,7 +167,9 @@ def _view(run: RunFacts, number: int) -> Html:
     data = view_data(run.line, run.places)
     picture = base64.b64encode(png_bytes(still(run.line, *STILL))).decode()
     colourings = [one for one in SURFACES if one in (*data.tops, PLAIN)]
-    truth = run.line.truth is not None
+    shown = {"solid": "solid", "contours": "contour", "touches": "touch"}
+    shown |= {"truth": "truth"} if run.line.truth is not None else {}
+    shown |= {UNTOUCHED: "untouched"} if any(one.kind == UNTOUCHED for one in run.places) else {}
     yield f'<div class="view3d" id="view{number}">\n<div class="stage">'
     yield f'<img class="still" alt="{_alt(run)}" src="data:image/png;base64,{picture}">'
     yield "</div>"
@@ -148,10 +180,13 @@ def _view(run: RunFacts, number: int) -> Html:
         '<input type="range" min="0" max="1" step="0.001" value="1" data-control="time" '
         'aria-label="Time of the run">'
     )
-    shown = (("solid", True), *([("truth", False)] if truth else []), ("contours", True))
-    for name, on in (*shown, ("touches", False)):
-        checked = " checked" if on else ""
-        yield f'<label><input type="checkbox" data-control="{name}"{checked}> {name}</label>'
+    for name, quantity in shown.items():
+        checked = " checked" if quantity in SHOWN_AT_FIRST else ""
+        control = "untouched" if name == UNTOUCHED else name
+        yield (
+            f'<label><input type="checkbox" data-control="{control}"{checked}> '
+            f'<i class="swatch" style="background: {COLOURS[quantity]}"></i> {name}</label>'
+        )
     yield '<label>colour <select data-control="colour">'
     yield from (f'<option value="{one}">{one}</option>' for one in colourings)
     yield "</select></label>"
@@ -168,12 +203,12 @@ def _alt(run: RunFacts) -> str:
 
 def _scale(tops: dict[str, float]) -> Html:
     """The scale of each colouring."""
-    ramp = ", ".join(hex_colour(one, 16.0) for one in range(17))
+    ramp = css_ramp(of_surface=True)
     yield '<div class="scale">'
     for name, top in tops.items():
         yield (
-            f'<div data-colouring="{name}"><div class="ramp" style="background: linear-gradient('
-            f'to right, {ramp})"></div><div class="ends"><span>0</span>'
+            f'<div data-colouring="{name}"><div class="ramp" style="background: {ramp}">'
+            f'</div><div class="ends"><span>0</span>'
             f"<span>{1e3 * top:g} and over</span></div><div>{SURFACES[name]}</div></div>"
         )
     yield "</div>"
@@ -182,17 +217,19 @@ def _scale(tops: dict[str, float]) -> Html:
 def _cost(run: RunFacts, _: int) -> Html:
     if not (run.summary["curve"] or run.summary["steps"]):
         return
-    yield from _picture(
-        launch.draw_svg(run.summary),
-        "True error and stated bound against touches, robot time and compute time, and where the "
-        "processor's time went",
-    )
+    for fit, layout in COST_LAYOUTS.items():
+        yield _picture(
+            launch.draw_svg(run.summary, layout),
+            "True error and error bound against touches, robot time and compute time, and where "
+            "the processor's time went",
+            fit,
+        )
 
 
-def _picture(svg: str, alt: str) -> Html:
-    """A drawing, whose style stays its own."""
+def _picture(svg: str, alt: str, fit: str) -> str:
+    """A drawing, whose style stays its own, shown where it `fit`s."""
     data = base64.b64encode(svg.encode("utf-8", "replace")).decode()
-    yield f'<div class="scroll"><img alt="{alt}" src="data:image/svg+xml;base64,{data}"></div>'
+    return f'<img class="fit {fit}" alt="{alt}" src="data:image/svg+xml;base64,{data}">'
 
 
 def _contours(run: RunFacts, number: int) -> Html:
@@ -269,8 +306,21 @@ def _diagnostics(run: RunFacts, number: int) -> Html:
 
 
 def _graph(run: RunFacts, _: int) -> Html:
-    if run.graph:
-        yield from _picture(run.graph, "Nodes of the run, and the topics between them")
+    if run.graph is None:
+        return
+    yield _picture(
+        draw_svg(run.graph, "Nodes and topics of the run"),
+        "Nodes of the run, and the topics between them",
+        "wide",
+    )
+    yield '<div class="fit middle narrow"><dl class="facts">'
+    names = [one.name for one in run.graph.boxes]
+    for wire in run.graph.wires:
+        targets = ", ".join(names[one] for one in wire.targets)
+        yield f"<dt>{escape(names[wire.source])}</dt>"
+        told = f"{', '.join(wire.labels)} to {targets or 'no node'}"
+        yield f"<dd>{escape(told)}</dd>"
+    yield "</dl></div>"
 
 
 def _reproduce(run: RunFacts, _: int) -> Html:
@@ -303,8 +353,8 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[i
 
 
 SECTIONS: dict[str, Callable[[RunFacts, int], Html]] = {
-    "What was found": _headline,
     "The object": _view,
+    "What was found": _headline,
     "What accuracy cost": _cost,
     "Contours": _contours,
     "Load and latency": _load,

@@ -21,7 +21,7 @@ from palpate.core.touch import SimulatedTouch
 from palpate.launch import millimetres
 from palpate.launch.files import InputError
 from palpate.nodes import simulator, specs
-from palpate.tools.graph_drawing import draw_svg, sketch_of
+from palpate.tools.graph_drawing import Sketch, sketch_of
 from palpate.tools.scene_text import effect_parameters
 from palpate.tools.view import Timeline, read_timeline
 
@@ -29,10 +29,11 @@ MOST_LOGGED = 40  # Warnings and errors that are shown
 TRIED = 48  # Touches over which the cost of an effect is measured
 RETRACTED, REACH, DEPTH = 5e-3, 10e-3, 0.5e-3  # How those begin before the surface, and go on, m
 MOST_PLACES = 24  # Of one kind that lead to their place
+UNTOUCHED = "untouched places"  # Kind of a place that is far from every touch
 LEAST_OUTLIER = 5.0  # Times the median residual, from which a touch fits badly
 SURE: dict[str, type | tuple[type, ...]] = {  # Of every summary; whatever else may be null
     "reason": str, "touches": int, "contours": int, "robot_time_s": (int, float),
-    "nodes": dict, "curve": list, "missed": list,
+    "nodes": dict, "curve": list, "missed": list, "criteria": list,
 }  # fmt: skip
 PALPATE_FILES = ("scene.yaml", "launch.yaml")  # What a run needs to be run again
 
@@ -64,7 +65,7 @@ class RunFacts:
     places: tuple[Place, ...]
     contour_deviations: dict[int, Floats]  # Of each contour's points from the truth (n,), m
     effects: tuple[EffectCost, ...] | None  # None where nobody can tell what was simulated
-    graph: str  # SVG of the wiring; empty where the launch file cannot be read any more
+    graph: Sketch | None  # The wiring; None where the launch file cannot be read any more
     files: dict[str, str]  # Scene and launch file as text, by name
     log: tuple[dict[str, Any], ...]  # Warnings and errors
 
@@ -142,7 +143,8 @@ def places_of(line: Timeline, summary: dict[str, Any]) -> Iterator[Place]:
             yield Place("touches that fit badly", text, touch.time, place)
     for number, point in enumerate(summary.get("open_places_m") or (), 1):
         at = ", ".join(f"{1e3 * one:.0f}" for one in point)
-        yield Place("not touched", f"{number}: at ({at}) mm", line.end, np.array(point))
+        text = f"{number}: at ({at}) mm" if number > 1 else "1: the widest"
+        yield Place(UNTOUCHED, text, line.end, np.array(point))
 
 
 def _dropped(line: Timeline) -> Iterator[Place]:
@@ -160,17 +162,17 @@ def _dropped(line: Timeline) -> Iterator[Place]:
 
 def _from_launch_file(
     folder: Path, line: Timeline | None
-) -> tuple[tuple[EffectCost, ...] | None, str]:
+) -> tuple[tuple[EffectCost, ...] | None, Sketch | None]:
     """What the effects cost, and the wiring, as far as the launch file can be read here."""
     path = folder / "launch.yaml"
     if not path.is_file():
-        return None, ""
+        return None, None
     try:
         described = launch.describe(path, {}, folder)
         wirings = described.graph.wirings()
-        graph = draw_svg(sketch_of(described.graph), "Nodes and topics of the run")
+        graph = sketch_of(described.graph)
     except InputError:  # it names files or modules that are no longer there
-        return None, ""
+        return None, None
     hands = [one.params for one in wirings if isinstance(one.params, simulator.Params)]
     if not hands or (hands[0].effects and (line is None or not line.touches)):
         return None, graph  # no simulator, or no touch over which to measure
@@ -220,11 +222,13 @@ def ratio_rows(summaries: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[
 # Figures that are compared: how they are called, what they are multiplied by, their unit.
 COMPARED = {
     "rms_m": ("rms error", 1e3, "mm"),
-    "rms_bound_95_m": ("95 % bound", 1e3, "mm"),
+    "rms_bound_95_m": ("error bound", 1e3, "mm"),
+    "tolerance_m": ("tolerance", 1e3, "mm"),
+    "largest_untouched_m": ("untouched gap", 1e3, "mm"),
     "p95_m": ("95 % quantile", 1e3, "mm"),
     "hausdorff_m": ("largest distance", 1e3, "mm"),
     "sampling_floor_m": ("sampling floor", 1e3, "mm"),
-    "open_share": ("not touched", 1e2, "%"),
+    "open_share": ("unknown share", 1e2, "%"),
     "touches": ("touches", 1.0, ""),
     "contours": ("contours", 1.0, ""),
     "robot_time_s": ("robot time", 1.0, "s"),

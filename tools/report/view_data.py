@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.core import Floats, Ints
-from palpate.launch import millimetres
+from palpate.launch import COLOURS, millimetres
 from palpate.messages.types import Contour, ShapeModel
-from palpate.tools.report.run_facts import Place
+from palpate.tools.report.run_facts import UNTOUCHED, Place
 from palpate.tools.surfaces import hex_colour, scale_top, vertex_scalars
 from palpate.tools.view import TRACED, Timeline
 
@@ -92,8 +92,9 @@ def view_data(line: Timeline, places: Sequence[Place]) -> ViewData:
         "middle": middle.tolist(),
         "size": size,
         "end": math.ceil(1e3 * line.end) / 1e3,
-        "colourings": [*tops, PLAIN],
-        "viridis": [hex_colour(shade, SHADES) for shade in range(SHADES + 1)],
+        "colourings": [PLAIN, *tops],
+        "colours": COLOURS,
+        "shades": [hex_colour(SHADES - shade, SHADES) for shade in range(SHADES + 1)],
         "models": [
             {
                 "time": model.robot_time,
@@ -109,7 +110,10 @@ def view_data(line: Timeline, places: Sequence[Place]) -> ViewData:
         "truth": line.truth and arrays.surface(line.truth.floor_vertices, line.truth.floor_faces),
         "contours": [_contour(one, arrays) for one in line.contours],
         "touches": _touches(line, arrays),
-        "places": [{"time": one.time, "point": one.point.tolist()} for one in places],
+        "places": [
+            {"time": one.time, "point": one.point.tolist(), "untouched": one.kind == UNTOUCHED}
+            for one in places
+        ],
     }
     return ViewData(json.dumps(told, allow_nan=False), arrays.text(), tops)
 

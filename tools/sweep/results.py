@@ -42,9 +42,31 @@ COSTS = {"touches": "touches", "robot_time_s": "robot seconds", "compute_s": "co
 ERROR, BOUND, FLOOR = "rms_m", "rms_bound_95_m", "sampling_floor_m"  # What is drawn upwards
 LINKS = ("", REPORT, "cost.svg", "summary.json")  # Of a run, where they are there
 COLOURS = 8
-LEFT, RIGHT, TOP, BOTTOM, WIDTH, HEIGHT = 66.0, 884.0, 14.0, 416.0, 900.0, 462.0  # Pixels
 APART = 16.0  # Pixels between the numbers of two runs on the front
-MOST_TICKS = 12
+TICK_ROOM = {"across": 60.0, "up": 32.0}  # Pixels between two ticks at least
+
+
+class Frame(NamedTuple):
+    """Where a chart has its axes, in pixels."""
+
+    width: float
+    height: float
+    left: float = 66.0
+    top: float = 14.0
+
+    @property
+    def right(self) -> float:
+        """The end of the axis across."""
+        return self.width - 16.0
+
+    @property
+    def bottom(self) -> float:
+        """The place of the axis across."""
+        return self.height - 46.0
+
+
+# Each is shown where it fits, so that its words have the size of those of the page.
+FRAMES = {"narrow": Frame(358.0, 330.0), "middle": Frame(670.0, 420.0), "wide": Frame(900.0, 462.0)}
 
 
 class Row(NamedTuple):
@@ -179,28 +201,43 @@ def _chart(
     rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str], folder: Path
 ) -> Iterator[str]:
     """A figure: error against one cost; nothing if no run has both."""
-    kept, best = measured(rows, cost), fronts(rows, cost)
-    if not kept:
+    if not measured(rows, cost):
         return
+    yield f'<figure data-cost="{COSTS[cost]}"><figcaption>Error against {COSTS[cost]}</figcaption>'
+    for fit, frame in FRAMES.items():
+        yield f'<svg class="fit {fit}" viewBox="0 0 {frame.width} {frame.height}" role="img">'
+        yield from _points(rows, cost, series, kinds, folder, frame)
+        yield "</svg>"
+    yield "</figure>"
+
+
+def _points(
+    rows: Sequence[Row],
+    cost: str,
+    series: str,
+    kinds: dict[str, str],
+    folder: Path,
+    frame: Frame,
+) -> Iterator[str]:
+    """The axes of a chart, its fronts and its runs."""
+    kept, best = measured(rows, cost), fronts(rows, cost)
     unit = "mm" if len(best) == 1 else "% of the height"
 
     def height(row: Row, key: str = ERROR) -> float:
         value: float = row.record[key] or 0.0
         return value * (1000.0 if len(best) == 1 else 100.0 / row.record["size_m"])
 
-    x = scale([row.record[cost] for row in kept], LEFT, RIGHT)
+    x = scale([row.record[cost] for row in kept], frame.left, frame.right)
     drawn = [height(row, key) for row in kept for key in (ERROR, BOUND, FLOOR)]
-    y = scale([value for value in drawn if value] or [0.0], BOTTOM, TOP)
-    yield f'<figure data-cost="{COSTS[cost]}"><figcaption>Error against {COSTS[cost]}</figcaption>'
-    yield f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">'
-    yield from _frame(x, y, COSTS[cost], f"root mean square error, {unit}")
+    y = scale([value for value in drawn if value] or [0.0], frame.bottom, frame.top)
+    yield from _axes(frame, x, y, COSTS[cost], f"root mean square error, {unit}")
     for scene, own in best.items():
         if floor := height(own[0], FLOOR):
-            yield f'<path class="floor" d="M{LEFT} {y.at(floor)}H{RIGHT}"/>'
+            yield f'<path class="floor" d="M{frame.left} {y.at(floor)}H{frame.right}"/>'
         way = "".join(f"H{x.at(row.record[cost])}V{y.at(height(row))}" for row in own)
         way = way.replace("H", "M", 1).replace("V", " ", 1)
         colour = kinds.get(scene, "all") if series == "scene" else "all"
-        yield f'<path class="{colour} front" d="{way}H{RIGHT}"/>'
+        yield f'<path class="{colour} front" d="{way}H{frame.right}"/>'
     for row in kept:
         at = x.at(row.record[cost]), y.at(height(row)), y.at(height(row, BOUND))
         yield from _dot(row, kinds[told(row.asked[series])], folder, *at)
@@ -209,7 +246,6 @@ def _chart(
         if (place := x.at(row.record[cost])) - marked >= APART:
             marked = place
             yield f'<text class="mark" x="{place}" y="{y.at(height(row)) + 18}">{row.number}</text>'
-    yield "</svg></figure>"
 
 
 def _dot(row: Row, colour: str, folder: Path, x: float, y: float, bound: float) -> Iterator[str]:
@@ -227,18 +263,28 @@ def _dot(row: Row, colour: str, folder: Path, x: float, y: float, bound: float) 
     yield f'<circle class="{kind}" cx="{x}" cy="{y}" r="5"/></a>'
 
 
-def _frame(x: Scale, y: Scale, across: str, up: str) -> Iterator[str]:
-    size = f'width="{RIGHT - LEFT}" height="{BOTTOM - TOP}"'
-    yield f'<rect class="frame" x="{LEFT}" y="{TOP}" {size}/>'
-    for value in x.ticks(MOST_TICKS):
-        yield f'<path class="grid" d="M{x.at(value)} {BOTTOM}V{TOP}"/>'
-        yield f'<text class="mid" x="{x.at(value)}" y="{BOTTOM + 17}">{value:g}</text>'
-    for value in y.ticks(MOST_TICKS):
-        yield f'<path class="grid" d="M{LEFT} {y.at(value)}H{RIGHT}"/>'
-        yield f'<text class="end" x="{LEFT - 7}" y="{y.at(value) + 4}">{value:g}</text>'
-    middle, low = (LEFT + RIGHT) / 2, f"15 {(TOP + BOTTOM) / 2}"
-    yield f'<text class="mid" transform="translate({middle} {HEIGHT - 8})">{across}</text>'
+def _axes(frame: Frame, x: Scale, y: Scale, across: str, up: str) -> Iterator[str]:
+    left, right, top, bottom = frame.left, frame.right, frame.top, frame.bottom
+    size = f'width="{right - left}" height="{bottom - top}"'
+    yield f'<rect class="frame" x="{left}" y="{top}" {size}/>'
+    for value in _ticks(x, TICK_ROOM["across"]):
+        yield f'<path class="grid" d="M{x.at(value)} {bottom}V{top}"/>'
+        yield f'<text class="mid" x="{x.at(value)}" y="{bottom + 17}">{value:g}</text>'
+    for value in _ticks(y, TICK_ROOM["up"]):
+        yield f'<path class="grid" d="M{left} {y.at(value)}H{right}"/>'
+        yield f'<text class="end" x="{left - 7}" y="{y.at(value) + 4}">{value:g}</text>'
+    middle, low = (left + right) / 2, f"15 {(top + bottom) / 2}"
+    yield f'<text class="mid" transform="translate({middle} {frame.height - 8})">{across}</text>'
     yield f'<text class="mid" transform="translate({low}) rotate(-90)">{up}</text>'
+
+
+def _ticks(axis: Scale, room: float) -> list[float]:
+    """Round values on a scale with so much room for each, in pixels."""
+    kept: list[float] = []
+    for value in axis.ticks(max(2, int(abs(axis.end - axis.start) / room))):
+        if not kept or abs(axis.at(value) - axis.at(kept[-1])) >= 0.6 * room:
+            kept.append(value)
+    return kept
 
 
 def _table(rows: Sequence[Row], folder: Path) -> Iterator[str]:

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from palpate.core import Floats
 from palpate.core.touch import Pad
+from palpate.launch import rgb
 from palpate.launch.files import uncertainties
 from palpate.messages.types import ShapeModel
-from palpate.tools.surfaces import scale_top, thinned, viridis
+from palpate.tools.surfaces import scale_top, shades, thinned
 from palpate.tools.view.drawn import LIGHT, Faces, boundary, contour_segments, growing
 from palpate.tools.view.drawn import lattice_lines, lifted, pad_body, shaded, unlit_glb
 from palpate.tools.view.timeline import Moment, Timeline, Touch
@@ -28,12 +29,12 @@ MOST_TRIANGLES = 20_000  # Of one surface: drawn in software, more are slower th
 MOST_SOLIDS = 48  # Kept in the browser
 CHUNK, EVERY = 32, 2  # Touches whose points are one node, and of which every second is drawn
 POINT, CONTACT, VOXEL = 0.0004, 0.0009, 0.0006  # Radii of points, m
-TINGE, GREY, ORANGE, DARK = (196, 207, 222), (112, 118, 128), (230, 85, 13), (40, 44, 52)
-FREE, UNKNOWN, TRUTH, LATTICE = (35, 139, 69), (158, 154, 200), (240, 140, 60), (90, 90, 160)
+LATTICE = (74, 74, 74)
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # They take long
 AXIS = 0.03  # Length of the pad's axis, m
 GRID, GRID_CELL = 0.4, 0.01  # Side of the floor and of its cells, m
-NARROW = 0.7  # Width by height of a window under which the panel lies over its lower half
+NARROW = 0.7  # Width by height of a window under which the panel lies over its lower part
+SHEET = 0.3  # Share of the height that the panel takes there
 OPENING = 0.6  # Of the camera, radians of the whole height
 
 
@@ -160,7 +161,7 @@ class Scene:
         middle, half = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)) + AXIS
         back = np.array([0.45, -0.82, 0.36]) * half / np.sin(0.5 * OPENING) / min(aspect, 1.0)
         if aspect < NARROW:
-            middle = middle - [0.0, 0.0, 0.4 * np.tan(0.5 * OPENING) * np.linalg.norm(back)]
+            middle = middle - [0.0, 0.0, SHEET * np.tan(0.5 * OPENING) * np.linalg.norm(back)]
         return middle + back, middle
 
     def point(self, camera: viser.CameraHandle) -> None:
@@ -170,14 +171,12 @@ class Scene:
         camera.position, camera.look_at = position, target
 
     def _contours(self, moment: Moment) -> Iterator[str]:
-        """Contours, coloured in their order, and the one that grows."""
+        """Contours, and the one that grows."""
         known = self.line.contours
-        for rank, contour in enumerate(known):
-            name, colour = f"/contours/{contour.id}", _rank_colour(rank, len(known))
+        for contour in known:
+            name = f"/contours/{contour.id}"
             if name not in self._nodes:
-                self._put_lines(name, contour_segments(contour), colour, 4.0)
-            elif (self._nodes[name].colors != colour).any():
-                self._nodes[name].colors = colour
+                self._put_lines(name, contour_segments(contour), rgb("contour"), 4.0)
         yield from (f"/contours/{one.id}" for one in known[: moment.contours])
         done = {one.id for one in known[: moment.contours]}
         past = self.line.touches[: moment.touches]
@@ -185,7 +184,7 @@ class Scene:
             way = growing([one for one in past if one.finger == finger], done)
             if len(way) > 1:
                 pieces = np.stack([way[:-1], way[1:]], axis=1)
-                yield self._put_lines(f"/growing/{finger}", pieces, np.array(ORANGE), 3.0)
+                yield self._put_lines(f"/growing/{finger}", pieces, rgb("contour"), 2.0)
 
     def _points(self, moment: Moment, wishes: Wishes) -> Iterator[str]:
         """Touched points: chunks that are whole, and what is left over."""
@@ -194,7 +193,7 @@ class Scene:
         for number, grasp in enumerate(self.line.grasps[: moment.grasps]):
             name = f"/points/grasp/{number}"
             if name not in self._nodes and len(grasp.points):
-                self._put_points(name, grasp.points, DARK, CONTACT)
+                self._put_points(name, grasp.points, rgb("touch"), CONTACT)
             if name in self._nodes:
                 yield name
         whole = moment.touches // CHUNK
@@ -209,7 +208,7 @@ class Scene:
         if self._chunks.get(name) != known:
             self._chunks[name] = known
             points = np.concatenate([lifted(one)[::EVERY] for one in touches])
-            self._put_points(name, points, GREY, POINT)
+            self._put_points(name, points, rgb("touch"), POINT)
         return name
 
     def _fingers(self, moment: Moment) -> Iterator[str]:
@@ -226,18 +225,18 @@ class Scene:
         if [*map(id, last)] != [*map(id, self._drawn)] and last:
             self._drawn = last
             touched = np.concatenate([lifted(one) for one in last])
-            self._put_points("/patch", touched, ORANGE, CONTACT)
+            self._put_points("/patch", touched, rgb("touch"), CONTACT)
         if last:
             yield "/patch"
 
     def _make_pad(self, name: str, pad: Pad | None) -> None:
         """A pad in its own frame, with the axis along which it presses."""
         assert pad is not None
-        self._put_mesh(name, *pad_body(pad), color=DARK, opacity=0.55, side="double")
+        self._put_mesh(name, *pad_body(pad), color=rgb("finger"), opacity=0.55, side="double")
         self.server.scene.add_line_segments(
             f"{name}/axis",
             np.array([[[0.0, 0.0, -AXIS], [0.0, 0.0, -pad.thickness]]]),
-            DARK,
+            rgb("finger"),
             thickness=4.0,
             thickness_units="screen",
         )
@@ -262,10 +261,10 @@ class Scene:
         self._scales[name] = None if values is None else Scale(colouring, scale_top(values))
         places = model.vertices[kept]
         if values is None:
-            colours = shaded(places, faces, TINGE)
+            colours = np.array(rgb("solid"), np.uint8)
         else:
-            colours = viridis(values, scale_top(values))
-        self._put_glb(name, unlit_glb(places, faces, colours))
+            colours = shades(values, scale_top(values))
+        self._put_glb(name, unlit_glb(places, faces, shaded(places, faces, colours)))
         old = [one for one in self._scales if one not in self._visible and one != name]
         for one in old[: max(0, len(self._scales) - MOST_SOLIDS)]:
             self._nodes.pop(one).remove()
@@ -289,7 +288,7 @@ class Scene:
             if "/truth" not in self._nodes:
                 vertices, faces = truth.floor_vertices, truth.floor_faces  # the coarser ones
                 kept, faces = thinned(vertices, faces, MOST_TRIANGLES)
-                self._put_mesh("/truth", vertices[kept], faces, color=TRUTH, opacity=0.4)
+                self._put_mesh("/truth", vertices[kept], faces, color=rgb("truth"), opacity=0.4)
             yield "/truth"
         control = next((x.control for x in reversed(self.line.models) if x.control.size), None)
         if wishes.lattice and control is not None:
@@ -304,8 +303,8 @@ class Scene:
         space = self.line.space_at(moment)
         if space is None:
             return
-        for kind, wanted, colour in (("free", wishes.free, FREE),
-                                     ("unknown", wishes.unknown, UNKNOWN)):  # fmt: skip
+        for kind, wanted, colour in (("free", wishes.free, rgb("finger")),
+                                     ("unknown", wishes.unknown, rgb("untouched"))):  # fmt: skip
             name = f"/space/{kind}/{space.number}"
             if wanted and name not in self._nodes:
                 self._put_points(name, boundary(space, free=kind == "free"), colour, VOXEL)
@@ -315,8 +314,3 @@ class Scene:
 
 def _solid_name(model: ShapeModel, colouring: Colouring) -> str:
     return f"/solid/{colouring}/{model.number}"
-
-
-def _rank_colour(rank: int, number: int) -> NDArray[np.uint8]:
-    colour: NDArray[np.uint8] = viridis(np.array([float(rank)]), max(number - 1.0, 1.0))[0]
-    return colour

@@ -90,15 +90,18 @@ def boundary(space: SpaceMap, *, free: bool) -> Floats:
     return np.asarray(space.low + space.step * np.argwhere(edge))
 
 
-def shaded(vertices: Floats, faces: Faces, colour: Sequence[int]) -> NDArray[np.uint8]:
-    """Colours (n, 3) of vertices (n, 3) in a light that stands still, cheaper than a lit mesh."""
+def shaded(vertices: Floats, faces: Faces, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Colours (n, 3) of vertices (n, 3) in a light that stands still, cheaper than a lit mesh.
+
+    `colours` in full light: one for each vertex (n, 3), or one for all (3,).
+    """
     a, b, c = vertices[faces].transpose(1, 0, 2)
     areas = np.repeat(np.cross(b - a, c - a), 3, axis=0)
     count = len(vertices)
     normals = np.stack([np.bincount(faces.ravel(), areas[:, i], count) for i in range(3)], axis=1)
     lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
     facing = np.clip(normals @ LIGHT / lengths, -1.0, 1.0)[:, None]
-    return np.asarray(np.rint(np.array(colour) * (0.7 + 0.3 * facing)), np.uint8)
+    return np.asarray(np.rint(colours * (0.7 + 0.3 * facing)), np.uint8)
 
 
 def unlit_glb(vertices: Floats, faces: Faces, colours: NDArray[np.uint8]) -> bytes:

@@ -9,7 +9,7 @@ import math
 import shutil
 import subprocess
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from palpate.core import Floats, advanced_pose
-from palpate.launch import counted
+from palpate.launch import COLOURS, counted
 from palpate.launch.files import InputError, check_new, write_new
-from palpate.tools.surfaces import hex_colour, scale_top, viridis
+from palpate.tools.surfaces import scale_top, shades, viridis
 from palpate.tools.view.picture import FINGER, TOUCHED, draw_moment, finger_mesh
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
 from palpate.tools.view.timeline import Timeline, curve_of
@@ -33,7 +33,9 @@ ENDING = 0.2  # Of it, in which the solid turns, coloured by its deviation
 TURN, LAST_TURN = 60.0, 150.0  # Degrees that the camera goes round before that, and then
 LIFT = 0.012  # By which a finger is drawn off the surface between two touches, m
 TRACE = 400  # Touched points that are drawn at most, the latest
-INK, DIM, ERROR, BOUND, PAGE = "#1f2328", "#59636e", "#1f6feb", "#c2571a", "#ffffff"
+INK, DIM, FRAME, GRID = "#1f2328", "#59636e", "#8c959f", "#e6eaef"
+UNPRESSED = 236  # Grey of a taxel that touches nothing
+SMALLEST_FONT = 8  # pixels
 
 
 class Format(NamedTuple):
@@ -90,7 +92,7 @@ class Film:
         if self.line.models and self.line.surface is not None:
             found = self.line.surface.deviations(self.line.models[-1].vertices)
             self.top = scale_top(found)
-            self.colours = viridis(found, self.top).astype(np.float64)
+            self.colours = shades(found, self.top).astype(np.float64)
 
     def frame(self, share: float) -> Pixels:
         """The picture (height, width, 3) at a share of the film, 0 to 1."""
@@ -131,17 +133,30 @@ class Film:
             self._scale(draw, left, round(40 * unit), right, unit)
         elif moment.touches:
             self._tactile(draw, image, moment.touches - 1, left, round(16 * unit), side)
-        texts = [f"robot time {time:.0f} s", counted(moment.touches, "touch", "touches")]
+        texts = [f"{time:.0f} s robot time", counted(moment.touches, "touch", "touches")]
         texts.append(counted(self.line.traced(moment), "contour"))
         if not moment.touches:
             closed = sum(len(one.points) for one in self.line.grasps[: moment.grasps])
-            texts[1:] = [f"{counted(closed, 'contact')} of the hand"]
-        for row, text in enumerate(texts):
-            at = (left + side + 12 * unit, (22 + 22 * row) * unit)
-            if ending == 0.0:
-                draw.text(at, text, INK, _font(round(13 * unit)))
-        box = (left + 34 * unit, 160 * unit, right, 320 * unit)
+            texts[1:] = [counted(closed, "contact"), "of the hand"]
+        if ending == 0.0:
+            at = left + side + 12 * unit
+            font = _fitting(draw, texts, right - at, round(13 * unit))
+            for row, text in enumerate(texts):
+                draw.text((at, (22 + 22 * row) * unit), text, INK, font)
+        box = (left + 40 * unit, 160 * unit, right, 320 * unit)
         self._curve(draw, time, box, unit)
+        self._legend(draw, left, unit, ending)
+
+    def _legend(self, draw: ImageDraw, width: int, unit: float, ending: float) -> None:
+        """The colours of the scene, below it."""
+        shown = {"solid": "solid", "contour": "contours", "touch": "touches", "finger": "finger"}
+        if ending > 0.0:
+            shown = {"contour": "contours"} if self.colours is not None else {"solid": "solid"}
+        font, x, y = _fitting(draw, [], width, round(11 * unit)), 12 * unit, 340 * unit
+        for quantity, text in shown.items():
+            draw.rectangle((x, y, x + 10 * unit, y + 10 * unit), COLOURS[quantity], FRAME)
+            draw.text((x + 15 * unit, y + 5 * unit), text, INK, font, anchor="lm")
+            x += 30 * unit + draw.textlength(text, font)
 
     def _tactile(
         self, draw: ImageDraw, image: Any, touch: int, left: int, top: int, side: int
@@ -153,19 +168,21 @@ class Film:
             return
         most = max(float(one.compression.max(initial=0.0)) for one in self.line.touches)
         cells = viridis(pressed.ravel(), most or 1.0).reshape(*pressed.shape, 3)
+        cells[pressed <= 0.0] = UNPRESSED
         image.paste(
             Image.fromarray(cells).resize((side, side), Image.Resampling.NEAREST), (left, top)
         )
         draw.text((left, top + side + 4), "compression", DIM, _font(round(0.1 * side)))
 
     def _scale(self, draw: ImageDraw, left: int, top: int, right: int, unit: float) -> None:
-        for x in range(left, right):
-            colour = hex_colour((x - left) / (right - left), 1.0)
-            draw.line([(x, top), (x, top + 14 * unit)], colour)
-        font = _font(round(12 * unit))
+        ramp = shades(np.linspace(0.0, 1.0, right - left), 1.0)
+        for x, colour in enumerate(ramp.tolist(), left):
+            draw.line([(x, top), (x, top + 14 * unit)], tuple(colour))
+        most, what = f"{1e3 * self.top:g} mm and over", "distance from the truth"
+        font = _fitting(draw, [f"0  {most}", what], right - left, round(12 * unit))
         draw.text((left, top + 20 * unit), "0", INK, font)
-        draw.text((right, top + 20 * unit), f"{1e3 * self.top:g} mm", INK, font, anchor="ra")
-        draw.text((left, top + 40 * unit), "distance from the truth", DIM, font)
+        draw.text((right, top + 20 * unit), most, INK, font, anchor="ra")
+        draw.text((left, top + 40 * unit), what, DIM, font)
 
     def _curve(
         self, draw: ImageDraw, time: float, box: tuple[float, float, float, float], unit: float
@@ -179,12 +196,12 @@ class Film:
         left, top, right, bottom = box
         low, high = math.log10(known.min()) - 0.15, math.log10(known.max()) + 0.15
         font, end = _font(round(11 * unit)), max(self.line.end, 1e-9)
-        draw.rectangle(box, outline="#8c959f")
+        draw.rectangle(box, outline=FRAME)
         for power in range(math.ceil(low + 3.0), math.floor(high + 3.0) + 1):
             y = bottom - (power - 3.0 - low) / (high - low) * (bottom - top)
-            draw.line([(left, y), (right, y)], "#e6eaef")
+            draw.line([(left, y), (right, y)], GRID)
             draw.text((left - 5 * unit, y), f"{10.0**power:g}", DIM, font, anchor="rm")
-        for values, colour in ((bounds, BOUND), (errors, ERROR)):
+        for values, colour in ((bounds, COLOURS["bound"]), (errors, COLOURS["error"])):
             shown = (times <= time) & np.isfinite(values) & (values > 0.0)
             across = left + times[shown] / end * (right - left)
             up = bottom - (np.log10(values[shown]) - low) / (high - low) * (bottom - top)
@@ -194,10 +211,14 @@ class Film:
             for x, y in places:
                 draw.ellipse((x - 2 * unit, y - 2 * unit, x + 2 * unit, y + 2 * unit), colour)
         at = left + min(time / end, 1.0) * (right - left)
-        draw.line([(at, top), (at, bottom)], "#8c959f")
-        draw.text((left, top - 16 * unit), "error", ERROR, font)
-        draw.text((left + 36 * unit, top - 16 * unit), "95 % bound, mm", BOUND, font)
-        draw.text((right, bottom + 4 * unit), f"robot time, to {end:.0f} s", DIM, font, anchor="ra")
+        draw.line([(at, top), (at, bottom)], FRAME)
+        words = {"error": "rms error", "bound": "error bound, mm"}
+        font = _fitting(draw, ["   ".join(words.values())], right - left, round(11 * unit))
+        for quantity, text in words.items():
+            draw.text((left, top - 16 * unit), text, COLOURS[quantity], font)
+            left += draw.textlength(f"{text}   ", font)
+        text = f"robot time, to {end:.0f} s"
+        draw.text((right, bottom + 4 * unit), text, DIM, font, anchor="ra")
 
 
 def finger_pose(line: Timeline, time: float) -> Floats:
@@ -212,6 +233,15 @@ def finger_pose(line: Timeline, time: float) -> Floats:
     if not np.isfinite(pose).all() or not pose[3:].any():  # they face each other
         return after.pose
     return advanced_pose(pose, -LIFT * math.sin(math.pi * share))
+
+
+def _fitting(draw: ImageDraw, texts: Sequence[str], width: float, size: int) -> Any:
+    """The largest font, at most of a `size` in pixels, in which no text is wider than `width`."""
+    while size > SMALLEST_FONT and any(
+        draw.textlength(text, _font(size)) > width for text in texts
+    ):
+        size -= 1
+    return _font(size)
 
 
 @cache

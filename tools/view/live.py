@@ -45,6 +45,7 @@ class View:
     server: viser.ViserServer
     line: Timeline
     recorded: bool
+    following: bool = True  # A running graph is shown at its latest, else from its beginning
     when: float = 0.0  # Robot time that is shown, s
     playing: bool = True
     watched: bool = False  # Whether somebody has looked
@@ -54,7 +55,7 @@ class View:
     _drawn: Any = None
 
     def __post_init__(self) -> None:
-        self.panel = panel = Panel(self.server.gui, self.recorded)
+        self.panel = panel = Panel(self.server.gui, self.recorded, self.following)
         self.scene = Scene(self.server, self.line)
         panel.play.on_click(lambda _: self.toggle())
         panel.steps.on_click(lambda event: self.step(1 if event.target.value == FORWARD else -1))
@@ -92,13 +93,19 @@ class View:
             following = not self.recorded and self.panel.follow.value
             if self.playing and following:
                 self.when = self.line.end
-            elif self.playing and (self.watched or not self.recorded):
+            elif self.playing and self.watched:
                 self.when += seconds * SPEEDS[self.panel.speed.value]
             if self.recorded and self.when >= self.line.end:
                 self.when, self.playing = self.line.end, False
             self.when = min(self.when, self.line.end)
             self.draw()
             self.scene.prepare(self.panel.wishes())
+
+    def finish(self) -> None:
+        """Go on as with a recording: the graph has ended."""
+        with self._lock:
+            self.recorded = self.panel.recorded = True
+            self.panel.follow.visible = False
 
     def seek(self, when: float) -> None:
         """Show a robot time, s, and stay there."""
@@ -152,8 +159,9 @@ def view_run(run: Path | None, *, port: int, attached: bool = False, echo: Echo)
                 card = _awaited(run, ended)
                 if card is None and not ended():
                     line = _recorded(run)
-            view = View(server, line, recorded=card is None)
+            view = View(server, line, recorded=card is None, following=not attached)
             if card is not None and show_graph(view, card, ended):
+                view.finish()
                 echo(f"{card.name} has ended; the view stays")
             stay(view, ended)
 

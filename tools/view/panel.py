@@ -12,7 +12,8 @@ import numpy as np
 import viser
 
 from palpate.core import Floats
-from palpate.tools.surfaces import hex_colour, scale_top, viridis
+from palpate.launch import COLOURS
+from palpate.tools.surfaces import css_ramp, scale_top, viridis
 from palpate.tools.view.browser import Scale, Scene, Wishes
 from palpate.tools.view.picture import png_bytes
 from palpate.tools.view.timeline import Moment, Timeline, Touch, curve_of
@@ -23,11 +24,15 @@ WIDTH = 270  # Of the panel of figures, pixels
 IMAGE = 132  # Side of the tactile image, pixels
 UNTOUCHED = 236  # Grey of a taxel that touches nothing
 PLOT_INTERVAL, MOST_PLOTTED = 0.5, 800  # Least time between two drawings, s; points of a plot
-PALE, STRONG, BOUND = "#c3c8d0", "#31688e", "#d95f02"
+PALE, STRONG = "#c3c8d0", "#59636e"
 AXIS: Any = {"ticks": {"show": False}, "grid": {"stroke": "#eceef1", "width": 1}}
 Series = tuple[Floats, ...]
+KEY = {
+    "solid": "solid", "contour": "contours", "touch": "touched", "finger": "finger, swept space",
+    "truth": "true solid", "untouched": "unknown space",
+}  # fmt: skip
 HINTS = {
-    "points": "Grey: touched taxels. Orange: those of the last touch. Dark: contacts of the hand.",
+    "points": "Touched taxels, larger those of the last touch, and contacts of the hand.",
     "truth": "The solid that is touched, where it is known.",
     "lattice": "Control points of the final solid, if it is a deformed prism.",
     "free": "Boundary of what fingers have swept without touching anything.",
@@ -41,6 +46,7 @@ class Panel:
 
     gui: viser.GuiApi
     recorded: bool  # Else the graph still runs
+    following: bool  # Whether it shows the latest at first
     play: Any = field(init=False)
     steps: Any = field(init=False)
     slider: Any = field(init=False)
@@ -63,22 +69,11 @@ class Panel:
         self._state = gui.add_html("")
         self.slider = gui.add_slider("robot time, s", 0.0, 1.0, 0.1, 0.0)
         self.play = gui.add_button("Pause")
-        self.steps = gui.add_button_group("step", (BACK, FORWARD))
-        self.speed = gui.add_dropdown("speed", [*SPEEDS], initial_value="16x")
-        self.follow = gui.add_checkbox("follow the graph", True, visible=not self.recorded)
-        with gui.add_folder("Solid"):
-            colourings = ("plain", "deviation", "uncertainty")
-            self._wishes = {"colouring": gui.add_dropdown("colour", colourings)}
-            self._legend = gui.add_html("")
-            for key, label in (
-                ("points", "touched"),
-                ("truth", "true solid"),
-                ("lattice", "lattice"),
-                ("free", "free space"),
-                ("unknown", "unknown space"),
-            ):
-                wanted = getattr(Wishes(), key)
-                self._wishes[key] = gui.add_checkbox(label, wanted, hint=HINTS[key])
+        # On a telephone a panel of its own is a section that is closed until somebody opens it.
+        more = gui.add_panel()
+        more.dock_below(gui.main_panel)
+        with more.add_tab("Steps and colours"):
+            self._add_choices()
         beside = gui.add_panel()
         beside.dock_left()
         beside.set_width(WIDTH)
@@ -88,9 +83,33 @@ class Panel:
                 "force": self._add_plot("force on the pad, N", (PALE, STRONG)),
                 "rate": self._add_plot("touches in a second", (PALE, STRONG)),
                 "error": self._add_plot(
-                    "error (blue) and bound (orange), mm", (PALE, STRONG, PALE, BOUND), log=True
+                    "error (dark) and error bound (orange), mm",
+                    (PALE, COLOURS["error"], PALE, COLOURS["bound"]),
+                    log=True,
                 ),
             }
+
+    def _add_choices(self) -> None:
+        """Controls that few need at first: steps, speed, and what is to be seen."""
+        gui = self.gui
+        self.steps = gui.add_button_group("step", (BACK, FORWARD))
+        self.speed = gui.add_dropdown("speed", [*SPEEDS], initial_value="16x")
+        self.follow = gui.add_checkbox(
+            "follow the graph", self.following, visible=not self.recorded
+        )
+        colourings = ("plain", "deviation", "uncertainty")
+        self._wishes = {"colouring": gui.add_dropdown("colour", colourings)}
+        self._legend = gui.add_html("")
+        for key, label in (
+            ("points", "touched"),
+            ("truth", "true solid"),
+            ("lattice", "lattice"),
+            ("free", "free space"),
+            ("unknown", "unknown space"),
+        ):
+            wanted = getattr(Wishes(), key)
+            self._wishes[key] = gui.add_checkbox(label, wanted, hint=HINTS[key])
+        gui.add_html(_key_html())
 
     def _add_plot(self, title: str, colours: tuple[str, ...], *, log: bool = False) -> Any:
         lines: Any = [{"stroke": one, "width": 2, "points": {"show": False}} for one in colours]
@@ -195,7 +214,7 @@ def _touch_html(touch: Touch, top: float) -> str:
     source = "data:image/png;base64," + b64encode(png_bytes(colours[::-1])).decode()
     image = f'<img src="{source}" style="width:{IMAGE}px;image-rendering:pixelated">'
     row = f'<div style="display:flex;gap:0.6rem">{image}<div>{words}</div></div>'
-    return _html(row, _bar(f"compression, mm: 0 to {1e3 * top:g}"))
+    return _html(row, _bar(f"compression, mm: 0 to {1e3 * top:g}", of_surface=False))
 
 
 def _state_html(line: Timeline, when: float, moment: Moment) -> str:
@@ -216,6 +235,16 @@ def _state_html(line: Timeline, when: float, moment: Moment) -> str:
     return _html(*told)
 
 
+def _key_html() -> str:
+    """Which colour is what."""
+    box = "display:inline-block;width:0.8em;height:0.8em;border:1px solid #8c959f;background:"
+    parts = (
+        f'<span style="white-space:nowrap"><i style="{box}{COLOURS[quantity]}"></i> {text}</span>'
+        for quantity, text in KEY.items()
+    )
+    return _html(" ".join(parts))
+
+
 def _legend_html(wishes: Wishes, scale: Scale | None, triangles: tuple[int, int]) -> str:
     shown, whole = triangles
     coarse = f"drawn with {shown:,} of its {whole:,} triangles" if shown < whole else ""
@@ -223,13 +252,12 @@ def _legend_html(wishes: Wishes, scale: Scale | None, triangles: tuple[int, int]
         why = "the true solid is not known" if wishes.colouring == "deviation" and whole else ""
         return _html(why, coarse)
     what = {"deviation": "from the true solid", "uncertainty": "standard deviation"}[scale.name]
-    return _html(_bar(f"{what}, mm: 0 to {1e3 * scale.top:g}"), coarse)
+    return _html(_bar(f"{what}, mm: 0 to {1e3 * scale.top:g}", of_surface=True), coarse)
 
 
-def _bar(text: str) -> str:
+def _bar(text: str, *, of_surface: bool) -> str:
     """A bar of all colours, and what they mean."""
-    stops = ",".join(hex_colour(one, 1.0) for one in np.linspace(0.0, 1.0, 9))
-    bar = f"height:10px;border-radius:3px;background:linear-gradient(to right,{stops})"
+    bar = f"height:10px;border-radius:3px;background:{css_ramp(of_surface=of_surface)}"
     low, _, high = text.rpartition(": ")[2].partition(" to ")
     ends = f"<span>{low}</span><span>{text.rpartition(': ')[0]}</span><span>{high}</span>"
     return (

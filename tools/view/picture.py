@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core import Floats, transform_points
-from palpate.tools.surfaces import scale_top, viridis
+from palpate.launch import rgb
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
 from palpate.tools.view.timeline import Moment, Timeline
 
-SOLID = np.array([111.0, 155.0, 209.0])  # Colours, 0 to 255
-CONTOUR = np.array([213.0, 94.0, 0.0])
-LAST_CONTOUR = np.array([204.0, 121.0, 167.0])
-TOUCHED = np.array([40.0, 40.0, 40.0])
-FINGER = np.array([230.0, 159.0, 0.0])
+SOLID, CONTOUR, TOUCHED, FINGER = (
+    np.array(rgb(one), np.float64) for one in ("solid", "contour", "touch", "finger")
+)
 LINE_WIDTH = 2.2  # Pixels
 FINGER_SIDES = 24
 # Radii of the drawn finger, and how far behind its tip, m.
@@ -24,13 +22,9 @@ FINGER_RINGS = ((0.006, 0.03), (0.006, 0.004), (0.0048, 0.0015), (0.0027, 0.0003
 
 
 def still(line: Timeline, width: int, height: int) -> Pixels:
-    """The end of a run (height, width, 3): deviation from the truth where that is known."""
+    """The end of a run (height, width, 3): the solid and its contours."""
     canvas = Canvas(width, height, camera_on(*line.bounds()))
-    colours: Floats = SOLID
-    if line.models and line.surface is not None:
-        deviations = line.surface.deviations(line.models[-1].vertices)
-        colours = viridis(deviations, scale_top(deviations)).astype(np.float64)
-    draw_moment(canvas, line, line.at(np.inf), colours)
+    draw_moment(canvas, line, line.at(np.inf))
     return canvas.image()
 
 
@@ -38,16 +32,13 @@ def draw_moment(canvas: Canvas, line: Timeline, moment: Moment, colours: Floats 
     """Draw the solid of a moment, with a colour or one for each vertex, contours and touches."""
     if moment.models:
         model = line.models[moment.models - 1]
-        canvas.draw_mesh(model.vertices, model.faces, colours, lit=colours.ndim == 1)
+        canvas.draw_mesh(model.vertices, model.faces, colours)
     else:
         points = [one.points for one in line.touches[: moment.touches]]
         points += [one.points for one in line.grasps[: moment.grasps]]
         canvas.draw_points(np.concatenate([np.zeros((0, 3)), *points]), TOUCHED, 1.5)
-    contours = line.contours[: moment.contours]
-    for i, one in enumerate(contours):
-        share = i / max(len(line.contours) - 1, 1)
-        colour = (1.0 - share) * CONTOUR + share * LAST_CONTOUR
-        canvas.draw_line(one.points, colour, LINE_WIDTH, closed=one.status == "closed")
+    for one in line.contours[: moment.contours]:
+        canvas.draw_line(one.points, CONTOUR, LINE_WIDTH, closed=one.status == "closed")
 
 
 def finger_mesh(pose: Floats) -> tuple[Floats, NDArray[np.int32]]:

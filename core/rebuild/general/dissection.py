@@ -11,7 +11,7 @@ scipy factors no sparse symmetric matrix but as a general one.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,11 +113,22 @@ class Factor(NamedTuple):
         return found
 
 
-def factorise(dissection: Dissection, blocks: Floats) -> Factor:
-    """The factor of the sum of positive blocks (m, 64, 64), one a cell."""
+class Blocks(Protocol):
+    """Positive blocks (64, 64), one a cell."""
+
+    def of(self, cells: Longs) -> Floats:
+        """Those of some cells, (c, 64, 64)."""
+
+    @property
+    def largest(self) -> float:
+        """The largest diagonal element of all."""
+
+
+def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
+    """The factor of the sum of the blocks of all cells."""
     corners, sides = [], []
     left: dict[int, Floats] = {}  # Lower triangles over borders
-    ridge = RIDGE * float(np.einsum("mii->mi", blocks).max())
+    ridge = RIDGE * blocks.largest
     place = np.empty(dissection.size, np.int64)
     for number, front in enumerate(dissection.fronts):
         count, size = len(front.own), len(front.own) + len(front.border)
@@ -126,7 +137,7 @@ def factorise(dissection: Dissection, blocks: Floats) -> Factor:
         if len(front.cells):
             at = place[dissection.local[front.cells]]
             flat = at[:, :, None] + size * at[:, None, :]
-            sums = np.bincount(flat.ravel(), blocks[front.cells].ravel(), size * size)
+            sums = np.bincount(flat.ravel(), blocks.of(front.cells).ravel(), size * size)
             matrix += sums.reshape((size, size), order="F")
         for part in front.parts:
             _add_lower(matrix, left.pop(part), place[dissection.fronts[part].border])

@@ -81,6 +81,35 @@ class Fitted(NamedTuple):
     order: Dissection
 
 
+class CellBlocks(NamedTuple):
+    """Blocks (64, 64) of the cells of a band, made when they are asked for: all fill memory."""
+
+    rows: Floats  # Weighed rows of the points in the order of their cells, (k, 4, 64)
+    cell: Ints  # Cell of each point, ascending, (k,)
+    regular: Floats  # What is in each block, (64, 64)
+
+    def of(self, cells: Longs) -> Floats:
+        """The blocks of some cells, (c, 64, 64)."""
+        found = np.empty((len(cells), LOCAL, LOCAL))
+        found[:] = self.regular
+        starts, ends = (np.searchsorted(self.cell, cells, side) for side in ("left", "right"))
+        for place in np.flatnonzero(ends > starts):
+            rows = self.rows[starts[place] : ends[place]].reshape(-1, LOCAL)
+            found[place] += rows.T @ rows
+        return found
+
+    @property
+    def largest(self) -> float:
+        """The largest diagonal element of all blocks."""
+        if not len(self.cell):
+            return float(self.regular.diagonal().max())
+        starts = np.flatnonzero(np.diff(self.cell, prepend=-1))
+        squares = np.add.reduceat((self.rows**2).sum(axis=1), starts)
+        most = (squares + self.regular.diagonal()).max(axis=1).argmax()
+        block = self.of(self.cell[starts[most], None].astype(np.int64))[0]
+        return float(block.diagonal().max())
+
+
 class Equations:
     """Rows of touched points over a band, and their normal equations."""
 
@@ -117,21 +146,14 @@ class Equations:
             shape=(len(order), 3 * count),
         )
 
-    def blocks(self, shares: Floats, regular: Floats) -> Floats:
-        """Sums of products of rows by cell, (m, 64, 64), and what is regular in each, (64, 64).
+    def blocks(self, shares: Floats, regular: Floats) -> CellBlocks:
+        """Sums of products of rows by cell, and what is regular in each, (64, 64).
 
         `shares` (k,) weigh the points.
         """
-        found = np.empty((len(self.band.cells), LOCAL, LOCAL))
-        found[:] = regular
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
         scaled = (self.rows * (shares / scale[:, None])[..., None]).transpose(1, 0, 2)
-        starts = np.flatnonzero(np.diff(self.cell, prepend=-1))
-        ends = np.append(starts[1:], len(self.cell))
-        for start, end in zip(starts, ends, strict=True):
-            rows = scaled[start:end].reshape(-1, LOCAL)
-            found[self.cell[start]] += rows.T @ rows
-        return found
+        return CellBlocks(np.ascontiguousarray(scaled), self.cell, regular)
 
     def right_side(self, shares: Floats) -> Floats:
         """What the normals ask of the gradients, (n,)."""

@@ -6,13 +6,14 @@ that it enters. Where touches lie close together a finer spline is fitted over i
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
-from palpate.core.arrays import Floats, Ints, finite_array, positive
+from palpate.core.arrays import Floats, Ints, check_extent, finite_array, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
@@ -34,6 +35,26 @@ MOST_POINTS = 30_000  # More are thinned out
 ROUNDS = 2
 LEAST_SLOPE = 0.3  # Of the spline's gradient: a flatter one is no distance
 FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
+
+
+class GridSettings(NamedTuple):
+    """How large objects may be, and how fine their grids: so that a fit stays within 2 GB.
+
+    The factor of a ball's band of 16,000 cells takes 0.6 GB, that of 51,000 cells 2.3 GB.
+    """
+
+    max_extent: float = 1.0  # [m] of all points
+    max_cells: int = 30_000  # of a spline's band
+    cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
+    max_voxels: float = 8e6  # of the coarse solid, its mirror image and margin apart
+
+
+def least_cell(points: Floats, settings: GridSettings | None = None) -> float:
+    """Edge of the smallest cells that a fit of points (n, 3) may have [m]."""
+    settings = settings or GridSettings()
+    by_band = settings.cells_per_square * _hull_area(points) / settings.max_cells
+    by_voxels = 2.0 * float(np.prod(np.ptp(points, axis=0))) / settings.max_voxels
+    return max(math.sqrt(by_band), math.cbrt(by_voxels) / VOXELS)
 
 
 def fitting_cell(contacts: ContactPoints) -> float:
@@ -61,8 +82,9 @@ def rebuild_general(
     for all, as a pad does. `free` (k, 3): places that a finger has swept. `platform`: height on
     which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
     standard deviation of a touch's place. `folds`: quarters of the touches that are left out in
-    turn, to predict them. Raises ValueError without normals, if they disagree, or
-    if all lies in one plane.
+    turn, to predict them. Cells are larger where an object is so large that there would be too
+    many (`GridSettings`). Raises ValueError without normals, if they disagree, if all lies in one
+    plane, or in more than a metre: coordinates are in metres.
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
@@ -72,8 +94,10 @@ def rebuild_general(
     if contacts.normals is None or not len(contacts.points):
         raise ValueError("patches must have points and normals for a general solid, got none")
     positive("cell", cell, "m")
+    check_extent("patches", contacts.points, GridSettings().max_extent)
     if is_flat(contacts.points):
         raise ValueError("patches must not all lie in one plane")
+    cell = max(cell, least_cell(contacts.points))
     touched = _thinned(contacts)
     touched = touched if outward else oriented(touched).contacts
     with step("topology"):

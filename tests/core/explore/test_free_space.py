@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.core.explore import empty_map, spanned_places, swept_places
-from palpate.core.explore.free_space import FREE, PRESSED, TOUCHED, UNKNOWN
+from palpate.core.explore.free_space import FREE, MAX_VOXELS, PRESSED, TOUCHED, UNKNOWN, VOXEL
 from palpate.core.poses import pose_of
 from palpate.core.touch import Pad
 
@@ -19,6 +19,13 @@ def test_a_map_reaches_as_far_as_the_finger():
     high = space.low + space.step * (np.array(space.states.shape) - 1)
     assert (high >= [0.05, 0.05, 0.06]).all()
     assert (space.states == UNKNOWN).all()
+
+
+def test_a_map_of_far_reach_has_larger_voxels():
+    near, far = empty_map(0.2, 0.0), empty_map(1.0, 0.0)
+    assert near.step == VOXEL < far.step
+    assert near.states.size < far.states.size < 1.05 * MAX_VOXELS
+    assert (far.low + far.step * (np.array(far.states.shape) - 1) >= 1.0 - 1e-12).all()
 
 
 def test_what_was_touched_once_is_never_freed():

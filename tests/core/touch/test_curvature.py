@@ -62,6 +62,56 @@ def test_under_noise_the_error_is_what_it_says():
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.6
 
 
+@pytest.mark.parametrize("cut", [0.9e-3, 0.7e-3, 0.5e-3, 0.3e-3])
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_errors_of_a_saturated_touch_cover_what_was_cut_off(cut: float, noise: float):
+    rng = np.random.default_rng(0)
+    whole = pressed((0.02, 0.02)) + noise * rng.normal(size=(16, 16))
+    full = surface_patch(whole, PITCH, noise=noise)
+    patch = surface_patch(np.minimum(whole, cut), PITCH, noise=noise)
+    assert (patch.kind, patch.fault) == ("smooth", "saturated")
+    share = float(np.mean(whole[whole > 50e-6] >= cut))
+    assert patch.confidence <= (1.0 - share) * full.confidence + 1e-12
+    for k, error in zip(patch.principal, patch.principal_error, strict=True):
+        assert abs(k - 50.0) < 2.0 * error
+        assert error > 0.9 * share * k
+
+
+@pytest.mark.parametrize(
+    ("image", "given", "kind", "fault"),
+    [
+        (pressed((0.02, 0.02)) - 3e-3, {}, "invalid", "impossible"),
+        (np.full((16, 16), 3e-3), {"thickness": 3e-3, "saturation": 0.8}, "invalid", "impossible"),
+        (np.full((16, 16), 2.4e-3), {"thickness": 3e-3, "saturation": 0.8}, "invalid", "saturated"),
+        (np.full((16, 16), 3e-3), {"radius": 0.015}, "insufficient", "saturated"),
+        (np.minimum(pressed((0.02, 0.02)), 1e-4), {}, "insufficient", "saturated"),
+        (np.full((16, 16), 1e-3), {}, "smooth", "none"),  # a plane that was met squarely
+    ],
+)
+def test_what_no_surface_can_have_made_has_no_curvature(image, given, kind, fault):
+    patch = surface_patch(image, PITCH, **given)
+    assert (patch.kind, patch.fault) == (kind, fault)
+    assert patch.principal == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ({"compression": 800.0 * pressed((0.02, 0.02))}, "compression"),
+        ({"compression": np.full((16, 16), 0.8)}, "compression"),
+        ({"pitch": 1.0}, "pitch"),
+        ({"thickness": 3.0}, "thickness"),
+        ({"radius": 15.0}, "radius"),
+        ({"noise": 0.01}, "noise"),
+        ({"contact": 0.05}, "contact"),
+    ],
+)
+def test_millimetres_are_met_with_a_sentence(given, name):
+    touch = {"compression": pressed((0.02, 0.02)), "pitch": PITCH, **given}
+    with pytest.raises(ValueError, match=rf"{name} is .* m.*; multiply millimetres by 0\.001"):
+        surface_patch(**touch)
+
+
 def test_what_does_not_touch_is_a_miss():
     assert surface_patch(np.zeros((16, 16)), PITCH).kind == "miss"
     assert surface_patch(pressed((0.02, 0.02), depth=4e-4), PITCH, contact=5e-4).kind == "miss"

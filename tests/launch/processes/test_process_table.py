@@ -9,6 +9,8 @@ import pytest
 
 from palpate.launch.processes import process_table as pulse
 from palpate.launch.processes.process_table import (
+    OUT_OF_MEMORY,
+    KilledNodes,
     ProcessState,
     RestartPolicy,
     Watchdog,
@@ -37,6 +39,33 @@ def test_a_node_is_started_again_but_not_in_a_storm_nor_to_die_of_the_same():
     restarts = RestartPolicy({"a": "stop"})
     assert restarts.refusal("a", "hung", False, 0.0) == "a hung"
     assert restarts.counts == {"a": 0}
+
+
+@pytest.mark.parametrize("counts", [(0, 1, 2), (0, 0, 0, 0)])
+def test_a_node_that_is_killed_twice_for_memory_ends_the_run(tmp_path, monkeypatch, counts):
+    told = iter(counts)
+    monkeypatch.setattr(pulse, "memory_kills", lambda: next(told))
+    journal = tmp_path / "journal"
+    journal.write_bytes(b"what was consumed")
+    kills, restarts = KilledNodes({"a": str(journal)}), RestartPolicy({"a": "restart"})
+    answers = []
+    for death in range(len(counts) - 1):
+        kills.begun("a", 100.0 * death)
+        for_memory = kills.for_memory("a", 100.0 * death + 50.0)
+        how = OUT_OF_MEMORY if for_memory else "was killed by SIGKILL"
+        answers.append(restarts.refusal("a", how, False, 100.0 * death))
+    assert answers[-1] == f"a {OUT_OF_MEMORY}; so it did when it was started again"
+    assert answers[:-1] == [None] * (len(counts) - 2)
+
+
+def test_a_node_that_goes_on_after_a_kill_was_killed_by_somebody(tmp_path, monkeypatch):
+    monkeypatch.setattr(pulse, "memory_kills", lambda: 0)
+    journal = tmp_path / "journal"
+    kills = KilledNodes({"a": str(journal)})
+    for death in range(5):
+        kills.begun("a", 100.0 * death)
+        journal.write_bytes(bytes(death))
+        assert not kills.for_memory("a", 100.0 * death + 50.0)
 
 
 PIDS = {"node": 1}

@@ -2,9 +2,11 @@ import os
 import shutil
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
+from palpate.launch.processes.node_status import check_open_files
 from palpate.launch.processes.registry import (
     CARD_FILE,
     GRACE_AGE,
@@ -165,6 +167,33 @@ def test_the_folder_of_the_user_is_preferred_to_the_temporary_one(tmp_path, monk
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with private_folder(None) as folder:
         assert folder.parent == tmp_path
+
+
+def test_a_folder_too_long_for_sockets_is_passed_over(tmp_path, monkeypatch):
+    deep = tmp_path / ("x" * 110)
+    deep.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    monkeypatch.setattr("tempfile.tempdir", str(deep))
+    with private_folder(None) as folder:
+        assert folder.parent == Path("/tmp")
+    assert list(deep.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("limits", "allowed"), [((40, 40), None), ((40, 400), 64), ((64, 64), 64), ((9999, 9999), 9999)]
+)
+def test_as_many_open_files_as_a_graph_needs_are_allowed_or_it_is_refused(
+    limits, allowed, monkeypatch
+):
+    now = [limits]
+    monkeypatch.setattr("resource.getrlimit", lambda _: now[-1])
+    monkeypatch.setattr("resource.setrlimit", lambda _, limits: now.append(limits))
+    if allowed is None:
+        with pytest.raises(ValueError, match=r"8 nodes needs 64 open files, the system allows 40"):
+            check_open_files(8)
+    else:
+        check_open_files(8)
+        assert now[-1] == (allowed, limits[1])
 
 
 def test_nodes_of_any_name_have_addresses_of_their_own(tmp_path):

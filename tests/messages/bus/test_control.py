@@ -102,7 +102,7 @@ def test_words_of_nodes_are_read_as_they_were_sent(word: dict[str, Any]):
     [
         (
             {"kind": "go"},
-            "not a word of ready, alive, finished, count, acknowledged, exiting, failed: .* 'go'",
+            "not a word of ready, alive, finished, count, acknowledged, refused, .*failed: .* 'go'",
         ),
         ({"kind": "exiting"}, "missing required field `status`"),
         ({"kind": "ready", "more": 1}, "unknown field `more`"),

@@ -11,7 +11,9 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
 from palpate.messages.codec import Header, decode, schema, schema_hash
-from palpate.messages.recording.reader import open_recording
+from palpate.messages.fields import MAX_MESSAGE_BYTES
+from palpate.messages.recording.mcap_reading import SMALL_CHUNK_BYTES
+from palpate.messages.recording.reader import ReadablePrefix, RecordingCopy, open_recording
 from palpate.messages.recording.writer import RecordingWriter
 from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.world import World
@@ -54,6 +56,27 @@ def test_metadata_tell_what_wrote_it_and_how_much(
         "counts": {"/log": "5", "/world": "1"},
         "missing": {"/log": "0", "/world": "0"},
     }
+
+
+@pytest.mark.parametrize("size", [SMALL_CHUNK_BYTES - 1, SMALL_CHUNK_BYTES, 20 << 20])
+@pytest.mark.parametrize("content", [b"\0", b"0123456789" * 7])
+def test_large_regular_messages_are_read_back(tmp_path: Path, content: bytes, size: int):
+    bodies = [b"\x80", content * (size // len(content)), b"\x81"]
+    path = tmp_path / "topics.mcap"
+    writer = RecordingWriter(path, {"/world": "World"}, {}, {})
+    for seq, body in enumerate(bodies):
+        writer.write("/world", Header(1, 0, seq, seq, 0.0, WORLD), body)
+    writer.close()
+    assert [kept.body for kept in open_recording(path).messages()] == bodies
+    copy = RecordingCopy(tmp_path / "copy.mcap", "")
+    copy.take(ReadablePrefix(path))
+    copy.close("copied", {})
+    copy.check()
+
+
+def test_a_message_that_no_reader_would_take_is_refused(writer: RecordingWriter):
+    with pytest.raises(ValueError, match=f"at most {MAX_MESSAGE_BYTES} are allowed"):
+        writer.write("/world", Header(1, 0, 0, 0, 0.0, WORLD), bytes(MAX_MESSAGE_BYTES + 1))
 
 
 def test_log_times_never_go_back(writer: RecordingWriter, tmp_path: Path):

@@ -166,7 +166,7 @@ def test_a_model_has_the_colours_of_its_deviation_from_the_truth(record, tetrahe
     assert told["coloured_by"] == "deviation"
     assert float(told["colours_end_m"]) == pytest.approx(0.001, rel=0.1)
     # One corner lies on an edge of the truth, the last sticks out by nearly 1 mm.
-    assert (colours[0], colours[3]) == ([0x44, 0x01, 0x54], [0xFD, 0xE7, 0x25])
+    assert (colours[0], colours[3]) == ([0xFD, 0xE7, 0x25], [0x44, 0x01, 0x54])
 
 
 def test_a_model_without_truth_has_those_of_its_uncertainty_if_it_states_one(record, tetrahedron):
@@ -174,7 +174,7 @@ def test_a_model_without_truth_has_those_of_its_uncertainty_if_it_states_one(rec
     found = export(record([("/model/shape", tetrahedron), ("/model/shape", silent)]))
     told, colours = colours_of(found["/model/shape"][0][2])
     assert told["coloured_by"] == "uncertainty"
-    assert colours == [[0xFD, 0xE7, 0x25]] * 4
+    assert colours == [[0x44, 0x01, 0x54]] * 4
     told, colours = colours_of(found["/model/shape"][1][2])
     assert "coloured_by" not in told
     assert colours == []

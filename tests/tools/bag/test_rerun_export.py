@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from palpate.core.poses import transform_points
+from palpate.launch import rgb
 from palpate.messages.types.catalogue import LogRecord
 from palpate.messages.types.model import PlanEstimate
 from palpate.messages.types.touch import TactileFrame, TactileImage
@@ -200,15 +201,11 @@ def test_the_pad_has_its_pose_and_its_image(logged):
     assert image.tolist() == np.float32([[0.0, 1e-4, 1e-4], [0.0, 1e-4, 1e-4]]).tolist()
 
 
-def test_contours_are_lines_in_the_colours_of_their_order(logged):
+def test_contours_are_lines_in_the_colour_of_contours(logged):
     opened, closed = (one.archetypes["LineStrips3D"] for one in logged["world/contours/7"])
-    (first,) = logged["world/contours/0"]
     assert [len(one.given[0][0]) for one in (opened, closed)] == [3, 4]
     assert closed.given[0][0][-1].tolist() == [0.0, 1.0, 2.0]
-    colours = [first.archetypes["LineStrips3D"], opened, closed]
-    found = [bytes(one.named["colors"]).hex() for one in colours]
-    assert (found[0], found[2]) == ("21918c", "fde725")  # viridis from its middle to its end
-    assert found[1] not in (found[0], found[2])
+    assert opened.named["colors"] == closed.named["colors"] == rgb("contour")
 
 
 def test_a_model_is_a_mesh_with_colours_and_goes_when_there_is_none(logged, tetrahedron):
@@ -218,14 +215,14 @@ def test_a_model_is_a_mesh_with_colours_and_goes_when_there_is_none(logged, tetr
     np.testing.assert_array_equal(mesh["triangle_indices"], tetrahedron.faces)
     assert model.archetypes["AnyValues"].named["coloured_by"] == "deviation"
     # The truth begins 1 mm beside two corners, on it lies the third.
-    assert bytes(mesh["vertex_colors"][0]).hex() == "fde725"
-    assert bytes(mesh["vertex_colors"][1]).hex() != "fde725"
+    assert bytes(mesh["vertex_colors"][0]).hex() == "440154"
+    assert bytes(mesh["vertex_colors"][1]).hex() != "440154"
     normals = mesh["vertex_normals"]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     assert (normals[0] < 0.0).all()
     assert (gone.time, list(gone.archetypes)) == (30.0, ["Clear"])
     truth = logged["world/truth"][0].archetypes["Mesh3D"].named
-    assert np.unique(truth["vertex_colors"]).tolist() == [153]
+    assert np.unique(truth["vertex_colors"]).tolist() == [*{*rgb("truth")}]
 
 
 def test_error_bound_and_log_are_told(logged):

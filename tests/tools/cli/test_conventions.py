@@ -93,7 +93,9 @@ def test_a_budget_that_is_spent_before_the_tolerance_is_met_is_exit_code_1(run):
 TOLD = (
     "bag info RUN", "bag diff RUN RUN", "bag recover RUN -o OUT", "cost RUN", "recognise RUN",
     "score RUN RUN", "export RUN -o RUN/solid.3mf",
-    "replay RUN --nodes filter", "rebuild RUN/points.csv", "scene list",
+    "replay RUN --nodes filter", "replay RUN --set filter.contact=0.0004",
+    "replay RUN --set filter.order=wiener --nodes filter,curvature",
+    "rebuild RUN/points.csv", "scene list",
     "scene check sphere", "scene check worn_sensor", "scene effects", "calibrate sphere --quiet",
     "node kinds", "node kinds planner", "interface list", "interface show ShapeModel", "doctor",
     "gallery --list", "launch explore.yaml --show-args", "launch explore.yaml --print fingers:=3",

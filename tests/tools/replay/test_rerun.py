@@ -179,7 +179,8 @@ def test_a_node_that_raises_now_has_failed_whatever_was_set(record, monkeypatch)
     code, lines = play(record(GOOD))
     assert code == 1
     where = "handling /number 0 from source"
-    assert lines[0] == f"adder: fails, ZeroDivisionError {where}: the step is 0"
+    assert lines[0].startswith(f"adder: fails, ZeroDivisionError {where}: the step is 0 (")
+    assert lines[0].endswith(f"test_rerun.py:{fail.__code__.co_firstlineno + 1} in fail)")
     assert replay(record(GOOD), ["adder"], lines.append, settings=THREE) == 1
 
 

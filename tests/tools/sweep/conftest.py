@@ -26,7 +26,7 @@ RECORD: Record = {
     "robot_time_s": 300.5,
     "compute_s": 4.5,
     "wall_s": 5.5,
-    "reason": "done; final model scored",
+    "reason": "done; the final solid was compared with the true one",
 }
 
 

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import re
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from palpate.launch import scale
-from palpate.tools.sweep.results import FIGURES, MOST_TICKS, Row, page_text
+from palpate.tools.sweep.results import FIGURES, FRAMES, Row, page_text
 
 from .conftest import RECORD
 
@@ -62,8 +63,8 @@ def test_each_dot_and_each_row_leads_to_its_run(rows, tmp_path):
     assert links == {f"runs/{n}/{file}" for n in range(1, 5) for file in ("", "summary.json")}
     assert all((tmp_path / link).exists() for link in links if link)
     assert len(parts.all("figure")) == 3
-    assert len(parts.all("circle", "dot")) == 3 * 3
-    assert len(parts.all("circle", "open")) == 3
+    assert len(parts.all("circle", "dot")) == 3 * 3 * len(FRAMES)
+    assert len(parts.all("circle", "open")) == 3 * len(FRAMES)
     assert len(parts.all("tr")) == 5
 
 
@@ -88,7 +89,7 @@ def test_several_scenes_are_shown_in_shares_of_their_heights(rows, tmp_path):
     rows[0].asked["scene"] = "other"
     text = page_text("s", rows, tmp_path)
     assert "error, % of the height" in text
-    assert len(Parts(text).all("path", "front")) == 2 * 3
+    assert len(Parts(text).all("path", "front")) == 2 * 3 * len(FRAMES)
 
 
 def test_nothing_measured_is_a_page_without_pictures(rows, tmp_path):
@@ -99,10 +100,24 @@ def test_nothing_measured_is_a_page_without_pictures(rows, tmp_path):
 @pytest.mark.parametrize("values", [[1e-5, 3.0], [51.0], [40.0, 45.0], [0.0], [1.0, 1e5], [7, 90]])
 def test_an_axis_has_some_round_numbers_within_it(values):
     axis = scale(values, 66.0, 884.0)
-    ticks = axis.ticks(MOST_TICKS)
-    assert 4 <= len(ticks) <= MOST_TICKS
+    ticks = axis.ticks(12)
+    assert 4 <= len(ticks) <= 12
     assert ticks == sorted(ticks)
     assert all(axis.low <= tick <= axis.high for tick in ticks)
     places = [axis.at(value) for value in values]
     assert all(66.0 < place < 884.0 for place in places)
     assert places == sorted(places)
+
+
+@pytest.mark.parametrize("most", [1.3, 90.0, 1e4])
+def test_numbers_of_an_axis_do_not_touch_at_any_width(rows, tmp_path, most):
+    rows[0].record["touches"] = 40.0 * most
+    pictures = re.findall(r"<svg.*?</svg>", page_text("s", rows, tmp_path), re.DOTALL)
+    assert len(pictures) == 3 * len(FRAMES)
+    for picture in pictures:
+        found = re.findall(r'"mid" x="([\d.]+)" y="[\d.]+">([^<]+)<', picture)
+        spans = sorted(
+            (float(x) - 4.0 * len(told), float(x) + 4.0 * len(told)) for x, told in found
+        )
+        assert len(spans) >= 2
+        assert all(left[1] < right[0] for left, right in pairwise(spans))

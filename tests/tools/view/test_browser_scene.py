@@ -179,6 +179,21 @@ def test_a_running_graph_is_followed_until_somebody_looks_back(server, run_folde
     assert view.when == past.touches[-1].time
 
 
+def test_a_run_that_is_watched_late_is_shown_from_its_beginning(server, run_folder):
+    line = read_timeline(run_folder)
+    view = View(server, line, recorded=False, following=False)
+    view.pass_time(10.0)
+    assert view.when == 0.0  # nobody has looked yet
+    view.watched = True
+    view.pass_time(1.0)
+    assert 0.0 < view.when < line.end
+    view.finish()
+    view.pass_time(1e4)
+    assert (view.when, view.playing) == (line.end, False)
+    view.toggle()
+    assert view.when == 0.0
+
+
 def test_only_so_many_solids_are_kept_in_the_browser(view):
     model = view.line.models[0]
     more = range(MOST_SOLIDS + 20)

@@ -64,6 +64,18 @@ def test_the_finger_is_on_the_surface_at_a_touch_and_off_it_between(line):
         assert between[:3] == pytest.approx(middle - LIFT * axis, abs=1e-9)
 
 
+@pytest.mark.parametrize("size", [(640, 360), (960, 540)])
+def test_no_word_of_a_film_reaches_its_edge(line, size):
+    long = Timeline(
+        pad=line.pad, grasps=200 * line.grasps, scores=line.scores, estimates=line.estimates
+    )
+    long.touches = [one._replace(time=1e4 * one.time) for one in line.touches]
+    for share in (0.0, 0.02, 0.5, 0.79, 1.0):
+        picture = Film(long, *size).frame(share)
+        assert (picture[:, -size[0] // 50 :] == 255).all()
+        assert (picture[-2:, -size[0] // 3 :] == 255).all()
+
+
 @pytest.mark.parametrize(
     ("name", "why"), [("run.avi", "must end in .mp4 or .gif"), ("there.gif", "exists already")]
 )

@@ -1,7 +1,8 @@
 // The three-dimensional view of a report: solids, truth, contours and touches through a run.
 //
-// Draws only when something has changed. Colours are those of the scale beside the picture, exactly:
-// values are unlit and nothing is tone-mapped. Several views on a page turn together.
+// Draws only when something has changed. Every surface is lit from beside the eye, so that its shape
+// is seen: a colour is that of the legend or the scale, times a brightness from AMBIENT to 1. Nothing
+// is tone-mapped. Several views on a page turn together.
 
 import {
   AmbientLight,
@@ -12,7 +13,6 @@ import {
   DoubleSide,
   LinearSRGBColorSpace,
   Mesh,
-  MeshBasicMaterial,
   MeshLambertMaterial,
   PerspectiveCamera,
   Points,
@@ -29,7 +29,7 @@ import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js
 ColorManagement.enabled = false;
 const views = [];
 const KINDS = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
-const PLAIN = 0x6f9bd1, TRUTH = 0x9a9a9a, TOUCH = 0x222222, MARK = 0xd55e00;
+const AMBIENT = 0.5; // Brightness of a surface that turns away from the light
 
 // The arrays of a payload: base64 of gzip, with an index of name to [kind, offset, length].
 async function unpack(text) {
@@ -47,7 +47,7 @@ class View {
     this.root = root;
     this.told = told;
     this.arrays = arrays;
-    this.viridis = told.viridis.map((one) => [1, 3, 5].map((i) => parseInt(one.slice(i, i + 2), 16)));
+    this.shades = told.shades.map((one) => [1, 3, 5].map((i) => parseInt(one.slice(i, i + 2), 16)));
     this.colouring = told.colourings[0];
     this.scene = new Scene();
     this.renderer = new WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
@@ -56,8 +56,9 @@ class View {
     this.camera = new PerspectiveCamera(28, 1, told.size / 100, told.size * 50);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
-    this.light = new DirectionalLight(0xffffff, 2.0);
-    this.scene.add(new AmbientLight(0xffffff, 1.4), this.light);
+    // A Lambert surface sends back 1 / pi of what it receives.
+    this.light = new DirectionalLight(0xffffff, Math.PI * (1 - AMBIENT));
+    this.scene.add(new AmbientLight(0xffffff, Math.PI * AMBIENT), this.light);
     this.build();
     this.listen();
     this.home();
@@ -68,19 +69,41 @@ class View {
   build() {
     const { told } = this;
     this.models = told.models.map(() => null);
-    this.contours = told.contours.map((one, i) => this.line(one, i));
+    this.contours = told.contours.map((one) => this.line(one));
     const points = this.places(told.touches.points);
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(points, 3));
     const size = 2.5 * this.renderer.getPixelRatio();
-    const dots = new PointsMaterial({ color: TOUCH, size, sizeAttenuation: false });
+    const dots = new PointsMaterial({ color: told.colours.touch, size, sizeAttenuation: false });
     this.touches = new Points(geometry, dots);
     const mark = new BufferGeometry();
     mark.setAttribute("position", new BufferAttribute(new Float32Array(3), 3));
-    const ring = new PointsMaterial({ color: MARK, size: 16, sizeAttenuation: false, depthTest: false });
-    this.mark = new Points(mark, ring);
+    this.mark = new Points(mark, this.spots(14));
+    this.mark.material.depthTest = false;
     this.mark.visible = false;
-    this.scene.add(this.touches, this.mark);
+    const untouched = new BufferGeometry();
+    const middles = told.places.filter((one) => one.untouched).flatMap((one) => one.point);
+    untouched.setAttribute("position", new BufferAttribute(new Float32Array(middles), 3));
+    this.untouched = new Points(untouched, this.spots(9));
+    this.scene.add(this.touches, this.mark, this.untouched);
+  }
+
+  // Round marks of a size in pixels. They lie on the surface, or a little under it, and are drawn
+  // as if they were nearer to the eye.
+  spots(size) {
+    const color = this.told.colours.untouched;
+    const scaled = size * this.renderer.getPixelRatio();
+    const material = new PointsMaterial({ color, size: scaled, sizeAttenuation: false });
+    const lift = (0.05 * this.told.size).toExponential();
+    material.onBeforeCompile = (shader) => {
+      shader.vertexShader = shader.vertexShader.replace("#include <project_vertex>", `
+        #include <project_vertex>
+        vec4 nearer = projectionMatrix * (mvPosition + vec4(0.0, 0.0, ${lift}, 0.0));
+        gl_Position.z = nearer.z / nearer.w * gl_Position.w;`);
+      shader.fragmentShader = shader.fragmentShader.replace("#include <clipping_planes_fragment>",
+        "if (length(gl_PointCoord - 0.5) > 0.5) discard;\n#include <clipping_planes_fragment>");
+    };
+    return material;
   }
 
   places(place) {
@@ -99,7 +122,7 @@ class View {
   }
 
   makeTruth() {
-    const material = { color: TRUTH, transparent: true, opacity: 0.45, depthWrite: false };
+    const material = { color: this.told.colours.truth, transparent: true, opacity: 0.45, depthWrite: false };
     this.truth = new Mesh(
       this.geometry(this.told.truth), new MeshLambertMaterial({ ...material, side: DoubleSide }));
     this.truth.geometry.computeVertexNormals();
@@ -112,10 +135,11 @@ class View {
     const geometry = this.geometry(one);
     const colours = new BufferAttribute(new Uint8Array(geometry.attributes.position.count * 3), 3, true);
     geometry.setAttribute("color", colours);
+    geometry.computeVertexNormals();
     const mesh = new Mesh(geometry);
     mesh.userData = {
-      plain: new MeshLambertMaterial({ color: PLAIN, side: DoubleSide, ...offset }),
-      valued: new MeshBasicMaterial({ vertexColors: true, side: DoubleSide, ...offset }),
+      plain: new MeshLambertMaterial({ color: this.told.colours.solid, side: DoubleSide, ...offset }),
+      valued: new MeshLambertMaterial({ vertexColors: true, side: DoubleSide, ...offset }),
       values: Object.fromEntries(
         Object.entries(one.values).map(([name, place]) => [name, this.arrays(place)])),
     };
@@ -123,7 +147,7 @@ class View {
     return mesh;
   }
 
-  line(one, i) {
+  line(one) {
     const points = this.places(one.points);
     const count = points.length / 3;
     const ends = new Float32Array(6 * Math.max(one.closed ? count : count - 1, 0));
@@ -132,9 +156,9 @@ class View {
       const next = (k + 1) % count;
       ends.set(points.subarray(3 * next, 3 * next + 3), 6 * k + 3);
     }
-    const share = this.told.contours.length > 1 ? i / (this.told.contours.length - 1) : 0;
     const geometry = new LineSegmentsGeometry().setPositions(ends);
-    const line = new LineSegments2(geometry, new LineMaterial({ color: orderColour(share), linewidth: 3 }));
+    const material = new LineMaterial({ color: this.told.colours.contour, linewidth: 3 });
+    const line = new LineSegments2(geometry, material);
     this.scene.add(line);
     return line;
   }
@@ -144,10 +168,9 @@ class View {
     const { plain, valued, values, painted } = mesh.userData;
     const chosen = values[this.colouring];
     mesh.material = chosen ? valued : plain;
-    if (!chosen && !mesh.geometry.attributes.normal) mesh.geometry.computeVertexNormals();
     if (!chosen || painted === this.colouring) return;
     const colours = mesh.geometry.attributes.color;
-    chosen.forEach((value, i) => colours.array.set(this.viridis[value], 3 * i));
+    chosen.forEach((value, i) => colours.array.set(this.shades[value], 3 * i));
     colours.needsUpdate = true;
     mesh.userData.painted = this.colouring;
   }
@@ -156,7 +179,7 @@ class View {
     const find = (name) => this.root.querySelector(`[data-control=${name}]`);
     this.slider = find("time");
     this.readout = find("readout");
-    this.showing = Object.fromEntries(["solid", "truth", "contours", "touches"].map((name) => {
+    this.showing = Object.fromEntries(["solid", "truth", "contours", "touches", "untouched"].map((name) => {
       const box = find(name);
       box?.addEventListener("change", () => this.update());
       return [name, () => box?.checked ?? false];
@@ -241,11 +264,14 @@ class View {
     const touches = by(this.told.touches.times);
     this.touches.geometry.setDrawRange(0, touches ? this.told.touches.ends[touches - 1] : 0);
     this.touches.visible = this.showing.touches();
+    this.untouched.visible = this.showing.untouched() && time >= this.told.end - 1e-9;
     if (this.truth || this.showing.truth()) (this.truth ?? this.makeTruth()).visible = this.showing.truth();
     const told = model < 0 ? "no model yet" : this.told.models[model].told;
     const traced = this.told.contours.slice(0, contours).filter((one) => one.traced).length;
     const counts = `${counted(touches, "touch", "es")}, ${counted(traced, "contour", "s")}`;
-    this.readout.textContent = `${time.toFixed(1)} s, ${counts}: ${told}`;
+    // What holds at the end stands on the page already.
+    const ended = Number(this.slider.value) >= 1;
+    this.readout.textContent = ended ? "end of the run" : `${time.toFixed(1)} s, ${counts}: ${told}`;
     const scale = this.root.querySelector(".scale");
     scale.hidden = this.colouring === "plain";
     for (const bar of scale.querySelectorAll("[data-colouring]")) {
@@ -274,13 +300,6 @@ class View {
       window.palpateFirstPicture ??= performance.now();
     });
   }
-}
-
-// From orange to purple, in the order in which contours were traced.
-function orderColour(share) {
-  const [from, to] = [[213, 94, 0], [204, 121, 167]];
-  const mixed = from.map((one, i) => Math.round(one + share * (to[i] - one)));
-  return (mixed[0] << 16) | (mixed[1] << 8) | mixed[2];
 }
 
 function counted(number, one, more) {

@@ -16,6 +16,8 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import GeneralSolid, oriented, rebuild_general
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
 from palpate.core.rebuild.general.dissection import dissect, factorise
+from palpate.core.rebuild.general.fitting import CellBlocks
+from palpate.core.rebuild.general.rebuilding import GridSettings, least_cell
 
 PAGE = Path(__file__).parents[4] / "docs" / "general.md"
 RADIUS, TUBE = 0.028, 0.011  # Of a torus, m
@@ -165,8 +167,31 @@ def test_dissection_solves_what_a_dense_matrix_does():
     for local, block in zip(band.local, blocks, strict=True):
         dense[np.ix_(local, local)] += block
     right = rng.normal(size=count)
-    found = factorise(dissect(band.cells, band.local, count), blocks).solve(right)
+    given = CellBlocks(
+        rows[:, None].reshape(-1, 1, 64), np.repeat(np.arange(len(rows)), 70), 0.0 * blocks[0]
+    )
+    found = factorise(dissect(band.cells, band.local, count), given).solve(right)
     assert found == pytest.approx(np.linalg.solve(dense, right), rel=1e-5, abs=1e-9)
+
+
+def test_points_in_millimetres_are_met_with_a_sentence():
+    touched = torus_touches()
+    far = ContactPoints(1e3 * touched.points, touched.normals, touched.touch)
+    with pytest.raises(ValueError, match=r"span 77\.\d+ m.* multiply millimetres by 0\.001"):
+        rebuild_general(far)
+    solid = rebuild_general(touched, cell=CELL, folds=1)
+    with pytest.raises(ValueError, match=r"points lie up to 30 .* multiply millimetres by 0\.001"):
+        solid.distance([[0.0, 0.0, 30.0]])
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.15, 0.3, 0.5])
+def test_cells_are_as_large_as_memory_asks(radius: float):
+    at = np.random.default_rng(0).normal(size=(4000, 3))
+    at *= radius / np.linalg.norm(at, axis=1, keepdims=True)
+    cell, settings = least_cell(at), GridSettings()
+    assert 8.0 * np.pi * (radius / cell) ** 2 <= 1.01 * settings.max_cells
+    assert (2.0 * radius / cell) ** 3 <= settings.max_voxels
+    assert (cell < 3.5e-3) == (radius < 0.1)
 
 
 def test_the_examples_of_the_page_are_right():

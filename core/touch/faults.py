@@ -1,0 +1,151 @@
+"""Frames that no surface can have made: dead, saturated, frozen and impossible ones.
+
+A frame is judged before a surface is sought in it. What a few taxels do wrong is left to the
+filters; a frame is at fault where so many do that the rest says nothing. Each judgement is a word
+and a sentence: an array that fails is reported as that, not as a curved surface.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Bools, Floats, finite_array
+from palpate.core.touch.jet import fit_jet, monomials
+from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad
+
+MIN_SIDE = 4  # Rows and columns of an array
+FrameFault = Literal["none", "dead", "impossible", "saturated", "frozen"]
+FAULTS: dict[FrameFault, str] = {
+    "none": "",
+    "dead": "the pad was pressed and no taxel reads anything",
+    "impossible": "taxels read less than nothing, or more than the pad is thick",
+    "saturated": "most taxels read as much as they can",
+    "frozen": "a frame with noise came again, digit for digit, from another place",
+}
+
+
+class FrameSettings(NamedTuple):
+    """What is still taken for a frame of a surface."""
+
+    max_impossible_share: float = 0.25  # fraction of all taxels
+    max_saturated_share: float = 0.5  # fraction of the touched taxels
+    min_negative: float = 0.5  # [pitches] below zero, beside noise; less is drift
+    min_white_noise: float = 1.2  # noise over that of rounding, for frames never to repeat
+
+
+class PlateauSettings(NamedTuple):
+    """When equal largest readings are taken to be cut off, and not the top of a surface."""
+
+    rounding: float = 1e-9  # fraction of the largest reading
+    min_taxels: int = 3  # fewer are the top of a surface that lies evenly on the grid
+    max_share: float = 0.5  # fraction of the touched taxels, where the others bear no curvature
+    min_excess: float = 0.008  # [pitches] by which the surface beside them must lead beyond them
+    noise_sigmas: float = 4.0  # the same, in standard deviations of a taxel
+    min_curvature: float = 0.005  # [1 / pitches] beside them; flatter is a face beside a level one
+
+
+def check_image(pad: Pad, name: str, image: Floats | Bools) -> None:
+    """Raise ValueError unless an image is finite and has the pad's (rows, cols), at least 4."""
+    if min(pad.rows, pad.cols) < MIN_SIDE:
+        raise ValueError(
+            f"a pad must have at least {MIN_SIDE} by {MIN_SIDE} taxels, got {pad.rows} by "
+            f"{pad.cols}"
+        )
+    finite_array(name, image, (pad.rows, pad.cols))
+
+
+def frame_fault(
+    pad: Pad,
+    compression: Floats,
+    noise: float,
+    contact: float,
+    *,
+    pressed: bool = False,
+    settings: FrameSettings | None = None,
+) -> FrameFault:
+    """What is wrong with a frame as a whole.
+
+    `compression` (rows, cols): as the array reports it [m]. `noise`: standard deviation of one
+    taxel [m]. `contact`: least compression that counts as touched [m]. `pressed`: whether the
+    guarded move ended on a surface, so that something must have been felt.
+    """
+    settings = settings or FrameSettings()
+    limit, spread = pad.saturation * pad.thickness, CONTACT_DEVIATIONS * noise
+    most = 0.5 * (limit + pad.thickness) + spread
+    least = -max(settings.min_negative * pad.pitch, spread)
+    touched = compression > max(contact, spread)
+    wrong = np.count_nonzero((compression > most) | (compression < least))
+    if wrong > settings.max_impossible_share * compression.size or (
+        wrong > settings.max_saturated_share * np.count_nonzero(touched) > 0.0
+    ):
+        return "impossible"
+    if not touched.any():
+        return "dead" if pressed else "none"
+    full = compression[touched] >= limit * (1.0 - PlateauSettings().rounding)
+    return "saturated" if full.mean() > settings.max_saturated_share else "none"
+
+
+def pressed_fault(pad: Pad, height: Floats, touched: Bools) -> FrameFault:
+    """What is wrong with a surface of which every taxel reads alike, and as much as it can.
+
+    `height` (rows, cols): over the plane of the pad's face [m]. `touched` (rows, cols): at least
+    one. Heights that differ may be over any other plane, and are not judged.
+    """
+    compression = -(height + pad.sag())[touched]
+    most, rounding = float(compression.max()), PlateauSettings().rounding
+    if most - float(compression.min()) > rounding * abs(most):
+        return "none"
+    if most >= pad.thickness * (1.0 - rounding):
+        return "impossible"
+    return "saturated" if most >= pad.saturation * pad.thickness * (1.0 - rounding) else "none"
+
+
+def is_repeated(
+    compression: Floats, before: Floats, noise: float, settings: FrameSettings | None = None
+) -> bool:
+    """Whether a frame equals that of another touch although noise should have told them apart.
+
+    Both (rows, cols) [m]; `noise`: standard deviation of one taxel [m]. Without noise, or where it
+    is only that of rounding to steps, touches of an even surface may well give equal frames.
+    """
+    settings = settings or FrameSettings()
+    if noise <= 0.0 or not np.array_equal(compression, before):
+        return False
+    steps = np.diff(np.unique(compression))
+    rounding = 1e-6 * noise  # of arithmetic, not of the array
+    steps = steps[steps > rounding]
+    if not len(steps):  # all taxels read the same: no noise to be seen
+        return False
+    return noise > settings.min_white_noise * float(steps.min()) / math.sqrt(12.0)
+
+
+def cut_off_taxels(
+    pad: Pad, height: Floats, touched: Bools, noise: float, settings: PlateauSettings | None = None
+) -> Bools | None:
+    """Touched taxels that read the same largest compression where the surface goes on beyond it.
+
+    `height` (rows, cols): surface over the plane of the pad's face [m]. They are known by the jet
+    of the others, which is curved and leads beyond them by more than noise. None if there are none.
+    """
+    settings = settings or PlateauSettings()
+    compression = -(height + pad.sag())
+    top = float(compression[touched].max())
+    plateau = touched & (compression >= top - settings.rounding * abs(top))
+    if np.count_nonzero(plateau) < settings.min_taxels:
+        return None
+    others = touched & ~plateau
+    if not others.any() and pad.dome == 0.0:
+        return None  # a plane that the pad met squarely
+    fit = fit_jet(pad, height, others, noise)
+    if fit is None or fit.jet.degree < 2:
+        mostly = np.count_nonzero(plateau) > settings.max_share * np.count_nonzero(touched)
+        return plateau if mostly else None
+    bends = np.abs(fit.derivatives[2:]).max() * pad.pitch
+    x, y = (axis[plateau] / fit.jet.scale for axis in pad.grid())
+    there = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
+    excess = float(np.mean(height[plateau] - there))
+    least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
+    return plateau if excess > least and bends > settings.min_curvature else None
