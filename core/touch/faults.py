@@ -60,6 +60,7 @@ def check_image(pad: Pad, name: str, image: Floats | Bools) -> None:
 def frame_fault(
     pad: Pad,
     compression: Floats,
+    smooth: Floats,
     noise: float,
     contact: float,
     *,
@@ -68,23 +69,24 @@ def frame_fault(
 ) -> FrameFault:
     """What is wrong with a frame as a whole.
 
-    `compression` (rows, cols): as the array reports it [m]. `noise`: standard deviation of one
-    taxel [m]. `contact`: least compression that counts as touched [m]. `pressed`: whether the
+    `compression` (rows, cols): as the array reports it [m]. `smooth` (rows, cols): the same without
+    impulses, of which not even many are a fault [m]. `noise`: standard deviation of one taxel [m]. `contact`: least compression that counts as touched [m]. `pressed`: whether the
     guarded move ended on a surface, so that something must have been felt.
     """
     settings = settings or FrameSettings()
     limit, spread = pad.saturation * pad.thickness, CONTACT_DEVIATIONS * noise
     most = 0.5 * (limit + pad.thickness) + spread
     least = -max(settings.min_negative * pad.pitch, spread)
-    touched = compression > max(contact, spread)
-    wrong = np.count_nonzero((compression > most) | (compression < least))
-    if wrong > settings.max_impossible_share * compression.size or (
+    touched = smooth > max(contact, spread)
+    wrong = np.count_nonzero((smooth > most) | (smooth < least))
+    if wrong > settings.max_impossible_share * smooth.size or (
         wrong > settings.max_saturated_share * np.count_nonzero(touched) > 0.0
     ):
         return "impossible"
     if not touched.any():
-        return "dead" if pressed else "none"
-    full = compression[touched] >= limit * (1.0 - PlateauSettings().rounding)
+        is_felt = (compression > max(contact, spread)).any()
+        return "dead" if pressed and not is_felt else "none"
+    full = smooth[touched] >= limit * (1.0 - PlateauSettings().rounding)
     return "saturated" if full.mean() > settings.max_saturated_share else "none"
 
 
