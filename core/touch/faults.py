@@ -146,17 +146,18 @@ def cut_off_taxels(
         return None  # a plane that the pad met squarely
     if others.any() and _opening(plateau, others) > settings.max_opening:
         return None
+    least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
     fit = fit_jet(pad, height, others, noise)
     if fit is None or fit.jet.degree < 2:
         mostly = np.count_nonzero(plateau) > settings.max_share * np.count_nonzero(touched)
-        return plateau if mostly else None
+        is_level = others.any() and top - np.median(compression[others]) < least
+        return plateau if mostly and not is_level else None
     if min(others.any(axis=0).sum(), others.any(axis=1).sum()) < settings.min_lines:
         return None  # what lies in so few lines tells of no curvature across them
     bends = np.abs(fit.derivatives[2:]).max() * pad.pitch
     x, y = (axis[plateau] / fit.jet.scale for axis in pad.grid())
     there = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
     excess = float(np.mean(height[plateau] - there))
-    least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
     return plateau if excess > least and bends > settings.min_curvature else None
 
 
