@@ -156,13 +156,18 @@ def replay_figures(
 
 
 def verdict(player: exchange.ReplayedNode) -> str:
-    """One line on a node: identical, its first difference, or how it failed."""
+    """What came of a node: identical, its first difference, or how it failed, in 80 columns."""
+    told = _verdict(player)
+    return "\n".join(launch.titled(f"{player.name}:", told, width=len(player.name) + 2))
+
+
+def _verdict(player: exchange.ReplayedNode) -> str:
     if player.failure:
-        return f"{player.name}: fails, {player.failure}"
+        return f"fails, {player.failure}"
     if player.first:
-        return f"{player.name}: differs, {player.first}"
+        return f"differs, {player.first}"
     counts = ", ".join(f"{one.compared} on {topic}" for topic, one in player.publications.items())
-    return f"{player.name}: identical, {counts or 'nothing published'}"
+    return f"identical, {counts or 'nothing published'}"
 
 
 def shortage_text(shortage: exchange.Shortage) -> str:

@@ -70,5 +70,6 @@ def test_the_runs_of_a_sweep_get_their_reports_and_its_page_leads_to_them(
     place = first.removesuffix(": written")
     assert (tmp_path / place).is_file()
     text = (tmp_path / "out/index.html").read_text()
-    assert text.count(f'href="{place.removeprefix("out/")}"') == 3 + 1  # a dot a cost, and the row
+    assert text.count(f'href="{place.removeprefix("out/")}"') == 3 * 3 + 1
+    # A dot a cost in each of the three widths of its figure, and the row.
     assert cli.run(["report", "out", "-o", "x.html"]) == 2
