@@ -62,7 +62,6 @@ PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
 @click.option(
     "--up", type=click.Choice(["z", "-z", "y", "-y", "x", "-x"]), help="Of a mesh: what points up."
 )
-@click.option("--size", metavar="LENGTH", help="Of a mesh: scale its largest extent, as 80mm.")
 @click.option("--pose", metavar="X,Y,Z[,QX,QY,QZ,QW]", help="Where the object stands, m.")
 @click.option(
     "--noise", type=click.Choice(["none", "low", "default", "high"]), help="Of finger and taxels."
