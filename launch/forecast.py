@@ -31,11 +31,11 @@ class ExpectedCost(NamedTuple):
 
 # By the tolerance over the object's height, %: `python tests/studies tolerances`.
 COSTS: Mapping[float, ExpectedCost] = {
-    1.0: ExpectedCost((45, 65, 94), (156, 190, 238)),
-    0.5: ExpectedCost((55, 76, 99), (172, 194, 248)),
-    0.2: ExpectedCost((89, 98, 132), (212, 226, 292)),
-    0.1: ExpectedCost((138, 144, 164), (274, 284, 318)),
-    0.05: ExpectedCost((185, 198, 241), (344, 366, 395)),
+    1.0: ExpectedCost((44, 64, 99), (155, 195, 251)),
+    0.5: ExpectedCost((51, 80, 106), (165, 196, 260)),
+    0.2: ExpectedCost((88, 94, 162), (205, 226, 322)),
+    0.1: ExpectedCost((137, 150, 171), (270, 298, 325)),
+    0.05: ExpectedCost((183, 200, 293), (334, 367, 498)),
 }
 # Processor time of a whole run over that of quality normal.
 QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}

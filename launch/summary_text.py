@@ -135,6 +135,7 @@ def _doubts(summary: Mapping[str, Any]) -> list[str]:
     bound, error = summary["rms_bound_95_m"], summary["rms_m"]
     if bound is not None and error is not None and error > bound:
         found.append("the rms error is larger than the stated bound")
+    found += [f"rejected: {one}" for one in summary["rejected"]]
     if summary["contours_failed"]:
         found.append(f"{counted(summary['contours_failed'], 'slice')} could not be traced")
     if summary["restarts"]:

@@ -20,7 +20,7 @@ from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality, is_final
-from palpate.nodes.rebuilding.soundness import departure, faults_of
+from palpate.nodes.rebuilding.soundness import SoundnessSettings, departure, faults_of
 from palpate.nodes.rebuilding.volume import MeshVolume
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 SETS = 3  # By how the last so many were predicted a method is chosen
 MORE = 1.25  # Times as many touches as a general solid was fitted to: then it is fitted anew
+# A draft misses touches where there is more to touch: that asks for slices, not for another kind.
+ON_THE_WAY = SoundnessSettings(max_contradicted=1.0)
 Goal = types.ModelGoal | types.PlanDone
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 HALF_OPENING = 1.5e-3  # From every touch: what pads spanned and lies farther is an opening, m
@@ -137,7 +139,8 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     if general is None:
         return replace(alone, why="all touches lie in one plane")
     space = None if state.space is None else known_space(state, goal)
-    faults = faults_of(MeshVolume(general.mesh(1)), None, alone.touched, space)
+    settings = SoundnessSettings() if is_final(goal) else ON_THE_WAY
+    faults = faults_of(MeshVolume(general.mesh(1)), None, alone.touched, space, settings)
     if faults:
         told = tuple(f"the general solid: {fault}" for fault in faults)
         return replace(alone, rejected=(*alone.rejected, *told))
@@ -160,7 +163,9 @@ def _sliced(
         found = replace(alone, sliced=solid, why="")
         with step("bound"):
             deviation = solid.whole_deviation()
-        faults = faults_of(found.volume, deviation and deviation.whole, touched, space)
+        settings = SoundnessSettings() if method == "lattice" else ON_THE_WAY
+        told_deviation = deviation and deviation.whole
+        faults = faults_of(found.volume, told_deviation, touched, space, settings)
         if not faults:
             return found
         told = tuple(f"the {method} of its slices: {fault}" for fault in faults)

@@ -145,8 +145,8 @@ from pathlib import Path
 from palpate import launch
 from palpate.launch.files import SourceMapped, write_mesh
 from palpate.tools.exploration import perform_and_print
-args = {{"scene": SourceMapped(str(launch.find_scene("vase")), "")}}
-launch.plan_run(launch.EXPLORE, args, {{}}, name="vase", out=Path({str(tmp_path / "run")!r}))
+args = {{"scene": SourceMapped(str(launch.find_scene("egg")), "")}}
+launch.plan_run(launch.EXPLORE, args, {{}}, name="egg", out=Path({str(tmp_path / "run")!r}))
 import numpy as np
 corners = np.eye(4)[:, :3]
 for kind in ("ply", "stl", "glb"):

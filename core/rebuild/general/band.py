@@ -15,6 +15,7 @@ from math import factorial, prod
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
+from palpate.reprs import readable
 
 ORDER = 4  # Of the splines along each axis: cubics
 LOCAL = ORDER**3  # Control values over a cell
@@ -23,6 +24,7 @@ GAUSS = 5  # Points along an axis: products of derivatives of cubics are integra
 CORNERS = np.stack(np.meshgrid(*[np.arange(ORDER)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
     """Cells, and the control values over them."""

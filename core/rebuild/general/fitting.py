@@ -32,10 +32,12 @@ from scipy.spatial import cKDTree
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.rebuild.general.band import LOCAL, Band, basis_rows, cell_integrals
 from palpate.core.rebuild.general.dissection import Dissection, Longs, dissect, factorise
+from palpate.reprs import readable
 
 MOST_STEPS, RESIDUAL = 15, 3e-3
 
 
+@readable
 class Weights(NamedTuple):
     """What the terms of the energy are measured by; lengths in cells."""
 
@@ -47,6 +49,7 @@ class Weights(NamedTuple):
     cauchy: float = 6.0  # Deviations from which on a point counts as an outlier
 
 
+@readable
 class TouchedPoints(NamedTuple):
     """Points in cells."""
 
@@ -59,6 +62,7 @@ class TouchedPoints(NamedTuple):
         return TouchedPoints(self.places[kept], self.normals[kept], self.touch[kept])
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class ImplicitFit:
     """Control values of an implicit spline, and what the points say of it."""
@@ -70,6 +74,7 @@ class ImplicitFit:
     residuals: Floats  # Of each point along its normal, its touch displaced, (k,)
 
 
+@readable
 class Fitted(NamedTuple):
     """A spline over cells of one size, and what it was fitted to, in cells."""
 

@@ -32,6 +32,7 @@ from palpate.core.rebuild.general.fitting import fit_implicit, refit_locally
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.protocol import Closest, Solid
 from palpate.core.shapes import Mesh, grid_surface
+from palpate.reprs import readable
 
 FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell where touches lie close together, and else, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
@@ -275,6 +276,7 @@ def cell_weights(cell: float, pose: float) -> Weights:
     )
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class DistanceErrors:
     """Root mean square errors by distance from touched points; in one unit of length."""
@@ -326,6 +328,7 @@ def protrusions(touched: Floats, places: Floats) -> Floats:
     return np.maximum(beyond, 0.0)
 
 
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class FootErrors:
     """Errors below the lowest touches of an object that stands, m."""

@@ -22,6 +22,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import ConvexHull, QhullError
 
 from palpate.core.arrays import Bools, Floats
+from palpate.reprs import readable
 
 PADDING = 7  # Voxels around all points: the function has fallen to nothing there
 SCREENING = 0.5  # Weight of the points' values over that of their normals
@@ -37,6 +38,7 @@ LEAST_PART = 27  # Voxels: what is smaller is no part of an object
 SMOOTHING = 0.7  # Voxels, of the distances: steps of the grid are no edges
 
 
+@readable
 class CoarseSolid(NamedTuple):
     """Signed distances on an even grid, negative inside."""
 
@@ -94,6 +96,7 @@ def _mirrored(points: Floats, normals: Floats, platform: float) -> tuple[Floats,
     return np.concatenate([points, image]), np.concatenate([normals, normals * flip])
 
 
+@readable
 class _Grid(NamedTuple):
     low: Floats
     step: float
@@ -175,6 +178,7 @@ def _in_hull(grid: _Grid, points: Floats) -> Bools:
     return held
 
 
+@readable
 class _System(NamedTuple):
     squares: Floats  # Of the wave numbers
     diagonal: Floats

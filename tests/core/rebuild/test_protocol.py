@@ -36,7 +36,7 @@ def cylinder():
 
 @pytest.fixture(scope="module")
 def torus():
-    mesh = trimesh.creation.torus(RING, TUBE, major_sections=128, minor_sections=64)
+    mesh = trimesh.creation.torus(RING, TUBE, major_sections=192, minor_sections=96)
     return palpate.MeshSolid(mesh.vertices, mesh.faces)
 
 
@@ -165,7 +165,7 @@ def test_scattered_points_need_normals(normals):
 def test_a_solid_is_one_line(ball, cylinder, torus):
     assert repr(cylinder) == "<LatticeSolid 0.06 x 0.06 x 0.06, lattice of 3 contours>"
     assert repr(ball) == "<GeneralSolid 0.06 x 0.06 x 0.06 m, of 300 touches>"
-    assert repr(torus) == "<MeshSolid 0.078 x 0.078 x 0.022 m, of 16384 triangles>"
+    assert repr(torus) == "<MeshSolid 0.078 x 0.078 x 0.022 m, of 36864 triangles>"
 
 
 def test_a_final_mesh_replaces_the_own_one(ball, torus):

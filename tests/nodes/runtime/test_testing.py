@@ -100,6 +100,7 @@ def test_what_one_node_publishes_can_be_given_to_the_next(info: SensorInfo):
     frame = example(
         TactileFrame,
         pose=np.array([0.0, 0, 0, 0, 0, 0, 1]),
+        outcome="miss",
         array=np.full((16, 16), 2 * info.thickness / info.sound_speed),
     )
     images = drive(filter.NODE, [("/touch/info", info), ("/touch/raw", frame)])
