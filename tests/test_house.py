@@ -17,7 +17,9 @@ import pytest
 import palpate
 
 ROOT = Path(__file__).parent.parent
-ROOMS = sorted({path.stem for path in (ROOT / "palpate").glob("[a-z]*.py")} - {"output", "reprs", "rooms"})
+ROOMS = sorted(
+    {path.stem for path in (ROOT / "palpate").glob("[a-z]*.py")} - {"output", "reprs", "rooms"}
+)
 IMPORT_ALL = """
 import importlib, pathlib, sys
 home = pathlib.Path(sys.argv[1])

@@ -45,6 +45,8 @@ class PlateauSettings(NamedTuple):
     min_excess: float = 0.008  # [pitches] by which the surface beside them must lead beyond them
     noise_sigmas: float = 4.0  # the same, in standard deviations of a taxel
     min_curvature: float = 0.005  # [1 / pitches] beside them; flatter is a face beside a level one
+    min_lines: int = 5  # rows, and columns, of the others that a curvature is known by
+    max_opening: float = 0.75 * math.pi  # [rad] without others; a face ends at an edge on one side
 
 
 def check_image(pad: Pad, name: str, image: Floats | Bools) -> None:
@@ -60,6 +62,7 @@ def check_image(pad: Pad, name: str, image: Floats | Bools) -> None:
 def frame_fault(
     pad: Pad,
     compression: Floats,
+    smooth: Floats,
     noise: float,
     contact: float,
     *,
@@ -68,23 +71,25 @@ def frame_fault(
 ) -> FrameFault:
     """What is wrong with a frame as a whole.
 
-    `compression` (rows, cols): as the array reports it [m]. `noise`: standard deviation of one
-    taxel [m]. `contact`: least compression that counts as touched [m]. `pressed`: whether the
-    guarded move ended on a surface, so that something must have been felt.
+    `compression` (rows, cols): as the array reports it [m]. `smooth` (rows, cols): the same without
+    impulses, of which not even many are a fault [m]. `noise`: standard deviation of one taxel [m].
+    `contact`: least compression that counts as touched [m]. `pressed`: whether the guarded move
+    ended on a surface, so that something must have been felt.
     """
     settings = settings or FrameSettings()
     limit, spread = pad.saturation * pad.thickness, CONTACT_DEVIATIONS * noise
     most = 0.5 * (limit + pad.thickness) + spread
     least = -max(settings.min_negative * pad.pitch, spread)
-    touched = compression > max(contact, spread)
-    wrong = np.count_nonzero((compression > most) | (compression < least))
-    if wrong > settings.max_impossible_share * compression.size or (
+    touched = smooth > max(contact, spread)
+    wrong = np.count_nonzero((smooth > most) | (smooth < least))
+    if wrong > settings.max_impossible_share * smooth.size or (
         wrong > settings.max_saturated_share * np.count_nonzero(touched) > 0.0
     ):
         return "impossible"
     if not touched.any():
-        return "dead" if pressed else "none"
-    full = compression[touched] >= limit * (1.0 - PlateauSettings().rounding)
+        is_felt = (compression > max(contact, spread)).any()
+        return "dead" if pressed and not is_felt else "none"
+    full = smooth[touched] >= limit * (1.0 - PlateauSettings().rounding)
     return "saturated" if full.mean() > settings.max_saturated_share else "none"
 
 
@@ -139,13 +144,26 @@ def cut_off_taxels(
     others = touched & ~plateau
     if not others.any() and pad.dome == 0.0:
         return None  # a plane that the pad met squarely
+    if others.any() and _opening(plateau, others) > settings.max_opening:
+        return None
+    least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
     fit = fit_jet(pad, height, others, noise)
     if fit is None or fit.jet.degree < 2:
         mostly = np.count_nonzero(plateau) > settings.max_share * np.count_nonzero(touched)
-        return plateau if mostly else None
+        is_level = others.any() and top - np.median(compression[others]) < least
+        return plateau if mostly and not is_level else None
+    if min(others.any(axis=0).sum(), others.any(axis=1).sum()) < settings.min_lines:
+        return None  # what lies in so few lines tells of no curvature across them
     bends = np.abs(fit.derivatives[2:]).max() * pad.pitch
     x, y = (axis[plateau] / fit.jet.scale for axis in pad.grid())
     there = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
     excess = float(np.mean(height[plateau] - there))
-    least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
     return plateau if excess > least and bends > settings.min_curvature else None
+
+
+def _opening(plateau: Bools, others: Bools) -> float:
+    """The widest angle about the middle of some taxels in which none of the others lies [rad]."""
+    middle = np.argwhere(plateau).mean(axis=0)
+    away = np.argwhere(others) - middle
+    turns = np.sort(np.arctan2(away[:, 0], away[:, 1]))
+    return float(np.diff(turns, append=turns[0] + 2.0 * math.pi).max())

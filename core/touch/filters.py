@@ -90,16 +90,17 @@ def clean(
     if lost is not None:
         cleaned = clean(pad, _filled(compression, lost), noise, contact, order, pressed=pressed)
         return cleaned._replace(touched=cleaned.touched & ~lost)
-    fault = frame_fault(pad, compression, noise, contact, pressed=pressed)
+    smooth = median_filter(compression)  # what a few taxels do by themselves is no fault
+    nothing = np.zeros(compression.shape, np.bool_)
+    fault = frame_fault(pad, compression, smooth, noise, contact, pressed=pressed)
+    alone = np.abs(compression - smooth)
+    struck = alone > max(STANDS_OFF * pad.pitch, NOISE_FAR * noise)
+    if order == "auto" and struck.mean() > MAX_STRUCK and fault in ("none", "saturated"):
+        return CleanedImage(compression, nothing, int(np.count_nonzero(struck)))
     if fault != "none":
-        return CleanedImage(compression, np.zeros(compression.shape, np.bool_), 0, fault)
+        return CleanedImage(compression, nothing, 0, fault)
     if order == "auto":
         least = max(contact, CONTACT_DEVIATIONS * noise)
-        alone = np.abs(compression - median_filter(compression))
-        struck = alone > max(STANDS_OFF * pad.pitch, NOISE_FAR * noise)
-        if struck.mean() > MAX_STRUCK:
-            nothing = np.zeros(compression.shape, np.bool_)
-            return CleanedImage(compression, nothing, int(np.count_nonzero(struck)))
         mended, impulses = remove_all_impulses(pad, compression, least, noise)
         found = contact_mask(pad, mended, contact, noise) & ~impulses
         return CleanedImage(mended, found, int(np.count_nonzero(impulses)))

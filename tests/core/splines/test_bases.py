@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from palpate.core.splines.bases import (
-    BLOCK,
     Basis,
     PeriodicBasis,
     averaged_knots,
@@ -357,14 +356,6 @@ def test_a_grid_is_evaluated_as_its_places_are(order):
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     wanted = evaluate_scattered(BASES, control, grid.reshape(-1, 3), [order])[0].reshape(4, 2, 3, 3)
     assert np.allclose(evaluate_grid(BASES, control, axes, order), wanted, rtol=0, atol=1e-12)
-
-
-def test_many_places_are_taken_in_blocks_and_keep_their_order():
-    control = RNG.normal(size=(6, 1))
-    at = RNG.random((BLOCK // 4 + 3, 1))
-    found = evaluate_scattered(BASES[:1], control, at, [(0,)])[0]
-    assert np.allclose(found[-5:], BASES[0].matrix(at[-5:, 0]) @ control, rtol=0, atol=1e-14)
-    assert np.allclose(found[:5], BASES[0].matrix(at[:5, 0]) @ control, rtol=0, atol=1e-14)
 
 
 def test_no_places_are_no_values():
