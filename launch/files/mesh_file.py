@@ -66,7 +66,7 @@ class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     unit: Literal["m", "cm", "mm", "um", "in", "ft"] | None = None
     up: Literal["z", "-z", "y", "-y", "x", "-x"] = "z"  # The file's axis that shall point up
     # Largest extent that the object shall have, m, in place of a unit.
-    size: Annotated[float, Meta(ge=MIN_EXTENT, le=MAX_EXTENT)] | None = None
+    size: Annotated[float, Meta(ge=MIN_EXTENT, le=MAX_EXTENT, description="m")] | None = None
 
     def __post_init__(self) -> None:
         if self.unit is not None and self.size is not None:

@@ -175,6 +175,8 @@ def test_a_mesh_is_a_scene_of_its_own(tmp_path):
     unit = {("object", "mesh", "unit"): SourceMapped("cm", "--unit")}
     assert load_scene(box_file(tmp_path), unit).told == ""
     assert load_scene(box_file(tmp_path), unit).size == pytest.approx((0.6, 0.5, 0.4))
+    size = {("object", "mesh", "size"): SourceMapped("12cm", "--set")}
+    assert load_scene(box_file(tmp_path), size).size == pytest.approx((0.12, 0.1, 0.08))
 
 
 def test_a_mesh_beside_the_axis_is_set_on_it_unless_it_has_a_pose(tmp_path, write):

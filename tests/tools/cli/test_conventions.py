@@ -57,6 +57,8 @@ def test_the_help_of_palpate_is_one_screen(capsys):
 @pytest.mark.parametrize("path", ALL)
 def test_an_option_has_one_name_and_one_form_everywhere(path):
     found = options(ALL[path][0])
+    flags = [name for one in ALL[path][0].params for name in one.opts]
+    assert len(flags) == len(set(flags))
     assert ("-o" in found) == ("--out" in found)
     assert not {"--output", "--topic", "--node", "--as-json"} & set(found)
     for name in ("--topics", "--nodes", "--kinds"):
