@@ -35,7 +35,6 @@ Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
 
 MAX_FAULTS = 3  # Single touches in succession that no sensor that works can have felt
-FEW_CONTOURS = 3  # The draft of fewer may well be wrong between them, and of one beyond it
 MOST_GOALS = 4000  # A message lists no more than `messages.fields.MAX_ITEMS` of their results
 
 
@@ -191,7 +190,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         survey=survey,
         asked=False,
         surface=_surface(params, state, model),
-        general=_is_general(state, model),
+        general=model.method == "general",
         aimed=(),
     )
     observation = _observation(state.demand, state)
@@ -199,12 +198,6 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     # Nobody waits for what is said of it.
     told = Deferred(PlanEstimate, lambda step: _estimate(model, estimate_error(observation)))
     return state, [*outputs, ("/plan/estimate", told)]
-
-
-def _is_general(state: State, model: ShapeModel) -> bool:
-    """Whether single touches take over from slices: not before a few have had their say."""
-    enough = state.general or state.failed or len(model.contours) >= FEW_CONTOURS
-    return model.method == "general" and enough
 
 
 def _surface(params: Params, state: State, model: ShapeModel) -> ObservedSurface | None:

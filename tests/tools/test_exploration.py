@@ -144,7 +144,7 @@ def test_meshes_and_maps_are_scenes(planned, tmp_path, monkeypatch):
         planned({"object": {"superquadric": {"size": [1, 1, 1], "exponents": 4}}})
     with pytest.raises(InputError, match="faces must name vertices from 0 to 1"):
         planned((np.eye(3)[:2], [[0, 1, 2]]))
-    with pytest.raises(InputError, match="unit and size exclude each other"):
+    with pytest.raises(InputError, match="unit and --size exclude each other"):
         planned("box.stl", unit="mm", size=0.1)
 
 

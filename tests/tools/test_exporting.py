@@ -130,7 +130,7 @@ def test_without_the_truth_the_uncertainty_gives_the_colours(record, tmp_path, t
     assert "deviation" not in found.dtype.names
     assert found["uncertainty"] == pytest.approx([0.001, 0.001, 0.001, 0.002])
     assert (told["coloured_by"], told["colours_end_m"]) == ("uncertainty", pytest.approx(0.002))
-    assert [found[name][3] for name in ("red", "green", "blue")] == [0xFD, 0xE7, 0x25]
+    assert [found[name][3] for name in ("red", "green", "blue")] == [0x44, 0x01, 0x54]
 
 
 def test_a_model_of_which_nothing_is_known_has_neither(record, tmp_path, tetrahedron):

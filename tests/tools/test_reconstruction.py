@@ -164,7 +164,7 @@ def test_the_control_lattice_is_written(table, home, suffix):
         (["--top", "3"], "--top 3: must lie beyond the contours, which go from -45 to 45"),
         (["--bottom", "-44"], "--bottom -44: must lie beyond the contours"),
         (["--noise", "-1"], "--noise"),
-        (["--unit", "ft"], "--unit"),
+        (["--unit", "furlong"], "--unit"),
         (["--tops", "no.csv"], "no.csv: cannot be read"),
         (["--tolerance", "1e-9", "--unit", "mm"], "--tolerance 1e-09: 1e-09 mm would take more"),
         (["--tolerance", "nan"], "--tolerance nan: must be a finite number"),

@@ -29,7 +29,7 @@ MOST_LOGGED = 40  # Warnings and errors that are shown
 TRIED = 48  # Touches over which the cost of an effect is measured
 RETRACTED, REACH, DEPTH = 5e-3, 10e-3, 0.5e-3  # How those begin before the surface, and go on, m
 MOST_PLACES = 24  # Of one kind that lead to their place
-UNTOUCHED = "untouched places"  # Kind of a place that is far from every touch
+UNTOUCHED = "unknown places"  # Kind of a place that is far from every touch
 LEAST_OUTLIER = 5.0  # Times the median residual, from which a touch fits badly
 SURE: dict[str, type | tuple[type, ...]] = {  # Of every summary; whatever else may be null
     "reason": str, "touches": int, "contours": int, "robot_time_s": (int, float),

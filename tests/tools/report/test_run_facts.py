@@ -72,7 +72,7 @@ def test_what_was_not_touched_and_left_out_is_named(run_folder, contour):
     )
     kinds = {one.kind: one.text for one in places_of(line, {"open_places_m": [[0.01, 0, 0.02]]})}
     assert kinds["contours left out of the fit"] == f"contour {first}: it crosses itself"
-    assert kinds["not touched"] == "1: at (10, 0, 20) mm"
+    assert kinds["unknown places"] == "1: the widest"
     assert "hollows" in kinds
 
 

@@ -121,7 +121,7 @@ def test_names_need_no_care_in_folders_and_links():
         ),
         (
             "scene: sphere\ngrid:\n  tolerance: [1mm, 0.2]\n",
-            "sweep.yaml:3: tolerance 0.2: must have a unit: m, cm, mm, um, as in 0.2mm",
+            "sweep.yaml:3: tolerance 0.2: must have a unit: m, cm, mm, um, in, ft, as in 0.2mm",
         ),
         (
             "scene: sphere\ngrid: {budget: [0s]}\n",
