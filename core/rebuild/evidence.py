@@ -151,7 +151,13 @@ def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Corre
 
 def _misfits(slices: Slices, matched: Correspondence) -> Floats:
     """By how much contours (M,) are unlike their neighbours, m; 0 where that is not clear."""
-    off = neighbour_misfits(slices.heights, slid_grid(slices.heights, slices.fine, matched.places))
+    stack = slices.heights, slices.fine, matched.places
+    off = np.zeros(len(slices.heights))
+    candidates = [
+        neighbour_misfits(slices.heights, one) for one in (matched.grid, slid_grid(*stack))
+    ]
+    for row in np.flatnonzero(np.any(candidates, axis=0)).tolist():
+        off[row] = neighbour_misfits(slices.heights, slid_grid(*stack, alone=row))[row]
     if off.any():
         off[off <= interpolation_errors(slices.loops)] = 0.0
     return off

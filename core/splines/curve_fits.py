@@ -276,11 +276,15 @@ def curve_parameters(points: Floats, kind: Parametrisation) -> Floats:
     return np.asarray(np.concatenate([[0.0], ends[:-1]]) / ends[-1])
 
 
-def are_even_chords(chords: Floats) -> bool:
-    """Whether chords (m,) are those of points at equal distances along a curve, with corners."""
+def are_even_chords(chords: Floats, reach: int = 1) -> bool:
+    """Whether chords (m,) are those of points at equal distances along a curve, with corners.
+
+    Each goes to the point so many ahead: a gap lengthens all `reach` chords across it, where noise
+    and a point that strays lengthen single ones. Their median counts.
+    """
     tenth, quarter, most = np.quantile(chords, [0.1, 0.25, 0.75])
-    longest = float(chords.max())
-    no_gap = longest <= min(EVEN_GAP * tenth, MAX_EVEN_CHORD * most)
+    across = np.median([np.roll(chords, by) for by in range(reach)], axis=0)
+    no_gap = chords.max() <= EVEN_GAP * tenth and across.max() <= MAX_EVEN_CHORD * most
     return bool(no_gap and most <= EVEN_MIDDLE * quarter)
 
 

@@ -260,7 +260,8 @@ def _noisy_even(points: Floats) -> bool:
     noise = across / PROBABLE_ERROR / CUBIC_GAIN
     step = float(np.median(length)) / 4.0
     reach = int(np.clip(np.ceil(CLEAR * noise / max(step, noise)), 3, max(count // WIDEST, 3)))
-    return splines.are_even_chords(np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1))
+    chords = np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1)
+    return splines.are_even_chords(chords, reach)
 
 
 def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:

@@ -27,6 +27,9 @@ class OrderingSettings:
     max_length_ratio: float = 1.15  # of the given order over the tour: beyond it there is no order
     max_turning: float = 1.25  # turns of a short section that is safe, of any number of points
     max_turn_per_point: float = np.radians(30.0)  # [rad], mean, of a safe order of many points
+    mean_share: float = 1.0 / 6.0  # of the points, in a row, whose means tell noise from disorder
+    min_mean_points: int = 3  # as many at least
+    min_width: float = 0.6  # of the section's own, that their means keep: a circle's keep 0.95
 
 
 DEFAULT_ORDERING = OrderingSettings()
@@ -120,7 +123,8 @@ class FoundOrder(NamedTuple):
 def found_order(points: Floats, settings: OrderingSettings = DEFAULT_ORDERING) -> FoundOrder:
     """Judge the order of points (n, 2) around a section, and put them in order if they have none.
 
-    They have none if the way through them is clearly longer than the shortest that is found.
+    They have none if the way through them is clearly longer than the shortest that is found, and
+    not for noise alone.
     """
     first = np.sort(np.unique(points, axis=0, return_index=True)[1]).astype(np.int32)
     places = points[first]
@@ -128,9 +132,12 @@ def found_order(points: Floats, settings: OrderingSettings = DEFAULT_ORDERING) -
     ordered = places[rows]
     if _length(points) <= settings.max_length_ratio * _length(ordered):
         return FoundOrder(None, False)
-    if not _is_safe(ordered, settings):
+    if _is_safe(ordered, settings):
+        return FoundOrder(first[rows], False)
+    if not _goes_around(places, settings):
         return FoundOrder(None, True)
-    return FoundOrder(first[rows], False)
+    repeats = _length(points) > settings.max_length_ratio * _length(places)
+    return FoundOrder(first if repeats else None, False)
 
 
 def _is_safe(loop: Floats, settings: OrderingSettings) -> bool:
@@ -139,3 +146,15 @@ def _is_safe(loop: Floats, settings: OrderingSettings) -> bool:
     turning = float(np.abs(turn_between(ahead, np.roll(ahead, -1, axis=0))).sum())
     allowed = max(2.0 * np.pi * settings.max_turning, settings.max_turn_per_point * len(loop))
     return turning <= allowed and not self_intersects(loop)
+
+
+def _goes_around(loop: Floats, settings: OrderingSettings) -> bool:
+    """Whether a closed polygon (n, 2) goes around a section once, noise apart.
+
+    Means of points in a row lose the noise and stay around the section, where points in no order
+    have means near its middle, or near a line.
+    """
+    count = max(round(settings.mean_share * len(loop)), settings.min_mean_points)
+    means = np.mean([np.roll(loop, by, axis=0) for by in range(count)], axis=0)
+    wide, kept = (np.linalg.svd(one - one.mean(axis=0), compute_uv=False) for one in (loop, means))
+    return bool((kept >= settings.min_width * wide).all()) and is_simple_ring(means)

@@ -33,14 +33,24 @@ class SlidingSettings:
 
 
 def slid_grid(
-    heights: Floats, fine: Floats, turns: Floats, settings: SlidingSettings = SlidingSettings()
+    heights: Floats,
+    fine: Floats,
+    turns: Floats,
+    alone: int | None = None,
+    settings: SlidingSettings = SlidingSettings(),
 ) -> Floats:
     """Places (M, K, 2) of curves that differ from their neighbours' across the curves alone.
 
     Of curves (M, n, 2) at rising heights (M,), from turns (M, K) that correspond. How points are
-    spaced along a contour moves its places along the curve, which is no difference of shape.
+    spaced along a contour moves its places along the curve, which is no difference of shape. The
+    contour `alone` moves no other: one that is wrong would drag its neighbours' places along.
     """
     weights, count = neighbour_weights(heights), fine.shape[1]
+    if alone is not None:
+        others = np.arange(len(heights)) != alone
+        weights = weights.copy()
+        weights[others, alone] = 0.0
+        weights[np.ix_(others, others)] = neighbour_weights(heights[others])
     ahead = 0.5 * count * (np.roll(fine, -1, axis=1) - np.roll(fine, 1, axis=1))
     grid = chord_places(fine, turns)
     for _ in range(settings.n_sweeps):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
+from palpate.core.rebuild.contours import contour_curves
 from palpate.core.rebuild.reconstruction import reconstruct
 
 LEVELS = np.linspace(-0.04, 0.04, 9)
@@ -110,6 +111,15 @@ def test_points_that_have_no_order_are_dropped_by_name():
     assert [(one.which, one.why) for one in dropped] == [(4, "its points are in no order")]
     with pytest.raises(ValueError, match="in order around the object, and those of contour 0"):
         reconstruct([contours[4] + [0.0, 0.0, level] for level in LEVELS])
+
+
+def test_noise_is_no_disorder():
+    rng = np.random.default_rng(5)
+    for points in (24, 60, 200):
+        contours = circles(9, points, 0.1)
+        for one in contours:
+            one[:, :2] += 0.005 * rng.normal(size=(points, 2))
+        assert not any(loop.disordered or loop.reordered for loop in contour_curves(contours))
 
 
 @pytest.mark.parametrize("lean", [5.0, 15.0, 30.0])
