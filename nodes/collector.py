@@ -168,7 +168,8 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     distance = TOLD_DISTANCE if asked.feature is None else asked.unknown_distance
     surface = planning.observed_surface(model, state.pad, state.world, distance)
     if surface is None:
-        reason = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
+        why = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
+        reason = "; ".join(model.rejected) or why
         return _ended(state, [], _done(params, _goal(state), reason))
     reason = f"all {frames} frames were used, {met} of which show a contact"
     return _ended(state, [], _done(params, _goal(state), reason, surface))

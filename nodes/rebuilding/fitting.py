@@ -138,9 +138,10 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     general = _general(state, goal, touched, step)
     if general is None:
         return replace(alone, why="all touches lie in one plane")
+    if not is_final(goal):  # a planner goes on by it, and finds out where it is wrong
+        return replace(alone, general=general, whole=len(touched))
     space = None if state.space is None else known_space(state, goal)
-    settings = SoundnessSettings() if is_final(goal) else ON_THE_WAY
-    faults = faults_of(MeshVolume(general.mesh(1)), None, alone.touched, space, settings)
+    faults = faults_of(MeshVolume(general.mesh(1)), None, alone.touched, space)
     if faults:
         told = tuple(f"the general solid: {fault}" for fault in faults)
         return replace(alone, rejected=(*alone.rejected, *told))

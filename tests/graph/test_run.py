@@ -34,7 +34,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("separate")
     done = palpate("run", "sphere", *EVEN, "--quiet", "--out", "run", folder=folder)
     assert done.returncode == MISSED, done.stderr
-    assert "untouched at most" in done.stderr and done.stderr.count("\n") == 1
+    assert "untouched gap" in done.stderr and done.stderr.count("\n") == 1
     return folder / "run", json.loads((folder / "run" / "summary.json").read_text())
 
 

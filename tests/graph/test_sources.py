@@ -182,8 +182,8 @@ def test_what_cannot_be_published_is_refused_in_a_sentence(watcher, tmp_path):
     launch([typing(), counter], ends="counter", watch=[], watcher=watcher)
     assert aside.failure is None
     words = [
-        "has no topic '/consule'",
-        "/counter is published by counter, and a topic has one publisher",
+        "nobody publishes /consule; did you mean '/console'?",
+        "a TactileFrame lacks goal, touch, finger",
         "a TactileFrame lacks touch, finger",
         "BODY must be a map of fields",
         "must be one of ['hit', 'miss', 'inside', 'bottomed'], got 'hot'",
