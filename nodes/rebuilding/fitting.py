@@ -6,6 +6,7 @@ alone, in the order of their numbers: one that is not kept is made anew.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
@@ -29,8 +30,10 @@ if TYPE_CHECKING:
 
 SETS = 3  # By how the last so many were predicted a method is chosen
 MORE = 1.25  # Times as many touches as a general solid was fitted to: then it is fitted anew
-# A draft misses touches where there is more to touch: that asks for slices, not for another kind.
-ON_THE_WAY = SoundnessSettings(max_contradicted=1.0)
+# A draft misses touches where there is more to touch, and is continued beyond the outermost
+# contours while ends are unknown: that asks for slices, not for another kind of solid.
+DRAFT = SoundnessSettings(max_contradicted=1.0)
+ON_THE_WAY = SoundnessSettings(max_contradicted=1.0, max_overhang=math.inf)
 Goal = types.ModelGoal | types.PlanDone
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 HALF_OPENING = 1.5e-3  # From every touch: what pads spanned and lies farther is an opening, m
@@ -164,7 +167,8 @@ def _sliced(
         found = replace(alone, sliced=solid, why="")
         with step("bound"):
             deviation = solid.whole_deviation()
-        settings = SoundnessSettings() if method == "lattice" else ON_THE_WAY
+        settings = SoundnessSettings() if method == "lattice" else DRAFT
+        settings = settings if is_final(goal) else ON_THE_WAY
         told_deviation = deviation and deviation.whole
         faults = faults_of(found.volume, told_deviation, touched, space, settings)
         if not faults:

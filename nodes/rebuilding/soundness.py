@@ -6,6 +6,7 @@ stated for that one; otherwise the bound would hold for neither.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -29,7 +30,9 @@ class SoundnessSettings:
     them. The offset is compared with the solid's own stated deviation.
     """
 
-    max_overhang: float = 0.5  # fraction of the touched extent; an end may go on where untouched
+    # Fraction of the touched extent; an end may go on where untouched; infinite: no limit, nor that
+    # of the explored space.
+    max_overhang: float = 0.5
     max_swept_depth: float = 5.0e-3  # [m] depth inside the solid at which a finger has been
     min_touch_offset: float = 1.0e-3  # [m] distance of a touch from the surface that is tolerated
     max_deviations: float = 6.0  # of the solid's stated deviation: the same
@@ -63,7 +66,8 @@ def _faults(
     if not np.isfinite(vertices).all() or not np.isfinite(deviation or 0.0):
         yield "its surface or its error is not finite"
         return
-    beyond = _overhang(vertices, touched.points, space, settings)
+    is_bounded = math.isfinite(settings.max_overhang)
+    beyond = _overhang(vertices, touched.points, space, settings) if is_bounded else 0.0
     if beyond > 0.0:
         yield f"it reaches {1e3 * beyond:.1f} mm beyond the space that was explored"
     if space is not None and is_swept(volume, space, settings):
