@@ -132,7 +132,7 @@ def test_a_replay_publishes_the_same_as_it_sets_the_same(tuned, capsys):
     assert cli.run(["replay", str(tuned)]) == 0
     assert "2 on /filter/parameter_events" in capsys.readouterr().out
     assert cli.run(["replay", str(tuned), "--nodes", "planner"]) == 0
-    assert "2 on /planner/parameter_events" in capsys.readouterr().out
+    assert "2 on /planner/parameter_events" in " ".join(capsys.readouterr().out.split())
 
 
 def test_who_records_it_from_outside_has_it_from_the_first_message_on(tuned):
