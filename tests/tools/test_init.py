@@ -310,8 +310,9 @@ def test_every_command_of_the_page_does_what_it_says(reader):
             done = subprocess.run(command, capture_output=True, text=True, timeout=300)
             assert done.returncode == 0, done.stdout
         elif words[0] == "launch":
-            # Some pages' frames are too few for a solid; what else there is to see is recorded.
-            assert cli.run([*words, "--composed", "--quiet", "--out", f"{words[1]}.d"]) in (0, 1)
+            # The frames of this test contradict each other, and make no solid.
+            code = int("path:=frames.csv" in line)
+            assert cli.run([*words, "--composed", "--quiet", "--out", f"{words[1]}.d"]) == code
         elif words[0] == "topic":
             graph = describe(Path("bends.yaml"), {}, reader).graph
             assert words[2] in graph.topics()
