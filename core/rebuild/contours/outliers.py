@@ -38,7 +38,7 @@ CUBIC = (1, 2, 4, 5)  # Neighbours that a cubic passes
 # Of contours.
 LEAST_SLICES = 9  # A bad contour spoils five predictions: fewer slices do not tell good ones
 USUAL = 0.2  # Quantile of the errors that stands for good contours: three bad ones spoil half
-CLEARLY = 6.0  # A bad contour is off by more than so many times that error,
+CLEARLY = 4.2  # A bad contour is off, across its curve, by more than so many times that error,
 LEAST_OFF = 0.02  # and by more than this share of the mean distance from the middles
 # Of that: a contour is looked at only if its own prediction is off by more. It would be by 0.7, but
 # a second bad one within 4 may take most of it away.
