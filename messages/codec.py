@@ -213,12 +213,15 @@ def pack_frame(topic: str, header: Header, body: bytes) -> bytes:
 def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     """Topic, header and body of a frame.
 
-    ValueError if the frame is too short to hold a topic and a header, or the topic is no text.
+    ValueError if the frame is too short to hold a topic and a header, the topic is no text, or the
+    header's last byte is neither 0 nor 1.
     """
     end = frame.find(b"\0")
     if end < 0 or len(frame) < end + 1 + HEADER_SIZE:
         raise ValueError(f"not a frame: {len(frame)} bytes without a topic and a header")
     header = Header._make(_LAYOUT.unpack_from(frame, end + 1))
+    if (last := frame[end + HEADER_SIZE]) > 1:  # which `struct` takes for true
+        raise ValueError(f"not a frame: its header ends in {last}, which is neither 0 nor 1")
     try:
         topic = frame[:end].decode()
     except UnicodeDecodeError:

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from palpate.core.geometry.distances import SAMPLES, Alignment, PreparedSurface, align
     from palpate.core.geometry.distances import compare_surfaces, prepare_surface, sample_surface
     from palpate.core.geometry.meshes import SHARP, are_outside, areas_and_normals, close_rings
-    from palpate.core.geometry.meshes import corner_normals, facet_sag, has_paired_edges, is_closed
+    from palpate.core.geometry.meshes import corner_normals, face_edges, facet_sag
+    from palpate.core.geometry.meshes import has_paired_edges, is_closed
     from palpate.core.geometry.meshes import is_inside_out, join_rings, linked_groups, normals_at
     from palpate.core.geometry.meshes import signed_volume, solidity, triangle_corners
     from palpate.core.geometry.nearest import Nearest, NearestSearch, are_slivers, nearest_points

@@ -103,9 +103,25 @@ def is_closed(faces: Ints) -> bool:
 
 def has_paired_edges(faces: Ints) -> bool:
     """Whether each edge of faces (m, 3) belongs to exactly two of them, whichever way they turn."""
-    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    counts = np.unique(edges, axis=0, return_counts=True)[1]
-    return len(faces) > 0 and bool((counts == 2).all())
+    return len(faces) > 0 and bool((face_edges(faces).counts == 2).all())
+
+
+class FaceEdges(NamedTuple):
+    """The edges of a mesh, each once."""
+
+    ends: Ints  # (e, 2), the lower corner first, in rising order
+    numbers: Ints  # (m, 3): which edge follows each corner of each face
+    counts: Ints  # (e,): how many faces have it
+
+
+def face_edges(faces: Ints) -> FaceEdges:
+    """The edges of faces (m, 3), whichever way they turn."""
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    # One number for each pair: rows of two are sorted ten times slower.
+    pairs = ends[:, 0].astype(np.int64) * (int(faces.max(initial=0)) + 1) + ends[:, 1]
+    found = np.unique(pairs, return_index=True, return_inverse=True, return_counts=True)
+    numbers: Ints = found[2].reshape(-1, 3).astype(np.int32)
+    return FaceEdges(ends[found[1]], numbers, found[3].astype(np.int32))
 
 
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.geometry import linked_groups, self_intersection, solidity
+from palpate.core.geometry import face_edges, linked_groups, self_intersection, solidity
 from palpate.core.shapes.face_cutting import by_ears
 from palpate.core.shapes.junctions import split_at_junctions
 from palpate.core.shapes.walls import loose_walls, outer_surface
@@ -116,8 +116,8 @@ def _crossings(solid: Manifold) -> Crossings:
 
 def _stitched(vertices: Floats, faces: Ints, size: float, mends: list[str]) -> Ints:
     """Faces once each, corners of open edges that are one place made one."""
-    ends, count = np.unique(_edges(faces), axis=0, return_counts=True)
-    opened = np.unique(ends[count == 1])
+    ends, _, counts = face_edges(faces)
+    opened = np.unique(ends[counts == 1])
     from scipy.spatial import cKDTree
 
     lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
@@ -176,7 +176,7 @@ def _closed(
 
 
 def _has_crowded_edges(faces: Ints) -> bool:
-    return bool((np.unique(_edges(faces), axis=0, return_counts=True)[1] > 2).any())
+    return bool((face_edges(faces).counts > 2).any())
 
 
 def _turned_alike(faces: Ints) -> tuple[Ints, int]:
@@ -184,9 +184,9 @@ def _turned_alike(faces: Ints) -> tuple[Ints, int]:
 
     Each face stands for two, as it is and turned, of which one belongs to either side.
     """
-    count, start, ends = len(faces), faces.ravel(), _edges(faces)
-    order = np.lexsort(ends.T)
-    pairs = np.flatnonzero((ends[order[1:]] == ends[order[:-1]]).all(axis=1))
+    count, start, edge = len(faces), faces.ravel(), face_edges(faces).numbers.ravel()
+    order = np.argsort(edge, kind="stable")
+    pairs = np.flatnonzero(edge[order[1:]] == edge[order[:-1]])
     first, second = order[pairs], order[pairs + 1]
     against = count * (start[first] == start[second])  # both walk the edge the same way
     one, other = np.concatenate([first // 3, first // 3 + count]), second // 3
@@ -221,11 +221,6 @@ def _loops(faces: Ints) -> list[Ints]:
                 place[corner] = len(path)
                 path.append(corner)
     return loops
-
-
-def _edges(faces: Ints) -> Ints:
-    """The edges (3 m, 2) of faces (m, 3), three of each, the lower corner first."""
-    return np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
 
 
 def _open_edges(faces: Ints) -> Ints:

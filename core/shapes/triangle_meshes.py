@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import is_closed, is_inside_out
+from palpate.core.geometry import face_edges, is_closed, is_inside_out
 from palpate.core.poses import axes_along
 from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh, Shape
 
@@ -184,11 +184,8 @@ class CrossedMesh:
 
     def __init__(self, vertices: Floats, faces: Ints):
         self._vertices, self._faces = vertices, faces
-        first, last = faces, np.roll(faces, -1, axis=1)
-        ends = np.sort(np.stack([first, last], axis=2).reshape(-1, 2), axis=1)
-        self._edges, edge = np.unique(ends, axis=0, return_inverse=True)
-        self._edge = edge.reshape(-1, 3)
-        self._against = first > last
+        self._edges, self._edge, _ = face_edges(faces)
+        self._against = faces > np.roll(faces, -1, axis=1)
         self._extent = float(np.ptp(vertices, axis=0).max())
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:

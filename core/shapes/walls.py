@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import are_outside, linked_groups, nearest_points, nearest_search
-from palpate.core.geometry import signed_volume
+from palpate.core.geometry import are_outside, face_edges, linked_groups, nearest_points
+from palpate.core.geometry import nearest_search, signed_volume
 
 Indices = NDArray[np.intp]
 ASKEW = np.array([0.36, 0.48, 0.8])  # Direction in which each piece is looked through
@@ -54,10 +54,8 @@ def loose_walls(vertices: Floats, faces: Ints, tolerance: float) -> Bools:
     """Faces (m,) of open pieces that nowhere reach out of the closed ones by over `tolerance`."""
     _, _, links = _room_links(vertices, faces)
     piece = linked_groups(len(faces), *links)
-    begin, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
-    key = np.minimum(begin, end) * (int(faces.max()) + 1) + np.maximum(begin, end)
-    _, edge, sizes = np.unique(key, return_inverse=True, return_counts=True)
-    rim = (sizes[edge.reshape(-1)] == 1).reshape(-1, 3).any(axis=1)
+    _, edge, counts = face_edges(faces)
+    rim = (counts[edge] == 1).any(axis=1)
     opened = np.isin(piece, piece[rim])
     if opened.all() or not opened.any():
         return np.zeros(len(faces), bool)

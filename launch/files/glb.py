@@ -37,6 +37,8 @@ HARMLESS_EXTENSIONS = (
 Part = TypeVar("Part")
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
+NOT_TURNED: Quaternion = (0.0, 0.0, 0.0, 1.0)
+NOT_SCALED: Vector = (1.0, 1.0, 1.0)
 
 
 class Accessor(msgspec.Struct, frozen=True, rename="camel"):
@@ -87,8 +89,8 @@ class GltfNode(msgspec.Struct, frozen=True):
     children: tuple[int, ...] = ()
     matrix: tuple[float, ...] | None = None
     translation: Vector = (0.0, 0.0, 0.0)
-    rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    scale: Vector = (1.0, 1.0, 1.0)
+    rotation: Quaternion = NOT_TURNED
+    scale: Vector = NOT_SCALED
 
 
 class GltfScene(msgspec.Struct, frozen=True):
@@ -227,7 +229,8 @@ def _node_matrix(node: GltfNode) -> Floats:
     if not abs(length - 1.0) <= UNIT_ERROR:
         raise ValueError(f"has a node whose rotation has the length {length:g}, not 1")
     motion = np.eye(4)
-    motion[:3, :3] = rotation_matrix(np.array(node.rotation) / length) * np.array(node.scale)
+    if node.rotation != NOT_TURNED or node.scale != NOT_SCALED:
+        motion[:3, :3] = rotation_matrix(np.array(node.rotation) / length) * np.array(node.scale)
     motion[:3, 3] = node.translation
     return motion
 

@@ -92,7 +92,7 @@ def read_mesh(
     """
     vertices, faces, notes = _read_whole(path)
     told = list(notes)
-    sides = np.ptp(vertices, axis=0)
+    sides = _extents(vertices)
     if size is not None:
         scale = size / float(sides.max())
         told.append(f"scaled by {scale:.4g} to {_millimetres(scale * sides)}")
@@ -107,6 +107,12 @@ def read_mesh(
         found = mend_mesh(vertices, faces)
     told += found.mends
     return found.vertices, found.faces, f"{path.name}: {'; '.join(told)}" if told else ""
+
+
+def _extents(vertices: Vertices) -> Vertices:
+    """Lengths of the sides (3,); infinite beyond what a number holds."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.ptp(vertices, axis=0))
 
 
 def _millimetres(sides: Vertices) -> str:
@@ -131,8 +137,7 @@ def _likely_unit(path: Path, extent: float) -> str:
 
 
 def _check_size(path: Path, vertices: Vertices, unit: str | None) -> None:
-    with np.errstate(over="ignore"):
-        extents = np.ptp(vertices, axis=0)
+    extents = _extents(vertices)
     if extents.min() < MIN_EXTENT or extents.max() > MAX_EXTENT:
         size = " x ".join(f"{extent:.3g}" for extent in extents)
         raise InputError(
@@ -151,7 +156,7 @@ def read_surface(path: Path, unit: str | None) -> tuple[Vertices, Faces, str]:
     vertices, faces, _ = _read_whole(path)
     if unit is None:
         kind = path.suffix.lower()
-        guessed = guess_unit(kind, float(np.ptp(vertices, axis=0).max()))
+        guessed = guess_unit(kind, float(_extents(vertices).max()))
         unit = guessed or OWN_UNITS.get(kind, "m")
     return vertices * METRES_PER_UNIT[unit], faces, unit
 

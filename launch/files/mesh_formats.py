@@ -26,6 +26,8 @@ _CORNER = re.compile(rb"\bvertex\s+(\S+\s+\S+\s+\S+)(?=\s+(?:vertex|endloop)\b)"
 _FACET_WORD = re.compile(rb"\bvertex\b|\bendfacet\b")
 _END = re.compile(rb"\bend(?:[ \t]*solid)?\b|\bsolid\b")
 BOM = b"\xef\xbb\xbf"  # Mark that some programs write before text in UTF-8
+_COMMENT, _BESIDE_PLACE = re.compile(rb"#[^\n]*"), re.compile(rb"/\S*")  # in the faces of OBJ
+_NO_PLACE = re.compile(rb"(?<!\S)(?!-?\d{1,9}(?:[\s/]|\Z))(\S+)")
 _CONTINUED = re.compile(rb"\\[ \t]*(?:\r\n|\r|\n)")
 _OFF_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?OFF\b")
 MAX_TRIANGLES = 2_000_000  # Of a mesh
@@ -88,8 +90,8 @@ def read_obj(data: bytes) -> RawMesh:
     Raises ValueError if a vertex has no three numbers, or a face names a vertex that is none.
     """
     places: list[bytes] = []
-    lengths: list[int] = []
-    corners: list[int] = []
+    faces: list[bytes] = []
+    before: list[int] = []  # how many vertices are named before each face
     for line in _CONTINUED.sub(b" ", data.removeprefix(BOM)).splitlines():
         words = line.split(None, 1)
         if len(words) < 2:
@@ -97,27 +99,31 @@ def read_obj(data: bytes) -> RawMesh:
         if words[0] == b"v":
             places.append(b" ".join(words[1].split(None, 3)[:3]))
         elif words[0] == b"f":
-            named = _obj_corners(words[1], len(places))
-            lengths.append(len(named))
-            corners += named
-    check_counts(len(places), len(lengths))
+            faces.append(words[1])
+            before.append(len(places))
+    check_counts(len(places), len(faces))
     found = parse_numbers(b"\n".join(places))
     if len(found) != 3 * len(places):
         raise ValueError("has a vertex that is not three numbers")
-    polygons = Ragged(np.array(lengths, np.int64), np.array(corners, np.int64))
+    polygons = _obj_polygons(b"\n".join(faces), np.array(before, np.int64))
     return polygon_mesh(found.reshape(-1, 3), polygons)
 
 
-def _obj_corners(text: bytes, vertices: int) -> list[int]:
-    """Vertices, from 0, that ``1/2/3 -1 4`` names; negative ones count back from the last."""
-    found = []
-    for word in text.partition(b"#")[0].split():
-        name = word.partition(b"/")[0]
-        if not name.removeprefix(b"-").isdigit() or len(name) > 9:
-            raise ValueError(f"has a face with the corner {word[:20].decode(errors='replace')!r}")
-        number = int(name)
-        found.append(number - 1 if number > 0 else vertices + number if number else -1)
-    return found
+def _obj_polygons(text: bytes, before: Indices) -> Ragged:
+    """Vertices, from 0, that lines ``1/2/3 -1 4`` name; negative ones count back from the last."""
+    text = _COMMENT.sub(b"", text)
+    if (odd := _NO_PLACE.search(text)) is not None:
+        word = odd.group(1)[:20].decode(errors="replace")
+        raise ValueError(f"has a face with the corner {word!r}")
+    text = _BESIDE_PLACE.sub(b"", text)
+    letters = np.frombuffer(b"\n" + text, np.uint8)
+    blank = np.isin(letters, np.frombuffer(b" \t\n\v\f\r", np.uint8))
+    begins = np.flatnonzero(blank[:-1] & ~blank[1:])
+    face = np.cumsum(letters == ord("\n"))[begins] - 1
+    numbers = parse_numbers(text).astype(np.int64)
+    corners = np.where(numbers > 0, numbers - 1, before[face] + numbers)
+    corners[numbers == 0] = -1
+    return Ragged(np.bincount(face, minlength=len(before)), corners)
 
 
 def read_off(data: bytes) -> RawMesh:

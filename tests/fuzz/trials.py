@@ -42,8 +42,8 @@ MOST_ADDRESS_SPACE = 512 << 20
 _POLL = 0.5
 _SPACE = resource.RLIMIT_AS
 _CONTEXT = multiprocessing.get_context("forkserver")
-# Longest processor time for one input, s: what it takes on a machine that does nothing else.
-MOST_CPU_SECONDS = 1.0
+# Longest processor time for one input, s: a mesh is read three times, and machines differ by four.
+MOST_CPU_SECONDS = 3.0
 # Longest time by the clock, s: whoever waits for something uses no processor.
 MOST_WAIT_SECONDS = 10.0
 TRIES = 3  # Of an input that takes longer: the processor may have been shared
@@ -65,7 +65,12 @@ def tally_rows(name: str, count: int, found: Tally) -> Iterator[Row]:
     for defect in defects[:SHOWN]:
         yield Row(f"  {defect}", "")
     slowest = f"{1e3 * found.slowest:.0f} ms"
-    yield Row(f"damaged {name}: slowest", slowest, "<= 1 s", found.slowest <= MOST_CPU_SECONDS)
+    yield Row(
+        f"damaged {name}: slowest",
+        slowest,
+        f"<= {MOST_CPU_SECONDS:g} s",
+        found.slowest <= MOST_CPU_SECONDS,
+    )
     yield at_most(f"damaged {name}: memory", found.memory, MOST_MEMORY, ".0f", " MB")
 
 
