@@ -14,12 +14,14 @@ TOLERANCE = 5e-4  # m
 MOST = {"planner.most_touches": 400}
 SURELY = 3.0  # Times the bound of 95 %: above it the error must never be
 HOLLOW = ("bore", "slit")  # Narrower than the pad: no touch tells how deep
+ASKED_HOLE = 1e-2  # m: by default no hole is asked for that is as small as these
 SLICED = ("mug", "two towers", "bore", "slit", "thin walls", "undercut cone", "brick 3")
 
 
 def explored(name: str, planner: str, folder: Path) -> Explored:
     field, half, _ = HARD_OBJECTS[name]
-    demand = Demand(planner=planner, tolerance=TOLERANCE, feature=None)
+    feature = ASKED_HOLE if name in HOLLOW else None
+    demand = Demand(planner=planner, tolerance=TOLERANCE, feature=feature)
     return explore_scene(write_scene(folder, mesh_of(field, half), NOISY, demand), 1, MOST)
 
 
