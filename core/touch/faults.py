@@ -11,6 +11,7 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.core.arrays import Bools, Floats, finite_array
 from palpate.core.touch.jet import fit_jet, monomials
@@ -46,6 +47,7 @@ class PlateauSettings(NamedTuple):
     noise_sigmas: float = 4.0  # the same, in standard deviations of a taxel
     min_curvature: float = 0.005  # [1 / pitches] beside them; flatter is a face beside a level one
     min_lines: int = 5  # rows, and columns, of the others that a curvature is known by
+    max_level_share: float = 0.3  # fraction of the taxels around; a face goes on as it was
     max_opening: float = 0.75 * math.pi  # [rad] without others; a face ends at an edge on one side
 
 
@@ -144,6 +146,9 @@ def cut_off_taxels(
     others = touched & ~plateau
     if not others.any() and pad.dome == 0.0:
         return None  # a plane that the pad met squarely
+    level = touched & (np.abs(height - height[plateau].mean()) <= settings.min_excess * pad.pitch)
+    if others.any() and level[_around(plateau)].mean() > settings.max_level_share:
+        return None  # a plane with an edge beside the middle of a domed pad
     if others.any() and _opening(plateau, others) > settings.max_opening:
         return None
     least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
@@ -159,6 +164,12 @@ def cut_off_taxels(
     there = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
     excess = float(np.mean(height[plateau] - there))
     return plateau if excess > least and bends > settings.min_curvature else None
+
+
+def _around(plateau: Bools) -> Bools:
+    """The taxels (rows, cols) that lie next to some."""
+    beside = sliding_window_view(np.pad(plateau, 1), (3, 3)).any(axis=(2, 3))
+    return np.asarray(beside & ~plateau)
 
 
 def _opening(plateau: Bools, others: Bools) -> float:

@@ -94,6 +94,17 @@ def test_what_no_surface_can_have_made_has_no_curvature(image, given, kind, faul
     assert patch.principal == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
+def test_the_top_of_a_face_that_ends_in_an_arc_is_not_cut_off():
+    along = (np.arange(16) - 7.5) * PITCH
+    x, y = np.meshgrid(along, -along)
+    # A plane met squarely, of which four taxels read most, cut out of a ball of 42 mm.
+    far = np.hypot(x + 16.55e-3, y + 23.2e-3)
+    fall = np.maximum(0.03 - np.sqrt(0.042**2 - far**2), 0.0)
+    level = 1.5167e-3 - 0.5 * (x**2 + y**2) / 0.015
+    patch = surface_patch(np.maximum(level - fall, 0.0), PITCH, radius=0.015)
+    assert (patch.kind, patch.fault) == ("edge", "none")
+
+
 @pytest.mark.parametrize(
     ("given", "name"),
     [
