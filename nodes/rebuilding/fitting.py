@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 import numpy as np
 
-from palpate.core import Floats, Steps, no_steps, split_pose
+from palpate.core import Floats, Steps, inverse_pose, no_steps, split_pose, transform_points
 from palpate.core.explore import Longs, SpaceMap
 from palpate.core.rebuild import Method, LatticeSolid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 SETS = 3  # By how the last so many were predicted a method is chosen
 MORE = 1.25  # Times as many touches as a general solid was fitted to: then it is fitted anew
 # A draft misses touches where there is more to touch, and is continued beyond the outermost
-# contours while ends are unknown: that asks for slices, not for another kind of solid.
+# contours while ends are unknown: that asks for slices, not for another kind of solid. So it may
+# reach far, and through what fingers have swept, beyond them.
 DRAFT = SoundnessSettings(max_contradicted=1.0)
 ON_THE_WAY = SoundnessSettings(max_contradicted=1.0, max_overhang=math.inf)
 Goal = types.ModelGoal | types.PlanDone
@@ -170,12 +171,22 @@ def _sliced(
         settings = SoundnessSettings() if method == "lattice" else DRAFT
         settings = settings if is_final(goal) else ON_THE_WAY
         told_deviation = deviation and deviation.whole
-        faults = faults_of(found.volume, told_deviation, touched, space, settings)
+        swept = None if space is None or is_final(goal) else _between(state, goal, space)
+        faults = faults_of(found.volume, told_deviation, touched, space, settings, swept)
         if not faults:
             return found
         told = tuple(f"the {method} of its slices: {fault}" for fault in faults)
         alone = replace(alone, why="; ".join(faults), rejected=(*alone.rejected, *told))
     return alone
+
+
+def _between(state: State, goal: Goal, space: SpaceMap) -> Floats:
+    """The places (n, 3) that fingers have swept between the outermost contours [m]."""
+    contours = [state.contours[id_] for id_ in goal.contours]
+    swept = space.free_places()
+    heights = transform_points(inverse_pose(common_frame(contours)), swept)[:, 2]
+    levels = [contour.height for contour in contours]
+    return swept[(heights > min(levels)) & (heights < max(levels))]
 
 
 def _general(

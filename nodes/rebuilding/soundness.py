@@ -46,13 +46,17 @@ def faults_of(
     touched: ContactPoints,
     space: SpaceMap | None,
     settings: SoundnessSettings = SoundnessSettings(),
+    swept: Floats | None = None,
 ) -> tuple[str, ...]:
     """What contradicts a solid, a sentence each; empty if nothing does.
 
     `deviation`: standard deviation that the solid states of itself [m], None if it states none.
     `touched`: all that touched it. `space`: what fingers have swept; None where nobody knows.
+    `swept`: the places (n, 3) of these that count [m]; None for all.
     """
-    return tuple(_faults(volume, deviation, touched, space, settings))
+    if swept is None:
+        swept = np.zeros((0, 3)) if space is None else space.free_places()
+    return tuple(_faults(volume, deviation, touched, space, settings, swept))
 
 
 def _faults(
@@ -61,6 +65,7 @@ def _faults(
     touched: ContactPoints,
     space: SpaceMap | None,
     settings: SoundnessSettings,
+    swept: Floats,
 ) -> Iterator[str]:
     vertices = volume.mesh.vertices
     if not np.isfinite(vertices).all() or not np.isfinite(deviation or 0.0):
@@ -70,7 +75,7 @@ def _faults(
     beyond = _overhang(vertices, touched.points, space, settings) if is_bounded else 0.0
     if beyond > 0.0:
         yield f"it reaches {1e3 * beyond:.1f} mm beyond the space that was explored"
-    if space is not None and is_swept(volume, space, settings):
+    if _is_swept(volume, swept, settings):
         yield "a finger has passed through what it encloses"
     allowed = max(settings.min_touch_offset, settings.max_deviations * (deviation or 0.0))
     share = _contradicted(volume, touched, allowed)
@@ -94,15 +99,12 @@ def _overhang(
     return max(beyond)
 
 
-def is_swept(
-    volume: MeshVolume, space: SpaceMap, settings: SoundnessSettings = SoundnessSettings()
-) -> bool:
+def _is_swept(volume: MeshVolume, swept: Floats, settings: SoundnessSettings) -> bool:
     """Whether a finger has been deep inside a solid, which is then hollow there."""
-    deep = settings.max_swept_depth
-    free, vertices = space.free_places(), volume.mesh.vertices
+    deep, vertices = settings.max_swept_depth, volume.mesh.vertices
     low, high = vertices.min(axis=0) + deep, vertices.max(axis=0) - deep
-    free = free[((free > low) & (free < high)).all(axis=1)]
-    return bool(volume.depths(free).max(initial=0.0) > deep)
+    inner = swept[((swept > low) & (swept < high)).all(axis=1)]
+    return bool(volume.depths(inner).max(initial=0.0) > deep)
 
 
 def _contradicted(volume: MeshVolume, touched: ContactPoints, allowed: float) -> float:

@@ -77,7 +77,8 @@ class Predicted:
 
     def settled(self, observation: Observation) -> Height | None:
         """The next slice of the coarse cover, in which no model has a say; None after the last."""
-        if observation.surface is None or all(one.usable for one in observation.slices):
+        failed = sum(not one.usable for one in observation.slices)
+        if observation.surface is None or failed < 2:
             height = self._covering(observation)
             return None if height is None else Height(height, COVERING)
         return None
@@ -103,22 +104,32 @@ class Predicted:
         return None
 
     def _covering(self, observation: Observation) -> float | None:
-        """The first height of the cover, from the middle, for which no slice stands yet."""
+        """The first height of the cover, from the middle, for which no slice stands yet.
+
+        A part in which one could not be traced, as in a ridge, waits for the others.
+        """
         low, high = first_and_last(observation)
-        heights = np.linspace(low, high, self.cover)
+        heights = np.linspace(low, high, self.cover).tolist()
         reach = min(COVER_REACH * observation.extent, 0.4 * (high - low) / (self.cover - 1))
+        parts = [Span(max(low, one - reach), min(high, one + reach)) for one in heights]
         there = [one.height for one in observation.slices if one.usable]
         there += observation.busy_heights
+        failed = [one.height for one in observation.slices if not one.usable]
         middle = self.cover // 2
-        for i in sorted(range(self.cover), key=lambda i: (abs(i - middle), -i)):
-            wanted = float(heights[i])
-            part = Span(max(low, wanted - reach), min(high, wanted + reach))
-            if any(part.low <= one <= part.high for one in there):
-                continue
-            height = free_height(observation, wanted, part)
+        order = [
+            (_count(failed, part), abs(i - middle), -i)
+            for i, part in enumerate(parts)
+            if not _count(there, part)
+        ]
+        for *_, i in sorted(order):
+            height = free_height(observation, heights[-i], parts[-i])
             if height is not None:
                 return height
         return None
+
+
+def _count(heights: Sequence[float], part: Span) -> int:
+    return sum(part.low <= one <= part.high for one in heights)
 
 
 def best_refinement(

@@ -52,6 +52,8 @@ HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
 CREASED = 1.0e-3  # Between a pad that rests on what is about a place, and the place: a crease, m
 BESIDES = 64  # Places about a place that may hold a pad off
 CREASE_SLOPE = 0.35  # Error that a crease may hide, over its distance from touch
+# Share of the tolerance that must be left for what touches reach; it takes twice the touches.
+LEAST_ROOM = 0.8
 # Error that an opening may hide, over the distance of its middle from its rim: with its walls, of
 # one that is twice as deep as wide.
 SPANNED_SLOPE = 10.0
@@ -179,9 +181,23 @@ class ObservedSurface:
 
     def touchable_bound(self, tried: Floats) -> float:
         """The same over what was touched or can be, without what the open area may hide, m."""
-        places = self.places
-        untouchable = places.standing | self.creased
-        return self.bound_of(~untouchable & (~self.away | self.met(tried)))
+        return self.bound_of(self._touchable(tried))
+
+    def touchable_limit(self, tried: Floats, tolerance: float) -> float:
+        """What that may be for the whole to be within a tolerance, m; at most the tolerance.
+
+        The tolerance itself where the rest leaves so little of it that touches are in vain.
+        """
+        touchable = self._touchable(tried)
+        rest = float((np.square(self.bounds_there) * ~touchable).mean())
+        room, share = tolerance**2 - rest, float(touchable.mean())
+        if room < LEAST_ROOM**2 * share * tolerance**2:
+            return tolerance
+        return min(math.sqrt(room / share), tolerance) if share else tolerance
+
+    def _touchable(self, tried: Floats) -> Bools:
+        untouchable = self.places.standing | self.creased
+        return np.asarray(~untouchable & (~self.away | self.met(tried)))
 
     def bound_of(self, chosen: Bools) -> float:
         """The same of some of the places (n,), m; 0 if there are none."""

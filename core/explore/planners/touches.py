@@ -78,7 +78,8 @@ def next_touch(
         bound = surface.rms_bound_95
     # What no touch reaches is no reason to touch the rest more often than it takes.
     touchable = surface.touchable_bound(observation.tried)
-    if min(bound, touchable) > observation.tolerance:
+    limit = surface.touchable_limit(observation.tried, observation.tolerance)
+    if bound > observation.tolerance and touchable > limit:
         wanted = least_gain * observation.tolerance**2 * len(left)
         found = _best(observation, surface, left, wanted)
         if found is not None:
@@ -93,7 +94,7 @@ def next_touch(
         return protocol.Stop(protocol.ALL_REACHED)
     if bound <= observation.tolerance:
         return protocol.Stop("no finger reaches what is unknown")
-    if touchable <= observation.tolerance:
+    if touchable <= limit:
         return protocol.Stop("no finger reaches where the error may be large")
     return protocol.Stop("no further touch would lower the error enough")
 

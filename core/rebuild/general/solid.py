@@ -24,7 +24,7 @@ from scipy.ndimage import label
 from scipy.spatial import ConvexHull, cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import SHARP, nearest_points, nearest_search
+from palpate.core.geometry import SHARP, nearest_points, nearest_search, self_intersection
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, Weights
@@ -40,6 +40,7 @@ VARIATION, ANCHOR = 0.05, 1e6  # m and 1/m^5: of the energy's last two terms
 DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones
 POSE = 0.1e-3  # Of a touch's displacement, m
 PROJECTIONS = 2
+RETREATS = 20  # Rounds in which vertices of faces that cross go back to where they came from
 LEAST_PART = 0.02  # Of what was touched: a part with less of it is no part of the object
 LOCAL_REACH = 12.0e-3  # Of a touch: the solid is fitted anew so far about it, m
 LEAST_SLOPE = 0.2  # Of the spline's gradient: a flatter one is no distance
@@ -102,7 +103,11 @@ class GeneralSolid(Solid):
         return places
 
     def mesh(self, parts: int = 2) -> Mesh:
-        """Triangles, closed, with vertices on the surface; each cell is cut into `parts`."""
+        """Triangles, closed, with vertices on the surface; each cell is cut into `parts`.
+
+        Vertices stay where the grid has them where the surface is so sharp that, moved onto it,
+        their triangles would cross.
+        """
         corner, values = self._volume(parts)
         step = self.cell / parts
         standing = self.platform is not None
@@ -113,11 +118,12 @@ class GeneralSolid(Solid):
         places = self.origin + (vertices + corner) * step
         moved = self.project(places, flat)
         near = np.linalg.norm(moved - places, axis=1) < step
-        places = np.where(near[:, None], moved, places)
+        moved = np.where(near[:, None], moved, places)
         if standing:
-            places[:, 2] = np.maximum(places[:, 2], self.origin[2])
-            places[flat, 2] = self.origin[2]
-        return Mesh(places, faces)
+            for one in (places, moved):
+                one[:, 2] = np.maximum(one[:, 2], self.origin[2])
+                one[flat, 2] = self.origin[2]
+        return Mesh(_uncrossed(places, moved, faces), faces)
 
     def __repr__(self) -> str:
         return f"<GeneralSolid {self._size()} m, of {len(self.fit.displacements)} touches>"
@@ -263,6 +269,16 @@ class GeneralSolid(Solid):
         reached = np.isin(np.arange(count + 1), parts[border & ~inside])
         reached[0] = False
         return ~reached[parts]
+
+
+def _uncrossed(places: Floats, moved: Floats, faces: Ints) -> Floats:
+    """Moved vertices (n, 3), but at their old places where faces (m, 3) would cross."""
+    for _ in range(RETREATS):
+        crossed = np.unique(faces[self_intersection(moved, faces).faces])
+        if not len(crossed):
+            return moved
+        moved[crossed] = places[crossed]
+    return places
 
 
 def cell_weights(cell: float, pose: float) -> Weights:

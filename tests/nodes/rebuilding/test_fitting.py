@@ -152,6 +152,13 @@ def test_a_solid_is_rejected_for_what_contradicts_it(
     assert len(found) == 1 and sentence in found[0]
 
 
+def test_a_finger_counts_only_where_it_has_been_said_to_count():
+    swept = MIDDLE + np.array([[0.0, 0.0, 0.5 * RADIUS]])
+    volume, touched = MeshVolume(ball_mesh()), all_touches()
+    assert len(faults_of(volume, 1e-5, touched, None, swept=swept)) == 1
+    assert faults_of(volume, 1e-5, touched, None, swept=swept[:0]) == ()
+
+
 @pytest.mark.parametrize("bound", [1e-9, 1e-3])
 def test_a_final_solid_off_its_draft_by_more_than_the_bound_is_rejected(bound: float):
     draft, final = asked(TOUCHES - 1), goal_of(PlanDone, TOUCHES)

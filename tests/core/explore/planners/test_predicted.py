@@ -44,6 +44,16 @@ def test_the_cover_comes_first_from_the_middle(sides, explored):
     np.testing.assert_allclose(heights[:5], [0.5, 0.735, 0.265, 0.97, 0.03])
 
 
+def test_where_a_slice_could_not_be_traced_the_cover_returns_last(
+    sides, slice_of, failed, observation
+):
+    slices = [slice_of(sides["cylinder"], 0.5), failed(0.97 * 0.09)]
+    choice = Predicted().next(observation(slices))
+    assert isinstance(choice, Height) and choice.height == pytest.approx(0.03 * 0.09)
+    choice = Predicted().next(observation([*slices, slice_of(sides["cylinder"], 0.03)]))
+    assert isinstance(choice, Height) and choice.height > 0.7 * 0.09
+
+
 @pytest.mark.parametrize("name", ["vase", "bottle", "ball", "cylinder"])
 def test_case_64_the_plan_in_millimetres_is_the_plan_in_metres(name, sides, explored):
     metres, stop = explored(Predicted(), sides[name])

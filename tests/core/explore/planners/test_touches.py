@@ -157,6 +157,23 @@ def test_a_pad_reaches_all_of_a_ball_and_rests_on_the_rim_of_a_hollow():
     assert pad_gaps(domed, hollow, bottom, up) == pytest.approx([0.0], abs=0.02 * sag)
 
 
+@pytest.mark.parametrize(("under", "goes_on"), [(0.3e-3, True), (3e-3, False)])
+def test_touches_make_up_for_what_none_can_reach_where_that_leaves_room(ball_of, under, goes_on):
+    def errors(at):
+        return under if at[2] < 0.024 else 1.2e-4  # whose bound is 0.19 of 0.2 mm
+
+    surface = ball_of(errors, platform=0.024).surface
+    none = np.zeros((0, 3))
+    limit, share = surface.touchable_limit(none, 2e-4), surface.touchable_bound(none)
+    assert surface.rms_bound_95 > 2e-4 > share
+    assert (share > limit) == goes_on
+    if goes_on:  # with the touchable part at that limit, the whole is within tolerance
+        rest = surface.rms_bound_95**2 - share**2 * surface._touchable(none).mean()
+        whole = rest + limit**2 * surface._touchable(none).mean()
+        assert whole == pytest.approx(2e-4**2)
+    assert isinstance(Touches().next(ball_of(errors, platform=0.024)), Touch) == goes_on
+
+
 def test_what_a_crease_may_hide_counts_though_no_pad_reaches_it(observation):
     turn, height = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 96)[:-1], np.linspace(0.01, 0.09, 81))
     radius = 0.01 + 0.5 * np.abs(height - 0.05)  # an hourglass

@@ -11,13 +11,15 @@ import pytest
 
 from palpate.core.archive import tree_from_arrays, tree_to_arrays
 from palpate.core.arrays import Floats
-from palpate.core.geometry import solidity
+from palpate.core.geometry import self_intersection, solidity
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import GeneralSolid, oriented, rebuild_general
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
 from palpate.core.rebuild.general.dissection import dissect, factorise
 from palpate.core.rebuild.general.fitting import CellBlocks
 from palpate.core.rebuild.general.rebuilding import GridSettings, least_cell
+from palpate.core.rebuild.general.solid import _uncrossed
+from palpate.core.shapes.tessellations import icosphere
 
 PAGE = Path(__file__).parents[4] / "docs" / "general.md"
 RADIUS, TUBE = 0.028, 0.011  # Of a torus, m
@@ -62,6 +64,16 @@ def test_vertices_lie_on_the_surface_and_distances_have_signs():
     assert np.nanmax(np.abs(value)) < 2e-5 and np.nanmin(np.linalg.norm(gradient, axis=1)) > 0.5
     places = np.array([[RADIUS, 0.0, 0.0], [0.0, 0.0, 0.0], [RADIUS + TUBE + 0.004, 0.0, 0.0]])
     assert torus().signed_distance(places) == pytest.approx(torus_distance(places), abs=2e-4)
+
+
+def test_moved_vertices_stay_behind_where_their_faces_would_cross():
+    directions, faces = icosphere(3)
+    moved = directions.copy()
+    moved[:40] *= -0.5  # through the other side
+    found = _uncrossed(directions, moved, faces)
+    assert self_intersection(directions, faces).count == 0
+    assert self_intersection(found, faces).count == 0
+    assert np.array_equal(_uncrossed(directions, 1.1 * directions, faces), 1.1 * directions)
 
 
 def test_displaced_touches_are_put_back():
