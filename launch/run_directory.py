@@ -250,7 +250,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         **distances,
         **_mesh_facts(model, score),
         "true_genus": _true_genus(score),
-        "rms_bound_95_m": known and known.rms_bound_95,
+        "rms_bound_95_m": _error_bound(progress),
         "tolerance_m": (done.limits if done else {}).get("tolerance", progress.tolerance),
         "tolerance_met": next(
             (one.is_met for one in verdict.criteria if one.name == "error bound"), None
@@ -306,8 +306,11 @@ def _verdict(progress: Progress) -> Verdict:
     Where no exploration has ended, nothing but the mesh is judged.
     """
     done, score, facts = progress.done, progress.score, _mesh_facts(progress.model, progress.score)
+    known = {} if done is None else dict(done.findings)
+    if "error_bound" in known:
+        known["error_bound"] = _error_bound(progress) or 0.0
     found = Findings(
-        **({} if done is None else done.findings),
+        **known,
         true_error=None if score is None else score.rms,
         closed=facts["watertight"],
         self_crossings=facts["self_crossings"],
@@ -315,6 +318,14 @@ def _verdict(progress: Progress) -> Verdict:
         true_genus=_true_genus(score),
     )
     return judge(found, Limits() if done is None else Limits(**done.limits))
+
+
+def _error_bound(progress: Progress) -> float | None:
+    """What was stated of the solid, and at least what touches show the last model to lack [m]."""
+    known = progress.done or progress.estimate
+    if known is None or known.rms_bound_95 is None:
+        return None
+    return max(known.rms_bound_95, 0.0 if progress.model is None else progress.model.missing)
 
 
 def _true_genus(score: Score | None) -> int | None:

@@ -178,6 +178,8 @@ class ShapeModel:
     vertex_bounds: Lengths = field(default_factory=lambda: np.zeros(0))  # Its bound of 95 %
     # Distance of each vertex from the nearest touched point
     vertex_distances: Lengths = field(default_factory=lambda: np.zeros(0))
+    # What a general solid lacks where touches lie far off it: root mean square error over all of it
+    missing: Metres = 0.0
     # Places in the solid at which a pad touched nothing but what is beside them: it is hollow there
     openings: Points = field(default_factory=lambda: np.zeros((0, 3)))
     frame: Pose  # Slicing frame in the world, along whose z axis heights count

@@ -31,6 +31,7 @@ def observed_surface(
         errors=model.vertex_errors,
         bounds=model.vertex_bounds,
         distances=model.vertex_distances,
+        missing=model.missing,
         pad=pad,
         platform=None if world.held else world.platform,
         reach=world.reach,

@@ -20,6 +20,7 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
 from palpate.core.shapes import Mesh
 from palpate.messages import derive, types
+from palpate.nodes.rebuilding.soundness import missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
 from palpate.nodes.specs import CONTACT_ERROR
 
@@ -140,7 +141,7 @@ def shape_model(
         dropped = {one.which: one.why for one in candidates.sliced.slices.dropped}
     elif candidates.why:
         dropped = dict.fromkeys(range(len(goal.contours)), candidates.why)
-    final = is_final(goal)
+    final, missing = is_final(goal), 0.0
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
     frame = IDENTITY_POSE
     deviation = None
@@ -151,6 +152,10 @@ def shape_model(
             deviation = solid.whole_deviation()
     elif solid is not None:
         parts = _general_parts(solid, quality, step)
+    volume = _volume(parts, candidates)
+    if solid is not None and solid is candidates.general:
+        with step("bound"):
+            missing = missing_error(volume, candidates.touched)
     return derive(
         types.ShapeModel,
         goal,
@@ -158,7 +163,8 @@ def shape_model(
         predicted={name: float(np.sqrt(found.mean())) for name, found in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
-        openings=openings(spanned, _volume(parts, candidates)),
+        missing=missing,
+        openings=openings(spanned, volume),
         frame=frame,
         deviation=0.0 if deviation is None else deviation.whole,
         ends_deviation=0.0 if deviation is None else deviation.ends,

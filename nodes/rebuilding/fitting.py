@@ -21,7 +21,7 @@ from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality, is_final
-from palpate.nodes.rebuilding.soundness import SoundnessSettings, departure, faults_of
+from palpate.nodes.rebuilding.soundness import SoundnessSettings, departure, faults_of, lacks
 from palpate.nodes.rebuilding.volume import MeshVolume
 
 if TYPE_CHECKING:
@@ -95,15 +95,36 @@ def published_solid(state: State, goal: Goal, step: Steps) -> Published:
     bound = goal.rms_bound_95 if isinstance(goal, types.PlanDone) else None
     if bound is None:
         return found
-    draft = _draft(state, goal, before, found.solid, step)
-    if draft is None or draft.solid is None:
+    why = _lacking(found, bound, step)
+    if why:
+        other = None if before is None else _chosen(state, before, step)
+    else:
+        other = _draft(state, goal, before, found.solid, step)
+        why = _departing(found, other, bound, step)
+    if not why or other is None or other.solid is None:
         return found
+    return other._replace(predicted=found.predicted, rejected=(*found.rejected, *why))
+
+
+def _lacking(found: Published, bound: float, step: Steps) -> tuple[str, ...]:
+    """Whether touches show a general solid to lack more than the bound allows."""
+    solid = found.solid
+    if solid is None or isinstance(solid, LatticeSolid):
+        return ()
+    with step("prediction"):
+        volume = MeshVolume(found.candidates.mesh_of(solid))
+        return lacks(volume, found.candidates.touched, bound)
+
+
+def _departing(
+    found: Published, draft: Published | None, bound: float, step: Steps
+) -> tuple[str, ...]:
+    """Whether a solid lies farther from its draft than the bound allows."""
+    if found.solid is None or draft is None or draft.solid is None:
+        return ()
     with step("prediction"):
         mesh = found.candidates.mesh_of(found.solid)
-        why = departure(mesh, draft.candidates.mesh_of(draft.solid), bound)
-    if not why:
-        return found
-    return draft._replace(predicted=found.predicted, rejected=(*found.rejected, *why))
+        return departure(mesh, draft.candidates.mesh_of(draft.solid), bound)
 
 
 def _chosen(state: State, goal: Goal, step: Steps) -> Published:

@@ -14,7 +14,8 @@ import numpy as np
 
 from palpate.core import Floats
 from palpate.core.explore import SpaceMap
-from palpate.core.geometry import compare_surfaces, nearest_points, prepare_surface
+from palpate.core.geometry import areas_and_normals, compare_surfaces, nearest_points
+from palpate.core.geometry import prepare_surface
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_squares
@@ -37,6 +38,8 @@ class SoundnessSettings:
     min_touch_offset: float = 1.0e-3  # [m] distance of a touch from the surface that is tolerated
     max_deviations: float = 6.0  # of the solid's stated deviation: the same
     max_contradicted: float = 0.05  # fraction of the touches that may lie farther off
+    max_missing_offset: float = 5.0e-3  # [m] a touch farther off has met surface that is missing,
+    touched_area: float = 1.0e-4  # [m^2] and this much of it
     n_samples: int = 4000  # places of each surface at which two solids are compared
 
 
@@ -113,6 +116,37 @@ def _contradicted(volume: MeshVolume, touched: ContactPoints, allowed: float) ->
         return 0.0
     off = nearest_points(volume.search, touched.points).distances
     return float((touch_squares(touched, off) > allowed**2).mean())
+
+
+def missing_error(
+    volume: MeshVolume,
+    touched: ContactPoints,
+    settings: SoundnessSettings = SoundnessSettings(),
+) -> float:
+    """Root mean square error that surface makes which a solid lacks, over all of it [m].
+
+    Distances from the solid tell nothing of a part that it has not; touches far off it do.
+    """
+    if not len(touched.points) or not len(volume.mesh.faces):
+        return 0.0
+    order = np.argsort(touched.touch, kind="stable")
+    _, first, counts = np.unique(touched.touch[order], return_index=True, return_counts=True)
+    middles = touched.points[order[first + counts // 2]]
+    off = nearest_points(volume.search, middles).distances
+    area = float(areas_and_normals(volume.mesh.vertices[volume.mesh.faces])[0].sum())
+    squares = off[off > settings.max_missing_offset] ** 2
+    return math.sqrt(float(squares.sum()) * settings.touched_area / area)
+
+
+def lacks(volume: MeshVolume, touched: ContactPoints, bound: float) -> tuple[str, ...]:
+    """Whether touches show a solid to lack more than its error bound [m] allows, in a sentence."""
+    missing = missing_error(volume, touched)
+    if missing <= bound:
+        return ()
+    return (
+        f"touches show that it lacks surface of {1e3 * missing:.3g} mm rms, and the error bound is "
+        f"{1e3 * bound:.3g} mm",
+    )
 
 
 def departure(

@@ -257,6 +257,7 @@ def test_a_bound_that_nobody_can_state_is_not_within_any_tolerance(progress):
         ({}, {"true_genus": 1}, ["genus 0 (the object's is 1)"], "a closed solid,"),
         ({"self_crossings": 6}, {}, ["6 self-crossings"], "a surface that crosses itself"),
         ({"closed": False, "genus": None}, {}, ["1 open surface"], "a surface that is NOT closed"),
+        ({"missing": 2e-3}, {}, ["error bound 2.000 mm (limit 1 mm)"], "a closed solid,"),
         ({}, {"rms": 2e-3}, ["rms error 2.000 mm (limit 1 mm)"], "a closed solid,"),
     ],
 )

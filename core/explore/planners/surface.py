@@ -93,6 +93,7 @@ class ObservedSurface:
     refused: Floats  # Where touches in vain were aimed at before, (j, 3)
     # Places in the solid at which a pad touched nothing but what is beside them, (k, 3)
     openings: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    missing: float = 0.0  # Error of the whole that comes of touched parts which it lacks, m
     touches: int = 0  # That were made
     earlier: tuple[Progress, ...] = ()  # What was known before, of the same method
     unknown_distance: float = 10.0e-3  # From every touch, beyond which a place is unknown
@@ -170,7 +171,7 @@ class ObservedSurface:
     @cached_property
     def rms_bound_95(self) -> float:
         """Below which the root mean square error is in 95 of 100 runs, m."""
-        return self.bound_of(np.ones(PLACES, np.bool_))
+        return math.hypot(self.bound_of(np.ones(PLACES, np.bool_)), self.missing)
 
     @cached_property
     def progress(self) -> tuple[Progress, ...]:

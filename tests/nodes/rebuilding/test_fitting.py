@@ -21,7 +21,7 @@ from palpate.messages.types.model import ModelGoal, PlanDone
 from palpate.nodes.rebuilding import State, fitted_solids, published_solid, spanned_by
 from palpate.nodes.rebuilding.candidates import HOLLOW, openings
 from palpate.nodes.rebuilding.fitting import MORE
-from palpate.nodes.rebuilding.soundness import SoundnessSettings, faults_of
+from palpate.nodes.rebuilding.soundness import SoundnessSettings, faults_of, lacks, missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
 
 RADIUS, MIDDLE = 0.02, np.array([0.0, 0.0, 0.05])
@@ -150,6 +150,17 @@ def test_a_solid_is_rejected_for_what_contradicts_it(
     astray = touched.points + off * np.asarray(touched.normals) * (touched.touch < 3)[:, None]
     found = faults(vertices, touched._replace(points=astray), deepest, deviation)
     assert len(found) == 1 and sentence in found[0]
+
+
+def test_touches_far_off_a_solid_tell_of_what_it_lacks():
+    volume, touched = MeshVolume(ball_mesh()), all_touches()
+    assert missing_error(volume, touched) == 0.0
+    away = 0.04 * (touched.touch < 5)[:, None] * np.asarray(touched.normals)
+    astray = touched._replace(points=touched.points + away)
+    found = missing_error(volume, astray)
+    assert lacks(volume, astray, 1.01 * found) == ()
+    assert "touches show that it lacks surface" in lacks(volume, astray, 0.99 * found)[0]
+    assert found == pytest.approx(np.sqrt(5 * 0.04**2 * 1e-4 / (4.0 * np.pi * RADIUS**2)), rel=0.05)
 
 
 def test_a_finger_counts_only_where_it_has_been_said_to_count():

@@ -157,6 +157,12 @@ def test_a_pad_reaches_all_of_a_ball_and_rests_on_the_rim_of_a_hollow():
     assert pad_gaps(domed, hollow, bottom, up) == pytest.approx([0.0], abs=0.02 * sag)
 
 
+def test_what_the_solid_lacks_counts_though_it_is_no_place_of_it(ball_of):
+    surface = ball_of(lambda at: 1e-4).surface
+    whole = replace(surface, missing=3e-3).rms_bound_95
+    assert whole == pytest.approx(np.hypot(surface.rms_bound_95, 3e-3))
+
+
 @pytest.mark.parametrize(("under", "goes_on"), [(0.3e-3, True), (3e-3, False)])
 def test_touches_make_up_for_what_none_can_reach_where_that_leaves_room(ball_of, under, goes_on):
     def errors(at):
