@@ -26,7 +26,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from palpate.launch import Graph, ResolvedNode, plain_params, resolve_nodes
 from palpate.launch.files import InputError, write_atomically
-from palpate.nodes.runtime import Node, Wiring
+from palpate.nodes.runtime import Node, Sink, Wiring
 
 MAX_PARAM_LETTERS = 400  # Of the parameters in a title
 TIMES = "\N{MULTIPLICATION SIGN}"
@@ -114,12 +114,13 @@ def sketch_of(graph: Graph) -> Sketch:
     stacks: dict[tuple[str, str], list[ResolvedNode]] = {}
     sinks, latched = [], set[str]()
     for one in resolve_nodes(graph.entries):
-        if not isinstance(one.node, Node):
+        if isinstance(one.node, Sink):
             sinks.append(_box([one], graph.ends))
             continue
         stacks.setdefault((one.entry.group, one.entry.module), []).append(one)
+        needs = one.node.needs if isinstance(one.node, Node) else ()
         inputs = wirings[one.entry.name].inputs
-        latched |= {edge.topic for edge in inputs if edge.local in one.node.needs}
+        latched |= {edge.topic for edge in inputs if edge.local in needs}
     box_of = {one.entry.name: i for i, stack in enumerate(stacks.values()) for one in stack}
     wires = []
     for source, stack in enumerate(stacks.values()):

@@ -240,6 +240,15 @@ def test_the_sketch_has_every_node_and_every_topic():
     assert sum(len(wire.labels) for wire in together) == len(graph.topics())
 
 
+def test_a_driver_is_a_node_that_publishes():
+    frames = SourceMapped(str(Path(__file__).parents[2] / "examples" / "frames.csv"), "")
+    arguments = {"path": frames, "scale": SourceMapped(0.001, "")}
+    graph = describe(EXPLORE.with_name("driver.yaml"), arguments, Path("out")).graph
+    sketch = sketch_of(graph)
+    assert [sink.text for sink in sketch.sinks] == ["recorder"]
+    assert wires_of(sketch)["/touch/raw"] == ("driver", ["filter"])
+
+
 def test_the_nodes_of_several_fingers_are_stacks():
     sketch = sketch_of(explore_graph(3))
     kinds = ("simulator", "filter", "curvature", "tracer")
