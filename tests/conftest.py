@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +13,9 @@ from zlib import crc32
 # bodies are compared to the last bit. Nodes run with one thread each as well.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
+
+# Under nohup SIGHUP is ignored, and would be by every process that a test starts.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # Hundreds of interpreters are started, most of them for the same modules: whoever wants no
 # bytecode beside the sources has it in a folder that is no part of the tree.
