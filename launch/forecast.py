@@ -112,6 +112,7 @@ class SizeLimits:
 
     max_seconds: float = 600.0  # of processor time [s]
     max_memory: float = 2e9  # [bytes]
+    max_extent: float = 1.0  # [m], of a fit: `core.rebuild.general.GridSettings`
     touch_area: float = 1.54  # [pad widths squared] of surface that one touch covers
     touch_memory: float = 40e3  # [bytes] of a touch
     fit_memory: float = 1.5e9  # [bytes] of one fit at most: `core.rebuild.general.GridSettings`

@@ -212,6 +212,11 @@ def _check_size(demanded: Demanded, place: Entry, hand: simulator.Params) -> Non
     area = float(areas_and_normals(vertices[faces])[0].sum())
     width = hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
     limits = SizeLimits()
+    if max(size) > limits.max_extent:
+        raise place.error(
+            f"the object measures {' x '.join(f'{side:.3g}' for side in size)} m, and at most "
+            f"{limits.max_extent:g} m can be rebuilt: multiply by 0.001 what is in millimetres"
+        )
     cost = size_cost(demanded.asked, size, area, width, demanded.quality)
     if cost.seconds > limits.max_seconds or cost.memory > limits.max_memory:
         sides = " x ".join(f"{side:.3g}" for side in size)
