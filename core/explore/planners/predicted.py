@@ -116,13 +116,9 @@ class Predicted:
         there += observation.busy_heights
         failed = [one.height for one in observation.slices if not one.usable]
         middle = self.cover // 2
-        order = [
-            (_count(failed, part), abs(i - middle), -i)
-            for i, part in enumerate(parts)
-            if not _count(there, part)
-        ]
-        for *_, i in sorted(order):
-            height = free_height(observation, heights[-i], parts[-i])
+        left = [i for i, part in enumerate(parts) if not _count(there, part)]
+        for i in sorted(left, key=lambda i: (_count(failed, parts[i]), abs(i - middle), -i)):
+            height = free_height(observation, heights[i], parts[i])
             if height is not None:
                 return height
         return None
