@@ -212,19 +212,19 @@ def _check_size(demanded: Demanded, place: Entry, hand: simulator.Params) -> Non
     area = float(areas_and_normals(vertices[faces])[0].sum())
     width = hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
     limits = SizeLimits()
-    if max(size) > limits.max_extent:
-        raise place.error(
-            f"the object measures {' x '.join(f'{side:.3g}' for side in size)} m, and at most "
-            f"{limits.max_extent:g} m can be rebuilt: multiply by 0.001 what is in millimetres"
-        )
     cost = size_cost(demanded.asked, size, area, width, demanded.quality)
+    sides = " x ".join(f"{side:.3g}" for side in size)
     if cost.seconds > limits.max_seconds or cost.memory > limits.max_memory:
-        sides = " x ".join(f"{side:.3g}" for side in size)
         raise place.error(
             f"the object measures {sides} m and would take about {cost.touches:.0f} touches, "
             f"{cost.seconds / 60.0:.0f} min of computing and {1e-9 * cost.memory:.1f} GB; at most "
             f"{limits.max_seconds / 60.0:.0f} min and {1e-9 * limits.max_memory:g} GB are begun: "
             "allow fewer touches (--touches), or multiply by 0.001 what is in millimetres"
+        )
+    if max(size) > limits.max_extent:
+        raise place.error(
+            f"the object measures {sides} m, and at most {limits.max_extent:g} m can be rebuilt: "
+            "multiply by 0.001 what is in millimetres"
         )
 
 

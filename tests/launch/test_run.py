@@ -138,19 +138,6 @@ def test_a_demand_that_cannot_be_met_is_refused_in_its_place(tmp_path, text, fin
     assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
 
 
-@pytest.mark.parametrize(("object_", "words"), [
-    ("{sphere: {radius: 0.6}}", "the object measures 1.2 x 1.2 x 1.2 m, and at most 1 m can be"),
-    ("{superquadric: {size: [0.45, 0.45, 0.45], exponents: [0.2, 0.2]}}", "min of computing and"),
-])  # fmt: skip
-def test_what_is_too_large_is_refused_before_it_begins(tmp_path, object_, words):
-    text = "explore: {tolerance: 0.2mm, planner: touches}\n"
-    (tmp_path / "s.yaml").write_text(f"object: {object_}\n{text}")
-    args = {"scene": SourceMapped(str(tmp_path / "s.yaml"), "")}
-    with pytest.raises(InputError, match=re.escape(words)):
-        plan_run(EXPLORE, args, {}, name="s", out=tmp_path / "run")
-    assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
-
-
 def test_to_plan_a_run_and_to_write_its_solid_scipy_and_trimesh_are_not_imported(tmp_path):
     script = f"""
 import sys
