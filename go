@@ -1,6 +1,6 @@
 #!/bin/sh
 # ./go          set up, then explore the vase
-# ./go test     set up, then run the tests
+# ./go test     set up, then run the quick tests; ./go test --all runs every test
 # ./go VERB     set up, then palpate VERB
 set -eu
 root=$(cd "$(dirname "$0")" && pwd)

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import IDENTITY_POSE
+from palpate.core.poses import IDENTITY_POSE
 from palpate.messages.types import ContourGoal
 from palpate.nodes import curvature, filter, simulator
-from palpate.nodes.runtime import Finished, MessageQueue, Node, Outputs
+from palpate.nodes.runtime.composed import MessageQueue
+from palpate.nodes.runtime.node import Finished, Node, Outputs
 
 ALL_FINGERS = 0  # A message of no single finger
 

@@ -15,11 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate import launch
 from palpate.bench.table import Figure, Row, figure_of
 from palpate.core.geometry import close_rings, compare_surfaces, prepare_surface
 from palpate.core.splines import coons_surface
-from palpate.launch.files import SourceMapped
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.launch_source import EXPLORE, PROCEDURES, find_launch_file
+from palpate.launch.printing import counted
+from palpate.launch.progress import Display
+from palpate.launch.run import Run, perform, plan_run
+from palpate.launch.run_directory import RECORDING
+from palpate.launch.scene import find_scene
 from palpate.messages import decode
 from palpate.messages.recording import open_recording
 from palpate.messages.types import TYPES, Contour, Truth
@@ -47,13 +52,13 @@ class Cell(NamedTuple):
 
 def procedure_rows(quick: bool) -> Iterator[Row | str]:
     """The table; two objects if quick."""
-    names = (SLICES, COONS, *launch.PROCEDURES)
+    names = (SLICES, COONS, *PROCEDURES)
     yield f"| object | floor | {' | '.join(names)} |"
     yield f"|---|---|{'---|' * len(names)}"
     for scene in QUICK_OBJECTS if quick else OBJECTS:
         with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
             cells, floor = _explored(scene, Path(folder) / SLICES)
-            for name in launch.PROCEDURES:
+            for name in PROCEDURES:
                 cells[name] = _performed(scene, name, Path(folder) / name)
         texts = " | ".join(cells[name].text for name in names)
         numbers = tuple(one for name in names for one in _figures(name, cells[name]))
@@ -70,17 +75,17 @@ def _figures(name: str, cell: Cell) -> Iterator[Figure]:
 
 def _explored(scene: str, out: Path) -> tuple[dict[str, Cell], float]:
     """The exploration in slices, Coons patches over what it traced, and the sampling floor, m."""
-    run = _run(launch.EXPLORE, scene, out, {"planner.most_touches": MOST_TOUCHES})
+    run = _run(EXPLORE, scene, out, {"planner.most_touches": MOST_TOUCHES})
     summary = run.summary
     spent = int(summary["touches"]), float(summary["robot_time_s"])
     cells = {SLICES: _cell(summary["rms_m"], *spent)}
-    error = _coons_error(out / launch.RECORDING)
+    error = _coons_error(out / RECORDING)
     cells[COONS] = _cell(error, *spent, "no patches")
     return cells, float(summary["sampling_floor_m"])
 
 
 def _performed(scene: str, name: str, out: Path) -> Cell:
-    run = _run(launch.find_launch_file(Path(name)), scene, out)
+    run = _run(find_launch_file(Path(name)), scene, out)
     summary, told = run.summary, run.summary["procedure"]
     spent = int(summary["touches"]) + int(summary["contacts"]), float(summary["robot_time_s"])
     return _cell(summary["rms_m"], *spent, _without_solid(told))
@@ -94,7 +99,7 @@ def _without_solid(told: dict[str, Any]) -> str:
         return f"axis ±{told['axis_error_deg']:.2f}°, apex ±{1e3 * told['apex_error_m']:.1f} mm"
     words = {"holes": "hole", "cavities": "cavity", "open_ends": "open end"}
     found = {key: int(told[key]) for key in words if told.get(key)}
-    every = (launch.counted(n, words[key], key.replace("_", " ")) for key, n in found.items())
+    every = (counted(n, words[key], key.replace("_", " ")) for key, n in found.items())
     return ", ".join(every) or "no opening"
 
 
@@ -103,14 +108,14 @@ def _cell(error: float | None, touches: int, seconds: float, otherwise: str = "n
     return Cell(f"{found}; {touches}; {seconds:.0f} s", error, touches, seconds)
 
 
-def _run(file: Path, scene: str, out: Path, settings: Mapping[str, Any] = {}) -> launch.Run:
+def _run(file: Path, scene: str, out: Path, settings: Mapping[str, Any] = {}) -> Run:
     args = {
-        "scene": SourceMapped(str(launch.find_scene(scene)), "scene"),
+        "scene": SourceMapped(str(find_scene(scene)), "scene"),
         "scene.effects": SourceMapped(NOISE, "noise"),
     }
     given = {name: SourceMapped(value, name) for name, value in settings.items()}
-    plan = launch.plan_run(file, args, given, name=scene, out=out)
-    return launch.perform(plan, composed=True, display=launch.Display())
+    plan = plan_run(file, args, given, name=scene, out=out)
+    return perform(plan, composed=True, display=Display())
 
 
 def _coons_error(recording: Path) -> float | None:

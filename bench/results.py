@@ -22,9 +22,10 @@ import msgspec
 
 from palpate import __version__
 from palpate.bench.table import Figure, Kind, Measured
-from palpate.launch.files import InputError, read_bounded, write_atomically
+from palpate.launch.files.file_access import read_bounded, write_atomically
+from palpate.launch.files.source_map import InputError
 
-FORM, VERSION = "palpate dev bench", 1
+FORM, VERSION = "palpate bench", 1
 MOST_BYTES = 64 * 2**20
 NOISE: Mapping[Kind, float] = {"time": 0.10, "count": 0.0, "error": 0.02}  # Shares of the value
 NEGLIGIBLE = 1e-12  # In any unit: what is less comes of rounding
@@ -36,7 +37,7 @@ Kept = TypeVar("Kept")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """What one call of ``palpate dev bench`` measured."""
+    """What one call of ``palpate bench`` measured."""
 
     form: str
     version: int

@@ -27,9 +27,11 @@ import numpy as np
 
 from palpate.bench.loop import InProcessLoop, LoopNode, contour_goal, touching_nodes
 from palpate.bench.table import MOST_SECONDS, Figure, Row, at_most, figure, figure_of, in_turns
-from palpate.launch.files import InputError
+from palpate.launch.files.source_map import InputError
 from palpate.messages.recording import RecordedMessage, open_recording
-from palpate.nodes import reconstructor, simulator, specs, tracer
+from palpate.nodes import reconstructor, simulator, tracer
+from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.nodes.specs.sensors import SensorSpec
 
 SCENES = (
     *("vase", "sphere", "box", "cylinder", "egg", "twisted", "hyperquadric", "dented", "bottle"),
@@ -276,11 +278,11 @@ def touch_rows(quick: bool) -> Iterator[Row]:
 def handler_seconds(side: int) -> dict[str, float]:
     """Processor time of a touch by node, s: of the contour of a ball, touched by a square array."""
     spent: dict[str, float] = {}
-    ball = specs.ObjectSpec(
-        superquadric=specs.SuperquadricSpec(size=(BALL,) * 3, exponents=(1.0, 1.0)),
-        pose=specs.PoseSpec(position=(0.0, 0.0, BALL)),
+    ball = ObjectSpec(
+        superquadric=SuperquadricSpec(size=(BALL,) * 3, exponents=(1.0, 1.0)),
+        pose=PoseSpec(position=(0.0, 0.0, BALL)),
     )
-    sensor = specs.SensorSpec(rows=side, cols=side, pitch=16e-3 / side)
+    sensor = SensorSpec(rows=side, cols=side, pitch=16e-3 / side)
     touching = touching_nodes(simulator.Params(object=ball, sensor=sensor))
     others = [
         LoopNode(1, tracer.NODE, tracer.Params()),

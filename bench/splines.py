@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import NdBSpline
 
 from palpate.bench.table import Row, at_most, figure, in_turns
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.splines import clamped_basis, evaluate_scattered
 
 COUNTS, DEGREE = (12, 16, 20), 3  # Functions along each axis of a control lattice

@@ -1,9 +1,9 @@
-"""``palpate dev bench``: what it measures, by name. The verb is found by name."""
+"""``palpate bench``: every measurement by its name. The verb is found by name."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,105 +12,183 @@ import click
 
 from palpate.bench.results import ResultsFile, comparison_lines, read_results
 from palpate.bench.table import Group, named, run_groups
-from palpate.launch.files import check_new
-from palpate.tools.cli import JSON, out_option
+from palpate.launch.files.file_access import check_new
+from palpate.launch.files.source_map import InputError, hint
+from palpate.tools.cli.command_line import JSON, out_option
 
-SPEED = "speed/scenes"  # The group that takes an older checkout
 RESULTS = click.Path(dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
+COSTS = ("touches", "robot", "compute")
 
 
 class Bench(NamedTuple):
-    """What ``palpate dev bench`` measures by one name."""
+    """What ``palpate bench`` measures by one name."""
 
-    told: str  # What it measures, for the help
-    # ``module:function`` by name, within palpate.bench, each imported at its turn; quickest first.
+    shows: str  # For the list and the help
+    # ``module:function`` by name, within palpate.bench; each module is imported at its turn.
     groups: Mapping[str, str]
+    options: Mapping[str, Sequence[str]] = {}  # Which groups take which options
+    in_all: bool = True  # Whether `all` includes it: false for what takes hours or needs files
 
 
 BENCHES: Mapping[str, Bench] = {
-    "speed": Bench(
-        "the shipped scenes from start to exit: accuracy, and where their time goes, in turns with "
-        "an older checkout (--against); a touch by its taxels; splines against scipy's; and how "
-        "runs grow",
+    "accuracy": Bench(
+        "what accuracy costs: every method on eighteen objects (docs/benchmark.md)",
+        {"methods": "accuracy.measuring:accuracy_rows"},
+        {"methods": ("sheet", "cost", "meshes", "add", "method")},
+        in_all=False,
+    ),
+    "real": Bench(
+        "the meshes of a folder, explored with noise: true errors, bounds, coverage, pictures",
+        {"meshes": "real:real_rows"},
+        {"meshes": ("sheet", "meshes")},
+        in_all=False,
+    ),
+    "thesis": Bench(
+        "the thesis against today: filters and curvature, its two examples, and recordings",
         {
-            "touches": "speed:touch_rows",
-            "splines": "splines:spline_rows",
-            "scenes": "speed:scene_rows",
-            "growth": "speed:growth_rows",
+            "curvature": "curvature:curvature_rows",
+            "examples": "thesis:thesis_rows",
+            "recorded": "thesis:recorded_rows",
+        },
+        {"recorded": ("runs",)},
+    ),
+    "contours": Bench(
+        "solids from contours of eight objects, beside lofts, radial functions and the thesis",
+        {"peers": "contours:peer_rows"},
+        {"peers": ("sheet",)},
+    ),
+    "planners": Bench(
+        "contours that each planner needs, step templates, and whether a tolerance decides",
+        {
+            "planners": "planners:planner_rows",
+            "templates": "planners:template_rows",
+            "tolerances": "tolerances:tolerance_rows",
         },
     ),
     "procedures": Bench(
-        "every exploratory procedure on twelve objects: error, touches, robot time, and what it "
-        "cannot do (docs/procedures.md)",
+        "every exploratory procedure on twelve objects: error, touches and robot time",
         {"procedures": "procedures:procedure_rows"},
+    ),
+    "recognition": Bench(
+        "stored and other objects in any pose, with noise: which they are taken for",
+        {"recognition": "recognition:recognition_rows"},
+    ),
+    "ablation": Bench(
+        "what each part is worth: error and cost without it over those with it",
+        {"parts": "ablation:part_rows", "taxels": "ablation:taxel_rows"},
+    ),
+    "effects": Bench(
+        "what each effect of a scene costs, and does to the error of a contour",
+        {"effects": "effects:effect_rows"},
+    ),
+    "growth": Bench(
+        "error and cost as contours, points, taxels, fingers and nodes grow, and memory",
+        {"growth": "growth:growth_rows", "memory": "memory:memory_rows"},
+        {"growth": ("sheet",)},
+    ),
+    "speed": Bench(
+        "a touch, a message, splines, and the shipped scenes from start to exit",
+        {
+            "touches": "speed:touch_rows",
+            "messages": "bus:hop_rows",
+            "splines": "splines:spline_rows",
+            "scenes": "speed:scene_rows",
+            "runs": "speed:growth_rows",
+        },
+        {"scenes": ("against",)},
     ),
 }
 ALL = "all"
-BENCH_HELP = """Measure one thing, or all, here and now.
+BENCH_HELP = """Measure what palpate is worth and what it costs, here and now.
+
+NAME is one of these, or `all` for all of them but accuracy and real, which take hours:
 
 \b
 {benches}
 
-The exit code is 0 if everything was measured that was to be. A demand that is not met is printed
-with MISSED; with --strict it makes the exit code 1, as a group that fails always does.
-
---compare says which figures moved: if they were repeated, by more than the repeats differ; else
-counts by anything, times by 10 %, and the rest by 2 %.
+The exit code is 0 if everything was measured. A demand that is not met is printed with MISSED;
+with --strict it makes the exit code 1, as a group that fails always does. --compare says which
+figures moved by more than their repeats differ; of figures that were measured once, counts by
+anything, times by 10 %, and others by 2 %.
 """
 
 
-def _help() -> str:
-    told = {**{name: one.told for name, one in BENCHES.items()}, ALL: "all of these"}
-    wrap = textwrap.TextWrapper(76, subsequent_indent=11 * " ", break_on_hyphens=False)
-    return BENCH_HELP.format(benches="\n".join(wrap.fill(f"{n:<10} {t}") for n, t in told.items()))
+def bench_lines() -> Iterator[str]:
+    """Name and purpose of each bench, folded."""
+    wrap = textwrap.TextWrapper(78, subsequent_indent=12 * " ", break_on_hyphens=False)
+    yield from (wrap.fill(f"{name:<12}{bench.shows}") for name, bench in BENCHES.items())
 
 
-@click.command("bench", help=_help())
-@click.argument("what", type=click.Choice([*BENCHES, ALL]), default="speed")
-@click.option("--quick", is_flag=True, help="Fewer scenes, messages or frames.")
+@click.command("bench", help=BENCH_HELP.format(benches="\n".join(bench_lines())))
+@click.argument("name", required=False)
+@click.option("--list", "listed", is_flag=True, help="List the names, and their groups.")
+@click.option("--quick", is_flag=True, help="Fewer objects, seeds, scenes or frames.")
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @JSON
 @out_option("Write the results here, as JSON.", type=RESULTS)
 @click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
-@click.option(
-    "--against",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="An older checkout, with which scenes are run in turns.",
-)
+@click.option("--against", type=FOLDER, metavar="DIR", help="speed: an older checkout, in turns.")
+@click.option("--sheet", type=FOLDER, metavar="DIR", help="Folder for runs and pictures.")
+@click.option("--meshes", type=FOLDER, metavar="DIR", help="accuracy, real: explore these too.")
+@click.option("--cost", type=click.Choice(COSTS), help="accuracy: against which error is drawn.")
+@click.option("--add", type=RESULTS, multiple=True, help="accuracy: runs of another method.")
+@click.option("--method", metavar="MODULE:FUNCTION", multiple=True, help="accuracy: a method.")
+@click.option("--runs", type=FOLDER, metavar="RUN", multiple=True, help="thesis: recorded runs.")
 def bench_command(
-    what: str, only: str | None, out: Path | None, compare: Path | None, quick: bool, **how: Any
+    name: str | None,
+    listed: bool,
+    quick: bool,
+    only: str | None,
+    out: Path | None,
+    compare: Path | None,
+    as_json: bool,
+    strict: bool,
+    **options: Any,
 ) -> int:
-    """Measure one thing or all; `_help` says which there are."""
-    chosen = _chosen(what, only, how.pop("against"))
+    """Measure one thing or all; the help says which there are."""
+    if listed or name is None:
+        for line in bench_lines():
+            click.echo(line)
+        return 0
+    groups = chosen_groups(name, only, {key: value for key, value in options.items() if value})
     old = None if compare is None else read_results(compare, quick=quick)
     if out is not None:
         check_new(out)
     kept = ResultsFile(out, quick=quick)
-    code = run_groups(chosen, quick=quick, echo=click.echo, keep=kept.add, **how)
+    code = run_groups(
+        groups, quick=quick, as_json=as_json, strict=strict, echo=click.echo, keep=kept.add
+    )
     if old is not None and compare is not None:
         for line in comparison_lines(old, kept.results, compare):
-            click.echo(line, err=how["as_json"])
+            click.echo(line, err=as_json)
     return code
 
 
-def _chosen(what: str, only: str | None, against: Path | None) -> Mapping[str, str | Group]:
-    """Groups as ``bench/group``, each with where it is or what measures it."""
-    benches = BENCHES if what == ALL else {what: BENCHES[what]}
-    places = {
-        f"{bench}/{group}": f"palpate.bench.{place}"
-        for bench, one in benches.items()
-        for group, place in one.groups.items()
-    }
-    if only is not None:
-        wanted = only if what == ALL else f"{what}/{only}"
-        if wanted not in places:
-            known = places if what == ALL else benches[what].groups
-            raise click.UsageError(f"there is no group {only!r}; there are {', '.join(known)}")
-        places = {wanted: places[wanted]}
-    if against is None:
-        return places
-    if SPEED not in places:
-        raise click.UsageError("--against belongs to speed")
-    return {**places, SPEED: partial(named(places[SPEED]), against=against)}
+def chosen_groups(
+    name: str, only: str | None, options: Mapping[str, Any]
+) -> Mapping[str, str | Group]:
+    """Groups as ``bench/group``, each with its place, or with what measures it with options.
+
+    Raises InputError for a name, group or option that there is not.
+    """
+    if name not in (*BENCHES, ALL):
+        raise InputError(f"there is no bench {name!r}; {hint(name, [*BENCHES, ALL])}")
+    names = [one for one, bench in BENCHES.items() if bench.in_all] if name == ALL else [name]
+    known = [group for one in names for group in BENCHES[one].groups]
+    if only is not None and only not in known:
+        raise InputError(f"--only {only}: there is no such group; there are {', '.join(known)}")
+    groups: dict[str, str | Group] = {}
+    taken: set[str] = set()
+    for one in names:
+        for group, place in BENCHES[one].groups.items():
+            if only not in (None, group):
+                continue
+            full = f"palpate.bench.{place}"
+            own = {k: options[k] for k in BENCHES[one].options.get(group, ()) if k in options}
+            groups[f"{one}/{group}"] = partial(named(full), **own) if own else full
+            taken |= own.keys()
+    if unused := sorted(options.keys() - taken):
+        raise InputError(f"--{unused[0]}: nothing that is measured here takes it")
+    return groups

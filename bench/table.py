@@ -6,6 +6,7 @@ Beside its text a line has its figures as numbers, by which a later run is compa
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -13,7 +14,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 
-from palpate.launch.files import InputError
+from palpate.launch.files.source_map import InputError
 
 Key = TypeVar("Key")
 Found = TypeVar("Found")
@@ -150,6 +151,18 @@ def in_turns(calls: Mapping[Key, Callable[[], Found]], turns: int) -> dict[Key, 
         for key, call in calls.items():
             found[key].append(call())
     return found
+
+
+def best_seconds(
+    call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.perf_counter
+) -> float:
+    """The least time of some rounds: what a busy computer adds is not the call's."""
+    times = []
+    for _ in range(rounds):
+        began = clock()
+        call()
+        times.append(clock() - began)
+    return min(times)
 
 
 def run_groups(

@@ -16,8 +16,8 @@ from decimal import Decimal
 from functools import cache
 from importlib import import_module
 from numbers import Integral, Real
-from types import NoneType
 from traceback import walk_tb
+from types import NoneType
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 # Units of lengths, m.

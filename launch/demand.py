@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.core import LENGTHS, TIMES, in_base_unit
 from palpate.core.explore import FEATURE_SHARE
-from palpate.launch.files import InputError, SourceMapped, is_mesh_file
+from palpate.core.plugins import LENGTHS, TIMES, in_base_unit
+from palpate.launch.files.mesh_file import is_mesh_file
+from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.forecast import forecast, renewed_forecast
 from palpate.launch.printing import titled
 from palpate.messages.types import Superquadric
 from palpate.nodes import planner, reconstructor
-from palpate.nodes.runtime import Wiring
+from palpate.nodes.runtime.node import Wiring
 
 
 def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.messages.types import Superquadric
-from palpate.nodes import planner, planning
+from palpate.nodes import planner
+from palpate.nodes.planning.phases import fitted_superquadric
 
 ELLIPSOID_POWER = 1.6075  # Of Thomsen's formula for the area, within 1.1 %
 COARSE_LEVEL = 4  # Of the icosphere by which the coarse model's area is measured
@@ -29,7 +30,7 @@ class ExpectedCost(NamedTuple):
     seconds: tuple[float, float, float]  # Robot time, one finger of the preset ``modern``, s
 
 
-# By the tolerance over the object's height, %: `python tests/studies tolerances`.
+# By the tolerance over the object's height, %: `palpate bench planners --only tolerances`.
 COSTS: Mapping[float, ExpectedCost] = {
     1.0: ExpectedCost((44, 64, 99), (155, 195, 251)),
     0.5: ExpectedCost((51, 80, 106), (165, 196, 260)),
@@ -143,7 +144,7 @@ def renewed_forecast(
     from palpate.core.geometry import areas_and_normals  # which nobody needs before the grasp
 
     try:
-        mesh = planning.fitted_superquadric(coarse).shape().mesh(COARSE_LEVEL)
+        mesh = fitted_superquadric(coarse).shape().mesh(COARSE_LEVEL)
     except ValueError:  # its bend folds it
         return None
     area = float(areas_and_normals(mesh.vertices[mesh.faces])[0].sum())

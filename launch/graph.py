@@ -16,14 +16,15 @@ from typing import Any, NamedTuple
 
 from msgspec import to_builtins
 
-from palpate.launch import files
+from palpate.launch.files.source_map import InputError, SourceMapped, hint, key_path, set_within
+from palpate.launch.files.yaml_file import convert, parse_yaml, yaml_text
 from palpate.launch.hosts import read_host
 from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
 from palpate.messages import CodecError, derive, schema, schema_hash
 from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
-from palpate.nodes.runtime import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
+from palpate.nodes.runtime.node import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
 # Modules of the nodes that may know the true shape.
 MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
@@ -104,9 +105,9 @@ class Graph:
         nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]
         if self.ends not in nodes:
             where = f"{self.source}: " if self.source else ""
-            raise files.InputError(
+            raise InputError(
                 f"{where}ends names {self.ends!r}, which is no node of the graph that could "
-                f"finish; {files.hint(self.ends, nodes)}"
+                f"finish; {hint(self.ends, nodes)}"
             )
 
 
@@ -202,7 +203,7 @@ def _sources(
         candidates.append(local)
     found = [topic for topic in candidates if topic in published]
     if not found and (local in entry.remap or local not in node.optional):
-        near = files.hint(candidates[-1], published)
+        near = hint(candidates[-1], published)
         raise entry.error(f"subscribes to {candidates[-1]}, which nobody publishes; {near}")
     return found if local in node.fan_in else found[:1]
 
@@ -237,7 +238,7 @@ def resolve_nodes(entries: Iterable[Entry]) -> tuple[ResolvedNode, ...]:
         if entry.host:
             try:
                 read_host(entry.host)
-            except files.InputError as error:
+            except InputError as error:
                 raise entry.error(str(error)) from None
         node = load_entry(entry)
         params = _params(entry, node.params)
@@ -266,7 +267,7 @@ def _params(entry: Entry, kind: type) -> Any:
         return entry.params
     if not isinstance(entry.params, Mapping):
         raise entry.error(f"params must be a map, got {entry.params!r:.60}")
-    return files.convert(entry.settings, kind, entry.name)
+    return convert(entry.settings, kind, entry.name)
 
 
 def _published_types(entry: Entry, node: AnyNode, params: Any) -> Mapping[str, type]:
@@ -291,7 +292,7 @@ def _check_remap(entry: Entry, node: AnyNode, publications: Iterable[str]) -> No
     known = (*node.inputs, *node.outputs) if isinstance(node, Node) else tuple(publications)
     for local, topic in entry.remap.items():
         if local not in known:
-            raise entry.error(f"has no topic {local!r} to remap; {files.hint(local, known)}")
+            raise entry.error(f"has no topic {local!r} to remap; {hint(local, known)}")
         if not _TOPIC.fullmatch(topic):
             raise entry.error(f"{local} cannot become {topic!r}; a topic looks like /touch/raw")
 
@@ -304,7 +305,7 @@ def _resolved_topic(entry: Entry, node: AnyNode, topic: str) -> str:
     return topic if outside else f"/{entry.namespace}{topic}"
 
 
-def override(graph: Graph, settings: Mapping[str, files.SourceMapped]) -> Graph:
+def override(graph: Graph, settings: Mapping[str, SourceMapped]) -> Graph:
     """The graph with parameters set from outside, by ``node.param``.
 
     Where there is one such node for each finger, its name without the number means all of them.
@@ -321,21 +322,21 @@ def override(graph: Graph, settings: Mapping[str, files.SourceMapped]) -> Graph:
         if not param:
             raise value.error((), "must look like planner.tolerance=0.2e-3")
         if node not in groups:
-            raise value.error((), f"there is no node {node!r}; {files.hint(node, groups)}")
+            raise value.error((), f"there is no node {node!r}; {hint(node, groups)}")
         for name in groups[node]:
             entries[name] = _with_parameter(entries[name], param, value)
     return replace(graph, entries=tuple(entries.values()))
 
 
-def _with_parameter(entry: Entry, param: str, value: files.SourceMapped) -> Entry:
+def _with_parameter(entry: Entry, param: str, value: SourceMapped) -> Entry:
     if isinstance(value.value, str):
         search_current_folder(value.value)  # a planner of one's own
-    keys = files.key_path(f".{param}")
-    params = files.set_within(to_builtins(entry.params, builtin_types=(bytes,)), keys, value)
+    keys = key_path(f".{param}")
+    params = set_within(to_builtins(entry.params, builtin_types=(bytes,)), keys, value)
     return replace(entry, params=params, places={**entry.places, keys: value.source})
 
 
-def read_settings(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
+def read_settings(texts: Iterable[str]) -> dict[str, SourceMapped]:
     """Settings as typed on the command line, ``node.param=value`` each; later ones win.
 
     Raises InputError if one has no ``=``, or a value that is not YAML.
@@ -344,12 +345,12 @@ def read_settings(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
     for text in texts:
         target, equals, value = text.partition("=")
         if not equals:
-            raise files.InputError(f"--set {text}: must look like planner.tolerance=0.2e-3")
+            raise InputError(f"--set {text}: must look like planner.tolerance=0.2e-3")
         found[target] = _parsed(value, f"--set {text}")
     return found
 
 
-def read_arguments(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
+def read_arguments(texts: Iterable[str]) -> dict[str, SourceMapped]:
     """Arguments of a launch file as typed on the command line, ``name:=value`` each.
 
     Raises InputError if one has no ``:=``, or a value that is not YAML.
@@ -358,13 +359,13 @@ def read_arguments(texts: Iterable[str]) -> dict[str, files.SourceMapped]:
     for text in texts:
         name, sign, value = text.partition(":=")
         if not (sign and name):
-            raise files.InputError(f"{text!r}: an argument must look like scene:=vase")
+            raise InputError(f"{text!r}: an argument must look like scene:=vase")
         found[name] = _parsed(value, text)
     return found
 
 
-def _parsed(text: str, source: str) -> files.SourceMapped:
-    return files.SourceMapped(files.parse_yaml(text, source).value, source)
+def _parsed(text: str, source: str) -> SourceMapped:
+    return SourceMapped(parse_yaml(text, source).value, source)
 
 
 def resolved_text(
@@ -387,7 +388,7 @@ def resolved_text(
             **{key: value for key, value in told.items() if value},
         }
     told = {"args": dict(args), "nodes": nodes, "ends": graph.ends, "rate": graph.rate}
-    return files.yaml_text({key: value for key, value in told.items() if value})
+    return yaml_text({key: value for key, value in told.items() if value})
 
 
 def _portable_params(params: Any, out: Path) -> dict[str, Any]:

@@ -20,10 +20,12 @@ from pathlib import Path
 import msgspec
 import zmq
 
-from palpate.launch.files import InputError
-from palpate.launch.processes import ForkServer, Interrupts, RemoteHost, private_folder
+from palpate.launch.files.source_map import InputError
+from palpate.launch.processes.fork_server import Interrupts
+from palpate.launch.processes.process_table import ForkServer, RemoteHost
+from palpate.launch.processes.registry import private_folder
 from palpate.messages.bus import TO_HOSTS, Addresses, ControlMessage, ControlServer, SocketContext
-from palpate.nodes.runtime import Wiring
+from palpate.nodes.runtime.node import Wiring
 
 PORTS, TRIED_PORTS = range(10_000, 32_768), 1000  # Of nodes; higher ones go to who connects
 PORT = 7447  # Where a machine that lends itself listens, unless the user wants another

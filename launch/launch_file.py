@@ -19,13 +19,14 @@ from msgspec import Meta, Struct, field
 from msgspec.structs import asdict
 from ruamel.yaml import YAML
 
-from palpate.launch.files import InputError, SourceMapped, convert, hint, key_path, read_yaml
+from palpate.launch.files.source_map import InputError, SourceMapped, hint, key_path
+from palpate.launch.files.yaml_file import convert, read_yaml
 from palpate.launch.graph import Graph
 from palpate.launch.launch_source import find_launch_file, read_with_includes, substitute
 from palpate.launch.node_kinds import Entry, search_inputs
 from palpate.launch.printing import text_table
 from palpate.launch.scene import Scene, load_scene
-from palpate.nodes.runtime import MAX_FINGERS, OnExit
+from palpate.nodes.runtime.node import MAX_FINGERS, OnExit
 
 # What ``$(name)`` stands for without an argument of that name.
 RESERVED = {"out": "the run directory", "finger": "the number of a finger"}

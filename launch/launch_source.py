@@ -13,9 +13,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.files import InputError, KeyPath, SourceMapped, hint, read_yaml
+from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint
+from palpate.launch.files.yaml_file import read_yaml
 from palpate.launch.node_kinds import Entry
-from palpate.launch.processes import start_fork_server
+from palpate.launch.processes.fork_server import start_fork_server
 
 SHIPPED_LAUNCH_FILES = Path(__file__).parent  # Where the launch files lie that come with palpate
 EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # The one that explores a scene

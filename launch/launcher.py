@@ -8,10 +8,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from palpate.launch import processes
 from palpate.launch.hosts import RemoteHosts
+from palpate.launch.processes.fork_server import Interrupts
+from palpate.launch.processes.node_status import LauncherSockets, check_open_files
+from palpate.launch.processes.process_table import ForkServer, ProcessHosts
+from palpate.launch.processes.registry import (
+    Announcement,
+    EarlierRun,
+    RunCard,
+    addresses_of,
+    message_log_folder,
+    private_folder,
+)
+from palpate.launch.processes.supervisor import Supervisor
 from palpate.messages.bus import LAUNCHER, QUEUE_DEPTH, Addresses, check_node_name
-from palpate.nodes.runtime import Ending, Watcher, Wiring, describe_wirings, recorded_nodes
+from palpate.nodes.runtime.composed import Ending, Watcher
+from palpate.nodes.runtime.node import Wiring, describe_wirings, recorded_nodes
 
 
 def launch(
@@ -24,7 +36,7 @@ def launch(
     run_dir: Path | None = None,
     work_dir: Path | None = None,
     depth: int = QUEUE_DEPTH,
-    before: processes.EarlierRun | None = None,
+    before: EarlierRun | None = None,
 ) -> Ending:
     """Run a graph until it ends, and leave nothing behind.
 
@@ -40,33 +52,33 @@ def launch(
     """
     began = time.monotonic()
     _check(wirings, ends)
-    processes.check_open_files(len(wirings))
+    check_open_files(len(wirings))
     sources = _sources(wirings, watch)
     names = [wiring.name for wiring in wirings]
     with (
-        processes.Interrupts() as interrupts,
-        processes.private_folder(work_dir) as folder,
-        processes.message_log_folder(run_dir, folder) as past,
+        Interrupts() as interrupts,
+        private_folder(work_dir) as folder,
+        message_log_folder(run_dir, folder) as past,
         RemoteHosts(wirings, f"{name} {folder.name}") as remote,
     ):
-        place = remote.reach(processes.addresses_of(folder, names, depth, past))
+        place = remote.reach(addresses_of(folder, names, depth, past))
         with (
-            processes.LauncherSockets(place, sources) as sockets,
-            processes.ForkServer([wiring.module for wiring in wirings]) as server,
+            LauncherSockets(place, sources) as sockets,
+            ForkServer([wiring.module for wiring in wirings]) as server,
         ):
-            hosts = processes.ProcessHosts(server, remote.nodes)
+            hosts = ProcessHosts(server, remote.nodes)
             complete = _with_subscribers(wirings, watch)
             if before is not None:
                 before.lay(complete, place)
             card = _card(wirings, place, name, ends, run_dir)
-            return processes.Supervisor(
+            return Supervisor(
                 complete,
                 ends=ends,
                 sources=sources,
                 watcher=watcher,
                 place=place,
                 sockets=sockets,
-                announcement=processes.Announcement(folder, card),
+                announcement=Announcement(folder, card),
                 hosts=hosts,
                 ahead_ns=remote.ahead_ns,
                 interrupts=interrupts,
@@ -76,8 +88,8 @@ def launch(
 
 def _card(
     wirings: Sequence[Wiring], place: Addresses, name: str, ends: str, run_dir: Path | None
-) -> processes.RunCard:
-    return processes.RunCard(
+) -> RunCard:
+    return RunCard(
         run=f"{place.run:016x}",
         name=name,
         pid=os.getpid(),

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import palpate.nodes
-from palpate.core import told_error
-from palpate.launch.files import InputError, KeyPath, SourceMapped, hint
-from palpate.nodes import runtime  # Loads numpy when a node is asked for, not before
+from palpate.core.plugins import told_error
+from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint
+from palpate.nodes.runtime.node import load_node
 
 if TYPE_CHECKING:
-    from palpate.nodes.runtime import AnyNode, OnExit
+    from palpate.nodes.runtime.node import AnyNode, OnExit
 
 INPUTS = "inputs"  # Folder in that of a run: the meshes and modules that it was made with
 KINDS = "palpate.nodes"  # A kind without a dot is a module of this package
@@ -103,7 +103,7 @@ def load_entry(entry: Entry) -> AnyNode:
         raise entry.error(f"kind is {kind!r}; a module of one's own is named as module:NODE")
     search_current_folder(kind)
     try:
-        node = runtime.load_node(entry.module)
+        node = load_node(entry.module)
     except ValueError as error:
         if mark or "." in kind or kind in list_kinds():
             raise entry.error(str(error)) from None

@@ -17,8 +17,11 @@ import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
 from palpate.core import recognition
-from palpate.launch import files
-from palpate.nodes import specs
+from palpate.launch.files.file_access import file_within, write_atomically
+from palpate.launch.files.mesh_file import MeshFile, read_mesh
+from palpate.launch.files.source_map import InputError, SourceMapped
+from palpate.launch.files.yaml_file import convert, read_yaml
+from palpate.nodes.specs.objects import ObjectSpec, build_shape, encode_mesh
 
 OBJECTS = Path(__file__).parent / "objects.yaml"  # The objects that come with palpate
 MAX_DATABASE_VALUES = 40_000  # Some hundred objects, or what is learned of as many
@@ -32,7 +35,7 @@ class ObjectEntry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """One object of the file."""
 
     title: Annotated[str, Meta(min_length=1, max_length=100)]  # What people call it
-    object: specs.ObjectSpec  # As in a scene
+    object: ObjectSpec  # As in a scene
 
 
 class ObjectDatabase(NamedTuple):
@@ -56,7 +59,7 @@ def _given(told: Any) -> Any:
 
 def load_objects(path: Path = OBJECTS) -> ObjectDatabase:
     """The objects in a file; InputError names file, line, key and value."""
-    given = files.read_yaml(path, MAX_DATABASE_VALUES)
+    given = read_yaml(path, MAX_DATABASE_VALUES)
     unknown = [key for key in given.value if key != "objects"]
     if unknown or not isinstance(given.value.get("objects"), dict):
         where = (unknown[0],) if unknown else ()
@@ -66,28 +69,28 @@ def load_objects(path: Path = OBJECTS) -> ObjectDatabase:
         if name == recognition.NONE:
             raise given.error(("objects", name), f"no object can be named {name!r}")
         part = _with_mesh(given.part(("objects", name)), path, name)
-        entries[name] = files.convert(part, ObjectEntry, f"objects.{name}")
+        entries[name] = convert(part, ObjectEntry, f"objects.{name}")
     if not entries:
         raise given.error(("objects",), "objects must hold at least one object")
     return ObjectDatabase(path, entries)
 
 
-def _with_mesh(given: files.SourceMapped, path: Path, name: str) -> files.SourceMapped:
+def _with_mesh(given: SourceMapped, path: Path, name: str) -> SourceMapped:
     """An object's description with the mesh file that it names read into it."""
     try:
         part = given.part(("object", "mesh"))
     except (KeyError, TypeError):
         return given
     where = f"objects.{name}.object.mesh"
-    mesh = files.convert(part, files.MeshFile, where)
+    mesh = convert(part, MeshFile, where)
     try:
-        file = files.file_within(path.resolve().parent, mesh.file, f"{where}.file")
-        vertices, faces, _ = files.read_mesh(file, mesh.unit, mesh.up, mesh.size)
+        file = file_within(path.resolve().parent, mesh.file, f"{where}.file")
+        vertices, faces, _ = read_mesh(file, mesh.unit, mesh.up, mesh.size)
     except ValueError as error:
         raise part.error(("file",), str(error)) from None
-    data = to_builtins(specs.encode_mesh(vertices, faces), builtin_types=(bytes,))
+    data = to_builtins(encode_mesh(vertices, faces), builtin_types=(bytes,))
     kept = {**given.value["object"], "mesh": data}
-    return files.SourceMapped({**given.value, "object": kept}, given.source, given.places)
+    return SourceMapped({**given.value, "object": kept}, given.source, given.places)
 
 
 class LearnedObject(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -118,7 +121,7 @@ def load_models(database: ObjectDatabase) -> recognition.ObjectModels | None:
     path = learned_path(database.path)
     if not path.is_file():
         return None
-    found = files.convert(files.read_yaml(path, MAX_DATABASE_VALUES), LearnedFile)
+    found = convert(read_yaml(path, MAX_DATABASE_VALUES), LearnedFile)
     if found.fingerprint != database.fingerprint():
         return None
     names, count = tuple(database.entries), len(recognition.FEATURES)
@@ -132,7 +135,7 @@ def load_models(database: ObjectDatabase) -> recognition.ObjectModels | None:
         correlation[np.tril_indices(count)] = " ".join(found.correlation).split()
         np.stack([means, deviations, slopes]).reshape(3, len(names), count)
     except (KeyError, ValueError):
-        raise files.InputError(f"{path}: is damaged; remove it, and it is learned again") from None
+        raise InputError(f"{path}: is damaged; remove it, and it is learned again") from None
     correlation = correlation + np.tril(correlation, -1).T
     fit = found.scale, found.freedom
     return recognition.ObjectModels(names, means, deviations, correlation, slopes, *fit)
@@ -151,7 +154,7 @@ def learn_models(
 
 def learn_object(database: ObjectDatabase, name: str) -> recognition.Scatter:
     """The features of an object's copies; the same numbers each time."""
-    shape = specs.build_shape(database.entries[name].object)
+    shape = build_shape(database.entries[name].object)
     meshes = [shape.mesh(level) for level in LEVELS]
     return recognition.learn_scatter(meshes, COPIES, seed=sum(map(ord, name)))
 
@@ -172,7 +175,7 @@ def write_models(database: ObjectDatabase, models: recognition.ObjectModels) -> 
         lines += [f"  {name}:", *(f"    {key}: {_row(getattr(models, key)[i])}" for key in keys)]
     path = learned_path(database.path)
     text = "\n".join(lines) + "\n"
-    files.write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
+    write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
     return path
 
 

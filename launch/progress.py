@@ -13,11 +13,26 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from palpate.launch.printing import counted
-from palpate.messages.types import BoundaryRepresentation, ConePose, Contour, ContourGoal
-from palpate.messages.types import GeneralisedCone, GraspContacts, LogRecord, NodeStatus, Openings
-from palpate.messages.types import ParameterEvent, PlanDone, PlanEstimate, Probe, ProcedureResult
-from palpate.messages.types import Score, ShapeModel, Superquadric
-from palpate.nodes.runtime import Watcher
+from palpate.messages.types import (
+    BoundaryRepresentation,
+    ConePose,
+    Contour,
+    ContourGoal,
+    GeneralisedCone,
+    GraspContacts,
+    LogRecord,
+    NodeStatus,
+    Openings,
+    ParameterEvent,
+    PlanDone,
+    PlanEstimate,
+    Probe,
+    ProcedureResult,
+    Score,
+    ShapeModel,
+    Superquadric,
+)
+from palpate.nodes.runtime.composed import Watcher
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType

@@ -17,30 +17,47 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import to_builtins
 
-from palpate.core import ROBOT_PRESETS, arrays_from_bytes
+from palpate.core.archive import arrays_from_bytes
 from palpate.core.explore import APART
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.core.geometry import areas_and_normals
+from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.launch.demand import Demanded, demand_text, demanded_of
-from palpate.launch.files import MODEL_FILE, InputError, SourceMapped, as_input_errors
-from palpate.launch.files import export_model, key_path, parse_yaml, plain_name, set_within
-from palpate.launch.files import yaml_text
+from palpate.launch.files.file_access import plain_name
+from palpate.launch.files.mesh_file import MODEL_FILE, export_model
+from palpate.launch.files.source_map import (
+    InputError,
+    SourceMapped,
+    as_input_errors,
+    key_path,
+    set_within,
+)
+from palpate.launch.files.yaml_file import parse_yaml, yaml_text
 from palpate.launch.forecast import SizeLimits, size_cost
 from palpate.launch.graph import Graph, override, resolved_text
 from palpate.launch.launch_file import LaunchDescription, describe
 from palpate.launch.node_kinds import INPUTS, Entry, own_modules
 from palpate.launch.printing import titled
-from palpate.launch.processes import EarlierRun
+from palpate.launch.processes.registry import EarlierRun
 from palpate.launch.progress import GATHERED_TYPES, Display, ProgressWatcher
-from palpate.launch.run_directory import SUMMARY, RunDirectory, choose_run_directory, exit_code
-from palpate.launch.run_directory import read_summary, run_directory_of, summarise, versions_text
+from palpate.launch.run_directory import (
+    SUMMARY,
+    RunDirectory,
+    choose_run_directory,
+    exit_code,
+    read_summary,
+    run_directory_of,
+    summarise,
+    versions_text,
+)
 from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
-from palpate.nodes import planner, planning, simulator
-from palpate.nodes.runtime import RECORDER, Ending, Wiring, with_description
-from palpate.nodes.specs import EXTENT_LEVEL, build_pipeline, build_shape, info_of
-from palpate.nodes.specs import resolution_of_info
-
+from palpate.nodes import planner, simulator
+from palpate.nodes.planning.budget import shortest_grasp
+from palpate.nodes.runtime.composed import Ending
+from palpate.nodes.runtime.node import RECORDER, Wiring, with_description
+from palpate.nodes.specs.objects import EXTENT_LEVEL, build_shape
+from palpate.nodes.specs.sensors import build_pipeline, info_of, resolution_of_info
 
 if TYPE_CHECKING:
     from palpate.core.rebuild import Solid
@@ -98,7 +115,7 @@ class Run:
         """
         if self.model is None or not len(self.model.faces):
             return None
-        from palpate.launch.files import solid_of  # imports scipy, which nobody else here needs
+        from palpate.launch.files.solid_file import solid_of
 
         packed = self.model.archive
         arrays = arrays_from_bytes(packed) if len(packed) else {}
@@ -126,7 +143,7 @@ def load_run(path: str | Path) -> Run:
     What only concerned its processes, the last counters of each node, is left out of its ending.
     Raises InputError if it is no directory of a run, or a file in it cannot be read.
     """
-    from palpate.launch.files import read_model  # imports scipy, which nobody else here needs
+    from palpate.launch.files.solid_file import read_model
 
     folder = run_directory_of(Path(path))
     summary = read_summary(folder)
@@ -196,7 +213,7 @@ def _check_budget(asked: planner.Params, place: Entry, hand: simulator.Params) -
     """Refuse a robot time in which the hand cannot even close twice."""
     if asked.most_seconds is None:
         return
-    least = planning.shortest_grasp(ROBOT_PRESETS[hand.robot], hand.reach_of_finger)
+    least = shortest_grasp(ROBOT_PRESETS[hand.robot], hand.reach_of_finger)
     if asked.most_seconds < least:
         raise place.settings.error(
             ("most_seconds",),
@@ -335,7 +352,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     """
     folder, about = plan.folder, plan.about
     if not composed:
-        from palpate.launch.processes import check_open_files
+        from palpate.launch.processes.node_status import check_open_files
 
         with as_input_errors():
             check_open_files(len(plan.wirings))
@@ -386,8 +403,8 @@ def _start(plan: Plan, gatherer: ProgressWatcher, *, composed: bool) -> Ending:
     gathered = {cls.__name__ for cls in GATHERED_TYPES}
     ends, watch = plan.ends, tuple(topic for topic, name in types.items() if name in gathered)
     if composed:
-        from palpate.launch.processes import signals_as_ctrl_c
-        from palpate.nodes.runtime import run_composed
+        from palpate.launch.processes.fork_server import signals_as_ctrl_c
+        from palpate.nodes.runtime.composed import run_composed
 
         with signals_as_ctrl_c():
             return run_composed(plan.wirings, ends=ends, watch=watch, watcher=gatherer)

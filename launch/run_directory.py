@@ -19,13 +19,15 @@ import numpy as np
 from palpate import __version__
 from palpate.core.explore.planners import Findings, Limits, Verdict, judge
 from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
-from palpate.launch.files import InputError, mesh_sha256, write_atomically
-from palpate.launch.processes import RUNS_FOLDER, running_graphs
+from palpate.launch.files.file_access import write_atomically
+from palpate.launch.files.mesh_file import mesh_sha256
+from palpate.launch.files.source_map import InputError
+from palpate.launch.processes.registry import RUNS_FOLDER, running_graphs
 from palpate.launch.progress import Progress
 from palpate.launch.summary_text import criteria_texts
 from palpate.messages.recording import free_bytes
 from palpate.messages.types import ProcedureResult, Score, ShapeModel
-from palpate.nodes.runtime import Ending
+from palpate.nodes.runtime.composed import Ending
 
 RUNS = Path(RUNS_FOLDER)  # Where run directories are made, unless the user wants another folder
 LATEST = "latest"  # Link to the last of them

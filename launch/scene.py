@@ -14,18 +14,30 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import msgspec
+import numpy as np
 from msgspec import Struct, structs, to_builtins
 from ruamel.yaml import YAML
 
-from palpate.core import ROBOT_PRESETS
 from palpate.core.explore.planners import PLANNER_NAMES, Planner, planner_type
+from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch import CalibrationEstimate, Effect, Pad
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
-from palpate.launch import files
+from palpate.launch.files.file_access import file_within, plain_name, write_new
+from palpate.launch.files.mesh_file import MeshFile, is_mesh_file, read_mesh
+from palpate.launch.files.source_map import (
+    InputError,
+    KeyPath,
+    SourceMapped,
+    hint,
+    path_text,
+    set_within,
+)
+from palpate.launch.files.yaml_file import convert, read_yaml, yaml_text
 from palpate.launch.node_kinds import INPUTS, search_current_folder, search_inputs
-from palpate.nodes import specs
+from palpate.nodes.specs.objects import ObjectSpec, Seed, encode_mesh, fitted_reach, object_extents
+from palpate.nodes.specs.primitives import Length
+from palpate.nodes.specs.sensors import CalibrationSpec, EffectSpecs, SensorSpec, build_pipeline
 from palpate.reprs import readable
 
 LEAST_SLICED, LEAST_TOUCHED = 5.0e-3, 2.0e-3  # Smallest extents of objects in slices, or not, m
@@ -40,7 +52,7 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     # The finger reaches this far sideways from the axis and up from the platform on which the
     # object stands, m; as far as the object asks for if left out.
-    reach: specs.Length | None = None
+    reach: Length | None = None
     robot: str = "modern"  # Preset of the robot's speeds: modern or puma
 
     def __post_init__(self) -> None:
@@ -51,12 +63,12 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything that a scene file may hold."""
 
-    object: specs.ObjectSpec  # What stands there
-    sensor: specs.SensorSpec = specs.SensorSpec()  # What touches it
+    object: ObjectSpec  # What stands there
+    sensor: SensorSpec = SensorSpec()  # What touches it
     world: WorldSpec = WorldSpec()  # Where
-    effects: specs.EffectSpecs = {}  # What disturbs the sensor; in the file a list, here by name
+    effects: EffectSpecs = {}  # What disturbs the sensor; in the file a list, here by name
     explore: dict[str, Any] = {}  # Parameters of the planner
-    seed: specs.Seed = 0  # Seed of all that is random
+    seed: Seed = 0  # Seed of all that is random
 
 
 @readable
@@ -68,7 +80,7 @@ class Scene:
     path: Path  # The file
     text: str  # The file's text
     spec: SceneSpec  # What it holds, with defaults filled in and the mesh read
-    located: files.SourceMapped  # The same as plain values, with file and line
+    located: SourceMapped  # The same as plain values, with file and line
     size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
     # Files that it names, by their places in the folder of a run; there `text` finds them.
     inputs: Mapping[str, Path] = field(default_factory=dict)
@@ -77,7 +89,7 @@ class Scene:
 
 def load_scene(
     name: str | Path,
-    changes: Mapping[files.KeyPath, files.SourceMapped] = {},
+    changes: Mapping[KeyPath, SourceMapped] = {},
     *,
     untrusted: bool = False,
 ) -> Scene:
@@ -92,10 +104,10 @@ def load_scene(
     """
     path = find_scene(name)
     search_inputs(path.parent)
-    is_mesh = files.is_mesh_file(path)
-    own_name = files.plain_name(path.name)
-    alone = files.SourceMapped({"object": {"mesh": {"file": own_name}}}, str(path))
-    given = alone if is_mesh else files.read_yaml(path)
+    is_mesh = is_mesh_file(path)
+    own_name = plain_name(path.name)
+    alone = SourceMapped({"object": {"mesh": {"file": own_name}}}, str(path))
+    given = alone if is_mesh else read_yaml(path)
     for key, value in changes.items():
         given = _changed(given, key, value)
     if untrusted:
@@ -105,31 +117,29 @@ def load_scene(
     named = _named_files(given, folder, confined=not (own or is_mesh))
     if is_mesh and MESH in named and given.part(MESH).value == own_name:
         named[MESH] = path.resolve()  # whatever it is called
-    inputs = {f"{INPUTS}/{files.plain_name(one.name)}": one for one in named.values()}
+    inputs = {f"{INPUTS}/{plain_name(one.name)}": one for one in named.values()}
     text = path.read_text(encoding="utf-8") if not is_mesh else ""
     if changes or inputs:
-        text = files.yaml_text(_moved_files(given, named).value)
+        text = yaml_text(_moved_files(given, named).value)
     given, told = _with_mesh(given, path, named)
     given = with_effects(_with_planner(given))
     given = with_calibration(given, named.get(CALIBRATION))
     check_planner(given)
-    spec = files.convert(given, SceneSpec)
+    spec = convert(given, SceneSpec)
     if spec.world.reach is None:
-        reach = specs.fitted_reach(spec.object)
+        reach = fitted_reach(spec.object)
         spec = structs.replace(spec, world=structs.replace(spec.world, reach=reach))
-    located = files.SourceMapped(
-        to_builtins(spec, builtin_types=(bytes,)), given.source, given.places
-    )
+    located = SourceMapped(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
     _check_finger(spec, located)
     size = _check_reach(spec, located)
-    name = files.plain_name(path.stem)
+    name = plain_name(path.stem)
     return Scene(name, path, text, spec, located, size, inputs, told)
 
 
-def _refuse_programs(given: files.SourceMapped) -> None:
+def _refuse_programs(given: SourceMapped) -> None:
     """InputError if a scene names a module, which is a program."""
     listed, explore = given.value.get("effects"), given.value.get("explore")
-    named: dict[files.KeyPath, Any] = {}
+    named: dict[KeyPath, Any] = {}
     if isinstance(listed, list):
         named = {("effects", i): one for i, one in enumerate(listed)}
     if isinstance(explore, dict):
@@ -140,41 +150,35 @@ def _refuse_programs(given: files.SourceMapped) -> None:
             raise given.error(key, f"{name!r} is a program, which an untrusted scene may not name")
 
 
-def _named_files(
-    given: files.SourceMapped, folder: Path, *, confined: bool
-) -> dict[files.KeyPath, Path]:
+def _named_files(given: SourceMapped, folder: Path, *, confined: bool) -> dict[KeyPath, Path]:
     """The files that a scene names, by the keys that hold their names."""
-    found: dict[files.KeyPath, Path] = {}
-    keys: tuple[files.KeyPath, ...] = (MESH, CALIBRATION)
+    found: dict[KeyPath, Path] = {}
+    keys: tuple[KeyPath, ...] = (MESH, CALIBRATION)
     for key in keys:
         name = None
         with suppress(KeyError, TypeError):
             name = given.part(key).value
         if name is None:
             continue
-        what = files.path_text(key)
+        what = path_text(key)
         if not isinstance(name, str):
             raise given.error(key, f"{what} must be the name of a file")
         try:
-            found[key] = files.file_within(folder, name, what, confined=confined)
+            found[key] = file_within(folder, name, what, confined=confined)
         except ValueError as error:
             raise given.error(key, str(error)) from None
     return found
 
 
-def _moved_files(
-    given: files.SourceMapped, named: Mapping[files.KeyPath, Path]
-) -> files.SourceMapped:
+def _moved_files(given: SourceMapped, named: Mapping[KeyPath, Path]) -> SourceMapped:
     """The scene as it stands in the folder of a run, with the files that it names."""
     for key, path in named.items():
-        place = files.SourceMapped(f"{INPUTS}/{files.plain_name(path.name)}", "")
-        given = replace(given, value=files.set_within(given.value, key, place))
+        place = SourceMapped(f"{INPUTS}/{plain_name(path.name)}", "")
+        given = replace(given, value=set_within(given.value, key, place))
     return given
 
 
-def _changed(
-    given: files.SourceMapped, path: files.KeyPath, value: files.SourceMapped
-) -> files.SourceMapped:
+def _changed(given: SourceMapped, path: KeyPath, value: SourceMapped) -> SourceMapped:
     """The document with another value at a path; an effect that is not listed is added."""
     listed = given.value.get("effects") or []
     if path[0] == "effects" and isinstance(path[-1], str) and len(path) > 1:
@@ -186,11 +190,11 @@ def _changed(
         path = ("effects", at, *path[1:])
     places = {path[:end]: value.source for end in range(1, len(path))}
     places |= {(*path, *inner): place for inner, place in value.places.items()}
-    changed = files.set_within(given.value, path, value, "the scene")
-    return files.SourceMapped(changed, given.source, {**places, **given.places, path: value.source})
+    changed = set_within(given.value, path, value, "the scene")
+    return SourceMapped(changed, given.source, {**places, **given.places, path: value.source})
 
 
-def with_effects(given: files.SourceMapped) -> files.SourceMapped:
+def with_effects(given: SourceMapped) -> SourceMapped:
     """The scene with its list of effects made into a map from name to parameters.
 
     An entry is a name, or a map from the name to the parameters. A user's own effect is named
@@ -211,9 +215,7 @@ def with_effects(given: files.SourceMapped) -> files.SourceMapped:
         name, parameters = _listed_effect(given, i, entry)
         if name in effects:
             raise given.error(("effects", i), f"effects lists {name!r} twice; list it once")
-        where: files.KeyPath = (
-            ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
-        )
+        where: KeyPath = ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
         part = replace(given.part(where), value=parameters)
         kind = _checked_effect(part, name)
         if kind in kinds:
@@ -225,7 +227,7 @@ def with_effects(given: files.SourceMapped) -> files.SourceMapped:
     return replace(given, value={**given.value, "effects": effects}, places=places)
 
 
-def _listed_effect(given: files.SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
+def _listed_effect(given: SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
     if isinstance(entry, str):
         return entry, {}
     if isinstance(entry, Mapping) and len(entry) == 1:
@@ -238,23 +240,23 @@ def _listed_effect(given: files.SourceMapped, i: int, entry: Any) -> tuple[str, 
     )
 
 
-def _checked_effect(parameters: files.SourceMapped, name: str) -> type[Effect]:
+def _checked_effect(parameters: SourceMapped, name: str) -> type[Effect]:
     search_current_folder(name)
     try:
         kind = effect_type(name)
     except LookupError:
         place = f"{parameters.source}: " if parameters.source else ""
-        known = files.hint(name, EFFECT_NAMES)
-        raise files.InputError(f"{place}there is no effect {name!r}; {known}") from None
+        known = hint(name, EFFECT_NAMES)
+        raise InputError(f"{place}there is no effect {name!r}; {known}") from None
     except ValueError as error:
         raise parameters.error((), str(error)) from None
-    files.convert(parameters, kind, f"effects.{name}")
+    convert(parameters, kind, f"effects.{name}")
     return kind
 
 
 def _with_mesh(
-    given: files.SourceMapped, scene: Path, named: Mapping[files.KeyPath, Path]
-) -> tuple[files.SourceMapped, str]:
+    given: SourceMapped, scene: Path, named: Mapping[KeyPath, Path]
+) -> tuple[SourceMapped, str]:
     """The scene with the mesh that it names read into it, and what is to be told of that.
 
     A mesh without a pose that stands beside the axis is set on it.
@@ -263,12 +265,12 @@ def _with_mesh(
         part = given.part(("object", "mesh"))
     except (KeyError, TypeError):
         return given, ""
-    mesh = files.convert(part, files.MeshFile, "object.mesh")
+    mesh = convert(part, MeshFile, "object.mesh")
     path = named[MESH]
     try:
-        vertices, faces, told = files.read_mesh(path, mesh.unit, mesh.up, mesh.size)
+        vertices, faces, told = read_mesh(path, mesh.unit, mesh.up, mesh.size)
     except ValueError as error:
-        if files.is_mesh_file(scene):  # the sentence names it already
+        if is_mesh_file(scene):  # the sentence names it already
             raise
         raise part.error(("file",), str(error)) from None
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -278,12 +280,12 @@ def _with_mesh(
         way = ", ".join(f"{1e3 * x:.4g}" for x in shift)
         told = f"{told}; moved" if told else f"{path.name}: moved"
         told += f" by {way} mm, from beside the axis onto it"
-    data = to_builtins(specs.encode_mesh(vertices, faces), builtin_types=(bytes,))
+    data = to_builtins(encode_mesh(vertices, faces), builtin_types=(bytes,))
     kept = {**given.value["object"], "mesh": data}
     return replace(given, value={**given.value, "object": kept}), told
 
 
-def _with_planner(given: files.SourceMapped) -> files.SourceMapped:
+def _with_planner(given: SourceMapped) -> SourceMapped:
     """The scene with a planner: slices of a mesh may be no simple curves, as those of a torus."""
     explore, standing = given.value.get("explore", {}), given.value.get("object")
     if not isinstance(explore, Mapping) or {"planner", "settings", "axis"} & set(explore):
@@ -293,27 +295,25 @@ def _with_planner(given: files.SourceMapped) -> files.SourceMapped:
     return replace(given, value={**given.value, "explore": {**explore, "planner": "touches"}})
 
 
-def with_calibration(given: files.SourceMapped, path: Path | None) -> files.SourceMapped:
+def with_calibration(given: SourceMapped, path: Path | None) -> SourceMapped:
     """The scene with the calibration file that its sensor names read into it, if there is one.
 
     Raises InputError if the file cannot be used.
     """
     if path is None:
         return given
-    found = files.SourceMapped(to_builtins(read_calibration(path)), "")
-    return replace(given, value=files.set_within(given.value, CALIBRATION, found))
+    found = SourceMapped(to_builtins(read_calibration(path)), "")
+    return replace(given, value=set_within(given.value, CALIBRATION, found))
 
 
-def read_calibration(path: Path) -> specs.CalibrationSpec:
+def read_calibration(path: Path) -> CalibrationSpec:
     """The calibration in a file; InputError names file, line, key and value."""
-    found = files.convert(
-        files.read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration"
-    )
-    names = specs.CalibrationSpec.__struct_fields__
-    return specs.CalibrationSpec(**{name: getattr(found, name) for name in names})
+    found = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
+    names = CalibrationSpec.__struct_fields__
+    return CalibrationSpec(**{name: getattr(found, name) for name in names})
 
 
-def check_planner(given: files.SourceMapped) -> Planner | None:
+def check_planner(given: SourceMapped) -> Planner | None:
     """Make the planner that a scene describes, ``explore: {planner: NAME, settings: {...}}``.
 
     A user's own is named ``module:Class``; the module is looked for in the current folder as well.
@@ -332,36 +332,34 @@ def check_planner(given: files.SourceMapped) -> Planner | None:
     try:
         kind = planner_type(name)
     except LookupError:
-        known = files.hint(name, PLANNER_NAMES)
+        known = hint(name, PLANNER_NAMES)
         raise given.error(path, f"there is no planner {name!r}; {known}") from None
     except ValueError as error:
         raise given.error(path, str(error)) from None
-    return files.convert(_planner_settings(given, explore), kind, "explore.settings")
+    return convert(_planner_settings(given, explore), kind, "explore.settings")
 
 
-def _planner_settings(
-    given: files.SourceMapped, explore: Mapping[str, object]
-) -> files.SourceMapped:
+def _planner_settings(given: SourceMapped, explore: Mapping[str, object]) -> SourceMapped:
     """What stands behind ``settings``; nothing is no settings."""
     path = ("explore", "settings")
     if (settings := explore.get("settings")) is None:
-        return files.SourceMapped({}, given.place(path))
+        return SourceMapped({}, given.place(path))
     if not isinstance(settings, Mapping):
         raise given.error(path, f"explore.settings is {settings!r}; it must be a map of numbers")
     return given.part(path)
 
 
-def _check_finger(spec: SceneSpec, located: files.SourceMapped) -> None:
+def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
     try:
-        specs.build_pipeline(spec.sensor, spec.effects, ROBOT_PRESETS[spec.world.robot])
+        build_pipeline(spec.sensor, spec.effects, ROBOT_PRESETS[spec.world.robot])
     except ValueError as error:
         name = str(error).partition(" ")[0]
         where = ("effects", name) if name in spec.effects else ("effects",)
         raise located.error(where, str(error)) from None
 
 
-def _check_reach(spec: SceneSpec, located: files.SourceMapped) -> tuple[float, float, float]:
-    size, aside = specs.object_extents(spec.object)
+def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
+    size, aside = object_extents(spec.object)
     least = LEAST_TOUCHED if spec.explore.get("planner") == "touches" else LEAST_SLICED
     if min(size) < least:
         raise located.error(
@@ -398,8 +396,8 @@ def find_scene(scene: str | Path) -> Path:
         return SHIPPED_SCENES / f"{scene}.yaml"
     if len(path.parts) > 1 or path.suffix:
         kind = "is a folder" if path.is_dir() else "does not exist"
-        raise files.InputError(f"{path}: the scene {kind}; a scene is a YAML file, or a mesh")
-    raise files.InputError(f"there is no scene {str(scene)!r}; {files.hint(str(scene), known)}")
+        raise InputError(f"{path}: the scene {kind}; a scene is a YAML file, or a mesh")
+    raise InputError(f"there is no scene {str(scene)!r}; {hint(str(scene), known)}")
 
 
 def scene_title(name: str) -> str:
@@ -408,7 +406,7 @@ def scene_title(name: str) -> str:
     return first.removeprefix("#").strip()
 
 
-class CalibrationFile(specs.CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class CalibrationFile(CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A calibration with its standard errors; nothing reads these but people."""
 
     errors: dict[str, Any] = msgspec.field(default_factory=dict)  # By the names of the fields
@@ -436,7 +434,7 @@ def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> No
     yaml.default_flow_style = None
     yaml.width = 1000
     yaml.dump(document, text)
-    files.write_new(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
+    write_new(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
 def _rounded(value: float) -> float:

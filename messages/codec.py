@@ -21,8 +21,14 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 import msgspec
 import numpy as np
 
-from palpate.messages.fields import LARGEST, MAX_MESSAGE_BYTES, CodecError, Convert, field_rule
-from palpate.messages.fields import shape_text
+from palpate.messages.fields import (
+    LARGEST,
+    MAX_MESSAGE_BYTES,
+    CodecError,
+    Convert,
+    field_rule,
+    shape_text,
+)
 
 MAX_BYTES = 1 << 20  # Largest body of a type that does not set its own ``MAX_BYTES``
 # How msgspec puts it, and how we do

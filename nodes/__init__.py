@@ -5,10 +5,10 @@ another. To be touched: any node may be replaced by one's own with the same topi
 computes stands in `palpate.core`. Nodes rest on `runtime` and `specs`, never on another node.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.nodes.runtime import Finished as Finished, Node as Node, Outputs as Outputs
-    from palpate.nodes.runtime import Source as Source, Timed as Timed
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.nodes.runtime.node import (
+    Finished as Finished,
+    Node as Node,
+    Outputs as Outputs,
+    Source as Source,
+    Timed as Timed,
+)

@@ -13,16 +13,26 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.explore import FEATURE_SHARE
 from palpate.core.explore.planners import Findings, Limits
 from palpate.core.touch import HITS
 from palpate.messages import derive
-from palpate.messages.types import ModelGoal, PlanDone, Probe, SensorInfo, SequenceEnd
-from palpate.messages.types import ShapeModel, SurfacePatch, World
-from palpate.nodes import planning
-from palpate.nodes.runtime import Finished, Node, Outputs
-from palpate.nodes.specs import FRAMES_A_GOAL, Length, pad_of_info
+from palpate.messages.types import (
+    ModelGoal,
+    PlanDone,
+    Probe,
+    SensorInfo,
+    SequenceEnd,
+    ShapeModel,
+    SurfacePatch,
+    World,
+)
+from palpate.nodes.planning.knowledge import observed_surface, plan_done
+from palpate.nodes.runtime.node import Finished, Node, Outputs
+from palpate.nodes.specs.frames import FRAMES_A_GOAL
+from palpate.nodes.specs.primitives import Length
+from palpate.nodes.specs.sensors import pad_of_info
 
 if TYPE_CHECKING:
     from palpate.core.explore.planners import ObservedSurface
@@ -166,7 +176,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     frames, met = state.touches
     asked = params.limits
     distance = TOLD_DISTANCE if asked.feature is None else asked.unknown_distance
-    surface = planning.observed_surface(model, state.pad, state.world, distance)
+    surface = observed_surface(model, state.pad, state.world, distance)
     if surface is None:
         why = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
         reason = "; ".join(model.rejected) or why
@@ -179,9 +189,9 @@ def _done(
     params: Params, goal: ModelGoal, reason: str, surface: ObservedSurface | None = None
 ) -> PlanDone:
     if surface is None:
-        return planning.plan_done(goal, reason, Findings(), params.limits)
+        return plan_done(goal, reason, Findings(), params.limits)
     found, unknown = surface.findings, surface.open_area
-    return planning.plan_done(goal, reason, found, params.limits, unknown)
+    return plan_done(goal, reason, found, params.limits, unknown)
 
 
 def _ended(state: State, outputs: Outputs, done: PlanDone) -> tuple[State, Outputs]:

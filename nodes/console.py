@@ -8,7 +8,7 @@ from itertools import repeat
 from msgspec import Struct
 
 from palpate.messages.types import TYPES
-from palpate.nodes.runtime import Source
+from palpate.nodes.runtime.node import Source
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

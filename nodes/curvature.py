@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import split_pose, touch
+from palpate.core import touch
+from palpate.core.poses import split_pose
 from palpate.messages import derive
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
-from palpate.nodes.runtime import Node, Outputs
-from palpate.nodes.specs import pad_of_info
+from palpate.nodes.runtime.node import Node, Outputs
+from palpate.nodes.specs.sensors import pad_of_info
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -11,11 +11,18 @@ import numpy as np
 from msgspec import Meta
 
 from palpate.messages.types import SequenceEnd
-from palpate.nodes import specs
-from palpate.nodes.runtime import Finished, Source, Timed
+from palpate.nodes.runtime.node import Finished, Source, Timed
+from palpate.nodes.specs.frames import (
+    DRIVER_OUTPUTS,
+    FrameSequence,
+    SensorParams,
+    read_frames,
+    sensor_info,
+    tactile_frame,
+)
 
 
-class Params(specs.SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
     path: str  # File of frames, CSV or NPZ; its columns: docs/own_node.md
@@ -24,7 +31,7 @@ class Params(specs.SensorParams, frozen=True, kw_only=True, forbid_unknown_field
     at_once: bool = False  # Publish all as fast as they are received, without waiting
 
 
-def frames_of(params: Params) -> specs.FrameSequence:
+def frames_of(params: Params) -> FrameSequence:
     """The frames that will be published; ValueError with file and line if it cannot be used."""
     try:
         changed = Path(params.path).stat().st_mtime_ns
@@ -37,8 +44,8 @@ def outputs_of(params: Params) -> Mapping[str, type]:
     """Topics and types; refuses a file that could not be published, before anything is started."""
     frames = frames_of(params)
     deepest = int(frames.images.max(axis=(1, 2)).argmax()) if params.values == "compression" else 0
-    specs.tactile_frame(params, deepest, 0.0, frames.poses[deepest], frames.images[deepest])
-    return specs.DRIVER_OUTPUTS
+    tactile_frame(params, deepest, 0.0, frames.poses[deepest], frames.images[deepest])
+    return DRIVER_OUTPUTS
 
 
 def open_file(params: Params) -> Iterator[Timed | Finished | None]:
@@ -47,21 +54,21 @@ def open_file(params: Params) -> Iterator[Timed | Finished | None]:
     times = frames.times
     if times is None:
         times = np.arange(len(frames.images)) / params.rate
-    yield Timed(0.0, "/touch/info", specs.sensor_info(params))
+    yield Timed(0.0, "/touch/info", sensor_info(params))
     time = 0.0
     for touch, time in enumerate((times - times[0]).tolist()):
         due = 0.0 if params.at_once else time
         pose, image = frames.poses[touch], frames.images[touch]
-        yield Timed(due, "/touch/raw", specs.tactile_frame(params, touch, time, pose, image))
+        yield Timed(due, "/touch/raw", tactile_frame(params, touch, time, pose, image))
     ended = SequenceEnd(frames=len(frames.images), robot_time=time)
     yield Timed(0.0 if params.at_once else time, "/touch/end", ended)
     yield Finished(f"published the {len(frames.images)} frames of {params.path}")
 
 
 @lru_cache(maxsize=1)
-def _read_once(path: str, changed: int, rows: int, cols: int) -> specs.FrameSequence:
+def _read_once(path: str, changed: int, rows: int, cols: int) -> FrameSequence:
     """The frames of a file, read again only if it has changed."""
-    return specs.read_frames(path, rows, cols)
+    return read_frames(path, rows, cols)
 
 
 SOURCE = Source(params=Params, outputs=outputs_of, open=open_file, handler_timeout=20.0)

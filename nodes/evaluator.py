@@ -9,10 +9,11 @@ from functools import partial
 
 import msgspec
 
-from palpate.core import Steps, geometry
+from palpate.core import geometry
+from palpate.core.steps import Steps
 from palpate.messages import derive
 from palpate.messages.types import Score, ShapeModel, Truth
-from palpate.nodes.runtime import Deferred, Finished, Node, Outputs
+from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs
 
 EVERY = 20  # A model on the way is measured by one sample in so many, the final one by all
 NO_GENUS = -1  # Genus of a surface that is not closed: it has none

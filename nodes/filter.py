@@ -8,12 +8,12 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Bools, Floats
+from palpate.core.arrays import Bools, Floats
 from palpate.core.touch import CONTACT, HITS, Calibration, FilterOrder, Pad, clean, is_repeated
 from palpate.messages import derive
 from palpate.messages.types import ParameterEvent, SensorInfo, TactileFrame, TactileImage
-from palpate.nodes.runtime import Node, Outputs
-from palpate.nodes.specs import calibration_of_info, pad_of_info
+from palpate.nodes.runtime.node import Node, Outputs
+from palpate.nodes.specs.sensors import calibration_of_info, pad_of_info
 
 ADVANCE = 3  # Of the parts of a move, the way towards the object
 

@@ -12,24 +12,69 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Floats, explore, inverse_pose, transform_points
-from palpate.core.explore.planners import Choice, Estimate, Findings, Height, Observation
-from palpate.core.explore.planners import ObservedSurface, Planner, Stop, Touch, Wait
-from palpate.core.explore.planners import WrongChoiceError
-from palpate.core.explore.planners import check_choice, estimate_error, make_planner, settled_height
-from palpate.core.explore.planners import untraceable_height
+from palpate.core import explore
+from palpate.core.arrays import Floats
+from palpate.core.explore.planners import (
+    Choice,
+    Estimate,
+    Findings,
+    Height,
+    Observation,
+    ObservedSurface,
+    Planner,
+    Stop,
+    Touch,
+    Wait,
+    WrongChoiceError,
+    check_choice,
+    estimate_error,
+    make_planner,
+    settled_height,
+    untraceable_height,
+)
+from palpate.core.poses import inverse_pose, transform_points
 from palpate.core.touch import FAULTS
 from palpate.messages import derive
-from palpate.messages.types import Contour, ContourGoal, FingerClock, GraspContacts, GraspGoal
-from palpate.messages.types import ModelGoal, ParameterEvent, PlanDone, PlanEstimate, Probe
-from palpate.messages.types import ProbeGoal, SensorInfo, ShapeModel, Superquadric, World
-from palpate.nodes import planning
-from palpate.nodes.runtime import Deferred, Node, NotReadyError, Outputs
-from palpate.nodes.specs import pad_of_info, resolution_of_info
+from palpate.messages.types import (
+    Contour,
+    ContourGoal,
+    FingerClock,
+    GraspContacts,
+    GraspGoal,
+    ModelGoal,
+    ParameterEvent,
+    PlanDone,
+    PlanEstimate,
+    Probe,
+    ProbeGoal,
+    SensorInfo,
+    ShapeModel,
+    Superquadric,
+    World,
+)
+from palpate.nodes.planning.budget import allowance, fits_contour
+from palpate.nodes.planning.knowledge import observed_surface, plan_done
+from palpate.nodes.planning.phases import (
+    State,
+    Task,
+    contour_goal,
+    contour_limit,
+    grasp_goal,
+    model_goal,
+    next_touch,
+    probe_goal,
+    traced_of,
+    with_coarse,
+    with_contacts,
+    with_probe,
+    with_single,
+)
+from palpate.nodes.runtime.node import Deferred, Node, NotReadyError, Outputs
+from palpate.nodes.specs.sensors import pad_of_info, resolution_of_info
 
 if TYPE_CHECKING:
     from palpate.core.explore import Demand
-    from palpate.nodes.planning import Allowance, State, Task
+    from palpate.nodes.planning.budget import Allowance
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
@@ -134,24 +179,24 @@ def know_world(params: Params, state: State, world: World) -> tuple[State, Outpu
 
 def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tuple[State, Outputs]:
     """Close the hand again, or ask for the coarse model."""
-    return _grasp_on(params, planning.with_contacts(state, contacts))
+    return _grasp_on(params, with_contacts(state, contacts))
 
 
 def _grasp_on(params: Params, state: State) -> tuple[State, Outputs]:
     """The next closing; or, after the last one, the coarse model, or the end."""
-    goal = planning.grasp_goal(state.demand, state)
+    goal = grasp_goal(state.demand, state)
     if goal is not None:
         return replace(state, closing=goal), [("/hand/goal", goal)]
     if not len(state.grasped.points):
         within = "reach" if math.isinf(state.demand.most_seconds) else "reach and robot time"
         return done(state.demand, state, f"the hand closed on nothing within {within}")
     state = replace(state, models=state.models + 1)
-    return state, [("/model/goal", planning.model_goal(state))]
+    return state, [("/model/goal", model_goal(state))]
 
 
 def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame and begin with the slices."""
-    return decide(state.demand, params.rule, planning.with_coarse(state, coarse, params.direction))
+    return decide(state.demand, params.rule, with_coarse(state, coarse, params.direction))
 
 
 def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
@@ -206,7 +251,7 @@ def _surface(params: Params, state: State, model: ShapeModel) -> ObservedSurface
     earlier = state.surface.progress if state.surface is not None and state.general else ()
     refused = np.reshape(state.refused, (-1, 3))
     distance = params.demand.limits.unknown_distance
-    return planning.observed_surface(model, state.pad, state.world, distance, refused, earlier)
+    return observed_surface(model, state.pad, state.world, distance, refused, earlier)
 
 
 def _estimate(model: ShapeModel | PlanDone, estimate: Estimate) -> PlanEstimate:
@@ -259,11 +304,11 @@ def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs
         return decide(demand, rule, state)
     if task.touch is not None:
         assert isinstance(result, Probe)
-        return decide(demand, rule, planning.with_single(state, task, result))
+        return decide(demand, rule, with_single(state, task, result))
     if isinstance(result, Probe):
-        return decide(demand, rule, planning.with_probe(state, task, result))
+        return decide(demand, rule, with_probe(state, task, result))
     assert state.survey is not None
-    traced = explore.widened(planning.traced_of(result, task.begun), demand.feature)
+    traced = explore.widened(traced_of(result, task.begun), demand.feature)
     survey = state.survey.with_slice(traced)
     state = replace(state, survey=survey, contours=(*state.contours, result.id))
     if not traced.usable:
@@ -304,13 +349,13 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
 
     While a model is in the making, that is a slice in which no model has a say.
     """
-    allowed = planning.allowance(demand, state)
+    allowed = allowance(demand, state)
     touch = None
     if state.again is not None and allowed and not state.cut and not state.asked:
         return _touched(state, finger, state.again, allowed)
     if allowed and not state.cut and not state.general and not state.asked:
-        last = bool(state.usable) and not planning.fits_contour(demand, state)
-        touch = planning.next_touch(state, demand.tolerance, last=last)
+        last = bool(state.usable) and not fits_contour(demand, state)
+        touch = next_touch(state, demand.tolerance, last=last)
     if touch is None:
         if state.is_searching:
             return state, []
@@ -322,27 +367,23 @@ def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[S
         if isinstance(choice, Stop) and state.is_beyond_model and not observation.budget.spent:
             return _ask(state)
         if isinstance(choice, Touch) and allowed:
-            task = planning.Task(
-                state.goals, state.clock, _height(state, choice), allowed, touch=choice
-            )
+            task = Task(state.goals, state.clock, _height(state, choice), allowed, touch=choice)
             return _touched(state, finger, task, allowed)
         if isinstance(choice, Height) and allowed:
-            limit = planning.contour_limit(state)
-            task = planning.Task(state.goals, state.clock, choice.height, allowed, limit=limit)
-            goal = planning.contour_goal(state, finger, choice, demand.feature, task)
+            limit = contour_limit(state)
+            task = Task(state.goals, state.clock, choice.height, allowed, limit=limit)
+            goal = contour_goal(state, finger, choice, demand.feature, task)
             return _with_task(state, finger, task), [*asked, ("/contour/goal", goal)]
         if state.asked:
             return state, asked
         stops = isinstance(choice, Stop) and not state.tasks and not observation.budget.spent
         if stops and not state.general:  # whose ends are surface: the planner knows of them
-            touch = planning.next_touch(state, demand.tolerance, last=True)
+            touch = next_touch(state, demand.tolerance, last=True)
     if touch is None or allowed is None:
         return state, []
     allowed = allowed._replace(most_touches=1)
-    task = planning.Task(
-        state.goals, state.clock, touch.height, allowed, (touch.end, touch.probing)
-    )
-    probe = planning.probe_goal(state, finger, touch.probing, allowed)
+    task = Task(state.goals, state.clock, touch.height, allowed, (touch.end, touch.probing))
+    probe = probe_goal(state, finger, touch.probing, allowed)
     return _with_task(state, finger, task), [("/probe/goal", probe)]
 
 
@@ -354,7 +395,7 @@ def _ask(state: State) -> tuple[State, Outputs]:
         modelled_touches=state.touches,
         asked=True,
     )
-    return state, [("/model/goal", planning.model_goal(state))]
+    return state, [("/model/goal", model_goal(state))]
 
 
 def _answer(rule: Planner, state: State, observation: Observation) -> Choice:
@@ -387,7 +428,7 @@ def _touched(state: State, finger: int, task: Task, allowed: Allowance) -> tuple
     touch = task.touch
     allowed = allowed._replace(most_touches=1)
     task = task._replace(goal=state.goals, begun=state.clock, allowed=allowed)
-    goal = planning.probe_goal(state, finger, touch, allowed)
+    goal = probe_goal(state, finger, touch, allowed)
     return _with_task(replace(state, again=None), finger, task), [("/probe/goal", goal)]
 
 
@@ -424,14 +465,14 @@ def done(
 ) -> tuple[State, Outputs]:
     """Say that it is over, and how good the solid is."""
     state = replace(state, models=state.models + 1)
-    goal = planning.model_goal(state)
+    goal = model_goal(state)
     if observation is None:
-        return state, [("/plan/done", planning.plan_done(goal, reason, Findings(), demand.limits))]
+        return state, [("/plan/done", plan_done(goal, reason, Findings(), demand.limits))]
     estimate = estimate_error(observation)
     found = estimate.findings
     if not state.general:  # single touches of a general solid have no heights
         found = replace(found, untraced_height=untraceable_height(observation))
-    over = planning.plan_done(goal, reason, found, observation.limits, estimate.open_area)
+    over = plan_done(goal, reason, found, observation.limits, estimate.open_area)
     return state, [("/plan/estimate", _estimate(over, estimate)), ("/plan/done", over)]
 
 
@@ -448,7 +489,7 @@ def _shape(state: State) -> str:
 
 NODE = Node(
     params=Params,
-    start=lambda params: (planning.State(params.demand), []),
+    start=lambda params: (State(params.demand), []),
     handler_timeout=20.0,
     step="planning",
     inputs={

@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, Clock
-from palpate.nodes.runtime import Finished, Source, Timed
+from palpate.nodes.runtime.node import Finished, Source, Timed
 
 CLOCK_TOPIC = "/clock"
 LOOP_PAUSE = 1.0  # Pause before a recording begins anew, s of the recording

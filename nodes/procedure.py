@@ -13,19 +13,34 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import IDENTITY_POSE, split_pose, transform_points
 from palpate.core.explore import spanned_places
-from palpate.core.procedures import ANGLE_ERROR, POINT_ERROR, Contact, Findings, FingerMove
-from palpate.core.procedures import HandContacts, Session, TouchSetting, begin_procedure
-from palpate.core.procedures import procedure_of
+from palpate.core.poses import IDENTITY_POSE, split_pose, transform_points
+from palpate.core.procedures import (
+    ANGLE_ERROR,
+    POINT_ERROR,
+    Contact,
+    Findings,
+    FingerMove,
+    HandContacts,
+    Session,
+    TouchSetting,
+    begin_procedure,
+    procedure_of,
+)
 from palpate.core.touch import HITS
 from palpate.messages import derive, types
-from palpate.nodes.runtime import MAX_FINGERS, Finished, Node, Outputs
-from palpate.nodes.specs import pad_of_info
+from palpate.nodes.runtime.node import MAX_FINGERS, Finished, Node, Outputs
+from palpate.nodes.specs.sensors import pad_of_info
 
 if TYPE_CHECKING:
-    from palpate.core.procedures import BoundaryModel, ConeFit, ConePoseFit, FoundOpenings, HandMove
-    from palpate.core.procedures import Met
+    from palpate.core.procedures import (
+        BoundaryModel,
+        ConeFit,
+        ConePoseFit,
+        FoundOpenings,
+        HandMove,
+        Met,
+    )
     from palpate.core.shapes import FittedSuperquadric
 
 HEIGHTS, AZIMUTHS = 100, 144  # At which a generalised cone is told

@@ -8,22 +8,30 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import Steps, advanced_pose
 from palpate.core.explore import empty_map, spanned_places, swept_places
+from palpate.core.poses import advanced_pose
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of
+from palpate.core.steps import Steps
 from palpate.core.touch import Jet
 from palpate.messages import derive, types
-from palpate.nodes import rebuilding
-from palpate.nodes.runtime import Deferred, Node, Outputs
-from palpate.nodes.specs import pad_of_info
-
-if TYPE_CHECKING:
-    from palpate.nodes.rebuilding import Goal, State
+from palpate.nodes.rebuilding.candidates import QUALITIES, coarse_model, is_final, shape_model
+from palpate.nodes.rebuilding.fitting import (
+    TOUCHED_OUTCOMES,
+    Goal,
+    State,
+    is_coarse,
+    is_complete,
+    known_space,
+    published_solid,
+    spanned_by,
+)
+from palpate.nodes.runtime.node import Deferred, Node, Outputs
+from palpate.nodes.specs.sensors import pad_of_info
 
 KEPT = 4  # Fitted solids that are kept: the last ones
 
@@ -54,7 +62,7 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
     swept, spanned = state.swept, state.spanned
     if patch.outcome != "inside":
         start = advanced_pose(patch.pose, -patch.advance)
-        met = patch.outcome in rebuilding.TOUCHED_OUTCOMES
+        met = patch.outcome in TOUCHED_OUTCOMES
         places = swept_places(state.pad, start, patch.pose, state.space.step, touched=met)
         freed = (*swept.get(patch.goal, ()), state.space.numbers(places))
         swept = {**swept, patch.goal: freed}
@@ -94,9 +102,9 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
     """Fit the models whose turn has come, in the order of their numbers."""
     outputs: Outputs = []
     asked = sorted(state.asked, key=lambda goal: goal.number)
-    while asked and rebuilding.is_complete(state, asked[0]):
+    while asked and is_complete(state, asked[0]):
         goal = asked.pop(0)
-        if rebuilding.is_coarse(goal):
+        if is_coarse(goal):
             coarse = Deferred(types.Superquadric, partial(_coarse, state, goal))
             outputs.append(("/model/coarse", coarse))
         else:
@@ -111,28 +119,28 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
 def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquadric:
     contacts = [state.contacts[number].points for number in range(goal.closings)]
     with step("superquadric"):
-        return rebuilding.coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
+        return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
 
 
 def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
     """The map that goes with a model."""
     assert state.space is not None
     with step("space"):
-        space = rebuilding.known_space(state, goal)
+        space = known_space(state, goal)
     return derive(types.SpaceMap, space, number=goal.number)
 
 
 def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
-    found = rebuilding.published_solid(state, goal, step)
+    found = published_solid(state, goal, step)
     for number in sorted(state.fitted)[:-KEPT]:
         del state.fitted[number]
-    return rebuilding.shape_model(
+    return shape_model(
         goal,
         found.candidates,
         found.solid,
         found.predicted,
-        rebuilding.spanned_by(state, goal),
-        state.quality if rebuilding.is_final(goal) else None,
+        spanned_by(state, goal),
+        state.quality if is_final(goal) else None,
         step,
         found.rejected,
     )
@@ -141,7 +149,7 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
 NODE = Node(
     params=Params,
     step="contacts",
-    start=lambda params: (rebuilding.State(quality=rebuilding.QUALITIES[params.quality]), []),
+    start=lambda params: (State(quality=QUALITIES[params.quality]), []),
     handler_timeout=120.0,
     inputs={
         "/world": (types.World, know_world),

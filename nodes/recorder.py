@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from palpate import __version__
 from palpate.messages.recording import RecordingWriter, counts_of, part_path, parts_of
-from palpate.nodes.runtime import Sink, publishers_of, schemas_of
+from palpate.nodes.runtime.node import Sink, publishers_of, schemas_of
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

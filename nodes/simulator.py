@@ -8,12 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from palpate.core import ROBOT_PRESETS, Floats, contact_seconds, free_seconds, move_between
+from palpate.core.arrays import Floats
+from palpate.core.robot_time import ROBOT_PRESETS, contact_seconds, free_seconds, move_between
 from palpate.core.shapes import Shape
 from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
 from palpate.messages import derive, types
-from palpate.nodes import specs
-from palpate.nodes.runtime import Finger, Node, Outputs
+from palpate.nodes.runtime.node import Finger, Node, Outputs
+from palpate.nodes.specs.objects import ObjectSpec, Seed, build_shape, fitted_reach
+from palpate.nodes.specs.primitives import Length
+from palpate.nodes.specs.sensors import (
+    EffectSpecs,
+    SensorSpec,
+    build_pipeline,
+    info_of,
+    sensed_face,
+)
 
 FIRST_HAND_FINGER = 1001  # Of the hand: it chooses other random numbers than the exploring ones
 NO_SURFACE_PATH = -1.0  # Way along the surface where there was none
@@ -23,15 +32,15 @@ TRUTH_LEVEL, FLOOR_LEVEL = 6, 5  # 82k and 20k faces
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    object: specs.ObjectSpec  # What stands on the platform
-    sensor: specs.SensorSpec = specs.SensorSpec()  # What touches it
+    object: ObjectSpec  # What stands on the platform
+    sensor: SensorSpec = SensorSpec()  # What touches it
     # What disturbs it: parameters by the effect's name; nothing else is simulated.
-    effects: specs.EffectSpecs = {}
+    effects: EffectSpecs = {}
     # The finger reaches this far sideways from the axis and up from the platform, m; as far as the
     # object asks for if left out.
-    reach: specs.Length | None = None
+    reach: Length | None = None
     robot: str = "modern"  # Preset of the robot's speeds: modern or puma
-    seed: specs.Seed = 0  # The run's seed
+    seed: Seed = 0  # The run's seed
     # The finger that it moves; the first has the hand as well, and tells what all may know.
     finger: Finger = 1
     fingers: Finger = 1  # How many fingers there are, each with a simulator of its own
@@ -41,12 +50,12 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError(f"finger must be at most fingers, {self.fingers}, got {self.finger}")
         if self.robot not in ROBOT_PRESETS:
             raise ValueError(f"robot must be one of {sorted(ROBOT_PRESETS)}, got {self.robot!r}")
-        specs.build_pipeline(self.sensor, self.effects, ROBOT_PRESETS[self.robot])
+        build_pipeline(self.sensor, self.effects, ROBOT_PRESETS[self.robot])
 
     @property
     def reach_of_finger(self) -> float:
         """The reach, fitted to the object if none is given, m."""
-        return specs.fitted_reach(self.object) if self.reach is None else self.reach
+        return fitted_reach(self.object) if self.reach is None else self.reach
 
 
 class LastContact(NamedTuple):
@@ -83,8 +92,8 @@ class State:
 
 def start(params: Params) -> tuple[State, Outputs]:
     """Build the object; the first finger's tells what a robot would know, and the truth."""
-    shape = specs.build_shape(params.object)
-    pipeline = specs.build_pipeline(
+    shape = build_shape(params.object)
+    pipeline = build_pipeline(
         params.sensor, params.effects, ROBOT_PRESETS[params.robot], params.finger, params.seed
     )
     platform = float(shape.bounds()[0, 2])
@@ -95,7 +104,7 @@ def start(params: Params) -> tuple[State, Outputs]:
     world = derive(types.World, params, platform=platform, robot=robot, reach=reach)
     return state, [
         ("/world", world),
-        ("/touch/info", specs.info_of(params.sensor, pipeline.noise, specs.sensed_face(pipeline))),
+        ("/touch/info", info_of(params.sensor, pipeline.noise, sensed_face(pipeline))),
         ("/truth", _truth(shape)),
     ]
 
@@ -197,7 +206,7 @@ def _hand(params: Params, state: State, fingers: int) -> HandState:
         return state.hand
     robot = ROBOT_PRESETS[params.robot]
     made = tuple(
-        specs.build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
+        build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
         for number in range(FIRST_HAND_FINGER, FIRST_HAND_FINGER + fingers + 1)
     )
     return HandState(made, tuple(one.begin() for one in made), 0, None, 0.0)

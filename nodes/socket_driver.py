@@ -13,15 +13,22 @@ from typing import Annotated
 from msgspec import Meta
 
 from palpate.messages.types import SequenceEnd
-from palpate.nodes import specs
-from palpate.nodes.runtime import Finished, Source, Timed
+from palpate.nodes.runtime.node import Finished, Source, Timed
+from palpate.nodes.specs.frames import (
+    DRIVER_OUTPUTS,
+    SensorParams,
+    is_header,
+    parse_row,
+    sensor_info,
+    tactile_frame,
+)
 
 LOOPBACK = "127.0.0.1"
 POLL_TIMEOUT = 0.1  # Longest time for which nothing is published, s
 MAX_LINE_BYTES = 1 << 18  # Longest line, bytes: 64 by 64 taxels take some 100 kB
 
 
-class Params(specs.SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
     # Where to connect to: a port of this machine, or ``192.0.2.7:5555`` for another one.
@@ -55,20 +62,20 @@ def listen(params: Params) -> Iterator[Timed | Finished | None]:
 
     ValueError if nobody answers at the address, the connection breaks, or a line is no frame.
     """
-    yield Timed(0.0, "/touch/info", specs.sensor_info(params))
+    yield Timed(0.0, "/touch/info", sensor_info(params))
     touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True
     time = 0.0
     for line in _lines(params.address):
         if line is None:
             yield None
             continue
-        header, first = first and specs.is_header(line), False
+        header, first = first and is_header(line), False
         if header or not line.strip():
             continue
-        row = specs.parse_row(line, f"{params.address}: frame {touch}", shape)
+        row = parse_row(line, f"{params.address}: frame {touch}", shape)
         time = touch / params.rate if row.time is None else row.time
         began = time if touch == 0 else began
-        frame = specs.tactile_frame(params, touch, time - began, row.pose, row.image)
+        frame = tactile_frame(params, touch, time - began, row.pose, row.image)
         yield Timed(0.0, "/touch/raw", frame)
         touch += 1
     yield Timed(0.0, "/touch/end", SequenceEnd(frames=touch, robot_time=time - began))
@@ -111,6 +118,4 @@ def _text(line: bytes, address: str) -> str:
         raise ValueError(f"{address}: sent what is no text: {error.reason}") from None
 
 
-SOURCE = Source(
-    params=Params, outputs=lambda params: specs.DRIVER_OUTPUTS, open=listen, repeats=False
-)
+SOURCE = Source(params=Params, outputs=lambda params: DRIVER_OUTPUTS, open=listen, repeats=False)

@@ -9,13 +9,14 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Floats, RobotPreset, compose_poses, inverse_pose, longest_seconds
-from palpate.core import move_between, split_pose, transform_points
+from palpate.core.arrays import Floats
 from palpate.core.explore import tracing
+from palpate.core.poses import compose_poses, inverse_pose, split_pose, transform_points
+from palpate.core.robot_time import RobotPreset, longest_seconds, move_between
 from palpate.core.touch import HITS, Jet, Pad
 from palpate.messages import derive, types
-from palpate.nodes.runtime import Finger, Node, Outputs
-from palpate.nodes.specs import pad_of_info
+from palpate.nodes.runtime.node import Finger, Node, Outputs
+from palpate.nodes.specs.sensors import pad_of_info
 
 # A touch that started inside the object is repeated from this much farther away, in widths of the
 # pad.

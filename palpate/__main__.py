@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.tools.cli import main
+from palpate.tools.cli.command_line import main
 
 if __name__ == "__main__":
     main()

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from zlib import crc32
+from typing import Any
 
 # Before numpy is imported: with several threads BLAS rounds differently from run to run, and
 # bodies are compared to the last bit. Nodes run with one thread each as well.
@@ -33,13 +34,13 @@ from palpate.messages.types.model import Score, ShapeModel  # noqa: E402
 from palpate.messages.types.motion import Contour  # noqa: E402
 
 Write = Callable[[str, str], Path]
-SAMPLED = 10  # One slow test in so many runs with --slow-sample; which ones, their names decide
+ALL = "--all"
+LEFT_OUT = pytest.StashKey[dict[str, int]]()  # Slow tests that were left out, by folder
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("palpate")
-    group.addoption("--slow", action="store_true", help="Run the statistics, marked slow, as well.")
-    group.addoption("--slow-sample", action="store_true", help="Run a fixed tenth of them as well.")
+    group.addoption(ALL, action="store_true", help="Run the tests that are marked slow as well.")
 
 
 def pytest_xdist_auto_num_workers() -> int:
@@ -48,17 +49,30 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--slow") or "slow" in str(config.option.markexpr):
+    if config.getoption(ALL) or "slow" in str(config.option.markexpr):
         return
-    every = SAMPLED if config.getoption("--slow-sample") else 0
-    left = [one for one in items if one.get_closest_marker("slow") and not _sampled(one, every)]
-    skipped = set(left)
-    config.hook.pytest_deselected(items=left)
-    items[:] = [one for one in items if one not in skipped]
+    left_out = [item for item in items if item.get_closest_marker("slow")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if not item.get_closest_marker("slow")]
+    counts = Counter(item.nodeid.partition("::")[0].split("/")[1] for item in left_out)
+    config.stash[LEFT_OUT] = dict(counts)
+    if hasattr(config, "workeroutput"):  # a worker of pytest-xdist: its controller reports
+        config.workeroutput["left_out"] = dict(counts)
 
 
-def _sampled(item: pytest.Item, every: int) -> bool:
-    return bool(every) and crc32(item.nodeid.encode()) % every == 0
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Every worker collects the same tests."""
+    node.config.stash[LEFT_OUT] = getattr(node, "workeroutput", {}).get("left_out", {})
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Say how many tests of which folder were left out, and what runs them."""
+    if counts := config.stash.get(LEFT_OUT, {}):
+        folders = ", ".join(f"{count} of {name}" for name, count in sorted(counts.items()))
+        terminalreporter.write_line(
+            f"left out: {sum(counts.values())} slow tests ({folders}); ./go test --all runs them"
+        )
 
 
 @pytest.fixture

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate import launch
-from palpate.launch.files import SourceMapped
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.progress import Display
+from palpate.launch.run import perform, plan_run
 
 SCENE = """
 object: {superquadric: {size: [0.03, 0.03, 0.03], exponents: [1, 1]}}
@@ -21,5 +23,5 @@ def make_run(folder: Path, *, composed: bool = True) -> Path:
     scene.write_text(SCENE)
     args = {"scene": SourceMapped(str(scene), "")}
     settings = {"planner.most_touches": SourceMapped(TOUCHES, "")}
-    plan = launch.plan_run(launch.EXPLORE, args, settings, name="ball", out=folder / "run")
-    return launch.perform(plan, composed=composed, display=launch.Display()).folder
+    plan = plan_run(EXPLORE, args, settings, name="ball", out=folder / "run")
+    return perform(plan, composed=composed, display=Display()).folder

@@ -21,7 +21,7 @@ BESIDE = ({"core", "messages"},)  # These know nothing of each other
 
 # The longest prefix of a module's name decides what it may import besides palpate and Python.
 LIBRARIES = {
-    "palpate": set(),
+    "palpate": {"lazy_loader"},
     "palpate.core": {"numpy", "scipy"},
     "palpate.core.shapes": {"numpy", "scipy", "trimesh", "embreex", "manifold3d"},
     "palpate.core.geometry": {"numpy", "scipy", "trimesh", "embreex"},
@@ -44,8 +44,10 @@ LIBRARIES = {
     "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
     "palpate.tools.gallery": {"numpy", "matplotlib", "PIL"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
-    "palpate.tools.chaos": {"numpy", "msgspec", "mcap", "zmq"},
-    "palpate.bench": {"numpy", "scipy", "click", "msgspec", "threadpoolctl"},
+    "palpate.bench": {
+        *("numpy", "scipy", "click", "msgspec", "threadpoolctl", "matplotlib", "mpl_toolkits"),
+        *("trimesh", "pymeshlab", "zmq"),
+    },
 }
 CLOCKS = ("palpate.nodes.runtime", "palpate.messages.bus", *(f"palpate.{x}" for x in LAYERS[3:]))
 CLOCK_MODULES = frozenset({"time", "datetime"})
@@ -64,6 +66,11 @@ def modules() -> dict[str, Path]:
 
 MODULES = modules()
 ROOMS = frozenset(name.removesuffix(".__init__") for name in MODULES if name.endswith("__init__"))
+# Rooms that are libraries: what others use of them stands in their ``__init__``. The modules of
+# nodes, launch, tools and bench, and those directly in core, are imported by their own names.
+DOORS = frozenset(room for room in ROOMS if room.split(".")[1] in ("core", "messages")) - {
+    "palpate.core"
+}
 
 
 @cache
@@ -124,7 +131,7 @@ def own_reasons(module: str, name: str) -> Iterator[str]:
     if mine != other and {mine, other} in BESIDE:
         yield f"but {mine} and {other} know nothing of each other"
     room = name.rpartition(".")[0]
-    if name not in ROOMS and room in ROOMS and not within(module, room) and not is_node(name):
+    if name not in ROOMS and room in DOORS and not within(module, room):
         yield f"past its room; take it from {room}"
     if is_node(name) and is_node(module) and name != module:
         yield "but a node never imports a node"
@@ -226,7 +233,6 @@ def test_no_room_exports_the_name_of_one_of_its_modules() -> None:
         ("palpate.messages.codec", "import pickle"),
         ("palpate.nodes.filter", "from palpate.nodes.curvature import NODE"),
         ("palpate.nodes.filter", "from palpate.nodes import curvature"),
-        ("palpate.nodes.filter", "from palpate.nodes.runtime.loop import run"),
         ("palpate.nodes.filter", "from palpate.launch import graph"),
         ("palpate.nodes.filter", "import time"),
         ("palpate.nodes.filter", "import trimesh"),
@@ -258,25 +264,3 @@ def test_what_is_allowed_is_let_through(module: str, source: str) -> None:
 
 def test_every_layer_has_modules_to_judge() -> None:
     assert {layer_of(name) for name in MODULES} == set(LAYERS)
-
-
-def unordered(source: str) -> list[tuple[str, str]]:
-    """Neighbouring imports of palpate's own modules that stand in the wrong order."""
-    tree, found = ast.parse(source), []
-    blocks = [tree.body, *(one.body for one in tree.body if isinstance(one, ast.If))]
-    for block in blocks:
-        for one, other in pairwise(block):
-            if not (isinstance(one, ast.ImportFrom) and isinstance(other, ast.ImportFrom)):
-                continue
-            names = str(one.module), str(other.module)
-            if all(name.startswith("palpate") for name in names) and names[0] > names[1]:
-                found.append(names)
-    return found
-
-
-def test_imports_of_palpate_stand_in_the_order_of_their_modules():
-    assert {
-        name: bad for name, path in MODULES.items() if (bad := unordered(path.read_text()))
-    } == {}
-    wrong = "from palpate.nodes import a\nfrom palpate.core import b\n"
-    assert unordered(wrong) == [("palpate.nodes", "palpate.core")]

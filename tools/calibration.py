@@ -10,15 +10,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import FACING_DOWN, ROBOT_PRESETS, Floats, pose_of, split_pose
+from palpate.core.arrays import Floats
 from palpate.core.explore.tracing import TOUCH_DEPTH
+from palpate.core.poses import FACING_DOWN, pose_of, split_pose
+from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes import LEAST_EXPONENT, PosedShape, Shape, Superquadric
-from palpate.core.touch import Calibration, CalibrationEstimate, CalibrationTouches, Pad, Pipeline
-from palpate.core.touch import SimulatedTouch, StageStates, clean, contact_mask
-from palpate.core.touch import estimate_calibration, fit_patch
-from palpate.launch import SceneSpec
+from palpate.core.touch import (
+    Calibration,
+    CalibrationEstimate,
+    CalibrationTouches,
+    Pad,
+    Pipeline,
+    SimulatedTouch,
+    StageStates,
+    clean,
+    contact_mask,
+    estimate_calibration,
+    fit_patch,
+)
+from palpate.launch.scene import SceneSpec
 from palpate.nodes import filter
-from palpate.nodes.specs import SensorSpec, build_pipeline, sensed_face
+from palpate.nodes.specs.sensors import SensorSpec, build_pipeline, sensed_face
 
 ROBOT = "modern"  # Preset of the robot's speeds
 BALL_RADIUS = 0.03  # Radius of the known ball, m

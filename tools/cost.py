@@ -14,13 +14,23 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from palpate import core
-from palpate.launch import counted, draw_svg, find_bag, read_summary, text_table, titled
-from palpate.launch.files import InputError, hint
+from palpate.core.arrays import Bools, Floats
+from palpate.core.robot_time import (
+    ROBOTS,
+    MoveDurations,
+    MoveGeometry,
+    RobotPreset,
+    SlidingPreset,
+    move_durations,
+)
+from palpate.launch.exchange_rate import draw_svg
+from palpate.launch.files.source_map import InputError, hint
+from palpate.launch.printing import counted, text_table, titled
+from palpate.launch.run_directory import find_bag, read_summary
 from palpate.messages import CodecError, decode
 from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame
-from palpate.nodes.runtime import recorded_nodes
+from palpate.nodes.runtime.node import recorded_nodes
 from palpate.tools.graph_drawing import write_drawing
 
 PARTS = ("travel", "approach", "dwell", "retract", "wait")  # Of a time, in the order told
@@ -60,9 +70,9 @@ def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
     Raises InputError if the recording cannot be read or tells no moves, or a robot is unknown.
     """
     for name in names:
-        if name not in core.ROBOTS:
-            raise InputError(f"there is no robot {name!r}; {hint(name, core.ROBOTS)}")
-    return costs_of(read_moves(run), tuple(dict.fromkeys(names)) or tuple(core.ROBOTS))
+        if name not in ROBOTS:
+            raise InputError(f"there is no robot {name!r}; {hint(name, ROBOTS)}")
+    return costs_of(read_moves(run), tuple(dict.fromkeys(names)) or tuple(ROBOTS))
 
 
 def costs_of(run: RunMoves, names: Sequence[str]) -> Costs:
@@ -84,10 +94,10 @@ def _recorded_figures(run: RunMoves) -> Costs:
     """The recorded times against the sum of the moves, as the same robot makes them."""
     slowest = max(run.fingers, key=lambda one: float(one.ends[-1]))
     ended, missing = float(slowest.ends[-1]), None
-    if all(one.robot in core.ROBOTS for one in run.fingers):
+    if all(one.robot in ROBOTS for one in run.fingers):
         missing = 0.0
         for one in run.fingers:
-            made = core.move_durations(one.moves, core.ROBOTS[str(one.robot)]).total()
+            made = move_durations(one.moves, ROBOTS[str(one.robot)]).total()
             missing = max(missing, abs(float(made.sum() - one.ends[-1])))
     return {
         "robot": slowest.robot,
@@ -98,9 +108,9 @@ def _recorded_figures(run: RunMoves) -> Costs:
 
 
 def _cost(run: RunMoves, name: str, touches: int) -> Costs:
-    robot = core.ROBOTS[name]
+    robot = ROBOTS[name]
     moved = with_recomputed_waits(run.fingers, robot)
-    made = [core.move_durations(moves, robot) for moves in moved]
+    made = [move_durations(moves, robot) for moves in moved]
     totals = [float(one.total().sum()) for one in made]
     slowest = int(np.argmax(totals))
     phases, figures = np.array(run.fingers[slowest].phases), dict[str, Costs]()
@@ -122,11 +132,11 @@ def _cost(run: RunMoves, name: str, touches: int) -> Costs:
 
 
 def with_recomputed_waits(
-    fingers: Sequence[FingerMoves], robot: core.RobotPreset | core.SlidingPreset
-) -> list[core.MoveGeometry]:
+    fingers: Sequence[FingerMoves], robot: RobotPreset | SlidingPreset
+) -> list[MoveGeometry]:
     """The moves of all fingers, with the waits that this robot would have."""
     unwaiting = [one.moves._replace(wait=0.0 * one.moves.wait) for one in fingers]
-    lasts = [core.move_durations(moves, robot).total() for moves in unwaiting]
+    lasts = [move_durations(moves, robot).total() for moves in unwaiting]
     waits = [one.moves.wait.copy() for one in fingers]
     ends = [np.zeros(len(one.ends)) for one in fingers]
     # As they ended: who is waited for comes before who waits.
@@ -152,13 +162,13 @@ def _awaited(fingers: Sequence[FingerMoves], finger: int, move: int) -> tuple[in
     return None
 
 
-def _part_figures(made: core.MoveDurations, which: core.Bools) -> Costs:
+def _part_figures(made: MoveDurations, which: Bools) -> Costs:
     parts = {f"{part}_s": float(getattr(made, part)[which].sum()) for part in PARTS}
     return {**parts, "total_s": float(made.total()[which].sum())}
 
 
 # Of a finger: its simulator, and of its moves the figures, goals and ends.
-_Moved = tuple[str, list[core.Floats], list[int | None], list[float]]
+_Moved = tuple[str, list[Floats], list[int | None], list[float]]
 
 
 def read_moves(run: Path) -> RunMoves:
@@ -176,7 +186,7 @@ def read_moves(run: Path) -> RunMoves:
         FingerMoves(
             number,
             robots.get(publisher),
-            core.MoveGeometry.of_rows(np.array(rows)),
+            MoveGeometry.of_rows(np.array(rows)),
             tuple(phases.get(goal, "other") for goal in goals),
             np.array(ends),
         )
@@ -232,9 +242,9 @@ class FingerMoves(NamedTuple):
 
     finger: int  # Its number, from 1
     robot: str | None  # Preset by which its times were made, if the recording says so
-    moves: core.MoveGeometry  # In their order
+    moves: MoveGeometry  # In their order
     phases: tuple[Phase, ...]  # What each move was for
-    ends: core.Floats  # Recorded robot time at the end of each move, (n,), s
+    ends: Floats  # Recorded robot time at the end of each move, (n,), s
 
 
 class RunMoves(NamedTuple):

@@ -14,9 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import click
 import numpy as np
 
-from palpate import launch
-from palpate.launch.files import InputError, SourceMapped, as_input_errors
-from palpate.launch.files import write_mesh, yaml_text
+from palpate.launch.demand import read_demand, read_mesh_setup, read_setup
+from palpate.launch.files.mesh_file import write_mesh
+from palpate.launch.files.source_map import InputError, SourceMapped, as_input_errors
+from palpate.launch.files.yaml_file import yaml_text
+from palpate.launch.launch_source import find_exploration, prestart_fork_server
+from palpate.launch.progress import Display, open_display
+from palpate.launch.run import Plan, Run, perform, plan_run
+from palpate.launch.scene import find_scene, load_scene
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -56,7 +61,7 @@ def explore(
     realtime: bool = False,
     progress: bool = True,
     quiet: bool | None = None,
-) -> launch.Run:
+) -> Run:
     """Touch the object of a scene and rebuild it: ``palpate run``, with its options as keywords.
 
     Parameters
@@ -113,13 +118,13 @@ def explore(
         A ValueError of one sentence, in the words of the command line, if the scene or an option
         cannot be used; nothing has been started.
     """
-    file = launch.find_exploration(procedure)
+    file = find_exploration(procedure)
     if not composed:
-        launch.prestart_fork_server(file)
+        prestart_fork_server(file)
     if quiet is None:
-        display = launch.open_display(quiet=not progress, lines=False)
+        display = open_display(quiet=not progress, lines=False)
     else:
-        display = launch.open_display(quiet=quiet)
+        display = open_display(quiet=quiet)
     with _scene_file(scene) as path:
         plan = plan_exploration(
             path,
@@ -164,25 +169,25 @@ def plan_exploration(
     realtime: bool = False,
     untrusted: bool = False,
     **arguments: Any,
-) -> launch.Plan:
+) -> Plan:
     """The plan of ``palpate run``, given its options as their texts; `arguments`: see `ARGUMENTS`.
 
     Raises InputError if the scene or an option cannot be used; nothing has been started.
     """
     if untrusted:
-        launch.load_scene(scene, untrusted=True)
+        load_scene(scene, untrusted=True)
     args = {"scene": SourceMapped(str(scene), "")}
     for option, name, value in (
         ("--no-record", "record", record),
         *((f"--{key}", ARGUMENTS[key], value) for key, value in arguments.items()),
-        *launch.read_mesh_setup(scene, unit, size, up),
-        *launch.read_setup(pose, noise),
+        *read_mesh_setup(scene, unit, size, up),
+        *read_setup(pose, noise),
     ):
         if value is not None:
             args[name] = SourceMapped(value, option)
-    demand = launch.read_demand(tolerance, feature, budget, touches, quality, procedure)
-    return launch.plan_run(
-        launch.find_exploration(procedure),
+    demand = read_demand(tolerance, feature, budget, touches, quality, procedure)
+    return plan_run(
+        find_exploration(procedure),
         args,
         {**settings, **demand},
         name=scene.stem,
@@ -203,7 +208,7 @@ def _scene_file(scene: str | Path | Mapping[str, Any] | ObjectScene) -> Iterator
     Raises InputError if there is no such scene, or it is not what can be written into a file.
     """
     if isinstance(scene, str | Path):
-        yield launch.find_scene(scene)
+        yield find_scene(scene)
         return
     with TemporaryDirectory(prefix="palpate-") as folder:
         if isinstance(scene, Mapping):
@@ -244,7 +249,7 @@ def _own_files(scene: Mapping[str, Any], folder: Path) -> Any:
 
 
 def perform_and_print(
-    plan: launch.Plan,
+    plan: Plan,
     *,
     composed: bool,
     as_json: bool,
@@ -262,7 +267,7 @@ def perform_and_print(
         raise InputError("--view and --composed exclude each other: one process has nothing to tap")
     if not view:
         return _perform_and_print(plan, composed, as_json, quiet, verbose).exit_code
-    from palpate.tools.view import ViewProcess
+    from palpate.tools.view.beside import ViewProcess
 
     with ViewProcess(plan.folder.path, (lambda _: None) if quiet else say) as beside:
         done = _perform_and_print(plan, composed, as_json, quiet, verbose)
@@ -272,12 +277,12 @@ def perform_and_print(
 
 
 def _perform_and_print(
-    plan: launch.Plan, composed: bool, as_json: bool, quiet: bool, verbose: bool
-) -> launch.Run:
+    plan: Plan, composed: bool, as_json: bool, quiet: bool, verbose: bool
+) -> Run:
     silent = quiet or as_json
     if plan.asked and not silent:
         click.echo(plan.asked, err=True)
-    done = _perform(plan, composed=composed, display=launch.open_display(quiet=silent))
+    done = _perform(plan, composed=composed, display=open_display(quiet=silent))
     if done.trace is not None and done.ending.status == "died":
         click.echo(f"palpate: the trace of the error is in {done.trace}", err=True)
     if as_json:
@@ -290,10 +295,10 @@ def _perform_and_print(
     return done
 
 
-def _perform(plan: launch.Plan, *, composed: bool, display: launch.Display) -> launch.Run:
+def _perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     """Perform a plan, and write its report; one that cannot be written is no fault of the run."""
-    done = launch.perform(plan, composed=composed, display=display)
-    from palpate.tools.report import REPORT, write_report  # not before: it takes long
+    done = perform(plan, composed=composed, display=display)
+    from palpate.tools.report.page import REPORT, write_report
 
     try:
         write_report([done.folder], done.folder / REPORT)

@@ -9,11 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.rebuild import Solid
-from palpate.launch import RECORDING, counted, files, find_run_mesh, millimetres, titled
+from palpate.launch.files.file_access import write_atomically
+from palpate.launch.files.mesh_file import MESH_UNITS, read_surface, write_mesh
+from palpate.launch.files.source_map import InputError
+from palpate.launch.printing import counted, millimetres, titled
+from palpate.launch.run_directory import RECORDING, find_run_mesh
 from palpate.messages.types import ShapeModel, Truth
-from palpate.tools.bag import open_decoded
+from palpate.tools.bag.decoding import open_decoded
 from palpate.tools.reconstruction import check_places, check_suffixes, written_files
 from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
 
@@ -25,16 +29,16 @@ def export(run: Path, outs: Sequence[Path]) -> dict[str, Any]:
     the unit in them. Raises InputError if an ending is unknown, a file cannot be written, or there
     is no solid.
     """
-    check_suffixes(outs, tuple(files.MESH_UNITS))
+    check_suffixes(outs, tuple(MESH_UNITS))
     check_places(run, outs)
     solid = read_final(run)
     coloured = vertex_colours(solid.scalars)
     columns: dict[str, NDArray[np.generic]] = dict(solid.scalars)
     if coloured is not None:
         columns |= zip(("red", "green", "blue"), coloured.colours.T, strict=True)
-    files.write_atomically(
+    write_atomically(
         {
-            path: lambda part: files.write_mesh(part, solid.vertices, solid.faces, **columns)
+            path: lambda part: write_mesh(part, solid.vertices, solid.faces, **columns)
             for path in outs
         }
     )
@@ -55,9 +59,9 @@ def export_solid(solid: Solid, path: Path) -> None:
 
     Raises InputError if the suffix is unknown or the file cannot be written.
     """
-    check_suffixes([path], tuple(files.MESH_UNITS), option="")
+    check_suffixes([path], tuple(MESH_UNITS), option="")
     mesh = solid.final_mesh
-    files.write_atomically({path: lambda part: files.write_mesh(part, mesh.vertices, mesh.faces)})
+    write_atomically({path: lambda part: write_mesh(part, mesh.vertices, mesh.faces)})
 
 
 class FinalSolid(NamedTuple):
@@ -75,7 +79,7 @@ def read_final(run: Path) -> FinalSolid:
     Raises InputError if there is neither, or nothing could be rebuilt.
     """
     if run.is_dir() and not (run / RECORDING).is_file():
-        vertices, faces, _ = files.read_surface(find_run_mesh(run), "m")
+        vertices, faces, _ = read_surface(find_run_mesh(run), "m")
         return FinalSolid(vertices, faces, {}, None)
     source = open_decoded(run)
     kinds = {topic: kind for topic, (kind, _) in source.recording.types.items()}
@@ -83,7 +87,7 @@ def read_final(run: Path) -> FinalSolid:
     last = {type(one.message): one.message for one in source.published(wanted)}
     model, truth = last.get(ShapeModel), last.get(Truth)
     if model is None or not len(model.faces):
-        raise files.InputError(f"{run}: holds no rebuilt solid: no model in it has a surface")
+        raise InputError(f"{run}: holds no rebuilt solid: no model in it has a surface")
     scalars = vertex_scalars(model, truth and TruthSurface(truth))
     return FinalSolid(model.vertices, model.faces, scalars, model.final)
 

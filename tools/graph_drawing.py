@@ -24,9 +24,10 @@ from statistics import fmean
 from typing import NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
-from palpate.launch import Graph, ResolvedNode, plain_params, resolve_nodes
-from palpate.launch.files import InputError, write_atomically
-from palpate.nodes.runtime import Node, Sink, Wiring
+from palpate.launch.files.file_access import write_atomically
+from palpate.launch.files.source_map import InputError
+from palpate.launch.graph import Graph, ResolvedNode, plain_params, resolve_nodes
+from palpate.nodes.runtime.node import Node, Sink, Wiring
 
 MAX_PARAM_LETTERS = 400  # Of the parameters in a title
 TIMES = "\N{MULTIPLICATION SIGN}"

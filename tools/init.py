@@ -14,8 +14,9 @@ from typing import Literal
 from palpate.core.explore.planners import PLANNER_NAMES
 from palpate.core.touch import clean
 from palpate.core.touch.effects import EFFECT_NAMES
-from palpate.launch import list_kinds
-from palpate.launch.files import InputError, write_new
+from palpate.launch.files.file_access import write_new
+from palpate.launch.files.source_map import InputError
+from palpate.launch.node_kinds import list_kinds
 from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES
 from palpate.nodes import filter as filter_node

@@ -9,9 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from palpate import launch
 from palpate.core import geometry, recognition
-from palpate.launch import files, titled
+from palpate.launch.files.mesh_file import read_mesh
+from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.object_database import (
+    OBJECTS,
+    ObjectDatabase,
+    learn_models,
+    load_models,
+    load_objects,
+    write_models,
+)
+from palpate.launch.printing import titled
+from palpate.launch.run_directory import SUMMARY, find_run_mesh, read_summary
 
 UNITS = {"log volume": "ml", "log area": "cm2", "log length": "mm", "angle": "deg"}
 SCALES = {"log volume": 1e6, "log area": 1e4, "log length": 1e3, "angle": 180.0 / math.pi}
@@ -32,9 +42,9 @@ def recognise(
     or holds no closed surface.
     """
     vertices, faces, uncertainty = _surface(path, unit)
-    database = launch.load_objects(objects or launch.OBJECTS)
-    models = launch.load_models(database) or _learned(database, say)
-    with files.as_input_errors(path):
+    database = load_objects(objects or OBJECTS)
+    models = load_models(database) or _learned(database, say)
+    with as_input_errors(path):
         features = recognition.feature_vector(recognition.describe(vertices, faces))
     uncertainty = math.hypot(uncertainty, geometry.facet_sag(vertices, faces))
     found = recognition.recognise(features, models, uncertainty)
@@ -63,27 +73,25 @@ def recognise(
 
 def _surface(path: Path, unit: str | None) -> tuple[np.ndarray, np.ndarray, float]:
     """Vertices (n, 3), m, faces (m, 3), and how uncertain the surface is, m."""
-    mesh = launch.find_run_mesh(path)
+    mesh = find_run_mesh(path)
     if mesh == path:
-        vertices, faces, _ = files.read_mesh(path, unit)
+        vertices, faces, _ = read_mesh(path, unit)
         return vertices, faces, recognition.UNCERTAINTY
-    vertices, faces, _ = files.read_mesh(mesh, unit or "m")
-    told = launch.read_summary(path) if mesh.with_name(launch.SUMMARY).is_file() else {}
+    vertices, faces, _ = read_mesh(mesh, unit or "m")
+    told = read_summary(path) if mesh.with_name(SUMMARY).is_file() else {}
     bound = told.get("rms_bound_95_m")
     known = bound if isinstance(bound, float) and 0.0 < bound < math.inf else 0.0
     return vertices, faces, max(known, recognition.UNCERTAINTY)
 
 
-def _learned(
-    database: launch.ObjectDatabase, say: Callable[[str], object]
-) -> recognition.ObjectModels:
-    models = launch.learn_models(database, lambda name: say(f"learning {name}"))
+def _learned(database: ObjectDatabase, say: Callable[[str], object]) -> recognition.ObjectModels:
+    models = learn_models(database, lambda name: say(f"learning {name}"))
     try:
-        say(f"written to {launch.write_models(database, models)}")
-    except (OSError, files.InputError) as error:  # a folder that is not ours: learned in vain
+        say(f"written to {write_models(database, models)}")
+    except (OSError, InputError) as error:  # a folder that is not ours: learned in vain
         say(f"not kept: {error}")
         return models
-    return launch.load_models(database) or models  # as it is read from now on, rounded
+    return load_models(database) or models  # as it is read from now on, rounded
 
 
 def _told(one: recognition.Difference) -> dict[str, Any]:

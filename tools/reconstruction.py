@@ -14,14 +14,22 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats, transform_points
+from palpate.core.arrays import Floats
 from palpate.core.geometry import self_intersection, solidity
+from palpate.core.poses import transform_points
 from palpate.core.rebuild import LatticeSolid, Method, Solid
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.surface import SurfaceMesh
 from palpate.core.shapes import Mesh
-from palpate.launch import counted, files, titled
+from palpate.launch.files.file_access import FileWriter, write_atomically
+from palpate.launch.files.mesh_file import MESH_UNITS, write_mesh
+from palpate.launch.files.point_clouds import MeasuredContours
+from palpate.launch.files.points_file import read_points, read_tops
+from palpate.launch.files.solid_file import LATTICE_SUFFIXES, SOLID_SUFFIX, save, write_lattice
+from palpate.launch.files.source_map import InputError
+from palpate.launch.files.units import METRES_PER_UNIT
+from palpate.launch.printing import counted, titled
 
 RECORDING_SUFFIX = ".mcap"  # Of a file whose unit is known; a run's folder holds such a file
 CONTOUR_NUMBER = re.compile(r"\bcontour (\d+)\b")  # By its place among those that were read
@@ -64,7 +72,7 @@ class RebuildResult(NamedTuple):
 
     solid: LatticeSolid
     mesh: SurfaceMesh
-    found: files.MeasuredContours  # What was read
+    found: MeasuredContours  # What was read
     unit: str  # As which it was read
     assumed: bool  # Whether nobody said so
 
@@ -82,14 +90,14 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
     for name in ("bottom", "top", "noise", "tolerance"):
         value = getattr(wanted, name)
         if value is not None and not math.isfinite(value):
-            raise files.InputError(f"--{name} {value:g}: must be a finite number")
+            raise InputError(f"--{name} {value:g}: must be a finite number")
     recorded = points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX
     unit, assumed = wanted.unit or "m", wanted.unit is None and not recorded
     if recorded:
         check_recorded_unit(points, unit)
-    metres = files.METRES_PER_UNIT[unit]
+    metres = METRES_PER_UNIT[unit]
     say("reading the points")
-    found = files.read_points(points).scaled(metres)
+    found = read_points(points).scaled(metres)
     tops = _touched_ends(found, wanted, metres)
     say(f"rebuilding from {len(found.contours)} contours")
     try:
@@ -108,37 +116,35 @@ def rebuild(points: Path, wanted: RebuildOptions, say: ProgressText) -> RebuildR
     except ValueError as error:
         places = dict(enumerate(found.places))  # As in the file, with number and lines
         text = CONTOUR_NUMBER.sub(lambda match: places.get(int(match[1]), match[0]), str(error))
-        raise files.InputError(f"{points}: {text}") from None
+        raise InputError(f"{points}: {text}") from None
     return RebuildResult(solid, mesh, found, unit, assumed)
 
 
 def check_recorded_unit(points: Path, unit: str) -> None:
     """InputError if a recording is to be read in another unit than its own."""
     if unit != "m":
-        raise files.InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
+        raise InputError(f"--unit {unit}: {points} is a recording, and recordings are in m")
 
 
-def _touched_ends(
-    found: files.MeasuredContours, wanted: RebuildOptions, metres: float
-) -> Floats | None:
+def _touched_ends(found: MeasuredContours, wanted: RebuildOptions, metres: float) -> Floats | None:
     """Touched ends from all sources; heights beyond the contours, each on its side."""
     parts = [] if found.tops is None else [found.tops]
     if wanted.tops is not None:
-        parts.append(metres * files.read_tops(wanted.tops))
+        parts.append(metres * read_tops(wanted.tops))
     seen = [into_frame(found.frame, one) for one in found.contours if np.isfinite(one).any()]
     levels = [float(np.nanmean(one[:, 2])) for one in seen]
     if levels:
         points = np.concatenate(found.contours)
         size = float((np.nanmax(points, axis=0) - np.nanmin(points, axis=0)).max()) / metres
         if wanted.noise is not None and wanted.noise >= size:
-            raise files.InputError(
+            raise InputError(
                 f"--noise {wanted.noise:g}: must be less than the object is large, "
                 f"{size:.3g} {wanted.unit or 'm'}"
             )
         low, high = min(levels) / metres, max(levels) / metres
         for name, height in (("bottom", wanted.bottom), ("top", wanted.top)):
             if height is not None and (low < height if name == "bottom" else height < high):
-                raise files.InputError(
+                raise InputError(
                     f"--{name} {height:g}: must lie beyond the contours, which go from {low:.6g} "
                     f"to {high:.6g}"
                 )
@@ -153,10 +159,10 @@ def _meshed(solid: LatticeSolid, tolerance: float | None, unit: str) -> SurfaceM
     if tolerance is None:
         return solid.mesh()
     try:
-        return solid.mesh(files.METRES_PER_UNIT[unit] * tolerance)
+        return solid.mesh(METRES_PER_UNIT[unit] * tolerance)
     except ValueError:
         # The surface speaks in m, and whoever asks in the unit of the points.
-        raise files.InputError(
+        raise InputError(
             f"--tolerance {tolerance:g}: {tolerance:g} {unit} would take more triangles than a "
             "mesh may have; try a larger one"
         ) from None
@@ -168,14 +174,14 @@ def check_outputs(points: Path, outs: Sequence[Path], lattice: Path | None, meth
     Raises InputError if an ending is unknown, a folder is not there, there will be no lattice, or
     the points would be overwritten.
     """
-    check_suffixes(outs, (*files.MESH_UNITS, files.SOLID_SUFFIX))
+    check_suffixes(outs, (*MESH_UNITS, SOLID_SUFFIX))
     if lattice is not None:
-        if lattice.suffix.lower() not in files.LATTICE_SUFFIXES:
-            ends = ", ".join(files.LATTICE_SUFFIXES)
-            raise files.InputError(f"--lattice {lattice}: must end in one of {ends}")
+        if lattice.suffix.lower() not in LATTICE_SUFFIXES:
+            ends = ", ".join(LATTICE_SUFFIXES)
+            raise InputError(f"--lattice {lattice}: must end in one of {ends}")
         if method not in ("lattice", "thesis"):
             text = f"--lattice {lattice}: the method {method} has no control lattice"
-            raise files.InputError(text)
+            raise InputError(text)
     check_places(points, [*outs, *([] if lattice is None else [lattice])])
 
 
@@ -183,18 +189,18 @@ def check_suffixes(outs: Iterable[Path], known: Sequence[str], option: str = "-o
     """InputError if a file's format, by its ending, is none of those known."""
     for path in outs:
         if path.suffix.lower() not in known:
-            raise files.InputError(f"{option}{path}: must end in one of {', '.join(known)}")
+            raise InputError(f"{option}{path}: must end in one of {', '.join(known)}")
 
 
 def check_places(source: Path, outs: Sequence[Path]) -> None:
     """InputError if a folder is not there, two files are one, or what is read would be lost."""
     for path in outs:
         if not path.parent.is_dir():
-            raise files.InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+            raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
         if path.resolve() == source.resolve():
-            raise files.InputError(f"{path}: is the file that is read; write to another")
+            raise InputError(f"{path}: is the file that is read; write to another")
     if len(set(outs)) < len(outs):
-        raise files.InputError("each file that is written must have a name of its own")
+        raise InputError("each file that is written must have a name of its own")
 
 
 def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | None) -> None:
@@ -203,19 +209,19 @@ def write_outputs(rebuilt: RebuildResult, outs: Sequence[Path], lattice: Path | 
     if lattice is not None:
         grid = rebuilt.solid.control_lattice
         if grid is None:
-            raise files.InputError(f"--lattice {lattice}: this solid has no control lattice")
-        writers[lattice] = lambda part: files.write_lattice(part, grid)
-    files.write_atomically(writers)
+            raise InputError(f"--lattice {lattice}: this solid has no control lattice")
+        writers[lattice] = lambda part: write_lattice(part, grid)
+    write_atomically(writers)
 
 
 def solid_writers(
     solid: Solid, mesh: SurfaceMesh | Mesh, outs: Iterable[Path]
-) -> dict[Path, files.FileWriter]:
+) -> dict[Path, FileWriter]:
     """What writes each file: a whole solid, or its mesh, as the ending says."""
     return {
-        path: (lambda part: files.save(solid, part))
-        if path.suffix.lower() == files.SOLID_SUFFIX
-        else (lambda part: files.write_mesh(part, mesh.vertices, mesh.faces))
+        path: (lambda part: save(solid, part))
+        if path.suffix.lower() == SOLID_SUFFIX
+        else (lambda part: write_mesh(part, mesh.vertices, mesh.faces))
         for path in outs
     }
 
@@ -273,7 +279,7 @@ def rebuild_record(
 
 
 def rebuild_warnings(
-    solid: LatticeSolid, mesh: SurfaceMesh, found: files.MeasuredContours, unit: str, crossings: int
+    solid: LatticeSolid, mesh: SurfaceMesh, found: MeasuredContours, unit: str, crossings: int
 ) -> list[str]:
     """Sentences about everything that a user should doubt."""
     told, health = size_warnings(mesh.vertices, unit), solid.health()
@@ -309,7 +315,7 @@ def size_warnings(vertices: Floats, unit: str) -> list[str]:
 def written_files(outs: Sequence[Path]) -> list[dict[str, str]]:
     """What was written, and what it holds."""
     return [
-        {"file": str(path), "holds": files.MESH_UNITS.get(path.suffix.lower(), "everything, in m")}
+        {"file": str(path), "holds": MESH_UNITS.get(path.suffix.lower(), "everything, in m")}
         for path in outs
     ]
 

@@ -18,11 +18,17 @@ import click
 import msgspec
 import numpy as np
 
-from palpate.launch.files import InputError, as_input_errors
-from palpate.launch.processes import find_run
+from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.processes.registry import find_run
 from palpate.messages import decode, schema
 from palpate.messages.types import ALL_KEPT, LATCHED
-from palpate.tools.introspection import TapSubscription, Topic, find_topics, topics_of, type_of
+from palpate.tools.introspection.topics import (
+    TapSubscription,
+    Topic,
+    find_topics,
+    topics_of,
+    type_of,
+)
 
 NAMESPACE = "/palpate"
 FRAME = "world"  # All poses and points are in it

@@ -13,10 +13,21 @@ from palpate.core.rebuild import GeneralSolid, rebuild_general
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import oriented, touch_distances
 from palpate.core.shapes import Mesh
-from palpate.launch import counted, files
-from palpate.tools.reconstruction import RECORDING_SUFFIX, ProgressText, RebuildOptions
-from palpate.tools.reconstruction import check_recorded_unit, single_threaded, size_warnings
-from palpate.tools.reconstruction import solid_writers, written_files
+from palpate.launch.files.file_access import write_atomically
+from palpate.launch.files.points_file import read_oriented, read_touches, recording_of
+from palpate.launch.files.source_map import InputError
+from palpate.launch.files.units import METRES_PER_UNIT
+from palpate.launch.printing import counted
+from palpate.tools.reconstruction import (
+    RECORDING_SUFFIX,
+    ProgressText,
+    RebuildOptions,
+    check_recorded_unit,
+    single_threaded,
+    size_warnings,
+    solid_writers,
+    written_files,
+)
 
 FAR = 5.0e-3  # From every point: what of the surface lies farther is made up, m
 MOST_FAR = 0.01  # Of the surface: more of that is worth a warning
@@ -32,7 +43,7 @@ def rebuild_scattered(
     """
     for name in ("tops", "top", "tolerance"):
         if getattr(wanted, name) is not None:
-            raise files.InputError(f"--{name} is of no use with --method general")
+            raise InputError(f"--{name} is of no use with --method general")
     say("reading the points")
     found = _read(points, wanted)
     say(f"rebuilding from {len(found.contacts.points)} points")
@@ -51,8 +62,8 @@ def rebuild_scattered(
             say("meshing")
             mesh = solid.mesh()
     except ValueError as error:
-        raise files.InputError(f"{points}: {str(error).replace('patches', 'points')}") from None
-    files.write_atomically(solid_writers(solid, mesh, outs))
+        raise InputError(f"{points}: {str(error).replace('patches', 'points')}") from None
+    write_atomically(solid_writers(solid, mesh, outs))
     told = {"points": str(points), "unit": found.unit, "unit_assumed": found.assumed}
     return {
         **{**told, "notes": notes},
@@ -73,16 +84,16 @@ class _Found(NamedTuple):
 
 
 def _read(points: Path, wanted: RebuildOptions) -> _Found:
-    unit, metres = wanted.unit or "m", files.METRES_PER_UNIT[wanted.unit or "m"]
+    unit, metres = wanted.unit or "m", METRES_PER_UNIT[wanted.unit or "m"]
     bottom = None if wanted.bottom is None else metres * wanted.bottom
     if points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX:
         check_recorded_unit(points, unit)
-        taxels, platform = files.read_touches(files.recording_of(points))
+        taxels, platform = read_touches(recording_of(points))
         touches = counted(int(taxels.touch.max()) + 1, "touch", "touches")
         notes = (f"{len(taxels.points)} taxels of {touches}",)
         standing = platform if bottom is None else bottom
         return _Found(taxels, standing, unit, metres, False, notes)
-    contacts, told = files.read_oriented(points)
+    contacts, told = read_oriented(points)
     contacts = contacts._replace(points=metres * contacts.points)
     return _Found(contacts, bottom, unit, metres, wanted.unit is None, told)
 

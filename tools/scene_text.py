@@ -8,32 +8,37 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
-from palpate import launch
-from palpate.core import ranges_of
+from palpate.core.plugins import ranges_of
 from palpate.core.touch.effects import EFFECT_NAMES, effect_type
-from palpate.launch.files import SourceMapped
-from palpate.nodes.specs import SensorSpec, describe_effects
+from palpate.launch.demand import read_mesh_setup
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.printing import TEXT_WIDTH, counted, titled
+from palpate.launch.run import check_run
+from palpate.launch.run_directory import RUNS
+from palpate.launch.scene import Scene, SceneSpec, find_scene, load_scene
+from palpate.nodes.specs.sensors import SensorSpec, describe_effects
 
 
 def check_scene(
     scene: str, *, unit: str | None = None, size: str | None = None, untrusted: bool = False
-) -> launch.Scene:
+) -> Scene:
     """The scene, which can be explored; else raises InputError.
 
     `unit` or `size`, as ``120mm``: of a mesh file, how large it is.
     """
-    path = launch.find_scene(scene)
+    path = find_scene(scene)
     if untrusted:
-        launch.load_scene(path, untrusted=True)
+        load_scene(path, untrusted=True)
     args = {"scene": SourceMapped(str(path), "")}
-    for option, name, value in launch.read_mesh_setup(path, unit, size):
+    for option, name, value in read_mesh_setup(path, unit, size):
         args[name] = SourceMapped(value, option)
-    described, _ = launch.check_run(launch.EXPLORE, args, {}, launch.RUNS)
+    described, _ = check_run(EXPLORE, args, {}, RUNS)
     assert described.scene is not None
     return described.scene
 
 
-def scene_figures(scene: launch.Scene) -> dict[str, Any]:
+def scene_figures(scene: Scene) -> dict[str, Any]:
     """A scene: its file, the object's size, m, what was guessed of a mesh, sensor and effects."""
     effects = describe_effects(scene.spec.effects).items()
     return {
@@ -48,27 +53,27 @@ def scene_figures(scene: launch.Scene) -> dict[str, Any]:
     }
 
 
-def scene_text(scene: launch.Scene) -> str:
+def scene_text(scene: Scene) -> str:
     """That a scene can be explored, its size, and what is simulated."""
     size = " x ".join(f"{1000.0 * side:.1f}" for side in scene.size)
     measures = f"can be explored; the object measures {size} mm"
-    lines = launch.titled("scene", str(scene.path), measures)
-    lines += launch.titled("mesh", scene.told) if scene.told else []
+    lines = titled("scene", str(scene.path), measures)
+    lines += titled("mesh", scene.told) if scene.told else []
     return "\n".join([*lines, simulation_text(scene.spec)])
 
 
-def simulation_text(scene: launch.SceneSpec) -> str:
+def simulation_text(scene: SceneSpec) -> str:
     """The sensor, and the effects in the order in which they act."""
-    lines = launch.titled("sensor", *_sensor(scene.sensor))
+    lines = titled("sensor", *_sensor(scene.sensor))
     effects = describe_effects(scene.effects)
     if not effects:
         return "\n".join([*lines, "simulated  exact contact, and no effects"])
-    count = launch.counted(len(effects), "effect")
+    count = counted(len(effects), "effect")
     lines.append(f"simulated  exact contact, and {count}, in this order:")
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         head = f"  {effect.phase.name.lower():<7} {name:<{width}}  "
-        told = launch.titled(head, effect_parameters(effect), width=len(head))
+        told = titled(head, effect_parameters(effect), width=len(head))
         lines += map(str.rstrip, told)
     return "\n".join(lines)
 
@@ -123,7 +128,7 @@ def effects_text(effects: list[dict[str, Any]]) -> str:
     lines = []
     for effect in effects:
         head = f"{effect['name']}: {effect['told']}"
-        lines += textwrap.wrap(head, launch.TEXT_WIDTH, subsequent_indent="    ")
+        lines += textwrap.wrap(head, TEXT_WIDTH, subsequent_indent="    ")
         for name, one in effect["parameters"].items():
             given = "" if one["default"] is None else f"{one['default']}"
             lines.append(f"  {name:<14}{given:<10}{one['allowed']}".rstrip())

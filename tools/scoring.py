@@ -10,8 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import FORM_KEY, Floats, geometry, inverse_pose, transform_points
-from palpate.launch import files, find_run_mesh, millimetres, titled
+from palpate.core import geometry
+from palpate.core.archive import FORM_KEY
+from palpate.core.arrays import Floats
+from palpate.core.poses import inverse_pose, transform_points
+from palpate.launch.files.file_access import read_bounded
+from palpate.launch.files.mesh_file import MAX_MESH_BYTES, read_cloud, read_surface
+from palpate.launch.files.points_file import read_positions
+from palpate.launch.files.solid_file import load, read_npz
+from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.files.units import METRES_PER_UNIT
+from palpate.launch.printing import millimetres, titled
+from palpate.launch.run_directory import find_run_mesh
 
 MAX_SIZE_RATIO = 5.0  # Times as large or as small: one of the units is probably wrong
 ScoreRecord = Mapping[str, Any]
@@ -39,7 +49,7 @@ def score(
     solid = _outwards(read_mesh_or_points(model, unit))
     wanted = _outwards(read_mesh_or_points(reference, reference_unit))
     if not len(solid.faces):
-        raise files.InputError(f"{model}: holds points; the model must be a surface")
+        raise InputError(f"{model}: holds points; the model must be a surface")
     surface = _prepared(model, solid)
     found = geometry.solidity(solid.vertices, solid.faces)
     sizes = [float(np.linalg.norm(np.ptp(one.vertices, axis=0))) for one in (solid, wanted)]
@@ -78,28 +88,26 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
     taken = unit or "m"
     points: Floats | None = None
     if kind in POINT_SUFFIXES:
-        points = _read_table(path) * files.METRES_PER_UNIT[taken]
+        points = _read_table(path) * METRES_PER_UNIT[taken]
     elif kind == ".ply":
-        points = files.read_cloud(path, taken)
+        points = read_cloud(path, taken)
     if points is not None:
         count, finite = len(points), np.isfinite(points).all(axis=1)
         if count < MIN_POINTS:
-            raise files.InputError(
-                f"{path}: holds {count} points; at least {MIN_POINTS} are needed"
-            )
+            raise InputError(f"{path}: holds {count} points; at least {MIN_POINTS} are needed")
         if not finite.all():
-            raise files.InputError(f"{path}: point {np.argmin(finite)} is not finite")
+            raise InputError(f"{path}: point {np.argmin(finite)} is not finite")
         if not np.ptp(points, axis=0).any():
-            raise files.InputError(f"{path}: all {count} points are in one place")
+            raise InputError(f"{path}: all {count} points are in one place")
         vertices, faces = points, np.zeros((0, 3), np.int32)
     elif kind == ".npz":
         vertices, faces = _read_model(path)
-        vertices = vertices * files.METRES_PER_UNIT[taken]
+        vertices = vertices * METRES_PER_UNIT[taken]
     else:
-        vertices, faces, taken = files.read_surface(path, unit)
+        vertices, faces, taken = read_surface(path, unit)
     size = float(np.abs(vertices).max(initial=0.0))
     if len(vertices) and np.isfinite(size) and not size <= MAX_COORDINATE:
-        raise files.InputError(
+        raise InputError(
             f"{path}: reaches {size:g} m from the origin; at most {MAX_COORDINATE:g} m can"
         )
     return MeshOrPoints(vertices, faces, taken)
@@ -107,32 +115,32 @@ def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
 
 def _read_table(path: Path) -> Floats:
     """The columns x, y and z of a table, found as `palpate rebuild` finds them."""
-    points, left_out = files.read_positions(path)
+    points, left_out = read_positions(path)
     if left_out:
-        raise files.InputError(f"{path}: holds {left_out[0].removeprefix('left out ')}")
+        raise InputError(f"{path}: holds {left_out[0].removeprefix('left out ')}")
     return points
 
 
 def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:
     """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
-    data = files.read_bounded(path, files.MAX_MESH_BYTES)
-    with files.as_input_errors(path):
-        arrays = files.read_npz(data)
+    data = read_bounded(path, MAX_MESH_BYTES)
+    with as_input_errors(path):
+        arrays = read_npz(data)
     if FORM_KEY in arrays and "vertices" not in arrays:
-        mesh = files.load(path).final_mesh  # as fine as meshes are by themselves
+        mesh = load(path).final_mesh  # as fine as meshes are by themselves
         return mesh.vertices, mesh.faces
     for name in ("vertices", "faces"):
         if name not in arrays:
-            raise files.InputError(f"{path}: is no model: it lacks {name}")
+            raise InputError(f"{path}: is no model: it lacks {name}")
     vertices, faces = arrays["vertices"], arrays["faces"]
     if faces.ndim == 0:
-        raise files.InputError(f"{path}: is no model: its faces are a single number")
+        raise InputError(f"{path}: is no model: its faces are a single number")
     if not len(faces):
-        raise files.InputError(f"{path}: the model has no surface; nothing could be rebuilt")
+        raise InputError(f"{path}: the model has no surface; nothing could be rebuilt")
     try:
         geometry.triangle_corners(vertices, faces)
     except (ValueError, TypeError) as error:
-        raise files.InputError(f"{path}: is no model: {error}") from None
+        raise InputError(f"{path}: is no model: {error}") from None
     return np.asarray(vertices, np.float64), faces.astype(np.int32)
 
 
@@ -176,7 +184,7 @@ def _against_surface(
 
 
 def _prepared(path: Path, shape: MeshOrPoints) -> geometry.PreparedSurface:
-    with files.as_input_errors(path):
+    with as_input_errors(path):
         return geometry.prepare_surface(shape.vertices, shape.faces)
 
 

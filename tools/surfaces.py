@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Floats, geometry
-from palpate.launch.files import uncertainties
+from palpate.core import geometry
+from palpate.core.arrays import Floats
+from palpate.launch.files.mesh_file import uncertainties
 from palpate.messages.types import ShapeModel, Truth
 
 Colours = NDArray[np.uint8]

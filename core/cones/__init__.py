@@ -5,15 +5,22 @@ and which places on a cone they may have. The tables are data, and the threshold
 may be tuned; the equations follow from geometry alone. It rests on core arrays.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.cones.features import ContactFeature, Feature, FeatureGroup, FeaturePlace
-    from palpate.core.cones.features import feature_of_contact
-    from palpate.core.cones.interpretation import Interpretation, interpretations
-    from palpate.core.cones.solving import ConeOrientation, ConeOrigin, InsufficientFeaturesError
-    from palpate.core.cones.solving import ScaledRadius, residual_sigma, scaled_radii
-    from palpate.core.cones.solving import solve_orientation, solve_origin
-    from palpate.core.cones.tables import TableRow, row_of
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.cones.features import (
+    ContactFeature,
+    Feature,
+    FeatureGroup,
+    FeaturePlace,
+    feature_of_contact,
+)
+from palpate.core.cones.interpretation import Interpretation, interpretations
+from palpate.core.cones.solving import (
+    ConeOrientation,
+    ConeOrigin,
+    InsufficientFeaturesError,
+    ScaledRadius,
+    residual_sigma,
+    scaled_radii,
+    solve_orientation,
+    solve_origin,
+)
+from palpate.core.cones.tables import TableRow, row_of

@@ -5,12 +5,22 @@ grasp an object, trace its slices, plan them and probe its ends; all are pure fu
 so that a recorded run can be explored again. It rests on core touch, shapes and geometry.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.explore.free_space import TOUCHED, VOXEL, Longs, SpaceMap, empty_map
-    from palpate.core.explore.free_space import spanned_places, swept_places
-    from palpate.core.explore.survey import APART, FEATURE_SHARE, Demand, ModelUncertainty, Survey
-    from palpate.core.explore.survey import TracedContour, next_finished, widened
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.explore.free_space import (
+    TOUCHED,
+    VOXEL,
+    Longs,
+    SpaceMap,
+    empty_map,
+    spanned_places,
+    swept_places,
+)
+from palpate.core.explore.survey import (
+    APART,
+    FEATURE_SHARE,
+    Demand,
+    ModelUncertainty,
+    Survey,
+    TracedContour,
+    next_finished,
+    widened,
+)

@@ -17,8 +17,16 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners import LEAST_FEATURE, Budget, Limits, Observation, ObservedSlice
-from palpate.core.explore.planners import ObservedSurface, SliceOutcome, slice_without_contour
+from palpate.core.explore.planners import (
+    LEAST_FEATURE,
+    Budget,
+    Limits,
+    Observation,
+    ObservedSlice,
+    ObservedSurface,
+    SliceOutcome,
+    slice_without_contour,
+)
 from palpate.core.geometry import area_centroid, winding_number
 
 # Largest height that may stay untouched, over the tolerance, where nobody says how large: an arc so

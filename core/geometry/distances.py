@@ -21,8 +21,13 @@ from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry.meshes import areas_and_normals, triangle_corners
 from palpate.core.geometry.nearest import NearestSearch, nearest_points, nearest_search
 from palpate.core.least_squares import Solutions, levenberg_marquardt
-from palpate.core.poses import pose_of, principal_axes, right_jacobians, rotation_angle
-from palpate.core.poses import rotations_from_vectors
+from palpate.core.poses import (
+    pose_of,
+    principal_axes,
+    right_jacobians,
+    rotation_angle,
+    rotations_from_vectors,
+)
 from palpate.reprs import readable
 
 SAMPLES = 20_000  # On each surface, so that the mean is right to about one part in a hundred

@@ -6,17 +6,27 @@ A user adds one by naming such a function as ``module:function``. They rest on c
 explore, rebuild and cones; deviations and steps may be tuned.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.procedures.fearing import ConePoseFit
-    from palpate.core.procedures.generalised_cones import ConeFit, cone_mesh, fit_cone
-    from palpate.core.procedures.openings import FoundOpenings, Opening
-    from palpate.core.procedures.planar import BoundaryModel
-    from palpate.core.procedures.protocol import ANGLE_ERROR, POINT_ERROR, Contact, Exploration
-    from palpate.core.procedures.protocol import Findings, FingerMove, HandContacts, HandMove, Met
-    from palpate.core.procedures.protocol import Move, Procedure, Session, TouchSetting, approach
-    from palpate.core.procedures.protocol import close, touch, touch_pair
-    from palpate.core.procedures.registry import PROCEDURE_NAMES, begin_procedure, procedure_of
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.procedures.fearing import ConePoseFit
+from palpate.core.procedures.generalised_cones import ConeFit, cone_mesh, fit_cone
+from palpate.core.procedures.openings import FoundOpenings, Opening
+from palpate.core.procedures.planar import BoundaryModel
+from palpate.core.procedures.protocol import (
+    ANGLE_ERROR,
+    POINT_ERROR,
+    Contact,
+    Exploration,
+    Findings,
+    FingerMove,
+    HandContacts,
+    HandMove,
+    Met,
+    Move,
+    Procedure,
+    Session,
+    TouchSetting,
+    approach,
+    close,
+    touch,
+    touch_pair,
+)
+from palpate.core.procedures.registry import PROCEDURE_NAMES, begin_procedure, procedure_of

@@ -14,12 +14,27 @@ from collections.abc import Generator
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.explore.grasp import SEARCH_HEIGHTS, Hand, brought_near, next_pose
-from palpate.core.explore.grasp import search_places, search_pose
+from palpate.core.explore.grasp import (
+    SEARCH_HEIGHTS,
+    Hand,
+    brought_near,
+    next_pose,
+    search_places,
+    search_pose,
+)
 from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.poses import split_pose
-from palpate.core.procedures.protocol import SEARCH_SPACING, UNSUITED, Exploration, Findings
-from palpate.core.procedures.protocol import HandMove, Met, Move, TouchSetting, close
+from palpate.core.procedures.protocol import (
+    SEARCH_SPACING,
+    UNSUITED,
+    Exploration,
+    Findings,
+    HandMove,
+    Met,
+    Move,
+    TouchSetting,
+    close,
+)
 from palpate.core.rebuild import fit_coarse
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.shapes import FittedSuperquadric

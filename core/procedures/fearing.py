@@ -16,13 +16,37 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.cones import ConeOrientation, ConeOrigin, ContactFeature, Feature
-from palpate.core.cones import InsufficientFeaturesError, Interpretation, feature_of_contact
-from palpate.core.cones import interpretations, residual_sigma, scaled_radii, solve_orientation
-from palpate.core.cones import solve_origin
-from palpate.core.procedures.protocol import STANDOFF, UNSUITED, UP, Contact, Exploration, Findings
-from palpate.core.procedures.protocol import Met, Move, TouchSetting, approach, kept_clear
-from palpate.core.procedures.protocol import square_on, touch, touch_from_above, touch_pair
+from palpate.core.cones import (
+    ConeOrientation,
+    ConeOrigin,
+    ContactFeature,
+    Feature,
+    InsufficientFeaturesError,
+    Interpretation,
+    feature_of_contact,
+    interpretations,
+    residual_sigma,
+    scaled_radii,
+    solve_orientation,
+    solve_origin,
+)
+from palpate.core.procedures.protocol import (
+    STANDOFF,
+    UNSUITED,
+    UP,
+    Contact,
+    Exploration,
+    Findings,
+    Met,
+    Move,
+    TouchSetting,
+    approach,
+    kept_clear,
+    square_on,
+    touch,
+    touch_from_above,
+    touch_pair,
+)
 
 FINGERS = 3
 ROUNDS = 4  # Closings of three fingers at most

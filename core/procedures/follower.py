@@ -18,13 +18,35 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp import revolution_axis
 from palpate.core.poses import axes_along
-from palpate.core.procedures.generalised_cones import ConeFit, ConeKind, RoundEnd, cone_mesh
-from palpate.core.procedures.generalised_cones import fit_cone, fit_round_end, side_points
-from palpate.core.procedures.generalised_cones import widest_gap
+from palpate.core.procedures.generalised_cones import (
+    ConeFit,
+    ConeKind,
+    RoundEnd,
+    cone_mesh,
+    fit_cone,
+    fit_round_end,
+    side_points,
+    widest_gap,
+)
 from palpate.core.procedures.polyhedron import fit_plane
-from palpate.core.procedures.protocol import STANDOFF, UNSUITED, UP, WORST, Contact, Exploration
-from palpate.core.procedures.protocol import Findings, FingerMove, Met, Move, TouchSetting, approach
-from palpate.core.procedures.protocol import kept_clear, touch, touch_from_above, touch_pair
+from palpate.core.procedures.protocol import (
+    STANDOFF,
+    UNSUITED,
+    UP,
+    WORST,
+    Contact,
+    Exploration,
+    Findings,
+    FingerMove,
+    Met,
+    Move,
+    TouchSetting,
+    approach,
+    kept_clear,
+    touch,
+    touch_from_above,
+    touch_pair,
+)
 
 DOWN = (18.0e-3, 38.0e-3)  # Below what was touched from above, m: where the first pairs close
 FIRST = 3  # Azimuths of the first pairs, at each height

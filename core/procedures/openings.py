@@ -17,9 +17,23 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats
 from palpate.core.explore import TOUCHED, VOXEL, Longs, SpaceMap, empty_map, swept_places
 from palpate.core.poses import axes_along
-from palpate.core.procedures.protocol import CLEARANCE, STANDOFF, UP, Contact, Exploration, Findings
-from palpate.core.procedures.protocol import FingerMove, Met, Move, TouchSetting, approach, axis_of
-from palpate.core.procedures.protocol import kept_clear, touch, touch_from_above
+from palpate.core.procedures.protocol import (
+    CLEARANCE,
+    STANDOFF,
+    UP,
+    Contact,
+    Exploration,
+    Findings,
+    FingerMove,
+    Met,
+    Move,
+    TouchSetting,
+    approach,
+    axis_of,
+    kept_clear,
+    touch,
+    touch_from_above,
+)
 
 PITCH = 0.7  # Of the pad's width, between two places
 INSIDE = 5.0e-3  # Depth in the hull from which free space is an opening, m

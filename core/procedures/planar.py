@@ -20,11 +20,32 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.geometry import point_tree, sample_surface
 from palpate.core.poses import axes_along
-from palpate.core.procedures.polyhedron import Corners, Plane, PlaneFit, corners_of, fit_plane
-from palpate.core.procedures.polyhedron import polyhedron_of
-from palpate.core.procedures.protocol import STANDOFF, UNSUITED, UP, WORST, Contact, Exploration
-from palpate.core.procedures.protocol import Findings, FingerMove, Met, Move, TouchSetting, approach
-from palpate.core.procedures.protocol import kept_clear, square_on, touch, touch_from_above
+from palpate.core.procedures.polyhedron import (
+    Corners,
+    Plane,
+    PlaneFit,
+    corners_of,
+    fit_plane,
+    polyhedron_of,
+)
+from palpate.core.procedures.protocol import (
+    STANDOFF,
+    UNSUITED,
+    UP,
+    WORST,
+    Contact,
+    Exploration,
+    Findings,
+    FingerMove,
+    Met,
+    Move,
+    TouchSetting,
+    approach,
+    kept_clear,
+    square_on,
+    touch,
+    touch_from_above,
+)
 from palpate.core.shapes import Mesh, Polyhedron
 
 LIFT, DROP = 5.0e-3, 2.5e-3  # Above the face, and below it, m: where it is no longer touched

@@ -7,13 +7,7 @@ be replaced alone. It rests on the rooms below (contours, side, ends, surface, l
 and on `palpate.core.thesis`.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.general import GeneralSolid, rebuild_general
-    from palpate.core.rebuild.protocol import HasTriangles, MeshSolid, Solid, SolidCheck
-    from palpate.core.rebuild.protocol import SolidMeasures
-    from palpate.core.rebuild.reconstruction import fit_coarse, reconstruct
-    from palpate.core.rebuild.solid import LatticeSolid, Method
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.general import GeneralSolid, rebuild_general
+from palpate.core.rebuild.protocol import HasTriangles, MeshSolid, Solid, SolidCheck, SolidMeasures
+from palpate.core.rebuild.reconstruction import fit_coarse, reconstruct
+from palpate.core.rebuild.solid import LatticeSolid, Method

@@ -15,15 +15,40 @@ import numpy as np
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.contours import ContactPoints, Slices, are_star_shaped
-from palpate.core.rebuild.ends import End, Shear, close_ends, end_from_contacts, on_end, only_given
-from palpate.core.rebuild.ends import shear_between, touched_end, with_relief
+from palpate.core.rebuild.ends import (
+    End,
+    Shear,
+    close_ends,
+    end_from_contacts,
+    on_end,
+    only_given,
+    shear_between,
+    touched_end,
+    with_relief,
+)
 from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, fit_lattice, refine_lattice
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import AxisCurve, ContourLoft, ContourSurface, Coverage, RadialFit
-from palpate.core.rebuild.side import RadialSpline, SidePatch, Uncertainty, bridged, coverage_of
-from palpate.core.rebuild.side import fit_axis_curve, fit_contour_loft, fit_draft, fit_radial_spline
-from palpate.core.rebuild.side import fit_shifted_spline, looks_inward, noise_of, radial_fit
-from palpate.core.rebuild.side import with_normals
+from palpate.core.rebuild.side import (
+    AxisCurve,
+    ContourLoft,
+    ContourSurface,
+    Coverage,
+    RadialFit,
+    RadialSpline,
+    SidePatch,
+    Uncertainty,
+    bridged,
+    coverage_of,
+    fit_axis_curve,
+    fit_contour_loft,
+    fit_draft,
+    fit_radial_spline,
+    fit_shifted_spline,
+    looks_inward,
+    noise_of,
+    radial_fit,
+    with_normals,
+)
 from palpate.core.rebuild.surface import Patch, Surface, close_surface, search_surface
 from palpate.core.steps import Steps, no_steps
 from palpate.reprs import readable

@@ -10,13 +10,26 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry import signed_area
-from palpate.core.rebuild.contours import ContactPoints, ContourCurve, Correspondence
-from palpate.core.rebuild.contours import DroppedContour, FeatureCandidate, Slices
-from palpate.core.rebuild.contours import are_nearly_star_shaped, contour_curves
-from palpate.core.rebuild.contours import inconsistent_contours, interpolation_errors
-from palpate.core.rebuild.contours import look_like_features, match_slices, neighbour_misfits
-from palpate.core.rebuild.contours import point_outliers, refitted_curve, restack, slid_grid
-from palpate.core.rebuild.contours import stack_curves
+from palpate.core.rebuild.contours import (
+    ContactPoints,
+    ContourCurve,
+    Correspondence,
+    DroppedContour,
+    FeatureCandidate,
+    Slices,
+    are_nearly_star_shaped,
+    contour_curves,
+    inconsistent_contours,
+    interpolation_errors,
+    look_like_features,
+    match_slices,
+    neighbour_misfits,
+    point_outliers,
+    refitted_curve,
+    restack,
+    slid_grid,
+    stack_curves,
+)
 from palpate.reprs import readable
 
 FEWEST, MOST = 24, 160  # Places around a contour that are matched: as many as its points

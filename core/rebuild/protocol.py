@@ -18,10 +18,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.geometry import SHARP, NearestSearch, are_outside, are_slivers
-from palpate.core.geometry import areas_and_normals, corner_normals, has_paired_edges, is_closed
-from palpate.core.geometry import is_inside_out, nearest_points, nearest_search, normals_at
-from palpate.core.geometry import self_intersection, solidity, triangle_corners
+from palpate.core.geometry import (
+    SHARP,
+    NearestSearch,
+    are_outside,
+    are_slivers,
+    areas_and_normals,
+    corner_normals,
+    has_paired_edges,
+    is_closed,
+    is_inside_out,
+    nearest_points,
+    nearest_search,
+    normals_at,
+    self_intersection,
+    solidity,
+    triangle_corners,
+)
 from palpate.reprs import readable
 
 if TYPE_CHECKING:

@@ -17,18 +17,38 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.geometry import signed_area
 from palpate.core.poses import compose_poses, inverse_pose, split_pose
-from palpate.core.rebuild.closed_sides import ContourSolid, close_contours, close_radial, lattice_of
-from palpate.core.rebuild.closed_sides import radial_rows
-from palpate.core.rebuild.contours import ContactPoints, checked_contacts, contacts_into_frame
-from palpate.core.rebuild.contours import contour_curves, drop_reasons, into_frame
-from palpate.core.rebuild.contours import normals_as_points, slicing_pose, stack_points
+from palpate.core.rebuild.closed_sides import (
+    ContourSolid,
+    close_contours,
+    close_radial,
+    lattice_of,
+    radial_rows,
+)
+from palpate.core.rebuild.contours import (
+    ContactPoints,
+    checked_contacts,
+    contacts_into_frame,
+    contour_curves,
+    drop_reasons,
+    into_frame,
+    normals_as_points,
+    slicing_pose,
+    stack_points,
+)
 from palpate.core.rebuild.ends import StraightCurve
 from palpate.core.rebuild.evidence import Evidence, gather_curves
 from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.recovery import Recovery, recover
-from palpate.core.rebuild.solid import Method, LatticeSolid
-from palpate.core.rebuild.surface import EndPatch, Patch, SampledPatch, Surface, closed_surface
-from palpate.core.rebuild.surface import placed, sampled_patch
+from palpate.core.rebuild.solid import LatticeSolid, Method
+from palpate.core.rebuild.surface import (
+    EndPatch,
+    Patch,
+    SampledPatch,
+    Surface,
+    closed_surface,
+    placed,
+    sampled_patch,
+)
 from palpate.core.shapes import Superquadric, Taper, regular_points
 from palpate.core.steps import Steps, no_steps
 from palpate.core.thesis import ThesisSolid, rebuild_thesis

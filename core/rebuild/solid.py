@@ -30,11 +30,26 @@ from palpate.core.rebuild.lattice import LatticeFit
 from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import POSE_LEFT, SidePatch, Uncertainty
-from palpate.core.rebuild.surface import DEFAULT_TOLERANCE, EndPatch, Patch, SampledPatch
-from palpate.core.rebuild.surface import Surface, SurfaceMesh, SurfaceSearch
-from palpate.core.rebuild.surface import measure_surface, mesh_surface, placed, search_surface
-from palpate.core.splines import Lattice, Parallelepiped, SplineVolume, evaluate_grid
-from palpate.core.splines import interpolate_grid
+from palpate.core.rebuild.surface import (
+    DEFAULT_TOLERANCE,
+    EndPatch,
+    Patch,
+    SampledPatch,
+    Surface,
+    SurfaceMesh,
+    SurfaceSearch,
+    measure_surface,
+    mesh_surface,
+    placed,
+    search_surface,
+)
+from palpate.core.splines import (
+    Lattice,
+    Parallelepiped,
+    SplineVolume,
+    evaluate_grid,
+    interpolate_grid,
+)
 from palpate.core.thesis import ThesisSolid
 
 Method = Literal["lattice", "skin", "draft", "thesis", "coarse"]

@@ -8,13 +8,21 @@ scatter has to be learned again. It rests on geometry and on the recovery of sup
 no file, scene or run.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.recognition.description import FEATURES, Description, ShapeFeature, describe
-    from palpate.core.recognition.description import feature_vector
-    from palpate.core.recognition.matching import NONE, UNCERTAINTY, Difference, ObjectModels
-    from palpate.core.recognition.matching import Recognition, differences, object_models, recognise
-    from palpate.core.recognition.scatter import LEARNED_NOISE, Scatter, learn_scatter, noisy_copy
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.recognition.description import (
+    FEATURES,
+    Description,
+    ShapeFeature,
+    describe,
+    feature_vector,
+)
+from palpate.core.recognition.matching import (
+    NONE,
+    UNCERTAINTY,
+    Difference,
+    ObjectModels,
+    Recognition,
+    differences,
+    object_models,
+    recognise,
+)
+from palpate.core.recognition.scatter import LEARNED_NOISE, Scatter, learn_scatter, noisy_copy

@@ -17,10 +17,21 @@ import numpy as np
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.shapes.protocol import ImplicitShape, Mesh
-from palpate.core.shapes.ray_casting import Minorant, MinorantFunction, clip_to_box, convex_spans
-from palpate.core.shapes.ray_casting import guaranteed_first_roots, marched_spans, ranges_of
-from palpate.core.shapes.superquadrics import LARGEST_EXPONENT, LEAST_EXPONENT, SMALLEST
-from palpate.core.shapes.superquadrics import p_norm_along
+from palpate.core.shapes.ray_casting import (
+    Minorant,
+    MinorantFunction,
+    clip_to_box,
+    convex_spans,
+    guaranteed_first_roots,
+    marched_spans,
+    ranges_of,
+)
+from palpate.core.shapes.superquadrics import (
+    LARGEST_EXPONENT,
+    LEAST_EXPONENT,
+    SMALLEST,
+    p_norm_along,
+)
 
 MOST_TILT = math.radians(75.0)  # Beyond it the section's plane nearly holds the axis
 MOST_HEIGHTS = 64

@@ -13,8 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import are_outside, face_edges, linked_groups, nearest_points
-from palpate.core.geometry import nearest_search, signed_volume
+from palpate.core.geometry import (
+    are_outside,
+    face_edges,
+    linked_groups,
+    nearest_points,
+    nearest_search,
+    signed_volume,
+)
 
 Indices = NDArray[np.intp]
 ASKEW = np.array([0.36, 0.48, 0.8])  # Direction in which each piece is looked through

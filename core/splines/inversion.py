@@ -13,8 +13,13 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.least_squares import levenberg_marquardt
 from palpate.core.splines.bases import Basis
-from palpate.core.splines.spline_volumes import Parallelepiped, SplineVolume, control_extent
-from palpate.core.splines.spline_volumes import mean_determinant, rescaled_volume
+from palpate.core.splines.spline_volumes import (
+    Parallelepiped,
+    SplineVolume,
+    control_extent,
+    mean_determinant,
+    rescaled_volume,
+)
 
 GENERAL_MOST_STEPS = 40  # Of one start
 START_SAMPLES = 13  # Along each axis: where to begin again when the first start failed

@@ -17,8 +17,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.splines.bases import ROUNDING, Basis, Orders, evaluate_grid, evaluate_scattered
-from palpate.core.splines.bases import sparse_rows
+from palpate.core.splines.bases import (
+    ROUNDING,
+    Basis,
+    Orders,
+    evaluate_grid,
+    evaluate_scattered,
+    sparse_rows,
+)
 from palpate.reprs import readable
 
 if TYPE_CHECKING:

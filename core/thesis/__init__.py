@@ -5,11 +5,11 @@ shell the control polygons of contours, its core what fits inside, as corrected 
 on core splines, shapes and geometry; `palpate.core.rebuild` offers it as "thesis".
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.thesis.layers import fit_closed_curve_thesis, invert_thesis
-    from palpate.core.thesis.rebuilding import ThesisSolid, interpolated_parameters, match_contour
-    from palpate.core.thesis.rebuilding import ray_azimuths, rebuild_thesis
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.thesis.layers import fit_closed_curve_thesis, invert_thesis
+from palpate.core.thesis.rebuilding import (
+    ThesisSolid,
+    interpolated_parameters,
+    match_contour,
+    ray_azimuths,
+    rebuild_thesis,
+)

@@ -17,8 +17,13 @@ from numpy.typing import ArrayLike
 from palpate.core import geometry, splines
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.shapes import Mesh, Superquadric, regular_points
-from palpate.core.thesis.layers import ThesisLayer, invert_thesis, make_layer, make_program_layer
-from palpate.core.thesis.layers import rim_cells
+from palpate.core.thesis.layers import (
+    ThesisLayer,
+    invert_thesis,
+    make_layer,
+    make_program_layer,
+    rim_cells,
+)
 from palpate.reprs import readable
 
 # Of the model: the program's, whatever the object. Its surface keeps close to the lattice's faces,

@@ -6,23 +6,58 @@ pitches or standard deviations, and the effects that a scene lists; formulas fol
 sources. It rests on core arrays, frames and geometry, and on the protocol of shapes.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.touch.curvature import LocalCurvature, Patch, PatchKind, begin_fusion
-    from palpate.core.touch.curvature import fit_patch, fuse, surface_patch
-    from palpate.core.touch.faults import FAULTS, FrameFault, frame_fault, is_repeated
-    from palpate.core.touch.filters import FilterOrder, adaptive_wiener, clean, median_filter
-    from palpate.core.touch.filters import median_then_wiener, neighbourhoods, remove_impulses
-    from palpate.core.touch.filters import wiener_then_median
-    from palpate.core.touch.forms import PrincipalCurvatures, ShapeOperator, graph_shape_operator
-    from palpate.core.touch.forms import principal_curvatures
-    from palpate.core.touch.jet import Jet, fit_jet, fit_robust_jet, monomials
-    from palpate.core.touch.pad import CONTACT, HITS, SPRINGS, Calibration, FaceModel, Pad, Signal
-    from palpate.core.touch.pad import TouchOutcome, contact_mask, guarded_move
-    from palpate.core.touch.pipeline import Effect, Fingertip, KeyedRandom, Phase, Pipeline
-    from palpate.core.touch.pipeline import SimulatedTouch, Stage, StageStates, assemble
-    from palpate.core.touch.taxel_calibration import CalibrationEstimate, CalibrationTouches
-    from palpate.core.touch.taxel_calibration import estimate_calibration
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.touch.curvature import (
+    LocalCurvature,
+    Patch,
+    PatchKind,
+    begin_fusion,
+    fit_patch,
+    fuse,
+    surface_patch,
+)
+from palpate.core.touch.faults import FAULTS, FrameFault, frame_fault, is_repeated
+from palpate.core.touch.filters import (
+    FilterOrder,
+    adaptive_wiener,
+    clean,
+    median_filter,
+    median_then_wiener,
+    neighbourhoods,
+    remove_impulses,
+    wiener_then_median,
+)
+from palpate.core.touch.forms import (
+    PrincipalCurvatures,
+    ShapeOperator,
+    graph_shape_operator,
+    principal_curvatures,
+)
+from palpate.core.touch.jet import Jet, fit_jet, fit_robust_jet, monomials
+from palpate.core.touch.pad import (
+    CONTACT,
+    HITS,
+    SPRINGS,
+    Calibration,
+    FaceModel,
+    Pad,
+    Signal,
+    TouchOutcome,
+    contact_mask,
+    guarded_move,
+)
+from palpate.core.touch.pipeline import (
+    Effect,
+    Fingertip,
+    KeyedRandom,
+    Phase,
+    Pipeline,
+    SimulatedTouch,
+    Stage,
+    StageStates,
+    assemble,
+)
+from palpate.core.touch.taxel_calibration import (
+    CalibrationEstimate,
+    CalibrationTouches,
+    estimate_calibration,
+)

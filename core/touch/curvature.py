@@ -16,8 +16,13 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats, finite_array, in_metres, positive
 from palpate.core.touch import forms
 from palpate.core.touch.edges import classify_surface, isolated_outliers
-from palpate.core.touch.faults import MIN_SIDE, FrameFault, check_image, cut_off_taxels
-from palpate.core.touch.faults import pressed_fault
+from palpate.core.touch.faults import (
+    MIN_SIDE,
+    FrameFault,
+    check_image,
+    cut_off_taxels,
+    pressed_fault,
+)
 from palpate.core.touch.filters import clean
 from palpate.core.touch.jet import Jet, JetFit, fit_jet
 from palpate.core.touch.pad import CONTACT, Pad

@@ -23,8 +23,16 @@ from palpate.core.plugins import told_error
 from palpate.core.poses import advanced_pose
 from palpate.core.robot_time import RobotPreset, contact_seconds
 from palpate.core.shapes import Shape
-from palpate.core.touch.pad import HITS, SPRINGS, Calibration, FaceModel, GuardedMove, Pad
-from palpate.core.touch.pad import TouchOutcome, guarded_move
+from palpate.core.touch.pad import (
+    HITS,
+    SPRINGS,
+    Calibration,
+    FaceModel,
+    GuardedMove,
+    Pad,
+    TouchOutcome,
+    guarded_move,
+)
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -15,9 +15,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import rotation_matrix
-from palpate.launch.files.mesh_formats import Floats, Indices, RawMesh, as_float64, check_counts
-from palpate.launch.files.mesh_formats import tail_note
+from palpate.core.poses import rotation_matrix
+from palpate.launch.files.mesh_formats import (
+    Floats,
+    Indices,
+    RawMesh,
+    as_float64,
+    check_counts,
+    tail_note,
+)
 
 MAX_JSON_BYTES = 1 << 20  # Of the part that describes the others
 POINT_MODES = (0, 1, 2, 3)  # Modes of primitives of points and lines

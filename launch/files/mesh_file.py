@@ -21,7 +21,9 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from palpate.core import Floats, arrays_from_bytes, inverse_pose, transform_points
+from palpate.core.archive import arrays_from_bytes
+from palpate.core.arrays import Floats
+from palpate.core.poses import inverse_pose, transform_points
 from palpate.core.shapes import mend_mesh
 from palpate.launch.files import glb, mesh_formats
 from palpate.launch.files.file_access import read_bounded

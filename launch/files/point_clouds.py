@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats, Ints
+from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints, order_points
 
 MIN_CONTOUR_POINTS = 3  # Of a contour

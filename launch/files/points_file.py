@@ -16,9 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Bools, Floats, split_pose
-from palpate.core.rebuild.contours import ContactPoints, stack_points
-from palpate.core.rebuild.contours import contact_points_of as contacts_contact_points_of
+from palpate.core.arrays import Bools, Floats
+from palpate.core.poses import split_pose
+from palpate.core.rebuild.contours import (
+    ContactPoints,
+    contact_points_of as contacts_contact_points_of,
+    stack_points,
+)
 from palpate.core.touch import Jet
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.mesh_file import read_cloud, read_oriented_cloud
@@ -28,8 +32,8 @@ from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.launch.files.units import column_name
 from palpate.messages import CodecError, decode
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
-from palpate.nodes.rebuilding import common_frame, is_upright, touched_ends
-from palpate.nodes.specs import pad_of_info
+from palpate.nodes.rebuilding.fitting import common_frame, is_upright, touched_ends
+from palpate.nodes.specs.sensors import pad_of_info
 
 NUMBERED = re.compile(r"contour_(\d+)")  # Name of one contour's array
 RECORDING_NAME = "topics.mcap"  # Name of the recording in the folder of a run

@@ -18,13 +18,19 @@ from typing import Any, Literal, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import FORM_KEY, Floats, arrays_to_bytes, tree_from_arrays, tree_to_arrays
+from palpate.core.archive import FORM_KEY, arrays_to_bytes, tree_from_arrays, tree_to_arrays
+from palpate.core.arrays import Floats
 from palpate.core.rebuild import MeshSolid, Solid
 from palpate.core.rebuild.lattice import LatticeGrid, lattice_grid
 from palpate.core.splines import Lattice
 from palpate.launch.files.file_access import read_bounded, write_atomically
-from palpate.launch.files.mesh_file import ARCHIVE_FIELD, MESH_UNITS, MODEL_FILE, is_mesh_file
-from palpate.launch.files.mesh_file import read_surface
+from palpate.launch.files.mesh_file import (
+    ARCHIVE_FIELD,
+    MESH_UNITS,
+    MODEL_FILE,
+    is_mesh_file,
+    read_surface,
+)
 from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.messages.types import ShapeModel
 

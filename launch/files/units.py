@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from palpate.core import LENGTHS
+from palpate.core.plugins import LENGTHS
 
 METRES_PER_UNIT: Mapping[str, float] = LENGTHS
 LIKELY_UNITS = ("m", "mm")  # Units that are guessed

@@ -20,15 +20,29 @@ import msgspec
 from msgspec import inspect
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import AliasEvent, DocumentStartEvent, Event, MappingEndEvent
-from ruamel.yaml.events import MappingStartEvent, NodeEvent, ScalarEvent, SequenceEndEvent
-from ruamel.yaml.events import SequenceStartEvent
+from ruamel.yaml.events import (
+    AliasEvent,
+    DocumentStartEvent,
+    Event,
+    MappingEndEvent,
+    MappingStartEvent,
+    NodeEvent,
+    ScalarEvent,
+    SequenceEndEvent,
+    SequenceStartEvent,
+)
 from ruamel.yaml.nodes import ScalarNode
 
-from palpate.core import UNITS, in_base_unit, ranges_of, told_error
+from palpate.core.plugins import UNITS, in_base_unit, ranges_of, told_error
 from palpate.launch.files.file_access import read_bounded
-from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint, key_path
-from palpate.launch.files.source_map import path_text
+from palpate.launch.files.source_map import (
+    InputError,
+    KeyPath,
+    SourceMapped,
+    hint,
+    key_path,
+    path_text,
+)
 
 MAX_DEPTH = 16  # Deepest nesting; a scene has 5
 MAX_VALUES = 12_500  # Of 30 us each; a scene has some 30 keys and values, a polyhedron 12,300

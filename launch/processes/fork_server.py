@@ -13,11 +13,15 @@ from contextlib import ExitStack, contextmanager
 from multiprocessing import forkserver, resource_tracker, util
 from types import FrameType, ModuleType
 
-from palpate.nodes.runtime import PRELOAD_VARIABLE, SAFE_PATH_VARIABLE, THREAD_VARIABLES
-from palpate.nodes.runtime import open_closed_streams
+from palpate.preloading import (
+    PRELOAD_VARIABLE,
+    SAFE_PATH_VARIABLE,
+    THREAD_VARIABLES,
+    open_closed_streams,
+)
 
 _RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
-_PRELOADING = "palpate.nodes.runtime.preloading"
+_PRELOADING = "palpate.preloading"
 _OWN = "palpate.nodes."
 # Of all processes of a graph.
 NODE_ENVIRONMENT = {

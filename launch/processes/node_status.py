@@ -13,7 +13,7 @@ import zmq
 
 from palpate.messages import bus, decode, schema_hash
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
-from palpate.nodes.runtime import failure_records
+from palpate.nodes.runtime.work import failure_records
 
 # A node without a sign of life for this long, and for as long as it declared that its work may
 # take, is mentioned in the log, s.

@@ -24,7 +24,8 @@ import msgspec
 from palpate.launch.processes.fork_server import start_fork_server, without_main_module
 from palpate.launch.processes.node_status import LauncherSockets
 from palpate.messages.bus import FROM_HOSTS, Addresses, ControlClient, ControlMessage, SocketContext
-from palpate.nodes.runtime import OnExit, Wiring, enter_process
+from palpate.nodes.runtime.loop import enter_process
+from palpate.nodes.runtime.node import OnExit, Wiring
 
 MAX_RESTARTS, RESTART_WINDOW = 3, 10.0  # Starts of a node within so many s: more is a storm
 OUT_OF_MEMORY = "was killed by the system for want of memory"

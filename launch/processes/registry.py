@@ -22,10 +22,18 @@ import msgspec
 import zmq
 
 from palpate.messages import Header, pack_frame
-from palpate.messages.bus import Addresses, Cause, Consumed, Journal, MessageLog, OutsideMessage
-from palpate.messages.bus import ParameterLog, SendTimes
+from palpate.messages.bus import (
+    Addresses,
+    Cause,
+    Consumed,
+    Journal,
+    MessageLog,
+    OutsideMessage,
+    ParameterLog,
+    SendTimes,
+)
 from palpate.messages.types import ParameterEvent
-from palpate.nodes.runtime import RecordedNode, Wiring
+from palpate.nodes.runtime.node import RecordedNode, Wiring
 
 FOLDER_PREFIX = "palpate-run-"
 CARD_FILE, LOCK_FILE = "run.json", "lock"

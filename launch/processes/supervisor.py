@@ -12,25 +12,29 @@ from itertools import count
 from typing import Any, Literal, NamedTuple
 
 from palpate.launch.processes.fork_server import Interrupts
-from palpate.launch.processes.node_status import Edge, LauncherSockets, MessageCounts
-from palpate.launch.processes.node_status import NodeStatusTable, TerminationDetector
+from palpate.launch.processes.node_status import (
+    Edge,
+    LauncherSockets,
+    MessageCounts,
+    NodeStatusTable,
+    TerminationDetector,
+)
 from palpate.launch.processes.process_table import ProcessHosts, ProcessTable
 from palpate.launch.processes.registry import Announcement
 from palpate.messages import decode
 from palpate.messages.bus import LAUNCHER, Addresses, ControlMessage, ControlServer
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.runtime import (
-    FAILED,
+from palpate.nodes.runtime.composed import Ending, Watcher
+from palpate.nodes.runtime.loop import FAILED
+from palpate.nodes.runtime.node import (
     AnyNode,
-    Ending,
     Node,
     Sink,
     Source,
-    Watcher,
     Wiring,
     load_node,
+    with_parameter,
 )
-from palpate.nodes.runtime import with_parameter
 
 TICK = 0.1  # The watcher is called this often, s
 STALL = 3.0  # A graph in which nothing moves for this long, without an end, is stalled, s

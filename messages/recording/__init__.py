@@ -6,21 +6,22 @@ hostile files from taking memory. Own reader instead of the stock one: that leav
 unreadable which were cut off. Rests on mcap and lz4.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.messages.recording.mcap_reading import DamagedRecording as DamagedRecording
-    from palpate.messages.recording.reader import LocatedRecord as LocatedRecord
-    from palpate.messages.recording.reader import ReadablePrefix as ReadablePrefix
-    from palpate.messages.recording.reader import RecordedMessage as RecordedMessage
-    from palpate.messages.recording.reader import Recording as Recording
-    from palpate.messages.recording.reader import RecordingCopy as RecordingCopy
-    from palpate.messages.recording.reader import RecordingEnd as RecordingEnd
-    from palpate.messages.recording.reader import counts_of as counts_of
-    from palpate.messages.recording.reader import open_recording as open_recording
-    from palpate.messages.recording.reader import part_path as part_path, parts_of as parts_of
-    from palpate.messages.recording.writer import ABOUT as ABOUT, MISSING as MISSING
-    from palpate.messages.recording.writer import RecordingWriter as RecordingWriter
-    from palpate.messages.recording.writer import free_bytes as free_bytes
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.messages.recording.mcap_reading import DamagedRecording as DamagedRecording
+from palpate.messages.recording.reader import (
+    LocatedRecord as LocatedRecord,
+    ReadablePrefix as ReadablePrefix,
+    RecordedMessage as RecordedMessage,
+    Recording as Recording,
+    RecordingCopy as RecordingCopy,
+    RecordingEnd as RecordingEnd,
+    counts_of as counts_of,
+    open_recording as open_recording,
+    part_path as part_path,
+    parts_of as parts_of,
+)
+from palpate.messages.recording.writer import (
+    ABOUT as ABOUT,
+    MISSING as MISSING,
+    RecordingWriter as RecordingWriter,
+    free_bytes as free_bytes,
+)

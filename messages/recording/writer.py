@@ -22,8 +22,11 @@ from mcap.writer import CompressionType, Writer
 
 from palpate.messages.codec import Header, schema
 from palpate.messages.fields import MAX_MESSAGE_BYTES
-from palpate.messages.recording.mcap_reading import MAX_DECLARED_BYTES, SMALL_CHUNK_BYTES
-from palpate.messages.recording.mcap_reading import max_chunk_bytes
+from palpate.messages.recording.mcap_reading import (
+    MAX_DECLARED_BYTES,
+    SMALL_CHUNK_BYTES,
+    max_chunk_bytes,
+)
 from palpate.messages.types import TYPES
 
 CHUNK_BYTES = 1 << 16

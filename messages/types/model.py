@@ -15,9 +15,20 @@ from palpate.messages.fields import (
     Degrees,
     Directions,
     Floats,
+    Lengths,
+    Metres,
+    Numbers,
+    PackedBytes,
+    PerMetre,
+    Points,
+    Pose,
+    Radians,
+    Ratio,
+    Seconds,
+    Triangles,
+    Unit,
+    Vector,
 )
-from palpate.messages.fields import Lengths, Metres, Numbers, PackedBytes, PerMetre, Points
-from palpate.messages.fields import Pose, Radians, Ratio, Seconds, Triangles, Unit, Vector
 from palpate.reprs import readable
 
 Ids = tuple[int, ...]

@@ -7,8 +7,21 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.messages.fields import Count, Curvatures, Direction, Directions, FingerNumbers, Lengths
-from palpate.messages.fields import Metres, MoveParts, PlanarPoint, Points, Pose, Seconds, Vector
+from palpate.messages.fields import (
+    Count,
+    Curvatures,
+    Direction,
+    Directions,
+    FingerNumbers,
+    Lengths,
+    Metres,
+    MoveParts,
+    PlanarPoint,
+    Points,
+    Pose,
+    Seconds,
+    Vector,
+)
 from palpate.messages.types.touch import FrameFault, Outcome
 from palpate.reprs import readable
 

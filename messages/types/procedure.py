@@ -8,8 +8,21 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.messages.fields import Array, Count, Direction, Directions, Floats, Lengths, Metres
-from palpate.messages.fields import Numbers, Points, Radians, Ratio, Seconds, Vector
+from palpate.messages.fields import (
+    Array,
+    Count,
+    Direction,
+    Directions,
+    Floats,
+    Lengths,
+    Metres,
+    Numbers,
+    Points,
+    Radians,
+    Ratio,
+    Seconds,
+    Vector,
+)
 from palpate.reprs import readable
 
 Pairs = Annotated[NDArray[np.int32], Array("<i4", (None, 2), "#")]

@@ -7,8 +7,22 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.messages.fields import Count, Direction, Floats, LengthImage, Mask, Metres, MoveParts
-from palpate.messages.fields import Numbers, PerMetre, Pose, Radians, Ratio, Seconds, SignalImage
+from palpate.messages.fields import (
+    Count,
+    Direction,
+    Floats,
+    LengthImage,
+    Mask,
+    Metres,
+    MoveParts,
+    Numbers,
+    PerMetre,
+    Pose,
+    Radians,
+    Ratio,
+    Seconds,
+    SignalImage,
+)
 from palpate.reprs import readable
 
 # ``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start pose

@@ -14,9 +14,16 @@ from palpate.messages.fields import (
     Metres,
     MetresPerSecond,
     NewtonsPerMetre,
+    PerMetre,
+    PlanarPoint,
+    Points,
+    Ratio,
+    RatioImage,
+    RobotSpeeds,
+    Triangles,
+    Vector,
+    Voxels,
 )
-from palpate.messages.fields import PerMetre, PlanarPoint, Points, Ratio, RatioImage, RobotSpeeds
-from palpate.messages.fields import Triangles, Vector, Voxels
 from palpate.reprs import readable
 
 

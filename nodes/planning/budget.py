@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.core import RobotPreset, longest_seconds, move_between
 from palpate.core.explore import Demand
+from palpate.core.robot_time import RobotPreset, longest_seconds, move_between
 
 if TYPE_CHECKING:
     from palpate.messages.types import GraspGoal

@@ -6,9 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from palpate.core import Floats
-from palpate.core.explore.planners import Findings, Limits, ObservedSurface, OpenArea, Progress
-from palpate.core.explore.planners import judge
+from palpate.core.arrays import Floats
+from palpate.core.explore.planners import (
+    Findings,
+    Limits,
+    ObservedSurface,
+    OpenArea,
+    Progress,
+    judge,
+)
 from palpate.core.shapes import Mesh
 from palpate.core.touch import Pad
 from palpate.messages import derive

@@ -9,21 +9,50 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats, advanced_pose, compose_poses, inverse_pose, split_pose
-from palpate.core import transform_points
+from palpate.core.arrays import Floats
 from palpate.core.explore import Demand, Survey, TracedContour
-from palpate.core.explore.grasp import Hand, ObjectFrame, brought_near, end_face_axis
-from palpate.core.explore.grasp import fit_object_frame, next_pose, search_places, search_pose
+from palpate.core.explore.grasp import (
+    Hand,
+    ObjectFrame,
+    brought_near,
+    end_face_axis,
+    fit_object_frame,
+    next_pose,
+    search_places,
+    search_pose,
+)
 from palpate.core.explore.planners import Height, ObservedSurface, Touch
-from palpate.core.explore.probing import End, EndObservation, ProbeCommand, ProbeResult, SideContour
-from palpate.core.explore.probing import next_probe
+from palpate.core.explore.probing import (
+    End,
+    EndObservation,
+    ProbeCommand,
+    ProbeResult,
+    SideContour,
+    next_probe,
+)
+from palpate.core.poses import (
+    advanced_pose,
+    compose_poses,
+    inverse_pose,
+    split_pose,
+    transform_points,
+)
 from palpate.core.shapes import Bend, FittedSuperquadric
 from palpate.core.touch import HITS, Pad
 from palpate.messages import derive
-from palpate.messages.types import Contour, ContourGoal, GraspContacts, GraspGoal, ModelGoal, Probe
-from palpate.messages.types import ProbeGoal, Superquadric, World
+from palpate.messages.types import (
+    Contour,
+    ContourGoal,
+    GraspContacts,
+    GraspGoal,
+    ModelGoal,
+    Probe,
+    ProbeGoal,
+    Superquadric,
+    World,
+)
 from palpate.nodes.planning.budget import OPENING_SHARE, Allowance, fits_closing
-from palpate.nodes.specs import CONTACT_ERROR
+from palpate.nodes.specs.sensors import CONTACT_ERROR
 
 
 class Task(NamedTuple):

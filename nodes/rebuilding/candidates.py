@@ -12,17 +12,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import IDENTITY_POSE, Floats, Ints, Steps, no_steps, tree_to_bytes
+from palpate.core.archive import tree_to_bytes
+from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import nearest_points, self_intersection, solidity
-from palpate.core.rebuild import LatticeSolid, fit_coarse, surface
-from palpate.core.rebuild import lattice as lattices
+from palpate.core.poses import IDENTITY_POSE
+from palpate.core.rebuild import LatticeSolid, fit_coarse, lattice as lattices, surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
 from palpate.core.shapes import Mesh
+from palpate.core.steps import Steps, no_steps
 from palpate.messages import derive, types
 from palpate.nodes.rebuilding.soundness import missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
-from palpate.nodes.specs import CONTACT_ERROR
+from palpate.nodes.specs.sensors import CONTACT_ERROR
 
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 import numpy as np
 
-from palpate.core import Floats, Steps, inverse_pose, no_steps, split_pose, transform_points
+from palpate.core.arrays import Floats
 from palpate.core.explore import Longs, SpaceMap
-from palpate.core.rebuild import Method, LatticeSolid, reconstruct
+from palpate.core.poses import inverse_pose, split_pose, transform_points
+from palpate.core.rebuild import LatticeSolid, Method, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import touch_distances
+from palpate.core.steps import Steps, no_steps
 from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality, is_final

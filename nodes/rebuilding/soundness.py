@@ -12,10 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.explore import SpaceMap
-from palpate.core.geometry import areas_and_normals, compare_surfaces, nearest_points
-from palpate.core.geometry import prepare_surface
+from palpate.core.geometry import (
+    areas_and_normals,
+    compare_surfaces,
+    nearest_points,
+    prepare_surface,
+)
 from palpate.core.rebuild import surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_squares

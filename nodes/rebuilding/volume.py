@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
 from palpate.core.rebuild import surface
 from palpate.core.shapes import Mesh, TriangleShape

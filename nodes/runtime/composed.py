@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Generic, Literal, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -22,10 +23,15 @@ from palpate.messages import Header, decode
 from palpate.messages.bus import Received
 from palpate.messages.types import LogRecord, NodeStatus
 from palpate.nodes.runtime.node import Finished, Node, Source, Wiring, load_node
-from palpate.nodes.runtime.preloading import import_whole
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
-from palpate.nodes.runtime.work import NodeWork, Outgoing, SinkWork
-from palpate.nodes.runtime.work import failure_records, failure_text, failure_trace
+from palpate.nodes.runtime.work import (
+    NodeWork,
+    Outgoing,
+    SinkWork,
+    failure_records,
+    failure_text,
+    failure_trace,
+)
 
 TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
 TopicT = TypeVar("TopicT")
@@ -136,7 +142,7 @@ class Composition:
         for name, wiring in self._wirings.items():
             self.doing = name
             node = load_node(wiring.module)
-            import_whole(wiring.module)
+            import_module(wiring.module)
             if isinstance(node, Node):
                 self._types |= {wire: node.outputs[local] for local, wire in wiring.outputs.items()}
                 made.append((name, NodeWork(node, wiring.params, wiring)))

@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
+from importlib import import_module
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -23,11 +24,18 @@ import msgspec
 from palpate.messages import bus, encode
 from palpate.messages.types import LogRecord, NodeStatus, ParameterEvent
 from palpate.nodes.runtime.node import Finished, Node, NotReadyError, Source, Wiring, load_node
-from palpate.nodes.runtime.preloading import import_whole, signal_at_parent_death
 from palpate.nodes.runtime.repeating import JournalOrder, OutsideMessages, unpublished
 from palpate.nodes.runtime.sources import RobotPace, SourceWork, Work
-from palpate.nodes.runtime.work import Latency, NodeWork, Outgoing, Promise, SinkWork
-from palpate.nodes.runtime.work import failure_text, failure_trace
+from palpate.nodes.runtime.work import (
+    Latency,
+    NodeWork,
+    Outgoing,
+    Promise,
+    SinkWork,
+    failure_text,
+    failure_trace,
+)
+from palpate.preloading import signal_at_parent_death
 
 NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
 FAILED = 3  # Exit code of a node that has told the launcher why it failed
@@ -109,7 +117,7 @@ def _load(
 ) -> Work:
     """The node at work; what it holds is put away with the stack."""
     node = load_node(wiring.module)
-    import_whole(wiring.module)
+    import_module(wiring.module)
     params: object = msgspec.msgpack.decode(wiring.params, type=node.params)
     file = Path(place.journals[wiring.name])
     if isinstance(node, Node):

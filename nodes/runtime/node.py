@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol
 import msgspec
 from msgspec import Meta
 
-from palpate.core import Steps, no_steps
+from palpate.core.steps import Steps, no_steps
 from palpate.messages import Header, derive
 from palpate.messages.types import ParameterEvent
 

@@ -19,12 +19,27 @@ from typing import Any, TypeVar, overload
 import msgspec
 import numpy as np
 
-from palpate.messages import Header, codec_of, decode, encode, first_difference, schema, schema_hash
-from palpate.messages import recording as recordings
+from palpate.messages import (
+    Header,
+    codec_of,
+    decode,
+    encode,
+    first_difference,
+    recording as recordings,
+    schema,
+    schema_hash,
+)
 from palpate.messages.bus import Received
 from palpate.messages.types import TYPES
-from palpate.nodes.runtime.node import Finished, Input, Node, RecordedNode, Source, lone_wiring
-from palpate.nodes.runtime.node import recorded_nodes
+from palpate.nodes.runtime.node import (
+    Finished,
+    Input,
+    Node,
+    RecordedNode,
+    Source,
+    lone_wiring,
+    recorded_nodes,
+)
 from palpate.nodes.runtime.sources import SourceWork
 from palpate.nodes.runtime.work import NodeWork, Outgoing, recorded_changes
 

@@ -16,12 +16,19 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from palpate.core import code_place
+from palpate.core.plugins import code_place
 from palpate.messages import codec_of, decode, encode
 from palpate.messages.bus import Received
 from palpate.messages.types import LogRecord, ParameterEvent
-from palpate.nodes.runtime.node import Deferred, Finished, Node, Sink, SinkWriter, Wiring
-from palpate.nodes.runtime.node import with_parameter
+from palpate.nodes.runtime.node import (
+    Deferred,
+    Finished,
+    Node,
+    Sink,
+    SinkWriter,
+    Wiring,
+    with_parameter,
+)
 
 if TYPE_CHECKING:
     from palpate.messages.recording import RecordedMessage

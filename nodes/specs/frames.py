@@ -17,7 +17,8 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from palpate.core import Floats, split_pose
+from palpate.core.arrays import Floats
+from palpate.core.poses import split_pose
 from palpate.core.touch import CONTACT, contact_mask
 from palpate.messages.types import SensorInfo, SequenceEnd, TactileFrame
 from palpate.nodes.specs import sensors

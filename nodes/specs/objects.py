@@ -12,10 +12,18 @@ from typing import Annotated, TypeAlias
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import IDENTITY_POSE, Floats, compose_poses, rotation_matrix, shapes, splines
-from palpate.core import split_pose
-from palpate.nodes.specs.primitives import BoxSpec, CapsuleSpec, ConeSpec, CylinderSpec, Length
-from palpate.nodes.specs.primitives import SphereSpec, TorusSpec
+from palpate.core import shapes, splines
+from palpate.core.arrays import Floats
+from palpate.core.poses import IDENTITY_POSE, compose_poses, rotation_matrix, split_pose
+from palpate.nodes.specs.primitives import (
+    BoxSpec,
+    CapsuleSpec,
+    ConeSpec,
+    CylinderSpec,
+    Length,
+    SphereSpec,
+    TorusSpec,
+)
 
 Solid: TypeAlias = (
     "shapes.Superquadric | shapes.DeformedSuperquadric | shapes.Hyperquadric"

@@ -13,7 +13,8 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import Floats, shapes
+from palpate.core import shapes
+from palpate.core.arrays import Floats
 from palpate.core.geometry import close_rings
 
 Length = Annotated[float, Meta(gt=0, le=10, description="m")]

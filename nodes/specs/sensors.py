@@ -11,8 +11,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from palpate.core import RobotPreset, in_base_units, told_error, touch
+from palpate.core import touch
 from palpate.core.explore.tracing import TOUCH_DEPTH
+from palpate.core.plugins import in_base_units, told_error
+from palpate.core.robot_time import RobotPreset
 from palpate.core.touch.effects import effect_type, rank
 from palpate.messages import derive
 from palpate.messages.types import SensorInfo

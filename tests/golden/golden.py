@@ -41,8 +41,8 @@ from ruamel.yaml import YAML
 from threadpoolctl import threadpool_info
 
 import palpate
-from palpate.tools import single_threaded
 from palpate.tools.cli.command_line import palpate_group as command_tree
+from palpate.tools.reconstruction import single_threaded
 
 # Words of keys, and values of one word, that were called otherwise when the goldens were stored.
 RENAMED: dict[str, str] = {

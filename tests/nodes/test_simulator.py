@@ -15,11 +15,9 @@ from palpate.core.explore.tracing import contour_trace as trace
 from palpate.core.explore.tracing.contour_path import TOUCH_DEPTH
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.robot_time import LIFTED, ROBOTS, MoveGeometry, elapsed_seconds
-from palpate.core.touch import curvature as core_curvature
-from palpate.core.touch import pad
+from palpate.core.touch import curvature as core_curvature, pad
 from palpate.messages.codec import encode
-from palpate.messages.types import motion as motion_types
-from palpate.messages.types import touch as touch_types
+from palpate.messages.types import motion as motion_types, touch as touch_types
 from palpate.messages.types.motion import GraspContacts, GraspGoal, TouchGoal
 from palpate.messages.types.touch import TactileFrame
 from palpate.nodes import simulator

@@ -16,11 +16,13 @@ from typing import Any, NamedTuple, TypedDict
 from mcap.records import Channel, Message, Metadata
 
 from palpate import __version__
-from palpate.launch import counted, find_bag, size_text, text_table, titled
-from palpate.launch.files import InputError, check_new, hint, write_new
+from palpate.launch.files.file_access import check_new, write_new
+from palpate.launch.files.source_map import InputError, hint
+from palpate.launch.printing import counted, size_text, text_table, titled
+from palpate.launch.run_directory import find_bag
 from palpate.messages import first_difference, recording
 from palpate.messages.types import TYPES
-from palpate.nodes.runtime import recorded_nodes
+from palpate.nodes.runtime.node import recorded_nodes
 
 DIGEST_BYTES = 16  # So many that no two messages are taken for each other by chance
 MessageKey = tuple[int, str, int]  # When it was sent, ns, its topic and its number

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.launch import find_bag
-from palpate.launch.files import InputError, as_input_errors, hint
+from palpate.launch.files.source_map import InputError, as_input_errors, hint
+from palpate.launch.run_directory import find_bag
 from palpate.messages import CodecError, decode, schema
 from palpate.messages.recording import DamagedRecording, Recording, open_recording
 

@@ -15,12 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.launch import counted
-from palpate.launch.files import InputError, check_new, write_mesh, write_new
+from palpate.launch.files.file_access import check_new, write_new
+from palpate.launch.files.mesh_file import write_mesh
+from palpate.launch.files.source_map import InputError
+from palpate.launch.printing import counted
 from palpate.messages import schema
 from palpate.messages.types import ShapeModel, Truth
-from palpate.tools.bag.decoding import DecodedRecording, FieldSurvey, file_stems, is_list
-from palpate.tools.bag.decoding import open_decoded, units_of
+from palpate.tools.bag.decoding import (
+    DecodedRecording,
+    FieldSurvey,
+    file_stems,
+    is_list,
+    open_decoded,
+    units_of,
+)
 from palpate.tools.bag.foxglove import write_foxglove
 from palpate.tools.bag.rerun_export import DRAWN_TYPES, write_rerun
 

@@ -17,10 +17,10 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from palpate import __version__
-from palpate.core import Floats
-from palpate.launch import rgb
+from palpate.core.arrays import Floats
+from palpate.launch.colours import rgb
 from palpate.messages import schema, types
-from palpate.nodes.specs import pad_of_info
+from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
 from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
 

@@ -17,12 +17,13 @@ from typing import NamedTuple
 import msgspec
 
 from palpate import __version__
-from palpate.launch import counted, free_path
-from palpate.launch.files import check_new
-from palpate.launch.processes import RunCard
+from palpate.launch.files.file_access import check_new
+from palpate.launch.printing import counted
+from palpate.launch.processes.registry import RunCard
+from palpate.launch.run_directory import free_path
 from palpate.messages import Header, recording
 from palpate.messages.bus import PAST_BATCH, PastReader, SocketContext
-from palpate.tools.introspection import STATUS_TOPICS, TICK, TapSubscription, Topic, taps_of
+from palpate.tools.introspection.topics import STATUS_TOPICS, TICK, TapSubscription, Topic, taps_of
 
 PATIENCE = 2.0  # A node that does not answer for so long is asked once more, s
 SPARE = 64 << 20  # Bytes that are left free on the disk, as by a recorder

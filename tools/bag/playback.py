@@ -13,12 +13,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from palpate.launch import Entry, Graph, find_bag, launch
-from palpate.launch.files import InputError, as_input_errors, plain_name
-from palpate.launch.processes import running_graphs
+from palpate.launch.files.file_access import plain_name
+from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.graph import Graph
+from palpate.launch.launcher import launch
+from palpate.launch.node_kinds import Entry
+from palpate.launch.processes.registry import running_graphs
+from palpate.launch.run_directory import find_bag
 from palpate.messages.types import LogRecord, NodeStatus
-from palpate.nodes.runtime import Watcher, Wiring
-from palpate.tools.introspection import notify
+from palpate.nodes.runtime.composed import Watcher
+from palpate.nodes.runtime.node import Wiring
+from palpate.tools.introspection.requests import notify
 
 PLAYER_NAME = "player"
 DONE, DIED, INTERRUPTED = 0, 3, 130

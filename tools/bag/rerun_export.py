@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Floats, transform_points
-from palpate.launch import rgb
-from palpate.launch.files import InputError
+from palpate.core.arrays import Floats
+from palpate.core.poses import transform_points
+from palpate.launch.colours import rgb
+from palpate.launch.files.source_map import InputError
 from palpate.messages import types
-from palpate.nodes.specs import pad_of_info
+from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import DecodedRecording
 from palpate.tools.surfaces import Colours, TruthSurface, vertex_colours, vertex_scalars
 

@@ -10,9 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.launch.files import InputError, hint
-from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording, FieldSurvey
-from palpate.tools.bag.decoding import open_decoded, units_of
+from palpate.launch.files.source_map import InputError, hint
+from palpate.tools.bag.decoding import (
+    DecodedMessage,
+    DecodedRecording,
+    FieldSurvey,
+    open_decoded,
+    units_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -4,10 +4,3 @@ Verbs parse arguments and print; whatever they do is a function of another room.
 click command in its family and one line in `command_line`. Rests on click, and lazily on
 everything else.
 """
-
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.tools.cli.command_line import JSON, main, out_option
-else:
-    __getattr__, __dir__ = lazy(__name__)

@@ -24,8 +24,9 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from palpate import __version__
-from palpate.launch.files import METRES_PER_UNIT, InputError, hint
-from palpate.nodes.runtime import THREAD_VARIABLES, open_closed_streams
+from palpate.launch.files.source_map import InputError, hint
+from palpate.launch.files.units import METRES_PER_UNIT
+from palpate.preloading import THREAD_VARIABLES, open_closed_streams
 
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
 HELP_OPTIONS = ["-h", "--help"]
@@ -51,8 +52,8 @@ def completing(
 
 def _scenes(_: click.Context, incomplete: str) -> Iterable[str]:
     """Shipped scenes, and the files that are scenes in the folder that was begun."""
-    from palpate.launch import shipped_scenes
-    from palpate.launch.files import is_mesh_file
+    from palpate.launch.files.mesh_file import is_mesh_file
+    from palpate.launch.scene import shipped_scenes
 
     folder = incomplete[: incomplete.rfind("/") + 1]
     beside = sorted(path for path in Path(folder).glob("*") if path.is_file())
@@ -68,20 +69,20 @@ def _runs(_: click.Context, __: str) -> list[str]:
 
 
 def _graphs(_: click.Context, __: str) -> Iterable[str]:
-    from palpate.launch.processes import running_graphs
+    from palpate.launch.processes.registry import running_graphs
 
     return [name for card in running_graphs() for name in (card.run[:6], card.name)]
 
 
 def _nodes(context: click.Context, _: str) -> Iterable[str]:
-    from palpate.launch.processes import find_run
+    from palpate.launch.processes.registry import find_run
 
     return sorted(one.name for one in find_run(context.params.get("run")).nodes)
 
 
 def _topics(context: click.Context, _: str) -> Iterable[str]:
-    from palpate.launch.processes import find_run
-    from palpate.tools.introspection import topics_of
+    from palpate.launch.processes.registry import find_run
+    from palpate.tools.introspection.topics import topics_of
 
     return topics_of(find_run(context.params.get("run")))
 
@@ -89,7 +90,7 @@ def _topics(context: click.Context, _: str) -> Iterable[str]:
 def _located_run(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
     if path is None or path.exists():  # most often, and nothing is imported
         return path
-    from palpate.launch import find_run_path
+    from palpate.launch.run_directory import find_run_path
 
     return find_run_path(path)
 
@@ -368,14 +369,6 @@ def print_script(context: click.Context, _: click.Parameter, shell: str | None) 
         context.exit()
 
 
-dev_group = LazyGroup(
-    "dev",
-    {
-        "bench": ("..bench.suite", "Measure speed and accuracy."),
-        "chaos": ("launching", "Put faults into explorations and say what they survive."),
-    },
-    "Measure palpate itself, and put faults into it.",
-)
 palpate_group = LazyGroup(
     "palpate",
     {
@@ -403,7 +396,7 @@ palpate_group = LazyGroup(
         "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
         "gallery": ("looking", "Draw the figures of the thesis, and some of ours."),
-        "dev": ("command_line", "Measure palpate itself, and put faults into it."),
+        "bench": ("..bench.suite", "Measure what accuracy costs, against other methods."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds its shape.",
 )

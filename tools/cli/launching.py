@@ -1,4 +1,4 @@
-"""Verbs that start graphs: run, sweep, launch, replay, dev chaos; host and keys for machines."""
+"""Verbs that start graphs: run, sweep, launch, replay; host and keys for machines."""
 
 from __future__ import annotations
 
@@ -9,25 +9,15 @@ from typing import Any
 
 import click
 
-from palpate import launch
-from palpate.launch.files import InputError, as_input_errors, hint
-from palpate.tools import chaos, replay
+from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.launch_source import (
+    PROCEDURES,
+    find_exploration,
+    find_launch_file,
+    prestart_fork_server,
+)
 from palpate.tools.cli import command_line
 
-CHAOS_HELP = """Put faults into running explorations of a scene, and say what they survive.
-
-The scene is explored undisturbed first. Then it is explored again and again, while nodes are
-killed and stopped, the recorder has no more room, a source floods it, tools join late and hang,
-and the launcher is interrupted and killed. Each run must come to the same solid and the same
-messages, and leave a recording that holds every message once; whoever is ended must leave nothing
-behind, and go on from its recording to the same end.
-
-\b
-Kinds: kill, stop, recorder, full, neighbours, flood, late, ctrl_c, launcher.
-
-Prints one line. Exits with 1 if anything did not survive; what it was, and the seed that repeats
-it with --minutes 0, is on standard error. docs/chaos.md says more.
-"""
 SWEEP_HELP = """Explore with every combination of parameters that FILE asks for, and draw what
 accuracy costs.
 
@@ -69,7 +59,7 @@ PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
 @click.option("--fingers", type=int, help="Fingers that explore at once, 1 to 8.")
 @click.option(
     "--procedure",
-    type=click.Choice(launch.PROCEDURES),
+    type=click.Choice(PROCEDURES),
     help="An exploratory procedure instead of slices: docs/procedures.md.",
 )
 @click.option("--tolerance", metavar="LENGTH", help="Error asked for, as 0.2mm: rms of the solid.")
@@ -99,14 +89,17 @@ def run_command(
     --feature is untouched, which follows the tolerance if it is left out; or once --budget or
     --touches is spent, which are never exceeded. Exits with 1 if the tolerance was not reached.
     """
+    from palpate.launch.graph import read_settings
+    from palpate.launch.scene import find_scene
+
     if not asked["composed"]:
-        launch.prestart_fork_server(launch.find_exploration(procedure))
+        prestart_fork_server(find_exploration(procedure))
     from palpate.tools.exploration import perform_and_print, plan_exploration
 
     performing = {key: asked.pop(key) for key in PERFORMING}
     plan = plan_exploration(
-        launch.find_scene(scene),
-        settings=launch.read_settings(settings),
+        find_scene(scene),
+        settings=read_settings(settings),
         record=not no_record,
         procedure=procedure,
         **asked,
@@ -126,16 +119,17 @@ def sweep_command(
     file: Path, out: Path | None, workers: int | None, scheduler: str | None, **how: bool
 ) -> int:
     """Explore with many parameters; `SWEEP_HELP` says how."""
-    from palpate.tools import sweep
+    from palpate.tools.sweep.sweep_file import read_sweep
+    from palpate.tools.sweep.sweep_folder import ASKED, ClusterWorkers, LocalWorkers, run_sweep
 
     if (workers and scheduler) or (out and file.is_dir()):
         raise InputError("--workers and --scheduler exclude each other, so do --out and a folder")
     if file.is_dir():
-        file, out = file / sweep.ASKED, file
-    asked = sweep.read_sweep(file, record=not how["no_record"])
-    here = None if scheduler else sweep.LocalWorkers(workers or os.cpu_count() or 1)
-    who = here or sweep.ClusterWorkers(scheduler or "")
-    done = sweep.run_sweep(asked, out, who, command_line.progress_printer(not how["quiet"]))
+        file, out = file / ASKED, file
+    asked = read_sweep(file, record=not how["no_record"])
+    here = None if scheduler else LocalWorkers(workers or os.cpu_count() or 1)
+    who = here or ClusterWorkers(scheduler or "")
+    done = run_sweep(asked, out, who, command_line.progress_printer(not how["quiet"]))
     if how["as_json"]:
         click.echo(json.dumps(done.figures, indent=2, default=str))
     elif not how["quiet"]:
@@ -171,21 +165,25 @@ def launch_command(
     **how: bool,
 ) -> int:
     """Start the graph that FILE describes; explore.yaml is the one that comes with palpate."""
-    path = launch.find_launch_file(file)
+    from palpate.launch.graph import read_arguments, read_settings
+    from palpate.launch.launch_file import arguments_table, list_arguments
+    from palpate.launch.run import check_run, plan_run
+
+    path = find_launch_file(file)
     if show_args:
-        taken = launch.list_arguments(path)
-        text = launch.arguments_table(path, taken)
+        taken = list_arguments(path)
+        text = arguments_table(path, taken)
         command_line.print_figures(taken, text, as_json=how["as_json"])
         return 0
     if not (how["composed"] or only_print or picture):
-        launch.prestart_fork_server(path)
+        prestart_fork_server(path)
     from palpate.tools.exploration import perform_and_print
 
-    args, given = launch.read_arguments(arguments), launch.read_settings(settings)
+    args, given = read_arguments(arguments), read_settings(settings)
     if not (only_print or picture):
-        plan = launch.plan_run(path, args, given, name=path.stem, out=out, realtime=realtime)
+        plan = plan_run(path, args, given, name=path.stem, out=out, realtime=realtime)
         return perform_and_print(plan, **how)
-    described, _ = launch.check_run(path, args, given, out or Path("runs"))
+    described, _ = check_run(path, args, given, out or Path("runs"))
     if only_print:
         text = f"launch file {path}\n{described.graph.table()}"
         command_line.print_figures(described.graph.links(), text, as_json=how["as_json"])
@@ -220,6 +218,9 @@ def replay_command(
     directory, and comes to the solid of a run that was never interrupted. What was recorded is gone
     through without being published; what acts on the world does nothing again.
     """
+    from palpate.launch.graph import read_settings
+    from palpate.tools.replay.rerun import replay as replay_recording
+
     if place is not None:
         if settings:
             raise InputError("--set and --from exclude each other: other parameters, other solid")
@@ -227,61 +228,25 @@ def replay_command(
     if how["out"] is not None or how["quiet"]:
         raise InputError("--out and --quiet belong to --from")
     with as_input_errors():
-        given = launch.read_settings(settings)
-        return replay.replay(bag, nodes, click.echo, settings=given, as_json=how["as_json"])
+        given = read_settings(settings)
+        return replay_recording(bag, nodes, click.echo, settings=given, as_json=how["as_json"])
 
 
 def _resume(bag: Path, place: str, nodes: tuple[str, ...], out: Path | None, **how: bool) -> int:
     from palpate.tools.exploration import perform_and_print
+    from palpate.tools.replay.rerun import past_differences, plan_resume
 
     kind, _, number = place.partition("=")
     if place != "end" and not (kind == "contour" and number.isdecimal() and int(number) > 0):
         raise InputError(f"--from {place}: must look like contour=12, or be the word end")
     bag = bag.resolve()  # the link ``latest`` will be the new run's
     with as_input_errors():
-        plan = replay.plan_resume(bag, int(number) if number else None, nodes=nodes, out=out)
+        plan = plan_resume(bag, int(number) if number else None, nodes=nodes, out=out)
     code = perform_and_print(plan, composed=False, **how)
-    different = replay.past_differences(bag, plan.folder.path) if code in (0, 1) else ""
+    different = past_differences(bag, plan.folder.path) if code in (0, 1) else ""
     if different:
         click.echo(f"palpate: {different}", err=True)
     return 1 if different else code
-
-
-@click.command("chaos", help=CHAOS_HELP)
-@click.option("--seed", type=command_line.SEED, default=1, help="Of the first run.")
-@click.option("--minutes", type=click.FloatRange(0), default=5.0, help="Begin no run after that.")
-@click.option(
-    "--scene",
-    default="vase",
-    shell_complete=command_line.complete_scene,
-    help="A shipped scene's name or a YAML file.",
-)
-@click.option("--fingers", type=click.IntRange(1, 8), default=1, help="Fingers that explore.")
-@command_line.names_option("--kinds", "Only these faults.")
-@command_line.JSON
-def chaos_command(
-    seed: int, minutes: float, scene: str, fingers: int, kinds: tuple[str, ...], as_json: bool
-) -> int:
-    """Put faults into explorations; `CHAOS_HELP` says which."""
-    for one in kinds:
-        if one not in chaos.FAULT_KINDS:
-            told = f"there is no {one!r}; {hint(one, chaos.FAULT_KINDS)}"
-            raise InputError(f"--kinds {','.join(kinds)}: {told}")
-    subject = chaos.Exploration(
-        "explore", (f"scene:={launch.find_scene(scene).resolve()}", f"fingers:={fingers}")
-    )
-    with as_input_errors():
-        tally = chaos.run_trials(
-            subject,
-            seed=seed,
-            minutes=minutes,
-            kinds=kinds or chaos.FAULT_KINDS,
-            echo=lambda line: click.echo(line, err=True),
-        )
-    click.echo(json.dumps(tally.figures) if as_json else str(tally))
-    for failed, what in tally.failed:
-        click.echo(f"palpate: dev chaos --seed {failed} --minutes 0: {what}", err=True)
-    return 1 if tally.failed else 0
 
 
 @click.command("host")
@@ -292,9 +257,11 @@ def host_command(address: str) -> None:
     Whoever has the same key (palpate keys) may run nodes here, and nobody else: a node is a
     program. A launch file names the machine with host: ADDRESS.
     """
-    where, port = launch.read_host(address)
+    from palpate.launch.hosts import key_file, read_host, run_host_agent
+
+    where, port = read_host(address)
     with as_input_errors():
-        launch.run_host_agent(where, port, launch.key_file(), click.echo)
+        run_host_agent(where, port, key_file(), click.echo)
 
 
 @click.command("keys")
@@ -303,9 +270,10 @@ def keys_command() -> None:
 
     Copy it to the same place on the other machines, readable by nobody but you.
     """
+    from palpate.launch.hosts import key_file
     from palpate.messages.bus import make_key
 
-    path = launch.key_file()
+    path = key_file()
     try:
         make_key(path)
     except FileExistsError as error:

@@ -7,10 +7,18 @@ from pathlib import Path
 
 import click
 
-from palpate.launch import titled
-from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import JSON, RUN_PATH, RUN_PATHS, completing, out_option
-from palpate.tools.cli.command_line import print_figures, progress_printer, quiet_option
+from palpate.launch.files.source_map import InputError
+from palpate.launch.printing import titled
+from palpate.tools.cli.command_line import (
+    JSON,
+    RUN_PATH,
+    RUN_PATHS,
+    completing,
+    out_option,
+    print_figures,
+    progress_printer,
+    quiet_option,
+)
 
 NAME_WIDTH = 18  # Letters
 
@@ -33,7 +41,7 @@ def view_command(run: Path | None, port: int, attached: bool) -> None:
     run. The page is served to this machine alone and asks nothing of any other. A running
     graph is never held up by who looks at it. docs/view.md says what is seen.
     """
-    from palpate.tools.view import view_run
+    from palpate.tools.view.live import view_run
 
     view_run(run, port=port, attached=attached, echo=click.echo)
 
@@ -50,18 +58,19 @@ def report_command(runs: tuple[Path, ...], out: Path | None, as_json: bool) -> N
     load, effects, diagnostics, the graph, and how to run it again. Every run leaves one. Of the
     folder of a sweep, the reports of its runs are written, and its own page anew.
     """
-    from palpate.tools import report, sweep
+    from palpate.tools.report.page import REPORT, write_report
+    from palpate.tools.sweep.sweep_folder import ASKED, write_reports
 
     if len(runs) > 2:
         raise InputError(f"a report sets at most two runs side by side, got {len(runs)}")
-    if len(runs) == 1 and (runs[0] / sweep.ASKED).is_file():
+    if len(runs) == 1 and (runs[0] / ASKED).is_file():
         if out is not None:
             raise InputError("--out: the page of a sweep stands in its folder; leave it out")
-        written = sweep.write_reports(runs[0])
+        written = write_reports(runs[0])
     else:
         beside = runs[0] if runs[0].is_dir() else runs[0].parent
-        written = [out or (beside if len(runs) == 1 else Path()) / report.REPORT]
-        report.write_report(runs, written[0])
+        written = [out or (beside if len(runs) == 1 else Path()) / REPORT]
+        write_report(runs, written[0])
     names = [str(one) for one in written]
     print_figures(
         {"written": names}, "\n".join(f"{one}: written" for one in names), as_json=as_json
@@ -82,7 +91,8 @@ def film_command(run: Path, out: Path, seconds: float, quiet: bool) -> None:
     bound against robot time. At the end the solid turns, coloured by its distance from the truth
     where that is known. Needs no screen.
     """
-    from palpate.tools.view import make_film, read_timeline
+    from palpate.tools.view.film import make_film
+    from palpate.tools.view.timeline import read_timeline
 
     say = progress_printer(not quiet, "drawing      {}")
     make_film(read_timeline(run), out, seconds=seconds, say=say)
@@ -90,7 +100,7 @@ def film_command(run: Path, out: Path, seconds: float, quiet: bool) -> None:
 
 
 def _figure_names(_: click.Context, __: str) -> Iterable[str]:
-    from palpate.tools.gallery import FIGURES
+    from palpate.tools.gallery.sheet import FIGURES
 
     return FIGURES
 
@@ -108,7 +118,7 @@ def gallery_command(figures: tuple[str, ...], out: Path, listed: bool, as_json: 
     FIGURE is a name, such as superquadrics, or a number of the thesis, such as 2.2. All are drawn
     if none is named, which takes a minute.
     """
-    from palpate.tools.gallery import FIGURES, find_figures, write_gallery
+    from palpate.tools.gallery.sheet import FIGURES, find_figures, write_gallery
 
     names = find_figures(figures)
     if listed:

@@ -8,10 +8,7 @@ from typing import Any
 
 import click
 
-from palpate.launch import processes
-from palpate.launch.files import InputError, as_input_errors
-from palpate.tools import bag as bags
-from palpate.tools import introspection
+from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.tools.cli import command_line
 
 bag_group = command_line.NamedGroup(
@@ -31,8 +28,10 @@ def bag_info_command(bag: Path, as_json: bool) -> int:
 
     Exits with 0 if the recording is whole, with 1 if it is damaged or was never closed.
     """
-    info = bags.bag_info(bag)
-    command_line.print_figures(info, bags.info_text(info), as_json=as_json)
+    from palpate.tools.bag.contents import bag_info, info_text
+
+    info = bag_info(bag)
+    command_line.print_figures(info, info_text(info), as_json=as_json)
     return 0 if info["closed"] else 1
 
 
@@ -52,14 +51,18 @@ def bag_record_command(
 
     Exits with 1 if something is missing.
     """
+    from palpate.launch.processes.registry import find_run
+    from palpate.tools.bag.live_recording import default_path, record_graph, recorded_text
+    from palpate.tools.introspection.topics import STATUS_TOPICS, find_topics, topics_of
+
     with as_input_errors():
-        card = processes.find_run(run)
-        known = introspection.topics_of(card)
-        names = topics or [name for name in known if name not in introspection.STATUS_TOPICS]
-        found = introspection.find_topics(card, names)
-        path = out or bags.default_path()
-        done = bags.record_graph(card, found, path, duration=duration, echo=click.echo)
-    click.echo(bags.recorded_text(done))
+        card = find_run(run)
+        known = topics_of(card)
+        names = topics or [name for name in known if name not in STATUS_TOPICS]
+        found = find_topics(card, names)
+        path = out or default_path()
+        done = record_graph(card, found, path, duration=duration, echo=click.echo)
+    click.echo(recorded_text(done))
     return int(bool(done.lost))
 
 
@@ -89,12 +92,16 @@ def bag_play_command(bag: Path, remap: tuple[str, ...], quiet: bool, **params: A
     palpate topic echo. In a terminal the space bar pauses and resumes, the right arrow steps;
     palpate bag pause, resume and step do the same from elsewhere.
     """
-    return bags.play_recording(bags.player_entry(bag, params, bags.read_remap(remap)), quiet=quiet)
+    from palpate.tools.bag.playback import play_recording, player_entry, read_remap
+
+    return play_recording(player_entry(bag, params, read_remap(remap)), quiet=quiet)
 
 
 def control_player(run: str | None, kind: str) -> None:
     """Send a request to the player of a running graph."""
-    introspection.control_player(run, kind)
+    from palpate.tools.introspection import requests
+
+    requests.control_player(run, kind)
 
 
 for verb, told in (("pause", "stand still"), ("resume", "go on")):
@@ -110,7 +117,9 @@ for verb, told in (("pause", "stand still"), ("resume", "go on")):
 @command_line.RUN
 def bag_step_command(messages: int, run: str | None) -> None:
     """Have the player of a running graph, if it stands still, publish the next MESSAGES."""
-    introspection.control_player(run, "step", number=messages)
+    from palpate.tools.introspection import requests
+
+    requests.control_player(run, "step", number=messages)
 
 
 @bag_group.command("recover", short_help="Save what is whole of a damaged recording.")
@@ -125,8 +134,10 @@ def bag_recover_command(bag: Path, out: Path | None, as_json: bool) -> int:
     recorder wrote are joined. The new file is read again and compared before it is put in its
     place.
     """
-    saved = bags.recover_recording(bag, out)
-    text = bags.recovered_text(saved)
+    from palpate.tools.bag.contents import recover_recording, recovered_text
+
+    saved = recover_recording(bag, out)
+    text = recovered_text(saved)
     command_line.print_figures(saved.figures(), text, as_json=as_json)
     return 0
 
@@ -145,9 +156,11 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...], as_json: bool) -
 
     Exits with 0 if they are identical, with 1 if not, with 2 if one cannot be read.
     """
+    from palpate.tools.bag.contents import compare_recordings, diff_text
+
     with as_input_errors():
-        found = bags.compare_recordings(a, b, topics)
-    command_line.print_figures(found.figures(), bags.diff_text(found), as_json=as_json)
+        found = compare_recordings(a, b, topics)
+    command_line.print_figures(found.figures(), diff_text(found), as_json=as_json)
     return int(bool(found.first))
 
 
@@ -173,7 +186,9 @@ def bag_export_command(bag: Path, kind: str, out: Path, topics: tuple[str, ...])
     contours, touched points, the finger and the log. rerun is an RRD file that Rerun shows, of the
     same, the tactile image, error and bound; it needs pip install 'palpate[rerun]'.
     """
-    click.echo(bags.export_bag(bag, kind, out, topics))
+    from palpate.tools.bag.export import export_bag
+
+    click.echo(export_bag(bag, kind, out, topics))
 
 
 @click.command("cost")
@@ -197,7 +212,8 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
     error is foretold to cost, and where the processor's time went. Every run leaves this as
     cost.svg; docs/cost.md says how to read it.
     """
-    from palpate import launch
+    from palpate.launch.run_directory import SUMMARY, read_summary, run_directory_of
+    from palpate.launch.summary_text import computing_lines
     from palpate.tools.cost import plot_cost, robot_time, robot_time_text
 
     if picture is not None:
@@ -207,6 +223,6 @@ def cost_command(run: Path, robots: tuple[str, ...], picture: Path | None, as_js
         return 0
     costs = robot_time(run, robots)
     command_line.print_figures(costs, robot_time_text(costs), as_json=as_json)
-    if not (robots or as_json) and (launch.run_directory_of(run) / launch.SUMMARY).is_file():
-        click.echo("\n".join(["", *launch.computing_lines(launch.read_summary(run))]))
+    if not (robots or as_json) and (run_directory_of(run) / SUMMARY).is_file():
+        click.echo("\n".join(["", *computing_lines(read_summary(run))]))
     return 0

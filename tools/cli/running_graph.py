@@ -10,15 +10,25 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from palpate import launch, messages
-from palpate.launch import processes
-from palpate.launch.files import InputError, as_input_errors, hint
-from palpate.tools import introspection
-from palpate.tools.cli.command_line import JSON, NODE, OPTIONAL_NODE, RUN, RUN_PATH, TOPIC, Command
-from palpate.tools.cli.command_line import NamedGroup, complete_topic, print_figures
+from palpate import messages
+from palpate.launch.files.source_map import InputError, as_input_errors, hint
+from palpate.launch.printing import TEXT_WIDTH
+from palpate.tools.cli.command_line import (
+    JSON,
+    NODE,
+    OPTIONAL_NODE,
+    RUN,
+    RUN_PATH,
+    TOPIC,
+    Command,
+    NamedGroup,
+    complete_topic,
+    print_figures,
+)
 
 if TYPE_CHECKING:
-    from palpate.launch.processes import RunCard
+    from palpate.launch.processes.registry import RunCard
+    from palpate.tools.introspection.topics import Topic
 
 PUB_HELP = """Publish BODY, a message's fields in YAML, on TOPIC.
 
@@ -46,7 +56,9 @@ def topic_list_command(
     run: str | None, show_types: bool, count_topics: bool, verbose: bool, as_json: bool
 ) -> None:
     """Name the topics of the running graph."""
-    topics = introspection.topics_of(card_of(run)).values()
+    from palpate.tools.introspection.topics import topics_of
+
+    topics = topics_of(card_of(run)).values()
     if count_topics:
         click.echo(len(topics))
         return
@@ -60,7 +72,7 @@ def topic_list_command(
     print_figures([topic_figures(one) for one in topics], "\n".join(lines), as_json=as_json)
 
 
-def topic_figures(topic: introspection.Topic) -> dict[str, Any]:
+def topic_figures(topic: Topic) -> dict[str, Any]:
     """A topic without the schema of its type."""
     return {name: value for name, value in topic._asdict().items() if name != "schema"}
 
@@ -71,8 +83,10 @@ def topic_figures(topic: introspection.Topic) -> dict[str, Any]:
 @JSON
 def topic_type_command(topic: str, run: str | None, as_json: bool) -> None:
     """Name the message type of TOPIC."""
+    from palpate.tools.introspection.topics import find_topic
+
     with as_input_errors():
-        found = introspection.find_topic(card_of(run), topic).type
+        found = find_topic(card_of(run), topic).type
     print_figures(found, found, as_json=as_json)
 
 
@@ -82,7 +96,9 @@ def topic_type_command(topic: str, run: str | None, as_json: bool) -> None:
 @JSON
 def topic_find_command(kind: str, run: str | None, as_json: bool) -> None:
     """Name the topics that carry messages of TYPE."""
-    topics = introspection.topics_of(card_of(run)).values()
+    from palpate.tools.introspection.topics import topics_of
+
+    topics = topics_of(card_of(run)).values()
     found = [topic.name for topic in topics if topic.type == kind]
     if not found:
         raise InputError(f"no topic carries {kind}; {hint(kind, {one.type for one in topics})}")
@@ -96,14 +112,17 @@ def topic_find_command(kind: str, run: str | None, as_json: bool) -> None:
 @JSON
 def topic_info_command(topic: str, run: str | None, verbose: bool, as_json: bool) -> None:
     """Say what TOPIC carries, who publishes it and who subscribes."""
+    from palpate.tools.introspection.echo import field_lines
+    from palpate.tools.introspection.topics import find_topic, type_of
+
     with as_input_errors():
-        found = introspection.find_topic(card_of(run), topic)
-        cls = introspection.type_of(found) if verbose else None
+        found = find_topic(card_of(run), topic)
+        cls = type_of(found) if verbose else None
     lines = [f"Type: {found.type or 'not known'}"]
     for what, nodes in (("Publisher", found.publishers), ("Subscription", found.subscribers)):
         lines.append(wrapped(f"{what} count: {len(nodes)}  {', '.join(nodes)}"))
     if cls is not None:
-        lines += ["Fields:", *(f"  {line}" for line in introspection.field_lines(cls))]
+        lines += ["Fields:", *(f"  {line}" for line in field_lines(cls))]
     told = {} if cls is None else {"schema": messages.schema(cls)}
     print_figures({**topic_figures(found), **told}, "\n".join(lines), as_json=as_json)
 
@@ -128,28 +147,36 @@ def topic_echo_command(
 
     Copies may be lost on the way here, of which standard error tells; the graph loses nothing.
     """
+    from palpate.tools.introspection.echo import (
+        EchoFormat,
+        LossReport,
+        TextStyle,
+        echo_topic,
+        read_filter,
+        read_path,
+    )
+    from palpate.tools.introspection.topics import find_topic, type_of
+
     card, csv, raw = card_of(run), how["csv"], how["raw"]
     lost: Callable[[str], None] = (lambda _: None) if how["no_lost_messages"] else print_aside
     with as_input_errors():
-        found = introspection.find_topic(card, topic)
-        cls = introspection.type_of(found) if fields or wanted is not None or not raw else None
-        form = introspection.EchoFormat(
-            paths=tuple(introspection.read_path(text, cls) for text in fields) if cls else (),
-            style=introspection.TextStyle(
-                not how["no_arr"], how["full_length"] or csv, how["flow_style"]
-            ),
+        found = find_topic(card, topic)
+        cls = type_of(found) if fields or wanted is not None or not raw else None
+        form = EchoFormat(
+            paths=tuple(read_path(text, cls) for text in fields) if cls else (),
+            style=TextStyle(not how["no_arr"], how["full_length"] or csv, how["flow_style"]),
             csv=csv,
             raw=raw,
-            wanted=introspection.read_filter(wanted, cls) if cls and wanted is not None else None,
+            wanted=read_filter(wanted, cls) if cls and wanted is not None else None,
         )
-        introspection.echo_topic(
+        echo_topic(
             card,
             found,
             form,
             most=1 if how["once"] else how["most"],
             say=click.echo,
             tell=print_aside,
-            losses=introspection.LossReport(found.name, lost),
+            losses=LossReport(found.name, lost),
         )
 
 
@@ -171,16 +198,18 @@ def measuring_options(command: Command) -> Command:
 
 def measure(topics: tuple[str, ...], run: str | None, verb: str, every: bool, **how: Any) -> None:
     """Measure topics of a running graph until it ends, the time is over, or Ctrl-C."""
+    from palpate.tools.introspection import topics as measured
+
     if every == bool(topics):
         raise click.UsageError("name at least one topic, or take --all of them, not both")
     card = card_of(run)
     with as_input_errors():
-        own, known = introspection.STATUS_TOPICS, introspection.topics_of(card)
+        own, known = measured.STATUS_TOPICS, measured.topics_of(card)
         names = [name for name in known if name not in own] if every else topics
-        found = introspection.find_topics(card, names)
+        found = measured.find_topics(card, names)
         say = {"hz": "rate_text", "bw": "bandwidth_text", "delay": "delay_text"}[verb]
-        text = None if how["as_json"] else getattr(introspection, say)
-        monitor = introspection.RateMonitor(found, how["window"], text, click.echo)
+        text = None if how["as_json"] else getattr(measured, say)
+        monitor = measured.RateMonitor(found, how["window"], text, click.echo)
         monitor.run(card, found, how["duration"])
 
 
@@ -212,7 +241,9 @@ for verb, short, told in (
 @RUN
 def topic_pub_command(topic: str, body: str, once: bool, times: int | None, **how: Any) -> None:
     """Publish a message; `PUB_HELP` says how."""
-    introspection.publish(topic, body, times=1 if once else times, echo=click.echo, **how)
+    from palpate.tools.introspection.requests import publish
+
+    publish(topic, body, times=1 if once else times, echo=click.echo, **how)
 
 
 @node_group.command("list", short_help="Name the nodes of a running graph.")
@@ -221,11 +252,13 @@ def topic_pub_command(topic: str, body: str, once: bool, times: int | None, **ho
 @JSON
 def node_list_command(run: str | None, every: bool, as_json: bool) -> None:
     """Name the nodes of the running graph."""
+    from palpate.tools.introspection.requests import request
+
     card = card_of(run)
     names = [one.name for one in card.nodes]
     if not every:
         with as_input_errors():
-            nodes = introspection.request(card, "status")["nodes"]
+            nodes = request(card, "status")["nodes"]
         names = [name for name, about in nodes.items() if about["pid"]]
     print_figures(sorted(names), "\n".join(sorted(names)), as_json=as_json)
 
@@ -236,9 +269,11 @@ def node_list_command(run: str | None, every: bool, as_json: bool) -> None:
 @JSON
 def node_info_command(node: str, run: str | None, as_json: bool) -> None:
     """Say how NODE is doing, its topics with publishers and subscribers, and its parameters."""
+    from palpate.tools.introspection.requests import describe_node, node_text
+
     with as_input_errors():
-        found = introspection.describe_node(card_of(run), node)
-    print_figures(found, introspection.node_text(found), as_json=as_json)
+        found = describe_node(card_of(run), node)
+    print_figures(found, node_text(found), as_json=as_json)
 
 
 @node_group.command("kinds", short_help="List the kinds of node and their topics.")
@@ -246,11 +281,14 @@ def node_info_command(node: str, run: str | None, as_json: bool) -> None:
 @JSON
 def node_kinds_command(kind: str | None, as_json: bool) -> None:
     """Name the kinds of node; of one KIND, tell what it is, its topics and its parameters."""
+    from palpate.launch.node_kinds import list_kinds
+    from palpate.tools.introspection.descriptions import describe_kind, kind_text
+
     if kind is None:
-        print_figures(launch.list_kinds(), "\n".join(launch.list_kinds()), as_json=as_json)
+        print_figures(list_kinds(), "\n".join(list_kinds()), as_json=as_json)
         return
-    found = introspection.describe_kind(kind)
-    print_figures(found, introspection.kind_text(found), as_json=as_json)
+    found = describe_kind(kind)
+    print_figures(found, kind_text(found), as_json=as_json)
 
 
 BAG_TYPES = click.option("--bag", **RUN_PATH, help="Also the types of this recording.")
@@ -262,7 +300,9 @@ BAG_TYPES = click.option("--bag", **RUN_PATH, help="Also the types of this recor
 @JSON
 def interface_list_command(run: str | None, bag: Path | None, as_json: bool) -> None:
     """Name the message types of palpate, and those of the running graph's own."""
-    names = list(introspection.known_interfaces(run, bag))
+    from palpate.tools.introspection.descriptions import known_interfaces
+
+    names = list(known_interfaces(run, bag))
     print_figures(names, "\n".join(names), as_json=as_json)
 
 
@@ -273,9 +313,15 @@ def interface_list_command(run: str | None, bag: Path | None, as_json: bool) -> 
 @JSON
 def interface_show_command(kind: str, run: str | None, bag: Path | None, as_json: bool) -> None:
     """Say what fields messages of TYPE have: name, what it holds, unit, and what it means."""
+    from palpate.tools.introspection.descriptions import (
+        find_interface,
+        interface_text,
+        known_interfaces,
+    )
+
     with as_input_errors():
-        cls = introspection.find_interface(kind, introspection.known_interfaces(run, bag))
-    print_figures(messages.schema(cls), introspection.interface_text(cls), as_json=as_json)
+        cls = find_interface(kind, known_interfaces(run, bag))
+    print_figures(messages.schema(cls), interface_text(cls), as_json=as_json)
 
 
 @param_group.command("list", short_help="Name the parameters.")
@@ -284,8 +330,10 @@ def interface_show_command(kind: str, run: str | None, bag: Path | None, as_json
 @JSON
 def param_list_command(node: str | None, run: str | None, as_json: bool) -> None:
     """Name the parameters of NODE, or of all nodes."""
+    from palpate.tools.introspection.requests import dump_params
+
     with as_input_errors():
-        dumped = introspection.dump_params(card_of(run), node)
+        dumped = dump_params(card_of(run), node)
     found = {name: list(one["params"]) for name, one in dumped.items()}
     lines = [
         line
@@ -302,9 +350,11 @@ def param_list_command(node: str | None, run: str | None, as_json: bool) -> None
 @JSON
 def param_get_command(node: str, param: str, run: str | None, as_json: bool) -> None:
     """Print the value of PARAM of NODE in YAML, with its type, unit, default and meaning."""
+    from palpate.tools.introspection.descriptions import describe_param, param_text
+
     with as_input_errors():
-        found = introspection.describe_param(card_of(run), node, param)
-    print_figures(found, introspection.param_text(found), as_json=as_json)
+        found = describe_param(card_of(run), node, param)
+    print_figures(found, param_text(found), as_json=as_json)
 
 
 @param_group.command("set", short_help="Set a parameter between two touches.")
@@ -319,8 +369,10 @@ def param_set_command(node: str, param: str, value: str, run: str | None) -> Non
     parameters that palpate node kinds NODE calls settable can be set. That it was set is recorded
     on the node's topic of ParameterEvents, and done at the same place in a replay.
     """
+    from palpate.tools.introspection.descriptions import set_parameter
+
     with as_input_errors():
-        click.echo(introspection.set_parameter(card_of(run), node, param, value))
+        click.echo(set_parameter(card_of(run), node, param, value))
 
 
 @param_group.command("dump", short_help="Print parameters in YAML.")
@@ -329,20 +381,25 @@ def param_set_command(node: str, param: str, value: str, run: str | None) -> Non
 @JSON
 def param_dump_command(node: str | None, run: str | None, as_json: bool) -> None:
     """Print the parameters of NODE, or of all nodes, in YAML; bytes by their size and SHA-256."""
+    from palpate.tools.introspection.echo import yaml_lines
+    from palpate.tools.introspection.requests import dump_params
+
     with as_input_errors():
-        found = introspection.dump_params(card_of(run), node)
-    print_figures(found, "\n".join(introspection.yaml_lines(found)), as_json=as_json)
+        found = dump_params(card_of(run), node)
+    print_figures(found, "\n".join(yaml_lines(found)), as_json=as_json)
 
 
 def card_of(run: str | None) -> RunCard:
     """The running graph that is meant; InputError if there is none, or several may be meant."""
+    from palpate.launch.processes.registry import find_run
+
     with as_input_errors():
-        return processes.find_run(run)
+        return find_run(run)
 
 
 def wrapped(line: str) -> str:
     """A line as lines of 80 columns."""
-    return textwrap.fill(line, launch.TEXT_WIDTH, subsequent_indent=" " * 4, break_on_hyphens=False)
+    return textwrap.fill(line, TEXT_WIDTH, subsequent_indent=" " * 4, break_on_hyphens=False)
 
 
 def print_aside(text: str) -> None:
@@ -358,13 +415,16 @@ def doctor_command(report: bool, as_json: bool) -> int:
 
     Exits with 1 if anything fails.
     """
-    cards, found = processes.running_graphs(), []
-    for look in (introspection.machine_findings(), introspection.graphs_findings(cards)):
+    from palpate.launch.processes.registry import running_graphs
+    from palpate.tools.introspection.doctor import graphs_findings, machine_findings, report_lines
+
+    cards, found = running_graphs(), []
+    for look in (machine_findings(), graphs_findings(cards)):
         for finding in look:
             found.append(finding._asdict())
             if not as_json:  # some of it takes seconds to find out
                 click.echo(str(finding))
-    lines = list(introspection.report_lines(cards)) if report else []
+    lines = list(report_lines(cards)) if report else []
     if as_json:
         print_figures({"findings": found, "report": lines}, "", as_json=True)
     else:

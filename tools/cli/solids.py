@@ -9,11 +9,21 @@ from typing import Any
 
 import click
 
-from palpate import launch
-from palpate.launch.files import InputError
-from palpate.tools.cli.command_line import JSON, PATH, RUN_PATH, SIZE, UNTRUSTED, NamedGroup
-from palpate.tools.cli.command_line import complete_scene, out_option, print_figures
-from palpate.tools.cli.command_line import progress_printer, quiet_option, unit_option
+from palpate.launch.files.source_map import InputError
+from palpate.tools.cli.command_line import (
+    JSON,
+    PATH,
+    RUN_PATH,
+    SIZE,
+    UNTRUSTED,
+    NamedGroup,
+    complete_scene,
+    out_option,
+    print_figures,
+    progress_printer,
+    quiet_option,
+    unit_option,
+)
 
 REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
@@ -162,7 +172,9 @@ scene_group = NamedGroup("scene", help="List and check scenes.")
 @JSON
 def scene_list(as_json: bool) -> None:
     """Name the scenes that come with palpate."""
-    titles = {name: launch.scene_title(name) for name in launch.shipped_scenes()}
+    from palpate.launch.scene import scene_title, shipped_scenes
+
+    titles = {name: scene_title(name) for name in shipped_scenes()}
     text = "\n".join(f"{name:<12} {title}" for name, title in titles.items())
     print_figures(titles, text, as_json=as_json)
 
@@ -205,12 +217,13 @@ def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) 
     Estimates the speed of sound, and gain and offset of each taxel, each with its standard
     error. A scene in the same folder reads the file: sensor: {calibration: FILE}.
     """
-    from palpate.launch.files import check_new
+    from palpate.launch.files.file_access import check_new
+    from palpate.launch.scene import load_scene, write_calibration
     from palpate.tools.calibration import calibrate, calibration_figures, calibration_text
 
     if out is not None:
         check_new(out)
-    spec = launch.load_scene(scene).spec
+    spec = load_scene(scene).spec
     try:
         found = calibrate(spec, progress_printer(not quiet, "pressing     {}"))
     except ValueError as error:
@@ -218,7 +231,7 @@ def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) 
     figures = calibration_figures(found, spec.sensor)
     lines = [calibration_text(figures), *(f"{'warning':<13}{one}" for one in figures["warnings"])]
     if out is not None and not figures["warnings"]:
-        launch.write_calibration(out, found.estimate, found.pad)
+        write_calibration(out, found.estimate, found.pad)
         figures["written"] = str(out)
         lines.append(f"{'written':<13}{out}")
     elif out is not None:

@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.shapes import Superquadric, regular_points
 from palpate.core.thesis import match_contour, ray_azimuths, rebuild_thesis
 from palpate.tools.gallery import style
 from palpate.tools.gallery.reconstructions import FIRST, SECOND
 from palpate.tools.surfaces import viridis
-from palpate.tools.view import Canvas
+from palpate.tools.view.rasteriser import Canvas
 
 MODEL = Superquadric(np.ones(3), np.array([0.15, 0.15]))  # The thesis's box
 SLICES = 9  # Of the drawn match

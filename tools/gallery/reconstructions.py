@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.geometry import close_rings
 from palpate.core.shapes import Mesh, Superquadric, regular_points
-from palpate.core.splines import Basis, Lattice, SplineVolume, clamped_basis
-from palpate.core.splines import upright_parallelepiped
+from palpate.core.splines import Basis, Lattice, SplineVolume, clamped_basis, upright_parallelepiped
 from palpate.core.thesis import ThesisSolid, rebuild_thesis
 from palpate.tools.gallery import style
 

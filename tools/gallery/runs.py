@@ -14,12 +14,16 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from palpate.launch import COLOURS, counted, read_summary, rgb
+from palpate.launch.colours import COLOURS, rgb
+from palpate.launch.printing import counted
+from palpate.launch.run_directory import read_summary
 from palpate.messages.types import Contour
 from palpate.tools.exploration import explore
 from palpate.tools.gallery import style
 from palpate.tools.surfaces import scale_top, shades
-from palpate.tools.view import Canvas, Timeline, finger_mesh, read_timeline
+from palpate.tools.view.picture import finger_mesh
+from palpate.tools.view.rasteriser import Canvas
+from palpate.tools.view.timeline import Timeline, read_timeline
 
 SCENE, MESH_SCENE = "vase", "from_mesh"
 SHARES = (0.1, 0.25, 0.4, 0.6, 0.8)  # Of the touches, at the moments before the end

@@ -6,9 +6,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.core import Floats
-from palpate.core.shapes import Dent, Hyperquadric, Mesh, Superquadric, regular_points
-from palpate.core.shapes import trigonometric_points
+from palpate.core.arrays import Floats
+from palpate.core.shapes import (
+    Dent,
+    Hyperquadric,
+    Mesh,
+    Superquadric,
+    regular_points,
+    trigonometric_points,
+)
 from palpate.core.splines import Basis, clamped_basis
 from palpate.tools.gallery import style
 

@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from palpate.launch.files import InputError, hint, write_atomically
+from palpate.launch.files.file_access import write_atomically
+from palpate.launch.files.source_map import InputError, hint
 from palpate.tools.gallery import contours, reconstructions, runs, shapes, style, touch
 
 

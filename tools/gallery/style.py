@@ -15,10 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from palpate.core import Floats, Ints
+from palpate.core.arrays import Floats, Ints
 from palpate.core.shapes import Mesh
-from palpate.launch import rgb as rgb_of
-from palpate.tools.view import FINER, Camera, Canvas
+from palpate.launch.colours import rgb as rgb_of
+from palpate.tools.view.rasteriser import FINER, Camera, Canvas
 
 WIDTH, DPI = 7.0, 100  # Of a figure, inches, and its pixels an inch
 BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"

@@ -12,12 +12,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from palpate.core import Floats, touch
+from palpate.core import touch
+from palpate.core.arrays import Floats
 from palpate.core.explore.planners import TEMPLATES, Thesis, polyline_of
 from palpate.core.splines import CUBIC, Basis, averaged_knots, evaluate_grid, interpolate_grid
 from palpate.tools.gallery import style
 from palpate.tools.surfaces import viridis
-from palpate.tools.view import Canvas
+from palpate.tools.view.rasteriser import Canvas
 
 PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 NOISE = 40e-6  # Of a taxel, m

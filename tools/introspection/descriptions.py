@@ -19,13 +19,16 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import structs
 
-from palpate.core import UNITS, in_base_unit
-from palpate.launch import TEXT_WIDTH, Entry, find_bag, load_entry
-from palpate.launch.files import InputError, as_input_errors, hint, parse_yaml
-from palpate.launch.processes import RunCard, find_run, running_graphs
+from palpate.core.plugins import UNITS, in_base_unit
+from palpate.launch.files.source_map import InputError, as_input_errors, hint
+from palpate.launch.files.yaml_file import parse_yaml
+from palpate.launch.node_kinds import Entry, load_entry
+from palpate.launch.printing import TEXT_WIDTH
+from palpate.launch.processes.registry import RunCard, find_run, running_graphs
+from palpate.launch.run_directory import find_bag
 from palpate.messages import recording, type_of_schema
 from palpate.messages.types import TYPES
-from palpate.nodes.runtime import RecordedNode, Sink, Source, load_node
+from palpate.nodes.runtime.node import RecordedNode, Sink, Source, load_node
 from palpate.tools.introspection.echo import TextStyle, field_lines, yaml_lines, yaml_value
 from palpate.tools.introspection.requests import find_node, params_of, request
 

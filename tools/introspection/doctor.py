@@ -18,10 +18,18 @@ from typing import Any, Literal, NamedTuple
 import zmq
 
 from palpate import __version__
-from palpate.launch import VERSIONED_PACKAGES, titled
-from palpate.launch.processes import GRAPH_VARIABLE, LONGEST_SOCKET, SILENCE, RunCard, find_run
-from palpate.launch.processes import runtime_folder, stale_folders
-from palpate.nodes.runtime import THREAD_VARIABLES
+from palpate.launch.printing import titled
+from palpate.launch.processes.node_status import SILENCE
+from palpate.launch.processes.registry import (
+    GRAPH_VARIABLE,
+    LONGEST_SOCKET,
+    RunCard,
+    find_run,
+    runtime_folder,
+    stale_folders,
+)
+from palpate.launch.run_directory import VERSIONED_PACKAGES
+from palpate.preloading import THREAD_VARIABLES
 from palpate.tools.introspection.requests import StatusSample, request, sample_status
 from palpate.tools.introspection.topics import is_running
 

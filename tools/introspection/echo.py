@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.launch import TEXT_WIDTH, text_table
-from palpate.launch.files import hint
-from palpate.launch.processes import RunCard
+from palpate.launch.files.source_map import hint
+from palpate.launch.printing import TEXT_WIDTH, text_table
+from palpate.launch.processes.registry import RunCard
 from palpate.messages import codec_of, schema
 from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, message_of
 

@@ -16,15 +16,22 @@ from typing import Any, NamedTuple, get_type_hints
 import msgspec
 import numpy as np
 
-from palpate.launch import TEXT_WIDTH
-from palpate.launch.files import InputError, as_input_errors, hint, parse_yaml
-from palpate.launch.processes import RunCard, find_run
+from palpate.launch.files.source_map import InputError, as_input_errors, hint
+from palpate.launch.files.yaml_file import parse_yaml
+from palpate.launch.printing import TEXT_WIDTH
+from palpate.launch.processes.registry import RunCard, find_run
 from palpate.messages import Array, bus, decode, encode
 from palpate.messages.types import NodeStatus
-from palpate.nodes.runtime import RecordedNode
+from palpate.nodes.runtime.node import RecordedNode
 from palpate.tools.introspection.echo import yaml_lines
-from palpate.tools.introspection.topics import STATUS_TOPICS, TapSubscription, Topic
-from palpate.tools.introspection.topics import find_topic, topics_of, type_of
+from palpate.tools.introspection.topics import (
+    STATUS_TOPICS,
+    TapSubscription,
+    Topic,
+    find_topic,
+    topics_of,
+    type_of,
+)
 
 NODES_PACKAGE = "palpate.nodes."
 STATUS_PATIENCE = 1.5  # A node that says nothing for so long works, hangs or is stopped, s

@@ -20,9 +20,10 @@ import numpy as np
 import zmq
 from numpy.typing import NDArray
 
-from palpate.core import Floats
-from palpate.launch.files import hint
-from palpate.launch.processes import RunCard, running_graphs, until_ctrl_c
+from palpate.core.arrays import Floats
+from palpate.launch.files.source_map import hint
+from palpate.launch.processes.fork_server import until_ctrl_c
+from palpate.launch.processes.registry import RunCard, running_graphs
 from palpate.messages import HEADER_SIZE, Header, codec_of, decode, type_of_schema
 from palpate.messages.bus import LAUNCHER, LOG_TOPIC, STATUS_TOPIC, SocketContext, TapReader
 from palpate.messages.types import TYPES, LogRecord, NodeStatus

@@ -15,13 +15,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.core import code_place
-from palpate.launch import search_current_folder
+from palpate.core.plugins import code_place
+from palpate.launch.node_kinds import search_current_folder
 from palpate.messages import Header, schema_hash
 from palpate.messages.bus import Received
 from palpate.messages.recording import RecordedMessage, Recording
 from palpate.messages.types import ParameterEvent
-from palpate.nodes import runtime
+from palpate.nodes.runtime.composed import MessageQueue
+from palpate.nodes.runtime.node import (
+    Finished,
+    Node,
+    RecordedNode,
+    Wiring,
+    load_node,
+    recorded_nodes,
+)
+from palpate.nodes.runtime.work import ContractError, NodeWork, Outgoing
 from palpate.tools.replay.comparison import TopicComparison
 
 OWN_PACKAGE = "palpate."  # Others' modules are imported only if the user names the node
@@ -43,7 +52,7 @@ class _Link:
 
     publisher: str
     # Published before their place has come; numbered in the order of publishing.
-    waiting: deque[tuple[int, runtime.Outgoing]] = field(default_factory=deque)
+    waiting: deque[tuple[int, Outgoing]] = field(default_factory=deque)
     owed: int = 0  # Places that have come before their messages were published
     received: int = 0
     more: int = 0  # Messages received after all that was recorded
@@ -67,7 +76,7 @@ class MessageExchange:
         self._publishers = {
             topic: publisher for player in players for topic, publisher in player.publishers.items()
         }
-        self._queue = runtime.MessageQueue(self._subscribers)
+        self._queue = MessageQueue(self._subscribers)
         self._numbers = count()
         self._ended = False
 
@@ -114,7 +123,7 @@ class MessageExchange:
             if link.owed or link.more
         )
 
-    def _take(self, published: Iterable[runtime.Outgoing]) -> None:
+    def _take(self, published: Iterable[Outgoing]) -> None:
         for parcel in published:
             link = self._links.get(parcel.topic)
             if link is None:
@@ -125,7 +134,7 @@ class MessageExchange:
             link.owed, link.more = max(link.owed - 1, 0), link.more + (not link.owed)
             self._pass_on(link, parcel)
 
-    def _pass_on(self, link: _Link, parcel: runtime.Outgoing) -> None:
+    def _pass_on(self, link: _Link, parcel: Outgoing) -> None:
         header = Header(0, 0, link.received, 0, parcel.robot_time, parcel.schema)
         link.received += 1
         self._send(parcel.topic, header, parcel.body)
@@ -147,8 +156,8 @@ class ReplayedNode:
         node, wiring = chosen
         self.name = wiring.name
         try:
-            self._work = runtime.NodeWork(node, wiring.params, wiring, changes)
-        except runtime.ContractError as error:
+            self._work = NodeWork(node, wiring.params, wiring, changes)
+        except ContractError as error:
             raise ValueError(f"{error}; it was recorded with another version of it") from None
         # What it raised and when, in words; it receives and publishes no more after that.
         self.failure = ""
@@ -160,11 +169,11 @@ class ReplayedNode:
         self._types = published | self.subscriptions
         self.publishers = {one.topic: one.publisher for one in wiring.inputs}
 
-    def begin(self) -> list[runtime.Outgoing]:
+    def begin(self) -> list[Outgoing]:
         """Start the node; what it publishes."""
         return self._run(self._work.begin)
 
-    def receive(self, arrival: Received) -> list[runtime.Outgoing]:
+    def receive(self, arrival: Received) -> list[Outgoing]:
         """Hand it one message; what it publishes."""
         return [] if self.failure else self._run(lambda: self._work.take(arrival))
 
@@ -190,9 +199,7 @@ class ReplayedNode:
             comparison.end(closed=closed)
             self.first = self.first or comparison.first
 
-    def _run(
-        self, act: Callable[[], list[runtime.Outgoing | runtime.Finished]]
-    ) -> list[runtime.Outgoing]:
+    def _run(self, act: Callable[[], list[Outgoing | Finished]]) -> list[Outgoing]:
         try:
             published = act()
         except Exception as error:  # The edge of the node: whatever it was must be told in words.
@@ -202,7 +209,7 @@ class ReplayedNode:
             for comparison in self.publications.values():
                 comparison.fall_silent()
             return []
-        parcels = [one for one in published if isinstance(one, runtime.Outgoing)]
+        parcels = [one for one in published if isinstance(one, Outgoing)]
         for topic, body, *_ in parcels:
             self.publications[topic].add_published(body)
             self.first = self.first or self.publications[topic].first
@@ -212,8 +219,8 @@ class ReplayedNode:
 class ReplayNode(NamedTuple):
     """A node that is run again."""
 
-    node: runtime.Node  # What it does
-    wiring: runtime.Wiring  # Its place in the recorded graph, and its parameters
+    node: Node  # What it does
+    wiring: Wiring  # Its place in the recorded graph, and its parameters
 
 
 def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode, ...]:
@@ -226,7 +233,7 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
     """
     if not recording.graph:
         raise ValueError(f"recording {recording.path} does not say which nodes made it")
-    known = {one.name: one for one in runtime.recorded_nodes(recording.graph)}
+    known = {one.name: one for one in recorded_nodes(recording.graph)}
     for name in names:
         if name not in known:
             raise ValueError(f"recording {recording.path} has no node {name!r}; it has {[*known]}")
@@ -236,8 +243,8 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
             if not names:
                 continue
             search_current_folder(f"{one.module}:NODE")
-        node = runtime.load_node(one.module)
-        if isinstance(node, runtime.Node) and (names or _is_exact(one, node, recording)):
+        node = load_node(one.module)
+        if isinstance(node, Node) and (names or _is_exact(one, node, recording)):
             chosen.append(ReplayNode(node, one.wiring(node.params)))
         elif names:
             text = "neither subscribes nor publishes: there is nothing to be compared"
@@ -247,7 +254,7 @@ def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode
     return tuple(chosen)
 
 
-def _is_exact(place: runtime.RecordedNode, node: runtime.Node, recording: Recording) -> bool:
+def _is_exact(place: RecordedNode, node: Node, recording: Recording) -> bool:
     """Whether the recorded order is sure to be the order in which the node received."""
     received = [one for one in place.inputs if recording.counts.get(one.topic)]
     return len({one.publisher for one in received if one.local not in node.needs}) <= 1

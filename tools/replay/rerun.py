@@ -19,15 +19,31 @@ from typing import Any
 import msgspec
 from threadpoolctl import threadpool_limits
 
-from palpate import launch
-from palpate.launch.files import SourceMapped, convert
-from palpate.launch.processes import EarlierRun, SentMessage
+from palpate.launch.demand import demanded_of
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.files.yaml_file import convert
+from palpate.launch.graph import Graph, override
+from palpate.launch.node_kinds import Entry, search_current_folder
+from palpate.launch.printing import counted, text_table, titled
+from palpate.launch.processes.registry import EarlierRun, SentMessage
+from palpate.launch.run import Plan
+from palpate.launch.run_directory import RECORDING, choose_run_directory, find_bag, versions_text
 from palpate.messages import decode, schema_hash
 from palpate.messages.bus import Consumed, OutsideMessage
 from palpate.messages.recording import RecordedMessage, Recording, open_recording
 from palpate.messages.types import TYPES, Contour, ParameterEvent
-from palpate.nodes import runtime
-from palpate.tools.bag import compare_recordings
+from palpate.nodes.runtime.node import (
+    RECORDER,
+    Node,
+    RecordedNode,
+    Wiring,
+    is_persistent,
+    load_node,
+    recorded_nodes,
+    with_description,
+)
+from palpate.nodes.runtime.work import recorded_changes
+from palpate.tools.bag.contents import compare_recordings
 from palpate.tools.replay import exchange
 from palpate.tools.replay.comparison import ChangeKind, TopicComparison
 
@@ -61,10 +77,10 @@ def replay(
     messages, or a node is unknown, cannot be replayed, or was recorded with other message types;
     InputError if a setting cannot be used.
     """
-    recording = open_recording(launch.find_bag(bag))
+    recording = open_recording(find_bag(bag))
     chosen = with_settings(exchange.choose_nodes(recording, nodes), recording.graph, settings or {})
     events = [one for one in recording.messages() if one.type == ParameterEvent.__name__]
-    players = [exchange.ReplayedNode(one, runtime.recorded_changes(events, *one)) for one in chosen]
+    players = [exchange.ReplayedNode(one, recorded_changes(events, *one)) for one in chosen]
     if not (recording.closed or as_json):
         echo(f"{recording.path} was never closed: replaying as far as it goes")
     traffic = exchange.MessageExchange(players)
@@ -108,7 +124,7 @@ def with_settings(
     if not settings:
         return tuple(chosen)
     entries = [_entry(one.wiring) for one in chosen]
-    others = [_entry(one) for one in runtime.recorded_nodes(graph)]
+    others = [_entry(one) for one in recorded_nodes(graph)]
     again = {name for entry in entries for name in (entry.name, entry.group)}
     ran = {name for entry in others for name in (entry.name, entry.group)}
     names = ", ".join(entry.name for entry in entries)
@@ -117,7 +133,7 @@ def with_settings(
         if param and node in ran - again:
             text = f"{node!r} is not among the nodes to run again: {names}; add it to --nodes"
             raise value.error((), text)
-    laid = launch.override(launch.Graph(tuple(entries), ends=""), settings).entries
+    laid = override(Graph(tuple(entries), ends=""), settings).entries
     found = list(chosen)
     for i, (one, entry) in enumerate(zip(chosen, laid, strict=True)):
         if entry.places:
@@ -126,12 +142,12 @@ def with_settings(
     return tuple(found)
 
 
-def _entry(place: runtime.Wiring | runtime.RecordedNode) -> launch.Entry:
+def _entry(place: Wiring | RecordedNode) -> Entry:
     """The node as a launch file would describe it, in the namespace of its finger."""
     finger = f"finger_{place.name.rpartition('_')[2]}"
     within = any(topic.startswith(f"/{finger}/") for topic in place.outputs.values())
     space = finger if within else ""
-    return launch.Entry(name=place.name, kind=place.module, params=place.params, namespace=space)
+    return Entry(name=place.name, kind=place.module, params=place.params, namespace=space)
 
 
 def replay_figures(
@@ -158,7 +174,7 @@ def replay_figures(
 def verdict(player: exchange.ReplayedNode) -> str:
     """What came of a node: identical, its first difference, or how it failed, in 80 columns."""
     told = _verdict(player)
-    return "\n".join(launch.titled(f"{player.name}:", told, width=len(player.name) + 2))
+    return "\n".join(titled(f"{player.name}:", told, width=len(player.name) + 2))
 
 
 def _verdict(player: exchange.ReplayedNode) -> str:
@@ -175,16 +191,16 @@ def shortage_text(shortage: exchange.Shortage) -> str:
     topic, publisher, subscribers, fewer, more = shortage
     who = f"{', '.join(subscribers)}: received"
     if fewer:
-        missed = launch.counted(fewer, "fewer message")
+        missed = counted(fewer, "fewer message")
         return f"{who} {missed} on {topic} than recorded: {publisher} publishes no more"
-    beyond = launch.counted(more, "more message")
+    beyond = counted(more, "more message")
     return f"{who} {beyond} on {topic}, after those recorded: {publisher} publishes more"
 
 
 def change_table(players: Sequence[exchange.ReplayedNode]) -> list[str]:
     """Lines of what has changed, by topic and field; none if nothing has."""
     rows = [row for player in players for one in player.publications.values() for row in _rows(one)]
-    return launch.text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
+    return text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
 
 
 def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
@@ -205,24 +221,24 @@ def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
 
 def plan_resume(
     bag: Path, contour: int | None, *, nodes: Sequence[str] = (), out: Path | None = None
-) -> launch.Plan:
+) -> Plan:
     """Plan to go on with an exploration after a contour, or after all that was recorded.
 
     `nodes` names those whose modules are not palpate's own, and may be imported. Raises ValueError
     if the recording cannot be read, does not say how it was made, has fewer contours, or a node
     cannot be loaded; InputError if the folder cannot be used.
     """
-    recording = open_recording(launch.find_bag(bag))
+    recording = open_recording(find_bag(bag))
     about = {key: text for key, text in recording.about.items() if key not in ("graph", "version")}
     if not recording.graph or "ends" not in about:
         raise ValueError(f"recording {recording.path} does not say which graph made it")
     name = about.get("scene_name", recording.path.stem)
-    folder = launch.choose_run_directory(name, out)
-    wirings = _wirings(recording, nodes, folder.path / launch.RECORDING)
-    about["versions"] = launch.versions_text()
-    return launch.Plan(
+    folder = choose_run_directory(name, out)
+    wirings = _wirings(recording, nodes, folder.path / RECORDING)
+    about["versions"] = versions_text()
+    return Plan(
         name,
-        runtime.with_description(wirings, about),
+        with_description(wirings, about),
         about["ends"],
         about,
         folder,
@@ -230,32 +246,30 @@ def plan_resume(
             earlier_run_of(wirings, _until(recording, contour)),
             changes=_changes(wirings, recording),  # those after that contour, too
         ),
-        demanded=launch.demanded_of(wirings),
+        demanded=demanded_of(wirings),
     )
 
 
-def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[runtime.Wiring]:
+def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[Wiring]:
     wirings = []
-    for one in runtime.recorded_nodes(recording.graph):
+    for one in recorded_nodes(recording.graph):
         if not one.module.startswith(exchange.OWN_PACKAGE):
             if one.name not in nodes:
                 raise ValueError(
                     f"recording {recording.path} wants module {one.module!r} for {one.name}, which "
                     f"is not palpate's own; name it if you trust it: --nodes {one.name}"
                 )
-            launch.search_current_folder(f"{one.module}:NODE")
-        node = runtime.load_node(one.module)
+            search_current_folder(f"{one.module}:NODE")
+        node = load_node(one.module)
         wiring = one.wiring(node.params)
-        if one.module == runtime.RECORDER:
+        if one.module == RECORDER:
             wiring = replace(wiring, params=msgspec.structs.replace(wiring.params, path=str(path)))
-        timeout, persistent = node.handler_timeout, runtime.is_persistent(node)
+        timeout, persistent = node.handler_timeout, is_persistent(node)
         wirings.append(replace(wiring, handler_timeout=timeout, persistent=persistent))
     return wirings
 
 
-def earlier_run_of(
-    wirings: Sequence[runtime.Wiring], messages: Iterable[RecordedMessage]
-) -> EarlierRun:
+def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage]) -> EarlierRun:
     """What each node had received, and what it had published when, in the order of sending."""
     subscribers: dict[str, list[tuple[str, str]]] = {}
     publishers = {topic: one for one in wirings for topic in one.outputs.values()}
@@ -266,7 +280,7 @@ def earlier_run_of(
         one.name: [] for one in wirings if not one.persistent
     }
     for wiring in wirings:
-        for edge in () if wiring.module == runtime.RECORDER else wiring.inputs:
+        for edge in () if wiring.module == RECORDER else wiring.inputs:
             subscribers.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
     for one in messages:
         for name, publisher in subscribers.get(one.topic, ()):
@@ -291,14 +305,14 @@ def earlier_run_of(
 
 
 def answered_messages(
-    wiring: runtime.Wiring, received: Sequence[ConsumedAt], sent: Sequence[SentMessage]
+    wiring: Wiring, received: Sequence[ConsumedAt], sent: Sequence[SentMessage]
 ) -> list[Consumed]:
     """What a node that acts had answered: each message by one of its own at least, in its order.
 
     What it needs before all else does not count, nor what it publishes before it is asked anything.
     """
-    node = runtime.load_node(wiring.module)
-    needs = node.needs if isinstance(node, runtime.Node) else ()
+    node = load_node(wiring.module)
+    needs = node.needs if isinstance(node, Node) else ()
     latched = {one.topic for one in wiring.inputs if one.local in needs}
     asked = [(one, sent_ns) for one, sent_ns in received if one.topic not in latched]
     if not asked:
@@ -307,9 +321,7 @@ def answered_messages(
     return [one for one, _ in asked[:answers]]
 
 
-def _changes(
-    wirings: Sequence[runtime.Wiring], recording: Recording
-) -> dict[str, list[ParameterEvent]]:
+def _changes(wirings: Sequence[Wiring], recording: Recording) -> dict[str, list[ParameterEvent]]:
     """By node the parameters that were set while it ran."""
     publishers = {topic: one.name for one in wirings for topic in one.outputs.values()}
     found = defaultdict[str, list[ParameterEvent]](list)
@@ -339,7 +351,7 @@ def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessag
 
 def past_differences(bag: Path, run: Path) -> str:
     """What of the earlier run came out otherwise in the one that went on; empty if nothing did."""
-    if not (run / launch.RECORDING).exists():
+    if not (run / RECORDING).exists():
         return ""
     found = compare_recordings(bag, run).topics.items()
     differ = [f"{topic} ({one.differ} of {one.compared})" for topic, one in found if one.differ]
@@ -347,5 +359,5 @@ def past_differences(bag: Path, run: Path) -> str:
         return ""
     return (
         f"{', '.join(differ)} came out otherwise than recorded: other code, or other versions; "
-        f"palpate bag diff {launch.find_bag(bag)} {run} shows it"
+        f"palpate bag diff {find_bag(bag)} {run} shows it"
     )

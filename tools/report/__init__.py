@@ -4,10 +4,3 @@ Sections are rows of a table in `page`; what they say is collected in `run_facts
 three-dimensional view draws is packed in `view_data`. Rests on tools.view; `viewer` is the view's
 program, bundled with three.js by its own package.json.
 """
-
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.tools.report.page import REPORT, html_page, write_report
-else:
-    __getattr__, __dir__ = lazy(__name__)

@@ -17,15 +17,24 @@ from typing import Any
 
 import numpy as np
 
-from palpate import launch
-from palpate.launch import COLOURS, millimetres
-from palpate.launch.files import write_atomically
+from palpate.launch.colours import COLOURS
+from palpate.launch.exchange_rate import COST_IN_REPORT, COST_ON_PHONE, draw_svg as launch_draw_svg
+from palpate.launch.files.file_access import write_atomically
+from palpate.launch.printing import millimetres
+from palpate.launch.run_directory import versions_text
+from palpate.launch.summary_text import headline_facts
 from palpate.tools.graph_drawing import draw_svg
-from palpate.tools.report.run_facts import MOST_PLACES, UNTOUCHED, Place, RunFacts, ratio_rows
-from palpate.tools.report.run_facts import read_run
+from palpate.tools.report.run_facts import (
+    MOST_PLACES,
+    UNTOUCHED,
+    Place,
+    RunFacts,
+    ratio_rows,
+    read_run,
+)
 from palpate.tools.report.view_data import DEVIATION, PLAIN, UNCERTAINTY, view_data
 from palpate.tools.surfaces import css_ramp
-from palpate.tools.view import png_bytes, still
+from palpate.tools.view.picture import png_bytes, still
 
 REPORT = "report.html"
 STILL = (720, 520)  # Pixels
@@ -37,9 +46,9 @@ SURFACES = {
 }
 SHOWN_AT_FIRST = ("solid", "contour", "untouched")
 COST_LAYOUTS = {
-    "narrow": launch.COST_ON_PHONE,
-    "middle": launch.COST_ON_PHONE._replace(width=670, columns=2, bar=190.0),
-    "wide": launch.COST_IN_REPORT,
+    "narrow": COST_ON_PHONE,
+    "middle": COST_ON_PHONE._replace(width=670, columns=2, bar=190.0),
+    "wide": COST_IN_REPORT,
 }
 TILES = {
     "rms error": "rms_m",
@@ -115,7 +124,7 @@ def _compared(runs: Sequence[RunFacts]) -> Html:
 
 def _headline(run: RunFacts, _: int) -> Html:
     """How the run ended, and what is to be doubted; its figures stand in tiles or in a table."""
-    summary, facts = run.summary, launch.headline_facts(run.summary)
+    summary, facts = run.summary, headline_facts(run.summary)
     yield f"<p>{escape(summary['reason'])}</p>"
     yield '<dl class="facts">'
     # What has a tile says there whether its limit is kept.
@@ -197,7 +206,7 @@ def _view(run: RunFacts, number: int) -> Html:
 
 
 def _alt(run: RunFacts) -> str:
-    found = launch.headline_facts(run.summary)["found"]
+    found = headline_facts(run.summary)["found"]
     return escape(f"The rebuilt object with its contours: {', '.join(found)}", quote=True)
 
 
@@ -219,7 +228,7 @@ def _cost(run: RunFacts, _: int) -> Html:
         return
     for fit, layout in COST_LAYOUTS.items():
         yield _picture(
-            launch.draw_svg(run.summary, layout),
+            launch_draw_svg(run.summary, layout),
             "True error and error bound against touches, robot time and compute time, and where "
             "the processor's time went",
             fit,
@@ -330,7 +339,7 @@ def _reproduce(run: RunFacts, _: int) -> Html:
     told = {"palpate": run.summary["palpate"], "seed": seed, "mesh_sha256": mesh}
     yield '<dl class="facts">'
     yield from (f"<dt>{key}</dt><dd>{escape(str(one))}</dd>" for key, one in told.items() if one)
-    yield f"<dt>versions</dt><dd>{escape(launch.versions_text())}</dd></dl>"
+    yield f"<dt>versions</dt><dd>{escape(versions_text())}</dd></dl>"
     for name, text in run.files.items():
         yield f"<details><summary>{name}</summary><pre>{escape(text)}</pre></details>"
 

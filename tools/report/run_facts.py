@@ -15,15 +15,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate import launch
-from palpate.core import ROBOT_PRESETS, Floats, advanced_pose
+from palpate.core.arrays import Floats
+from palpate.core.poses import advanced_pose
+from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch import SimulatedTouch
-from palpate.launch import millimetres
-from palpate.launch.files import InputError
-from palpate.nodes import simulator, specs
+from palpate.launch.files.source_map import InputError
+from palpate.launch.launch_file import describe
+from palpate.launch.printing import millimetres
+from palpate.launch.run_directory import RECORDING, SUMMARY, read_summary, run_directory_of
+from palpate.nodes import simulator
+from palpate.nodes.specs.objects import build_shape
+from palpate.nodes.specs.sensors import build_pipeline, describe_effects
 from palpate.tools.graph_drawing import Sketch, sketch_of
 from palpate.tools.scene_text import effect_parameters
-from palpate.tools.view import Timeline, read_timeline
+from palpate.tools.view.timeline import Timeline, read_timeline
 
 MOST_LOGGED = 40  # Warnings and errors that are shown
 TRIED = 48  # Touches over which the cost of an effect is measured
@@ -75,12 +80,12 @@ def read_run(run: Path) -> RunFacts:
 
     Raises InputError if it holds no figures, or its recording is damaged or of another version.
     """
-    folder = launch.run_directory_of(run)
-    summary = launch.read_summary(folder)
+    folder = run_directory_of(run)
+    summary = read_summary(folder)
     for key, kind in SURE.items():
         if not isinstance(summary.get(key), kind):
-            raise InputError(f"{folder / launch.SUMMARY}: is of another version: no good {key!r}")
-    line = read_timeline(folder) if (folder / launch.RECORDING).is_file() else None
+            raise InputError(f"{folder / SUMMARY}: is of another version: no good {key!r}")
+    line = read_timeline(folder) if (folder / RECORDING).is_file() else None
     effects, graph = _from_launch_file(folder, line)
     return RunFacts(
         folder,
@@ -168,7 +173,7 @@ def _from_launch_file(
     if not path.is_file():
         return None, None
     try:
-        described = launch.describe(path, {}, folder)
+        described = describe(path, {}, folder)
         wirings = described.graph.wirings()
         graph = sketch_of(described.graph)
     except InputError:  # it names files or modules that are no longer there
@@ -186,8 +191,8 @@ def effect_costs(hand: simulator.Params, line: Timeline) -> Iterator[EffectCost]
     """
     if not hand.effects:
         return
-    pipeline = specs.build_pipeline(hand.sensor, hand.effects, ROBOT_PRESETS[hand.robot])
-    shape, states = specs.build_shape(hand.object), list(pipeline.begin())
+    pipeline = build_pipeline(hand.sensor, hand.effects, ROBOT_PRESETS[hand.robot])
+    shape, states = build_shape(hand.object), list(pipeline.begin())
     spent: list[list[float]] = [[] for _ in pipeline.stages]
     pick = np.linspace(0, len(line.touches) - 1, min(TRIED, len(line.touches))).astype(int)
     for number, one in enumerate(pick):
@@ -202,7 +207,7 @@ def effect_costs(hand: simulator.Params, line: Timeline) -> Iterator[EffectCost]
             spent[i].append(time.thread_time() - begun)
     listed = {
         type(effect).__name__: (name, effect_parameters(effect))
-        for name, effect in specs.describe_effects(hand.effects).items()
+        for name, effect in describe_effects(hand.effects).items()
     }
     for stage_name, seconds in zip(pipeline.names, spent, strict=True):
         name, told = listed.get(stage_name, (stage_name, ""))

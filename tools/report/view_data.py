@@ -17,12 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.core import Floats, Ints
-from palpate.launch import COLOURS, millimetres
+from palpate.core.arrays import Floats, Ints
+from palpate.launch.colours import COLOURS
+from palpate.launch.printing import millimetres
 from palpate.messages.types import Contour, ShapeModel
 from palpate.tools.report.run_facts import UNTOUCHED, Place
 from palpate.tools.surfaces import hex_colour, scale_top, vertex_scalars
-from palpate.tools.view import TRACED, Timeline
+from palpate.tools.view.timeline import TRACED, Timeline
 
 STEPS = 65535  # Of the box about everything
 SHADES = 255  # Of a scale

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core import Bools
-from palpate.launch import Scale, counted, scale, text_table
-from palpate.tools.report import REPORT, html_page
+from palpate.core.arrays import Bools
+from palpate.launch.exchange_rate import Scale, scale
+from palpate.launch.printing import counted, text_table
+from palpate.tools.report.page import REPORT, html_page
 from palpate.tools.sweep.sweep_file import Sweep
 
 # Keys of a run's record, in the order of the CSV file.

@@ -13,10 +13,16 @@ from typing import Annotated, Any, TypeVar
 
 from msgspec import Meta, Struct, field
 
-from palpate import __version__, launch
-from palpate.launch.files import InputError, SourceMapped, convert, hint, read_yaml
-from palpate.nodes.runtime import RECORDER, Wiring
-from palpate.nodes.specs import Seed
+from palpate import __version__
+from palpate.launch.demand import read_demand
+from palpate.launch.files.source_map import InputError, SourceMapped, hint
+from palpate.launch.files.yaml_file import convert, read_yaml
+from palpate.launch.graph import plain_params
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.run import Plan, check_run, plan_run
+from palpate.launch.scene import find_scene
+from palpate.nodes.runtime.node import RECORDER, Wiring
+from palpate.nodes.specs.objects import Seed
 
 MOST_RUNS = 10_000  # Of a sweep; each is checked before the first starts, which takes some 25 ms
 MOST_LETTERS = 80  # Of a run's name, before the mark that tells it from all others
@@ -51,9 +57,9 @@ class SweepRun:
     args: Settings
     settings: Settings
 
-    def plan(self, folder: Path) -> launch.Plan:
+    def plan(self, folder: Path) -> Plan:
         """The run, ready to be performed into a folder, which must be new or empty."""
-        return launch.plan_run(launch.EXPLORE, self.args, self.settings, name=self.name, out=folder)
+        return plan_run(EXPLORE, self.args, self.settings, name=self.name, out=folder)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +127,7 @@ def _checked(
 ) -> SweepRun:
     """One run; InputError if it could not be started."""
     try:
-        path = launch.find_scene(scene.value)
+        path = find_scene(scene.value)
     except InputError as error:
         raise scene.error((), str(error)) from None
     args = {"scene": SourceMapped(str(path), ""), "record": SourceMapped(record, "")}
@@ -138,7 +144,7 @@ def _checked(
     if seed is not None:
         args["seed"] = seed
     try:
-        described, wirings = launch.check_run(launch.EXPLORE, args, inner, Path("run"))
+        described, wirings = check_run(EXPLORE, args, inner, Path("run"))
     except InputError as error:
         raise InputError(_located(str(error), settings)) from None
     values = {name: value.value for name, value in settings.items()}
@@ -151,7 +157,7 @@ def _demand(name: str, value: SourceMapped) -> Settings:
     """A setting of the planner, as on the command line: ``tolerance: 0.2mm``."""
     tolerance, feature, budget = (str(value.value) if name == one else None for one in DEMANDS)
     try:
-        found = launch.read_demand(tolerance, feature, budget, None, None)
+        found = read_demand(tolerance, feature, budget, None, None)
     except InputError as error:
         raise value.error((), str(error).removeprefix("--")) from None
     return {target: SourceMapped(one.value, value.source) for target, one in found.items()}
@@ -159,7 +165,7 @@ def _demand(name: str, value: SourceMapped) -> Settings:
 
 def _located(text: str, settings: Settings) -> str:
     """A complaint with the whole combination, and never at a line of the launch file."""
-    if settings and text.startswith(str(launch.EXPLORE)):
+    if settings and text.startswith(str(EXPLORE)):
         text = f"{[*settings.values()][-1].source}: {text.partition(': ')[2]}"
     told = ", ".join(f"{name} {value.value}" for name, value in settings.items())
     return f"{text} (with {told})" if len(settings) > 1 else text
@@ -168,7 +174,7 @@ def _located(text: str, settings: Settings) -> str:
 def mark_of(wirings: tuple[Wiring, ...]) -> str:
     """What tells a run's resolved parameters from all others: 12 digits of their SHA-256."""
     nodes = [one for one in wirings if one.module != RECORDER]
-    kept = [(one.name, one.module, launch.plain_params(one.params)) for one in nodes]
+    kept = [(one.name, one.module, plain_params(one.params)) for one in nodes]
     text = json.dumps([__version__, kept], default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:MARK]
 

@@ -29,12 +29,20 @@ from typing import Any, NamedTuple, TypeAlias
 
 from msgspec.structs import replace as with_fields
 
-from palpate import __version__, launch
-from palpate.launch import RunDirectory, counted, millimetres
-from palpate.launch.files import InputError
-from palpate.launch.processes import signals_as_ctrl_c, without_main_module
-from palpate.nodes.runtime import RECORDER
-from palpate.tools.report import REPORT, write_report
+from palpate import __version__
+from palpate.launch.files.source_map import InputError
+from palpate.launch.launch_source import EXPLORE, prestart_fork_server
+from palpate.launch.printing import counted, millimetres
+from palpate.launch.processes.fork_server import signals_as_ctrl_c, without_main_module
+from palpate.launch.progress import Display
+from palpate.launch.run import Plan, perform
+from palpate.launch.run_directory import (
+    RECORDING,
+    RunDirectory,
+    RunDirectory as launch_RunDirectory,
+)
+from palpate.nodes.runtime.node import RECORDER
+from palpate.tools.report.page import REPORT, write_report
 from palpate.tools.sweep.results import FIGURES, Row, csv_text, page_text, rows_of, sweep_text
 from palpate.tools.sweep.sweep_file import Sweep, SweepRun, read_sweep
 
@@ -221,25 +229,25 @@ class Job(NamedTuple):
     """A run to be made."""
 
     run: SweepRun
-    plan: launch.Plan
+    plan: Plan
     folder: Path  # Where its files are to be, at the caller's
 
 
-def explore_into(plan: launch.Plan, folder: Path) -> Record:
+def explore_into(plan: Plan, folder: Path) -> Record:
     """Perform a run in this process into another folder than planned.
 
     Raises InputError if the folder cannot be written, or its disk is too full for a recording;
     whatever else fails is a record that says so.
     """
-    path = str(folder / launch.RECORDING)
+    path = str(folder / RECORDING)
     wirings = tuple(
         replace(one, params=with_fields(one.params, path=path)) if one.module == RECORDER else one
         for one in plan.wirings
     )
-    moved = replace(plan, folder=launch.RunDirectory(folder, linked=False), wirings=wirings)
+    moved = replace(plan, folder=launch_RunDirectory(folder, linked=False), wirings=wirings)
     began = time.thread_time()
     try:
-        done = launch.perform(moved, composed=True, display=launch.Display())
+        done = perform(moved, composed=True, display=Display())
     except InputError:
         raise
     except Exception as error:  # one run must not end all others
@@ -258,7 +266,7 @@ class LocalWorkers:
 
     def __init__(self, count: int) -> None:
         self.width = count  # So many runs at a time keep all busy
-        launch.prestart_fork_server(launch.EXPLORE)
+        prestart_fork_server(EXPLORE)
         self._busy: dict[connection.Connection, tuple[BaseProcess, Job]] = {}
 
     def begin(self, job: Job) -> None:
@@ -291,7 +299,7 @@ class LocalWorkers:
             process.join()
 
 
-def _explore_for(pipe: connection.Connection, plan: launch.Plan, folder: Path) -> None:
+def _explore_for(pipe: connection.Connection, plan: Plan, folder: Path) -> None:
     """Make a run and hand its record over."""
     try:
         found: Record | InputError = explore_into(plan, folder)
@@ -357,7 +365,7 @@ class ClusterWorkers:
         self._client.close()
 
 
-def explore_away(plan: launch.Plan) -> tuple[Record, Mapping[str, bytes]]:
+def explore_away(plan: Plan) -> tuple[Record, Mapping[str, bytes]]:
     """Perform a run on another machine: its record, and the files that it left, by name.
 
     Raises InputError as `explore_into`. Threads of one worker wait for each other.

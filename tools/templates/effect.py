@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from palpate.core import Range, check_ranges
+from palpate.core.plugins import Range, check_ranges
 from palpate.effects import Fingertip, Phase, SimulatedTouch, Stage
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.core import FACING_DOWN, ROBOT_PRESETS, Floats, pose_of
+from palpate.core.arrays import Floats
+from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch import assemble
 from palpate.effects import Effect, Fingertip, SimulatedTouch
 from palpate.shapes import Superquadric

@@ -21,7 +21,7 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.core import Range, check_ranges
+from palpate.core.plugins import Range, check_ranges
 from palpate.planning import (
     Choice,
     Height,

@@ -19,7 +19,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from palpate.core import Range, check_ranges
+from palpate.core.plugins import Range, check_ranges
 from palpate.planning import (
     Choice,
     Height,

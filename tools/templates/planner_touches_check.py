@@ -10,8 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.core.touch import Pad
-from palpate.planning import Budget, Height, Observation, ObservedSurface, Stop, Touch
-from palpate.planning import lost_slice, observation_of
+from palpate.planning import (
+    Budget,
+    Height,
+    Observation,
+    ObservedSurface,
+    Stop,
+    Touch,
+    lost_slice,
+    observation_of,
+)
 from palpate.shapes import Mesh, Superquadric
 from palpate.tools.templates.planner_touches import Template
 

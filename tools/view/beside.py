@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate.launch.processes import until_ctrl_c
+from palpate.launch.processes.fork_server import until_ctrl_c
 
 PATIENCE = 5.0  # It is killed if it takes longer to end, s
 LOOK = 0.2  # Whether it still runs is looked at this often, s

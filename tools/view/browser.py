@@ -14,14 +14,24 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.touch import Pad
-from palpate.launch import rgb
-from palpate.launch.files import uncertainties
+from palpate.launch.colours import rgb
+from palpate.launch.files.mesh_file import uncertainties
 from palpate.messages.types import ShapeModel
 from palpate.tools.surfaces import scale_top, shades, thinned
-from palpate.tools.view.drawn import LIGHT, Faces, boundary, contour_segments, growing
-from palpate.tools.view.drawn import lattice_lines, lifted, pad_body, shaded, unlit_glb
+from palpate.tools.view.drawn import (
+    LIGHT,
+    Faces,
+    boundary,
+    contour_segments,
+    growing,
+    lattice_lines,
+    lifted,
+    pad_body,
+    shaded,
+    unlit_glb,
+)
 from palpate.tools.view.timeline import Moment, Timeline, Touch
 
 Colouring = Literal["plain", "deviation", "uncertainty"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from palpate.core import Floats
+from palpate.core.arrays import Floats
 from palpate.core.touch import Pad
 from palpate.messages.types import Contour, SpaceMap
 from palpate.tools.view.timeline import Touch

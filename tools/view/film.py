@@ -17,9 +17,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats, advanced_pose
-from palpate.launch import COLOURS, counted
-from palpate.launch.files import InputError, check_new, write_new
+from palpate.core.arrays import Floats
+from palpate.core.poses import advanced_pose
+from palpate.launch.colours import COLOURS
+from palpate.launch.files.file_access import check_new, write_new
+from palpate.launch.files.source_map import InputError
+from palpate.launch.printing import counted
 from palpate.tools.surfaces import scale_top, shades, viridis
 from palpate.tools.view.picture import FINGER, TOUCHED, draw_moment, finger_mesh
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on

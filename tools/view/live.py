@@ -21,11 +21,12 @@ from typing import Any
 
 import viser
 
-from palpate.launch import RUNS, SUMMARY, find_bag
-from palpate.launch.files import InputError, as_input_errors
-from palpate.launch.processes import RunCard, find_run, running_graphs, until_ctrl_c
-from palpate.tools.bag import GraphMessages
-from palpate.tools.introspection import is_running, message_of, topics_of
+from palpate.launch.files.source_map import InputError, as_input_errors
+from palpate.launch.processes.fork_server import until_ctrl_c
+from palpate.launch.processes.registry import RunCard, find_run, running_graphs
+from palpate.launch.run_directory import RUNS, SUMMARY, find_bag
+from palpate.tools.bag.live_recording import GraphMessages
+from palpate.tools.introspection.topics import is_running, message_of, topics_of
 from palpate.tools.view.browser import NARROW, Scene
 from palpate.tools.view.panel import FORWARD, SPEEDS, Panel
 from palpate.tools.view.timeline import TYPES_DRAWN, Timeline, read_timeline

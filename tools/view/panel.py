@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import viser
 
-from palpate.core import Floats
-from palpate.launch import COLOURS
+from palpate.core.arrays import Floats
+from palpate.launch.colours import COLOURS
 from palpate.tools.surfaces import css_ramp, scale_top, viridis
 from palpate.tools.view.browser import Scale, Scene, Wishes
 from palpate.tools.view.picture import png_bytes

@@ -7,8 +7,9 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Floats, transform_points
-from palpate.launch import rgb
+from palpate.core.arrays import Floats
+from palpate.core.poses import transform_points
+from palpate.launch.colours import rgb
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
 from palpate.tools.view.timeline import Moment, Timeline
 

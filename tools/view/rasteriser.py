@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.core import Floats, Ints, geometry
+from palpate.core import geometry
+from palpate.core.arrays import Floats, Ints
 
 Pixels = NDArray[np.uint8]
 Reals = NDArray[np.float32 | np.float64]

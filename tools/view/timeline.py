@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import Floats, Ints, transform_points
+from palpate.core.arrays import Floats, Ints
+from palpate.core.poses import transform_points
 from palpate.core.touch import Pad
 from palpate.messages import types
-from palpate.nodes.specs import pad_of_info
-from palpate.tools.bag import open_decoded
+from palpate.nodes.specs.sensors import pad_of_info
+from palpate.tools.bag.decoding import open_decoded
 from palpate.tools.surfaces import TruthSurface
 
 TRACED = ("closed", "occluded")  # How a contour ends that is of use

@@ -25,8 +25,14 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.explore.planners.protocol import END_DEVIATIONS, SAME, Observation, ObservedSlice
-from palpate.core.explore.planners.protocol import SliceOutcome, first_and_last
+from palpate.core.explore.planners.protocol import (
+    END_DEVIATIONS,
+    SAME,
+    Observation,
+    ObservedSlice,
+    SliceOutcome,
+    first_and_last,
+)
 from palpate.core.explore.planners.surface import OpenArea
 from palpate.core.explore.planners.verdict import Findings, Verdict, judge
 

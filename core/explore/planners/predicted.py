@@ -16,13 +16,32 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.core.explore.planners.coverage import NEAR, ORDER, ErrorPrediction, Estimate, Span
-from palpate.core.explore.planners.coverage import estimate_error, even_heights, free_height
-from palpate.core.explore.planners.coverage import longest_first, longest_untouched, parts_needed
-from palpate.core.explore.planners.coverage import prediction_of, untouched_spans
-from palpate.core.explore.planners.protocol import ALL_REACHED, END_DEVIATIONS, Choice, Height
-from palpate.core.explore.planners.protocol import Observation, Stop, Wait, exhausted_budget
-from palpate.core.explore.planners.protocol import first_and_last
+from palpate.core.explore.planners.coverage import (
+    NEAR,
+    ORDER,
+    ErrorPrediction,
+    Estimate,
+    Span,
+    estimate_error,
+    even_heights,
+    free_height,
+    longest_first,
+    longest_untouched,
+    parts_needed,
+    prediction_of,
+    untouched_spans,
+)
+from palpate.core.explore.planners.protocol import (
+    ALL_REACHED,
+    END_DEVIATIONS,
+    Choice,
+    Height,
+    Observation,
+    Stop,
+    Wait,
+    exhausted_budget,
+    first_and_last,
+)
 from palpate.core.explore.planners.touches import LEAST_GAIN, next_touch
 from palpate.core.plugins import Range, check_ranges
 

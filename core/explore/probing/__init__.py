@@ -5,11 +5,11 @@ of the pad. It rests on plane geometry, on the places where a hand searches (gra
 depth of a plain touch (tracing).
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.explore.probing.ends import End, EndObservation, ProbeCommand, ProbeResult
-    from palpate.core.explore.probing.ends import SideContour
-    from palpate.core.explore.probing.rule import next_probe
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.explore.probing.ends import (
+    End,
+    EndObservation,
+    ProbeCommand,
+    ProbeResult,
+    SideContour,
+)
+from palpate.core.explore.probing.rule import next_probe

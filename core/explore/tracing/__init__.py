@@ -5,12 +5,19 @@ each chapter, in widths of the pad, and may be tuned. It rests on `palpate.core.
 tracer calls `next_command` and `after_touch`.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.explore.tracing.contour_path import TOUCH_DEPTH, Gap, SliceArc, SliceSpec
-    from palpate.core.explore.tracing.contour_path import TouchCommand, arc_in_slice, deepest_point
-    from palpate.core.explore.tracing.contour_trace import Trace, TraceGoal, TraceStatus
-    from palpate.core.explore.tracing.contour_trace import after_touch, next_command
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.explore.tracing.contour_path import (
+    TOUCH_DEPTH,
+    Gap,
+    SliceArc,
+    SliceSpec,
+    TouchCommand,
+    arc_in_slice,
+    deepest_point,
+)
+from palpate.core.explore.tracing.contour_trace import (
+    Trace,
+    TraceGoal,
+    TraceStatus,
+    after_touch,
+    next_command,
+)

@@ -18,13 +18,33 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.contour_path import DEEP_TOUCH_DEPTH, UPRIGHT, Gap, GapReason
-from palpate.core.explore.tracing.contour_path import Heading, Path, Posture, Procedure, SliceArc
-from palpate.core.explore.tracing.contour_path import SliceSpec, TouchCommand, heading_at_end
-from palpate.core.explore.tracing.contour_path import normal_azimuth, path_of, resume
-from palpate.core.explore.tracing.contour_path import travel_direction, winding
-from palpate.core.explore.tracing.search import FirstArc, NoArc, Target, approach_from, search_arc
-from palpate.core.explore.tracing.search import search_first_arc
+from palpate.core.explore.tracing.contour_path import (
+    DEEP_TOUCH_DEPTH,
+    UPRIGHT,
+    Gap,
+    GapReason,
+    Heading,
+    Path,
+    Posture,
+    Procedure,
+    SliceArc,
+    SliceSpec,
+    TouchCommand,
+    heading_at_end,
+    normal_azimuth,
+    path_of,
+    resume,
+    travel_direction,
+    winding,
+)
+from palpate.core.explore.tracing.search import (
+    FirstArc,
+    NoArc,
+    Target,
+    approach_from,
+    search_arc,
+    search_first_arc,
+)
 from palpate.core.touch import Pad
 
 # How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object

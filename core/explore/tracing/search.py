@@ -13,8 +13,16 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore.tracing.contour_path import DEEP_TOUCH_DEPTH, MOST_TILT, UPRIGHT, Posture
-from palpate.core.explore.tracing.contour_path import Procedure, SliceArc, SliceSpec, TouchCommand
+from palpate.core.explore.tracing.contour_path import (
+    DEEP_TOUCH_DEPTH,
+    MOST_TILT,
+    UPRIGHT,
+    Posture,
+    Procedure,
+    SliceArc,
+    SliceSpec,
+    TouchCommand,
+)
 
 # Directions from which the object is approached, rad: until one succeeds.
 AZIMUTHS = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())

@@ -6,24 +6,45 @@ tuned: they are in standard deviations, or shares of a perimeter or radius. It r
 geometry and closed curves of `palpate.core.splines`; nothing here knows of surfaces.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.contours.contacts import ContactPoints, checked_contacts
-    from palpate.core.rebuild.contours.contacts import contact_points_of, contacts_into_frame
-    from palpate.core.rebuild.contours.contacts import into_frame, normals_as_points, slicing_pose
-    from palpate.core.rebuild.contours.contacts import stack_points, taxel_pitch
-    from palpate.core.rebuild.contours.curves import CUBIC_GAIN, ContourCurve, DroppedContour
-    from palpate.core.rebuild.contours.curves import are_nearly_star_shaped, are_star_shaped
-    from palpate.core.rebuild.contours.curves import contour_curves, drop_reasons, quadric_terms
-    from palpate.core.rebuild.contours.curves import refitted_curve
-    from palpate.core.rebuild.contours.ordering import order_points
-    from palpate.core.rebuild.contours.outliers import FeatureCandidate, inconsistent_contours
-    from palpate.core.rebuild.contours.outliers import look_like_features, neighbour_misfits
-    from palpate.core.rebuild.contours.outliers import point_outliers
-    from palpate.core.rebuild.contours.prediction import interpolation_errors, neighbour_weights
-    from palpate.core.rebuild.contours.prediction import slid_grid
-    from palpate.core.rebuild.contours.slices import Correspondence, Slices, match_slices, restack
-    from palpate.core.rebuild.contours.slices import stack_curves
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.contours.contacts import (
+    ContactPoints,
+    checked_contacts,
+    contact_points_of,
+    contacts_into_frame,
+    into_frame,
+    normals_as_points,
+    slicing_pose,
+    stack_points,
+    taxel_pitch,
+)
+from palpate.core.rebuild.contours.curves import (
+    CUBIC_GAIN,
+    ContourCurve,
+    DroppedContour,
+    are_nearly_star_shaped,
+    are_star_shaped,
+    contour_curves,
+    drop_reasons,
+    quadric_terms,
+    refitted_curve,
+)
+from palpate.core.rebuild.contours.ordering import order_points
+from palpate.core.rebuild.contours.outliers import (
+    FeatureCandidate,
+    inconsistent_contours,
+    look_like_features,
+    neighbour_misfits,
+    point_outliers,
+)
+from palpate.core.rebuild.contours.prediction import (
+    interpolation_errors,
+    neighbour_weights,
+    slid_grid,
+)
+from palpate.core.rebuild.contours.slices import (
+    Correspondence,
+    Slices,
+    match_slices,
+    restack,
+    stack_curves,
+)

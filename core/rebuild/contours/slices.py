@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 
 from palpate.core import geometry
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.rebuild.contours.curves import ContourCurve, DroppedContour, DropReason
-from palpate.core.rebuild.contours.curves import chord_places, curve_places, drop_reasons
+from palpate.core.rebuild.contours.curves import (
+    ContourCurve,
+    DroppedContour,
+    DropReason,
+    chord_places,
+    curve_places,
+    drop_reasons,
+)
 from palpate.core.rebuild.contours.prediction import neighbour_weights
 from palpate.core.splines import ClosedCurve
 from palpate.reprs import readable

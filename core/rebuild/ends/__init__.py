@@ -5,14 +5,15 @@ Families may be added in `profiles` and offered in `closing`; thresholds are sha
 deviations. It rests on contact points and the radial spline, told where slices are level.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.ends.closing import End, close_ends
-    from palpate.core.rebuild.ends.profiles import ProfileCurve, Relief, StraightCurve
-    from palpate.core.rebuild.ends.profiles import profile_curves
-    from palpate.core.rebuild.ends.relief import end_ways, with_relief
-    from palpate.core.rebuild.ends.touched import Shear, end_from_contacts, levelled, on_end
-    from palpate.core.rebuild.ends.touched import only_given, shear_between, touched_end
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.ends.closing import End, close_ends
+from palpate.core.rebuild.ends.profiles import ProfileCurve, Relief, StraightCurve, profile_curves
+from palpate.core.rebuild.ends.relief import end_ways, with_relief
+from palpate.core.rebuild.ends.touched import (
+    Shear,
+    end_from_contacts,
+    levelled,
+    on_end,
+    only_given,
+    shear_between,
+    touched_end,
+)

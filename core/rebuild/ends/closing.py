@@ -19,9 +19,22 @@ import numpy as np
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.contours import are_nearly_star_shaped
-from palpate.core.rebuild.ends.profiles import ROWS, SHOULDER_CONTOURS, EdgeSamples, Flat, Profile
-from palpate.core.rebuild.ends.profiles import Relief, Trend, conic, flared, flat, rounded
-from palpate.core.rebuild.ends.profiles import shoulder_misfits, superellipse, trend_of
+from palpate.core.rebuild.ends.profiles import (
+    ROWS,
+    SHOULDER_CONTOURS,
+    EdgeSamples,
+    Flat,
+    Profile,
+    Relief,
+    Trend,
+    conic,
+    flared,
+    flat,
+    rounded,
+    shoulder_misfits,
+    superellipse,
+    trend_of,
+)
 
 EndKind = Literal["flat", "conic", "superellipse", "flared", "rounded", "pole", "fan"]
 LEAN_CONTOURS = 3  # Contours whose middles tell which way the axis leans

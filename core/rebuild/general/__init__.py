@@ -5,12 +5,13 @@ over a narrow band of cells, whose control values are a lattice. Weights and siz
 tuned. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.general.orientation import Orientation, oriented
-    from palpate.core.rebuild.general.rebuilding import fitting_cell, is_flat, rebuild_general
-    from palpate.core.rebuild.general.solid import FEW_FOLDS, FINE, FOLDS, GeneralSolid
-    from palpate.core.rebuild.general.solid import touch_distances, touch_squares
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.general.orientation import Orientation, oriented
+from palpate.core.rebuild.general.rebuilding import fitting_cell, is_flat, rebuild_general
+from palpate.core.rebuild.general.solid import (
+    FEW_FOLDS,
+    FINE,
+    FOLDS,
+    GeneralSolid,
+    touch_distances,
+    touch_squares,
+)

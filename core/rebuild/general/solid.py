@@ -27,8 +27,14 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import SHARP, nearest_points, nearest_search, self_intersection
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
-from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, Weights
-from palpate.core.rebuild.general.fitting import fit_implicit, refit_locally
+from palpate.core.rebuild.general.fitting import (
+    Fitted,
+    ImplicitFit,
+    TouchedPoints,
+    Weights,
+    fit_implicit,
+    refit_locally,
+)
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.protocol import Closest, Solid
 from palpate.core.shapes import Mesh, grid_surface

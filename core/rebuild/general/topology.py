@@ -16,8 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfftn, next_fast_len, rfftn
-from scipy.ndimage import binary_fill_holes, distance_transform_edt, gaussian_filter, label
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import (
+    binary_fill_holes,
+    distance_transform_edt,
+    gaussian_filter,
+    label,
+    map_coordinates,
+)
 from scipy.sparse import csr_matrix
 from scipy.spatial import ConvexHull, QhullError
 

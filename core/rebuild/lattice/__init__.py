@@ -7,10 +7,11 @@ follow their formulas. It rests on volumes of `palpate.core.splines`, on the lof
 on a recovered superquadric as prior.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.lattice.fit import LatticeFit, LatticeGrid, LatticeSide, fit_lattice
-    from palpate.core.rebuild.lattice.fit import lattice_grid, refine_lattice
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.lattice.fit import (
+    LatticeFit,
+    LatticeGrid,
+    LatticeSide,
+    fit_lattice,
+    lattice_grid,
+    refine_lattice,
+)

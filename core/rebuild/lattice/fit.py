@@ -21,9 +21,17 @@ from scipy.sparse.linalg import lsmr
 
 from palpate.core import splines
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.lattice.section import Layers, Section, SectionFill, SectionSystem
-from palpate.core.rebuild.lattice.section import fit_section, layers_of, section_matrix
-from palpate.core.rebuild.lattice.section import section_system, solve_section
+from palpate.core.rebuild.lattice.section import (
+    Layers,
+    Section,
+    SectionFill,
+    SectionSystem,
+    fit_section,
+    layers_of,
+    section_matrix,
+    section_system,
+    solve_section,
+)
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import ContourSurface
 from palpate.reprs import readable

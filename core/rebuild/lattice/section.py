@@ -23,8 +23,14 @@ from scipy.sparse import csr_array, vstack
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import ContourSurface
-from palpate.core.splines import CUBIC, Basis, Parallelepiped, PeriodicBasis, clamped_basis
-from palpate.core.splines import insert_knots
+from palpate.core.splines import (
+    CUBIC,
+    Basis,
+    Parallelepiped,
+    PeriodicBasis,
+    clamped_basis,
+    insert_knots,
+)
 
 ENOUGH = 1e-6  # Of the height between the ends: how closely heights are followed
 MOST_LAYERS = 400

@@ -5,11 +5,6 @@ thresholds of warnings may be tuned; distances and derivatives are closed forms.
 `palpate.core.shapes` and the batched least squares of core; it knows no contours.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.recovery.distances import Warps, distances_alone, normal_distances
-    from palpate.core.rebuild.recovery.fitting import recover
-    from palpate.core.rebuild.recovery.report import Recovery
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.recovery.distances import Warps, distances_alone, normal_distances
+from palpate.core.rebuild.recovery.fitting import recover
+from palpate.core.rebuild.recovery.report import Recovery

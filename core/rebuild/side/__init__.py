@@ -6,16 +6,19 @@ its numbers of spans and coefficients and strengths of bending may be tuned: the
 on the shipped scenes. Both rest on `palpate.core.rebuild.contours` and on `palpate.core.splines`.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.side.equations import AxisCurve, fit_axis_curve, looks_inward
-    from palpate.core.rebuild.side.lofting import ContourLoft, Uncertainty, fit_contour_loft
-    from palpate.core.rebuild.side.lofting import noise_of
-    from palpate.core.rebuild.side.radial import POSE_LEFT, Coverage, RadialFit, RadialSpline
-    from palpate.core.rebuild.side.radial import bridged, coverage_of, fit_draft, fit_radial_spline
-    from palpate.core.rebuild.side.radial import radial_fit, with_normals
-    from palpate.core.rebuild.side.shifts import fit_shifted_spline
-    from palpate.core.rebuild.side.surfaces import ContourSurface, SidePatch
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.side.equations import AxisCurve, fit_axis_curve, looks_inward
+from palpate.core.rebuild.side.lofting import ContourLoft, Uncertainty, fit_contour_loft, noise_of
+from palpate.core.rebuild.side.radial import (
+    POSE_LEFT,
+    Coverage,
+    RadialFit,
+    RadialSpline,
+    bridged,
+    coverage_of,
+    fit_draft,
+    fit_radial_spline,
+    radial_fit,
+    with_normals,
+)
+from palpate.core.rebuild.side.shifts import fit_shifted_spline
+from palpate.core.rebuild.side.surfaces import ContourSurface, SidePatch

@@ -12,10 +12,19 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import area_centroids
-from palpate.core.rebuild.side.smoothing import Smoothed, SmoothingAxis, bending_along
-from palpate.core.rebuild.side.smoothing import bending_around, smooth, smoothing_axis
-from palpate.core.rebuild.side.surfaces import AxialParameter, basis_along
-from palpate.core.rebuild.side.surfaces import reparametrisation_through
+from palpate.core.rebuild.side.smoothing import (
+    Smoothed,
+    SmoothingAxis,
+    bending_along,
+    bending_around,
+    smooth,
+    smoothing_axis,
+)
+from palpate.core.rebuild.side.surfaces import (
+    AxialParameter,
+    basis_along,
+    reparametrisation_through,
+)
 from palpate.core.splines import Basis, PeriodicBasis
 
 MOST_AROUND = 128  # Coefficients around

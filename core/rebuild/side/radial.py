@@ -21,8 +21,14 @@ from scipy.spatial.distance import cdist
 
 from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.rebuild.contours import ContactPoints, taxel_pitch
-from palpate.core.rebuild.side.equations import AxisCurve, SideEquations, SideSystem, side_equations
-from palpate.core.rebuild.side.equations import side_system, tensor_rows
+from palpate.core.rebuild.side.equations import (
+    AxisCurve,
+    SideEquations,
+    SideSystem,
+    side_equations,
+    side_system,
+    tensor_rows,
+)
 from palpate.core.rebuild.side.lofting import SAFE_MOST, SAFE_RMS, Uncertainty
 from palpate.core.rebuild.side.smoothing import bending_along
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis

@@ -14,8 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Floats, finite_array
-from palpate.core.splines import CUBIC, Basis, averaged_knots, evaluate_grid, evaluate_scattered
-from palpate.core.splines import wound_basis
+from palpate.core.splines import (
+    CUBIC,
+    Basis,
+    averaged_knots,
+    evaluate_grid,
+    evaluate_scattered,
+    wound_basis,
+)
 
 MOST_SITES = 128  # Coefficients along the axis; of more contours some share a knot interval
 

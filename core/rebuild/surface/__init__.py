@@ -5,13 +5,22 @@ the one method of `Patch`; tolerances of meshes and searches are named on top of
 It rests on `palpate.core.rebuild.ends` for what closes a side, and on `palpate.core.geometry`.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.rebuild.surface.closed import EndPatch, Patch, SampledPatch
-    from palpate.core.rebuild.surface.closed import Surface, close_surface, closed_surface
-    from palpate.core.rebuild.surface.closed import measure_surface, placed, sampled_patch
-    from palpate.core.rebuild.surface.meshing import DEFAULT_TOLERANCE, SurfaceMesh, SurfaceSearch
-    from palpate.core.rebuild.surface.meshing import grid_mesh, mesh_surface, search_surface
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.rebuild.surface.closed import (
+    EndPatch,
+    Patch,
+    SampledPatch,
+    Surface,
+    close_surface,
+    closed_surface,
+    measure_surface,
+    placed,
+    sampled_patch,
+)
+from palpate.core.rebuild.surface.meshing import (
+    DEFAULT_TOLERANCE,
+    SurfaceMesh,
+    SurfaceSearch,
+    grid_mesh,
+    mesh_surface,
+    search_surface,
+)

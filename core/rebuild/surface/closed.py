@@ -22,8 +22,14 @@ from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import area_centroid, kernel_point, signed_area
 from palpate.core.poses import split_pose, transform_points
 from palpate.core.rebuild.contours import are_star_shaped
-from palpate.core.rebuild.ends import End, ProfileCurve, Relief, Shear, StraightCurve
-from palpate.core.rebuild.ends import profile_curves
+from palpate.core.rebuild.ends import (
+    End,
+    ProfileCurve,
+    Relief,
+    Shear,
+    StraightCurve,
+    profile_curves,
+)
 from palpate.core.shapes import MassMoments
 from palpate.reprs import readable
 

@@ -6,9 +6,4 @@ them, or name a class of your own as ``module:Class``. It rests on `palpate.core
 file of effects imports another.
 """
 
-from palpate.rooms import TYPE_CHECKING, lazy
-
-if TYPE_CHECKING:
-    from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
-else:
-    __getattr__, __dir__ = lazy(__name__)
+from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank

@@ -3,8 +3,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import IDENTITY_POSE, pose_of, transform_points

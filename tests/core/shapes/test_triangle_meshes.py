@@ -5,8 +5,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
 from palpate.core.shapes.tessellations import icosphere

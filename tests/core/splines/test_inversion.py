@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.core.splines.bases import Basis, averaged_knots, clamped_basis, uniform_knots
 from palpate.core.splines.inversion import (

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry.polygons import edge_distance, signed_area, turn_between, winding_number

@@ -53,7 +53,7 @@ zmq.Context.__init__ = lambda self, *a, **k: (opened.append(self), made(self, *a
 from palpate.launch.launch_source import named_modules
 from palpate.launch.launch_source import EXPLORE
 from palpate.launch.processes.fork_server import preloaded_modules
-from palpate.nodes.runtime.preloading import preload
+from palpate.preloading import preload
 names = preloaded_modules(named_modules(EXPLORE))
 preload(names)
 print([name for name in names if name not in sys.modules])
@@ -80,7 +80,7 @@ def test_what_is_preloaded_for_exploring_has_no_socket_no_thread_and_no_effect(m
 
 BROKEN = """
 import sys
-from palpate.nodes.runtime.preloading import preload
+from palpate.preloading import preload
 preload(["palpate.nodes.nothing", "", "palpate.nodes.filter"])
 print("palpate.nodes.filter" in sys.modules)
 """
@@ -111,7 +111,7 @@ def test_modules_where_palpate_is_started_do_not_hide_those_of_nodes(tmp_path):
 
 DRAWN = """
 import os
-from palpate.nodes.runtime.preloading import preload
+from palpate.preloading import preload
 preload(["numpy.random"])
 import numpy
 drawn = []

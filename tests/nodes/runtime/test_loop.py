@@ -116,7 +116,7 @@ def test_a_node_that_acts_tells_again_its_end_and_handles_nothing_after_a_stop(
 
 PRELOADED = """
 import sys
-from palpate.nodes.runtime.preloading import preload
+from palpate.preloading import preload
 import palpate.nodes.tracer
 late = "palpate.core.explore.tracing.contour_trace"
 print(late in sys.modules)
@@ -172,7 +172,7 @@ def test_who_is_busy_for_long_answers_those_who_ask_and_gives_signs_of_life(
 
 UNUSED = """
 import sys
-from palpate.nodes.runtime.preloading import import_when_used, preload
+from palpate.preloading import import_when_used, preload
 preload([])
 import scipy.sparse
 import numpy

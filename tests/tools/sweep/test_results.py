@@ -5,8 +5,7 @@ import io
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.tools.sweep import pareto_front, read_sweep
 from palpate.tools.sweep.results import (

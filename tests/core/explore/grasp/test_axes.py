@@ -3,8 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from palpate.core.explore.grasp.axes import LEAST, end_face_axis, extrusion_axis, revolution_axis
-from palpate.core.explore.grasp.axes import ROUND as NEAR
+from palpate.core.explore.grasp.axes import (
+    LEAST,
+    ROUND as NEAR,
+    end_face_axis,
+    extrusion_axis,
+    revolution_axis,
+)
 from palpate.core.poses import rotations_from_vectors
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.core.explore.planners.fuzzy import BEND, CHANGE, RULES, STEP, WORDS, Fuzzy, truths
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from palpate.core.explore.planners.coverage import error_indicators, hermite, profile_of
 from palpate.core.explore.planners.predicted import Predicted

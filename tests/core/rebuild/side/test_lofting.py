@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.side.lofting import ContourLoft, fit_contour_loft, local_outliers

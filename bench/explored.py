@@ -1,0 +1,98 @@
+"""The objects that are explored to measure it, each as a scene tells it or as a radius.
+
+Add an object at the end of the table; one that is held out must have no say in any number of
+palpate. They are about 90 mm high, and star-shaped in every slice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from palpate.bench.radii import HELD_OUT
+from palpate.core import shapes
+from palpate.core.arrays import Floats
+from palpate.core.explore.planners import TUNED
+from palpate.core.geometry import close_rings
+
+Radius = Callable[[Floats, Floats], Floats]  # Distance from the axis, by height and azimuth
+# What is explored: as a scene describes it, or by its radius, heights from 0 to 1 and both over
+# the object's height, or by its mesh in m; each stands on z = 0.
+ExploreObject = Mapping[str, Any] | Radius | shapes.Mesh
+EXPLORED_HEIGHT = 0.09  # Of every object that is given by its radius, m
+ROUNDING = 4e-3 / EXPLORED_HEIGHT  # Radius where a side meets a flat end, over the height
+BLUNT = 2.0  # Roundings: an end that is narrower comes to a point by itself, and is not rounded
+RINGS, TURNS = 400, 288  # Of a mesh: its facets are off by 2 um, a tenth of what a touch tells
+
+
+def radial_rings(radii: Floats, heights: Floats, angles: Floats) -> Floats:
+    """Points (m, n, 3) at radii about the z axis, at heights (m,) and azimuths (n,)."""
+    radii = np.broadcast_to(radii, (len(heights), len(angles)))
+    level = np.broadcast_to(heights[:, None], radii.shape)
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), level], axis=-1)
+
+
+def closed_mesh(
+    rings: Floats, low: Floats | None = None, high: Floats | None = None
+) -> shapes.Mesh:
+    """A mesh of rings (m, n, 3), closed towards two places, else the middles of its ends."""
+    low = rings[0].mean(axis=0) if low is None else low
+    return shapes.Mesh(*close_rings(low, rings, rings[-1].mean(axis=0) if high is None else high))
+
+
+def mesh_of_radius(radius: Radius) -> shapes.Mesh:
+    """The solid within a radius, standing on z = 0 with flat or pointed ends, m."""
+    # Closer together towards the ends, where a rounding or a pole bends most.
+    z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, RINGS))
+    t = 2.0 * np.pi * np.arange(TURNS) / TURNS
+    wide = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
+    rings = radial_rings(wide, EXPLORED_HEIGHT * z, t)
+    return closed_mesh(rings, np.zeros(3), np.array([0.0, 0.0, EXPLORED_HEIGHT]))
+
+
+def rounded(radius: Radius) -> Radius:
+    """The same with its flat ends rounded off."""
+    turns = np.linspace(0.0, 2.0 * np.pi, TURNS)
+    wide = {end: float(np.min(radius(np.array(end), turns))) for end in (0.0, 1.0)}
+    ends = [end for end, width in wide.items() if width > BLUNT * ROUNDING]
+
+    def shape(z: Floats, t: Floats) -> Floats:
+        found = radius(z, t)
+        for end in ends:
+            inside = np.clip(1.0 - np.abs(z - end) / ROUNDING, 0.0, 1.0)
+            found = found - ROUNDING * (1.0 - np.sqrt(1.0 - inside**2))
+        return np.asarray(found)
+
+    return shape
+
+
+def described(x: float, y: float, z: float, e1: float, e2: float, **more: Any) -> dict[str, Any]:
+    """A tapered or bent superquadric that stands on z = 0, as a scene describes it."""
+    described = {"size": [x, y, z], "exponents": [e1, e2], **more}
+    return {"superquadric": described, "pose": {"position": [0.0, 0.0, z]}}
+
+
+LATTICE: Mapping[str, Any] = {
+    **described(0.029, 0.025, 0.045, 0.4, 0.8),
+    "lattice": [
+        *({"scale": 0.8}, {"scale": 1.15}, {"scale": 1.25, "shift": [0.002, 0.0]}),
+        *({"scale": 0.8, "turn": 10.0}, {"scale": 0.75, "turn": 15.0}, {"turn": 15.0}),
+    ],
+}
+EXPLORED_OBJECTS: Mapping[str, ExploreObject] = {
+    "sphere": described(0.045, 0.045, 0.045, 1.0, 1.0),
+    "ellipsoid": described(0.036, 0.029, 0.045, 1.0, 1.0),
+    "cylinder": described(0.028, 0.028, 0.045, 0.1, 1.0),
+    "box": described(0.03, 0.022, 0.045, 0.2, 0.2),
+    "egg": described(0.032, 0.032, 0.045, 1.0, 1.0, taper=[-0.2, -0.2]),
+    "tapered and bent": described(0.028, 0.022, 0.045, 0.5, 0.7, taper=[0.3, 0.3], bend=5.0),
+    "cone": rounded(lambda z, t: 0.36 - 0.2 * z + 0.0 * t),
+    **{name: rounded(TUNED[name]) for name in ("bottle", "vase", "pear", "groove")},
+    "step": rounded(TUNED["stepped"]),
+    "twist": rounded(TUNED["twisted"]),
+    **{name: rounded(TUNED[name]) for name in ("star", "hourglass")},
+    "lattice": LATTICE,
+    **{name: rounded(HELD_OUT[name]) for name in ("goblet", "potato")},
+}

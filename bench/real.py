@@ -1,0 +1,311 @@
+"""Real objects: a folder of meshes explored with noise, each run measured twice and kept.
+
+Beside our own distances stand those of trimesh, from fewer samples. *Covered* is the share of the
+true surface within 5 mm of a touched point. A share of the size (the largest extent) is reached at
+the first model of which the run states that its error is below it. A
+picture shows each surface coloured by how far it is from the other.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+from trimesh import proximity
+
+from palpate.bench.accuracy.runs import check_sources, sources_digest
+from palpate.bench.harness import NOISY, Demand, Explored, explore_object
+from palpate.bench.results import read_form, write_form
+from palpate.bench.table import Figure, figure_of
+from palpate.core.arrays import Floats
+from palpate.core.geometry import areas_and_normals, nearest_points, nearest_search, sample_surface
+from palpate.core.shapes import Mesh
+from palpate.launch.files.mesh_file import read_mesh
+from palpate.launch.files.source_map import InputError
+
+FORM, VERSION = "palpate real", 1
+FOLDER, FILE = "bench-real", "runs.json"
+SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
+SHARES = (0.01, 0.005, 0.002)  # Of the size
+SEEDS, QUICK_SEEDS = 5, 1
+INDEPENDENT, AT_ONCE = 400, 10  # Samples for trimesh, and of these at a time
+LINE = "{:<24}{:>5}{:>9}{:>9}{:>9}{:>9}{:>8}{:>8}{:>7}{:>16}{:>8}{:>8}  {}"
+SAMPLES = 20_000  # Places on each surface
+NEAR = 5e-3  # Of a touched point, m
+VIEWS = ((20.0, 35.0), (20.0, 215.0), (75.0, 35.0), (-60.0, 35.0))  # Elevation, azimuth, degrees
+LEAST, MOST = 0.01, 5.0  # Ends of the colours, mm
+
+
+class RealRun(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One exploration of a mesh; lengths in m, times in s."""
+
+    object: str  # Name of the file
+    seed: int
+    size_m: float  # Largest extent
+    rms_m: float = 0.0  # Our own distance, of the last model
+    independent_rms_m: float = 0.0  # The same by trimesh
+    touched_rms_m: float = 0.0  # Of places within 5 mm of a touched point
+    sampling_floor_m: float = 0.0
+    bound_m: float | None = None  # What the run states of its error
+    met: bool | None = None  # Whether it states that its tolerance was met
+    covered: float = 0.0  # Share of the true surface
+    open_share: float | None = None  # Of the surface, as the run states it
+    under_share: float | None = None
+    genus: int = -1
+    true_genus: int = -1
+    touches: int = 0
+    reached: tuple[int | None, ...] = (None,) * len(SHARES)  # Touches at each share of the size
+    robot_time_s: float = 0.0
+    compute_s: float = 0.0
+    reason: str = ""
+    failed: str = ""  # Why there is no model, if there is none
+
+    @property
+    def held(self) -> bool:
+        """Whether the error is below what was stated."""
+        return self.bound_m is not None and self.rms_m <= self.bound_m
+
+
+class RealRuns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All runs of a file."""
+
+    form: str
+    version: int
+    sources: str  # Digest of the palpate that explored
+    runs: tuple[RealRun, ...] = ()
+
+
+class RealFigures(msgspec.Struct, frozen=True):
+    """A line of the table."""
+
+    run: RealRun
+
+    @property
+    def name(self) -> str:
+        """Of object and seed."""
+        return f"{self.run.object} {self.run.seed}"
+
+    @property
+    def figures(self) -> Sequence[Figure]:
+        """What is compared with another measurement."""
+        run = self.run
+        return (
+            figure_of(1e3 * run.rms_m, "mm", name="rms"),
+            figure_of(1e3 * (run.bound_m or 0.0), "mm", name="bound"),
+            figure_of(run.touches, name="touches"),
+        )
+
+    @property
+    def holds(self) -> bool:
+        """Whether what the run states is true."""
+        return self.run.bound_m is None or self.run.held or not self.run.met
+
+    def __str__(self) -> str:
+        run = self.run
+        if run.failed:
+            return f"{run.object:<24}{run.seed:>5}  no model: {run.failed}"
+        reached = "/".join("-" if one is None else str(one) for one in run.reached)
+        stated = "none" if run.bound_m is None else f"{1e3 * run.bound_m:.3f}"
+        lengths = (run.rms_m, run.independent_rms_m, run.touched_rms_m)
+        return LINE.format(
+            run.object,
+            run.seed,
+            *(f"{1e3 * one:.3f}" for one in lengths),
+            stated,
+            f"{run.covered:.1%}",
+            "none" if run.open_share is None else f"{run.open_share:.1%}",
+            f"{run.genus}/{run.true_genus}",
+            reached,
+            run.touches,
+            f"{run.robot_time_s:.0f} s",
+            "met" if run.met else "not met",
+        )
+
+
+def real_rows(
+    quick: bool, *, meshes: Path | None = None, sheet: Path | None = None
+) -> Iterator[RealFigures | str]:
+    """Explore every mesh of the folder that ``--meshes`` names, with several seeds.
+
+    What is there already is not made again. Raises InputError if there is no folder, or no mesh in
+    it.
+    """
+    if meshes is None:
+        raise InputError("real explores the meshes of a folder: name it with --meshes DIR")
+    paths = sorted(one for one in meshes.glob("*") if one.suffix.lower() in SUFFIXES)
+    if not paths:
+        raise InputError(f"--meshes: {meshes} holds no mesh ({', '.join(SUFFIXES)})")
+    folder = sheet or Path(FOLDER)
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = _kept(folder / FILE)
+    yield "lengths in mm; touches at 1 %, 0.5 % and 0.2 % of the size, as far as stated"
+    heads = ("object", "seed", "rms", "trimesh", "touched", "bound", "covered", "open", "genus")
+    yield LINE.format(*heads, "touches at", "in all", "robot", "")
+    for path in paths:
+        for seed in range(QUICK_SEEDS if quick else SEEDS):
+            known = [one for one in kept.runs if (one.object, one.seed) == (path.name, seed)]
+            if not known:
+                known = [_run(path, seed, folder)]
+                kept = msgspec.structs.replace(kept, runs=(*kept.runs, *known))
+                write_form(folder / FILE, kept)
+            yield RealFigures(known[0])
+    yield from _summary(kept.runs)
+
+
+def _kept(path: Path) -> RealRuns:
+    if not path.exists():
+        return RealRuns(FORM, VERSION, sources_digest())
+    found: RealRuns = read_form(path, FORM, VERSION, RealRuns)
+    check_sources(path, found.sources)
+    return found
+
+
+def _run(path: Path, seed: int, folder: Path) -> RealRun:
+    vertices, faces, _ = read_mesh(path)
+    size = float(np.ptp(vertices, axis=0).max())
+    begun = time.process_time()
+    nothing = RealRun(path.name, seed, size)
+    try:
+        found = explore_object(
+            Mesh(vertices, faces),
+            NOISY,
+            Demand(planner="touches", tolerance=SHARES[-1] * size, feature=None),
+            seed=seed,
+        )
+    except RuntimeError as error:
+        return msgspec.structs.replace(nothing, failed=str(error)[:300])
+    compute = time.process_time() - begun
+    last, truth = found.models[-1], found.truth
+    if not len(last.faces):
+        return msgspec.structs.replace(nothing, failed=found.done.reason, touches=found.touches)
+    solid = trimesh.Trimesh(last.vertices, last.faces, process=False)
+    real = trimesh.Trimesh(truth.vertices, truth.faces, process=False)
+    picture = draw_run(found, folder / f"{path.stem}-{seed}.png", f"{path.stem}, seed {seed}")
+    return msgspec.structs.replace(
+        nothing,
+        rms_m=found.score.rms,
+        independent_rms_m=_independent(solid, real),
+        touched_rms_m=picture.touched_rms,
+        sampling_floor_m=found.score.sampling_floor,
+        bound_m=found.done.rms_bound_95,
+        met=found.done.reached,
+        covered=picture.covered,
+        open_share=found.done.open_share,
+        under_share=found.done.under_share,
+        genus=found.score.genus,
+        true_genus=int(1 - real.euler_number // 2),
+        touches=found.touches,
+        reached=_reached(found, size),
+        robot_time_s=found.done.robot_time,
+        compute_s=compute,
+        reason=found.done.reason,
+    )
+
+
+def _reached(found: Explored, size: float) -> tuple[int | None, ...]:
+    """Touches of the first model whose stated error is below each share of the size."""
+    stated = [one for one in found.estimates if one.rms_bound_95 is not None]
+    return tuple(
+        next((one.touches for one in stated if (one.rms_bound_95 or 0.0) <= share * size), None)
+        for share in SHARES
+    )
+
+
+def _independent(solid: trimesh.Trimesh, real: trimesh.Trimesh) -> float:
+    """Root mean square distance over both ways, of fewer samples and by trimesh."""
+    squares = []
+    nearest: Callable[..., Any] = vars(proximity)["closest_point_naive"]  # it has no types
+    for source, target in ((solid, real), (real, solid)):
+        points = np.asarray(trimesh.sample.sample_surface(source, INDEPENDENT, seed=0)[0])
+        for part in np.array_split(points, len(points) // AT_ONCE):
+            _, distances, _ = nearest(target, part)
+            squares.append(distances**2)
+    return float(np.sqrt(np.concatenate(squares).mean()))
+
+
+def _summary(runs: Sequence[RealRun]) -> Iterator[str]:
+    """In how many runs what was stated is true."""
+    stated = [one for one in runs if one.bound_m is not None]
+    if not stated:
+        return
+    held = sum(one.held for one in stated)
+    worst = max(one.rms_m / (one.bound_m or np.inf) for one in stated)
+    met = [one for one in stated if one.met]
+    wrong = sum(one.covered < 1.0 - (one.under_share or 0.0) - 0.01 for one in met)
+    yield (
+        f"the bound held in {held} of {len(stated)} runs, the error at most {worst:.2f} times of "
+        f"it; {len(met)} runs within tolerance, {wrong} of them with more than 1 % of the surface "
+        "over 5 mm from any touch, the underside apart"
+    )
+
+
+class _Side(NamedTuple):
+    """One of two surfaces that are compared."""
+
+    name: str
+    places: Floats  # (n, 3), m
+    normals: Floats  # Outward, (n, 3)
+    distances: Floats  # From the other, (n,), m
+
+
+class Deviations(NamedTuple):
+    """What a picture shows, in numbers."""
+
+    touched_rms: float  # Root mean square distance of places near a touched point, m
+    covered: float  # Share of the true surface near a touched point
+
+
+def draw_run(found: Explored, path: Path, title: str) -> Deviations:
+    """Draw the last model of an exploration and its truth into a PNG file."""
+    last, truth = found.models[-1], found.truth
+    solid, real = last.vertices[last.faces], truth.vertices[truth.faces]
+    rng = np.random.default_rng(0)
+    sides = []
+    for name, one, other in (("truth", real, solid), ("rebuilt", solid, real)):
+        places, faces = sample_surface(one, SAMPLES, rng)
+        distances = nearest_points(nearest_search(other), places).distances
+        sides.append(_Side(name, places, areas_and_normals(one)[1][faces], distances))
+    _draw(path, title, sides)
+    away = [_from_touch(last.vertices, last.vertex_distances, side.places) for side in sides]
+    near = np.concatenate(away) <= NEAR
+    every = np.concatenate([side.distances for side in sides])
+    touched = float(np.sqrt(np.mean(every[near] ** 2))) if near.any() else 0.0
+    return Deviations(touched, float(near[:SAMPLES].mean()))
+
+
+def _from_touch(vertices: Floats, distances: Floats, places: Floats) -> Floats:
+    """Distances (n,) of places from what was touched, at most: by way of the nearest vertex."""
+    if not len(distances):
+        return np.full(len(places), np.inf)
+    way, number = cKDTree(vertices).query(places)
+    return np.asarray(way + distances[number])
+
+
+def _draw(path: Path, title: str, sides: Sequence[_Side]) -> None:
+    """What of both faces the viewer, from all around and from below."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(15, 8), layout="constrained")
+    figure.suptitle(f"{title}: distance from the other, mm")
+    norm, count = LogNorm(LEAST, MOST), len(VIEWS)
+    for number, (side, (elevation, azimuth)) in enumerate(product(sides, VIEWS), start=1):
+        up, turn = np.radians([elevation, azimuth])
+        towards = np.array([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)])
+        seen = side.normals @ towards > 0.0
+        colours = np.clip(1e3 * side.distances[seen], LEAST, MOST)
+        axes = figure.add_subplot(len(sides), count, number, projection="3d")
+        drawn = axes.scatter(*1e3 * side.places[seen].T, c=colours, norm=norm, s=2, cmap="turbo")
+        axes.view_init(elevation, azimuth)
+        axes.set_aspect("equal")
+        axes.set_title(side.name, fontsize=9)
+        axes.tick_params(labelsize=6)
+    figure.colorbar(drawn, ax=figure.axes, shrink=0.6)
+    figure.savefig(path, dpi=80)

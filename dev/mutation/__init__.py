@@ -1,0 +1,1 @@
+"""Changes of single lines of the product: how many of them some test catches."""

@@ -1,0 +1,61 @@
+"""Developers' tools: damaged input is refused in one sentence, and damage is noticed."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from dev.fuzz.trials import INPUT_KINDS, InputKind, try_input
+from dev.mutation.sites import bodies_of, draw, find
+from palpate.launch.files.source_map import InputError
+
+ROOT = Path(__file__).parents[1]
+SAMPLES = {
+    "messages": range(700),
+    "recordings": range(80),
+    "meshes": range(150),
+    "scenes": range(0, 300, 7),
+    "solids": range(60),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_damaged_input_is_valid_or_refused_in_one_sentence(name, tmp_path):
+    INPUT_KINDS[name].prepare(tmp_path)
+    outcomes = [try_input(INPUT_KINDS[name], number, tmp_path) for number in SAMPLES[name]]
+    assert [one.reason for one in outcomes if one.verdict == "defect"] == []
+    assert {one.verdict for one in outcomes} == {"accepted", "refused"}
+
+
+@pytest.mark.parametrize(
+    ("error", "verdict"),
+    [
+        (InputError("a.ply: is empty"), "refused"),
+        (InputError("two\nlines"), "defect"),
+        (KeyError("a"), "defect"),
+        (MemoryError(), "defect"),
+    ],
+)
+def test_fuzzing_notices_errors_that_are_no_refusal(error, verdict, tmp_path):
+    def attempt(*_: object) -> None:
+        raise error
+
+    kind = InputKind("x", lambda _: None, attempt, InputError)
+    assert try_input(kind, 1, tmp_path).verdict == verdict
+
+
+def test_mutation_sites_are_drawn_by_seed_and_found_again():
+    bodies = bodies_of(ROOT)
+    drawn = draw(bodies, 20, 1)
+    assert drawn == draw(bodies, 20, 1) != draw(bodies, 20, 2)
+    assert all(find(bodies, site) for site in drawn)
+
+
+@pytest.mark.parametrize("tool", ["mutation", "fuzz", "chaos", "house"])
+def test_every_tool_has_a_help(tool, capsys):
+    with pytest.raises(SystemExit) as end:
+        import_module(f"dev.{tool}" if tool == "house" else f"dev.{tool}.__main__").main(["-h"])
+    assert end.value.code == 0
+    assert "usage" in capsys.readouterr().out
