@@ -15,8 +15,8 @@ import numpy as np
 
 from palpate.bench.table import Row, at_least, at_most
 from palpate.core import recognition, shapes
-from palpate.launch.object_database import ObjectDatabase, load_models, load_objects
 from palpate.nodes.specs.objects import build_shape
+from palpate.tools.recognition.object_database import ObjectDatabase, load_models, load_objects
 
 POSES, QUICK_POSES = 200, 40
 UNKNOWN_POSES, QUICK_UNKNOWN_POSES = 40, 10

@@ -15,6 +15,8 @@ from dataclasses import is_dataclass
 from decimal import Decimal
 from functools import cache
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from numbers import Integral, Real
 from traceback import walk_tb
 from types import NoneType
@@ -190,3 +192,15 @@ def _declared(described: type) -> Mapping[str, tuple[Range, tuple[type, ...]]]:
     hints = get_type_hints(described)
     ranges = ranges_of(described).items()
     return {name: (one, get_args(hints[name]) or (hints[name],)) for name, one in ranges}
+
+
+def entry_points_of(group: str) -> dict[str, EntryPoint]:
+    """Entry points of a group by name, without those whose module is not installed."""
+    return {point.name: point for point in entry_points(group=group) if _is_installed(point)}
+
+
+def _is_installed(point: EntryPoint) -> bool:
+    try:
+        return find_spec(point.module) is not None
+    except ModuleNotFoundError:  # a package above it
+        return False

@@ -8,7 +8,9 @@ import pytest
 from palpate.core import recognition
 from palpate.core.geometry import solidity
 from palpate.launch.files import InputError, write_mesh
-from palpate.launch.object_database import (
+from palpate.launch.scene import load_scene
+from palpate.nodes.specs import build_shape
+from palpate.tools.recognition.object_database import (
     OBJECTS,
     ObjectDatabase,
     learn_models,
@@ -18,8 +20,6 @@ from palpate.launch.object_database import (
     load_objects,
     write_models,
 )
-from palpate.launch.scene import load_scene
-from palpate.nodes.specs import build_shape
 
 TWO = """objects:
   ball:
@@ -82,8 +82,8 @@ def test_learning_again_gives_what_is_stored(name):
 
 
 def test_a_database_of_one_s_own_is_learned_written_and_read_back(write, monkeypatch):
-    monkeypatch.setattr("palpate.launch.object_database.COPIES", 5)
-    monkeypatch.setattr("palpate.launch.object_database.LEVELS", (2, 3))
+    monkeypatch.setattr("palpate.tools.recognition.object_database.COPIES", 5)
+    monkeypatch.setattr("palpate.tools.recognition.object_database.LEVELS", (2, 3))
     database, told = load_objects(write("mine.yaml", TWO)), []
     assert load_models(database) is None
     models = learn_models(database, told.append)

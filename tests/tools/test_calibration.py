@@ -4,7 +4,7 @@ import pytest
 from palpate.launch.files.source_map import InputError
 from palpate.launch.scene import load_scene, read_calibration, write_calibration
 from palpate.tools import calibration
-from palpate.tools.calibration import (
+from palpate.tools.calibration.calibrating import (
     calibrate,
     calibration_figures,
     calibration_text,

@@ -7,10 +7,10 @@ import pytest
 
 from palpate.core.recognition import NONE, noisy_copy
 from palpate.launch.files import InputError, write_mesh
-from palpate.launch.object_database import load_objects
 from palpate.nodes.specs import build_shape
 from palpate.tools.cli import command_line as cli
-from palpate.tools.recognition import recognise, recognition_text
+from palpate.tools.recognition.object_database import load_objects
+from palpate.tools.recognition.recognising import recognise, recognition_text
 
 ENTRIES = load_objects().entries
 
@@ -101,8 +101,8 @@ def test_an_open_surface_is_refused(tmp_path):
 
 
 def test_objects_of_one_s_own_are_learned_and_kept(tmp_path, write, monkeypatch):
-    monkeypatch.setattr("palpate.launch.object_database.COPIES", 6)
-    monkeypatch.setattr("palpate.launch.object_database.LEVELS", (3, 4))
+    monkeypatch.setattr("palpate.tools.recognition.object_database.COPIES", 6)
+    monkeypatch.setattr("palpate.tools.recognition.object_database.LEVELS", (3, 4))
     own = write(
         "own.yaml",
         "objects:\n"

@@ -17,7 +17,7 @@ from palpate.messages.types.touch import TactileFrame
 from palpate.messages.types.world import World
 from palpate.nodes.runtime.testing import example
 from palpate.tools import ros2_bridge
-from palpate.tools.ros2_bridge import RosPublishers, ros_messages
+from palpate.tools.exporters.ros2_bridge import RosPublishers, ros_messages
 
 POSE = np.array([0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8])
 
@@ -158,7 +158,7 @@ def test_publishers_are_made_once_and_latch_what_is_latched(frame, contour, monk
 
 def test_without_ros_2_or_a_graph_it_is_told_in_one_sentence(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    command = [sys.executable, "-m", "palpate.tools.ros2_bridge"]
+    command = [sys.executable, "-m", "palpate.tools.exporters.ros2_bridge"]
     for words, told in (((), "no graph of yours is running"), (("--topic", "x"), "No such option")):
         done = subprocess.run([*command, *words], capture_output=True, text=True, timeout=60)
         assert (done.returncode, done.stdout) == (2, "")

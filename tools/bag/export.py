@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.core.plugins import entry_points_of
 from palpate.launch.files.file_access import check_new, write_new
 from palpate.launch.files.mesh_file import write_mesh
-from palpate.launch.files.source_map import InputError
+from palpate.launch.files.source_map import InputError, hint
 from palpate.launch.printing import counted
 from palpate.messages import schema
 from palpate.messages.types import ShapeModel, Truth
@@ -29,14 +30,29 @@ from palpate.tools.bag.decoding import (
     open_decoded,
     units_of,
 )
-from palpate.tools.bag.foxglove import write_foxglove
-from palpate.tools.bag.rerun_export import DRAWN_TYPES, write_rerun
+from palpate.tools.bag.export_format import ExportFormat
 
+FORMAT_POINTS = "palpate.export_formats"  # Entry points of further formats
 UNITS_FILE = "units.json"  # The file beside the tables that says the units of their columns
 # Types of messages that are a mesh before anything else.
 MESH_TYPES = frozenset(kind.__name__ for kind in (ShapeModel, Truth))
 MAX_COLUMNS = 4096  # Of one array: a larger one is written into one cell
 Values = NDArray[Any]
+
+
+def format_of(kind: str) -> ExportFormat:
+    """The format of a name: our own, or one of an entry point in `FORMAT_POINTS`.
+
+    Raises InputError if there is no such format.
+    """
+    if kind in OWN_FORMATS:
+        return OWN_FORMATS[kind]
+    found = entry_points_of(FORMAT_POINTS)
+    if kind not in found:
+        known = hint(kind, [*OWN_FORMATS, *found])
+        raise InputError(f"--format {kind}: there is no such format; {known}")
+    loaded: ExportFormat = found[kind].load()
+    return loaded
 
 
 def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> str:
@@ -49,7 +65,7 @@ def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> s
     check_new(out)
     source = open_decoded(bag, topics)
     taken, left = _topics_of_format(source, kind)
-    write, what = FORMATS[kind]
+    write, what, _ = format_of(kind)
     written: list[int] = []
     write_new(out, lambda part: written.append(write(source._replace(topics=taken), part)))
     text = f"{out}: {written[0]} {what} of {counted(len(taken), 'topic')}"
@@ -65,12 +81,13 @@ def _topics_of_format(
     types = source.recording.types
     meshes = tuple(topic for topic in source.topics if types[topic][0] in MESH_TYPES)
     others = tuple(topic for topic in source.topics if topic not in meshes)
-    drawn = tuple(topic for topic in source.topics if types[topic][0] in DRAWN_TYPES)
     taken, left, why = {
         "csv": (others, meshes, "are meshes: take --format ply"),
         "ply": (meshes, (), "are no meshes, so there is no ply"),
-        "rerun": (drawn, (), "hold nothing that Rerun would show"),
     }.get(kind, (source.topics, (), ""))
+    if shown := format_of(kind).types:
+        taken = tuple(topic for topic in source.topics if types[topic][0] in shown)
+        why = f"hold nothing that {kind} would show"
     if not taken:
         raise InputError(f"{source.recording.path}: {', '.join(source.topics)} {why}")
     return taken, left
@@ -217,10 +234,8 @@ def write_ply(source: DecodedRecording, folder: Path) -> int:
     return count
 
 
-FORMATS = {
-    "csv": (write_csv, "files"),
-    "ply": (write_ply, "meshes"),
-    "npz": (write_npz, "arrays"),
-    "foxglove": (write_foxglove, "messages"),
-    "rerun": (write_rerun, "messages"),
+OWN_FORMATS = {
+    "csv": ExportFormat(write_csv, "files"),
+    "ply": ExportFormat(write_ply, "meshes"),
+    "npz": ExportFormat(write_npz, "arrays"),
 }

@@ -16,7 +16,9 @@ import tempfile
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from functools import cached_property
 from importlib import import_module
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -24,10 +26,12 @@ import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from palpate import __version__
+from palpate.core.plugins import entry_points_of
 from palpate.launch.files.source_map import InputError, hint
 from palpate.launch.files.units import METRES_PER_UNIT
 from palpate.preloading import THREAD_VARIABLES, open_closed_streams
 
+COMMANDS = "palpate.commands"  # Entry points of further commands
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
 HELP_OPTIONS = ["-h", "--help"]
 Command = Callable[..., Any]
@@ -338,25 +342,38 @@ class LazyGroup(NamedGroup):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands."""
-        return list(self._verbs)
+        return [*self._verbs, *sorted(self._added)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of a name."""
-        if cmd_name not in self._verbs:
-            return None
-        module = import_module(f".{self._verbs[cmd_name][0]}", __package__)
-        command: click.Command | None = getattr(module, f"{cmd_name}_command", None)
-        return command or getattr(module, f"{cmd_name}_group")
+        if cmd_name in self._verbs:
+            module = import_module(f".{self._verbs[cmd_name][0]}", __package__)
+            command: click.Command | None = getattr(module, f"{cmd_name}_command", None)
+            return command or getattr(module, f"{cmd_name}_group")
+        if cmd_name in self._added:
+            added: click.Command = self._added[cmd_name].load()
+            return added
+        return None
+
+    @cached_property
+    def _added(self) -> Mapping[str, EntryPoint]:
+        """Commands of optional rooms, and of other packages."""
+        return entry_points_of(COMMANDS)
+
+    def _helps(self, ctx: click.Context) -> list[tuple[str, str]]:
+        own = [(verb, text) for verb, (_, text) in self._verbs.items()]
+        added = [(verb, self.get_command(ctx, verb)) for verb in sorted(self._added)]
+        return [*own, *((verb, one.get_short_help_str(70)) for verb, one in added if one)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands; nothing is imported."""
+        """List the commands."""
         with formatter.section("Commands"):
-            formatter.write_dl([(verb, told) for verb, (_, told) in self._verbs.items()])
+            formatter.write_dl(self._helps(ctx))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """What completes the name of a command, or an option; nothing is imported."""
-        verbs = [(verb, told) for verb, (_, told) in self._verbs.items()]
-        found = [CompletionItem(verb, help=t) for verb, t in verbs if verb.startswith(incomplete)]
+        """What completes the name of a command, or an option."""
+        helps = self._helps(ctx)
+        found = [CompletionItem(verb, help=t) for verb, t in helps if verb.startswith(incomplete)]
         return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
@@ -374,7 +391,6 @@ palpate_group = LazyGroup(
     {
         "run": ("launching", "Explore a scene and rebuild its object."),
         "view": ("looking", "Show a run in the browser, as it runs or from its recording."),
-        "sweep": ("launching", "Explore with many parameters, and draw what accuracy costs."),
         "launch": ("launching", "Start the graph of a launch file."),
         "host": ("launching", "Lend this machine to graphs that are launched elsewhere."),
         "keys": ("launching", "Make the key that the machines of a graph share."),
@@ -387,15 +403,11 @@ palpate_group = LazyGroup(
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": ("running_graph", "Check the machine, the installation and running graphs."),
         "init": ("solids", "Begin a node, driver, filter, effect or planner of your own."),
-        "calibrate": ("solids", "Press a known flat and ball, and say what each taxel means."),
         "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
         "report": ("looking", "Write what a run came to as one page, or two side by side."),
-        "film": ("looking", "Draw a run as a film."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
         "export": ("solids", "Write the solid of a run as PLY, STL, 3MF, GLB or OBJ."),
-        "recognise": ("solids", "Say which of the stored objects a run has touched, or none."),
         "cost": ("recordings", "Say what a recorded run would have cost another robot."),
-        "gallery": ("looking", "Draw the figures of the thesis, and some of ours."),
         "bench": ("..bench.suite", "Measure what accuracy costs, against other methods."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds its shape.",

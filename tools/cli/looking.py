@@ -1,26 +1,19 @@
-"""Verbs for who wants to see something: view, report, film and gallery."""
+"""Verbs for who wants to see something: view and report."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import click
 
 from palpate.launch.files.source_map import InputError
-from palpate.launch.printing import titled
 from palpate.tools.cli.command_line import (
     JSON,
     RUN_PATH,
     RUN_PATHS,
-    completing,
     out_option,
     print_figures,
-    progress_printer,
-    quiet_option,
 )
-
-NAME_WIDTH = 18  # Letters
 
 
 @click.command("view")
@@ -75,58 +68,3 @@ def report_command(runs: tuple[Path, ...], out: Path | None, as_json: bool) -> N
     print_figures(
         {"written": names}, "\n".join(f"{one}: written" for one in names), as_json=as_json
     )
-
-
-@click.command("film")
-@click.argument("run", **RUN_PATH)
-@out_option("The film: .mp4, for which ffmpeg must be installed, or .gif.", required=True)
-@click.option(
-    "--seconds", type=click.FloatRange(1.0, 600.0), default=20.0, show_default=True, help="Length."
-)
-@quiet_option("Show no progress.")
-def film_command(run: Path, out: Path, seconds: float, quiet: bool) -> None:
-    """Draw the exploration of RUN, a run directory or a recording, as a film.
-
-    The finger, contours, and the solid as it grows; beside them the tactile image, and error and
-    bound against robot time. At the end the solid turns, coloured by its distance from the truth
-    where that is known. Needs no screen.
-    """
-    from palpate.tools.view.film import make_film
-    from palpate.tools.view.timeline import read_timeline
-
-    say = progress_printer(not quiet, "drawing      {}")
-    make_film(read_timeline(run), out, seconds=seconds, say=say)
-    click.echo(f"{out}: written")
-
-
-def _figure_names(_: click.Context, __: str) -> Iterable[str]:
-    from palpate.tools.gallery.sheet import FIGURES
-
-    return FIGURES
-
-
-@click.command("gallery")
-@click.argument(
-    "figures", nargs=-1, metavar="[FIGURE]...", shell_complete=completing(_figure_names)
-)
-@out_option("Folder, whose files of the same names are replaced.", default="gallery")
-@click.option("--list", "listed", is_flag=True, help="Say which figures there are, and draw none.")
-@JSON
-def gallery_command(figures: tuple[str, ...], out: Path, listed: bool, as_json: bool) -> None:
-    """Draw the figures of Fung's thesis (1999) anew, and some of palpate's own, as PNG files.
-
-    FIGURE is a name, such as superquadrics, or a number of the thesis, such as 2.2. All are drawn
-    if none is named, which takes a minute.
-    """
-    from palpate.tools.gallery.sheet import FIGURES, find_figures, write_gallery
-
-    names = find_figures(figures)
-    if listed:
-        told = {name: FIGURES[name].facts() for name in names}
-        lines = [
-            line for name in names for line in titled(name, *told[name].values(), width=NAME_WIDTH)
-        ]
-        print_figures(told, "\n".join(lines), as_json=as_json)
-        return
-    files = [str(path) for path in write_gallery(names, out, progress_printer(True, "drawing {}"))]
-    print_figures(files, "\n".join(f"{one}: written" for one in files), as_json=as_json)

@@ -169,9 +169,9 @@ def bag_diff_command(a: Path, b: Path, topics: tuple[str, ...], as_json: bool) -
 @click.option(
     "--format",
     "kind",
-    type=click.Choice(["csv", "ply", "npz", "foxglove", "rerun"]),
+    metavar="FORMAT",
     required=True,
-    help="Format.",
+    help="csv, ply, npz, foxglove, rerun, or one that another package adds.",
 )
 @command_line.out_option("The new file or folder, not there yet.", required=True)
 @command_line.TOPICS

@@ -1,4 +1,4 @@
-"""Verbs before a run, scene, calibrate, init; on solids: rebuild, score, export and recognise."""
+"""Verbs before a run, scene and init; on solids: rebuild, score and export."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from palpate.launch.files.source_map import InputError
 from palpate.tools.cli.command_line import (
     JSON,
     PATH,
@@ -143,28 +142,6 @@ def export_command(run: Path, out: tuple[Path, ...], as_json: bool) -> None:
     print_figures(told, export_text(told), as_json=as_json)
 
 
-@click.command("recognise")
-@click.argument("run", **RUN_PATH)
-@unit_option("Unit of a mesh file.")
-@click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
-@JSON
-@quiet_option("Show no progress.")
-def recognise_command(
-    run: Path, unit: str | None, objects: Path | None, as_json: bool, quiet: bool
-) -> int:
-    """Say which of the stored objects RUN has touched, how surely, or that it is none of them.
-
-    RUN is a run directory, or a PLY, STL, OBJ, OFF or GLB file with a closed surface, in any pose.
-    Exits with 1 if it is none of them.
-    """
-    from palpate.tools.recognition import recognise, recognition_text
-
-    say = progress_printer(not quiet, "{} ...")
-    found = recognise(run, unit=unit, objects=objects, say=say)
-    print_figures(found, recognition_text(found), as_json=as_json)
-    return 0 if found["recognised"] else 1
-
-
 scene_group = NamedGroup("scene", help="List and check scenes.")
 
 
@@ -204,40 +181,6 @@ def scene_effects(as_json: bool) -> None:
 
     effects = list_effects()
     print_figures(effects, effects_text(effects), as_json=as_json)
-
-
-@click.command("calibrate")
-@click.argument("scene", shell_complete=complete_scene)
-@out_option("Write the calibration here, as YAML.")
-@JSON
-@quiet_option("Show no progress.")
-def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) -> int:
-    """Press a known flat and a known ball with the sensor of SCENE, with its effects.
-
-    Estimates the speed of sound, and gain and offset of each taxel, each with its standard
-    error. A scene in the same folder reads the file: sensor: {calibration: FILE}.
-    """
-    from palpate.launch.files.file_access import check_new
-    from palpate.launch.scene import load_scene, write_calibration
-    from palpate.tools.calibration import calibrate, calibration_figures, calibration_text
-
-    if out is not None:
-        check_new(out)
-    spec = load_scene(scene).spec
-    try:
-        found = calibrate(spec, progress_printer(not quiet, "pressing     {}"))
-    except ValueError as error:
-        raise InputError(f"{scene}: cannot be calibrated: {error}") from None
-    figures = calibration_figures(found, spec.sensor)
-    lines = [calibration_text(figures), *(f"{'warning':<13}{one}" for one in figures["warnings"])]
-    if out is not None and not figures["warnings"]:
-        write_calibration(out, found.estimate, found.pad)
-        figures["written"] = str(out)
-        lines.append(f"{'written':<13}{out}")
-    elif out is not None:
-        lines.append(f"{'not written':<13}{out}: see the warnings")
-    print_figures(figures, "\n".join(lines), as_json=as_json)
-    return 1 if figures["warnings"] else 0
 
 
 init_group = NamedGroup("init", help="Begin something of your own from a working example.")

@@ -12,7 +12,7 @@ from palpate.core.touch.pad import Pad
 from palpate.messages.types.world import Truth
 from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import open_decoded
-from palpate.tools.bag.foxglove import write_foxglove
+from palpate.tools.exporters.foxglove import write_foxglove
 
 # By topic: name of the schema, the schema, the message, and its time.
 Found = dict[str, list[tuple[str, dict[str, Any], dict[str, Any], int]]]

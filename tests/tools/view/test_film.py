@@ -10,8 +10,8 @@ from PIL import Image, ImageSequence
 from palpate.core import split_pose
 from palpate.launch.files import InputError
 from palpate.tools.cli import command_line as cli
+from palpate.tools.film.film import LIFT, Film, finger_pose
 from palpate.tools.view import Timeline, make_film, read_timeline
-from palpate.tools.view.film import LIFT, Film, finger_pose
 
 
 @pytest.fixture(scope="module")

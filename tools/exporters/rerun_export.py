@@ -20,6 +20,7 @@ from palpate.launch.files.source_map import InputError
 from palpate.messages import types
 from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import DecodedRecording
+from palpate.tools.bag.export_format import ExportFormat
 from palpate.tools.surfaces import Colours, TruthSurface, vertex_colours, vertex_scalars
 
 TIMELINE = "robot_time"
@@ -203,3 +204,5 @@ DRAWN: Mapping[type, Callable[[RerunConverter, Any], Shown]] = {
 DRAWN_TYPES = frozenset(kind.__name__ for kind in DRAWN)
 # Types that are read though their topics are not wanted: others are drawn by what they say.
 ALSO_READ = frozenset(kind.__name__ for kind in (types.SensorInfo, types.Truth))
+
+FORMAT = ExportFormat(write_rerun, "messages", DRAWN_TYPES)

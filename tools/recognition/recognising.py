@@ -12,7 +12,9 @@ import numpy as np
 from palpate.core import geometry, recognition
 from palpate.launch.files.mesh_file import read_mesh
 from palpate.launch.files.source_map import InputError, as_input_errors
-from palpate.launch.object_database import (
+from palpate.launch.printing import titled
+from palpate.launch.run_directory import SUMMARY, find_run_mesh, read_summary
+from palpate.tools.recognition.object_database import (
     OBJECTS,
     ObjectDatabase,
     learn_models,
@@ -20,8 +22,6 @@ from palpate.launch.object_database import (
     load_objects,
     write_models,
 )
-from palpate.launch.printing import titled
-from palpate.launch.run_directory import SUMMARY, find_run_mesh, read_summary
 
 UNITS = {"log volume": "ml", "log area": "cm2", "log length": "mm", "angle": "deg"}
 SCALES = {"log volume": 1e6, "log area": 1e4, "log length": 1e3, "angle": 180.0 / math.pi}

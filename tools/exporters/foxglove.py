@@ -22,6 +22,7 @@ from palpate.launch.colours import rgb
 from palpate.messages import schema, types
 from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
+from palpate.tools.bag.export_format import ExportFormat
 from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
 
 SCENE = "foxglove.SceneUpdate"
@@ -306,3 +307,5 @@ def _schema(kind: Any) -> Schema:
 _DATA: dict[str, Any] = json.loads(Path(__file__).with_name("foxglove.json").read_text("utf-8"))
 # Schemas of whole messages, by their names.
 SCHEMAS: Mapping[str, Schema] = {f"foxglove.{one}": _schema(one) for one in _DATA["messages"]}
+
+FORMAT = ExportFormat(write_foxglove, "messages")

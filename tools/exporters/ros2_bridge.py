@@ -1,6 +1,6 @@
 """Publishes the topics of a running graph in a ROS 2 graph, where `rclpy` is installed.
 
-    python -m palpate.tools.ros2_bridge --topics /touch/patch,/model/shape
+    python -m palpate.tools.exporters.ros2_bridge --topics /touch/patch,/model/shape
 
 Each message becomes messages that every ROS 2 has, so that nothing is to be built: all of it as
 JSON on ``/palpate/TOPIC``, and what RViz can draw on topics below, named by the field: poses,
@@ -212,7 +212,9 @@ def bridge_command(topics: str, run: str | None) -> None:
 def main() -> None:
     """Do what the command line asks for, and exit."""
     try:
-        bridge_command.main(prog_name="python -m palpate.tools.ros2_bridge", standalone_mode=False)
+        bridge_command.main(
+            prog_name="python -m palpate.tools.exporters.ros2_bridge", standalone_mode=False
+        )
     except (InputError, click.ClickException) as error:
         text = error.format_message() if isinstance(error, click.ClickException) else error
         print(f"palpate: {text}", file=sys.stderr)
