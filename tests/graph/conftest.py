@@ -1,137 +1,253 @@
+"""What whole graphs share: one warm fork server, toy nodes, signals to nodes, finished runs."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
 import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout
 from functools import cache
+from io import StringIO
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 
 from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.launcher import launch as launch_launch
+from palpate.launch.node_kinds import list_kinds
+from palpate.launch.processes.fork_server import start_fork_server
+from palpate.launch.processes.registry import RunCard
 from palpate.launch.progress import Display
-from palpate.launch.run import perform, plan_run
-from palpate.messages.types.catalogue import LogRecord
+from palpate.launch.run import Run, perform, plan_run
+from palpate.messages import decode
+from palpate.messages.bus import STATUS_TOPIC
+from palpate.messages.types import LogRecord, NodeStatus
+from palpate.nodes.runtime.composed import Ending, Watcher
 from palpate.nodes.runtime.node import Input, Wiring
+from palpate.tools.cli import command_line
+from palpate.tools.introspection.topics import TapSubscription, Topic
+
+TOYS = Path(__file__).parent / "toys"
+WITHIN = 60.0  # A deadline that only something broken misses [s]
+# Under nohup a hangup is ignored, and would be by every process that is started here.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+sys.path.insert(0, str(TOYS))  # for nodes: processes that are started later inherit it
+
+from palpate_toy import wiring  # noqa: E402
 
 
-class Listening:
-    """A watcher that keeps all that it is told."""
+@pytest.fixture(scope="session", autouse=True)
+def _machine() -> Iterator[None]:
+    """A home, a terminal and a run-time folder of the tests' own, and one warm fork server.
 
-    def __init__(self):
+    The first graph of a process decides what its fork server imports. Here it is all kinds of
+    nodes, once; otherwise every node of every graph would import numpy and scipy for itself.
+    """
+    with tempfile.TemporaryDirectory(prefix="g") as home, pytest.MonkeyPatch.context() as patch:
+        for name in ("HOME", "XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"):
+            patch.setenv(name, home)
+        for name in ("PALPATE_GRAPH", "FORCE_COLOR", "COLUMNS"):
+            patch.delenv(name, raising=False)
+        patch.setenv("TERM", "dumb")
+        path = [str(TOYS), str(Path(palpate.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+        patch.setenv("PYTHONPATH", os.pathsep.join(path))
+        start_fork_server(f"palpate.nodes.{kind}" for kind in list_kinds())
+        yield
+
+
+class Done(NamedTuple):
+    """What a command has left."""
+
+    code: int
+    out: str
+    err: str
+
+
+def palpate(*words: object, folder: Path = TOYS) -> Done:
+    """A command of the command line, called in this process, whose fork server is warm."""
+    out, err, path = StringIO(), StringIO(), [*sys.path]
+    with chdir(folder), redirect_stdout(out), redirect_stderr(err):
+        code = command_line.run([str(word) for word in words])
+    sys.path[:] = path
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+def started(*words: object, folder: Path = TOYS, **more: Any) -> subprocess.Popen[str]:
+    """A command in a process of its own, or with a ``.py`` first a script of the toys."""
+    script = [str(TOYS / str(words[0]))] if str(words[0]).endswith(".py") else ["-m", "palpate"]
+    rest = [str(word) for word in words[len(script) == 1 :]]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen([sys.executable, *script, *rest], cwd=folder, **{**pipes, **more})
+
+
+def wait_for(what: Callable[[], Any]) -> Any:
+    """The first true value of a function that is asked again and again."""
+    deadline = time.monotonic() + WITHIN
+    while not (found := what()):
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.01)
+    return found
+
+
+def handled(card: RunCard, node: str) -> int:
+    """Messages that a node of a running graph has handled so far, by its next status."""
+    with TapSubscription(card, [Topic(STATUS_TOPIC, "NodeStatus", (node,), ())]) as taps:
+        received = taps.take(WITHIN)
+    return decode(NodeStatus, received[-1].body).messages if received else 0
+
+
+class Recorder(Watcher):
+    """A watcher that keeps all that it receives."""
+
+    def __init__(self) -> None:
         self.seconds: list[float] = []
-        self.messages: list[tuple[str, object]] = []
+        self.messages: list[tuple[str, Any]] = []
         self.lines: list[LogRecord] = []
         self.ticks = 0
 
-    def ready(self, seconds):
+    def ready(self, seconds: float) -> None:
         self.seconds.append(seconds)
 
-    def received(self, topic, message):
+    def received(self, topic: str, message: Any) -> None:
         self.messages.append((topic, message))
 
-    def log(self, record):
+    def log(self, record: LogRecord) -> None:
         self.lines.append(record)
 
-    def tick(self, statuses):
+    def tick(self, statuses: Any) -> None:
         self.ticks += 1
 
+    def warnings(self) -> list[str]:
+        return [one.text for one in self.lines if one.level == "warning"]
 
-@pytest.fixture
-def watcher():
-    return Listening()
-
-
-class Toys:
-    """Wirings of the toy nodes beside this file."""
-
-    def broken(self, how, upstream="source"):
-        return Wiring(
-            name="broken",
-            module="palpate_toy_broken",
-            params={"how": how},
-            inputs=(Input(upstream, f"/{upstream}", "/in", "TactileFrame"),),
-            outputs={"/out": "/broken"},
-            subscribers={},
-            on_exit="stop",
-        )
-
-    def sink(self, path, upstream="source", **params):
-        return Wiring(
-            name="sink",
-            module="palpate_toy_sink",
-            params={"path": str(path), **params},
-            inputs=(Input(upstream, f"/{upstream}", f"/{upstream}", "TactileFrame"),),
-            outputs={},
-            subscribers={},
-        )
-
-    def needy(self, need, upstream):
-        return Wiring(
-            name="needy",
-            module="palpate_toy_needy",
-            params={},
-            inputs=(
-                Input(need, f"/{need}", "/need", "TactileFrame"),
-                Input(upstream, f"/{upstream}", "/in", "TactileFrame"),
-            ),
-            outputs={},
-            subscribers={},
-        )
+    def touches(self) -> list[int]:
+        return [message.touch for _, message in self.messages]
 
 
 @pytest.fixture
-def toys(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parent / "toys"))
-    return Toys()
+def watcher() -> Recorder:
+    return Recorder()
 
 
-TOYS = Path(__file__).parent / "toys"
+@pytest.fixture
+def run(
+    watcher: Recorder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Ending]:
+    """Launches a graph that ends with its last node, and sees that nothing of it is left."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # where tools find it, and no other
+
+    def do(wirings: Sequence[Wiring], ends: str = "", **more: Any) -> Ending:
+        options = {"watch": (), "watcher": watcher, **more}
+        ending = launch_launch(wirings, ends=ends or wirings[-1].name, **options)
+        assert multiprocessing.active_children() == []
+        kept = (".txt", ".mcap", ".json")
+        assert [path for path in tmp_path.iterdir() if path.suffix not in kept] == []
+        return ending
+
+    return do
+
+
+def broken(how: str, upstream: str = "source", **more: object) -> Wiring:
+    given = {"on_exit": "stop", **more}
+    return wiring("broken", "palpate_toy_broken", {"how": how}, upstream, **given)
+
+
+def sink(path: Path, upstream: str = "source", **params: object) -> Wiring:
+    topic = f"/{upstream}"
+    inputs = (Input(upstream, topic, topic, "TactileFrame"),)
+    given = {"path": str(path), **params}
+    return wiring("sink", "palpate_toy_sink", given, inputs=inputs, outputs={})
+
+
+class Harm(threading.Thread):
+    """Sends signals to the processes of nodes, one after the other; any node if not named."""
+
+    def __init__(self, names: Iterable[str], signal_: int = signal.SIGKILL, seed: int = 0) -> None:
+        super().__init__(daemon=True)
+        self._names, self._signal = list(names), signal_
+        self._rng = random.Random(seed)
+        self.count = 0
+        self.start()
+
+    def run(self) -> None:
+        for name in self._names:
+            time.sleep(self._rng.uniform(0.05, 0.4))
+            found = wait_for(lambda name=name: nodes_alive(name))
+            os.kill(self._rng.choice(found), self._signal)
+            self.count += 1
+
+
+def nodes_alive(name: str = "") -> list[int]:
+    """Processes of the graph of this process, of one node if it is named."""
+    children = sorted(multiprocessing.active_children(), key=lambda one: one.name)
+    return [one.pid or 0 for one in children if name in ("", one.name)]
+
+
+def finished(
+    file: Path, out: Path, args: dict[str, Any], settings: dict[str, Any], *, composed: bool
+) -> Run:
+    """A run that came to its end without a gap."""
+    given = [
+        {key: SourceMapped(value, key) for key, value in one.items()} for one in (args, settings)
+    ]
+    plan = plan_run(file, *given, name=out.name, out=out)
+    done = perform(plan, composed=composed, display=Display())
+    assert (done.ending.status, done.ending.gaps) == ("finished", 0), done.ending.reason
+    return done
+
+
+FINGERS = TOYS / "fingers.yaml"
+# The cheapest exploration that ends with a solid.
+FEW = {"planner.planner": "uniform", "planner.most_touches": 24, "reconstructor.quality": "draft"}
 
 
 @pytest.fixture(scope="session")
-def explored(tmp_path_factory):
-    """Run directories of explorations by the toy planner in one process, by number of fingers."""
+def explored(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+    """Folders of explorations by the toy planner in one process, by number of fingers."""
 
     @cache
-    def of(fingers):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.syspath_prepend(str(TOYS.parent))
-            return explore_heights(tmp_path_factory.mktemp("toy") / "run", fingers, composed=True)
+    def of(fingers: int) -> Path:
+        out = tmp_path_factory.mktemp("toy") / "run"
+        run = finished(FINGERS, out, {"fingers": fingers}, {}, composed=True)
+        assert run.ending.duplicates == 0
+        return out
 
     return of
 
 
-def explore_heights(out, fingers, *, composed, killed=False):
-    """A run of the toy planner; its folder. Who was killed publishes some messages twice."""
-    args = {"fingers": SourceMapped(fingers, "fingers")}
-    plan = plan_run(TOYS / "fingers.yaml", args, {}, name="fingers", out=out)
-    run = perform(plan, composed=composed, display=Display())
-    assert run.ending.status == "finished", run.ending.reason
-    assert run.ending.gaps == 0
-    assert killed or run.ending.duplicates == 0
-    return out
-
-
-def _living(group):
-    """Processes of a group; one that only waits to be buried does not count."""
+def processes(select: Callable[[int, int, int], bool]) -> list[int]:
+    """Living processes, selected by their own number, their parent's and their group's."""
     found = []
     for folder in Path("/proc").iterdir():
         if folder.name.isdecimal():
             try:
-                state, _, its_group = (folder / "stat").read_text().rpartition(")")[2].split()[:3]
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
             except (FileNotFoundError, ProcessLookupError):
                 continue
-            if int(its_group) == group and state != "Z":
+            if fields[0] != "Z" and select(int(folder.name), int(fields[1]), int(fields[2])):
                 found.append(int(folder.name))
     return found
 
 
-@pytest.fixture
-def group_is_gone():
-    """Waits for the last living process of a group to end; false if that takes too long."""
-    return _group_is_gone
-
-
-def _group_is_gone(group, within):
-    deadline = time.monotonic() + within
-    while _living(group):
+def group_ends(group: int, seconds: float) -> bool:
+    """Whether the last living process of a group ends in time."""
+    deadline = time.monotonic() + seconds
+    while processes(lambda _, __, its_group: its_group == group):
         if time.monotonic() > deadline:
             return False
+        time.sleep(0.02)
     return True
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as kept:
+        yield kept

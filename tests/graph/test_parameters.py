@@ -1,24 +1,25 @@
-"""A graph whose parameters are set and whose node dies: recorded, replayed, gone on with."""
+"""A graph whose parameters are set and whose node dies: recorded, replayed, resumed; its pace."""
+
+from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
-import time
-from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
+from palpate.launch.files.source_map import InputError
 from palpate.launch.processes.registry import running_graphs
 from palpate.launch.run_directory import read_summary
-from palpate.messages.recording.reader import open_recording
-from palpate.messages.types.catalogue import ParameterEvent
-from palpate.messages.types.touch import TactileImage
+from palpate.messages import decode
+from palpate.messages.recording import open_recording
+from palpate.messages.types import ParameterEvent, TactileFrame, TactileImage
 from palpate.nodes.runtime.testing import recorded
 from palpate.tools.bag.contents import compare_recordings
-from palpate.tools.cli import command_line as cli
 from palpate.tools.introspection.descriptions import set_parameter
-from palpate.tools.introspection.requests import params_of, publish, request, sample_status
+from palpate.tools.introspection.requests import publish, request
+from tests.graph.conftest import FINGERS, WITHIN, finished, handled, palpate, started, wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 SAID = """{param: order, value: '"none"', topic: /touch/raw, after: 0}"""  # By no node
@@ -27,99 +28,71 @@ ESTIMATE = (
     "largest_untouched: 1, halving_touches: null, halving_seconds: null, open_share: null, "
     "open_width: null}"
 )
-WITHIN = 60.0  # A deadline that only a broken graph misses, s
+REFUSED = (
+    ("axis", "true", r"planner\.axis cannot be set while it runs"),
+    ("tolerance", "0.1um", r"planner: tolerance is 1e-07 m; it must be at least what"),
+    ("tolerance", "0.1s", r"tolerance 0\.1s: the unit 's' is none of m, cm, mm, um"),
+    ("tolerance", "2", r"tolerance cannot be 2: .*<= 1\.0"),
+    ("most_seconds", "10ms", r"the unit 'ms' is none of s, min, h"),
+    ("most_touches", "0", r"most_touches cannot be 0"),
+)
 
 
 @pytest.fixture(scope="module")
-def tuned(tmp_path_factory):
-    """A run whose filter was set, killed, and set once more."""
+def tuned(tmp_path_factory) -> Path:
+    """A run whose filter was set, killed, and set once more; recorded from outside as well."""
     folder = tmp_path_factory.mktemp("tuned")
-    command = [sys.executable, "-m", "palpate", "run", "vase", "--tolerance", "0.1mm", "--quiet"]
-    env = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
-    with (
-        ExitStack() as stack,
-        subprocess.Popen([*command, "--out", str(folder / "run")], env=env) as process,
-    ):
-        try:
-            card = wait_for(lambda: next(iter(running_graphs(folder)), None))
-            wait_for(lambda: handled(card) > 10)
-            assert set_parameter(card, "filter", "contact", "1.0e-4").endswith("5.0e-05 -> 0.0001")
-            said = {"rate": 1.0, "times": 2, "run": str(folder / "run"), "echo": lambda _: None}
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setenv("XDG_RUNTIME_DIR", str(folder))
-                publish("/filter/parameter_events", SAID, **{**said, "rate": 20.0})
-                publish("plan/estimate", ESTIMATE, **{**said, "times": 1})
-            os.kill(about(card)["pid"], signal.SIGKILL)
-            wait_for(lambda: about(card)["restarts"] == 1)
-            set_parameter(card, "filter", "order", "median")
-            record = [
-                sys.executable,
-                "-m",
-                "palpate",
-                "bag",
-                "record",
-                "-o",
-                str(folder / "o.mcap"),
-            ]
-            stack.enter_context(subprocess.Popen(record, env=env))
-            (card,) = running_graphs(folder)
-            [node] = [one for one in card.nodes if one.name == "filter"]
-            assert params_of(node) == {"order": "median", "contact": 1e-4}
-            refused = (
-                ("axis", "true", r"planner\.axis cannot be set while it runs"),
-                ("tolerance", "0.1um", r"planner: tolerance is 1e-07 m; it must be at least what"),
-                ("tolerance", "0.1s", r"tolerance 0\.1s: the unit 's' is none of m, cm, mm, um"),
-                ("tolerance", "2", r"tolerance cannot be 2: .*<= 1\.0"),
-                ("most_seconds", "10ms", r"the unit 'ms' is none of s, min, h"),
-                ("most_touches", "0", r"most_touches cannot be 0"),
-            )
-            for param, value, words in refused:
-                with pytest.raises(ValueError, match=words):
-                    set_parameter(card, "planner", param, value)
-            done = set_parameter(card, "planner", "tolerance", "0.3mm")
-            assert done == "planner.tolerance: 0.0001 -> 0.0003"
-            set_parameter(card, "planner", "most_seconds", "2h")
-            assert process.wait(WITHIN) in (0, 1)
-        finally:
-            process.kill()
-    return folder / "run"
-
-
-def wait_for(what):
-    deadline = time.monotonic() + WITHIN
-    while not (found := what()):
-        assert time.monotonic() < deadline, "nothing came of it"
-    return found
+    out, outside = folder / "run", folder / "o.mcap"
+    draft = ("--set", "reconstructor.quality=draft", "--quiet", "--out", out)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        with started("run", "vase", "--tolerance", "0.1mm", *draft) as process:
+            try:
+                card = wait_for(lambda: next(iter(running_graphs(folder)), None))
+                wait_for(lambda: handled(card, "filter") > 10)
+                done = set_parameter(card, "filter", "contact", "1.0e-4")
+                assert done.endswith("5.0e-05 -> 0.0001")
+                given = {"times": 2, "run": str(out), "echo": lambda _: None}
+                publish("/filter/parameter_events", SAID, rate=20.0, **given)
+                publish("plan/estimate", ESTIMATE, rate=1.0, **{**given, "times": 1})
+                os.kill(about(card)["pid"], signal.SIGKILL)
+                wait_for(lambda: about(card)["restarts"] == 1)
+                set_parameter(card, "filter", "order", "median")
+                recorder = started("bag", "record", "-o", outside)
+                for param, value, words in REFUSED:
+                    with pytest.raises(ValueError, match=words):
+                        set_parameter(card, "planner", param, value)
+                done = set_parameter(card, "planner", "tolerance", "0.3mm")
+                assert done == "planner.tolerance: 0.0001 -> 0.0003"
+                set_parameter(card, "planner", "most_seconds", "2h")
+                assert process.wait(4 * WITHIN) in (0, 1)
+                recorder.communicate(timeout=WITHIN)
+            finally:
+                process.kill()
+    return out
 
 
 def about(card):
     return request(card, "status")["nodes"]["filter"]
 
 
-def handled(card):
-    found = sample_status(card, ["filter"]).get("filter")
-    return 0 if found is None else found.status.messages
-
-
-def test_what_tools_had_nodes_publish_is_recorded_once_as_from_outside(tuned):
-    messages = [*open_recording(tuned / "topics.mcap").messages()]
+@pytest.mark.slow
+def test_messages_published_by_tools_are_recorded_once_as_from_outside(tuned):
+    messages = open_recording(tuned / "topics.mcap").messages()
     outside = [(one.topic, one.publisher) for one in messages if one.outside]
     assert outside.count(("/filter/parameter_events", "filter")) == 2
     assert outside.count(("/plan/estimate", "planner")) == 1
     assert len(outside) == 3
 
 
-def test_it_is_recorded_where_each_was_set_but_once(tuned):
+@pytest.mark.slow
+def test_parameters_are_recorded_where_they_were_set(tuned):
     events = recorded(tuned, "/filter/parameter_events", ParameterEvent)
     first, second = [one for one in events if one.value != '"none"']
     assert len(events) == 4
     assert (first.param, first.value) == ("contact", "0.0001")
     assert (second.param, second.value) == ("order", '"median"')
-    images = len(recorded(tuned, "/touch/image", TactileImage))
-    assert 10 <= first.after <= second.after < images
-
-
-def test_the_planner_ends_by_the_tolerance_that_was_set_while_it_ran(tuned):
+    assert 10 <= first.after <= second.after < len(recorded(tuned, "/touch/image", TactileImage))
     first, second = recorded(tuned, "/planner/parameter_events", ParameterEvent)
     assert (first.param, first.value, first.topic) == ("tolerance", "0.0003", "/model/shape")
     assert (second.param, second.value) == ("most_seconds", "7200.0")
@@ -128,29 +101,55 @@ def test_the_planner_ends_by_the_tolerance_that_was_set_while_it_ran(tuned):
     assert summary["rms_bound_95_m"] > 1e-4
 
 
-def test_a_replay_publishes_the_same_as_it_sets_the_same(tuned, capsys):
-    assert cli.run(["replay", str(tuned)]) == 0
-    assert "2 on /filter/parameter_events" in capsys.readouterr().out
-    assert cli.run(["replay", str(tuned), "--nodes", "planner"]) == 0
-    assert "2 on /planner/parameter_events" in " ".join(capsys.readouterr().out.split())
+@pytest.mark.slow
+def test_replay_sets_the_same_and_publishes_the_same(tuned):
+    for node in ("filter", "planner"):
+        done = palpate("replay", tuned, "--nodes", node)
+        assert done.code == 0
+        assert f"2 on /{node}/parameter_events" in " ".join(done.out.split())
 
 
-def test_who_records_it_from_outside_has_it_from_the_first_message_on(tuned):
+@pytest.mark.slow
+def test_recording_from_outside_begins_with_the_first_message(tuned):
     outside = tuned.parent / "o.mcap"
     assert all(one.identical for one in compare_recordings(tuned, outside).topics.values())
-    assert cli.run(["replay", str(outside)]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["contour=1", "end"])
-def test_who_goes_on_from_anywhere_comes_to_the_same_solid(place, tuned, tmp_path):
+def test_resume_from_any_point_gives_same_solid(place, tuned, tmp_path):
     again = tmp_path / "again"
-    went_on = ["replay", str(tuned), "--from", place, "--quiet", "--out", str(again)]
-    code = cli.run(went_on)
+    done = palpate("replay", tuned, "--from", place, "--quiet", "--out", again)
     assert (again / "mesh.stl").read_bytes() == (tuned / "mesh.stl").read_bytes()
     topics = compare_recordings(tuned, again).topics.items()
     differ = {name for name, one in topics if not one.identical}
     if place == "end":
         missed = read_summary(tuned)["missed"]  # by when the parameters were set
-        assert (code, differ) == (int(bool(missed)), set())
+        assert (done.code, differ) == (int(bool(missed)), set())
     else:  # what tools sent after that contour is not sent again, and changes no solid
         assert differ <= {"/filter/parameter_events", "/plan/estimate"}
+
+
+RATE = 60.0  # Robot time that passes in a second
+
+
+@pytest.mark.parametrize("composed", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_paced_frames_come_at_their_robot_time_and_are_the_same(composed, explored, tmp_path):
+    file, out = tmp_path / "paced.yaml", tmp_path / "run"
+    file.write_text(f"include: {FINGERS}\nrate: {RATE}\n")
+    finished(file, out, {"fingers": 1}, {}, composed=composed)
+    found = list(open_recording(out / "topics.mcap").messages())
+    began = next(one.sent_ns for one in found if one.topic == "/world")
+    for one in found:
+        if one.topic == "/touch/raw":
+            passed = 1e-9 * (one.sent_ns - began)
+            assert passed >= decode(TactileFrame, one.body).robot_time / RATE
+    assert all(one.identical for one in compare_recordings(explored(1), out).topics.values())
+
+
+@pytest.mark.parametrize("rate", ["0", "-1", "fast"])
+def test_rate_that_cannot_be_is_refused_with_its_line(tmp_path, rate):
+    file = tmp_path / "odd.yaml"
+    file.write_text(f"include: explore.yaml\nrate: {rate}\n")
+    with pytest.raises(InputError, match=r"odd.yaml:2: rate"):
+        finished(file, tmp_path / "odd", {}, {}, composed=True)

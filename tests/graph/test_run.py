@@ -1,183 +1,203 @@
-"""The whole program, as a user starts it: every node a process of its own."""
+"""One exploration as a user starts it, asked all that is promised of a run and of a view of it."""
+
+from __future__ import annotations
 
 import json
 import os
-import random
+import re
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from palpate.messages.recording.reader import open_recording
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.processes.registry import running_graphs
+from palpate.launch.run_directory import read_summary
+from palpate.launch.scene import SHIPPED_SCENES
+from palpate.messages.recording import open_recording
+from palpate.tools.view.live import show_graph
+from palpate.tools.view.timeline import Timeline, read_timeline
+from tests.graph.conftest import FEW, Harm, finished, group_ends, palpate, started, wait_for
 
 pytestmark = pytest.mark.graph
-SECONDS = 300.0  # Beside other work a run of five seconds has taken a minute
-EVEN = ("--set", "planner.planner=uniform", "--set", "planner.settings.count=2")
-MISSED = 1  # Exit code of a run that leaves most of the object untouched, as two slices do
-KILLS = 3
-TOYS = Path(__file__).parent / "toys"
+MISSED = 1  # Exit code of a run that leaves most of the object untouched
 
 
-def palpate(*arguments, folder):
-    command = [sys.executable, "-m", "palpate", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=SECONDS)
+class Explored(NamedTuple):
+    folder: Path
+    summary: dict[str, Any]
+    err: str
+    seen: Timeline
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A short exploration of the sphere: its folder and its summary."""
-    folder = tmp_path_factory.mktemp("separate")
-    done = palpate("run", "sphere", *EVEN, "--quiet", "--out", "run", folder=folder)
-    assert done.returncode == MISSED, done.stderr
-    assert "untouched gap" in done.stderr and done.stderr.count("\n") == 1
-    return folder / "run", json.loads((folder / "run" / "summary.json").read_text())
+def run(tmp_path_factory: pytest.TempPathFactory) -> Explored:
+    """A short exploration of the sphere by processes, with a view of the running graph."""
+    folder, seen = tmp_path_factory.mktemp("separate"), Timeline()
+    settings = [word for key, value in FEW.items() for word in ("--set", f"{key}={value}")]
+    view: Any = SimpleNamespace(
+        add=lambda messages: [seen.add(one) for one in messages], pass_time=lambda _: None
+    )
+    command = ("run", "sphere", *settings, "--quiet", "--out", "run")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        with started(*command, folder=folder) as process:
+            card = wait_for(lambda: next(iter(running_graphs(folder)), None))
+            assert show_graph(view, card, lambda: False)
+            _, err = process.communicate()
+    assert process.returncode == MISSED, err
+    return Explored(folder / "run", read_summary(folder / "run"), err, seen)
 
 
-def test_a_run_loses_nothing_and_leaves_a_closed_solid(run):
-    _, summary = run
+def test_run_loses_nothing_and_leaves_closed_solid(run):
+    summary = run.summary
     assert (summary["status"], summary["gaps"], summary["duplicates"]) == ("finished", 0, 0)
-    assert (summary["watertight"], summary["genus"], summary["contours"]) == (True, 0, 2)
-    assert summary["chamfer_m"] < 2e-3 * summary["size_m"]
-    assert len(summary["curve"]) == 3
+    assert (summary["watertight"], summary["genus"]) == (True, 0)
+    assert (summary["touches"], summary["restarts"]) == (24, {})
+    assert summary["chamfer_m"] < 0.02 * summary["size_m"]
+    assert "untouched gap" in run.err and run.err.count("\n") == 1
 
 
-def test_it_leaves_everything_that_the_run_directory_promises(run):
-    folder, _ = run
-    names = {path.name for path in folder.iterdir()}
+def test_run_directory_holds_everything_promised(run):
     meshes = {"mesh.ply", "mesh.stl", "mesh.glb"}
     written = {"model.npz", "topics.mcap", "scene.yaml", "launch.yaml", "summary.json", "log.jsonl"}
+    names = {path.name for path in run.folder.iterdir()}
     assert names == meshes | written | {"cost.svg", "report.html"}
-    with np.load(folder / "model.npz", allow_pickle=False) as model:
+    with np.load(run.folder / "model.npz", allow_pickle=False) as model:
         assert model["vertices"].shape[1] == 3
 
 
-def test_the_stock_reader_opens_the_recording(run):
-    folder, summary = run
-    with (folder / "topics.mcap").open("rb") as file:
+def test_stock_reader_opens_the_recording(run):
+    with (run.folder / "topics.mcap").open("rb") as file:
         found = make_reader(file).get_summary()
-        assert found is not None and found.statistics is not None
-        counts = {
-            channel.topic: found.statistics.channel_message_counts[channel.id]
-            for channel in found.channels.values()
-        }
-        assert {channel.message_encoding for channel in found.channels.values()} == {"msgpack"}
-        assert {schema.encoding for schema in found.schemas.values()} == {"jsonschema"}
-    assert counts["/touch/raw"] == counts["/touch/patch"] == summary["touches"]
-    assert counts["/score"] == 3
+    assert found is not None and found.statistics is not None
+    counts = {
+        channel.topic: found.statistics.channel_message_counts[channel.id]
+        for channel in found.channels.values()
+    }
+    assert {channel.message_encoding for channel in found.channels.values()} == {"msgpack"}
+    assert {schema.encoding for schema in found.schemas.values()} == {"jsonschema"}
+    assert counts["/touch/raw"] == counts["/touch/patch"] == run.summary["touches"]
+    assert counts["/score"] == len(run.summary["curve"])
 
 
-def test_a_replay_of_filter_and_curvature_is_identical(run, tmp_path):
-    folder, _ = run
-    bag = str(folder / "topics.mcap")
-    done = palpate("replay", bag, "--nodes", "filter,curvature", folder=tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert [line.split(",")[0] for line in done.stdout.splitlines()] == [
-        "filter: identical",
-        "curvature: identical",
-    ]
+def test_replay_of_nodes_is_identical(run):
+    done = palpate("replay", run.folder / "topics.mcap", "--nodes", "filter,curvature")
+    assert done.code == 0, done.out + done.err
+    verdicts = [line.split(",")[0] for line in done.out.splitlines()]
+    assert verdicts == ["filter: identical", "curvature: identical"]
 
 
-def test_unscored_and_unrecorded_in_one_process_it_is_the_same_solid_to_the_last_bit(run, tmp_path):
-    words = (str(TOYS / "unscored.yaml"), "scene:=sphere", "record:=false", "--composed", "--quiet")
-    out = ("--out", str(tmp_path / "run"))
-    done = palpate("launch", *words, *out, folder=TOYS.parent)
-    assert done.returncode == MISSED, done.stderr
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert summary["mesh_sha256"] == run[1]["mesh_sha256"]
-    assert not (tmp_path / "run" / "topics.mcap").exists()
+def test_view_of_running_graph_sees_what_its_recording_holds(run):
+    recorded = read_timeline(run.folder)
+    for kind in ("touches", "contours", "models", "grasps"):
+        assert len(getattr(run.seen, kind)) == len(getattr(recorded, kind))
+    assert [one.time for one in run.seen.touches] == [one.time for one in recorded.touches]
+    assert run.seen.scores.keys() == recorded.scores.keys()
+    assert run.seen.truth is not None and run.seen.done is not None
 
 
-def nodes_of(launcher):
-    """Processes of the nodes: the launcher's server has forked them."""
-    parents = {}
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdecimal():
-            try:
-                fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-            if fields[0] != "Z":
-                parents[int(folder.name)] = int(fields[1])
-    return sorted(pid for pid, parent in parents.items() if parents.get(parent) == launcher)
+def test_launch_file_of_run_gives_its_solid_again_in_one_process(run, tmp_path):
+    done = finished(run.folder / "launch.yaml", tmp_path / "run", {}, {}, composed=True)
+    assert done.exit_code == MISSED
+    assert done.summary["mesh_sha256"] == run.summary["mesh_sha256"]
 
 
-def kill_some(launcher, seed):
-    """Kill nodes at random while it runs; returns how many."""
-    rng, killed = random.Random(seed), 0
-    while killed < KILLS and launcher.poll() is None:
-        time.sleep(rng.uniform(0.2, 0.6))
-        nodes = nodes_of(launcher.pid)
-        if nodes and launcher.poll() is None:
-            os.kill(rng.choice(nodes), signal.SIGKILL)
-            killed += 1
-    return killed
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who is whose child")
-def test_a_run_whose_nodes_are_killed_comes_to_the_same_solid(run, tmp_path):
-    out, calm = run
-    words = [
-        str(TOYS / "unscored.yaml"),
-        "scene:=sphere",
-        "--quiet",
-        "--out",
-        str(tmp_path / "run"),
-    ]
-    command = [sys.executable, "-m", "palpate", "launch", *words]
-    process = subprocess.Popen(command, cwd=TOYS.parent, stderr=subprocess.PIPE, text=True)
-    try:
-        killed = kill_some(process, seed=3)
-        _, told = process.communicate(timeout=SECONDS)
-    finally:
-        process.kill()
-        process.communicate()
-    assert (process.returncode, killed) == (MISSED, KILLS), told
-    harmed = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert harmed["mesh_sha256"] == calm["mesh_sha256"]
-    assert (harmed["gaps"], harmed["touches"]) == (0, calm["touches"])
-    assert 0 < sum(harmed["restarts"].values()) <= KILLS and calm["restarts"] == {}
+@pytest.mark.slow
+def test_nodes_killed_at_random_moments_change_nothing(run, tmp_path):
+    harm = Harm(["", "", ""], seed=3)
+    args = {"scene": "sphere"}
+    done = finished(EXPLORE, tmp_path / "run", args, FEW, composed=False)
+    assert harm.count == 3 and 0 < sum(done.summary["restarts"].values()) <= 3
+    assert done.summary["mesh_sha256"] == run.summary["mesh_sha256"]
     kept, other = (
-        {
-            (one.topic, one.seq): one.body
-            for one in open_recording(path / "topics.mcap").messages()
-            if one.topic != "/score"
-        }
-        for path in (out, tmp_path / "run")
+        {(one.topic, one.seq): one.body for one in open_recording(bag / "topics.mcap").messages()}
+        for bag in (run.folder, tmp_path / "run")
     )
     assert kept == other
 
 
-@pytest.mark.parametrize("lines", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_ctrl_c_ends_everything_and_the_recording_can_be_read(tmp_path, lines, group_is_gone):
+@pytest.mark.parametrize(
+    ("words", "scores"),
+    [
+        (("launch", "fingers.yaml", "fingers:=1"), 0),
+        pytest.param(("run", "sphere"), 1, marks=pytest.mark.slow),
+    ],
+)
+def test_ctrl_c_ends_run_and_leaves_readable_recording(words, scores, tmp_path):
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "palpate", "run", "sphere", "--out", str(out)]
-    process = subprocess.Popen(
-        command,
-        cwd=tmp_path,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        assert process.stderr is not None
+    process = started(*words, "--out", out, start_new_session=True)
+    assert process.stderr is not None
+    with process:
         while not process.stderr.readline().startswith("ready"):
             pass
-        for _ in range(lines - 1):  # one for each score
+        for _ in range(scores):  # one line for each
             assert process.stderr.readline()
         process.send_signal(signal.SIGINT)
-        process.stderr.read()
-        assert process.wait(timeout=4.0) == 130
-    finally:
-        process.kill()
-        process.wait()
-        process.stderr.close()
-    assert group_is_gone(process.pid, 1.0)
+        process.communicate(timeout=10.0)
+    assert process.returncode == 130
+    assert group_ends(process.pid, 1.0)
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
     with (out / "topics.mcap").open("rb") as file:
         assert make_reader(file).get_summary() is not None
+
+
+OWN_SCENE = """
+object:
+  mesh: {file: ../elsewhere/mesh.ply, unit: mm}
+effects: [my_effect:MyEffect]
+explore: {planner: my_planner:MyPlanner}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["from_mesh", "amphora", "worn_sensor"])
+def test_scene_file_of_run_gives_its_solid_again_unrecorded(scene, tmp_path):
+    def solid(name, args, settings):
+        args |= {"record": False}
+        done = finished(EXPLORE, tmp_path / name, args, settings, composed=True)
+        assert not (tmp_path / name / "topics.mcap").exists()
+        return [done.summary[key] for key in ("mesh_sha256", "seed", "touches")]
+
+    first = solid("first", {"scene": scene, "seed": 11}, FEW)
+    assert first[0] is not None
+    moved = (tmp_path / "first").rename(tmp_path / "moved") / "scene.yaml"
+    draft = {"reconstructor.quality": "draft"}
+    assert solid("again", {"scene": str(moved)}, draft) == first
+
+
+@pytest.mark.slow
+def test_meshes_and_modules_of_ones_own_go_with_the_run(tmp_path):
+    work, other, out = (tmp_path / name for name in ("work", "other", "run"))
+    for folder in (work / "scenes", work / "elsewhere", other / "runs"):
+        folder.mkdir(parents=True)
+    for what in ("effect", "planner"):
+        assert palpate("init", what, f"my_{what}", folder=work).code == 0
+    (work / "my_helper.py").touch()
+    with (work / "my_planner.py").open("a") as file:
+        file.write("\nimport my_helper\n")
+    mesh = (SHIPPED_SCENES / "pear.ply").read_bytes()
+    (work / "elsewhere" / "mesh.ply").write_bytes(mesh)
+    (work / "scenes" / "s.yaml").write_text(OWN_SCENE)
+
+    def solid(folder, *words, into):
+        with started(*words, "--quiet", folder=folder) as process:
+            _, err = process.communicate()
+        assert process.returncode in (0, 1), err
+        return read_summary(folder / into)["mesh_sha256"]
+
+    first = solid(work, "run", "scenes/s.yaml", "--touches", 24, "--out", "../run", into="../run")
+    assert first is not None
+    own = {"mesh.ply", "my_effect.py", "my_helper.py", "my_planner.py"}
+    assert {one.name for one in (out / "inputs").iterdir()} == own
+    assert not re.search(r"work|elsewhere", (out / "scene.yaml").read_text())
+    work.rename(tmp_path / "gone")
+    assert solid(other, "launch", "../run/launch.yaml", "--out", "b", into="b") == first
+    out.rename(other / "runs" / "first")
+    os.symlink("first", other / "runs" / "latest")  # which is the new run's meanwhile
+    again = solid(other, "launch", "runs/latest/launch.yaml", into="runs/latest")
+    assert again == first

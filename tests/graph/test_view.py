@@ -1,74 +1,38 @@
-"""A view beside a running graph: it sees all, never holds it up, and leaves nothing behind."""
+"""A view beside a running graph: it never holds it up, and leaves nothing behind."""
+
+from __future__ import annotations
 
 import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from palpate.launch import read_summary
-from palpate.launch.processes import running_graphs
-from palpate.tools.cli import command_line as cli
-from palpate.tools.view import Timeline, ViewProcess, read_timeline
-from palpate.tools.view.live import show_graph
+from palpate.launch.processes.registry import running_graphs
+from palpate.tools.view.beside import ViewProcess
+from tests.graph.conftest import FINGERS, WITHIN, palpate, processes, started, wait_for
 
-pytestmark = pytest.mark.graph
-STAYS = """
+pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
+BESIDE = """
 import sys
 from functools import partial
 from pathlib import Path
-from palpate.tools.view import ViewProcess
+from palpate.tools.view.beside import ViewProcess
 say, told = partial(print, flush=True), []
 with ViewProcess(Path(sys.argv[1]), told.append) as beside:
-    say(beside._process.pid)
     say(told[0])
     beside.stay(say)
 """
-WITHIN = 60.0  # A deadline that only what is broken misses, s
-RUN = """
-import sys
-from pathlib import Path
-from tests.recorded_run import make_run
-make_run(Path(sys.argv[1]), composed=False)
-"""
-BESIDE = """
-import sys, time
-from pathlib import Path
-from palpate.tools.view import ViewProcess
-with ViewProcess(Path(sys.argv[1]), lambda _: None) as beside:
-    print(beside._process.pid, flush=True)
-    time.sleep(1000)
-"""
 
 
-def until(holds):
-    end = time.monotonic() + WITHIN
-    while not (found := holds()):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    return found
+def children(parent: int) -> list[int]:
+    return processes(lambda _, its_parent, __: its_parent == parent)
 
 
-def card_of(folder):
-    path = str(folder.resolve())
-    return next((card for card in running_graphs() if card.folder == path), None)
-
-
-def ended(pid):
-    """Whether a process is gone, or only waits to be buried."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except FileNotFoundError:
-        return True
-
-
-def sockets(pid):
+def sockets(pid: int) -> int:
     """Number of sockets that a process has open."""
     found = 0
     for one in Path(f"/proc/{pid}/fd").iterdir():
@@ -77,91 +41,65 @@ def sockets(pid):
     return found
 
 
-def test_a_view_sees_of_a_running_graph_what_its_recording_holds(tmp_path):
-    run = subprocess.Popen([sys.executable, "-c", RUN, str(tmp_path)])
-    line = Timeline()
-    view: Any = SimpleNamespace(
-        add=lambda messages: [line.add(one) for one in messages], pass_time=lambda _: None
-    )
-    with run:
-        card = until(lambda: card_of(tmp_path / "run"))
-        until(lambda: (tmp_path / "run" / "topics.mcap").exists())
-        time.sleep(1.0)  # much has been published by now
-        assert show_graph(view, card, lambda: False)
-    assert run.returncode == 0
-    recorded = read_timeline(tmp_path / "run")
-    for kind in ("touches", "contours", "models", "grasps"):
-        assert len(getattr(line, kind)) == len(getattr(recorded, kind))
-    assert [one.time for one in line.touches] == [one.time for one in recorded.touches]
-    assert line.scores.keys() == recorded.scores.keys()
-    assert line.truth is not None and line.done is not None
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_a_view_that_is_stopped_changes_nothing_for_the_graph(run_folder, tmp_path):
-    told: list[str] = []
-    with ViewProcess(tmp_path / "run", told.append) as beside:
-        assert told[0].startswith("view  http://127.0.0.1:")
-        pid = beside._process.pid
-        before = sockets(pid)
-        run = subprocess.Popen([sys.executable, "-c", RUN, str(tmp_path)])
-        with run:
-            card = until(lambda: card_of(tmp_path / "run"))
-            until(lambda: sockets(pid) > before + len(card.nodes))  # it has attached
+@pytest.mark.slow
+def test_stopped_view_changes_nothing_for_the_graph(explored, tmp_path):
+    lines: list[str] = []
+    before = {*children(os.getpid())}
+    with ViewProcess(tmp_path / "run", lines.append):
+        assert lines[0].startswith("view  http://127.0.0.1:")
+        [pid] = {*children(os.getpid())} - before
+        free = sockets(pid)
+        words = ("launch", FINGERS, "fingers:=2", "--quiet", "--out", tmp_path / "run")
+        with started(*words) as run:
+            card = wait_for(lambda: next(iter(running_graphs()), None))
+            wait_for(lambda: sockets(pid) > free + len(card.nodes))  # it has attached
             os.kill(pid, signal.SIGSTOP)
-            assert run.wait(WITHIN) == 0
-    assert ended(pid)
-    found, expected = read_summary(tmp_path / "run"), read_summary(run_folder)
-    assert found["mesh_sha256"] == expected["mesh_sha256"] is not None
-    assert found["touches"] == expected["touches"]
+            run.communicate(timeout=WITHIN)
+    assert run.returncode == 0
+    assert pid not in children(os.getpid())
+    difference = palpate("bag", "diff", explored(2), tmp_path / "run")
+    assert difference.code == 0, difference.out
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_a_view_ends_with_who_began_it_also_if_that_is_killed(tmp_path):
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_view_beside_run_ends_with_the_process_that_started_it(number, tmp_path):
     command = [sys.executable, "-c", BESIDE, str(tmp_path / "run")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
-        pid = int(parent.stdout.readline())
-        assert not ended(pid)
-        parent.kill()
-    until(lambda: ended(pid))
+        address, stays = (parent.stdout.readline().rstrip() for _ in range(2))
+        assert stays == f"view stays at {address.removeprefix('view  ')}; Ctrl-C ends it"
+        [pid] = children(parent.pid)
+        parent.send_signal(number)
+        assert parent.wait(WITHIN) == (0 if number == signal.SIGINT else -number)
+    wait_for(lambda: not processes(lambda one, _, __: one == pid))
 
 
-def test_ctrl_c_ends_a_view_without_a_fault(run_folder):
-    command = [sys.executable, "-m", "palpate", "view", str(run_folder), "--port", "8490"]
-    pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **pipes) as process:
-        assert process.stdout is not None and process.stderr is not None
-        told = process.stdout.readline()
-        time.sleep(0.5)
+@pytest.mark.slow
+def test_ctrl_c_ends_view_without_fault(explored):
+    with started("view", explored(1), "--port", 8490) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
         process.send_signal(signal.SIGINT)
         rest, error = process.communicate(timeout=WITHIN)
-    assert told.startswith("view  http://127.0.0.1:84")
-    assert told.endswith("  (Ctrl-C ends it)\n")
+    assert line.startswith("view  http://127.0.0.1:84")
+    assert line.endswith("  (Ctrl-C ends it)\n")
     assert (process.returncode, rest, error) == (0, "", "")
 
 
-def test_a_run_tells_where_it_is_seen_before_it_begins(tmp_path, capsys):
-    asked = ["run", "sphere", "--touches", "24", "--json", "--view", "--out", str(tmp_path / "a")]
-    assert cli.run(asked) == 1
-    told = capsys.readouterr()
-    assert told.err.startswith("view  http://127.0.0.1:")
-    assert told.out.startswith("{")
+@pytest.mark.slow
+def test_run_with_view_prints_its_address_first(tmp_path):
+    draft = ("--set", "planner.planner=uniform", "--set", "reconstructor.quality=draft")
+    done = palpate(
+        "run", "sphere", "--touches", 24, *draft, "--json", "--view", "--out", tmp_path / "a"
+    )
+    assert done.code == 1
+    assert done.err.startswith("view  http://127.0.0.1:")
+    assert done.out.startswith("{")
 
 
-def test_a_view_stays_after_the_run_until_ctrl_c(tmp_path):
-    command = [sys.executable, "-c", STAYS, str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        pid, address, stays = (process.stdout.readline().rstrip() for _ in range(3))
-        assert stays == f"view stays at {address.removeprefix('view  ')}; Ctrl-C ends it"
-        assert not ended(int(pid))
-        process.send_signal(signal.SIGINT)
-        assert process.wait(WITHIN) == 0
-    until(lambda: ended(int(pid)))
-
-
-def test_nodes_in_one_process_cannot_be_looked_at(tmp_path, capsys):
-    assert cli.run(["run", "sphere", "--composed", "--view", "--out", str(tmp_path / "a")]) == 2
-    assert "--view and --composed exclude each other" in capsys.readouterr().err
+def test_view_of_composed_nodes_is_refused(tmp_path):
+    done = palpate("run", "sphere", "--composed", "--view", "--out", tmp_path / "a")
+    assert done.code == 2
+    assert "--view and --composed exclude each other" in done.err
     assert not (tmp_path / "a").exists()

@@ -1,3 +1,7 @@
+"""Nodes that do nothing, YAML with its places, and a machine that is the same everywhere."""
+
+from __future__ import annotations
+
 import sys
 from types import ModuleType
 
@@ -6,6 +10,14 @@ from msgspec import Struct
 
 from palpate.launch.files.yaml_file import parse_yaml
 from palpate.nodes.runtime.node import Node
+
+
+@pytest.fixture(autouse=True)
+def _machine(tmp_path_factory, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path_factory.mktemp("home")))
+    monkeypatch.setenv("TERM", "dumb")
+    for name in ("COLUMNS", "FORCE_COLOR", "NO_COLOR", "PALPATE_GRAPH"):
+        monkeypatch.delenv(name, raising=False)
 
 
 class NoParams(Struct, frozen=True, kw_only=True):

@@ -1,3 +1,7 @@
+"""Launch files: arguments, includes, conditions, fingers, Python; every fault with its line."""
+
+from __future__ import annotations
+
 import re
 from pathlib import Path
 
@@ -6,7 +10,7 @@ import pytest
 from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.graph import resolved_text
 from palpate.launch.launch_file import arguments_table, describe, list_arguments
-from palpate.launch.launch_source import EXPLORE, find_launch_file
+from palpate.launch.launch_source import EXPLORE, find_exploration, find_launch_file, named_modules
 
 TWO = """
 args:
@@ -29,14 +33,17 @@ def described(path, **args):
     return describe(path, {k: SourceMapped(v, k) for k, v in args.items()}, Path("runs/here"))
 
 
-def test_a_launch_file_becomes_a_graph_and_arguments_override_defaults(write):
+def entries(path, **args):
+    return {entry.name: entry for entry in described(path, **args).graph.entries}
+
+
+def test_launch_file_becomes_graph_and_arguments_override_defaults(write):
     graph = described(write("f.yaml", TWO)).graph
     a, b = graph.entries
     assert (a.name, a.module, a.namespace, a.remap) == ("a", "t.a", "one", {"/x": "/z"})
     assert a.params == {"turns": 3, "label": "in runs/here/n3"}
     assert a.places["turns",].endswith("f.yaml:4")
-    assert b.module == "palpate.nodes.b"
-    assert b.source.endswith("f.yaml:12")
+    assert b.module == "palpate.nodes.b" and b.source.endswith("f.yaml:12")
     assert graph.ends == "a"
     found = described(write("f.yaml", TWO), turns=7, loud=False)
     assert [entry.name for entry in found.graph.entries] == ["a"]
@@ -46,27 +53,33 @@ def test_a_launch_file_becomes_a_graph_and_arguments_override_defaults(write):
         described(write("f.yaml", TWO), lout=1)
 
 
-def test_the_shipped_launch_file_takes_everything_from_the_scene():
+def test_shipped_launch_file_takes_everything_from_the_scene(write):
     found = described(EXPLORE, scene="vase")
-    assert found.scene is not None
-    entries = {entry.name: entry for entry in found.graph.entries}
-    params = entries["simulator"].params
+    assert found.scene is not None and found.graph.ends == "evaluator"
+    by_name = {entry.name: entry for entry in found.graph.entries}
+    params = by_name["simulator"].params
     assert params["seed"] == found.scene.spec.seed == 7
-    assert len(params["object"]["lattice"]) == 6
-    assert params["reach"] == 0.15
-    assert entries["recorder"].params == {"path": "runs/here/topics.mcap"}
-    assert found.graph.ends == "evaluator"
+    assert len(params["object"]["lattice"]) == 6 and params["reach"] == 0.15
+    assert by_name["recorder"].params == {"path": "runs/here/topics.mcap"}
+    text = "object:\n  sphere: {radius: 0.04}\nexplore:\n  tolerance: 0.5e-3\n"
+    scene = write("s.yaml", text)
+    planner = entries(EXPLORE, scene=str(scene))["planner"]
+    assert planner.params == {"tolerance": 0.5e-3}
+    assert planner.places["tolerance",] == f"{scene}:4"
 
 
-def test_what_the_scene_tells_of_the_planner_is_placed_in_the_scene(write):
-    scene = write(
-        "s.yaml",
-        "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
-        "explore:\n  tolerance: 0.5e-3\n",
-    )
-    entries = {e.name: e for e in described(EXPLORE, scene=str(scene)).graph.entries}
-    assert entries["planner"].params == {"tolerance": 0.5e-3}
-    assert entries["planner"].places["tolerance",] == f"{scene}:4"
+def test_argument_within_the_scene_changes_one_of_its_values():
+    args = {
+        "scene.sensor.pitch": SourceMapped(1.2e-3, "typed"),
+        "scene": SourceMapped("sphere", ""),
+    }
+    found = describe(EXPLORE, args, Path("out"))
+    (simulator,) = (one for one in found.graph.entries if one.name == "simulator")
+    assert simulator.params["sensor"]["pitch"] == 1.2e-3
+    assert found.scene is not None and "pitch: 0.0012" in found.scene.text
+    for name in ("scene.", "scen.sensor.pitch", "seed.x"):
+        with pytest.raises(InputError, match=f"typed: .*has no argument '{name}'"):
+            describe(EXPLORE, {name: SourceMapped(1, "typed")}, Path("out"))
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -96,7 +109,7 @@ def test_what_the_scene_tells_of_the_planner_is_placed_in_the_scene(write):
     ("args: {a: 1}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'"),
     ("args: {a: [1]}\nends: x$(a)\nnodes: {}", "$(a) is more than a word"),
 ])  # fmt: skip
-def test_a_wrong_launch_file_is_refused(write, text, words):
+def test_wrong_launch_file_is_refused(write, text, words):
     with pytest.raises(InputError, match=re.escape(words)):
         described(write("f.yaml", text))
 
@@ -115,38 +128,26 @@ ends: b
 """
 
 
-def test_there_is_a_node_for_each_finger_and_one_alone_has_no_namespace(write):
-    one, two, b = described(write("f.yaml", EACH)).graph.entries
-    assert (one.name, one.module, one.namespace) == ("a_1", "palpate.nodes.a", "finger_1")
-    assert (two.name, two.module, two.namespace) == ("a_2", "palpate.nodes.a", "finger_2")
+def test_node_with_fingers_is_there_for_each(write):
+    file = write("f.yaml", EACH)
+    one, two, b = described(file).graph.entries
+    assert [entry.name for entry in (one, two, b)] == ["a_1", "a_2", "b"]
+    assert [entry.namespace for entry in (one, two, b)] == ["finger_1", "finger_2", ""]
     assert [entry.finger for entry in (one, two, b)] == [1, 2, 0]
     assert [entry.group for entry in (one, two, b)] == ["a", "a", "b"]
+    assert [entry.on_exit for entry in (one, two, b)] == ["ignore", "ignore", "restart"]
     assert two.params == {"number": 2, "of": 2, "label": "finger 2"}
-    assert (one.nice, two.nice) == (3, 3)
-    assert (one.on_exit, two.on_exit, b.on_exit) == ("ignore", "ignore", "restart")
+    assert (one.module, one.nice, two.nice) == ("palpate.nodes.a", 3, 3)
     assert one.source.endswith("f.yaml:5") and two.source.endswith("f.yaml:5")
     assert two.places["label",].endswith("f.yaml:7")
-    assert (b.name, b.namespace) == ("b", "")
-    a, _ = described(write("f.yaml", EACH), hands=1).graph.entries
+    a, _ = described(file, hands=1).graph.entries
     assert (a.name, a.namespace, a.finger) == ("a", "", 0)
     assert a.params == {"number": 1, "of": 1, "label": "finger 1"}
     with pytest.raises(InputError, match=r"^hands: fingers must be 1 to 8, got 12$"):
-        described(write("f.yaml", EACH), hands=12)
+        described(file, hands=12)
 
 
-def test_only_the_sensing_nodes_of_the_shipped_launch_file_are_there_for_each_finger():
-    found = {
-        entry.name: entry for entry in described(EXPLORE, scene="vase", fingers=3).graph.entries
-    }
-    each = ("simulator", "filter", "curvature", "tracer")
-    assert set(found) == {f"{kind}_{n}" for kind in each for n in (1, 2, 3)} | {
-        *("planner", "reconstructor", "evaluator", "recorder")
-    }
-    assert [found[f"tracer_{n}"].params["finger"] for n in (1, 2, 3)] == [1, 2, 3]
-    assert (found["simulator_3"].params["finger"], found["simulator_3"].params["fingers"]) == (3, 3)
-
-
-def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_graph(write):
+def test_resolved_graph_of_several_fingers_is_the_same_graph(write):
     graph = described(EXPLORE, scene="sphere", fingers=2, record=False).graph
     text = resolved_text(graph, graph.wirings(), Path("out"))
     first, again = (
@@ -154,21 +155,138 @@ def test_the_resolved_graph_of_several_fingers_is_a_launch_file_of_the_same_grap
         for wirings in (graph.wirings(), described(write("again.yaml", text)).graph.wirings())
     )
     assert again == first
+    sensing = ("simulator", "filter", "curvature", "tracer")
+    alone = ("planner", "reconstructor", "evaluator")
+    assert set(first) == {*alone, *(f"{kind}_{n}" for kind in sensing for n in (1, 2))}
+    assert (first["simulator_2"][1].finger, first["simulator_2"][1].fingers) == (2, 2)
 
 
-def test_a_launch_file_is_found_by_path_and_the_shipped_one_by_name(write):
-    path = write("f.yaml", TWO)
+BASE = """
+args:
+  turns: 3
+  box: {a: 1, b: 2}
+nodes:
+  a:
+    kind: t.a
+    params:
+      turns: $(turns)
+      box: {a: 1, b: 2}
+    remap: {/x: /z}
+  b:
+    params: $(box)
+ends: a
+"""
+
+
+def test_included_graph_is_changed_and_keeps_its_places(write):
+    base = write("base.yaml", BASE)
+    assert entries(write("f.yaml", "include: base.yaml\n")) == entries(base)
+    write("middle.yaml", "include: base.yaml\nargs: {turns: 5}\n")
+    assert entries(write("f.yaml", "include: middle.yaml\n"))["a"].params["turns"] == 5
+    own = """include: base.yaml
+args: {turns: 4, box: {c: 3}, more: $(turns)}
+nodes:
+  a:
+    params: {box: {c: 3}, more: $(more)}
+  c:
+    kind: t.c
+ends: c
+"""
+    path = write("f.yaml", own)
+    found = entries(path)
+    assert list(found) == ["a", "b", "c"]
+    assert found["a"].params == {"turns": 4, "box": {"c": 3}, "more": 4}
+    assert (found["a"].kind, found["a"].remap) == ("t.a", {"/x": "/z"})
+    assert found["b"].params == {"c": 3}
+    assert (found["a"].places["turns",], found["a"].source) == (f"{path}:2", f"{path}:4")
+    left = entries(write("g.yaml", "include: base.yaml\nnodes:\n  a:\n  b: {if: false}\n"))
+    assert list(left) == ["a"] and left["a"].params["turns"] == 3
+    assert left["a"].places["turns",] == f"{base}:3"
+    assert left["a"].places["box", "a"] == f"{base}:10"
+    write("base.yaml", BASE.replace("    params:\n", "    oops:\n"))
+    with pytest.raises(InputError, match=rf"{base}:8: unknown key 'oops'"):
+        entries(path)
+
+
+def test_shipped_file_is_included_by_name_unless_one_lies_beside(write):
+    path = write("f.yaml", "include: explore.yaml\nnodes:\n  extra: {kind: t.c}\n")
+    assert entries(path, scene="sphere").keys() == {*entries(EXPLORE), "extra"}
+    write("explore.yaml", BASE)
+    assert list(entries(path)) == ["a", "b", "extra"]
     assert find_launch_file(path) == path
-    assert find_launch_file(Path("explore.yaml")) == EXPLORE
-    assert find_launch_file(Path("explore")) == EXPLORE
+    assert {find_launch_file(Path(name)) for name in ("explore.yaml", "explore")} == {EXPLORE}
+    assert find_exploration() == EXPLORE
+    assert find_exploration("planar") == find_launch_file(Path("planar"))
+    with pytest.raises(InputError, match="--procedure plane: must be one of containment, planar"):
+        find_exploration("plane")
+    for name, words in (("no.yaml", "does not exist"), ("f.txt", "must end in .yaml or .py")):
+        with pytest.raises(InputError, match=words):
+            find_launch_file(Path(name))
 
 
-@pytest.mark.parametrize(
-    ("name", "words"), [("no.yaml", "does not exist"), ("f.txt", "must end in .yaml or .py")]
-)
-def test_what_is_no_launch_file_is_refused(name, words):
+@pytest.mark.parametrize(("text", "words"), [
+    ("include: f.yaml", "f.yaml:1: includes f.yaml, which includes this file"),
+    ("ends: a\ninclude: g.yaml", "g.yaml:1: includes f.yaml, which includes this file"),
+    ("include: no.yaml", "no.yaml: the launch file does not exist"),
+    ("include: [a]", r"f.yaml:1: include is \['a'\]; expected the name of a launch file"),
+    ("include: ''", "f.yaml:1: include is ''; expected"),
+    ("include: h.py", "f.yaml:1: includes h.py, which is no YAML"),
+    ("include: base.yaml\nnoodes: {}", "f.yaml:2: unknown key 'noodes'"),
+    ("include: base.yaml\nnodes: 3", "f.yaml:2: nodes is 3; expected map"),
+    ("include: base.yaml\nargs: 3", "f.yaml:2: args must be a map"),
+])  # fmt: skip
+def test_wrong_include_is_refused(write, text, words):
+    for name, other in (("base.yaml", BASE), ("g.yaml", "include: f.yaml"), ("h.py", "")):
+        write(name, other)
     with pytest.raises(InputError, match=words):
-        find_launch_file(Path(name))
+        entries(write("f.yaml", text))
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("from palpate.nodes.filter import NODE as NODE", "subscribes to /touch/info, which nobody"),
+    ("NODE = 1/0", "module '{}' breaks: ZeroDivisionError: division by zero"),
+    ("def", "module '{}' breaks: SyntaxError: invalid syntax"),
+    ("import palpate_test_no", "no module '{}': No module named 'palpate_test_no'"),
+    ("from palpate.nodes.driver import SOURCE", "module '{}' holds no NODE"),
+    (None, "no module '{}'"),
+])  # fmt: skip
+def test_module_of_ones_own_is_a_kind_or_refused(write, here, text, words):
+    name = f"palpate_test_{abs(hash(text))}"
+    if text is not None:
+        write(f"{name}.py", f"{text}\n")
+    path = write("f.yaml", f"nodes: {{a: {{kind: '{name}:NODE'}}}}\nends: a")
+    graph = describe(path, {}, here).graph
+    assert graph.entries[0].module == name
+    with pytest.raises(InputError, match=f"f.yaml:1: node 'a': {words.format(name)}"):
+        graph.wirings()
+    wrong = write("g.yaml", f"nodes: {{a: {{kind: '{name}:Node'}}}}\nends: a")
+    with pytest.raises(InputError, match=r"is named as module:NODE"):
+        describe(wrong, {}, here).graph.wirings()
+
+
+@pytest.mark.parametrize(("text", "modules"), [
+    ("nodes: {a: {kind: filter}, b: {kind: my_lab.b}, tracer: }", "filter my_lab.b tracer"),
+    ("nodes: {filter: {kind: 3}}", "filter"),
+    ("nodes: [filter]", ""),
+    ("ends: filter", ""),
+    ("nodes: {filter", ""),
+])  # fmt: skip
+def test_modules_are_known_before_the_file_is_checked(write, tmp_path, text, modules):
+    names = [name if "." in name else f"palpate.nodes.{name}" for name in modules.split()]
+    assert named_modules(write("graph.yaml", text)) == tuple(names)
+    python = write("graph.py", "raise SystemExit")
+    assert named_modules(python) == named_modules(tmp_path / "none.yaml") == ()
+    kinds = [
+        "simulator",
+        "filter",
+        "curvature",
+        "tracer",
+        "planner",
+        "reconstructor",
+        "evaluator",
+        "recorder",
+    ]
+    assert sorted(named_modules(EXPLORE)) == sorted(f"palpate.nodes.{kind}" for kind in kinds)
 
 
 PYTHON = """
@@ -180,7 +298,7 @@ def describe(turns, out="", size=1):
 """
 
 
-def test_a_python_file_describes_its_graph_itself_if_it_is_there(write, tmp_path):
+def test_python_file_describes_its_graph_itself(write, tmp_path):
     graph = described(write("f.py", PYTHON), turns=4).graph
     assert graph.entries[0].params == {"turns": 4, "out": "runs/here"}
     with pytest.raises(InputError, match="does not exist"):
@@ -194,71 +312,41 @@ def test_a_python_file_describes_its_graph_itself_if_it_is_there(write, tmp_path
     ("x = 1", {}, "has no function describe"),
     ("def describe(): return 3", {}, "describe returned 3; it must return a Graph"),
     ("def describe(:", {}, "f.py:1: is not Python"),
+    ("def describe():\n    raise RuntimeError('no arm')\n", {}, "f.py:2: RuntimeError: no arm"),
+    ("import a_module_that_is_not_there\n", {}, "f.py:1: ModuleNotFoundError"),
+    ("raise SystemExit(9)\n", {}, "f.py:1: SystemExit: 9"),
 ])  # fmt: skip
-def test_a_wrong_python_file_is_refused(write, text, args, words):
+def test_wrong_python_file_is_refused(write, text, args, words):
     with pytest.raises(InputError, match=re.escape(words)):
         described(write("f.py", text), **args)
 
 
-def test_what_a_python_launch_file_raises_is_told_with_its_line(tmp_path):
-    path = tmp_path / "mine.py"
-    path.write_text("def describe():\n    raise RuntimeError('no arm')\n")
-    with pytest.raises(InputError, match=rf"{path}:2: RuntimeError: no arm"):
-        describe(path, {}, tmp_path)
-    path.write_text("import a_module_that_is_not_there\n")
-    with pytest.raises(InputError, match=rf"{path}:1: ModuleNotFoundError"):
-        describe(path, {}, tmp_path)
-    path.write_text("raise SystemExit(9)\n")
-    with pytest.raises(InputError, match=rf"{path}:1: SystemExit: 9"):
-        describe(path, {}, tmp_path)
-
-
-def written(folder, name, text):
-    path = folder / name
-    path.write_text(text)
-    return path
-
-
-def rows(text):
-    """Lines of the table, with one blank between two words."""
+def rows(path):
+    """Lines of the table of arguments, with one blank between two words."""
+    text = arguments_table(path, list_arguments(path))
     return [" ".join(line.split()) for line in text.splitlines()[2:]]
 
 
-def test_arguments_are_shown_with_default_and_comment_if_there_are_any(tmp_path):
-    shown = rows(arguments_table(EXPLORE, list_arguments(EXPLORE)))
+@pytest.mark.parametrize(("line", "row"), [
+    ("a: 'x # y'  # real", "a x # y real"),
+    ("a: it's # so", "a it's so"),
+    ("a:  # empty", "a null empty"),
+    ("a: ''", 'a ""'),
+    ("a: 0.5\n  # of its own", "a 0.5"),
+    ("{a: 1}  # all", "a 1"),
+])  # fmt: skip
+def test_arguments_are_shown_with_default_and_comment(write, line, row):
+    assert rows(write("graph.yaml", f"args:\n  {line}\nnodes: {{}}\nends: x\n")) == [row]
+    shown = rows(EXPLORE)
     assert "scene vase name of a shipped scene, or a path" in shown
-    assert "seed $(scene.seed)" in shown
-    assert "record true keep every message in topics.mcap" in shown
-    path = written(tmp_path, "graph.yaml", "nodes: {}\nends: x\n")
+    assert {"seed $(scene.seed)", "record true keep every message in topics.mcap"} < set(shown)
+    path = write("graph.yaml", "nodes: {}\nends: x\n")
     assert arguments_table(path, list_arguments(path)) == f"{path} takes no arguments"
-
-
-@pytest.mark.parametrize(
-    ("line", "row"),
-    [
-        ("a: 'x # y'  # real", "a x # y real"),
-        ("a: it's # so", "a it's so"),
-        ("a:  # empty", "a null empty"),
-        ("a: ''", 'a ""'),
-        ("a: 0.5\n  # of its own", "a 0.5"),
-        ("{a: 1}  # all", "a 1"),
-    ],
-)
-def test_a_comment_is_what_stands_behind_the_argument(tmp_path, line, row):
-    path = written(tmp_path, "graph.yaml", f"args:\n  {line}\nnodes: {{}}\nends: x\n")
-    assert rows(arguments_table(path, list_arguments(path))) == [row]
-
-
-def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp_path):
-    text = (
+    head = (
         "def describe(turns: int = 3, *, name, out: str, speed: 'float | None' = None, **more):\n"
     )
-    path = written(tmp_path, "graph.py", text + "    raise SystemExit('called')\n")
-    assert rows(arguments_table(path, list_arguments(path))) == [
-        "turns int 3",
-        "name required",
-        "speed float | None None",
-    ]
+    path = write("graph.py", head + "    raise SystemExit('called')\n")
+    assert rows(path) == ["turns int 3", "name required", "speed float | None None"]
 
 
 @pytest.mark.parametrize(("name", "text", "words"), [
@@ -267,23 +355,6 @@ def test_of_python_the_parameters_of_describe_are_shown_and_it_is_not_called(tmp
     ("graph.py", "describe = 3", "has no function describe"),
     ("graph.py", "1 / 0", "ZeroDivisionError"),
 ])  # fmt: skip
-def test_a_file_that_cannot_be_used_is_refused(tmp_path, name, text, words):
+def test_arguments_of_wrong_file_are_refused(write, name, text, words):
     with pytest.raises(InputError, match=words):
-        list_arguments(written(tmp_path, name, text))
-
-
-def test_an_argument_within_the_scene_changes_one_of_its_values():
-    args = {
-        "scene.sensor.pitch": SourceMapped(1.2e-3, "typed"),
-        "scene": SourceMapped("sphere", ""),
-    }
-    described = describe(EXPLORE, args, Path("out"))
-    (simulator,) = (one for one in described.graph.entries if one.name == "simulator")
-    assert simulator.params["sensor"]["pitch"] == 1.2e-3
-    assert described.scene is not None and "pitch: 0.0012" in described.scene.text
-
-
-@pytest.mark.parametrize("name", ["scene.", "scen.sensor.pitch", "seed.x"])
-def test_what_is_within_no_scene_is_no_argument(name):
-    with pytest.raises(InputError, match=f"typed: .*has no argument '{name}'"):
-        describe(EXPLORE, {name: SourceMapped(1, "typed")}, Path("out"))
+        list_arguments(write(name, text))

@@ -1,165 +1,128 @@
+"""Evaluator node: models against the truth, by the distances of two balls."""
+
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.geometry.distances import SAMPLES, compare_surfaces, prepare_surface
-from palpate.core.poses import IDENTITY_POSE
-from palpate.core.shapes.tessellations import icosphere
-from palpate.messages.codec import encode
-from palpate.messages.types.model import Score, ShapeModel
-from palpate.messages.types.world import Truth
-from palpate.nodes.evaluator import EVERY, NODE, Params, State, take_model, take_truth
-from palpate.nodes.runtime.node import Finished, resolved
-from palpate.nodes.runtime.testing import example
+from palpate.core.geometry import SAMPLES, compare_surfaces, prepare_surface
+from palpate.messages import encode
+from palpate.messages.types import Score, ShapeModel, Truth
+from palpate.nodes import curvature, evaluator, filter, planner, reconstructor, simulator, tracer
+from palpate.nodes.evaluator import NODE
+from palpate.nodes.runtime.node import Finished
+from palpate.nodes.runtime.testing import drive, example
+from palpate.nodes.specs.objects import build_shape
+from tests.messages.cases import cases
+from tests.nodes.loop import Loop, LoopNode, ball_spec
 
-Model = Callable[..., ShapeModel]
 RADIUS = 0.04
 
 
-@pytest.fixture
-def truth() -> Truth:
-    """A ball of 80 mm."""
-    (directions, faces), (coarse, coarse_faces) = icosphere(4), icosphere(3)
-    return Truth(
-        vertices=RADIUS * directions,
-        faces=faces,
-        floor_vertices=RADIUS * coarse,
-        floor_faces=coarse_faces,
-        height=2 * RADIUS,
-    )
+@cache
+def ball(level: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a ball of 80 mm."""
+    return tuple(build_shape(ball_spec(RADIUS, (0.0, 0.0, 0.0))).mesh(level))
 
 
-@pytest.fixture
-def model() -> Model:
-    """Makes a ball of some radius as a model."""
-
-    def make(radius: float, *, final: bool = False) -> ShapeModel:
-        directions, faces = icosphere(4)
-        return example(
-            ShapeModel,
-            number=3,
-            contours=(1, 2, 5),
-            control=np.zeros((2, 2, 2, 3)),
-            undeformed=np.zeros((2, 2, 2, 3)),
-            knots_columns=np.zeros(6),
-            knots_rows=np.zeros(6),
-            knots_layers=np.zeros(6),
-            vertices=radius * directions,
-            faces=faces,
-            frame=IDENTITY_POSE,
-            touches=42,
-            robot_time=60.5,
-            final=final,
-        )
-
-    return make
+TRUTH = Truth(
+    vertices=ball(4)[0],
+    faces=ball(4)[1],
+    floor_vertices=ball(3)[0],
+    floor_faces=ball(3)[1],
+    height=2 * RADIUS,
+)
 
 
-@pytest.fixture
-def informed(truth: Truth) -> State:
-    state, outputs = take_truth(Params(), None, truth)
-    assert outputs == []
-    return state
+def model(scale: float = 1.0, **changes: Any) -> ShapeModel:
+    vertices, faces = ball(4)
+    fields = {"vertices": scale * vertices, "faces": faces, "contours": (1, 2, 5), "number": 3}
+    return example(ShapeModel, **{**fields, "touches": 42, "robot_time": 60.5, **changes})
 
 
-def score_of(state: State, model: ShapeModel) -> Score:
-    _, [output, *_] = take_model(Params(), state, model)
-    assert not isinstance(output, Finished)
-    topic, later = output
-    score = resolved(later)
-    assert topic == "/score"
-    assert isinstance(score, Score)
-    return score
+def judged(*models: ShapeModel) -> list[Any]:
+    told = [("/truth", TRUTH), *(("/model/shape", one) for one in models)]
+    return [one if isinstance(one, Finished) else one[1] for one in drive(NODE, told)]
 
 
-def test_a_model_that_is_the_truth_is_at_no_distance(informed: State, model: Model):
-    score = score_of(informed, model(RADIUS))
-    assert score.hausdorff < 1e-15
-    assert (score.volume_error, score.watertight, score.genus) == (0.0, True, 0)
+def score(model: ShapeModel) -> Score:
+    return judged(model)[0]
 
 
-def test_a_ball_that_is_too_large_is_too_large_by_that_much(informed: State, model: Model):
-    score = score_of(informed, model(RADIUS * 1.02))
-    assert score.chamfer == pytest.approx(0.02 * RADIUS, rel=0.02)
-    assert score.volume_error == pytest.approx(1.02**3 - 1, rel=1e-9)
-    assert score.p95 <= score.hausdorff
-    assert score.chamfer <= score.rms <= score.hausdorff
+def test_true_model_is_at_no_distance_and_costs_are_copied():
+    found = score(model())
+    assert found.hausdorff < 1e-15 and found.normal < 1e-5
+    assert (found.volume_error, found.watertight, found.genus, found.true_genus) == (0, True, 0, 0)
+    assert (found.number, found.contours, found.touches) == (3, 3, 42)
+    assert (found.robot_time, found.size, found.final) == (60.5, 2 * RADIUS, False)
 
 
-def test_the_score_tells_what_the_model_cost(informed: State, model: Model):
-    score = score_of(informed, model(RADIUS))
-    assert (score.number, score.contours, score.touches) == (3, 3, 42)
-    assert (score.robot_time, score.size, score.final) == (60.5, 2 * RADIUS, False)
+def test_larger_ball_is_too_large_by_its_difference():
+    found = score(model(1.02))
+    assert found.chamfer == pytest.approx(0.02 * RADIUS, rel=0.02)
+    assert found.volume_error == pytest.approx(1.02**3 - 1, rel=1e-9)
+    assert found.chamfer <= found.rms <= found.hausdorff and found.p95 <= found.hausdorff
 
 
-@pytest.mark.parametrize(("final", "samples"), [(True, SAMPLES), (False, SAMPLES // EVERY)])
-def test_the_sampling_floor_is_the_distance_of_two_tessellations(
-    informed: State, model: Model, truth: Truth, final: bool, samples: int
-):
-    floor = prepare_surface(truth.floor_vertices, truth.floor_faces)
-    whole = prepare_surface(truth.vertices, truth.faces)
-    expected = compare_surfaces(whole, floor).chamfer
-    found = score_of(informed, model(RADIUS, final=final)).sampling_floor
-    assert found == pytest.approx(expected, rel=0.0 if final else 0.05)
-    few = compare_surfaces(*(one.thinned(SAMPLES // samples) for one in (whole, floor)))
-    assert found == few.chamfer
-    assert 0.0 < expected < 0.01 * RADIUS
+def test_final_model_is_measured_by_all_samples_and_ends_the_graph():
+    on_the_way, final, end = judged(model(1.01), model(1.01, final=True))
+    assert end == Finished("the final solid was compared with the true one") and final.final
+    assert final.rms != on_the_way.rms == pytest.approx(final.rms, rel=0.01)
+    whole, floor = (prepare_surface(*ball(level)) for level in (4, 3))
+    assert final.sampling_floor == compare_surfaces(whole, floor).chamfer
+    few = compare_surfaces(whole.thinned(20), floor.thinned(20)).chamfer
+    assert on_the_way.sampling_floor == few == pytest.approx(final.sampling_floor, rel=0.05)
+    assert 0.0 < few < 0.01 * RADIUS
+    made = prepare_surface(1.01 * TRUTH.vertices, TRUTH.faces, SAMPLES // 20)
+    assert on_the_way.rms == compare_surfaces(whole.thinned(20), made).rms
 
 
-def test_a_model_on_the_way_is_measured_by_fewer_samples(informed: State, model: Model):
-    whole, few = (score_of(informed, model(RADIUS * 1.01, final=final)) for final in (True, False))
-    assert few.rms != whole.rms
-    assert few.rms == pytest.approx(whole.rms, rel=0.01)
+def test_scores_are_the_same_bytes_and_open_surface_has_no_genus():
+    assert encode(score(model(1.01))) == encode(score(model(1.01)))
+    found = score(model(faces=ball(4)[1][1:]))
+    assert (found.watertight, found.genus) == (False, -1)
 
 
-def test_only_the_final_model_ends_the_graph(informed: State, model: Model):
-    _, going_on = take_model(Params(), informed, model(RADIUS))
-    _, ended = take_model(Params(), informed, model(RADIUS, final=True))
-    assert len(going_on) == 1
-    assert ended[1:] == [Finished("the final solid was compared with the true one")]
-    assert resolved(ended[0][1]).final  # type: ignore[index, attr-defined]
+def test_model_without_faces_has_no_score():
+    empty = np.zeros((0, 3), np.int32)
+    assert judged(model(faces=empty)) == []
+    assert judged(model(faces=empty, final=True)) == [Finished("nothing could be rebuilt")]
 
 
-def test_an_open_model_has_no_genus(informed: State, model: Model):
-    whole = model(RADIUS)
-    score = score_of(informed, replace(whole, faces=whole.faces[1:]))
-    assert (score.watertight, score.genus) == (False, -1)
-
-
-def test_the_same_inputs_give_the_same_bytes(truth: Truth, model: Model):
-    bodies = set()
-    for _ in range(2):
-        state, _ = take_truth(Params(), None, truth)
-        bodies.add(encode(score_of(state, model(RADIUS * 1.01))))
-    assert len(bodies) == 1
-
-
-def test_a_model_before_the_truth_is_refused(model: Model):
+@cases(
+    "told, words",
+    ([("/truth", replace(TRUTH, faces=TRUTH.faces[:, ::-1]))], r"volume, got -0\.0002"),
+    (
+        [
+            ("/truth", TRUTH),
+            ("/model/shape", model(faces=np.array([[0, 1, 99]], np.int32) * 1000)),
+        ],
+        r"faces must name vertices from 0 to \d+, got 99000",
+    ),
+)
+def test_mesh_that_is_no_solid_or_surface_is_refused(told: list[Any], words: str):
+    with pytest.raises(ValueError, match=words):
+        drive(NODE, told)
+    assert drive(NODE, [("/model/shape", model())]) == []  # which waits for the truth
     with pytest.raises(ValueError, match="model 3 came before the truth"):
-        take_model(Params(), None, model(RADIUS))
-    assert NODE.needs == ("/truth",)
+        NODE.inputs["/model/shape"][1](None, None, model())
 
 
-def test_a_truth_without_volume_is_refused(truth: Truth):
-    with pytest.raises(ValueError, match=r"the truth must have a positive volume, got -0\.0002"):
-        take_truth(Params(), None, replace(truth, faces=truth.faces[:, ::-1]))
-
-
-def test_a_model_without_faces_has_no_score(informed: State, model: Model):
-    empty = replace(model(RADIUS), faces=np.zeros((0, 3), np.int32))
-    assert take_model(Params(), informed, empty)[1] == []
-
-
-def test_a_final_model_without_faces_ends_the_graph(informed: State, model: Model):
-    empty = replace(model(RADIUS, final=True), faces=np.zeros((0, 3), np.int32))
-    assert take_model(Params(), informed, empty)[1] == [Finished("nothing could be rebuilt")]
-
-
-def test_a_model_that_is_no_surface_is_refused(informed: State, model: Model):
-    wrong = replace(model(RADIUS), faces=np.array([[0, 1, 99_999]], np.int32))
-    with pytest.raises(ValueError, match="faces must name vertices from 0 to 2561, got 99999"):
-        score_of(informed, wrong)
+@pytest.mark.slow
+def test_exploration_of_a_ball_by_all_nodes_ends_with_a_good_score():
+    kinds = (filter, curvature, tracer, reconstructor, evaluator)
+    planned = planner.Params(planner="uniform", settings={"count": 3})
+    loop = Loop(
+        *(LoopNode(one.NODE, one.NODE.params()) for one in kinds),
+        LoopNode(planner.NODE, planned),
+        LoopNode(simulator.NODE, simulator.Params(object=ball_spec())),
+    )
+    contours = [m.status for topic, m in loop.begun if topic == "/contour/traced"]
+    *_, last = (m for topic, m in loop.begun if topic == "/score")
+    assert contours == ["closed"] * 3 and last.final and last.watertight and last.genus == 0
+    # Three contours of a ball feel nearly all of it.
+    assert last.chamfer < 2e-4 * last.size and last.sampling_floor > 0.0

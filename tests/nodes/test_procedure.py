@@ -1,35 +1,24 @@
-"""The procedure node: moves become goals, findings messages, and refusals are told."""
+"""Procedure node: moves become goals, findings messages, and refusals are told."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.procedures import Findings, FingerMove, approach
-from palpate.messages.types import (
-    GraspContacts,
-    ProcedureResult,
-    SensorInfo,
-    ShapeModel,
-    SurfacePatch,
-    TouchGoal,
-    World,
-)
-from palpate.nodes.procedure import (
-    Params,
-    State,
-    know_sensor,
-    know_world,
-    take_contacts,
-    take_patch,
-)
-from palpate.nodes.runtime import Finished
-from palpate.nodes.runtime.testing import example
+from palpate.core.explore.grasp import Hand
+from palpate.core.procedures import Findings, FingerMove, HandMove, approach
+from palpate.messages.types import GraspContacts, SensorInfo, SurfacePatch, World
+from palpate.nodes.procedure import NODE, Params
+from palpate.nodes.runtime.node import Finished
+from palpate.nodes.runtime.testing import drive, example, messages_on
+from tests.messages.cases import cases
 
 HERE = __name__
+TWO = World(platform=0.0, reach=0.1, fingers=2, seed=0)
 
 
 def move(x: float = 0.0) -> FingerMove:
@@ -45,77 +34,91 @@ def two_at_once(setting: object, count: int = 1) -> Iterator[object]:
     return Findings(status="done", reason="touched", figures={"widest_m": max(places)})
 
 
-def patch_of(goal: int, finger: int, x: float = 0.0) -> SurfacePatch:
+def closings(setting: object) -> Iterator[object]:
+    """A procedure of one's own: the hand closes twice."""
+    hand, met = Hand(fingers=3, opening=0.1, reach=0.09), []
+    for height in (0.05, 0.04):
+        met.append((yield HandMove(hand, np.array([0.0, 0.0, height, 0, 0, 0, 1.0]))))
+    counts = {"contacts": float(sum(len(one.points) for one in met))}
+    return Findings(status="done", reason="closed", figures=counts)
+
+
+def patch_of(goal: int, finger: int, x: float = 0.0) -> tuple[str, SurfacePatch]:
     """What a finger met: nothing, at x."""
-    pose = np.array([x, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0])
-    told = {"pose": pose, "outcome": "miss", "kind": "miss", "robot_time": 1.0}
-    image = np.zeros((16, 16))
-    shapes = {"height": image, "mask": image > 0.0, "jet": np.zeros(0)}
-    return replace(example(SurfacePatch), goal=goal, touch=0, finger=finger, **told, **shapes)
+    told = {"outcome": "miss", "kind": "miss", "robot_time": 1.0 + finger}
+    told |= {"pose": np.array([x, 0.0, 0.05, 0, 0, 0, 1.0]), "height": np.zeros((16, 16))}
+    told |= {"mask": np.zeros((16, 16), bool), "goal": goal, "finger": finger}
+    return "/touch/patch", example(SurfacePatch, **told)
 
 
-@pytest.fixture
-def world() -> World:
-    return World(platform=0.0, reach=0.1, fingers=2, seed=0)
+def published(info: SensorInfo, *more: Any, world: World = TWO, **params: Any) -> list[Any]:
+    own = {"procedure": f"{HERE}:two_at_once", **params}
+    return drive(NODE, [("/world", world), ("/touch/info", info), *more], own)
 
 
-def begun(world: World, info: SensorInfo, **params: object):
-    own = Params(procedure=f"{HERE}:two_at_once", **params)
-    state, nothing = know_world(own, State(), world)
-    assert nothing == []
-    return own, *know_sensor(own, state, info)
+def test_moves_of_two_fingers_begin_together(info: SensorInfo):
+    first, second = messages_on(published(info), "/finger/goal")
+    assert [(goal.finger, goal.goal, goal.touch) for goal in (first, second)] == [
+        (1, 0, 0),
+        (2, 0, 0),
+    ]
+    assert np.array_equal(first.pose, move().pose) and first.reach == move().reach
+    later = published(info, patch_of(0, 1), patch_of(0, 2), settings={"count": 2})
+    goals = messages_on(later, "/finger/goal")[2:]
+    assert [(goal.goal, goal.not_before) for goal in goals] == [(1, 3.0)] * 2
+    assert goals[1].pose[0] == pytest.approx(-0.01)
 
 
-def test_moves_of_two_fingers_begin_together(world: World, info: SensorInfo):
-    _, state, outputs = begun(world, info)
-    goals = [goal for topic, goal in outputs if topic == "/finger/goal"]
-    assert [goal.finger for goal in goals] == [1, 2] and state.under_way == 2
-    assert all(isinstance(goal, TouchGoal) and goal.goal == 0 for goal in goals)
+@pytest.mark.parametrize("order", [(1, 2), (2, 1)])
+def test_procedure_goes_on_when_all_have_met_something(order: tuple[int, int], info: SensorInfo):
+    one, other = (patch_of(0, finger, 0.01) for finger in order)
+    assert len(published(info, one)) == 2
+    found = published(info, one, other)[2:]
+    topics = [one[0] for one in found if not isinstance(one, Finished)]
+    assert topics == ["/probe/traced"] * 2 + ["/procedure/result", "/model/shape"]
+    [result], [model] = messages_on(found, topics[2]), messages_on(found, topics[3])
+    assert (result.status, result.reason, result.touches) == ("done", "touched", 2)
+    assert result.figures == {"widest_m": 0.01} and result.robot_time == 3.0
+    assert model.final and not len(model.faces) and model.method == "procedure"
+    assert isinstance(found[-1], Finished)
+    assert len({probe.id for probe in messages_on(found, "/probe/traced")}) == 2
 
 
-def test_it_goes_on_when_both_have_met_something_in_either_order(world, info):
-    for order in ((1, 2), (2, 1)):
-        params, state, _ = begun(world, info)
-        state, outputs = take_patch(params, state, patch_of(goal=0, finger=order[0], x=0.01))
-        assert outputs == []
-        state, outputs = take_patch(params, state, patch_of(goal=0, finger=order[1], x=0.01))
-        topics = [one[0] for one in outputs if not isinstance(one, Finished)]
-        assert topics == ["/probe/traced"] * 2 + ["/procedure/result", "/model/shape"]
-        result = outputs[2][1]
-        assert isinstance(result, ProcedureResult) and result.touches == 2
-        assert result.status == "done" and result.figures == {"widest_m": 0.01}
-        model = outputs[3][1]
-        assert isinstance(model, ShapeModel) and model.final and not len(model.faces)
-        assert isinstance(outputs[-1], Finished)
+def test_hand_closes_again_when_it_has_met_something(info: SensorInfo):
+    contacts = [
+        ("/hand/contacts", example(GraspContacts, number=n, robot_time=4.0, points=np.ones((2, 3))))
+        for n in range(2)
+    ]
+    found = published(info, *contacts, procedure=f"{HERE}:closings")
+    first, second = messages_on(found, "/hand/goal")
+    assert (first.number, first.fingers, first.opening, first.reach) == (0, 3, 0.1, 0.09)
+    assert (second.number, second.pose[2], second.not_before) == (1, 0.04, 4.0)
+    [result] = messages_on(found, "/procedure/result")
+    assert (result.figures, result.contacts, result.touches) == ({"contacts": 4.0}, 4, 0)
 
 
-def test_too_few_fingers_are_told_and_not_waited_for(info):
-    alone = World(platform=0.0, reach=0.1, fingers=1, seed=0)
-    _, _, outputs = begun(alone, info)
-    result = outputs[0][1]
-    assert (
-        result.status == "unsuited"
-        and "it needs 2 fingers at once, and there are 1" in result.reason
-    )
+def test_too_few_fingers_or_touches_end_it(info: SensorInfo):
+    [result] = messages_on(published(info, world=replace(TWO, fingers=1)), "/procedure/result")
+    assert result.status == "unsuited"
+    assert "it needs 2 fingers at once, and there are 1" in result.reason
+    told = [patch_of(0, 1), patch_of(0, 2)]
+    found = published(info, *told, most_touches=3, settings={"count": 5})
+    [result] = messages_on(found, "/procedure/result")
+    assert (result.status, result.reason) == ("incomplete", "3 touches were not enough")
 
 
-def test_touches_that_are_not_allowed_end_it(world, info):
-    params, state, _ = begun(world, info, most_touches=3, settings={"count": 5})
-    for finger in (1, 2):
-        state, outputs = take_patch(params, state, patch_of(goal=0, finger=finger, x=0.0))
-    result = outputs[2][1]
-    assert result.status == "incomplete" and result.reason == "3 touches were not enough"
+@cases(
+    "answer, words",
+    (patch_of(7, 1), "nobody asked for touch 0 of goal 7"),
+    (patch_of(0, 3), "nobody asked for touch 0 of goal 0"),
+    (("/hand/contacts", example(GraspContacts)), "nobody asked for closing 0"),
+)
+def test_answer_that_was_not_asked_for_is_refused(answer: Any, words: str, info: SensorInfo):
+    with pytest.raises(ValueError, match=words):
+        published(info, answer)
 
 
-def test_answers_that_nobody_asked_for_are_refused(world, info):
-    params, state, _ = begun(world, info)
-    with pytest.raises(ValueError, match="nobody asked for touch 0 of goal 7"):
-        take_patch(params, state, patch_of(goal=7, finger=1, x=0.0))
-    with pytest.raises(ValueError, match="nobody asked for closing"):
-        take_contacts(params, state, example(GraspContacts))
-
-
-def test_unknown_procedures_and_settings_are_refused():
+def test_unknown_procedure_or_setting_is_refused():
     with pytest.raises(ValueError, match="there is no procedure 'planer'"):
         Params(procedure="planer")
     with pytest.raises(ValueError, match="has no setting 'contact'; it has contacts"):

@@ -1,6 +1,7 @@
+"""Reconstructor node: exactly the sets that it is asked for, of slices, touches and closings."""
+
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -11,223 +12,140 @@ import pytest
 
 from palpate.core.archive import arrays_from_bytes, tree_from_arrays
 from palpate.core.arrays import Floats
-from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, compose_poses, pose_of, transform_points
-from palpate.core.rebuild.general.solid import FARTHEST
-from palpate.messages.codec import encode
-from palpate.messages.types.model import ModelGoal, PlanDone, ShapeModel, Superquadric
-from palpate.messages.types.motion import ContourGoal, GraspContacts, ProbeGoal
-from palpate.messages.types.touch import no_move
-from palpate.messages.types.world import SpaceMap
-from palpate.nodes import curvature, filter, simulator, tracer
+from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, compose_poses, pose_of
+from palpate.core.steps import no_steps
+from palpate.messages import encode, types
+from palpate.messages.types import ContourGoal, GraspContacts, ShapeModel, SpaceMap, Superquadric
 from palpate.nodes.reconstructor import NODE, Params
-from palpate.nodes.runtime.node import resolved
+from palpate.nodes.runtime.node import Deferred
 from palpate.nodes.runtime.testing import example
-from palpate.nodes.runtime.work import CpuSteps
-from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.nodes.simulator import Params as Simulated
+from tests.nodes import patches
+from tests.nodes.loop import RADIUS, Published, ball_spec, touching
+from tests.nodes.patches import INFO, ball_patches
 
-RADIUS = 0.03
 MIDDLE = np.array([0.02, -0.01, RADIUS])
 LEAN = np.deg2rad(25.0)
 # A frame about the ball's middle.
 TILTED = np.concatenate([MIDDLE, [np.sin(LEAN / 2), 0.0, 0.0, np.cos(LEAN / 2)]])
 UPRIGHT = np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.0, 1.0])
-Heard = list[tuple[str, Any]]
 
 
-def contour_goal(number: int, frame: Floats, height: float) -> ContourGoal:
-    return ContourGoal(
-        id=number, finger=1, frame=frame, height=height, centre=np.zeros(2), radius=0.1,
-        not_before=0.0,
-    )  # fmt: skip
-
-
-def probe_goal(number: int, frame: Floats, pose: Floats) -> ProbeGoal:
-    return ProbeGoal(
-        id=number, finger=1, pose=compose_poses(frame, pose), reach=0.15, not_before=0.0
-    )  # fmt: skip
-
-
-def along(frame: Floats, low: float, high: float) -> list[ContourGoal | ProbeGoal]:
-    """Three slices, and a touch from each end along the axis, but that on which it stands."""
-    heights = np.linspace(low + 0.006, high - 0.006, 3)
-    goals: list[ContourGoal | ProbeGoal] = [
-        contour_goal(number, frame, float(height)) for number, height in enumerate(heights)
-    ]
-    goals.append(probe_goal(3, frame, pose_of(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN)))
-    if low < 0.0:
-        goals.append(probe_goal(4, frame, pose_of(np.array([0.0, 0.001, low - 0.05]), np.eye(3))))
-    return goals
-
-
-def felt_by(goals: Iterable[ContourGoal | ProbeGoal]) -> Heard:
-    """Everything that a finger says while it feels a ball, one goal after the other."""
-    ball = ObjectSpec(
-        superquadric=SuperquadricSpec(size=(RADIUS,) * 3, exponents=(1.0, 1.0)),
-        pose=PoseSpec(position=(MIDDLE[0], MIDDLE[1], MIDDLE[2])),
+def felt(frame: Floats, low: float, high: float) -> Published:
+    """Three slices of a ball along a frame's axis, and touches of its ends but a standing one."""
+    loop = touching(
+        Simulated(object=ball_spec(RADIUS, tuple(MIDDLE)), effects={"pose_error": {"sigma": 2e-5}})
     )
-    effects = {"pose_error": {"sigma": 2e-5}}
-    params = {module: module.NODE.params() for module in (filter, curvature, tracer)}
-    params[simulator] = simulator.Params(object=ball, effects=effects)
-    states, waiting, published = {}, deque[tuple[str, Any]](), []
-    for module in (simulator, filter, curvature, tracer):
-        states[module], outputs = module.NODE.start(params[module])
-        waiting.extend(outputs)
-    asked = deque(goals)
-    while waiting or asked:
-        if not waiting:
-            goal = asked.popleft()
-            topic = "/contour/goal" if isinstance(goal, ContourGoal) else "/probe/goal"
-            waiting.append((topic, goal))
-        topic, message = waiting.popleft()
-        published.append((topic, message))
-        for module in states:
-            if topic in module.NODE.inputs:
-                handler = module.NODE.inputs[topic][1]
-                states[module], outputs = handler(params[module], states[module], message)
-                waiting.extend((where, resolved(one)) for where, one in outputs)  # type: ignore[misc]
+    published = list(loop.begun)
+    for number, height in enumerate(np.linspace(low + 0.006, high - 0.006, 3)):
+        goal = {"id": number, "finger": 1, "frame": frame, "height": float(height), "radius": 0.1}
+        published += loop.publish("/contour/goal", example(ContourGoal, **goal))
+    ends = [(pose_of(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN))]
+    ends += [pose_of(np.array([0.0, 0.001, low - 0.05]), np.eye(3))] if low < 0.0 else []
+    for number, pose in enumerate(ends, 3):
+        goal = {"id": number, "finger": 1, "pose": compose_poses(frame, pose), "reach": 0.15}
+        published += loop.publish("/probe/goal", example(types.ProbeGoal, **goal))
     return [one for one in published if one[0] in NODE.inputs]
 
 
-def model_goal(number: int, contours: Sequence[int], probes: Sequence[int]) -> ModelGoal:
-    return ModelGoal(
-        number=number, contours=tuple(contours), probes=tuple(probes), closings=0, touches=19,
-        robot_time=30.0,
-    )  # fmt: skip
+def goal(number: int, contours: Sequence[int] = (), probes: Sequence[int] = (), **more: Any) -> Any:
+    fields = {"number": number, "contours": tuple(contours), "probes": tuple(probes)}
+    return "/model/goal", example(
+        types.ModelGoal, **{**fields, "touches": 19, "robot_time": 30.0, **more}
+    )
 
 
-def plan_done(number: int, contours: Sequence[int], probes: Sequence[int]) -> PlanDone:
-    return PlanDone(
-        number=number, contours=tuple(contours), probes=tuple(probes), touches=19,
-        robot_time=30.0, reason="enough", reached=None, rms_bound_95=None,
-        largest_untouched=None, uncovered=0.0,
-    )  # fmt: skip
+def done(number: int, contours: Sequence[int] = (), probes: Sequence[int] = (), **more: Any) -> Any:
+    _, asked = goal(number, contours, probes)
+    fields = {name: getattr(asked, name) for name in ("number", "contours", "probes", "touches")}
+    return "/plan/done", example(types.PlanDone, **{**fields, "robot_time": 30.0, **more})
 
 
 @cache
 def tilted() -> tuple[tuple[str, Any], ...]:
     """Messages of a ball in a tilted frame, with a goal after each contour but the first."""
-    felt = felt_by(along(TILTED, -RADIUS, RADIUS))
-    at = [i for i, (topic, _) in enumerate(felt) if topic == "/contour/traced"]
-    felt.insert(at[2] + 1, ("/model/goal", model_goal(2, [1, 0, 2], [])))
-    felt.insert(at[1] + 1, ("/model/goal", model_goal(1, [1, 0], [])))
-    return (*felt, ("/plan/done", plan_done(3, [1, 0, 2], [3, 4])))
+    found = felt(TILTED, -RADIUS, RADIUS)
+    at = [i for i, (topic, _) in enumerate(found) if topic == "/contour/traced"]
+    found.insert(at[2] + 1, goal(2, [1, 0, 2]))
+    found.insert(at[1] + 1, goal(1, [1, 0]))
+    return (*found, done(3, [1, 0, 2], [3, 4]))
 
 
-@cache
-def told() -> tuple[Any, ...]:
-    """What the node says to it."""
-    return tuple(models(tilted()))
-
-
-def test_the_steps_of_a_model_are_told_one_after_the_other(inputs: Heard):
-    steps = CpuSteps()
-    state, _ = NODE.start(Params())
-    for topic, message in inputs:
-        state, outputs = NODE.inputs[topic][1](Params(), state, message)
-        later = [one for where, one in outputs if where == "/model/shape"]  # type: ignore[misc]
-        if later:
-            break
-    later[0].make(steps)
-    wanted = {"contours", "radial spline", "ends", "loft", "bound", "mesh"}
-    assert wanted <= set(steps.seconds)
-    assert all(seconds > 0.0 for seconds in steps.seconds.values())
-
-
-@pytest.fixture
-def inputs() -> Heard:
-    return list(tilted())
-
-
-def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
-    """The models that the node publishes of these messages, in this order."""
-    return [one for one in everything(messages) if not isinstance(one, SpaceMap)]
-
-
-def everything(messages: Iterable[tuple[str, Any]]) -> list[Any]:
-    """What the node says to these messages, in this order."""
+def promised(messages: Iterable[tuple[str, Any]]) -> list[Deferred]:
+    """What the node is going to publish of messages in this order."""
     state, _ = NODE.start(Params())
     published: list[Any] = []
     for topic, message in messages:
         state, outputs = NODE.inputs[topic][1](Params(), state, message)
-        for where, model in outputs:  # type: ignore[misc]
-            published.append(resolved(model))
-            assert type(published[-1]) is NODE.outputs[where]
+        published += [one[1] for one in outputs]
     return published
 
 
-def contacts(number: int, count: int = 12) -> GraspContacts:
-    rng = np.random.default_rng(number)
-    normals = rng.normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return example(
-        GraspContacts,
-        number=number,
-        points=MIDDLE + RADIUS * normals,
-        normals=normals,
-        fingers=np.zeros(count, np.int32),
-        move=no_move(),
-        robot_time=1.0,
-    )
+def everything(messages: Iterable[tuple[str, Any]]) -> list[Any]:
+    return [one.make(no_steps) for one in promised(messages)]
 
 
-def grasps(closings: int, *order: int) -> Heard:
-    goal = replace(model_goal(0, [], []), closings=closings)
-    return [("/model/goal", goal), *(("/hand/contacts", contacts(number)) for number in order)]
+def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
+    return [one.make(no_steps) for one in promised(messages) if one.cls is not SpaceMap]
 
 
-def test_each_goal_gets_one_model_of_exactly_its_set(inputs: Heard):
-    goals = [m for t, m in inputs if t in ("/model/goal", "/plan/done")]
-    published = told()
-    assert [model.number for model in published] == [goal.number for goal in goals]
-    assert [model.contours for model in published] == [goal.contours for goal in goals]
-    assert [model.final for model in published] == [False, False, True]
+@cache
+def told() -> tuple[Any, ...]:
+    """What the node publishes of the ball in a tilted frame."""
+    return tuple(everything(tilted()))
 
 
-def test_a_model_can_be_sent_and_is_closed():
-    last = told()[-1]
-    assert encode(last)
+def shapes() -> list[ShapeModel]:
+    return [one for one in told() if isinstance(one, ShapeModel)]
+
+
+def error(model: ShapeModel, middle: Floats = MIDDLE, radius: float = RADIUS) -> float:
+    """Root mean square distance of the vertices from the ball [m]."""
+    off = np.linalg.norm(model.vertices - middle, axis=1) - radius
+    return float(np.sqrt(np.mean(off**2)))
+
+
+def test_each_goal_gets_one_model_of_exactly_its_set():
+    goals = [m for t, m in tilted() if t in ("/model/goal", "/plan/done")]
+    for name in ("number", "contours", "probes", "touches", "robot_time"):
+        assert [getattr(one, name) for one in shapes()] == [getattr(one, name) for one in goals]
+    assert [model.final for model in shapes()] == [False, False, True]
+    assert [type(one) for one in told()] == [ShapeModel, SpaceMap] * 3
+    assert all(encode(one) for one in told())
+
+
+def test_final_solid_is_closed_and_where_the_object_is():
+    last = shapes()[-1]
     edges = np.sort(last.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
-
-
-def test_a_solid_sliced_along_a_tilted_axis_is_where_the_object_is():
-    last = told()[-1]
+    assert (last.closed, last.genus, last.self_crossings, last.method) == (True, 0, 0, "lattice")
     off = np.linalg.norm(last.vertices - MIDDLE, axis=1) - RADIUS
-    assert np.abs(off).max() < 2e-4
-    assert np.array_equal(last.frame, TILTED)
-    along_axis = last.uncertainty_height
-    assert -RADIUS <= along_axis.min() < -0.02 and 0.02 < along_axis.max() <= RADIUS
-    away = np.linalg.norm(last.control.reshape(-1, 3) - MIDDLE, axis=1)
-    assert away.max() < 3.0 * RADIUS
+    assert np.abs(off).max() < 2e-4 and np.array_equal(last.frame, TILTED)
+    along = last.uncertainty_height
+    assert -RADIUS <= along.min() < -0.02 and 0.02 < along.max() <= RADIUS
+    assert np.linalg.norm(last.control.reshape(-1, 3) - MIDDLE, axis=1).max() < 3.0 * RADIUS
+    solid = tree_from_arrays(arrays_from_bytes(last.archive))
+    assert np.array_equal(solid.frame, TILTED)
+    assert np.array_equal(solid.control_lattice.control, last.control)
 
 
-def test_both_ends_of_a_tilted_axis_are_those_that_were_probed():
-    without, both = told()[1:]
-    assert (without.health["uncovered_below"], without.health["uncovered_above"]) > (0.0, 0.0)
-    assert both.health["uncovered_below"] == both.health["uncovered_above"] == 0.0
-    rms = float(np.sqrt(np.mean((np.linalg.norm(both.vertices - MIDDLE, axis=1) - RADIUS) ** 2)))
-    assert rms / 4.0 < both.deviation < without.deviation
+def test_probed_ends_are_covered_and_deviation_is_that_of_the_solid():
+    _, without, both = shapes()
+    names = ("uncovered_below", "uncovered_above")
+    assert all(without.health[name] > 0.0 == both.health[name] for name in names)
+    assert error(both) / 4.0 < both.deviation < without.deviation
 
 
-def test_an_upright_object_is_touched_by_the_platform_on_which_it_stands():
-    felt = felt_by(along(UPRIGHT, 0.0, 2.0 * RADIUS))
-    [model] = models([*felt, ("/plan/done", plan_done(1, [0, 1, 2], [3]))])
-    assert model.health["uncovered_below"] == 0.0
-    assert model.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-9)
-    assert np.array_equal(model.frame, UPRIGHT)
+def test_touches_are_predicted_before_they_are_used():
+    first, _, last = shapes()
+    assert first.predicted == {} and set(last.predicted) == {"lattice"}
+    assert 0.0 < last.predicted["lattice"] < RADIUS
+    assert len(last.vertex_errors) == len(last.vertex_distances) == len(last.vertices)
+    assert (last.vertex_bounds >= last.vertex_errors).all()
 
 
-def test_the_platform_tells_nothing_of_a_tilted_axis(inputs: Heard):
-    lower = replace(next(m for t, m in inputs if t == "/world"), platform=-0.02)
-    moved = [(t, lower if t == "/world" else m) for t, m in inputs]
-    for one, other in zip(models(moved), told(), strict=True):
-        assert one.method == other.method == "lattice"
-        assert np.array_equal(one.vertices, other.vertices)
-        assert np.array_equal(one.control, other.control)
-
-
-def test_a_map_goes_with_each_model_and_grows(inputs: Heard):
-    maps = [one for one in everything(inputs) if isinstance(one, SpaceMap)]
+def test_map_of_space_grows_with_each_model():
+    maps = [one for one in told() if isinstance(one, SpaceMap)]
     assert [one.number for one in maps] == [1, 2, 3]
     free, touched = ([int((one.states == state).sum()) for one in maps] for state in (1, 2))
     assert 0 < free[0] < free[1] < free[2] and 0 < touched[0] < touched[1] < touched[2]
@@ -238,110 +156,164 @@ def test_a_map_goes_with_each_model_and_grows(inputs: Heard):
         assert least < away.min() and away.max() < most
 
 
-def test_touches_are_predicted_before_they_are_used():
-    first, _, last = told()
-    assert first.predicted == {} and set(last.predicted) == {"lattice"}
-    assert all(0.0 < one <= FARTHEST for one in last.predicted.values())
-    assert len(last.vertex_errors) == len(last.vertex_distances) == len(last.vertices)
-    assert (last.vertex_bounds >= last.vertex_errors).all()
+@pytest.mark.slow
+def test_standing_object_is_touched_by_its_platform():
+    [model] = models([*felt(UPRIGHT, 0.0, 2.0 * RADIUS), done(1, [0, 1, 2], [3])])
+    assert model.health["uncovered_below"] == 0.0 and np.array_equal(model.frame, UPRIGHT)
+    assert model.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_probe_that_missed_touches_no_end(inputs: Heard):
-    probe = next(m for t, m in inputs if t == "/probe/traced" and m.id == 3)
-    missed = replace(
-        probe, outcome="miss", point=transform_points(TILTED, np.array([[0, 0, 0.2]]))[0]
-    )
-    others = [(t, missed if m is probe else m) for t, m in inputs]
-    last = models(others)[-1]
+@pytest.mark.slow
+def test_order_of_goals_and_touches_and_height_of_platform_change_nothing():
+    lower = [(t, replace(m, platform=-0.02) if t == "/world" else m) for t, m in tilted()]
+    first = [one for one in lower if one[0] in NODE.needs]
+    goals = [one for one in lower if one[0] in ("/model/goal", "/plan/done")]
+    touches = [one for one in lower if one[0] == "/touch/patch"]
+    rest = [one for one in lower if one not in first and one not in goals and one not in touches]
+    late = models([*first, *goals, *rest, *touches, *goals])
+    assert [encode(one) for one in late] == [encode(one) for one in shapes()]
+
+
+def test_set_that_lacks_a_touch_is_not_fitted():
+    last = max(i for i, (topic, _) in enumerate(tilted()) if topic == "/touch/patch")
+    without = tilted()[:last] + tilted()[last + 1 :]
+    assert len(promised(without)) == len(told()) - 2
+    assert len(promised([*without, tilted()[last]])) == len(told())
+
+
+@pytest.mark.slow
+def test_probe_that_missed_touches_no_end():
+    probe = next(m for t, m in tilted() if t == "/probe/traced" and m.id == 3)
+    missed = replace(probe, outcome="miss", point=MIDDLE + [0.0, 0.0, 0.2])
+    last = models([(t, missed if m is probe else m) for t, m in tilted()])[-1]
     assert np.linalg.norm(last.vertices - MIDDLE, axis=1).max() < 1.2 * RADIUS
 
 
-def test_the_archive_of_the_final_model_is_the_solid():
-    last = told()[-1]
-    solid = tree_from_arrays(arrays_from_bytes(last.archive))
-    assert np.array_equal(solid.frame, TILTED)
-    grid = solid.control_lattice.control
-    assert np.array_equal(grid, last.control)
-
-
-def test_contours_of_two_frames_are_refused_with_a_sentence(inputs: Heard):
-    others = [
+@pytest.mark.slow
+def test_slices_of_two_frames_give_way_to_a_general_solid():
+    asked = [one for one in tilted() if one[0] not in ("/model/goal", "/plan/done")]
+    turned = [
         (t, replace(m, frame=IDENTITY_POSE) if t == "/contour/traced" and m.id == 2 else m)
-        for t, m in inputs
+        for t, m in asked
     ]
-    last = models(others)[-1]
-    assert last.method == "general" and last.dropped == (1, 0, 2)
-    assert np.abs(np.linalg.norm(last.vertices - MIDDLE, axis=1) - RADIUS).max() < 5e-3
-    assert set(last.dropped_reasons) == {
-        "contours must be traced in one slicing frame, but that of contour 2 is not that of "
-        "contour 1"
-    }
-    assert encode(last)
+    [last] = models([*turned, goal(3, [1, 0, 2], [3, 4])])
+    assert last.dropped == (1, 0, 2) and encode(last)
+    words = "one slicing frame, but that of contour 2 is not that of contour 1"
+    assert all(words in one for one in last.dropped_reasons)
+    assert last.method == "general" and error(last) < 2e-3
 
 
-def test_goals_before_their_touches_wait_for_them(inputs: Heard):
-    info = [one for one in inputs if one[0] in ("/world", "/touch/info")]
-    goals = [one for one in inputs if one[0] in ("/model/goal", "/plan/done")]
-    rest = [one for one in inputs if one[0] not in NODE.needs and one not in goals]
-    early = models(info + goals + rest)
-    assert [encode(one) for one in early] == [encode(one) for one in told()]
+BALL = patches.RADIUS  # Radius of the ball that touches alone feel [m]
+HELD = types.World(platform=-0.05, held=True, reach=0.06, fingers=1, seed=0)
+TOUCHES = 24
 
 
-def test_touches_after_everything_else_complete_the_sets(inputs: Heard):
-    patches = [one for one in inputs if one[0] == "/touch/patch"]
-    before = [one for one in inputs if one[0] != "/touch/patch"]
-    late = models(before + patches)
-    assert [encode(one) for one in late] == [encode(one) for one in told()]
+def single(count: int = TOUCHES, **changes: Any) -> Published:
+    """Single touches of a ball in mixed order, each a goal of its own."""
+    order = np.random.default_rng(0).permutation(TOUCHES)[:count]
+    found: Published = [("/world", HELD), INFO]
+    for number, which in enumerate(order):
+        _, patch = ball_patches(TOUCHES)[which]
+        found.append(("/touch/patch", replace(patch, goal=number, touch=0)))
+        found.append(probe(number))
+    return found
 
 
-def test_a_set_that_lacks_a_touch_is_not_fitted(inputs: Heard):
-    last = max(i for i, (topic, _) in enumerate(inputs) if topic == "/touch/patch")
-    assert len(models(inputs[:last] + inputs[last + 1 :])) == 2
+def probe(number: int, outcome: str = "hit") -> tuple[str, Any]:
+    from palpate.messages.types import Probe
+
+    return "/probe/traced", example(Probe, id=number, outcome=outcome, touches=1)
 
 
-def test_nothing_to_rebuild_gives_an_empty_model():
-    [model] = models([("/plan/done", plan_done(1, [], []))])
-    assert (len(model.vertices), model.final, model.touches) == (0, True, 19)
-    assert np.array_equal(model.frame, IDENTITY_POSE) and model.deviation == 0.0
-    assert model.predicted == {} and len(model.vertex_errors) == 0
-    assert encode(model)
+def of_touches(number: int, count: int, ask: Any = goal, **more: Any) -> tuple[str, Any]:
+    return ask(number, (), range(count), general=True, **more)
 
 
-def test_a_goal_without_contours_gets_the_superquadric_of_the_hand():
-    [coarse] = models(grasps(4, 0, 1, 2, 3))
+@cache
+def general() -> tuple[ShapeModel, ...]:
+    """Drafts of most touches and of all, and the final solid."""
+    goals = [of_touches(1, TOUCHES - 2), of_touches(2, TOUCHES), of_touches(3, TOUCHES, done)]
+    later = [one for one in promised([*single(), *goals]) if one.cls is ShapeModel]
+    return tuple(one.make(no_steps) for one in reversed(later))[::-1]
+
+
+def test_draft_with_touches_more_is_nearly_the_final_solid():
+    first, draft, final = general()
+    errors = [error(one, np.zeros(3), BALL) for one in general()]
+    assert errors[1] < 2.0 * errors[2] + 1e-6 and errors[2] < 2e-5
+    assert final.final and final.closed and final.genus == 0 and not final.rejected
+    assert first.predicted == {} and set(draft.predicted) == {"general"}
+    assert len(draft.vertex_errors) == len(draft.vertices) and (draft.vertex_errors > 0.0).all()
+
+
+def test_models_do_not_depend_on_the_order_in_which_they_are_made():
+    goals = [of_touches(1, TOUCHES - 2), of_touches(2, TOUCHES)]
+    made = models([*single(), *goals])  # the first first; `general` makes the last first
+    assert [encode(one) for one in made] == [encode(one) for one in general()[:2]]
+
+
+def test_solid_beyond_the_explored_space_is_rejected():
+    near = [(t, replace(m, reach=0.004) if t == "/world" else m) for t, m in single()]
+    [found] = models([*near, of_touches(1, TOUCHES, done)])
+    assert "beyond the space that was explored" in found.rejected[0] and not len(found.faces)
+
+
+def test_where_no_solid_is_sound_the_one_before_stands():
+    fields = {"goal": TOUCHES, "outcome": "miss", "kind": "miss", "advance": 0.03}
+    pose = np.array([0.0, 0.0, 0.004, 0.0, 0.0, 0.0, 1.0])
+    image = {"height": np.zeros((16, 16)), "mask": np.zeros((16, 16), bool), "pose": pose}
+    through = ("/touch/patch", example(types.SurfacePatch, **fields, **image))
+    told = [*single(), of_touches(1, TOUCHES - 2), through, probe(TOUCHES, "miss")]
+    before, found = models([*told, of_touches(2, TOUCHES, done, missed=(TOUCHES,))])
+    assert "a finger has passed through" in found.rejected[0]
+    assert found.final and np.allclose(found.vertices.mean(axis=0), before.vertices.mean(axis=0))
+    assert error(found, np.zeros(3), BALL) < 1e-4
+
+
+@pytest.mark.parametrize("bound", [1e-9, pytest.param(1e-3, marks=pytest.mark.slow)])
+def test_final_solid_off_its_draft_by_more_than_the_bound_is_rejected(bound: float):
+    last = done(3, [1, 0, 2], [3, 4], rms_bound_95=bound)
+    final = promised([*tilted()[:-1], last])[-2].make(no_steps)
+    assert [("whose error bound is" in one) for one in final.rejected] == [True] * (bound < 1e-6)
+    assert np.array_equal(final.vertices, shapes()[-1].vertices) is (bound > 1e-6)
+    assert error(final) < 2e-4
+
+
+def contacts(number: int, count: int = 12) -> tuple[str, GraspContacts]:
+    normals = np.random.default_rng(number).normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    met = {"points": MIDDLE + RADIUS * normals, "normals": normals, "robot_time": 1.0}
+    fingers = np.zeros(count, np.int32)
+    return "/hand/contacts", example(GraspContacts, number=number, fingers=fingers, **met)
+
+
+def test_closings_alone_give_the_superquadric_of_the_hand_in_any_order():
+    asked = goal(0, closings=4)
+    [coarse] = models([asked, *map(contacts, range(4))])
     assert isinstance(coarse, Superquadric) and encode(coarse)
     assert coarse.size == pytest.approx([RADIUS] * 3, rel=0.02)
     assert coarse.pose[:3] == pytest.approx(MIDDLE, abs=5e-4)
     assert coarse.residuals.shape == (48,) and coarse.residual < 1e-5
     assert (coarse.number, coarse.bend) == (0, 0.0)
+    mixed = list(map(contacts, (5, 3, 1, 0, 2)))  # a later closing does not count
+    for messages in ([*mixed, asked], [*mixed[:2], asked, *mixed[2:]]):
+        assert [encode(one) for one in models(messages)] == [encode(coarse)]
+    assert promised([asked, *map(contacts, (3, 1, 2))]) == []
 
 
-def test_closings_may_be_received_in_any_order_and_all_are_waited_for():
-    wanted = [encode(one) for one in models(grasps(4, 0, 1, 2, 3))]
-    goal, *closings = grasps(4, 3, 1, 0, 2)
-    assert [encode(one) for one in models([*closings, goal])] == wanted
-    assert [encode(one) for one in models([*closings[:2], goal, *closings[2:]])] == wanted
-    assert models(grasps(4, 3, 1, 2)) == []
-
-
-def test_later_closings_do_not_count():
-    wanted = [encode(one) for one in models(grasps(3, 0, 1, 2))]
-    assert [encode(one) for one in models(grasps(3, 3, 2, 1, 0))] == wanted
-
-
-def test_a_hand_that_met_nothing_tells_so():
-    nothing = ("/hand/contacts", contacts(0, 0))
-    goal = grasps(1)[0]
-    [coarse] = models([nothing, goal])
+def test_sets_of_nothing_give_empty_models():
+    [coarse] = models([contacts(0, 0), goal(0, closings=1)])
     assert coarse.warnings == ("too few points",) and encode(coarse)
+    [model] = models([done(1)])
+    assert (len(model.vertices), model.final, model.touches) == (0, True, 19)
+    assert np.array_equal(model.frame, IDENTITY_POSE) and model.deviation == 0.0
+    assert model.predicted == {} and len(model.vertex_errors) == 0 and encode(model)
 
 
-def test_models_follow_their_numbers_whatever_they_are_of(inputs: Heard):
-    goal, *closings = grasps(2, 0, 1)
-    published = models([*inputs[:2], goal, *inputs[2:], *closings])
-    assert [type(one) for one in published] == [Superquadric, *[ShapeModel] * 3]
-    assert [one.number for one in published] == [0, 1, 2, 3]
-
-
-def test_each_finger_has_its_own_touches_but_the_hand_is_one():
+def test_models_follow_their_numbers():
+    published = promised(
+        [*tilted()[:2], goal(0, closings=2), *tilted()[2:], *map(contacts, (0, 1))]
+    )
+    kinds = [one.cls for one in published if one.cls is not SpaceMap]
+    assert kinds == [Superquadric, *[ShapeModel] * 3]
     assert NODE.fan_in == ("/touch/patch", "/contour/traced", "/probe/traced")

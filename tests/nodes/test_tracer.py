@@ -1,292 +1,264 @@
+"""Tracer node: contours and single touches, with simulator, filter and curvature as plain calls."""
+
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core import ROBOT_PRESETS
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, pose_of, split_pose, transform_points
-from palpate.messages.codec import encode
-from palpate.messages.types.motion import (
-    Contour,
-    ContourGoal,
-    FingerClock,
-    Probe,
-    ProbeGoal,
-    TouchGoal,
-)
-from palpate.messages.types.world import SensorInfo, World
-from palpate.nodes import curvature, filter, simulator, tracer
+from palpate.core.robot_time import ROBOT_PRESETS
+from palpate.messages import encode, types
+from palpate.messages.types import ContourGoal, ProbeGoal, SensorInfo, SurfacePatch, World
+from palpate.nodes import tracer
+from palpate.nodes.runtime.testing import drive, example
+from palpate.nodes.simulator import Params
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
-from palpate.nodes.tracer import Params, State, know_sensor, know_world, take_goal, take_patch
+from palpate.nodes.specs.sensors import PadSpec, SensorSpec
+from tests.nodes.loop import Published, ball_spec, touching
+
+BALL = ball_spec()
+MIDDLE = np.array([0.0, 0.0, 0.03])
+DOWN = pose_of(np.array([0.0, 0.0, 0.1]), FACING_DOWN)
 
 
 def contour_goal(**changes: Any) -> ContourGoal:
-    fields: dict[str, Any] = {
-        "id": 0,
-        "finger": 1,
-        "frame": IDENTITY_POSE,
-        "height": 0.03,
-        "centre": np.zeros(2),
-        "radius": 0.1,
-        "not_before": 0.0,
-    }
-    return ContourGoal(**{**fields, **changes})
+    fields = {"finger": 1, "frame": IDENTITY_POSE, "height": 0.03, "radius": 0.1}
+    return example(ContourGoal, **{**fields, **changes})
 
 
 def probe_goal(**changes: Any) -> ProbeGoal:
-    fields: dict[str, Any] = {
-        "id": 1,
-        "finger": 1,
-        "pose": pose_of(np.array([0.0, 0.0, 0.1]), FACING_DOWN),
-        "reach": 0.1,
-        "not_before": 0.0,
-    }
-    return ProbeGoal(**{**fields, **changes})
+    return example(ProbeGoal, **{"id": 1, "finger": 1, "pose": DOWN, "reach": 0.1, **changes})
 
 
-@pytest.fixture
-def ready(info: SensorInfo) -> State:
-    state, _ = know_sensor(Params(), State(), info)
-    return state
+def publish(goal: ContourGoal | ProbeGoal, **simulated: Any) -> Published:
+    """All that follows from a goal at a fresh loop."""
+    loop = touching(Params(**{"object": BALL, **simulated}))
+    return loop.publish("/contour/goal" if isinstance(goal, ContourGoal) else "/probe/goal", goal)
 
 
-class Finger:
-    """The sensing nodes, one behind the other, as plain calls."""
-
-    def __init__(self, spec: ObjectSpec, info: SensorInfo) -> None:
-        self.params = simulator.Params(object=spec)
-        self.state, _ = simulator.start(self.params)
-        self.received, _ = filter.calibrate(filter.Params(), None, info)
-        self.felt, _ = curvature.know_sensor(curvature.Params(), None, info)
-
-    def touch(self, goal: TouchGoal) -> Any:
-        self.state, [(_, frame)] = simulator.touch(self.params, self.state, goal)  # type: ignore
-        _, [(_, image)] = filter.take_frame(filter.Params(), self.received, frame)  # type: ignore
-        _, [(_, patch)] = curvature.on_image(curvature.Params(), self.felt, image)  # type: ignore
-        return patch
-
-
-@pytest.fixture
-def finger(ball: ObjectSpec, info: SensorInfo) -> Finger:
-    return Finger(ball, info)
-
-
-def followed(state: State, outputs: Any, finger: Finger, **params: Any) -> Iterator[Any]:
-    """Everything that the tracer says until it asks for no more touches."""
-    while outputs:
-        published = dict(outputs)
-        yield from (message for topic, message in outputs if topic != "/finger/goal")
-        if "/finger/goal" not in published:
-            return
-        patch = finger.touch(published["/finger/goal"])
-        state, outputs = take_patch(Params(**params), state, patch)
-
-
-def test_a_contour_of_a_ball_closes_on_the_ball(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, contour_goal(height=0.04))
-    [contour] = followed(state, outputs, finger)
-    assert isinstance(contour, Contour)
-    assert encode(contour)
-    assert contour.status == "closed"
-    assert np.abs(contour.points[:, 2] - 0.04).max() < 1e-12
-    off = np.linalg.norm(contour.points - [0, 0, 0.03], axis=1) - 0.03
-    # Linear interpolation between rows stands off by pitch^2 / (8 R) = 4.2 um.
-    assert np.abs(off).max() < 6e-6
-    outward = (contour.points - [0, 0, 0.03]) / 0.03
-    assert np.abs(contour.normals - outward).max() < 0.01
-    assert contour.touches <= 30
-
-
-def test_a_contour_in_a_tilted_frame_is_traced_in_it(ready: State, finger: Finger):
-    half = np.radians(20.0) / 2
-    frame = np.array([0.0, 0.0, 0.03, np.sin(half), 0.0, 0.0, np.cos(half)])
-    state, outputs = take_goal(Params(), ready, contour_goal(frame=frame, height=0.01))
-    [contour] = followed(state, outputs, finger)
-    assert contour.status == "closed"
-    normal = np.array([0.0, -np.sin(2 * half), np.cos(2 * half)])
-    assert np.abs((contour.points - [0, 0, 0.03]) @ normal - 0.01).max() < 1e-12
-
-
-@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.6, 0.64, 0.48)])
-def test_a_frame_that_is_turned_with_the_object_changes_no_touch(
-    axis: tuple[float, float, float], ready: State, info: SensorInfo
-):
-    half = np.radians(25.0) / 2
-    turn = np.concatenate([np.sin(half) * np.array(axis), [np.cos(half)]])
-    frame = np.concatenate([[0.03, -0.02, 0.11], turn])
-    shape = SuperquadricSpec(size=(0.03, 0.02, 0.04), exponents=(0.3, 0.6))
-    contours = []
-    for pose in (IDENTITY_POSE, frame):
-        where = PoseSpec(position=tuple(pose[:3].tolist()), rotation=tuple(pose[3:].tolist()))
-        finger = Finger(ObjectSpec(superquadric=shape, pose=where), info)
-        state, outputs = take_goal(Params(), ready, contour_goal(frame=pose, height=0.008))
-        contours += followed(state, outputs, finger)
-    aligned, turned = contours
-    assert aligned.status == turned.status == "closed"
-    assert aligned.touches == turned.touches
-    assert np.allclose(transform_points(frame, aligned.points), turned.points, rtol=0, atol=1e-9)
-    axes = split_pose(frame)[1]
-    assert np.allclose(aligned.normals @ axes.T, turned.normals, rtol=0, atol=1e-6)
-    assert np.allclose(aligned.contact_low, turned.contact_low, rtol=0, atol=1e-9)
-    assert np.allclose(aligned.contact_high, turned.contact_high, rtol=0, atol=1e-9)
-
-
-def test_a_contour_tells_how_far_up_and_down_it_was_touched(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, contour_goal(height=0.035))
-    [contour] = followed(state, outputs, finger)
-    assert contour.contact_low.shape == contour.contact_high.shape == (len(contour.points),)
-    assert (contour.contact_low <= 0.035).all()
-    assert (contour.contact_high >= 0.035).all()
-    assert np.median(contour.contact_high - contour.contact_low) > 4e-3
-
-
-def test_touches_are_counted_from_0_without_gaps(ready: State, finger: Finger):
-    numbers = []
-    state, outputs = take_goal(Params(), ready, contour_goal())
-    while "/finger/goal" in dict(outputs):  # type: ignore[arg-type]
-        goal = dict(outputs)["/finger/goal"]  # type: ignore[arg-type]
-        numbers.append(goal.touch)
-        state, outputs = take_patch(Params(), state, finger.touch(goal))
-    [(_, contour)] = outputs  # type: ignore[misc]
-    assert numbers == list(range(contour.touches))
-
-
-def test_a_slice_above_the_object_has_no_contact(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, contour_goal(height=0.1))
-    [contour] = followed(state, outputs, finger)
-    assert (contour.status, len(contour.points)) == ("no_contact", 0)
-
-
-def test_a_contour_is_given_up_when_its_touches_are_spent(ready: State, finger: Finger):
-    params = Params(most_touches=10)
-    state, outputs = take_goal(params, ready, contour_goal())
-    [contour] = followed(state, outputs, finger, most_touches=10)
-    assert contour.status == "budget"
-    assert contour.touches <= 11
-
-
-def test_a_probe_finds_the_top(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, probe_goal())
-    [probe] = followed(state, outputs, finger)
-    assert isinstance(probe, Probe)
-    assert (probe.id, probe.outcome, probe.touches) == (1, "hit", 1)
-    # The taxels nearest to the pole lie half a pitch beside it, both ways.
-    assert probe.point[2] == pytest.approx(0.06 - 0.5e-3**2 / 0.03, abs=1e-7)
-    assert probe.normal == pytest.approx([0, 0, 1], abs=1e-6)
-
-
-def test_a_probe_beside_the_object_reports_the_end_of_its_reach(ready: State, finger: Finger):
-    goal = probe_goal(pose=pose_of(np.array([0.2, 0.0, 0.1]), FACING_DOWN))
-    state, outputs = take_goal(Params(), ready, goal)
-    [probe] = followed(state, outputs, finger)
-    assert probe.outcome == "miss"
-    assert probe.point == pytest.approx([0.2, 0.0, 0.0], abs=1e-12)
-
-
-def test_goals_wait_for_each_other(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, probe_goal())
-    state, nothing = take_goal(Params(), state, contour_goal())
-    assert nothing == []
-    probe, contour = followed(state, outputs, finger)
-    assert (probe.id, contour.status) == (1, "closed")
-
-
-def test_the_same_patch_twice_gives_the_same_answer(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, contour_goal())
-    for _ in range(6):
-        patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
-        again = take_patch(Params(), state, patch)[1]
-        state, outputs = take_patch(Params(), state, patch)
-        assert [encode(m) for _, m in again] == [encode(m) for _, m in outputs]  # type: ignore
-
-
-def test_a_patch_that_nobody_asked_for_is_refused(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, probe_goal())
-    patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
-    state, _ = take_patch(Params(), state, patch)
-    with pytest.raises(ValueError, match="nobody asked for touch 0 of goal 1"):
-        take_patch(Params(), state, patch)
-
-
-def test_a_touch_that_starts_inside_is_repeated_from_farther_away(ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, contour_goal(radius=0.025))
-    first = dict(outputs)["/finger/goal"]  # type: ignore[arg-type]
-    patch = finger.touch(first)
-    assert patch.outcome == "inside"
-    _, [(_, second)] = take_patch(Params(), state, patch)  # type: ignore[misc]
-    moved = np.linalg.norm(second.pose[:2]) - np.linalg.norm(first.pose[:2])
-    assert moved == pytest.approx(tracer.BACK_OFF * 15e-3)
-
-
-@pytest.mark.parametrize("over", [1e-3, 5e-3])
-def test_a_slice_over_the_pole_tells_so(over: float, ready: State, finger: Finger):
-    state, outputs = take_goal(Params(), ready, contour_goal(height=0.06 + over))
-    [contour] = followed(state, outputs, finger)
-    assert (contour.status, len(contour.points)) == ("pole", 0)
-
-
-TWO = World(platform=0.0, reach=0.15, fingers=2, seed=0)
-
-
-def test_a_goal_for_another_finger_is_left_to_it(ready: State):
-    state, _ = know_world(Params(), ready, TWO)
-    for goal in (contour_goal(finger=2), probe_goal(finger=2)):
-        assert take_goal(Params(), state, goal) == (state, [])
-        assert dict(take_goal(Params(finger=2), state, goal)[1]).keys() == {"/finger/goal"}  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("finger", "most"), [(0, 1), (2, 1), (3, 2)])
-def test_a_goal_for_a_finger_that_is_not_there_is_refused(finger: int, most: int, ready: State):
-    state = ready if most == 1 else know_world(Params(), ready, TWO)[0]
-    with pytest.raises(ValueError, match=f"goal 0 is for finger {finger}; .* are 1 to {most}"):
-        take_goal(Params(), state, contour_goal(finger=finger))
-
-
-def test_where_there_are_several_fingers_each_touch_tells_the_time(ready: State, finger: Finger):
-    state, _ = know_world(Params(), ready, TWO)
-    state, outputs = take_goal(Params(), state, probe_goal())
-    patch = finger.touch(dict(outputs)["/finger/goal"])  # type: ignore[arg-type]
-    published = dict(take_patch(Params(), state, patch)[1])  # type: ignore[arg-type]
-    clock = published["/finger/clock"]
-    assert isinstance(clock, FingerClock)
-    assert (clock.finger, clock.robot_time) == (1, patch.robot_time)
-    assert published["/probe/traced"].robot_time == patch.robot_time
-
-
-def traced(ready: State, finger: Finger, goal: ContourGoal | ProbeGoal) -> Any:
-    [found] = followed(*take_goal(Params(), ready, goal), finger)
+def traced(goal: ContourGoal | ProbeGoal, **simulated: Any) -> Any:
+    topics = ("/contour/traced", "/probe/traced")
+    [found] = [message for topic, message in publish(goal, **simulated) if topic in topics]
     return found
 
 
-def test_a_contour_takes_no_more_touches_than_its_goal_allows(ready: State, finger: Finger):
-    whole = traced(ready, finger, contour_goal())
-    assert whole.status == "closed"
-    for most in (0, 7):
-        cut = traced(ready, finger, contour_goal(most_touches=most))
-        assert (cut.status, cut.touches) == ("budget", most)
+@cache
+def equator() -> Published:
+    return publish(contour_goal())
 
 
-def test_no_touch_ends_later_than_its_goal_allows(ready: State, world: World, finger: Finger):
-    robot = ROBOT_PRESETS["modern"].array
-    timed, _ = know_world(Params(), ready, replace(world, robot=robot))
+def test_contour_of_a_ball_closes_on_the_ball():
+    contour = traced(contour_goal(height=0.04))
+    assert encode(contour) and contour.status == "closed" and contour.touches <= 30
+    assert np.abs(contour.points[:, 2] - 0.04).max() < 1e-12
+    off = np.linalg.norm(contour.points - MIDDLE, axis=1) - 0.03
+    # Linear interpolation between rows stands off by pitch^2 / (8 R) = 4.2 um.
+    assert np.abs(off).max() < 6e-6
+    assert np.abs(contour.normals - (contour.points - MIDDLE) / 0.03).max() < 0.01
+    assert contour.curvature == pytest.approx(np.full(len(contour.points), 1 / 0.03), rel=0.02)
+    counts = {len(contour.contact_low), len(contour.contact_high), len(contour.points)}
+    assert len(counts) == 1
+    assert (contour.contact_low <= 0.04).all() and (contour.contact_high >= 0.04).all()
+    assert np.median(contour.contact_high - contour.contact_low) > 4e-3
+
+
+def test_touches_are_counted_through_and_turn_around_the_object():
+    goals = [m for topic, m in equator() if topic == "/finger/goal"]
+    [contour] = [m for topic, m in equator() if topic == "/contour/traced"]
+    assert [goal.touch for goal in goals] == list(range(contour.touches))
+    assert contour.robot_time == max(m.robot_time for t, m in equator() if t == "/touch/raw")
+    assert all(goal.direction == pytest.approx([0.0, 0.0, 1.0]) for goal in goals)
+    waits = [goal.not_before for goal in goals]
+    assert waits == sorted(waits)
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.6, 0.64, 0.48)])
+def test_frame_turned_with_the_object_changes_no_touch(axis: tuple[float, float, float]):
+    half = np.radians(25.0) / 2
+    turn = np.concatenate([np.sin(half) * np.array(axis), [np.cos(half)]])
+    frame = np.concatenate([[0.03, -0.02, 0.11], turn])
+    solid = SuperquadricSpec(size=(0.03, 0.02, 0.04), exponents=(0.3, 0.6))
+    aligned, turned = (
+        traced(
+            contour_goal(frame=pose, height=0.008),
+            object=ObjectSpec(
+                superquadric=solid,
+                pose=PoseSpec(position=tuple(pose[:3].tolist()), rotation=tuple(pose[3:].tolist())),
+            ),
+        )
+        for pose in (IDENTITY_POSE, frame)
+    )
+    assert aligned.status == turned.status == "closed" and aligned.touches == turned.touches
+    axes = split_pose(frame)[1]
+    for one, other, off in (
+        (transform_points(frame, aligned.points), turned.points, 1e-9),
+        (aligned.normals @ axes.T, turned.normals, 1e-6),
+        (aligned.contact_low, turned.contact_low, 1e-9),
+        (aligned.contact_high, turned.contact_high, 1e-9),
+    ):
+        assert np.allclose(one, other, rtol=0, atol=off)
+
+
+@pytest.mark.parametrize(
+    ("height", "status"), [(0.1, "no_contact"), (0.061, "pole"), (0.065, "pole")]
+)
+def test_slice_beside_the_object_has_no_points(height: float, status: str):
+    contour = traced(contour_goal(height=height))
+    assert (contour.status, len(contour.points)) == (status, 0)
+
+
+@pytest.mark.parametrize("most", [0, 7])
+def test_contour_takes_no_more_touches_than_its_goal_allows(most: int):
+    cut = traced(contour_goal(most_touches=most))
+    assert (cut.status, cut.touches) == ("budget", most)
+
+
+def test_contour_ends_before_the_robot_time_that_its_goal_names():
     for most in (16.0, 20.0):
-        cut = traced(timed, finger, contour_goal(radius=0.06, not_after=most))
-        assert cut.status == "budget"
-        assert 0.7 * most < cut.robot_time < most
-        finger.state = replace(finger.state, clock=0.0)
-    late = traced(timed, finger, probe_goal(not_after=3.0))
+        cut = traced(contour_goal(radius=0.06, not_after=most))
+        assert cut.status == "budget" and 0.7 * most < cut.robot_time < most
+    late = traced(probe_goal(not_after=3.0))
     assert (late.touches, late.outcome, late.robot_time) == (0, "miss", 0.0)
-    assert traced(timed, finger, probe_goal(not_after=30.0)).touches == 1
+    assert traced(probe_goal(not_after=30.0)).touches == 1
 
 
-def test_a_gap_between_touches_saves_some_of_them(ready: State, finger: Finger):
-    dense = traced(ready, finger, contour_goal())
-    sparse = traced(ready, finger, contour_goal(gap=4e-3))
-    assert sparse.status == "closed"
-    assert sparse.touches < 0.85 * dense.touches
+def test_gap_between_touches_saves_some_of_them():
+    [dense] = [m for topic, m in equator() if topic == "/contour/traced"]
+    sparse = traced(contour_goal(gap=4e-3))
+    assert sparse.status == "closed" and sparse.touches < 0.85 * dense.touches
     step = np.linalg.norm(np.diff(sparse.points, axis=0), axis=1).max()
     assert 2e-3 < step < 2.1e-3 + 1.6 * 4e-3
+
+
+def test_probe_finds_the_top_or_the_end_of_its_reach():
+    probe = traced(probe_goal())
+    assert (probe.id, probe.outcome, probe.touches) == (1, "hit", 1) and encode(probe)
+    # The taxels nearest to the pole lie half a pitch beside it, both ways.
+    assert probe.point[2] == pytest.approx(0.06 - 0.5e-3**2 / 0.03, abs=1e-7)
+    assert probe.normal == pytest.approx([0, 0, 1], abs=1e-6)
+    beside = traced(probe_goal(pose=pose_of(np.array([0.2, 0.0, 0.1]), FACING_DOWN)))
+    assert beside.outcome == "miss" and beside.point == pytest.approx([0.2, 0.0, 0.0], abs=1e-12)
+
+
+def test_contours_follow_each_other_in_time():
+    loop = touching(Params(object=BALL))
+    goals = [contour_goal(id=0, radius=0.05), contour_goal(id=1, height=0.04, radius=0.048)]
+    first, second = (loop.publish("/contour/goal", goal)[-1][1] for goal in goals)
+    assert (first.id, second.id) == (0, 1) and second.robot_time > first.robot_time
+
+
+def test_fingers_have_clocks_and_errors_of_their_own():
+    noisy = Params(object=BALL, effects={"pose_error": {}})
+    loop, alone = touching(noisy, fingers=2), touching(noisy)
+    goals = [contour_goal(id=number, finger=number + 1, radius=0.05) for number in range(2)]
+    published = [loop.publish("/contour/goal", goal) for goal in goals]
+    first, second = (next(m for topic, m in one if topic == "/contour/traced") for one in published)
+    assert [first.finger, second.finger] == [1, 2]
+    assert second.robot_time == pytest.approx(first.robot_time, rel=0.2)
+    assert first.points[0] != pytest.approx(second.points[0], abs=1e-6)
+    assert np.array_equal(alone.publish("/contour/goal", goals[0])[-1][1].points, first.points)
+    clocks = [m for topic, m in published[1] if topic == "/finger/clock"]
+    assert [clock.finger for clock in clocks] == [2] * second.touches
+    assert clocks[-1].robot_time == second.robot_time
+
+
+@pytest.mark.parametrize(
+    ("width", "domed", "exponent"),
+    [(0.005, True, 1.0), (0.04, False, 0.1), *(
+        pytest.param(width, domed, exponent, marks=pytest.mark.slow)
+        for width, domed, exponent in ((0.005, False, 0.1), (0.04, True, 1.0), (0.04, True, 0.1))
+    )],
+)  # fmt: skip
+def test_narrowest_and_widest_array_close_contours(width: float, domed: bool, exponent: float):
+    sensor = SensorSpec(pitch=width / 15, pad=PadSpec(radius=width if domed else None))
+    solid = SuperquadricSpec(size=(0.035, 0.03, 0.04), exponents=(exponent, exponent))
+    goal = contour_goal(height=0.01, radius=0.07)
+    assert traced(goal, object=ObjectSpec(superquadric=solid), sensor=sensor).status == "closed"
+
+
+@pytest.mark.parametrize("effects", [{"transport": {"duplicate": 0.5, "drop": 0.3}}, {"creep": {}}])
+def test_lossy_link_and_lazy_pad_do_not_stop_the_loop(effects: dict[str, Any]):
+    assert traced(contour_goal(radius=0.05), effects=effects).status == "closed"
+
+
+def test_filter_saves_a_contour_from_impulses():
+    salty = Params(object=BALL, effects={"salt_and_pepper": {"rate": 0.02}})
+    errors = []
+    for order in ("auto", "none"):
+        loop = touching(salty, order=order)
+        contour = loop.publish("/contour/goal", contour_goal(radius=0.05))[-1][1]
+        off = np.linalg.norm(contour.points - MIDDLE, axis=1) - 0.03
+        errors.append(np.sqrt(np.mean(off**2)))
+    assert errors[0] < 0.1 * errors[1]
+
+
+def asked(info: SensorInfo, world: World, *more: tuple[str, Any], **params: Any) -> list[Any]:
+    """The touches and results that the tracer by itself publishes."""
+    told = [("/world", world), ("/touch/info", info), *more]
+    return [message for _, message in drive(tracer.NODE, told, params)]
+
+
+def patch(touch: int = 0, goal: int = 0, **changes: Any) -> tuple[str, SurfacePatch]:
+    """What a touch measured: nothing."""
+    empty = {"height": np.zeros((16, 16)), "mask": np.zeros((16, 16), bool), "pose": DOWN}
+    fields = {"finger": 1, "outcome": "miss", "kind": "miss", "robot_time": 1.0, **empty}
+    return "/touch/patch", example(SurfacePatch, touch=touch, goal=goal, **{**fields, **changes})
+
+
+def test_goals_wait_for_each_other(info: SensorInfo, world: World):
+    goals = [("/probe/goal", probe_goal(id=7)), ("/contour/goal", contour_goal(not_before=0.5))]
+    assert [one.goal for one in asked(info, world, *goals)] == [7]
+    touch, probe, begun = asked(info, world, *goals, patch(goal=7))
+    assert (touch.goal, probe.id, begun.goal, begun.touch) == (7, 7, 0, 0)
+    assert (touch.not_before, begun.not_before) == (0.0, 1.0)
+
+
+def test_touch_that_starts_inside_is_repeated_from_farther_off(info: SensorInfo, world: World):
+    goal, inside = ("/contour/goal", contour_goal()), {"outcome": "inside"}
+    first, second, third = asked(info, world, goal, patch(**inside), patch(1))
+    away = [float(np.hypot(*one.pose[:2])) for one in (first, second, third)]
+    assert 0.01 < away[1] - away[0] < 0.02 and second.touch == 1
+    assert second.direction == pytest.approx(first.direction)
+
+
+@pytest.mark.parametrize(("most", "kind"), [(3, "invalid"), (1, "invalid"), (2, "miss")])
+def test_frames_without_a_surface_end_a_contour(info, world, most: int, kind: str):
+    patches = [patch(n, kind=kind, fault="dead", outcome="hit") for n in range(most)]
+    found = asked(info, world, ("/contour/goal", contour_goal()), *patches, most_faults=most)
+    assert isinstance(found[-1], types.TouchGoal) == (kind == "miss")
+    if kind == "invalid":
+        assert (found[-1].status, found[-1].fault, found[-1].touches) == ("stuck", "dead", most)
+    probed = asked(info, world, ("/probe/goal", probe_goal(id=0)), patch(kind=kind, fault="dead"))
+    assert probed[-1].fault == ("dead" if kind == "invalid" else "none")
+
+
+def test_contour_is_given_up_after_most_touches():
+    loop = touching(Params(object=BALL), most_touches=10)
+    contour = loop.publish("/contour/goal", contour_goal(most_touches=20))[-1][1]
+    assert contour.status == "budget" and 10 <= contour.touches <= 11
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_patch_that_was_not_asked_for_is_refused(info: SensorInfo, world: World, order: int):
+    wrong = [patch(goal=1), patch(goal=1)] if order else [patch(touch=1, goal=1)]
+    with pytest.raises(ValueError, match=f"nobody asked for touch {1 - order} of goal 1"):
+        asked(info, world, ("/probe/goal", probe_goal()), *wrong)
+
+
+@pytest.mark.parametrize(("finger", "most"), [(0, 1), (2, 1), (3, 2)])
+def test_goal_for_a_finger_that_is_not_there_is_refused(info, world, finger: int, most: int):
+    several = replace(world, fingers=most)
+    with pytest.raises(ValueError, match=f"goal 0 is for finger {finger}; .* are 1 to {most}"):
+        asked(info, several, ("/contour/goal", contour_goal(finger=finger)))
+
+
+def test_goal_for_another_finger_is_left_to_it(info: SensorInfo, world: World):
+    several = replace(world, fingers=2, robot=ROBOT_PRESETS["modern"].array)
+    for goal in (("/contour/goal", contour_goal(finger=2)), ("/probe/goal", probe_goal(finger=2))):
+        assert asked(info, several, goal) == []
+        [touch] = asked(info, several, goal, finger=2)
+        assert touch.finger == 2

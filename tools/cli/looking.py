@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from palpate.core.plugins import entry_points_of
 from palpate.launch.files.source_map import InputError
 from palpate.tools.cli.command_line import (
     JSON,
@@ -14,6 +15,8 @@ from palpate.tools.cli.command_line import (
     out_option,
     print_figures,
 )
+
+REPORTS = "palpate.reports"  # Entry points of functions that report folders of a kind of theirs
 
 
 @click.command("view")
@@ -52,15 +55,12 @@ def report_command(runs: tuple[Path, ...], out: Path | None, as_json: bool) -> N
     folder of a sweep, the reports of its runs are written, and its own page anew.
     """
     from palpate.tools.report.page import REPORT, write_report
-    from palpate.tools.sweep.sweep_folder import ASKED, write_reports
 
     if len(runs) > 2:
         raise InputError(f"a report sets at most two runs side by side, got {len(runs)}")
-    if len(runs) == 1 and (runs[0] / ASKED).is_file():
-        if out is not None:
-            raise InputError("--out: the page of a sweep stands in its folder; leave it out")
-        written = write_reports(runs[0])
-    else:
+    reports = [point.load() for point in entry_points_of(REPORTS).values()]
+    written = next((found for report in reports if (found := report(runs, out))), [])
+    if not written:
         beside = runs[0] if runs[0].is_dir() else runs[0].parent
         written = [out or (beside if len(runs) == 1 else Path()) / REPORT]
         write_report(runs, written[0])

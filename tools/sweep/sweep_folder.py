@@ -123,6 +123,18 @@ def _write_pages(sweep: Sweep, records: Records, folder: Path) -> list[Row]:
     return rows
 
 
+def report_sweep(paths: Sequence[Path], out: Path | None = None) -> list[Path]:
+    """Write the reports of a sweep, if `paths` is the folder of one; returns what was written.
+
+    Raises InputError if `out` is given, which a sweep does not take, or a run cannot be read.
+    """
+    if len(paths) != 1 or not (paths[0] / ASKED).is_file():
+        return []
+    if out is not None:
+        raise InputError("--out: the page of a sweep stands in its folder; leave it out")
+    return write_reports(paths[0])
+
+
 def write_reports(folder: Path) -> list[Path]:
     """Write the report of each finished run of a sweep, and its page anew; returns their paths.
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.touch.forms import ShapeOperator
+from palpate.core.touch import ShapeOperator
 
 
 def shape_operator(
@@ -15,40 +13,25 @@ def shape_operator(
 ) -> ShapeOperator:
     """Shape operator of a parametric surface from its partial derivatives, (3,) each.
 
-    `outward` (3,): any vector on the free side of the tangent plane. Raises ValueError if the
-    tangents are parallel, or zero. It is L^-1 II L^-T, where L L^T is the first form. L comes from
-    the tangents by Gram-Schmidt, and never from E, F and G, which hold their squares.
+    `outward` (3,): any vector on the free side of the tangent plane. It is L^-1 II L^-T, where
+    L L^T is the first form. L comes from the tangents by Gram-Schmidt, and not from E, F and G,
+    which hold their squares.
     """
-    normal = outward_normal(by_u, by_v, outward)
-    a = _length(by_u)
-    along = by_u / a
-    rest = by_v / (c := _length(by_v))
-    b = float(rest @ along)
+    a, c = np.linalg.norm(by_u), np.linalg.norm(by_v)
+    along, rest = by_u / a, by_v / c
+    normal = np.cross(along, rest)
+    normal /= np.linalg.norm(normal)
+    normal = normal if float(normal @ outward) >= 0.0 else -normal
     beside = np.cross(normal, along)
-    if float(beside @ rest) < 0.0:
-        beside = -beside
-    d = float(beside @ rest)
-    uu = -float(normal @ (by_uu / a / a))
-    uv = -float(normal @ (by_uv / a / c))
-    vv = -float(normal @ (by_vv / c / c))
-    s12 = (uv - b * uu) / d
-    s22 = (vv - 2.0 * b * uv + b * b * uu) / (d * d)
+    beside = beside if float(beside @ rest) >= 0.0 else -beside
+    b, d = float(rest @ along), float(beside @ rest)
+    uu, uv, vv = (-float(normal @ v) for v in (by_uu / a / a, by_uv / a / c, by_vv / c / c))
+    s12, s22 = (uv - b * uu) / d, (vv - 2.0 * b * uv + b * b * uu) / (d * d)
     return ShapeOperator(np.stack([along, beside]), normal, (uu, s12, s22))
 
 
-def outward_normal(by_u: Floats, by_v: Floats, outward: Floats) -> Floats:
-    """Unit normals of the tangents, on the side of `outward`."""
-    sizes = _length(by_u), _length(by_v)
-    if not (min(sizes) > 0.0 and math.isfinite(max(sizes))):
-        raise ValueError(f"both tangents must be finite and not zero, got lengths {sizes}")
-    across = np.cross(by_u / sizes[0], by_v / sizes[1])
-    sine = _length(across)
-    if not sine > np.finfo(np.float64).eps:
-        raise ValueError("the tangents are parallel: the surface has no normal there")
-    normal: Floats = across / sine
-    return normal if float(normal @ outward) >= 0.0 else -normal
-
-
-def _length(vector: Floats) -> float:
-    """Length that neither overflows nor vanishes."""
-    return math.hypot(*vector.tolist())
+def normal_curvature(shape: ShapeOperator, direction: Floats) -> float:
+    """Curvature [1/m] along the tangential part of a direction (3,)."""
+    u, v = shape.tangents @ direction / np.linalg.norm(shape.tangents @ direction)
+    s11, s12, s22 = shape.parts
+    return float(s11 * u * u + 2.0 * s12 * u * v + s22 * v * v)

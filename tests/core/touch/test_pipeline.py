@@ -1,195 +1,147 @@
-import itertools
-import subprocess
-import sys
+"""The stages of a touch: their order, states, random draws, and what they may leave behind."""
+
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import FACING_DOWN, compose_poses, pose_of
+from palpate.core.poses import pose_of
 from palpate.core.robot_time import contact_seconds
-from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
-from palpate.core.touch.pad import guarded_move
-from palpate.core.touch.pipeline import (
+from palpate.core.touch import (
+    Effect,
+    Fingertip,
     KeyedRandom,
     Phase,
+    Pipeline,
+    SimulatedTouch,
     Stage,
-    advanced_pose,
     assemble,
-    cast_single_rays,
+    guarded_move,
 )
-
-IDEAL = """
-import sys
-import numpy as np
-from palpate.core.poses import FACING_DOWN, pose_of
-from palpate.core.robot_time import ROBOT_PRESETS
-from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.touch.pad import Calibration, Pad
-from palpate.core.touch.pipeline import assemble
-from palpate.core.touch.pipeline import Fingertip, SimulatedTouch
-
-pad = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
-finger = Fingertip(pad, Calibration("time", 3e-3, 1000.0, 0.2e3), ROBOT_PRESETS["modern"])
-pipeline, start = assemble(finger, []), pose_of(np.array([0.0, 0.0, 0.033]), FACING_DOWN)
-ball = Superquadric(np.full(3, 0.03), np.ones(2))
-touch = SimulatedTouch(ball, 0, start, start, reach=0.01, depth=1e-3, begun=0.0, previous=0.0)
-pipeline.simulate(touch, pipeline.begin())
-assert touch.outcome == "hit"
-print(*sorted(sys.modules))
-"""
+from palpate.core.touch.effects import EFFECT_NAMES, effect_type, rank
+from tests.core.touch.touches import above, finger, touch
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """An effect that notes when it acted."""
+    """An effect that notes when it acted, what it was given, and what the array read then."""
 
     phase: Phase
     name: str
-    notes: list[str]
+    notes: list[Any]
+    noise: float = 0.0
 
-    def prepare(self, finger):
-        def apply(touch, state):
-            self.notes.append(self.name)
+    def prepare(self, tip: Fingertip) -> Stage:
+        def apply(one: SimulatedTouch, state: int) -> int:
+            self.notes.append((self.name, one.reading))
             return state + 1
 
-        return Stage(apply, state=0)
+        return Stage(apply, state=0, noise=self.noise)
 
 
-@dataclass(frozen=True, slots=True)
-class Loud:
-    """An effect that a calibration would find to be noise."""
-
-    noise: float
-    phase: ClassVar = Phase.SIGNAL
-
-    def prepare(self, finger):
-        return Stage(lambda touch, state: None, noise=self.noise)
-
-
-def effects_of(*names):
+def effects_of(*names: str) -> list[Effect]:
     """The effects as a scene's are: sorted by the catalogue, whatever the order of the list."""
     return [effect_type(name)() for name in sorted(names, key=rank)]
 
 
-def measured(pipeline, touches):
+def simulated(pipeline: Pipeline, *touches: SimulatedTouch) -> SimulatedTouch:
+    """The last of some touches, one after the other."""
     states = pipeline.begin()
-    for touch in touches:
-        states = pipeline.simulate(touch, states)
-    return touches
+    for one in touches:
+        states = pipeline.simulate(one, states)
+    return touches[-1]
 
 
-def test_an_ideal_touch_imports_no_effect_and_no_random_number():
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", IDEAL],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    loaded = done.stdout.split()
-    assert "palpate.core.touch.pipeline" in loaded
-    assert not [name for name in loaded if name.startswith("palpate.core.touch.effects")]
-    assert not [name for name in loaded if name.startswith(("numpy.random", "scipy"))]
-
-
-def test_without_effects_the_array_reads_the_compression(make_finger, make_touch):
-    pipeline = assemble(make_finger(), [])
-    (touch,) = measured(pipeline, [make_touch()])
-    assert touch.outcome == "hit"
-    assert np.array_equal(touch.reading, touch.compression)
-    assert len(pipeline.stages) == 2
-
-
+@pytest.mark.parametrize("signal", ["time", "force"])
 @pytest.mark.parametrize("given", [{}, {"reach": 1e-3}, {"depth": 2.9e-3}])
-def test_an_array_of_forces_reads_the_compression_too_if_its_springs_are_ideal(
-    given, make_finger, make_touch
-):
-    (touch,) = measured(assemble(make_finger(signal="force"), []), [make_touch(**given)])
-    assert np.allclose(touch.reading, touch.compression, rtol=1e-15, atol=0.0)
+def test_an_ideal_touch_is_its_guarded_move(given, signal):
+    tip = finger(signal, pitch=0.9e-3)
+    elsewhere = pose_of(np.array([0.01, 0.02, 0.04]), np.diag([1.0, -1, -1]))
+    start = touch(**given)
+    end = guarded_move(start.shape, tip.pad, start.actual, start.reach, start.depth)
+    one = simulated(assemble(tip, []), touch(believed=elsewhere, **given))
+    assert (one.outcome, one.advance) == (end.outcome, end.advance)
+    assert np.array_equal(one.actual, end.pose)
+    assert np.array_equal(one.indentation, end.indentation)
+    assert np.array_equal(one.compression, end.compression)
+    assert np.allclose(one.reading, end.compression, rtol=1e-15, atol=0.0)
+    assert np.allclose(one.pressure * 0.9e-3**2, 200.0 * end.compression, rtol=1e-14)
+    assert np.allclose(one.believed[:3], elsewhere[:3] - [0, 0, end.advance], atol=1e-16)
+    assert np.array_equal(one.believed[3:], elsewhere[3:]) and one.copies == 1
 
 
-def test_stages_act_by_place_and_within_a_place_as_given(make_finger, make_touch):
-    notes = []
-    marks = [Mark(phase, f"{phase.name} {i}", notes) for i in (1, 2) for phase in reversed(Phase)]
-    marks = [mark for mark in marks if mark.phase is not Phase.CAST]
-    pipeline = assemble(make_finger(), marks)
-    measured(pipeline, [make_touch()])
-    assert notes == [f"{p.name} {i}" for p in Phase if p is not Phase.CAST for i in (1, 2)]
+@pytest.mark.parametrize(
+    ("given", "outcome", "deepest"),
+    [
+        ({}, "hit", 1e-3),
+        ({"depth": 2.9e-3}, "bottomed", 2.4e-3),
+        ({"reach": 1e-3}, "miss", 0.0),
+        ({"actual": above(0.0)}, "inside", 0.0),
+    ],
+)
+def test_times_of_a_touch_add_up_to_those_of_its_move(given, outcome, deepest):
+    tip = finger()
+    one = simulated(assemble(tip, []), touch(begun=5.0, previous=4.0, **given))
+    robot, met = tip.robot, deepest > 0.0
+    assert one.outcome == outcome
+    assert one.loading == pytest.approx(deepest / robot.approach)
+    assert one.dwell == (robot.dwell if met else 0.0)
+    assert one.time == 5.0 + contact_seconds(robot, one.advance)
+    before = one.advance / robot.approach - one.loading
+    assert one.rest == pytest.approx(1.0 + before + robot.overhead)
 
 
-def test_an_effect_of_the_cast_takes_its_place(make_finger, make_touch):
-    notes = []
-    pipeline = assemble(make_finger(), [Mark(Phase.CAST, "cast", notes)])
-    with pytest.raises(ValueError, match="no finite"):  # nobody has cast anything
-        measured(pipeline, [make_touch()])
-    assert notes == ["cast"]
+def test_stages_act_by_phase_and_within_a_phase_as_listed():
+    notes: list[Any] = []
+    phases = [phase for phase in Phase if phase is not Phase.CAST]
+    marks = [Mark(one, f"{one.name} {i}", notes) for i in (1, 2) for one in reversed(phases)]
+    simulated(assemble(finger(), marks), touch())
+    assert [name for name, _ in notes] == [f"{p.name} {i}" for p in phases for i in (1, 2)]
 
 
-def test_two_effects_of_the_cast_are_refused(make_finger):
-    marks = [Mark(Phase.CAST, name, []) for name in "ab"]
-    with pytest.raises(ValueError, match="Mark and Mark both say how a taxel sees the surface"):
-        assemble(make_finger(), marks)
-
-
-def test_each_stage_is_given_its_own_state(make_finger, make_touch):
-    marks = [Mark(Phase.SIGNAL, "a", []), Mark(Phase.AIM, "b", [])]
-    pipeline = assemble(make_finger(), marks)
+def test_states_noises_and_names_belong_to_their_stages():
+    marks = [Mark(Phase.SIGNAL, "a", [], 3e-6), Mark(Phase.AIM, "b", [], 4e-6)]
+    pipeline = assemble(finger(), marks)
+    assert pipeline.names == ("Mark", "cast", "transducer", "Mark")
     assert pipeline.begin() == (0, None, None, 0)
-    after = pipeline.simulate(make_touch(), (5, None, None, 8))
-    assert after == (6, None, None, 9)
+    assert pipeline.simulate(touch(), (5, None, None, 8)) == (6, None, None, 9)
+    assert pipeline.noise == pytest.approx(5e-6) and assemble(finger(), []).noise == 0.0
 
 
-def test_noises_of_the_stages_add_as_squares(make_finger):
-    assert assemble(make_finger(), []).noise == 0.0
-    assert assemble(make_finger(), [Loud(3e-6), Loud(4e-6)]).noise == pytest.approx(5e-6)
+def test_one_effect_may_take_the_place_of_the_cast():
+    notes: list[Any] = []
+    with pytest.raises(ValueError, match="no finite"):  # nothing was cast
+        simulated(assemble(finger(), [Mark(Phase.CAST, "cast", notes)]), touch())
+    assert [name for name, _ in notes] == ["cast"]
+    with pytest.raises(ValueError, match="Mark and Mark both say how a taxel sees the surface"):
+        assemble(finger(), [Mark(Phase.CAST, name, []) for name in "ab"])
 
 
-def test_the_order_of_a_list_does_not_matter(make_finger, make_touch, values_of):
-    names = ("quantisation", "gaussian_noise", "arm_backlash", "pose_error")
-    found = []
-    for order in itertools.permutations(names):
-        touches = [make_touch(number) for number in range(3)]
-        measured(assemble(make_finger(), effects_of(*order)), touches)
-        found.append([values_of(touch) for touch in touches])
-    assert all(values == found[0] for values in found)
-
-
-@dataclass(frozen=True, slots=True)
-class Probe:
-    """Keeps the readings that pass it."""
-
-    kept: list[Floats]
-    phase: ClassVar = Phase.SIGNAL
-
-    def prepare(self, finger):
-        return Stage(lambda touch, state: self.kept.append(touch.reading))
-
-
-def noise_beside(other, finger, touches):
+def noise_beside(other: str, tip: Fingertip, touches: list[SimulatedTouch]) -> Floats:
     """What the Gaussian noise adds to each reading, in a pipeline that has another effect too."""
-    before, after = Probe([]), Probe([])
-    noise, others = effects_of("gaussian_noise"), effects_of(other)
-    probed = [before, *noise, after]
+    before: list[Any] = []
+    after: list[Any] = []
+    own = [Mark(Phase.SIGNAL, "", before), *effects_of("gaussian_noise")]
+    own.append(Mark(Phase.SIGNAL, "", after))
     first = rank(other) < rank("gaussian_noise")
-    measured(assemble(finger, [*others, *probed] if first else [*probed, *others]), touches)
-    return np.subtract(after.kept, before.kept)
+    others = effects_of(other)
+    simulated(assemble(tip, [*others, *own] if first else [*own, *others]), *touches)
+    return np.array([b - a for (_, a), (_, b) in zip(before, after, strict=True)])
 
 
 @pytest.mark.parametrize("other", [name for name in EFFECT_NAMES if name != "gaussian_noise"])
-def test_an_effect_that_is_added_does_not_change_the_draws_of_another(
-    other, make_finger, make_touch
-):
-    finger = make_finger()
+def test_an_added_effect_does_not_change_the_draws_of_another(other):
+    tip = finger()
     # A hit, a miss and a press to the bottom: what came of a touch changes no draw either.
-    outcomes = [{}, {"reach": 1e-3}, {"depth": 2.9e-3}]
-    touches = [make_touch(number, **given) for number, given in enumerate(outcomes)]
-    draws = KeyedRandom(finger, "gaussian_noise")
+    outcomes: list[dict[str, float]] = [{}, {"reach": 1e-3}, {"depth": 2.9e-3}]
+    touches = [touch(number, **given) for number, given in enumerate(outcomes)]
+    draws = KeyedRandom(tip, "gaussian_noise")
     expected = [draws.of_touch(number).standard_normal((16, 16)) for number in range(3)]
-    found = noise_beside(other, finger, touches) / 10e-6
+    found = noise_beside(other, tip, touches) / 10e-6
     # Readings are of millimetres, and the sums of them and the noise are rounded as such.
     assert np.allclose(found, expected, rtol=0.0, atol=1e-10)
 
@@ -201,24 +153,25 @@ class Odd:
     wrong: str = ""
     phase: ClassVar = Phase.LINK
 
-    def prepare(self, finger):
+    def prepare(self, tip: Fingertip) -> Any:
         if self.wrong == "prepare":
             raise KeyError("gone")
-        if self.wrong == "nothing":
-            return None
-        return Stage(self.apply, noise=float("nan") if self.wrong == "noise" else 0.0)
+        noise = float("nan") if self.wrong == "noise" else 0.0
+        return None if self.wrong == "nothing" else Stage(self.apply, noise=noise)
 
-    def apply(self, touch, state):
+    def apply(self, one: SimulatedTouch, state: None) -> None:
         if self.wrong == "apply":
             raise ZeroDivisionError("boom")
-        if self.wrong == "nan":
-            touch.reading = np.full_like(touch.reading, np.nan)
-        if self.wrong == "shape":
-            touch.reading = touch.reading[:4]
-        if self.wrong == "time":
-            touch.time = -5.0
-        if self.wrong == "copies":
-            touch.copies = 0
+        changes: dict[str, tuple[str, Any]] = {
+            "nan": ("reading", np.full_like(one.reading, np.nan)),
+            "shape": ("reading", one.reading[:4]),
+            "time": ("time", -5.0),
+            "forever": ("time", float("inf")),
+            "none": ("copies", 0),
+            "many": ("copies", 101),
+        }
+        if self.wrong in changes:
+            setattr(one, *changes[self.wrong])
 
 
 @pytest.mark.parametrize(
@@ -227,137 +180,40 @@ class Odd:
         ("prepare", "the effect Odd cannot be prepared: KeyError: 'gone'"),
         ("nothing", "the effect Odd prepares a NoneType, not a Stage"),
         ("noise", "the effect Odd has a noise of nan"),
-    ],
-)
-def test_an_effect_that_cannot_be_prepared_is_named(wrong, words, make_finger):
-    with pytest.raises(ValueError, match=words):
-        assemble(make_finger(), [Odd(wrong)])
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
         ("apply", "the effect Odd failed: ZeroDivisionError: boom"),
         ("nan", "left a reading that is no finite"),
         ("shape", "left a reading that is no finite"),
         ("time", "left a touch that ends at -5.0 s"),
-        ("copies", "is sent 0 times"),
+        ("forever", "left a touch that ends at inf s"),
+        ("none", "is sent 0 times"),
+        ("many", "is sent 101 times"),
     ],
 )
-def test_what_an_effect_leaves_is_checked(wrong, words, make_finger, make_touch):
-    pipeline = assemble(make_finger(), [Odd(wrong)])
+def test_what_an_effect_does_wrong_is_named(wrong, words):
     with pytest.raises(ValueError, match=words):
-        pipeline.simulate(make_touch(), pipeline.begin())
+        simulated(assemble(finger(), [Odd(wrong)]), touch())
+    assert simulated(assemble(finger(), [Odd()]), touch()).outcome == "hit"
 
 
-def test_every_stage_has_a_name(make_finger):
-    assert assemble(make_finger(), [Odd()]).names == ("cast", "transducer", "Odd")
-
-
-def test_a_touch_holds_what_the_press_was(make_finger, make_touch):
-    finger, touch = make_finger(), make_touch()
-    end = guarded_move(touch.shape, finger.pad, touch.actual, touch.reach, touch.depth)
-    cast_single_rays(finger, touch)
-    assert (touch.outcome, touch.advance) == ("hit", end.advance)
-    assert np.array_equal(touch.compression, end.compression)
-    assert np.array_equal(touch.indentation, end.indentation)
-    assert np.array_equal(touch.actual, end.pose)
-
-
-def test_pressure_is_the_force_of_each_taxel_over_its_area(make_finger, make_touch):
-    finger, touch = make_finger(pitch=0.9e-3), make_touch()
-    cast_single_rays(finger, touch)
-    force = touch.pressure * finger.pad.pitch**2
-    assert np.allclose(force, finger.calibration.taxel_stiffness * touch.compression, rtol=1e-14)
-
-
-def test_the_arm_believes_to_have_gone_as_far_as_it_went(make_finger, make_touch):
-    finger = make_finger()
-    elsewhere = pose_of(np.array([0.01, 0.02, 0.04]), FACING_DOWN)
-    touch = make_touch(believed=elsewhere)
-    cast_single_rays(finger, touch)
-    assert np.allclose(touch.believed[:3], elsewhere[:3] - [0.0, 0.0, touch.advance], atol=1e-16)
-    assert np.array_equal(touch.believed[3:], elsewhere[3:])
-
-
-def test_a_pose_advances_along_its_own_axis(rotations):
-    for axes in rotations(5):
-        pose = pose_of(np.array([0.1, -0.2, 0.3]), axes)
-        way = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 1.0])
-        assert np.allclose(advanced_pose(pose, 0.02)[:3], compose_poses(pose, way)[:3], atol=1e-16)
-
-
-def test_times_of_a_hit_add_up_to_that_of_the_move(make_finger, make_touch):
-    finger, touch = make_finger(), make_touch(begun=5.0, previous=4.0)
-    cast_single_rays(finger, touch)
-    robot = finger.robot
-    assert touch.loading == pytest.approx(touch.depth / robot.approach)
-    assert touch.dwell == robot.dwell
-    assert touch.time == 5.0 + contact_seconds(robot, touch.advance)
-    way_back = touch.advance / robot.retract + robot.overhead
-    whole = touch.rest + touch.loading + touch.dwell + way_back
-    assert whole == pytest.approx(touch.time - touch.previous, rel=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("given", "outcome"),
-    [({"reach": 1e-3}, "miss"), ({"actual": pose_of(np.zeros(3), FACING_DOWN)}, "inside")],
-)
-def test_a_pad_that_met_nothing_rested_all_while(given, outcome, make_finger, make_touch):
-    finger, touch = make_finger(), make_touch(begun=5.0, previous=4.0, **given)
-    cast_single_rays(finger, touch)
-    assert touch.outcome == outcome
-    assert (touch.loading, touch.dwell) == (0.0, 0.0)
-    travel = touch.advance / finger.robot.approach
-    assert touch.rest == pytest.approx(1.0 + travel + finger.robot.overhead)
-
-
-def test_a_bottomed_pad_was_pressed_only_to_its_saturation(make_finger, make_touch):
-    finger, touch = make_finger(), make_touch(depth=2.9e-3)
-    cast_single_rays(finger, touch)
-    assert touch.outcome == "bottomed"
-    assert touch.loading == pytest.approx(0.8 * 3e-3 / finger.robot.approach)
-
-
-def drawn(finger, name, number):
-    return KeyedRandom(finger, name).of_touch(number).standard_normal(4096)
-
-
-def test_a_touch_can_be_drawn_again_after_any_other(make_finger):
-    draws = KeyedRandom(make_finger(), "drift")
+def test_a_touch_can_be_drawn_again_after_any_other():
+    draws = KeyedRandom(finger(), "drift")
     first = draws.of_touch(5).standard_normal(100)
-    draws.once().random(7)
+    once = draws.once().random(7)
     draws.of_touch(6).integers(0, 9, size=3, dtype=np.uint32)  # leaves half a word over
     assert np.array_equal(draws.of_touch(5).standard_normal(100), first)
-    assert np.array_equal(drawn(make_finger(), "drift", 5)[:100], first)
+    assert np.array_equal(draws.once().random(7), once)
+    again = KeyedRandom(finger(), "drift").of_touch(5).standard_normal(100)
+    assert np.array_equal(again, first)
 
 
-def test_what_is_drawn_once_is_apart_from_every_touch(make_finger):
-    draws = KeyedRandom(make_finger(), "drift")
-    once = draws.once().random(10_000)
-    again = draws.once().random(10_000)
-    first = draws.of_touch(0).random(10_000)
-    assert np.array_equal(once, again)
-    assert not np.intersect1d(once, first).size
+def test_draws_of_other_keys_are_independent():
+    def drawn(tip: Fingertip, name: str, number: int) -> Floats:
+        return KeyedRandom(tip, name).of_touch(number).standard_normal(4096)
 
-
-def test_seed_finger_effect_and_touch_each_give_other_numbers(make_finger):
-    samples = [
-        drawn(make_finger(), "drift", 3),
-        drawn(make_finger(seed=8), "drift", 3),
-        drawn(make_finger(number=2), "drift", 3),
-        drawn(make_finger(), "gaussian_noise", 3),
-        drawn(make_finger(), "drift", 4),
-    ]
+    others = [finger(seed=8), finger(number=2)]
+    samples = [drawn(finger(), "drift", 3), *(drawn(one, "drift", 3) for one in others)]
+    samples += [drawn(finger(), "gaussian_noise", 3), drawn(finger(), "drift", 4)]
+    samples += [KeyedRandom(finger(), "drift").once().standard_normal(4096)]
     # The correlation of independent samples has a standard error of 1 / sqrt(n).
     correlations = np.corrcoef(samples) - np.eye(len(samples))
     assert np.abs(correlations).max() < 5 / np.sqrt(4096)
-
-
-def test_numbers_of_successive_touches_are_independent(make_finger):
-    draws = KeyedRandom(make_finger(), "drift")
-    series = np.array([draws.of_touch(number).standard_normal() for number in range(4096)])
-    for lag in (1, 2, 3):
-        assert abs(np.mean(series[lag:] * series[:-lag])) < 5 / np.sqrt(4096)
-    assert abs(series.mean()) < 5 / np.sqrt(4096)
-    assert abs(series.var() - 1.0) < 5 * np.sqrt(2 / 4096)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from palpate.messages.types.touch import TactileFrame
+from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime.node import Finished, Node, Outputs
 
 

@@ -9,8 +9,7 @@ import sys
 
 import msgspec
 
-from palpate.messages.types.catalogue import LogRecord
-from palpate.messages.types.touch import TactileFrame
+from palpate.messages.types import LogRecord, TactileFrame
 from palpate.nodes.runtime.node import Node, Outputs
 
 

@@ -1,7 +1,6 @@
-"""A planner that closes the hand once and then hands out heights, to whichever finger is free.
+"""A planner that closes the hand once and then hands out heights to the fingers that are free.
 
-Contours are taken up in the order of robot time, so that no order of hearing changes who gets
-which height.
+Contours are taken up in the order of robot time, whatever the order in which they arrive.
 """
 
 from __future__ import annotations
@@ -11,17 +10,17 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from palpate.core.explore.survey import next_finished
+from palpate.core.explore import next_finished
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, pose_of
-from palpate.messages.types.motion import (
+from palpate.messages.types import (
     Contour,
     ContourGoal,
     FingerClock,
     GraspContacts,
     GraspGoal,
     ProbeGoal,
+    World,
 )
-from palpate.messages.types.world import World
 from palpate.nodes.runtime.node import Finished, Node, Outputs
 
 
@@ -42,15 +41,9 @@ class State:
 
 
 def _know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
-    hand = GraspGoal(
-        number=0,
-        pose=pose_of(np.array([0.0, 0.0, 0.03]), FACING_DOWN),
-        fingers=4,
-        opening=0.1,
-        reach=0.1,
-        not_before=0.0,
-    )
-    return State(world.fingers, params.heights), [("/hand/goal", hand)]
+    pose, hand = pose_of(np.array([0.0, 0.0, 0.03]), FACING_DOWN), {"opening": 0.1, "reach": 0.1}
+    goal = GraspGoal(number=0, pose=pose, fingers=4, not_before=0.0, **hand)
+    return State(world.fingers, params.heights), [("/hand/goal", goal)]
 
 
 def _grasped(params: Params, state: State, contacts: GraspContacts) -> tuple[State, Outputs]:
@@ -94,15 +87,9 @@ def _take_up(params: Params, state: State) -> tuple[State, Outputs]:
 def _send(params: Params, state: State, finger: int, now: float) -> tuple[State, Outputs]:
     if not state.left:
         return state, []
-    goal = ContourGoal(
-        id=state.goals,
-        finger=finger,
-        frame=IDENTITY_POSE,
-        height=state.left[0],
-        centre=np.zeros(2),
-        radius=params.radius,
-        not_before=now,
-    )
+    where = {"frame": IDENTITY_POSE, "height": state.left[0], "centre": np.zeros(2)}
+    whose = {"id": state.goals, "finger": finger, "not_before": now}
+    goal = ContourGoal(radius=params.radius, **where, **whose)
     busy = (*state.busy, finger)
     state = replace(state, left=state.left[1:], goals=state.goals + 1, busy=busy)
     return _passed(state, finger, now), [("/contour/goal", goal)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from palpate.messages.types.touch import TactileFrame
+from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime.node import Finished, Node, Outputs
 
 

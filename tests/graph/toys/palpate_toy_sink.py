@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from palpate.messages.codec import Header
+from palpate.messages import Header
 from palpate.nodes.runtime.node import Sink
 
 

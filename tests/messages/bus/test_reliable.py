@@ -1,3 +1,5 @@
+"""Reliable topics: every message once and in order, across late joins, full queues and deaths."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -5,253 +7,265 @@ from typing import Any
 
 import pytest
 
-from palpate.messages.bus import handshake as join
-from palpate.messages.bus.message_log import SendTimes
-from palpate.messages.bus.publisher import BlockedError
-from palpate.messages.codec import Header, pack_frame
+from palpate.messages import Header, bus, pack_frame, split_frame
+from palpate.messages.bus import MessageLog, SendTimes
+from tests.messages.cases import cases
+
+TOPICS = ["/talk", "/more"]
+CALL = bus.join_call("finger_1/filter", 2, "simulator")
 
 
-def seqs(arrivals: list[Any]) -> list[int]:
-    return [arrival.header.seq for arrival in arrivals]
-
-
-def test_what_was_published_before_anybody_listened_is_received(bench: Any):
-    publisher = bench.publisher()
-    bench.publish(publisher, b"one", b"two")
-    subscriber = bench.subscriber()
-    received = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    assert [arrival.body for arrival in received] == [b"one", b"two"]
-    assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
-
-
-def test_what_is_published_while_a_subscriber_joins_is_received_once(bench: Any):
-    publisher = bench.publisher()
-    bench.publish(publisher, b"0")
-    subscriber = bench.subscriber()
-    received = []
-    for number in range(1, 50):
-        bench.publish(publisher, b"%d" % number)
+def test_messages_before_during_and_after_joining_come_once_in_order(wires: Any):
+    publisher = wires.publisher()
+    wires.publish(publisher, b"one", b"two")
+    subscriber = wires.subscriber("/talk", "/more")
+    for number in range(40):
+        wires.publish(publisher, b"%d" % number)
         publisher.serve()
-        received += bench.receive(subscriber)
-    received += bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    received += bench.receive(subscriber)
-    assert seqs(received) == list(range(50))
-    assert subscriber.gaps == 0
+        wires.receive()
+    wires.turn(lambda: subscriber.in_step)
+    wires.publish(publisher, bytes(1 << 20))
+    wires.publish(publisher, b"c", topic="/more")
+    wires.turn(lambda: len(wires.heard["hearer"]) == 44)
+    *talk, more = wires.heard["hearer"]
+    assert [one.body for one in talk[:3]] == [b"one", b"two", b"0"]
+    assert talk[-1].body == bytes(1 << 20)
+    assert [one.header.seq for one in talk] == list(range(43))
+    assert (more.publisher, more.topic, more.header.seq) == ("talker", "/more", 0)
+    assert (subscriber.gaps, subscriber.duplicates, subscriber.missing) == (0, 0, {})
+    assert publisher.sent == {"/talk": 43, "/more": 1}
 
 
-def test_topics_are_counted_apart(bench: Any):
-    publisher = bench.publisher()
-    subscriber = bench.subscriber("/talk", "/more")
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.publish(publisher, b"a", b"b")
-    bench.publish(publisher, b"c", topic="/more")
-    received = bench.receive(subscriber)
-    assert [(one.topic, one.header.seq) for one in received] == [
-        ("/talk", 0),
-        ("/talk", 1),
-        ("/more", 0),
-    ]
-    assert publisher.sent == {"/talk": 2, "/more": 1}
-
-
-def test_a_header_carries_what_the_receiver_checks(bench: Any):
-    publisher = bench.publisher()
-    subscriber = bench.subscriber()
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
+def test_header_and_time_of_a_message(wires: Any):
+    publisher, _ = wires.joined(epoch=3, ahead_ns=1 << 60)
+    publisher.send("/talk", b"body", robot_time=2.5, schema=9, outside=True)
     publisher.send("/talk", b"body", robot_time=2.5, schema=9)
-    [arrival] = bench.receive(subscriber)
-    header = arrival.header
-    assert (header.run, header.epoch, header.seq, header.robot_time, header.schema) == (
-        1,
-        0,
-        0,
-        2.5,
-        9,
-    )
-    assert header.sent_ns > 0
-
-
-def test_a_large_frame_arrives_whole(bench: Any):
-    publisher = bench.publisher()
-    subscriber = bench.subscriber()
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.publish(publisher, bytes(1 << 20))
-    assert bench.receive(subscriber)[0].body == bytes(1 << 20)
-
-
-def test_a_topic_that_is_not_the_publishers_is_refused(bench: Any):
+    assert wires.seqs() == [0, 1]
+    one, other = (arrival.header for arrival in wires.heard["hearer"])
+    assert one._replace(sent_ns=0) == Header(1, 3, 0, 0, 2.5, 9, True)
+    assert other.sent_ns > one.sent_ns > 1 << 60
     with pytest.raises(KeyError, match="/elsewhere"):
-        bench.publish(bench.publisher(), b"", topic="/elsewhere")
+        wires.publish(publisher, b"", topic="/elsewhere")
 
 
-def test_a_frame_that_is_dropped_on_the_way_is_counted_as_a_gap(bench: Any):
-    publisher = bench.publisher()
-    subscriber = bench.subscriber()
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.publish(publisher, b"zero")
+def test_lost_messages_are_counted_as_gaps_by_topic(wires: Any):
+    publisher, subscriber = wires.joined("/talk", "/more")
+    wires.publish(publisher, b"zero")
     publisher.past.add("/talk", b"lost")
-    bench.publish(publisher, b"two", b"three")
-    assert seqs(bench.receive(subscriber)) == [0]
-    assert subscriber.gaps == 3
-    assert subscriber.duplicates == 0
+    wires.publish(publisher, b"two", b"three")
+    assert wires.seqs() == [0]
+    assert (subscriber.missing, subscriber.gaps, subscriber.duplicates) == ({"/talk": 3}, 3, 0)
 
 
-def test_a_frame_that_comes_twice_is_counted_and_dropped(bench: Any):
-    publisher = bench.publisher()
-    subscriber = bench.subscriber()
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.publish(publisher, b"zero")
+def test_message_that_comes_twice_is_dropped_and_counted(wires: Any):
+    publisher, subscriber = wires.joined()
+    wires.publish(publisher, b"zero")
     publisher.socket.send(next(publisher.past.since("/talk", 0)))
-    bench.publish(publisher, b"one")
-    assert seqs(bench.receive(subscriber)) == [0, 1]
+    wires.publish(publisher, b"one")
+    assert wires.seqs() == [0, 1]
     assert (subscriber.gaps, subscriber.duplicates) == (0, 1)
 
 
-def test_a_frame_before_its_past_is_early_and_comes_again_in_order(bench: Any):
-    publisher = bench.publisher()
-    bench.publish(publisher, b"0", b"1")
-    subscriber = bench.subscriber()
+def test_message_before_its_past_is_early_and_comes_again_in_order(wires: Any):
+    publisher = wires.publisher()
+    wires.publish(publisher, b"0", b"1")
+    subscriber = wires.subscriber()
     publisher.socket.poll(1000)
     publisher.serve()
-    bench.publish(publisher, b"2")
-    received = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    assert seqs(received) == [0, 1, 2]
-    assert subscriber.early == 1
-    assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
+    wires.publish(publisher, b"2")
+    wires.turn(lambda: subscriber.in_step)
+    assert wires.seqs() == [0, 1, 2]
+    assert (subscriber.early, subscriber.gaps, subscriber.duplicates) == (1, 0, 0)
 
 
-def after_death(bench: Any, folder: Path) -> tuple[str, Any, list[Any]]:
+def test_cursor_of_an_earlier_start_is_not_answered(wires: Any):
+    publisher = wires.publisher(epoch=2)
+    wires.publish(publisher, b"0")
+    subscriber = wires.subscriber()
+    call = bus.join_call("hearer", 0, "talker")
+    subscriber.socket.subscribe(bus.join_cursor(call, 1, "/talk", 0))
+    wires.turn(lambda: subscriber.in_step)
+    assert wires.seqs() == [0] and subscriber.duplicates == 0
+
+
+def test_full_queue_loses_nothing_while_it_is_drained(wires: Any):
+    publisher, _ = wires.joined(depth=1, drain=wires.receive)
+    wires.publish(publisher, *[b"x"] * 4000)
+    assert wires.seqs() == list(range(4000))
+    assert publisher.blocked > 0
+
+
+def test_queue_that_stays_full_names_who_blocks_it(wires: Any):
+    publisher, _ = wires.joined(depth=1, patience=0.1)
+    with pytest.raises(RuntimeError, match=r"talker could not send /talk for 0.1 s: hearer does"):
+        wires.publish(publisher, *[b"x"] * 4000)
+    assert publisher.blocked == 1
+
+
+@cases(
+    "frame, words",
+    (
+        pack_frame("/talk", Header(2, 0, 0, 0, 0.0, 0), b""),
+        "hearer received /talk of run 2, to",
+    ),
+    (b"/talk\0too short", "not a frame"),
+)
+def test_frame_of_another_run_or_form_is_refused(frame: bytes, words: str, wires: Any):
+    publisher, subscriber = wires.joined()
+    publisher.socket.send(frame)
+    with pytest.raises(ValueError, match=words):
+        subscriber.receive()
+
+
+def after_death(wires: Any, folder: Path) -> tuple[str, Any]:
     """Address of a publisher that has died, and who has received two messages of it."""
     endpoint = f"ipc://{folder / 'talker'}"
-    first = bench.publisher(endpoint=endpoint)
-    subscriber = bench.subscriber(endpoints={"talker": endpoint})
-    bench.turn(first, subscriber, lambda: subscriber.in_step)
-    bench.publish(first, b"0", b"1")
-    received: list[Any] = []
-    while len(received) < 2:
-        assert subscriber.socket.poll(5000)
-        received += bench.receive(subscriber)
+    first = wires.publisher(endpoint=endpoint)
+    subscriber = wires.subscriber(endpoints={"talker": endpoint})
+    wires.turn(lambda: subscriber.in_step)
+    wires.publish(first, b"0", b"1")
+    wires.turn(lambda: len(wires.heard["hearer"]) == 2)
     first.close(0)
-    return endpoint, subscriber, received
+    return endpoint, subscriber
 
 
-def test_a_publisher_that_starts_again_is_taken_up_where_it_was_left(bench: Any, tmp_path: Path):
-    endpoint, subscriber, received = after_death(bench, tmp_path)
-    second = bench.publisher(endpoint=endpoint, epoch=1)
-    bench.publish(second, b"0", b"1", b"2")
-    received += bench.turn(
-        second, subscriber, lambda: subscriber._greeted["talker"] == 1 and subscriber.in_step
-    )
-    bench.publish(second, b"3")
-    assert subscriber.socket.poll(5000)
-    received += bench.receive(subscriber)
-    assert seqs(received) == [0, 1, 2, 3]
+def test_publisher_that_starts_again_is_taken_up_without_gap(wires: Any, tmp_path: Path):
+    endpoint, subscriber = after_death(wires, tmp_path)
+    second = wires.publisher(endpoint=endpoint, epoch=1)
+    wires.publish(second, b"0", b"1", b"2")
+    wires.turn(lambda: len(wires.heard["hearer"]) == 3)
+    wires.publish(second, b"3")
+    wires.turn(lambda: len(wires.heard["hearer"]) == 4)
+    assert wires.seqs() == [0, 1, 2, 3]
     assert (subscriber.gaps, subscriber.duplicates) == (0, 0)
 
 
-def test_a_stale_cursor_is_not_answered(bench: Any):
-    publisher = bench.publisher(epoch=2)
-    bench.publish(publisher, b"0")
-    subscriber = bench.subscriber()
-    stale = join.join_cursor(join.join_call("hearer", 0, "talker"), 1, "/talk", 0)
-    subscriber.socket.subscribe(stale)
-    received = bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    assert seqs(received) == [0]
-    assert subscriber.duplicates == 0
-
-
-def test_a_sender_whose_queue_is_full_drains_and_names_who_blocks_it(bench: Any):
-    drained: list[int] = []
-    publisher = bench.publisher(depth=1, patience=0.2, drain=lambda: drained.append(1))
-    subscriber = bench.subscriber(depth=1)
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    with pytest.raises(BlockedError, match=r"talker could not send /talk for 0.2 s: hearer does"):
-        bench.publish(publisher, *[b"x"] * 100)
-    assert drained
-    assert publisher.blocked > 0
-
-
-def test_a_full_queue_loses_nothing_once_it_is_drained(bench: Any):
-    received: list[Any] = []
-    publisher = bench.publisher(depth=1, drain=lambda: received.extend(bench.receive(subscriber)))
-    subscriber = bench.subscriber(depth=1)
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    bench.publish(publisher, *[b"x"] * 1000)
-    received += bench.receive(subscriber)
-    assert seqs(received) == list(range(1000))
-    assert publisher.blocked > 0
-
-
-def test_a_frame_of_another_run_is_refused(bench: Any):
-    publisher = bench.publisher()
-    subscriber = bench.subscriber()
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    publisher.socket.send(pack_frame("/talk", Header(2, 0, 0, 0, 0.0, 0), b""))
-    with pytest.raises(
-        ValueError, match="hearer received /talk of run 2, to which it never subscribed"
-    ):
-        subscriber.receive()
-
-
-def test_a_malformed_frame_is_refused(bench: Any):
-    publisher = bench.publisher()
-    subscriber = bench.subscriber()
-    bench.turn(publisher, subscriber, lambda: subscriber.in_step)
-    publisher.socket.send(b"/talk\0too short")
-    with pytest.raises(ValueError, match="not a frame"):
-        subscriber.receive()
-
-
-def test_a_publisher_that_publishes_it_all_again_tells_each_subscriber_what_it_lacks(
-    bench: Any, tmp_path: Path
-):
-    endpoint, early, received = after_death(bench, tmp_path)
-    second = bench.publisher(endpoint=endpoint, epoch=1, again=True)
-    late = bench.subscriber(name="late", endpoints={"talker": endpoint})
-    bench.publish(second, b"0")
-    received += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
-    told = bench.turn(second, late, lambda: "talker" in late._greeted)
-    while len(second._lacks) < 2:
-        second.socket.poll(10)
-        second.serve()
-    bench.publish(second, b"1", b"2")
+def test_publisher_that_repeats_its_past_sends_each_what_it_lacks(wires: Any, tmp_path: Path):
+    endpoint, early = after_death(wires, tmp_path)
+    second = wires.publisher(endpoint=endpoint, epoch=1, again=True)
+    late = wires.subscriber(name="late", endpoints={"talker": endpoint})
+    wires.publish(second, b"0")
+    wires.turn(lambda: not early.in_step and len(wires.heard["late"]) == 1)
+    wires.publish(second, b"1", b"2")
+    wires.turn(lambda: (len(wires.heard["hearer"]), len(wires.heard["late"])) == (3, 3))
     assert not early.in_step and not late.in_step
     second.go_live()
-    bench.publish(second, b"3")
-    received += bench.turn(
-        second, early, lambda: early.in_step and early._edges["/talk"].wanted == 4
-    )
-    told += bench.turn(second, late, lambda: late.in_step and late._edges["/talk"].wanted == 4)
-    assert (seqs(received), seqs(told)) == ([0, 1, 2, 3], [0, 1, 2, 3])
-    assert (early.gaps, late.gaps, early.duplicates) == (0, 0, 0)
+    wires.publish(second, b"3")
+    wires.turn(lambda: (len(wires.heard["hearer"]), len(wires.heard["late"])) == (4, 4))
+    assert wires.seqs() == wires.seqs("late") == [0, 1, 2, 3]
+    assert early.in_step and late.in_step
+    assert (early.gaps, late.gaps, early.duplicates, late.duplicates) == (0, 0, 0, 0)
 
 
-def test_what_nobody_lacks_is_not_made_once_more(bench: Any, tmp_path: Path):
-    endpoint, early, received = after_death(bench, tmp_path)
-    times = SendTimes(tmp_path / "before", "talker", ["/talk", "/more"])
+def test_message_that_nobody_lacks_is_not_made_again(wires: Any, tmp_path: Path):
+    endpoint, early = after_death(wires, tmp_path)
+    times = SendTimes(tmp_path / "before", "talker", TOPICS)
     for sent_ns in (100, 200):  # its first life had sent two
         times.note("/talk", sent_ns)
     times.close()
-    times = SendTimes(tmp_path / "before", "talker", ["/talk", "/more"])
-    second = bench.publisher(endpoint=endpoint, epoch=1, again=True, times=times)
-    had = early._edges["/talk"].wanted
-    received += bench.turn(second, early, lambda: early._greeted["talker"] == 1)
-    while not second._lacks:
-        second.socket.poll(10)
-        second.serve()
+    times = SendTimes(tmp_path / "before", "talker", TOPICS)
+    past = MessageLog(tmp_path / "past", TOPICS)
+    second = wires.publisher(endpoint=endpoint, epoch=1, again=True, times=times, past=past)
     made: list[int] = []
 
     def promised(number: int) -> bytes:
         made.append(number)
         return b"%d" % number
 
+    had = []
     for number in range(3):
+        had.append(second.was_published("/talk"))
         second.promise("/talk", lambda number=number: promised(number), 5)
-    assert made == list(range(had, 3)) or made == [2]
     second.go_live()
-    received += bench.turn(second, early, lambda: early._edges["/talk"].wanted == 3)
-    late = bench.subscriber(name="late", endpoints={"talker": endpoint})
-    told = bench.turn(second, late, lambda: late.in_step)
-    assert sorted(made) == [0, 1, 2]
-    assert (seqs(received), seqs(told)) == ([0, 1, 2], [0, 1, 2])
-    assert [one.header.sent_ns for one in told[:2]] == [100, 200]
+    wires.turn(lambda: len(wires.heard["hearer"]) == 3)
+    assert (had, made, early.gaps) == ([True, True, False], [2], 0)
+    late = wires.subscriber(name="late", endpoints={"talker": endpoint})
+    wires.turn(lambda: late.in_step)
+    assert (sorted(made), wires.seqs("late")) == ([0, 1, 2], [0, 1, 2])
+    assert [one.header.sent_ns for one in wires.heard["late"][:2]] == [100, 200]
+    assert [one.body for one in wires.heard["late"]] == [b"0", b"1", b"2"]
+
+
+def test_repeated_message_keeps_its_time_and_new_ones_are_later(wires: Any, tmp_path: Path):
+    headers = []
+    for epoch in range(2):
+        times = SendTimes(tmp_path / "published", "talker", TOPICS)
+        talker = wires.publisher(f"talker_{epoch}", epoch=epoch, times=times, again=epoch > 0)
+        frames = [
+            talker.send(topic, b"", robot_time=0.0, schema=5)
+            for topic in ("/talk", "/more", "/talk", *(["/more"] if epoch else []))
+        ]
+        headers.append([split_frame(frame)[1] for frame in frames])
+    first, again = headers
+    assert [one._replace(epoch=1) for one in first] == again[:3]
+    assert again[3].sent_ns > again[2].sent_ns
+
+
+@pytest.mark.parametrize("latest", [0, 1 << 62])
+def test_message_after_kept_ones_has_a_later_time(latest: int, wires: Any, tmp_path: Path):
+    kept = MessageLog(tmp_path / "past", TOPICS, persistent=True)
+    kept.add("/talk", pack_frame("/talk", Header(1, 0, 0, latest, 0.0, 5), b""))
+    kept.close()
+    past = MessageLog(tmp_path / "past", TOPICS, persistent=True, epoch=1)
+    talker = wires.publisher(past=past)
+    assert split_frame(talker.send("/talk", b"", robot_time=0.0, schema=5))[1].sent_ns > latest
+
+
+@cases(
+    "notice, request_",
+    (b"\x01" + CALL, ("finger_1/filter", CALL, "simulator", None, "", 0)),
+    (
+        b"\x01" + bus.join_cursor(CALL, 3, "/touch/raw", 17),
+        ("finger_1/filter", CALL, "simulator", 3, "/touch/raw", 17),
+    ),
+    *(
+        (wrong, None)
+        for wrong in (
+            b"",
+            b"\x00" + CALL,
+            b"\x01/touch/raw\0",
+            b"\x01@a b",
+            b"\x01@a x b ",
+            b"\x01@a 0 b x /t 1",
+            b"\x01@a 0 b 0 /t x",
+            b"\x01@\xff\xfe",
+            b"\x01@a " + b"9" * 5000 + b" b ",  # more digits than Python takes for a number
+            b"\x01@a 0 b 0 /t " + b"9" * 20,
+            "\x01@a \u0661 b ".encode(),
+            b"\x01@" + b"a" * 5000 + b" 0 b ",
+        )
+    ),
+    ids=lambda one: repr(one)[:20],
+)
+def test_request_is_read_as_sent_and_nothing_else_is_one(notice: bytes, request_: Any):
+    assert bus.read_request(notice) == request_
+
+
+def test_answers_are_read_as_sent():
+    hello = bus.read_reply(bus.greeting(CALL, 4))
+    assert (hello.publisher, hello.kind) == ("simulator", bus.GREETING)
+    assert bus.read_epoch(hello.rest) == 4
+    assert bus.read_reply(bus.resent_frame(CALL, b"/t\0frame")).rest == b"/t\0frame"
+    in_step = bus.read_reply(bus.in_step_notice(CALL, "/t"))
+    assert (in_step.publisher, in_step.rest) == ("simulator", b"/t")
+    assert len({hello.kind, in_step.kind, bus.read_reply(bus.resent_frame(CALL, b"")).kind}) == 3
+
+
+@cases(
+    "read, data, words",
+    *(
+        (bus.read_reply, frame, "not an answer")
+        for frame in (b"@a 0 b ", b"@a 0\0H", CALL + b"\0X", CALL + b"\0")
+    ),
+    (bus.read_reply, b"@a 0 \xff \0H", "the name of its publisher is not Unicode"),
+    (bus.read_epoch, b"x", "a greeting must hold 4 bytes, got 1"),
+    *(
+        (bus.check_node_name, name, "a node's name must be printable")
+        for name in ("", "a b", "@a", "a\n")
+    ),
+)
+def test_answer_or_name_of_another_form_is_refused(read: Any, data: Any, words: str):
+    with pytest.raises(ValueError, match=words) as caught:
+        read(data)
+    assert type(caught.value) is ValueError
+    assert bus.check_node_name("finger_1/filter") == "finger_1/filter"

@@ -1,0 +1,135 @@
+"""Sessions of procedures, and the planes and cones that are fitted to touches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.procedures import (
+    PROCEDURE_NAMES,
+    Findings,
+    HandContacts,
+    Session,
+    TouchSetting,
+    begin_procedure,
+    fit_cone,
+)
+from palpate.core.procedures.polyhedron import Plane, corners_of, fit_plane, polyhedron_of
+from palpate.core.touch import Pad
+
+SETTING = TouchSetting(Pad(16, 16, 1e-3, 3e-3, 66.0, 0.8), 0.0, 0.0, 0.12)
+MET = HandContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int32), 0.0)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def counting() -> tuple[Callable[[], Any], list[int]]:
+    """A procedure that yields numbers in place of moves, and how often it was begun."""
+    begun: list[int] = []
+
+    def procedure() -> Iterator[Any]:
+        begun.append(1)
+        for number in range(3):
+            _ = yield number
+        return Findings(status="done", reason="counted")
+
+    return procedure, begun
+
+
+def test_a_session_is_a_function_of_the_results():
+    procedure, begun = counting()
+    session = Session(procedure)
+    assert [session.after((MET,) * n) for n in range(3)] == [0, 1, 2]
+    assert session.after((MET,) * 3).reason == "counted" and len(begun) == 1
+    # Results that do not go on where the last ones ended begin it anew.
+    assert [session.after((MET,) * n) for n in (2, 1, 2, 2)] == [2, 1, 2, 2]
+    assert len(begun) == 4
+
+
+@pytest.mark.parametrize("name", PROCEDURE_NAMES)
+def test_every_procedure_is_found_by_its_name(name):
+    assert begin_procedure(name, {}, SETTING).after(()) is not None
+
+
+def patches(rng: np.random.Generator, offsets: Floats) -> list[Floats]:
+    """Touches of the plane z = 0.02, each off by its own offset along it."""
+    flats = [rng.uniform(-6e-3, 6e-3, (80, 2)) + rng.uniform(-0.03, 0.03, 2) for _ in offsets]
+    heights = [np.full(80, 0.02 + offset) for offset in offsets]
+    return [np.column_stack(one) for one in zip(flats, heights, strict=True)]
+
+
+def test_a_plane_and_its_error_are_found_from_touches():
+    rng, tilt, stated = np.random.default_rng(5), [], []
+    for side in (1.0, -1.0):
+        fit = fit_plane(patches(rng, np.zeros(5)), side * UP, 0.0, 1e-4, 1e-3)
+        assert fit.plane.normal == pytest.approx(side * UP, abs=1e-12)
+        assert fit.plane.offset == pytest.approx(0.02 * side) and fit.rms < 1e-15
+    for _ in range(200):
+        fit = fit_plane(patches(rng, rng.normal(0.0, 1e-4, 6)), UP, 1e-5, 1e-4, 1)
+        tilt.append(math.acos(min(fit.plane.normal[2], 1.0)))
+        stated.append(fit.normal_error)
+    spreads = [np.sqrt(np.mean(np.square(one))) for one in (tilt, stated)]
+    assert spreads[0] == pytest.approx(spreads[1], rel=0.2)
+
+
+BOX = [Plane(sign * axis, 1.0) for axis in np.eye(3) for sign in (1.0, -1.0)]
+
+
+def test_planes_meet_in_the_corners_of_a_polyhedron():
+    corners = corners_of([*BOX, Plane(np.array([1.0, 0, 0]), 3.0)], 10.0)
+    assert corners is not None and corners.faces[-1] == ()  # it touches nothing of the rest
+    assert sorted(map(len, corners.faces)) == [0] + [4] * 6
+    solid, numbers = polyhedron_of(corners)
+    assert solid.volume == pytest.approx(8.0) and numbers == list(range(6))
+    slopes = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+    roof = [Plane(np.array(slope) / math.sqrt(2.0), 1.0 / math.sqrt(2.0)) for slope in slopes]
+    pyramid = corners_of([*roof, Plane(-UP, 0.0)], 10.0)
+    assert pyramid is not None and len(pyramid.places) == 5  # four planes meet in one
+    for left_out in range(6):
+        assert corners_of(BOX[:left_out] + BOX[left_out + 1 :], 10.0) is None
+
+
+def test_a_cone_is_fitted_exactly_from_an_axis_that_is_off():
+    rng, touches = np.random.default_rng(1), []
+    for height in np.linspace(0.0, 0.08, 12):
+        azimuths, heights = rng.uniform(0, 2 * np.pi, 40), height + rng.uniform(-5e-3, 5e-3, 40)
+        ring = (0.02 + 0.1 * heights) * np.array([np.cos(azimuths), np.sin(azimuths)])
+        touches.append(np.column_stack([*ring, heights]))
+    start = np.array([0.05, -0.03, 1.0]) / np.linalg.norm([0.05, -0.03, 1.0])
+    for kind in ("revolution", "linear"):
+        cone = fit_cone(touches, kind, np.array([1e-3, -2e-3, 0.0]), start, 1e-4)
+        assert cone.rms < 1e-7
+        assert kind == "linear" or np.linalg.norm(cone.axis[:2]) < 2e-5
+
+
+def test_the_stated_error_of_an_axis_is_its_scatter():
+    rng, leans, stated = np.random.default_rng(2), [], []
+    for _ in range(40):
+        touches = []
+        for number in range(24):
+            azimuth = number * 2.4 + rng.uniform(-0.2, 0.2, 40)
+            heights = 0.08 * number / 23 + rng.uniform(-5e-3, 5e-3, 40)
+            ring = 0.025 * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+            touches.append(np.column_stack([ring, heights]) + rng.normal(0.0, 1e-4, 3))
+        cone = fit_cone(touches, "linear", np.zeros(3), UP, 1e-4, 0)
+        leans.append(np.linalg.norm(cone.axis[:2]))
+        stated.append(cone.axis_error)
+    assert np.sqrt(np.mean(np.square(leans))) == pytest.approx(np.mean(stated), rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("touches", "words"),
+    [
+        ([np.zeros((2, 3))], "a plane needs 3 points, got 2"),
+        ([np.outer(np.arange(9.0), [1.0, 0, 0])], "on a line"),
+    ],
+)
+def test_a_plane_of_too_few_points_is_refused(touches, words):
+    with pytest.raises(ValueError, match=words):
+        fit_plane(touches, UP, 0.0, 1e-4, 1e-3)
+    with pytest.raises(ValueError, match="4 touches, got 3"):
+        fit_cone([np.zeros((5, 3))] * 3, "linear", np.zeros(3), UP, 1e-4)

@@ -1,0 +1,104 @@
+"""The arm's errors of pose, its backlash and its compliance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from palpate.core.arrays import Floats
+from palpate.core.poses import pose_of, split_pose
+from tests.core.touch.touches import above, applied, finger, rotations, stage, touch
+
+TOUCHES, WIDTH = 2000, 0.2e-3
+START = pose_of(np.array([0.1, -0.2, 0.3]), rotations(1)[0])
+
+
+def errors(touches: int, seed: int = 7, **parameters: float) -> Floats:
+    """Shift [m] and rotation vector [rad] of many touches in the pad's frame, (n, 6)."""
+    made, found = stage("pose_error", finger(seed=seed), **parameters), []
+    axes = Rotation.from_quat(START[3:]).inv()
+    for number in range(touches):
+        one = touch(number, believed=START, actual=START)
+        made.apply(one, None)
+        turn = (axes * Rotation.from_quat(one.actual[3:])).as_rotvec()
+        found.append([*axes.apply(one.actual[:3] - START[:3]), *turn])
+        assert one.believed is START and abs(np.linalg.norm(one.actual[3:]) - 1.0) < 4e-16
+    return np.array(found)
+
+
+def test_pose_errors_are_white_with_the_given_deviations():
+    found = errors(TOUCHES, sigma=0.2e-3, rotation=0.1)
+    scaled = found / np.repeat([0.2e-3, math.radians(0.1)], 3)
+    assert (np.abs(scaled.mean(axis=0)) < 5 / np.sqrt(TOUCHES)).all()
+    covariance, later = scaled.T @ scaled / TOUCHES, scaled[1:].T @ scaled[:-1] / TOUCHES
+    assert (np.abs(np.diag(covariance) - 1.0) < 5 * np.sqrt(2 / TOUCHES)).all()
+    assert np.abs(covariance - np.diag(np.diag(covariance))).max() < 5 / np.sqrt(TOUCHES)
+    assert np.abs(later).max() < 5 / np.sqrt(TOUCHES)
+
+
+def test_large_turns_are_rotations_by_the_drawn_vector():
+    # The draws do not depend on the strength, so a large turn is a multiple of a small one.
+    small, large = errors(50, rotation=0.01), errors(50, rotation=10.0)
+    assert np.allclose(large[:, 3:], 1000 * small[:, 3:], rtol=1e-9, atol=0.0)
+    assert np.allclose(large[:, :3], small[:, :3], rtol=1e-10, atol=1e-16)
+
+
+def test_a_bias_stays_in_a_run_and_changes_no_other_draw():
+    alone = errors(5, sigma=0.0, rotation=0.0, bias=1e-3)
+    assert np.allclose(alone, alone[0], atol=1e-15)
+    difference = errors(20, bias=1e-3) - errors(20)
+    assert np.allclose(difference, alone[0], atol=1e-15)
+    runs = np.ravel([errors(1, seed, sigma=0.0, bias=1e-3)[0, :3] for seed in range(300)])
+    assert abs(runs.mean()) < 5e-3 / np.sqrt(runs.size)
+    assert abs(runs.var() / 1e-6 - 1.0) < 5 * np.sqrt(2 / runs.size)
+
+
+def followed(places: Floats) -> Floats:
+    """Where the pad starts if the arm goes to each of these places in turn, (n, 3)."""
+    made, found = stage("arm_backlash", width=WIDTH), []
+    state = made.state
+    for number, place in enumerate(places):
+        start = pose_of(place, split_pose(above(0.0))[1])
+        one = touch(number, believed=start, actual=start)
+        state = made.apply(one, state)
+        assert np.array_equal(one.believed, start) and np.array_equal(one.actual[3:], start[3:])
+        assert np.array_equal(one.actual[:3], state)
+        found.append(one.actual[:3])
+    return np.array(found)
+
+
+def test_to_and_fro_makes_a_loop_of_the_given_width():
+    forth = np.linspace(0.0, 1e-3, 101)
+    places = np.zeros((303, 3))
+    places[:, 1] = np.concatenate([forth, forth[::-1], forth])
+    rising, falling, again = np.split(followed(places)[:, 1], 3)
+    # From the middle of the play the pad waits for half of it, then follows half behind; turned
+    # back, it waits for all of it.
+    assert np.allclose(rising, np.maximum(forth - WIDTH / 2, 0.0), atol=1e-18)
+    assert np.allclose(falling, np.minimum(forth[::-1] + WIDTH / 2, rising[-1]), atol=1e-18)
+    assert np.allclose(again, np.maximum(forth - WIDTH / 2, falling[-1]), atol=1e-18)
+
+
+def test_each_axis_has_its_own_play_whatever_the_speed():
+    corners = np.array([[0.0, 0, 0], [1, 0, -1], [0.95, 1, -1], [0.2, 0.6, 0], [-1, 0.6, 1]]) * 1e-3
+    found = followed(corners)
+    assert np.allclose(found[1:3] * 1e3, [[0.9, 0, -0.9], [0.9, 0.9, -0.9]], atol=1e-15)
+    steps = np.arange(401) / 100
+    slow = np.column_stack([np.interp(steps, np.arange(5), axis) for axis in corners.T])
+    assert np.allclose(followed(slow)[::100], found, atol=1e-15)
+    places = np.random.default_rng(3).normal(0.0, 0.3e-3, (300, 3))
+    assert np.abs(followed(places) - places).max() <= WIDTH / 2 + 1e-18
+
+
+def test_the_believed_pose_is_too_deep_by_force_over_stiffness():
+    tip, field = finger(pitch=0.8e-3), np.full((16, 16), 1e-4)
+    for axes in rotations(5):
+        end = pose_of(np.array([0.01, 0.02, 0.03]), axes)
+        for stiffness in (1e3, 1e4, 1e8):
+            one = touch(field=field, pressure=5e7 * field, believed=end, actual=end)
+            applied("arm_compliance", one, tip, stiffness=stiffness)
+            bent = 5e3 * (16 * 0.8e-3) ** 2 / stiffness
+            assert np.allclose(one.believed[:3] - end[:3], bent * axes[:, 2], atol=1e-16)
+            assert np.array_equal(one.believed[3:], end[3:]) and np.array_equal(one.actual, end)

@@ -1,0 +1,188 @@
+"""What an element of the array sees and hears: its aperture, warmth, lost and mixed echoes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.poses import split_pose
+from palpate.core.touch import Fingertip, SimulatedTouch, assemble
+from tests.core.touch.touches import DENT, X, Y, above, applied, finger, touch
+
+READINGS = pytest.mark.parametrize("reading", ["mean", "max"])
+Height = Callable[[Floats, Floats], Floats]
+
+
+class Ground:
+    """A surface of this height under each place of the world, seen from above."""
+
+    def __init__(self, height: Height) -> None:
+        self.height = height
+
+    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
+        """Ranges of rays that look straight down."""
+        assert np.allclose(direction, [0.0, 0.0, -1.0])
+        x, y, z = origins.T
+        ranges = z - self.height(x, y)
+        return np.where(ranges <= reach, ranges, np.inf)
+
+
+def over(height: Height, depth: float) -> SimulatedTouch:
+    """A touch of a ground from 3 mm above its zero."""
+    start = above(3e-3)
+    return touch(believed=start, actual=start, depth=depth, shape=Ground(height))
+
+
+def by_single_rays(one: SimulatedTouch, tip: Fingertip | None = None) -> SimulatedTouch:
+    pipeline = assemble(tip or finger(), [])
+    pipeline.simulate(one, pipeline.begin())
+    return one
+
+
+def seen(tip: Fingertip, one: SimulatedTouch, width: float, rays: int, reduce: Any) -> Floats:
+    """What the elements report at the end of a move, element by element."""
+    pad, (position, axes) = tip.pad, split_pose(one.actual)
+    offsets = ((np.arange(rays) + 0.5) / rays - 0.5) * width * pad.pitch
+    found = np.zeros((pad.rows, pad.cols))
+    for place, x, y in zip(np.ndindex(found.shape), *map(np.ravel, pad.grid()), strict=True):
+        along, down = (axis.ravel() for axis in np.meshgrid(x + offsets, y + offsets))
+        depth = pad.thickness + 0.5 * pad.dome * (along**2 + down**2)
+        origins = position + np.column_stack([along, down, -depth]) @ axes.T
+        ranges = one.shape.cast(origins, axes[:, 2], 0.05)
+        found[place] = reduce(np.maximum(pad.thickness - ranges, 0.0))
+    return found
+
+
+@READINGS
+@pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
+def test_elements_report_what_their_rays_see(reading, dome):
+    tip, start = finger(dome=dome), above(0.033, 1.3e-3)
+    one = touch(believed=start, actual=start)
+    applied("aperture", one, tip, width=0.9, rays=4, reading=reading)
+    expected = seen(tip, one, 0.9, 4, {"mean": np.mean, "max": np.max}[reading])
+    assert one.outcome == "hit"
+    assert np.allclose(one.compression, expected, rtol=0.0, atol=1e-12)
+    touched = one.compression > 0.0
+    assert touched.any() and not touched.all() and (one.indentation[~touched] <= 0.0).all()
+    assert np.array_equal(one.indentation[touched], one.compression[touched])
+
+
+@READINGS
+@pytest.mark.parametrize("depth", [0.05e-3, 1e-3, 2.2e-3])
+def test_the_deepest_element_reports_the_given_depth(reading, depth):
+    for dome in (0.0, 1 / 0.015):
+        one = applied("aperture", touch(depth=depth), finger(dome=dome), reading=reading)
+        assert one.outcome == "hit"
+        assert one.compression.max() == pytest.approx(depth, abs=1e-15)
+        assert np.allclose(one.pressure, 2e8 * one.compression, rtol=1e-14)
+
+
+@READINGS
+def test_a_free_element_is_as_far_as_its_nearest_ray(reading):
+    one = applied("aperture", touch(), reading=reading)
+    # On a ball the nearest ray of an element is that on its side towards the middle.
+    inner = (np.abs(X) - 0.8e-3 / 3) ** 2 + (np.abs(Y) - 0.8e-3 / 3) ** 2
+    gap = 3e-3 + 0.03 - np.sqrt(0.03**2 - inner)
+    free = one.compression == 0.0
+    assert np.allclose(one.indentation[free], (one.advance - gap)[free], atol=1e-12)
+
+
+def test_the_mean_reaches_its_depth_on_rough_ground():
+    for seed in range(5):
+        heights = np.random.default_rng(seed).uniform(-2e-3, 0.0, (64, 64))
+        heights[::7] = -np.inf  # nothing there
+
+        def rough(x: Floats, y: Floats, heights: Floats = heights) -> Floats:
+            col, row = (np.floor(part / 0.27e-3).astype(int) + 32 for part in (x, y))
+            return heights[row, col]
+
+        one = applied("aperture", over(rough, 0.3e-3))
+        assert one.outcome == "hit" and np.isfinite(one.compression).all()
+        assert one.compression.max() == pytest.approx(0.3e-3, abs=1e-15)
+
+
+def test_a_needle_bottoms_the_pad_before_its_element_reports_depth():
+    def needle(x: Floats, y: Floats) -> Floats:
+        return np.where(np.hypot(x - 0.5e-3, y - 0.5e-3) < 0.1e-3, 0.0, -5e-3)
+
+    one = applied("aperture", over(needle, 1e-3))
+    assert one.outcome == "bottomed" and one.advance == pytest.approx(3e-3 + 0.8 * 3e-3)
+    assert one.compression.max() == pytest.approx(0.8 * 3e-3 / 9)
+
+
+@READINGS
+@pytest.mark.parametrize(
+    "given", [{"reach": 2.9e-3}, {"reach": 3.1e-3}, {"depth": 2.9e-3}, {"actual": above(0.0299)}]
+)
+def test_on_smooth_ground_outcomes_are_those_of_single_rays(given, reading):
+    single, many = (
+        by_single_rays(touch(**given)),
+        applied("aperture", touch(**given), reading=reading),
+    )
+    assert many.outcome == single.outcome
+    assert many.advance == pytest.approx(single.advance, abs=30e-6)
+    assert many.loading == pytest.approx(single.loading, rel=0.01)
+
+
+@pytest.mark.parametrize("time", [0.0, 30.0, 600.0, 1e9])
+def test_a_warm_pad_sends_the_times_of_slower_sound(time):
+    tip, given = finger(), {"rise": 8.0, "warm_up": 300.0}
+    one = applied("temperature", touch(field=DENT, time=time), tip, **given)
+    speed = 1000.0 - 3.0 * 8.0 * (1.0 - math.exp(-time / 300.0))
+    times = 2 * (3e-3 - DENT) / speed
+    assert np.allclose(tip.calibration.encode(one.reading), times, rtol=1e-13)
+    # A new zero leaves the scale alone: (1.1) with both times at the true speed.
+    one = applied("temperature", touch(field=DENT, time=time), tip, rezeroed=True, **given)
+    expected = 1000.0 * (2 * 3e-3 / speed - times) / 2
+    assert np.allclose(one.reading, expected, rtol=1e-12, atol=1e-17)
+
+
+def plane(slope: float, direction: float) -> Floats:
+    """A plane over the array of this slope and direction [rad]."""
+    return 20e-3 + math.tan(slope) * (math.cos(direction) * X + math.sin(direction) * Y)
+
+
+@pytest.mark.parametrize("direction", np.linspace(0.0, 2 * math.pi, 7))
+def test_a_plane_is_lost_where_its_echo_falls_below_the_threshold(direction):
+    steepest = math.radians(12.0) * math.sqrt(-math.log(0.2))
+    for slope, received in ((0.999 * steepest, True), (1.001 * steepest, False)):
+        one = touch(field=plane(slope, direction))
+        applied("echo_loss", one, angle=12.0, threshold=0.2)
+        # Every taxel, at the border too, sees the slope of the plane.
+        assert np.array_equal(one.reading, one.compression * received)
+
+
+def test_echoes_are_lost_by_the_slope_of_the_pad():
+    field = np.maximum(1.5e-3 - X**2 / (2 * 4e-3), 0.0)  # a ridge
+    one = applied("echo_loss", touch(field=field))
+    slope = np.arctan(np.gradient(field, 1e-3, axis=1))
+    lost = np.exp(-((slope / math.radians(15.0)) ** 2)) < 0.1
+    assert lost.any() and not lost.all()
+    assert np.array_equal(one.reading, np.where(lost, 0.0, field))
+    rough = np.random.default_rng(0).normal(1e-3, 1e-3, (16, 16))
+    level = touch(field=np.full((16, 16), 1e-3), reading=rough)
+    assert np.array_equal(applied("echo_loss", level).reading, rough)
+
+
+@pytest.mark.parametrize("given", [{"angle": 60.0, "threshold": 0.1}, {"threshold": 0.0}])
+def test_a_wide_lobe_loses_nothing(given):
+    one = applied("echo_loss", touch(field=plane(1.57, 0.3)), **given)
+    assert np.array_equal(one.reading, one.compression)
+
+
+def mixed(field: Floats, share: float = 0.05) -> Floats:
+    return applied("crosstalk", touch(field=field), share=share).reading
+
+
+def test_crosstalk_is_a_sum_over_four_neighbours_that_loses_nothing():
+    rng = np.random.default_rng(0)
+    for field in (DENT, rng.random((16, 16)), np.full((16, 16), 1e-3), np.eye(16)):
+        around = np.pad(field, 1, mode="edge")  # a border keeps what it cannot give
+        four = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
+        assert np.allclose(mixed(field), 0.8 * field + 0.05 * four, rtol=1e-14, atol=1e-19)
+        assert mixed(field).sum() == pytest.approx(field.sum(), rel=1e-14)

@@ -1,0 +1,177 @@
+"""Electronics and line: patterns of taxels, noise, impulses, steps, and late frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.touch import Fingertip, KeyedRandom
+from tests.core.touch.touches import DENT, finger, readings, stage, touch
+
+FULL_SCALE = 0.8 * 3e-3
+LEVEL: Floats = np.full((16, 16), 1e-3)
+
+
+def is_share(found: Floats, share: float) -> bool:
+    """Whether events come at a rate, within five standard errors."""
+    return bool(abs(found.mean() - share) < 5 * np.sqrt(share * (1 - share) / found.size) + 1e-15)
+
+
+def assert_white(noise: Floats) -> None:
+    """Zero mean, unit variance, and no correlation of (touches, rows, cols) along any axis."""
+    assert abs(noise.mean()) < 5 / np.sqrt(noise.size)
+    # The variance of a normal sample has a relative standard error of sqrt(2 / n).
+    assert abs(noise.var() - 1.0) < 5 * np.sqrt(2 / noise.size)
+    for axis in range(noise.ndim):
+        along = np.moveaxis(noise, axis, 0)
+        assert abs(np.mean(along[1:] * along[:-1])) < 5 / np.sqrt(along[1:].size)
+
+
+def test_gains_and_offsets_are_a_white_pattern_that_stays():
+    gains, offsets = [], []
+    for number in range(1, 21):
+        made = stage("gain_offset", finger(number=number), sigma_gain=0.05, sigma_offset=20e-6)
+        (offset,), found = readings(made, 0.0 * LEVEL, 1), readings(made, LEVEL, 3)
+        assert (found == found[0]).all()
+        gain = (found[0] - offset) / 1e-3  # and what is read is linear in the compression
+        assert np.allclose(readings(made, DENT, 1)[0], gain * DENT + offset, rtol=1e-12)
+        gains.append((gain - 1.0) / 0.05)
+        offsets.append(offset / 20e-6)
+    assert_white(np.array(gains))
+    assert_white(np.array(offsets))
+    assert abs(np.mean(np.array(gains) * offsets)) < 5 / np.sqrt(20 * 256)
+
+
+def test_gaussian_noise_is_white_and_normal():
+    made = stage("gaussian_noise", sigma=20e-6)
+    noise = (readings(made, DENT, 200) - DENT) / 20e-6
+    assert_white(noise)
+    # Skewness and kurtosis of a normal sample have variances of 6 / n and 24 / n.
+    assert abs(np.mean(noise**3)) < 5 * np.sqrt(15 / noise.size)
+    assert abs(np.mean(noise**4) - 3.0) < 5 * np.sqrt(96 / noise.size)
+    assert made.noise == 20e-6  # a calibration finds it as it is
+
+
+def walked(tip: Fingertip, times: Floats, rate: float = 2e-6) -> Floats:
+    """Zeros of the taxels after each of these times, (touches, rows, cols)."""
+    made, found = stage("drift", tip, rate=rate), []
+    state = made.state
+    for number, time in enumerate(times.tolist()):
+        one = touch(number, np.zeros((16, 16)), time=time)
+        state = made.apply(one, state)
+        found.append(one.reading)
+    return np.array(found)
+
+
+def test_drift_is_a_random_walk_in_robot_time():
+    waits = np.tile([0.5, 2.0, 1.0], 60)
+    zeros = walked(finger(), np.cumsum(waits))
+    assert_white(np.diff(zeros, axis=0, prepend=0.0) / (2e-6 * np.sqrt(waits)[:, None, None]))
+    draws = KeyedRandom(finger(), "drift")
+    drawn = [draws.of_touch(number).standard_normal((16, 16)) for number in range(3)]
+    steps = 2e-6 * np.sqrt(waits[:3])[:, None, None] * drawn
+    np.testing.assert_allclose(zeros[:3], np.cumsum(steps, axis=0), rtol=1e-12, atol=0.0)
+    assert (walked(finger(), np.zeros(3)) == 0.0).all()
+    # From 0 on: the variance after t is rate^2 t.
+    last = np.array([walked(finger(number=n), np.array([3.0, 100.0]))[1] for n in range(1, 9)])
+    assert abs(last.var() / (4e-12 * 100.0) - 1.0) < 5 * np.sqrt(2 / last.size)
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.2, 1.0])
+def test_impulses_come_at_their_rate_half_of_them_each_way(rate):
+    found = readings(stage("salt_and_pepper", rate=rate), LEVEL, 200)
+    salt, pepper = np.isclose(found, FULL_SCALE, rtol=1e-14), found == 0.0
+    assert ((found == 1e-3) | salt | pepper).all()
+    assert is_share(salt, rate / 2) and is_share(pepper, rate / 2)
+    if rate == 0.2:
+        assert_white((found != 1e-3) / 0.4 - 0.5)  # unit variance: 0.2 of 0.8 is 0.4 squared
+
+
+def test_dead_and_stuck_taxels_come_at_their_rates():
+    tips = [finger(number=number) for number in range(1, 41)]
+    given = {"rate": 0.1, "stuck": 0.05}
+    found = np.array([readings(stage("dead_taxels", tip, **given), -LEVEL, 1)[0] for tip in tips])
+    dead, stuck = found == 0.0, found > 0.0
+    assert is_share(dead, 0.1) and is_share(stuck, 0.05)
+    # Uniform from 0 to full scale: the mean is the half, the variance a twelfth.
+    level = found[stuck] / FULL_SCALE
+    assert level.max() < 1.0 and abs(level.mean() - 0.5) < 5 * np.sqrt(1 / 12 / level.size)
+    assert abs(level.var() - 1 / 12) < 5 * np.sqrt(1 / 180 / level.size)
+    alone = [readings(stage("dead_taxels", tip, rate=0.1), -LEVEL, 1)[0] for tip in tips]
+    assert np.array_equal(np.array(alone) == 0.0, dead)  # the dead are the same without stuck ones
+
+
+def test_broken_taxels_stay_broken_alike():
+    made = stage("dead_taxels", rate=0.1, stuck=0.1)
+    first, other = readings(made, DENT + 1e-5, 3), readings(made, DENT + 2e-5, 3)
+    broken = first[0] == other[0]
+    assert (first == first[0]).all() and 20 < broken.sum() < 90
+    assert np.array_equal(first[0][~broken], (DENT + 1e-5)[~broken])
+
+
+@pytest.mark.parametrize(
+    ("given", "signal", "step"),
+    [
+        ({"clock": 20e6}, "time", 25e-6),
+        ({"clock": 1e9}, "time", 0.5e-6),
+        ({}, "time", 5e-6),
+        ({"bits": 8}, "time", 3e-3 / 256),
+        ({"bits": 6}, "force", 3e-3 / 64),
+    ],
+)
+def test_quantisation_rounds_to_the_nearest_step(given, signal, step):
+    field = np.random.default_rng(0).uniform(0.2e-3, 2e-3, (16, 16))
+    made = stage("quantisation", finger(signal), **given)
+    (found,) = readings(made, field, 1)
+    error = (found - field) / step
+    assert np.abs(error).max() <= 0.5 + 1e-9
+    # Uniform: mean 0, variance 1/12, whose own variance is 1/180.
+    assert abs(error.mean()) < 5 * np.sqrt(1 / 12 / error.size)
+    assert abs(error.var() - 1 / 12) < 5 * np.sqrt(1 / 180 / error.size)
+    assert made.noise == pytest.approx(step / np.sqrt(12))
+    assert np.array_equal(readings(made, found, 1)[0], found)  # and rounded again it stays
+
+
+def test_clocks_count_ticks_and_converters_steps():
+    tip = finger(thickness=3.01e-3)
+    (found,) = readings(stage("quantisation", tip, clock=30e6), DENT, 1)
+    ticks = tip.calibration.encode(found) * 30e6
+    assert np.allclose(ticks, np.rint(ticks), rtol=0.0, atol=1e-9)
+    assert np.abs(ticks - tip.calibration.encode(DENT) * 30e6).max() <= 0.5 + 1e-9
+    (found,) = readings(stage("quantisation", finger("force"), bits=6), DENT, 1)
+    codes = found / (3e-3 / 64)
+    assert np.allclose(codes, np.rint(codes), rtol=0.0, atol=1e-12)
+    assert (found[DENT == 0.0] == 0.0).all()
+
+
+def sent(touches: int = 5000, **parameters: float) -> tuple[Floats, Floats]:
+    """Delay [s] and number of copies of each of many touches."""
+    made, found = stage("transport", **parameters), []
+    for number in range(touches):
+        one = touch(number, DENT, time=2.0)
+        made.apply(one, None)
+        assert one.reading is DENT
+        found.append((one.time - 2.0, one.copies))
+    delays, copies = np.array(found).T
+    return delays, copies
+
+
+@pytest.mark.parametrize("drop", [0.05, 0.5, 0.9])
+def test_losses_are_geometric(drop):
+    losses = (sent(latency=0.01, drop=drop, timeout=0.25)[0] - 0.01) / 0.25
+    assert np.allclose(losses, np.rint(losses), atol=1e-9)
+    for count in range(4):
+        assert is_share(np.rint(losses) == count, drop**count * (1 - drop))
+    mean, variance = drop / (1 - drop), drop / (1 - drop) ** 2
+    assert abs(losses.mean() - mean) < 5 * np.sqrt(variance / losses.size)
+
+
+def test_copies_come_at_their_rate_independently_of_losses():
+    delays, copies = sent(latency=0.0, drop=0.5, timeout=1.0, duplicate=0.2)
+    twice, late = copies == 2, delays > 0.5
+    assert set(copies) == {1, 2} and is_share(twice, 0.2)
+    both = np.mean((twice - 0.2) * (late - 0.5))
+    assert abs(both) < 5 * np.sqrt(0.2 * 0.8 * 0.5 * 0.5 / len(copies))
+    lossy, sound = sent(100, drop=0.9, duplicate=0.3), sent(100, drop=0.0, duplicate=0.3)
+    assert np.array_equal(lossy[1], sound[1])

@@ -1,0 +1,252 @@
+"""How a launched graph ends: finished, broken or stalled, and always without a trace."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import re
+import threading
+from dataclasses import replace
+
+import pytest
+from palpate_toy import toy, wiring
+
+from palpate.launch.launcher import launch
+from palpate.messages.types import TactileFrame
+from palpate.nodes.runtime.node import Input
+from tests.graph.conftest import broken, sink, started
+
+pytestmark = pytest.mark.graph
+
+
+def source(burst=5):
+    return toy("source", burst=burst)
+
+
+def counter(expects, upstream="source", **more):
+    return toy("counter", upstream=upstream, expects=expects, **more)
+
+
+def test_graph_ends_when_all_that_was_sent_is_consumed(run, watcher, tmp_path):
+    path = tmp_path / "lines.txt"
+    early = toy("early", upstream="source", expects=1)  # does not end the graph
+    graph = [source(50), early, sink(path, work=1e-3), counter(50)]
+    ending = run(graph, watch=["/source"], depth=2)
+    assert (ending.status, ending.reason) == ("finished", "50 received")
+    assert (ending.gaps, ending.duplicates) == (0, 0)
+    assert ending.statuses["counter"].messages == 50
+    assert (ending.statuses["source"].sent, ending.statuses["source"].state) == (50, "ending")
+    assert watcher.touches() == list(range(50))
+    assert all(type(message) is TactileFrame for _, message in watcher.messages)
+    assert len(watcher.seconds) == 1 and 0.0 < watcher.seconds[0] < 60.0
+    assert watcher.ticks > 0
+    first, *lines, last = path.read_text().splitlines()
+    assert (first, last) == ("open [('/source', 'TactileFrame')]", "closed")
+    assert [line.split()[:2] for line in lines] == [["/source", str(n)] for n in range(50)]
+
+
+@pytest.mark.parametrize(
+    "graph",
+    [
+        [toy("source", burst=200, late=0.15), toy("counter", upstream="source", expects=200)],
+        [toy("source", burst=200), toy("counter", upstream="source", expects=200, late=0.15)],
+        [toy("source", burst=300), toy("counter", upstream="source", expects=300, work=2e-4)],
+        [
+            toy("source", burst=200),
+            toy("slow", upstream="source", work=5e-4),
+            toy("counter", upstream="source", expects=200),
+        ],
+    ],
+    ids=["late source", "late subscriber", "slow subscriber", "ends with a full queue"],
+)
+def test_nothing_is_lost_in_queues_of_one(graph, run):
+    ending = run(graph, depth=1)
+    assert (ending.status, ending.gaps) == ("finished", 0)
+    sent = graph[0].params.burst
+    assert [ending.statuses[one.name].messages for one in graph[1:]] == [sent] * (len(graph) - 1)
+
+
+@pytest.mark.parametrize(("how", "words"), [
+    ("raise", "broken failed while handling /source 2 from source: ZeroDivisionError: cannot"),
+    ("undeclared", "broken published /nowhere, which it does not declare; it declares /out"),
+    ("wrong type", "broken published a LogRecord on /out, declared as TactileFrame"),
+    ("not finite", "handling /source 2 from source: CodecError: not a TactileFrame: robot_time"),
+    ("start", "broken failed while starting: RuntimeError: no world to start in"),
+    ("exit", "broken ended by itself with exit code 7"),
+    ("kill", "broken was killed by SIGKILL"),
+])  # fmt: skip
+def test_node_that_breaks_ends_the_graph_and_is_named(how, words, run, watcher, tmp_path):
+    path = tmp_path / "lines.txt"
+    ending = run([source(), sink(path), broken(how)], ends="source")
+    assert ending.status == "died"
+    assert words in ending.reason and "\n" not in ending.reason
+    assert path.read_text().splitlines()[-1] == "closed"
+    lines = [line for line in watcher.lines if line.node == "broken"]
+    if how == "raise":  # its trace goes to the log
+        assert [line.level for line in lines] == ["error", "debug"]
+        assert re.search(r"\(.*palpate_toy_broken\.py:\d+ in \w+\)$", lines[0].text)
+        assert lines[1].text.startswith("Traceback")
+        assert "palpate_toy_broken.py" in lines[1].text
+
+
+WRONG = wiring("wrong", "palpate_toy", {"burst": "many"})
+NO_MODULE = wiring("lost", "palpate_nothing", {}, outputs={})
+
+
+@pytest.mark.parametrize(
+    ("node", "words"),
+    [
+        (NO_MODULE, "lost failed while loading: ValueError: no module 'palpate_nothing'"),
+        (WRONG, "wrong failed while loading: ValidationError: Expected `int`, got `str`"),
+    ],
+)
+def test_module_or_parameters_that_do_not_fit_end_the_graph(node, words, run):
+    ending = run([source(), node], ends="source")
+    assert ending.status == "died" and ending.reason.startswith(words)
+
+
+def test_sink_that_cannot_close_is_a_failure(run, tmp_path):
+    ending = run([source(), sink(tmp_path / "lines.txt", spoilt=True), counter(5)])
+    assert ending.status == "died"
+    assert ending.reason.startswith("sink failed while closing: OSError: no space left on device (")
+
+
+def needy(need, upstream):
+    inputs = (
+        Input(need, f"/{need}", "/need", "TactileFrame"),
+        Input(upstream, f"/{upstream}", "/in", "TactileFrame"),
+    )
+    return wiring("needy", "palpate_toy_needy", {}, inputs=inputs, outputs={})
+
+
+@pytest.mark.parametrize(
+    ("last", "reasons"),
+    [
+        (
+            counter(6),
+            ["counter has not finished, and nothing has moved for 0.6 s: "
+             "waiting has received nothing on /silent (silent)"],
+        ),
+        (
+            needy("silent", "source"),
+            ["needy needs /silent before anything else",
+             "needy has consumed 0 of 5 on /source from source"],
+        ),
+    ],
+)  # fmt: skip
+def test_stall_is_reported_with_who_waits_for_what(last, reasons, run, monkeypatch):
+    monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.6)
+    graph = [source(5), toy("silent"), toy("waiting", upstream="silent"), last]
+    ending = run(graph)
+    assert ending.status == "stalled"
+    assert all(reason in ending.reason for reason in reasons)
+
+
+def test_what_is_needed_is_handled_first(run):
+    late = toy("late", upstream="source", relay=True, late=0.1)
+    ending = run([source(3), late, needy("late", "source")])
+    assert (ending.status, ending.reason) == ("finished", "all there")
+
+
+def test_exception_of_the_watcher_ends_the_graph(run, watcher, tmp_path):
+    def full(topic, message):
+        raise OSError("the screen is full")
+
+    watcher.received = full
+    with pytest.raises(OSError, match="the screen is full"):
+        run([counter(0), source()], watch=["/source"])
+    assert multiprocessing.active_children() == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("declared", "mentions"), [(0.2, 1), (30.0, 0)])
+def test_silence_longer_than_declared_is_mentioned_once(
+    declared, mentions, run, watcher, monkeypatch
+):
+    monkeypatch.setattr("palpate.launch.processes.node_status.SILENCE", 0.4)
+    slow = replace(counter(1, work=0.7), handler_timeout=declared)
+    assert run([source(1), slow]).status == "finished"
+    texts = [line.text for line in watcher.lines if "counter is still working" in line.text]
+    told = "counter is still working, or hangs: no sign of life for 0.4 s"
+    assert texts == [told] * mentions
+
+
+def test_sink_writes_what_had_arrived_when_a_node_died(run, tmp_path):
+    path = tmp_path / "lines.txt"
+    slow = toy("slow", upstream="source", relay=True, work=0.02)
+    graph = [source(50), slow, sink(path, work=0.01), broken("raise", upstream="slow")]
+    assert run(graph, ends="source").status == "died"
+    lines = path.read_text().splitlines()
+    assert len(lines) == 1 + 50 + 1 and lines[-1] == "closed"
+
+
+def launched(mode: str) -> list[str]:
+    """What a script prints that launches a graph: its process and its server are fresh."""
+    with started("run_graph.py", mode) as process:
+        out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    return [line for line in out.splitlines() if line not in ("launching", "ready")]
+
+
+def test_own_node_starts_light_with_one_thread_and_as_nice_as_asked():
+    ending, unchanged = launched("light")
+    environment = {"OPENBLAS_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
+    assert f"RuntimeError: [] {environment} {os.nice(0) + 3} (" in ending
+    assert unchanged == "the environment is unchanged: True"
+
+
+@pytest.mark.slow
+def test_graph_runs_after_one_whose_module_is_missing():
+    first, second, _ = launched("missing")
+    assert first.startswith(
+        "died - lost failed while loading: ValueError: no module 'palpate.nodes.nothing'"
+    )
+    assert second == "finished - 5 received"
+
+
+SOURCE = toy("source")
+COUNTER = toy("counter", upstream="source")
+TWICE = replace(COUNTER, inputs=COUNTER.inputs * 2)
+LOST = replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "TactileFrame"),))
+
+
+@pytest.mark.parametrize(("wirings", "ends", "watch", "words"), [
+    ([SOURCE, SOURCE], "source", [], "'source' is there twice"),
+    ([SOURCE], "sink", [], r"no node 'sink' that could end the graph; there are \['source'\]"),
+    ([replace(SOURCE, name="launcher")], "launcher", [], "no node may be called 'launcher'"),
+    ([replace(SOURCE, name="two words")], "two words", [], "got 'two words'"),
+    ([SOURCE], "source", ["/model"], "nobody publishes /model"),
+    ([SOURCE, TWICE], "source", [], "counter subscribes to /source twice"),
+    ([SOURCE, LOST], "source", [],
+     "counter subscribes to /sauce of source, who does not publish it"),
+])  # fmt: skip
+def test_graph_that_cannot_run_is_refused(wirings, ends, watch, words, watcher):
+    with pytest.raises(ValueError, match=words):
+        launch(wirings, ends=ends, watch=watch, watcher=watcher)
+    assert watcher.ticks == 0
+
+
+def test_folder_missing_or_too_deep_is_refused(watcher, tmp_path):
+    deep = tmp_path / ("x" * 100)
+    deep.mkdir()
+    options = {"ends": "source", "watch": [], "watcher": watcher}
+    with pytest.raises(ValueError, match="choose a folder with a shorter path"):
+        launch([SOURCE], work_dir=deep, **options)
+    assert list(deep.iterdir()) == []
+    with pytest.raises(ValueError, match="no folder for sockets can be made in"):
+        launch([SOURCE], work_dir=tmp_path / "nowhere", **options)
+
+
+def test_launch_from_another_thread_is_refused(watcher):
+    errors: list[RuntimeError] = []
+
+    def attempt():
+        try:
+            launch([SOURCE], ends="source", watch=[], watcher=watcher)
+        except RuntimeError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join(10)
+    assert "only be launched from the main thread" in str(errors[0])

@@ -1,0 +1,83 @@
+"""Signals to a launcher: the graph ends as interrupted, and no process and no file is left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+
+import pytest
+
+from tests.graph.conftest import group_ends, started
+
+pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
+GONE_WITHIN = 10.0  # A healthy graph takes 2.5 s at most, on a machine without other work [s]
+
+
+@pytest.fixture
+def launcher(tmp_path):
+    """A launcher of a graph without an end, in a process group of its own, before its launch."""
+    with started("run_graph.py", "ring", tmp_path, 0.0, start_new_session=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "launching\n"
+            yield process
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def let_run(process, moment):
+    """Until it is up, for no number; else for some seconds."""
+    if moment is None:
+        assert process.stdout.readline() == "ready\n"
+    else:
+        time.sleep(moment)
+
+
+def assert_nothing_left(process, folder):
+    assert group_ends(process.pid, GONE_WITHIN)
+    lines = folder / "lines.txt"
+    assert not lines.exists() or lines.read_text().endswith("closed\n")
+
+
+def slow(*case):
+    return pytest.param(*case, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(
+    ("number", "whole_group", "times", "moment"),
+    [
+        (signal.SIGINT, True, 1, None),
+        slow(signal.SIGINT, True, 2, 0.3),
+        *(slow(signal.SIGINT, True, 1, moment) for moment in (0.05, 0.2, 0.4)),
+        slow(signal.SIGTERM, True, 1, None),
+        slow(signal.SIGTERM, False, 1, None),
+        slow(signal.SIGHUP, True, 1, None),
+        slow(signal.SIGHUP, False, 1, None),
+    ],
+)
+def test_signal_ends_the_graph_as_interrupted(
+    number, whole_group, times, moment, launcher, tmp_path
+):
+    let_run(launcher, moment)
+    for _ in range(times):
+        if whole_group:
+            os.killpg(launcher.pid, number)
+        else:
+            launcher.send_signal(number)
+    out, err = launcher.communicate(timeout=GONE_WITHIN)
+    told = f"interrupted - {number.name} was received\nthe environment is unchanged: True\n"
+    assert (out.removeprefix("ready\n"), err, launcher.returncode) == (told, "", 0)
+    assert_nothing_left(launcher, tmp_path)
+    assert [one.name for one in tmp_path.iterdir() if one.name != "lines.txt"] == []
+
+
+@pytest.mark.parametrize("moment", [None, slow(0.05), slow(0.3)])
+def test_no_node_outlives_a_killed_launcher(moment, launcher, tmp_path):
+    let_run(launcher, moment)
+    launcher.kill()
+    launcher.wait(GONE_WITHIN)
+    assert_nothing_left(launcher, tmp_path)

@@ -1,0 +1,399 @@
+"""What is asked of an exploration, what it is expected to cost, and what accuracy has cost."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from palpate.launch.demand import (
+    LENGTHS,
+    NOISES,
+    TIMES,
+    demand_text,
+    demanded_of,
+    read_demand,
+    read_mesh_setup,
+    read_quantity,
+    read_setup,
+)
+from palpate.launch.exchange_rate import (
+    cost_curve,
+    draw_svg,
+    draw_text,
+    halving_lines,
+    scale,
+    time_by_step,
+)
+from palpate.launch.files.source_map import InputError, SourceMapped, key_path
+from palpate.launch.forecast import ellipsoid_area, expected_cost, forecast
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.progress import Progress
+from palpate.launch.run import check_run
+from palpate.launch.scene import find_scene, load_scene
+from palpate.messages.types import NodeStatus, PlanDone, PlanEstimate, Score
+from palpate.testing import example
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.mark.parametrize(("text", "units", "value"), [
+    ("0.2mm", LENGTHS, 2e-4), (" 200 um", LENGTHS, 2e-4), ("200µm", LENGTHS, 2e-4),
+    (".5cm", LENGTHS, 5e-3), ("1e-3m", LENGTHS, 1e-3), ("300s", TIMES, 300.0),
+    ("5 min", TIMES, 300.0),
+])  # fmt: skip
+def test_number_with_its_unit_is_read(text, units, value):
+    assert read_quantity(text, units, "--x") == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("0.2", "must have a unit: m, cm, mm, um, in, ft, as in 0.2mm"),
+    ("0.2s", "the unit 's' is none of m, cm, mm, um"),
+    ("mm", "must be a number with a unit, as 0.2mm"),
+    ("nanmm", "must be a number with a unit"),
+    ("0mm", "must be more than 0"),
+    ("-1mm", "must be more than 0"),
+    ("1e999mm", "must be more than 0"),
+])  # fmt: skip
+def test_bad_length_is_refused_in_one_sentence(text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read_quantity(text, LENGTHS, "--tolerance")
+    assert str(caught.value).startswith(f"--tolerance {text}: ")
+
+
+def test_demand_sets_only_what_is_asked_for():
+    found = read_demand("0.2mm", None, "2min", 150, "draft")
+    assert {key: one.value for key, one in found.items()} == {
+        "planner.tolerance": pytest.approx(2e-4),
+        "planner.most_seconds": 120.0,
+        "planner.most_touches": 150,
+        "reconstructor.quality": "draft",
+    }
+    assert found["planner.tolerance"].source == "--tolerance 0.2mm"
+    assert read_demand(None, None, None, None, None) == {}
+    with pytest.raises(InputError, match="--touches 0: must be at least 1"):
+        read_demand(None, None, None, 0, None)
+
+
+def resolved(settings, tmp_path):
+    args = {"scene": SourceMapped(str(find_scene("sphere")), "scene")}
+    return check_run(EXPLORE, args, settings, tmp_path / "run")[1]
+
+
+def test_demand_is_told_with_reason_and_expected_cost(tmp_path):
+    settings = read_demand("0.4mm", None, "300s", None, "fine")
+    wirings = resolved(settings, tmp_path)
+    text = " ".join(demand_text(wirings, settings, (0.08, 0.08, 0.08)).split())
+    for part in (
+        "tolerance 0.4 mm (--tolerance 0.4mm)",
+        "feature 40 mm (100 times the tolerance)",
+        "unknown at most 1 % of the surface, over half a feature from any touch",
+        "gap between contours at most a feature",
+        "a closed surface, no hole unentered",
+        "at most 300 s (--budget 300s)",
+        "quality fine (--quality fine)",
+        "expected about",
+        "for 0.5 % of 80 mm",
+    ):
+        assert part in text
+    own = read_demand("0.4mm", "3mm", None, 90, None)
+    text = " ".join(demand_text(resolved(own, tmp_path), own, None).split())
+    assert "feature 3 mm (--feature 3mm)" in text
+    assert "at most 90 touches (--touches 90)" in text
+    assert "expected" not in text
+    assert demand_text([], {}, (0.1, 0.1, 0.1)) == ""
+
+
+def test_time_too_short_for_the_grasp_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"--budget 20s: most_seconds is 20 s; the grasp alone"):
+        resolved(read_demand(None, None, "20s", None, None), tmp_path)
+    assert resolved(read_demand(None, None, "31s", None, None), tmp_path)
+
+
+def test_expected_cost_rises_with_accuracy_and_surface(tmp_path):
+    costs = [expected_cost(tolerance) for tolerance in np.geomspace(1e-4, 0.02, 40)]
+    touches = np.array([one.touches for one in costs])
+    assert (np.diff(touches[:, 1]) <= 0.0).all() and touches[0, 1] > 2.0 * touches[-1, 1]
+    assert (np.diff(touches, axis=1) >= 0.0).all()
+    assert (np.diff([one.seconds for one in costs], axis=1) >= 0.0).all()
+    for name in ("predicted", "touches"):
+        settings = {"planner.planner": SourceMapped(name, "")}
+        asked = demanded_of(resolved(settings, tmp_path)).asked
+        ball, wide = forecast(asked, (0.08,) * 3), forecast(asked, (0.16, 0.16, 0.08))
+        assert ball.touches[1] < wide.touches[1] < 4.0 * ball.touches[1]
+        assert forecast(asked, (0.08,) * 3, quality="fine").compute > ball.compute
+        finer = forecast(type(asked)(planner=name, tolerance=1e-4), (0.08,) * 3)
+        assert finer.touches[1] > ball.touches[1] and finer.seconds[1] > ball.seconds[1]
+
+
+@pytest.mark.parametrize("axes", [(2.0, 2.0, 2.0), (2.0, 2.0, 6.0), (1.0, 3.0, 7.0)])
+def test_area_of_ellipsoid_is_that_of_quadrature(axes):
+    a, b, c = axes  # whole extents or semi-axes: the ratio of areas is that of their squares
+    polar, turn = np.meshgrid(
+        (np.arange(400) + 0.5) * np.pi / 400, (np.arange(400) + 0.5) * 2 * np.pi / 400
+    )
+    normal = [b * c * np.sin(polar) * np.cos(turn), a * c * np.sin(polar) * np.sin(turn)]
+    normal.append(a * b * np.cos(polar))
+    element = np.sin(polar) * np.linalg.norm(normal, axis=0)
+    area = element.sum() * (np.pi / 400) * (2 * np.pi / 400)
+    ball = ellipsoid_area((1.0, 1.0, 1.0)) / (4.0 * np.pi)
+    assert ball == pytest.approx(0.25, rel=1e-12)
+    assert ellipsoid_area(axes) == pytest.approx(0.25 * area, rel=0.012)  # Thomsen's formula
+
+
+def test_pose_and_noise_become_keys_of_the_scene():
+    assert read_setup(None, None) == []
+    at, turn = [0.01, 0.0, 0.05], [0.0, 0.0, 0.6, 0.8]
+    keys = {key: value for _, key, value in read_setup("0.01,0,0.05,0,0,0.6,0.8", "default")}
+    assert keys == {
+        "scene.object.pose.position": at, "scene.object.pose.rotation": turn,
+        "scene.effects.pose_error.sigma": 1e-4, "scene.effects.gaussian_noise.sigma": 1e-5,
+    }  # fmt: skip
+    assert read_setup(None, "none") == [("--noise none", "scene.effects", [])]
+    for text in ("1,2", "a,b,c", ""):
+        with pytest.raises(InputError, match="must be 3 or 7 numbers"):
+            read_setup(text, None)
+    for noise in NOISES:
+        changes = {
+            key_path(f".{key}")[1:]: SourceMapped(value, option)
+            for option, key, value in read_setup("0,0,0.1", noise)
+        }
+        spec = load_scene("vase", changes).spec
+        assert list(spec.effects) == (["pose_error", "gaussian_noise"] if NOISES[noise] else [])
+        assert spec.object.pose.position == (0.0, 0.0, 0.1)
+
+
+def test_unit_size_and_axis_of_mesh_become_keys_of_the_scene():
+    mesh, found = Path("part.ply"), read_mesh_setup(Path("part.ply"), None, "12cm", "y")
+    assert found == [
+        ("--size", "scene.object.mesh.size", 0.12),
+        ("--up", "scene.object.mesh.up", "y"),
+    ]
+    assert read_mesh_setup(Path("vase"), None, None) == []
+    with pytest.raises(InputError, match=r"--unit cm: vase is no mesh; a scene has object\.mesh"):
+        read_mesh_setup(Path("vase.yaml"), "cm", None)
+    with pytest.raises(InputError, match="--unit and --size exclude each other"):
+        read_mesh_setup(mesh, "cm", "12cm")
+
+
+def estimate(number, touches, bound, halving=None, seconds=2.0):
+    return example(
+        PlanEstimate, number=number, touches=touches, robot_time=seconds * touches,
+        rms_bound_95=bound, largest_untouched=5e-3, halving_touches=halving,
+        halving_seconds=None if halving is None else 3.0 * halving,
+    )  # fmt: skip
+
+
+def scored(number, touches, rms):
+    return example(Score, number=number, touches=touches, robot_time=2.0 * touches, rms=rms)
+
+
+def curve(estimates=(), scores=(), compute=None, **more):
+    progress = Progress(
+        estimates=[(1.0 * one.number, one) for one in estimates],
+        scores=[(1.0 * one.number + 5.0, one) for one in scores],
+        **more,
+    )
+    return cost_curve(progress, compute)
+
+
+TWO = [estimate(2, 20, 1e-3), estimate(3, 40, 1e-4)]
+
+
+def test_score_and_estimate_of_a_model_are_one_entry_at_its_time():
+    estimates = [estimate(2, 20, 1e-3), estimate(3, 40, 5e-4, 12.0)]
+    spent = [(1.0, 2.0), (3.0, 6.0)]
+    first, second = curve(estimates, [scored(2, 20, 8e-4)], made={2: 1.5}, spent=spent)
+    assert [one["rms_m"] for one in (first, second)] == [8e-4, None]
+    assert [one["rms_bound_95_m"] for one in (first, second)] == [1e-3, 5e-4]
+    assert [one["wall_s"] for one in (first, second)] == [1.5, 3.0]
+    assert [one["compute_s"] for one in (first, second)] == [3.0, 6.0]
+    assert (first["forecast"], first["largest_untouched_m"]) == (None, 5e-3)
+    assert second["forecast"] == {"touches": 12.0, "robot_time_s": 36.0}
+
+
+def test_actual_cost_of_halving_stands_beside_its_forecast():
+    estimates = [estimate(2, 20, 1e-3, 30.0), estimate(3, 40, 9e-4, 10.0), estimate(4, 60, 1e-4)]
+    first, second, third = curve(estimates)
+    assert first["halved"] == {"touches": 40, "robot_time_s": 80.0}
+    assert second["halved"] == {"touches": 20, "robot_time_s": 40.0}
+    assert first["ratio"] == {"touches": 0.75, "robot_time_s": 1.125}
+    assert second["ratio"] == {"touches": 0.5, "robot_time_s": 0.75}
+    assert third["halved"] is third["ratio"] is None
+    # The forecast is of the bound, whatever the truth; and neither what the finer final mesh
+    # brings nor a model of which nothing is stated is a halving.
+    scores = [scored(2, 20, 4e-4), scored(3, 40, 1e-4), scored(5, 60, 1e-5)]
+    found = curve([*estimates, estimate(5, 60, 4e-5)], scores)
+    assert [one["halved"] and one["halved"]["touches"] for one in found] == [40, 20, None, None]
+    assert curve([], scores)[0]["halved"] is None
+    still = [estimate(2, 20, 1e-3, 30.0, seconds=0.0), estimate(3, 40, 1e-4, seconds=0.0)]
+    entry = curve(still)[0]  # a robot without a clock
+    assert (entry["halved"], entry["ratio"]) == ({"touches": 20, "robot_time_s": 0.0}, None)
+
+
+def test_last_entry_of_finished_run_has_all_compute_time():
+    done, spent = example(PlanDone, number=3), [(2.0, 1.0), (3.0, 2.0)]
+    assert curve(TWO, spent=spent, done=done, compute=7.5)[-1]["compute_s"] == 7.5
+    assert curve(TWO, spent=spent, compute=7.5)[-1]["compute_s"] == 2.0
+    assert curve(TWO)[-1]["compute_s"] is None
+    assert curve(compute=7.5) == []
+
+
+def test_halvings_are_told_in_words():
+    estimates = [estimate(2, 20, 1e-3, 16.0), estimate(3, 40, 4e-4, 12.3)]
+    assert halving_lines(curve(estimates)) == [
+        "next halving of the bound: about 12 touches, 37 s",
+        "last halving of the bound: foretold 16 touches, 48 s; took 20 touches, 40 s",
+    ]
+    none = "no further slice halves the bound, as far as can be told"
+    assert halving_lines(curve(TWO[:1])) == [none]
+    assert halving_lines([]) == []
+
+
+def test_processor_time_is_added_up_by_steps():
+    cpu = {"simulator_1": 2.0, "simulator_2": 1.5, "reconstructor": 4.25}
+    steps = [{"casting": 1.5}, {"casting": 1.0}, {"lattice": 3.0, "ends": 1.25}]
+    statuses = {
+        name: example(NodeStatus, cpu=seconds, steps=one)
+        for (name, seconds), one in zip(cpu.items(), steps, strict=True)
+    }
+    found = time_by_step(statuses)
+    expected = {"lattice": 3.0, "casting": 2.5, "ends": 1.25, "rest": 1.0}
+    assert list(found.items()) == list(expected.items())
+    assert time_by_step({}) == {}
+
+
+FORECAST = {"touches": 40.0, "robot_time_s": 90.0}
+
+
+def entry(touches, rms, bound, forecast=None, compute=True):
+    return {
+        "touches": touches, "robot_time_s": 2.5 * touches,
+        "compute_s": 0.05 * touches if compute else None, "rms_m": rms, "rms_bound_95_m": bound,
+        "forecast": forecast,
+    }  # fmt: skip
+
+
+CURVE = [
+    entry(20, 3e-3, 8e-3),
+    entry(40, 1e-3, 6e-3, FORECAST),
+    entry(70, 1e-4, 9e-4),
+    entry(110, 3e-5, 3e-5, FORECAST),
+    entry(110, 2e-5, 3e-5, FORECAST),
+]
+
+
+def summary(entries=CURVE, truth=True, **more: Any) -> dict[str, Any]:
+    nodes = {"simulator": {"cpu_s": 1.0}, "filter": {"cpu_s": 0.5}}
+    return {
+        "curve": entries if truth else [{**one, "rms_m": None} for one in entries],
+        "sampling_floor_m": 8e-6 if truth else None, "tolerance_m": None, "scene": "<vase>",
+        "status": "finished", "contours": 4, "touches": 110, "robot_time_s": 275.0,
+        "compute_s": 5.5, "missed": [], "largest_untouched_m": 2e-3,
+        "steps": {"casting": 1.0, "rest": 0.0}, "nodes": nodes, **more,
+    }  # fmt: skip
+
+
+def test_curve_in_text_shows_error_bound_floor_and_costs():
+    lines = draw_text(summary())
+    text = "\n".join(lines)
+    assert max(map(len, lines)) <= 80
+    assert "o stated bound (95 %)" in text and "* true error (rms)" in text
+    assert "@ both" in text  # the last but one error is as large as its bound
+    assert "sampling floor 0.008 mm" in text and "- - - - -" in text
+    assert [line.split()[-1] for line in lines[-5:-2]] == ["110", "275", "5.5"]
+    assert lines[-5].split() == ["touches", "20", "40", "70", "110"]
+    # The higher the error, the higher its mark; the later, the farther to the right.
+    marks = [(row, line.index("*")) for row, line in enumerate(lines[:9]) if "*" in line]
+    assert marks == sorted(marks) and len(marks) >= 3
+
+
+@pytest.mark.parametrize(("found", "shown", "hidden"), [
+    (summary(CURVE[:1]), "*", "@ both"),
+    (summary(truth=False), "o", "true error"),
+    (summary(CURVE[:1], truth=False), "o", "sampling floor"),
+    (summary([entry(20, 3e-3, None, compute=False)]), "*", "bound"),
+    (summary(sampling_floor_m=1e-9), "*", "floor"),
+    (summary(sampling_floor_m=0.0), "*", "floor"),
+])  # fmt: skip
+def test_curve_without_truth_bound_or_floor_is_drawn(found, shown, hidden):
+    text = "\n".join(draw_text(found))
+    assert shown in text and hidden not in text
+    ElementTree.fromstring(draw_svg(found))
+
+
+def test_without_a_model_only_times_are_drawn():
+    nothing = summary([entry(20, None, None)], steps={}, nodes={}, scene=None, compute_s=None)
+    for found in (nothing, {**nothing, "curve": [], "largest_untouched_m": None}):
+        assert draw_text(found) == []
+        assert "no model was judged" in draw_svg(found)
+
+
+def drawing(found):
+    root = ElementTree.fromstring(draw_svg(found))
+
+    def marked(tag: str, kind: str) -> list[ElementTree.Element]:
+        return [one for one in root.iter(f"{SVG}{tag}") if one.get("class") == kind]
+
+    return marked, [one.text or "" for one in root.iter(f"{SVG}text")]
+
+
+def test_picture_has_three_panels_with_a_mark_a_model_and_bars():
+    marked, texts = drawing(summary(missed=["too coarse"]))
+    frames = marked("rect", "frame")
+    assert len(frames) == 3
+    assert len(marked("circle", "true")) == len(marked("rect", "stated")) == 15 + 1
+    assert len(marked("circle", "forecast")) == 2  # compute time has no forecast
+    assert len(marked("rect", "bar")) == 4
+    assert "What accuracy cost: <vase> (finished, goal missed)" in texts
+    assert "1.00 s (100 %)" in texts and "0.00 s" in texts
+    spans = [(float(one.get("x", 0)), float(one.get("width", 0))) for one in frames]
+    for one in marked("circle", "true")[1:]:
+        assert any(left <= float(one.get("cx", 0)) <= left + width for left, width in spans)
+    assert not marked("polyline", "tolerance")
+
+
+def test_forecast_leads_from_the_last_model_to_half_its_bound():
+    marked, _ = drawing(summary())
+    stated, true = marked("rect", "stated")[1:], marked("circle", "true")[1:]
+    for panel, one in enumerate(marked("circle", "forecast")):
+        last = true[5 * panel + 3]  # its error is the bound
+        assert float(one.get("cx", 0)) > float(last.get("cx", 0))
+        assert float(one.get("cy", 0)) > float(last.get("cy", 0))
+    assert len(stated) == 15
+
+
+def test_shortest_of_too_many_bars_are_one():
+    steps = {f"step {number}": 1.0 / (1 + number) for number in range(30)}
+    text = draw_svg(summary(steps=steps))
+    assert "17 others" in text and "step 12" in text and "step 13" not in text
+
+
+def test_log_scale_has_round_ticks_and_room_for_its_values():
+    found = scale([20.0, 110.0], 0.0, 100.0)
+    assert 0.0 < found.at(20.0) < found.at(110.0) < 100.0
+    middle = found.at((20.0 * 110.0) ** 0.5)
+    assert middle == pytest.approx(0.5 * (found.at(20.0) + found.at(110.0)), abs=0.1)  # rounded
+    assert found.at(20.0) != round(found.at(20.0))
+    assert found.ticks(7) == [20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0]
+    assert found.ticks(3) == [20.0, 50.0, 100.0]
+    assert scale([5.0], 0.0, 10.0).at(5.0) == pytest.approx(5.0)
+
+
+def test_tolerance_is_a_level_line_across_every_panel():
+    marked, texts = drawing(summary(tolerance_m=1e-6))
+    lines = [one.get("points", "").split() for one in marked("polyline", "tolerance")]
+    assert len(lines) == 3 + 1  # and one in the legend
+    heights = {float(place.partition(",")[2]) for line in lines[1:] for place in line}
+    assert len(heights) == 1 and "tolerance 0.001 mm" in texts
+
+
+def test_labels_of_ticks_do_not_overlap():
+    marked, _ = drawing(summary([entry(38, 1e-3, 2e-3), entry(200, 1e-4, 1e-3)]))
+    labels = [(float(one.get("x", "0")), one.text or "") for one in marked("text", "small middle")]
+    for (left, text), (right, _) in pairwise(labels):
+        assert right - left > 7.0 * len(text) or right < left
