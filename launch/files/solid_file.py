@@ -126,6 +126,10 @@ def solid_of(arrays: Arrays) -> Solid:
     return found if mesh is None else found.with_final_mesh(mesh.vertices, mesh.faces)
 
 
+# Fields that a model may lack, as one that is not final lacks its verdict.
+OPTIONAL_FIELDS = frozenset(one.name for one in fields(ShapeModel) if one.default is None)
+
+
 def read_model(path: Path) -> ShapeModel:
     """The model that a run left in its ``model.npz``, as it was published.
 
@@ -135,6 +139,8 @@ def read_model(path: Path) -> ShapeModel:
     packed = {name: one for name, one in arrays.items() if name.partition("/")[0] in ARCHIVED}
     values: dict[str, Any] = {ARCHIVE_FIELD: arrays_to_bytes(packed)} if packed else {}
     for name in (one.name for one in fields(ShapeModel)):
+        if name not in arrays and name in OPTIONAL_FIELDS:
+            continue
         hint = types[name]
         try:
             if get_origin(hint) is dict:

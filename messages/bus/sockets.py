@@ -77,7 +77,9 @@ def connect(socket: Socket, endpoint: str) -> None:
 
 
 def _check_locked(socket: Socket, endpoint: str) -> None:
+    """Close the socket and raise ValueError if it has no key."""
     if socket.getsockopt(zmq.MECHANISM) != zmq.CURVE:
+        socket.close(linger=0)
         raise ValueError(f"{endpoint} cannot be used without a key")
 
 
