@@ -86,8 +86,8 @@ MOST_GOALS = 4000  # A message lists no more than `messages.fields.MAX_ITEMS` of
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # The rule that chooses slices: predicted, uniform, thesis, fuzzy, or one's own,
-    # ``module:Class``.
+    # The rule that chooses slices or touches: predicted, touches, uniform, thesis, fuzzy, or one's
+    # own, ``module:Class``.
     planner: str = "predicted"
     settings: dict[str, Any] = {}  # Its numbers
     tolerance: Length = 0.2e-3  # Root mean square error that is asked for, m

@@ -201,7 +201,7 @@ class LatticeSolid(Solid):
         return known._replace(rms=rms, most=max(known.most, float(np.abs(missed).max()), rms))
 
     def whole_deviation(self) -> Deviation | None:
-        """See `whole_deviation`; None with the methods "thesis" and "coarse", which do not say."""
+        """Deviation of the whole surface; None with the methods "thesis" and "coarse"."""
         if self.closed is None:
             return None
         found = whole_deviation(self.closed, self.evidence.contacts)

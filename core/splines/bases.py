@@ -250,12 +250,6 @@ class LocalBasis(NamedTuple):
         return self.first[:, None] + steps
 
 
-def uniform_knots(count: int, degree: int = CUBIC) -> Floats:
-    """Uniform knots that run on beyond both ends of [0, 1]; errors as of `clamped_knots`."""
-    _check_count(count, degree)
-    return np.arange(-degree, count + 1) / (count - degree)
-
-
 def periodic_knots(count: int, degree: int = CUBIC) -> Floats:
     """Uniform knots of a closed curve of `count` control points, one turn being 1.
 

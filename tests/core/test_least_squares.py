@@ -1,112 +1,98 @@
+"""Laws of the batched least-squares solver."""
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from palpate.core.least_squares import FIRST_DAMPING, cauchy_loss, levenberg_marquardt, linear_loss
+from palpate.core.arrays import Floats, Ints
+from palpate.core.least_squares import Solutions, cauchy_loss, levenberg_marquardt, linear_loss
 
 FREE = np.full(2, np.inf)
 
 
-def rosenbrock(parameters, rows):
+def rosenbrock(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
     x, y = parameters.T
     jacobian = np.zeros((len(x), 2, 2))
     jacobian[:, 0, 0], jacobian[:, 0, 1], jacobian[:, 1, 0] = -20 * x, 10.0, -1.0
     return np.stack([10 * (y - x * x), 1 - x], axis=1), jacobian
 
 
-def line_through(places, values):
-    def problem(parameters, rows):
-        model = parameters[:, :1] + parameters[:, 1:] * places
-        one = np.broadcast_to(np.stack([np.ones_like(places), places], -1), (*model.shape, 2))
-        return model - values, one
-
-    return problem
+def solved(*start: float, low: Floats = -FREE, high: Floats = FREE, **options) -> Solutions:
+    return levenberg_marquardt(rosenbrock, np.array([start]), low, high, **options)
 
 
-def test_each_problem_of_many_finds_its_minimum():
+def test_each_of_many_problems_finds_its_minimum():
     starts = np.random.default_rng(0).uniform(-2, 2, (200, 2))
     found = levenberg_marquardt(rosenbrock, starts, -FREE, FREE, steps=200)
-    assert found.converged.all()
+    assert found.converged.all() and found.cost.max() < 1e-16
     assert np.abs(found.parameters - 1).max() < 1e-8
-    assert found.cost.max() < 1e-16
+    for start, end, steps in zip(starts[:20], found.parameters, found.steps, strict=False):
+        alone = solved(*start, steps=200)
+        assert alone.steps[0] == steps
+        assert np.allclose(alone.parameters[0], end, rtol=0, atol=1e-12)
+    still = solved(1.0, 1.0)
+    assert still.converged[0] and still.steps[0] == 0
+    assert still.parameters[0].tolist() == [1.0, 1.0]
 
 
-def test_a_problem_ends_the_same_alone_and_among_others():
-    starts = np.random.default_rng(1).uniform(-2, 2, (20, 2))
-    together = levenberg_marquardt(rosenbrock, starts, -FREE, FREE)
-    alone = [levenberg_marquardt(rosenbrock, start[None], -FREE, FREE) for start in starts]
-    assert np.array_equal(together.steps, [one.steps[0] for one in alone])
-    parameters = np.concatenate([one.parameters for one in alone])
-    assert np.allclose(together.parameters, parameters, rtol=0, atol=1e-12)
+@pytest.mark.parametrize(
+    ("start", "high", "end"),
+    [
+        ((-1.0, 2.0), (0.5, np.inf), (0.5, 0.25)),
+        ((2.0, 2.0), (2.0, 2.0), (1.0, 1.0)),  # a parameter leaves its bound when that helps
+        ((5.0, 5.0), (0.8, 0.5), (np.sqrt(0.5), 0.5)),
+    ],
+)
+def test_bounds_hold_and_the_rest_is_best_within_them(start, high, end):
+    found = solved(*start, high=np.array(high), steps=200)
+    known = least_squares(
+        lambda x: [10 * (x[1] - x[0] ** 2), 1 - x[0]], np.minimum(start, np.array(high) - 1e-9),
+        bounds=(-np.inf, high), xtol=1e-15, ftol=1e-15, gtol=1e-15,
+    )  # fmt: skip
+    assert (found.parameters[0] <= high).all() and found.converged[0]
+    assert found.cost[0] == pytest.approx(known.cost, rel=1e-6, abs=1e-15)
+    if end[0] != np.sqrt(0.5):
+        assert found.parameters[0] == pytest.approx(end, abs=1e-8)
+    assert solved(5.0, 5.0, high=np.ones(2), steps=0).parameters[0].tolist() == [1.0, 1.0]
 
 
-def test_a_start_at_the_solution_takes_no_step():
-    found = levenberg_marquardt(rosenbrock, np.ones((1, 2)), -FREE, FREE)
-    assert found.converged[0] and found.steps[0] == 0
-    assert found.parameters[0].tolist() == [1.0, 1.0]
-
-
-def test_bounds_hold_and_the_rest_is_best_within_them():
-    high = np.array([0.5, np.inf])
-    found = levenberg_marquardt(rosenbrock, np.array([[-1.0, 2.0]]), -FREE, high, steps=200)
-    assert found.converged[0]
-    assert found.parameters[0] == pytest.approx([0.5, 0.25], abs=1e-9)
-
-
-def test_a_parameter_leaves_its_bound_when_that_helps():
-    found = levenberg_marquardt(
-        rosenbrock, np.array([[2.0, 2.0]]), -FREE, np.full(2, 2.0), steps=200
-    )
-    assert found.parameters[0] == pytest.approx([1.0, 1.0], abs=1e-8)
-
-
-def test_starts_are_moved_into_the_bounds():
-    found = levenberg_marquardt(rosenbrock, np.array([[5.0, 5.0]]), -FREE, np.ones(2), steps=0)
-    assert found.parameters[0].tolist() == [1.0, 1.0]
-
-
-def test_the_path_does_not_depend_on_the_units_of_a_parameter():
+def test_the_path_does_not_depend_on_units():
     scale = np.array([1e-6, 1e5])
 
-    def scaled(parameters, rows):
+    def scaled(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
         residuals, jacobian = rosenbrock(parameters / scale, rows)
         return residuals, jacobian / scale
 
-    start = np.array([[-1.2, 1.0]])
-    plain = levenberg_marquardt(rosenbrock, start, -FREE, FREE)
-    other = levenberg_marquardt(scaled, start * scale, -FREE, FREE)
+    plain = solved(-1.2, 1.0)
+    other = levenberg_marquardt(scaled, np.array([[-1.2, 1.0]]) * scale, -FREE, FREE)
     assert other.steps[0] == plain.steps[0]
     assert other.parameters / scale == pytest.approx(plain.parameters, abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("ours", "theirs"),
-    [(linear_loss, "linear"), (cauchy_loss(0.1), "cauchy")],
+    ("ours", "theirs"), [(linear_loss, "linear"), (cauchy_loss(0.1), "cauchy")]
 )
-def test_losses_lead_to_the_minima_that_scipy_finds(ours, theirs):
-    rng = np.random.default_rng(3)
+def test_losses_lead_to_scipys_minima(ours, theirs: str):
     places = np.linspace(-1, 1, 40)
-    values = 0.3 - 0.8 * places + 0.05 * rng.normal(size=40)
+    values = 0.3 - 0.8 * places + 0.05 * np.random.default_rng(3).normal(size=40)
     values[::9] += 2.0
-    problem = line_through(places, values)
-    found = levenberg_marquardt(problem, np.zeros((1, 2)), -FREE, FREE, loss=ours, steps=200)
-    known = least_squares(
-        lambda x: x[0] + x[1] * places - values, [0, 0], loss=theirs, f_scale=0.1, xtol=1e-14
-    )
+    rows = np.stack([np.ones(40), places], axis=1)
+
+    def line(parameters: Floats, numbers: Ints) -> tuple[Floats, Floats]:
+        return parameters @ rows.T - values, np.broadcast_to(rows, (len(numbers), 40, 2))
+
+    found = levenberg_marquardt(line, np.zeros((1, 2)), -FREE, FREE, loss=ours, steps=200)
+    known = least_squares(lambda x: rows @ x - values, [0, 0], loss=theirs, f_scale=0.1, xtol=1e-14)
     assert found.converged[0]
     assert found.parameters[0] == pytest.approx(known.x, abs=1e-6)
     assert found.cost[0] == pytest.approx(known.cost, rel=1e-9)
-
-
-@pytest.mark.parametrize("loss", [linear_loss, cauchy_loss(0.3)])
-def test_the_weight_is_the_derivative_of_the_loss(loss):
     squared, step = np.linspace(0.01, 3, 30), 1e-6
-    slope = (loss(squared + step)[0] - loss(squared - step)[0]) / (2 * step)
-    assert loss(squared)[1] == pytest.approx(slope, abs=1e-7)
+    slope = (ours(squared + step)[0] - ours(squared - step)[0]) / (2 * step)
+    assert ours(squared)[1] == pytest.approx(slope, abs=1e-7)
 
 
-def test_a_parameter_that_does_nothing_stays_where_it_is():
-    def problem(parameters, rows):
+def test_a_parameter_without_effect_stays():
+    def problem(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
         jacobian = np.zeros((len(rows), 3, 2))
         jacobian[:, :, 0] = 1.0
         return parameters[:, :1] - np.array([1.0, 2.0, 3.0]), jacobian
@@ -116,27 +102,22 @@ def test_a_parameter_that_does_nothing_stays_where_it_is():
     assert found.parameters[0] == pytest.approx([2.0, 7.0], abs=1e-9)
 
 
-def test_too_few_steps_are_stated():
-    found = levenberg_marquardt(rosenbrock, np.array([[-1.2, 1.0]]), -FREE, FREE, steps=3)
-    assert not found.converged[0] and found.steps[0] == 3
-
-
-def test_enough_is_where_a_problem_stops():
-    start = np.array([[-1.2, 1.0]])
-    rough = levenberg_marquardt(rosenbrock, start, -FREE, FREE, enough=0.1)
-    fine = levenberg_marquardt(rosenbrock, start, -FREE, FREE)
+def test_steps_end_where_they_are_enough_or_too_many():
+    few = solved(-1.2, 1.0, steps=3)
+    assert not few.converged[0] and few.steps[0] == 3
+    rough, fine = solved(-1.2, 1.0, enough=0.1), solved(-1.2, 1.0)
     assert rough.converged[0] and rough.steps[0] < fine.steps[0]
     assert 1e-12 < np.sqrt(2 * rough.cost[0]) <= 0.1
 
 
-def test_where_the_model_is_right_damping_falls_to_a_third_with_each_step():
+def test_damping_falls_to_a_third_where_the_model_is_right():
     seen = []
 
-    def problem(parameters, rows):
+    def problem(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
         seen.append(parameters.item())
         return parameters, np.ones((1, 1, 1))
 
-    far = np.full(1, np.inf)
-    levenberg_marquardt(problem, np.ones((1, 1)), -far, far, steps=3)
-    damping = FIRST_DAMPING / 3.0 ** np.arange(3)
-    assert np.array(seen[1:4]) / seen[:3] == pytest.approx(damping / (1.0 + damping), rel=1e-9)
+    levenberg_marquardt(problem, np.ones((1, 1)), -FREE[:1], FREE[:1], steps=3)
+    left = np.array(seen[1:4]) / seen[:3]  # d / (1 + d) of the damping d
+    damping = left / (1.0 - left)
+    assert damping[1:] / damping[:-1] == pytest.approx([1 / 3, 1 / 3], rel=1e-9)

@@ -44,24 +44,6 @@ import palpate
 from palpate.tools.cli.command_line import palpate_group as command_tree
 from palpate.tools.reconstruction import single_threaded
 
-# Words of keys, and values of one word, that were called otherwise when the goldens were stored.
-RENAMED: dict[str, str] = {
-    "bound_m": "rms_bound_95_m",
-    "doubts": "warnings",
-    "felt_condition": "radial_condition",
-    "felt_points": "radial_points",
-    "felt_pose_blocks": "radial_pose_blocks",
-    "felt_pose_sigma": "radial_pose_sigma",
-    "felt_rms": "radial_rms",
-    "felt_sigma": "radial_sigma",
-    "felt_stretched": "radial_stretched",
-    "felt_unfelt_gap": "radial_untouched_gap",
-    "felt_unused": "radial_unused",
-    "paced": "reparametrised",
-    "unfelt_m": "largest_untouched_m",
-    "within": "tolerance_met",
-}
-
 STORED = Path(__file__).parent / "stored"
 MADE_ON = STORED / "made_on.json"
 SCENES = (
@@ -356,17 +338,12 @@ def differences(stored: Made, now: Made, *, figures: bool = False) -> list[str]:
     if isinstance(stored, str) or isinstance(now, str):
         lines = difflib.unified_diff(str(stored).splitlines(), str(now).splitlines(), n=0)
         return [] if figures else [line for line in lines if line[0] != "@"][2:]
-    old = {_renamed(key): _renamed(value) for key, value in stored.items()}
     # repr tells floats to the last bit; of all that is stored, sentences alone have blanks in it.
-    pairs = ((key, repr(old.get(key, "none")), repr(now.get(key, "none"))) for key in old | now)
+    pairs = (
+        (key, repr(stored.get(key, "none")), repr(now.get(key, "none"))) for key in stored | now
+    )
     apart = [(key, a, b) for key, a, b in pairs if a != b and not (figures and " " in a + b)]
     return [f"{key}: {a} -> {b}" for key, a, b in apart]
-
-
-def _renamed(value: Any) -> Any:
-    if not isinstance(value, str) or " " in value:
-        return value
-    return ".".join(RENAMED.get(word, word) for word in value.split("."))
 
 
 def machine() -> Flat:

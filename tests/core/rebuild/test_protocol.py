@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import palpate
-from palpate.launch.files import InputError
+from palpate.launch.files.source_map import InputError
 
 RADIUS, HEIGHT = 0.03, 0.06
 RING, TUBE = 0.028, 0.011

@@ -1,4 +1,4 @@
-from __future__ import annotations
+"""Laws of the match of features with stored objects."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,8 @@ import pytest
 from palpate.core.recognition import (
     FEATURES,
     NONE,
+    ObjectModels,
+    Recognition,
     Scatter,
     differences,
     object_models,
@@ -13,18 +15,17 @@ from palpate.core.recognition import (
 )
 
 COUNT = len(FEATURES)
-KINDS = np.array([one.kind for one in FEATURES])
-DEVIATIONS = np.where(KINDS == "count", 0.3, 0.02)
+DEVIATIONS = np.where([one.kind == "count" for one in FEATURES], 0.3, 0.02)
+OBJECTS = ("cup", "mug", "jug")
 
 
-def scatters(names=("cup", "mug", "jug"), copies=120, apart=6.0, seed=0):
-    """Objects whose features are normal, `apart` of their deviations from each other in three."""
-    rng = np.random.default_rng(seed)
+def scatters(names=OBJECTS, copies: int = 120, apart: float = 6.0) -> dict[str, Scatter]:
+    """Normal features; in three of them objects are `apart` of their deviations from each other."""
+    rng = np.random.default_rng(0)
     mixed = np.eye(COUNT) + 0.05 * rng.normal(size=(COUNT, COUNT))
     found = {}
     for number, name in enumerate(names):
-        middle = np.zeros(COUNT)
-        middle[:3] = apart * number * DEVIATIONS[:3]
+        middle = np.where(np.arange(COUNT) < 3, apart * number * DEVIATIONS, 0.0)
         vectors = middle + rng.normal(size=(copies, COUNT)) @ mixed * DEVIATIONS
         found[name] = Scatter(vectors, np.full(COUNT, 1.0))
     return found
@@ -33,92 +34,89 @@ def scatters(names=("cup", "mug", "jug"), copies=120, apart=6.0, seed=0):
 MODELS = object_models(scatters())
 
 
-def test_each_object_is_recognised_by_its_own_mean():
+def test_each_object_is_recognised_by_its_mean():
     for name, mean in zip(MODELS.names, MODELS.means, strict=True):
+        assert np.allclose(mean, scatters()[name].vectors.mean(axis=0), rtol=0, atol=1e-14)
         found = recognise(mean, MODELS)
         assert (found.name, found.nearest) == (name, name)
         assert found.distance == pytest.approx(0.0, abs=1e-9)
-        assert next(iter(found.probabilities)) == name
-        assert found.probabilities[name] > 0.99
+        assert next(iter(found.probabilities)) == name and found.probabilities[name] > 0.99
+    alone: ObjectModels = object_models(scatters(names=("cup",)))
+    assert recognise(alone.means[0], alone).runner_up is None
+    assert recognise(MODELS.means[0] + 0.1 * DEVIATIONS, MODELS).runner_up == "mug"
+    # Copies that are nearly the same leave room.
+    rough = 1e-9 * np.random.default_rng(0).normal(size=(6, COUNT))
+    models = object_models({"cup": Scatter(rough, np.zeros(COUNT))})
+    assert (models.deviations >= 0.002).all()
+    assert np.isfinite(recognise(rough[0] + 1e-3, models).distance)
 
 
 @pytest.mark.parametrize("far", [0.0, 0.5, 2.0, 50.0])
-def test_probabilities_sum_to_one_with_none_of_them_among_them(far):
+def test_probabilities_follow_bayes_rule(far: float):
+    uncertainty = 3e-4
     features = MODELS.means[0] + far * DEVIATIONS
-    found = recognise(features, MODELS)
-    assert sum(found.probabilities.values()) == pytest.approx(1.0, abs=1e-12)
-    assert set(found.probabilities) == {*MODELS.names, NONE}
+    found = recognise(features, MODELS, uncertainty)
     likely = [*found.probabilities.values()]
-    assert likely == sorted(likely, reverse=True)
+    assert sum(likely) == pytest.approx(1.0, abs=1e-12) and likely == sorted(likely, reverse=True)
+    assert set(found.probabilities) == {*OBJECTS, NONE}
+    # Odds of two objects are those of their normal densities, the square over the scale.
+    exponents = {}
+    for i, name in enumerate(OBJECTS):
+        deviation = MODELS.deviations[i] * np.sqrt(1.0 + (uncertainty / 1.5e-4) ** 2)
+        off = uncertainty * MODELS.slopes[i]
+        covariance = MODELS.correlation * np.outer(deviation, deviation) + np.outer(off, off)
+        away = features - MODELS.means[i]
+        square = away @ np.linalg.solve(covariance, away) / MODELS.scale
+        exponents[name] = -0.5 * (square + np.linalg.slogdet(covariance)[1])
+        if name == found.nearest:
+            assert found.distance == pytest.approx(square)
+    best = max(exponents, key=exponents.__getitem__)
+    assert found.nearest == best and (found.name == NONE) == (found.distance > found.limit)
+    for name in OBJECTS:
+        wanted = found.probabilities[best] * np.exp(exponents[name] - exponents[best])
+        assert found.probabilities[name] == pytest.approx(wanted, rel=1e-6, abs=1e-300)
 
 
-def test_an_unknown_object_is_none_of_them_and_never_the_nearest():
-    features = MODELS.means[1].copy()
-    features[10:20] += 15.0 * DEVIATIONS[10:20]
+def test_an_unknown_object_is_none_of_them():
+    features = MODELS.means[1] + np.where(np.abs(np.arange(COUNT) - 14.5) < 5, 15 * DEVIATIONS, 0)
     found = recognise(features, MODELS)
-    assert found.name == NONE
-    assert found.nearest in MODELS.names
-    assert found.distance > found.limit
-    assert found.probabilities[NONE] > 0.99
+    assert found.name == NONE and found.nearest in OBJECTS
+    assert found.distance > found.limit and found.probabilities[NONE] > 0.99
 
 
-def test_where_the_test_just_passes_the_odds_are_even():
-    way = np.zeros(COUNT)
-    way[12] = DEVIATIONS[12]
+def test_odds_are_even_where_the_test_just_passes():
+    step = DEVIATIONS * (np.arange(COUNT) == 12)
 
-    def at(far):
-        return recognise(MODELS.means[0] + far * way, MODELS)
+    def at(far: float) -> Recognition:
+        return recognise(MODELS.means[0] + far * step, MODELS)
 
     low, high = 0.0, 100.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if at(middle).name != NONE else (low, middle)
-    inside = at(low)
-    assert inside.distance == pytest.approx(inside.limit, rel=1e-9)
-    assert inside.probabilities[NONE] == pytest.approx(inside.probabilities["cup"], rel=1e-6)
+    edge = at(low)
+    assert edge.distance == pytest.approx(edge.limit, rel=1e-9)
+    assert edge.probabilities[NONE] == pytest.approx(edge.probabilities["cup"], rel=1e-6)
 
 
 def test_one_in_a_hundred_copies_is_falsely_rejected():
-    fresh = scatters(copies=700, seed=0)  # the same distributions, other copies
-    rejected = [
-        recognise(vector, MODELS, 0.0).name == NONE
-        for one in fresh.values()
-        for vector in one.vectors[120:]
-    ]
-    assert len(rejected) == 1740
-    assert 0.0005 <= np.mean(rejected) <= 0.03
+    fresh = [one.vectors[120:] for one in scatters(copies=700).values()]  # other copies
+    rejected = [recognise(one, MODELS, 0.0).name == NONE for one in np.concatenate(fresh)[::2]]
+    assert len(rejected) == 870 and 0.0005 <= np.mean(rejected) <= 0.03
 
 
-def test_uncertainty_lets_pass_what_is_certain_to_be_another():
-    features = MODELS.means[2] + 3.0 * DEVIATIONS
-    distances = [recognise(features, MODELS, one).distance for one in (0.0, 1e-4, 3e-4, 1e-3)]
-    assert (np.diff(distances) < 0.0).all()
-    assert recognise(features, MODELS, 0.0).name == NONE
-    assert recognise(features, MODELS, 1e-3).name == "jug"
-
-
-def test_the_features_that_differ_most_are_told_first():
+def test_differences_come_largest_first():
     found = differences(MODELS.means[0], MODELS, "jug")
+    assert len(found) == COUNT
     assert {one.name for one in found[:3]} == {one.name for one in FEATURES[:3]}
     sizes = [abs(one.deviations) for one in found]
     assert sizes == sorted(sizes, reverse=True)
-    assert len(found) == COUNT
-    first = found[0]
-    i = [one.name for one in FEATURES].index(first.name)
-    assert (first.measured, first.stored) == (MODELS.means[0, i], MODELS.means[2, i])
-
-
-def test_a_single_object_has_no_runner_up():
-    models = object_models(scatters(names=("cup",)))
-    assert recognise(models.means[0], models).runner_up is None
-
-
-def test_copies_that_are_all_the_same_still_leave_room():
-    vectors = np.tile(np.linspace(0.0, 1.0, COUNT), (6, 1))
-    noisy = vectors + 1e-9 * np.random.default_rng(0).normal(size=vectors.shape)
-    models = object_models({"cup": Scatter(noisy, np.zeros(COUNT))})
-    assert (models.deviations >= 0.002).all()
-    assert np.isfinite(recognise(vectors[0], models).distance)
+    i = [one.name for one in FEATURES].index(found[0].name)
+    assert (found[0].measured, found[0].stored) == (MODELS.means[0, i], MODELS.means[2, i])
+    deviation = np.hypot(MODELS.deviations[2, i] * np.sqrt(1 + (2 / 3) ** 2), 1e-4)
+    assert found[0].deviations == pytest.approx(
+        (MODELS.means[0, i] - MODELS.means[2, i]) / deviation
+    )
 
 
 @pytest.mark.parametrize(
@@ -131,6 +129,6 @@ def test_copies_that_are_all_the_same_still_leave_room():
         (lambda: differences(MODELS.means[0], MODELS, "pot"), "tuple"),
     ],
 )
-def test_bad_arguments_are_refused(call, words):
+def test_bad_input_is_refused(call, words: str):
     with pytest.raises(ValueError, match=words):
         call()

@@ -1,528 +1,317 @@
+"""Superquadrics: gauge, inside-outside function, norms and their derivatives, points, measures."""
+
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
+from palpate.core import shapes
 from palpate.core.arrays import Floats
-from palpate.core.shapes.global_deformations import Bend, Taper
-from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
-from palpate.core.shapes.superquadrics import (
-    Superquadric,
-    SurfacePoints,
-    gauge_and_gradient,
-    inside_outside,
-    p_norm,
-    p_norm_curvature,
-    regular_points,
-    trigonometric_points,
-)
+from palpate.core.geometry import areas_and_normals, solidity
+from palpate.core.poses import pose_of, rotations_from_vectors
+from palpate.core.shapes import INSIDE, MISS
+from tests.core.shapes.definitions import DOWN
 
-Volume = Callable[[Mesh], float]
-Closed = Callable[[Mesh], bool]
-
-
-def gauge_by_logarithms(shape, points):
-    """The gauge, (2.6) to the power 1/2, written another way: no power can overflow."""
-    e1, e2 = shape.exponents
-    with np.errstate(divide="ignore"):
-        x, y, z = np.log(np.abs(points / shape.size)).T
-    with np.errstate(invalid="ignore"):
-        across = 0.5 * e2 * np.logaddexp(2 / e2 * x, 2 / e2 * y)
-        return np.asarray(np.exp(0.5 * e1 * np.logaddexp(2 / e1 * across, 2 / e1 * z)))
-
-
-def ranges_by_bisection(shape, origins, direction, reach):
-    """Least gauge on each ray, and the range at which the ray first enters."""
-
-    def gauge(travelled):
-        return gauge_by_logarithms(shape, origins + travelled[:, None] * direction)
-
-    low, high = np.zeros(len(origins)), np.full(len(origins), reach)
-    for _ in range(150):  # the gauge is convex along a ray
-        third = (high - low) / 3
-        nearer = gauge(low + third) <= gauge(high - third)
-        low, high = np.where(nearer, low, low + third), np.where(nearer, high - third, high)
-    deepest = high
-    low, high = np.zeros(len(origins)), deepest.copy()
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        inside = gauge(middle) <= 1.0
-        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
-    return gauge(deepest), high
-
-
-def test_rays_agree_with_bisection_for_all_exponents():
-    rng = np.random.default_rng(0)
-    hits = 0
-    for number in range(60):
-        exponents = np.exp(rng.uniform(math.log(0.02), math.log(2.0), 2))
-        shape = Superquadric(rng.uniform(0.01, 0.06, 3), exponents)
-        direction = rng.normal(size=3) if number % 3 else np.eye(3)[number // 3 % 3]
-        direction /= np.linalg.norm(direction)
-        far = 3 * shape.size.max()
-        places = rng.uniform(-1.2, 1.2, (60, 3))
-        places[:20] = rng.choice([-1.0, -0.5, 0.0, 1.0], (20, 3))  # faces, edges, corners, axis
-        origins = places * shape.size - far * direction
-        found = shape.cast(origins, direction, 3 * far)
-        least, wanted = ranges_by_bisection(shape, origins, direction, 3 * far)
-        met = np.isfinite(found)
-        assert met[least < 1 - 1e-9].all()
-        assert (found[least > 1 + 1e-9] == MISS).all()
-        clear = met & (least < 1 - 1e-9)
-        assert np.allclose(found[clear], wanted[clear], rtol=0, atol=1e-11)
-        hits += int(clear.sum())
-    assert hits > 1000
-
-
-@pytest.mark.parametrize("trials", [12, pytest.param(60, marks=pytest.mark.slow)])
-def test_rays_agree_with_extended_precision_to_12_digits(oracle, trials):
-    rng = np.random.default_rng(21)
-    met_in_all = 0
-    for _ in range(trials):
-        size, exponents = rng.uniform(0.01, 0.06, 3), np.exp(rng.uniform(math.log(0.02), 0.69, 2))
-        shape = Superquadric(size, exponents)
-        direction = rng.normal(size=3)
-        direction /= np.linalg.norm(direction)
-        surface = shape.mesh(3).vertices
-        spread = np.repeat([0.0, 1e-5, 1e-3], 8)[:, None] * rng.normal(size=(24, 3))
-        origins = surface[rng.integers(len(surface), size=24)] + spread - 0.1 * direction
-        found = shape.cast(origins, direction, 0.3)
-        wanted = oracle(size, exponents).entries(origins, direction, 0.3)
-        clear = np.abs(wanted.least) > 1e-12
-        assert np.array_equal(np.isfinite(found)[clear], np.isfinite(wanted.ranges)[clear])
-        met = np.isfinite(found) & np.isfinite(wanted.ranges)
-        assert np.abs(found[met] - wanted.ranges[met]).max() < 1e-12 * size.max()
-        met_in_all += int(met.sum())
-    assert met_in_all > 15 * trials
-
-
-@settings(max_examples=100, deadline=None)
-@given(
-    e1=st.floats(0.02, 2.0),
-    e2=st.floats(0.02, 2.0),
-    place=st.tuples(*[st.floats(-1.2, 1.2)] * 3),
-    towards=st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda d: max(map(abs, d)) > 1e-3),
-    reach=st.floats(0.0, 0.3),
-)
-def test_a_hit_has_gauge_1_and_a_longer_reach_changes_no_hit(
-    e1: float,
-    e2: float,
-    place: tuple[float, float, float],
-    towards: tuple[float, float, float],
-    reach: float,
-) -> None:
-    shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([e1, e2]))
-    direction = np.array(towards) / np.linalg.norm(towards)
-    origins = np.array([place]) * shape.size - np.array([[0.0], [0.1]]) * direction
-    found, longer = shape.cast(origins, direction, reach), shape.cast(origins, direction, 0.6)
-    assert ((found == longer) | ((found == MISS) & (longer > reach))).all()
-    assert np.array_equal(found == INSIDE, shape.gauge(origins) <= 1.0)
-    met = np.isfinite(longer)
-    at = shape.gauge(origins[met] + longer[met, None] * direction)
-    assert np.allclose(at, 1.0, rtol=0, atol=1e-12)
-
-
-def test_the_gauge_bends_no_more_than_its_smoothness_allows():
-    rng = np.random.default_rng(4)
-    for exponents in ([1.0, 1.0], [0.1, 0.1], [0.05, 1.0], [1.0, 0.05], [0.3, 0.7]):
-        shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array(exponents))
-        points = shape.mesh(4).vertices
-        direction = rng.normal(size=3)
-        towards = np.broadcast_to(direction, points.shape)
-        step = 1e-7
-        second = (
-            shape.inside_out(points + step * direction, towards)[1]
-            - shape.inside_out(points, towards)[1]
-        ) / step
-        speed = shape.gauge(direction[None])[0]
-        assert second.max() <= shape.smoothness() * speed**2 * (1 + 1e-3)
-        assert second.max() > 1e-3 * shape.smoothness() * speed**2
-    assert Superquadric(np.ones(3), np.array([1.0, 1.01])).smoothness() == np.inf
-
-
-def test_the_function_is_negative_inside_and_its_slope_that_of_differences():
-    shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.4, 1.7]))
-    points = shape.mesh(3).vertices * np.random.default_rng(0).uniform(0.5, 1.5, (642, 1))
-    directions = np.random.default_rng(1).normal(size=points.shape)
-    value, slope = shape.inside_out(points, directions)
-    assert np.allclose(value, shape.gauge(points) - 1.0, atol=1e-15)
-    ahead, back = (shape.gauge(points + step * directions) for step in (1e-8, -1e-8))
-    clear = np.abs(points).min(axis=1) > 1e-6  # away from the creases
-    assert np.allclose(slope[clear], (ahead - back)[clear] / 2e-8, rtol=1e-4, atol=1e-3)
-
-
-@pytest.mark.parametrize("exponent", [0.02, 0.1, 1.0, 2.0])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_ray_on_an_axis_meets_the_end_of_that_axis(exponent, axis):
-    shape = Superquadric(np.array([0.01, 0.02, 0.03]), np.full(2, exponent))
-    unit = np.eye(3)[axis]
-    found = shape.cast(np.array([0.1 * unit, -0.1 * unit]), -unit, 1.0)
-    assert found[0] == pytest.approx(0.1 - shape.size[axis], abs=1e-14)
-    assert found[1] == MISS
-
-
-@pytest.mark.parametrize(("across", "met"), [(0.0299, True), (0.0301, False)])
-def test_a_ray_along_a_face_meets_it_just_inside_and_misses_just_outside(across, met):
-    shape = Superquadric(np.full(3, 0.03), np.full(2, 0.05))
-    found = shape.cast(np.array([[across, 0.0, 0.1]]), np.array([0.0, 0.0, -1.0]), 1.0)
-    assert np.isfinite(found[0]) == met
-
-
-def test_a_ray_at_an_edge_and_at_a_corner_meets_it():
-    for corner in ([1.0, 1.0, 0.0], [1.0, 1.0, 1.0]):
-        shape = Superquadric(np.full(3, 0.03), np.full(2, 0.05))
-        unit = np.array(corner) / math.sqrt(sum(corner))
-        found = shape.cast(0.1 * unit[None], -unit, 1.0)[0]
-        e = 0.05
-        edge = 0.03 * math.sqrt(2) * 2 ** (-e / 2)
-        vertex = 0.03 * math.sqrt(3) * (2 ** (e / e) + 1) ** (-e / 2)
-        assert found == pytest.approx(0.1 - (vertex if corner[2] else edge), abs=1e-13)
-
-
-def test_rays_nearly_parallel_to_a_sharp_face_miss_without_a_warning():
-    shape = Superquadric(np.full(3, 0.03), np.full(2, 0.02))
-    across = 0.03 * np.geomspace(1e-12, 1.0, 2000)
-    origins = np.column_stack([across, 0 * across, np.full(2000, 0.09)])
-    assert (shape.cast(origins, np.array([-1.0, 0.0, 0.0]), 1.0) == MISS).all()
-
-
-def test_a_ray_stops_at_its_reach(ball):
-    origin, down = np.array([[0.0, 0.0, 0.1]]), np.array([0.0, 0.0, -1.0])
-    assert ball.cast(origin, down, 0.0699)[0] == MISS
-    assert ball.cast(origin, down, 0.0701)[0] == pytest.approx(0.07, abs=1e-14)
-    assert ball.cast(origin, -down, 1.0)[0] == MISS
-
-
-@pytest.mark.parametrize("exponent", [0.02, 1.0, 2.0])
-def test_a_ray_that_starts_inside_says_so(exponent):
-    shape = Superquadric(np.array([0.01, 0.02, 0.03]), np.full(2, exponent))
-    origins = np.array([[0.0, 0.0, 0.0], [0.0099, 0, 0], [0, 0, -0.0299], [0.01, 0.02, 0.04]])
-    found = shape.cast(origins, np.array([1.0, 0.0, 0.0]), 1e-3)
-    assert found[:3].tolist() == [INSIDE] * 3
-    assert found[3] == MISS
-
-
-def test_the_gauge_is_homogeneous_symmetric_and_finite():
-    rng = np.random.default_rng(2)
-    points = rng.normal(size=(100, 3)) * np.exp(rng.normal(size=(100, 1)))
-    for exponents in ([0.02, 0.02], [0.02, 2.0], [0.7, 1.3]):
-        shape = Superquadric(np.array([0.3, 0.2, 0.1]), np.array(exponents))
-        gauge = shape.gauge(points)
-        assert np.allclose(gauge, gauge_by_logarithms(shape, points), rtol=1e-12)
-        assert np.allclose(shape.gauge(-points * [1, -1, 1]), gauge, rtol=1e-14)
-        assert np.allclose(shape.gauge(1e6 * points), 1e6 * gauge, rtol=1e-13)
-        assert np.isfinite(shape.gauge(np.array([[0, 0, 0], [1e-200, 0, 0], [9, 9, 9.0]]))).all()
-
-
-def test_the_gauge_of_a_ball_is_the_distance_in_radii(ball):
-    points = np.random.default_rng(3).normal(size=(50, 3))
-    assert np.allclose(ball.gauge(points), np.linalg.norm(points, axis=1) / 0.03, rtol=1e-14)
-
-
-@pytest.mark.parametrize("exponents", [[0.1, 0.1], [1.0, 1.0], [2.0, 2.0], [0.3, 1.7]])
-def test_the_mesh_is_closed_turned_outwards_and_on_the_surface(exponents, is_closed, signed_volume):
-    shape = Superquadric(np.array([0.03, 0.02, 0.04]), np.array(exponents))
-    mesh = shape.mesh(4)
-    assert is_closed(mesh)
-    assert np.allclose(shape.gauge(mesh.vertices), 1.0, atol=1e-13)
-    e1, e2 = exponents
-
-    def beta(a, b):
-        return math.gamma(a) * math.gamma(b) / math.gamma(a + b)
-
-    exact = 2 * 0.03 * 0.02 * 0.04 * e1 * e2 * beta(e1 / 2 + 1, e1) * beta(e2 / 2, e2 / 2)
-    assert 0.97 * exact < signed_volume(mesh) < exact
-
-
-def test_the_bounds_are_the_semi_axes(box):
-    assert box.bounds().tolist() == [[-0.03, -0.02, -0.04], [0.03, 0.02, 0.04]]
-    assert box.enclosure().tolist() == box.bounds().tolist()
-
-
-@pytest.mark.parametrize(
-    ("size", "exponents", "words"),
-    [
-        ([0.0, 1.0, 1.0], [1.0, 1.0], r"size must be positive, got \[0.0, 1.0, 1.0\] m"),
-        ([-1.0, 1.0, 1.0], [1.0, 1.0], "size must be positive"),
-        ([1.0, 1.0], [1.0, 1.0], r"size must have shape \(3\), got \(2,\)"),
-        ([1.0, 1.0, math.nan], [1.0, 1.0], "size must be finite"),
-        ([1.0, 1.0, 1.0], [0.019, 1.0], r"exponents must lie between 0.02 and 2.0, got \[0.019"),
-        ([1.0, 1.0, 1.0], [1.0, 2.001], "exponents must lie between"),
-        ([1.0, 1.0, 1.0], [1.0], r"exponents must have shape \(2\)"),
-    ],
-)
-def test_what_is_no_superquadric_is_refused(size, exponents, words):
-    with pytest.raises(ValueError, match=words):
-        Superquadric(np.array(size), np.array(exponents))
-
-
+EPS = float(np.finfo(float).eps)
 SIZE = np.array([0.03, 0.02, 0.04])
+PAIRS = [[0.02, 0.02], [0.02, 2.0], [0.15, 0.15], [1.0, 1.0], [0.4, 1.6], [2.0, 0.1], [2.0, 2.0]]
+POINTS = np.random.default_rng(0).uniform(-1, 1, (300, 3))
+pairs = pytest.mark.parametrize("pair", PAIRS)
 
 
-@pytest.mark.parametrize("exponents", [[0.1, 0.1], [1.0, 1.0], [0.4, 1.6], [2.0, 2.0]])
-def test_normals_are_unit_point_outwards_and_are_square_to_the_surface(exponents):
-    shape = Superquadric(SIZE, np.array(exponents))
+def shape_of(pair: Any, size: Any = SIZE) -> shapes.Superquadric:
+    return shapes.Superquadric(np.array(size), np.array(pair))
+
+
+def differences(function: Any, at: Any, shift: Any, step: float = 1e-6) -> Any:
+    return (function(at + step * shift) - function(at - step * shift)) / (2 * step)
+
+
+def test_log_f_agrees_with_50_digits_near_far_and_beside_the_axes():
+    rng = np.random.default_rng(0)
+    for number in range(16):
+        exponents = np.exp(rng.uniform(math.log(0.01), math.log(2.0), 2))
+        points = np.exp(rng.uniform(math.log(0.01), math.log(100.0), (20, 3)))
+        points[:6] = 1.0 + 1e-6 * rng.normal(size=(6, 3))  # near a corner of the box
+        points[6:10] = points[6:10, :1]  # on a diagonal
+        if number % 2:
+            points = 10.0 ** rng.uniform(-200, 5, (20, 3))
+        found = shapes.inside_outside(points, exponents).value
+        with mpmath.workdps(50):
+            e1, e2 = (mpmath.mpf(float(e)) for e in exponents)
+            for point, value in zip(points.tolist(), found.tolist(), strict=True):
+                x, y, z = (mpmath.mpf(coordinate) for coordinate in point)
+                across = x ** (2 / e2) + y ** (2 / e2)
+                wanted = e1 * mpmath.log(across ** (e2 / e1) + z ** (2 / e1))
+                assert abs(value - wanted) <= (16 + 2 * abs(value)) * EPS
+
+
+@pairs
+def test_f_is_finite_homogeneous_and_the_same_in_all_octants(pair):
+    wanted = shapes.inside_outside(np.abs(POINTS), pair)
+    # Euler; a power of 100 costs two digits.
+    assert np.allclose(wanted.by_log.sum(axis=1), 2.0, rtol=0, atol=1e-12)
+    far = shapes.inside_outside(1e5 * np.abs(POINTS), pair)
+    assert np.allclose(far.value, wanted.value + 2 * math.log(1e5), rtol=0, atol=1e-13)
+    assert np.allclose(far.by_log, wanted.by_log, rtol=0, atol=1e-11)
+    for signs in np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).reshape(3, 8).T:
+        found = shapes.inside_outside(np.abs(POINTS) * signs, pair)
+        assert np.array_equal(found.value, wanted.value)
+        assert np.array_equal(found.by_place * signs, wanted.by_place)
+    tiny = [[1e-200, 1, 1], [1, 1e-200, 1e-200], [1e-200] * 3, [1e5] * 3, [1e-300, 0, 1e5]]
+    found = shapes.inside_outside(tiny, pair)
+    assert all(np.isfinite(part).all() for part in found)
+    assert found.value[2] == pytest.approx(found.value[3] - 2 * math.log(1e205), abs=1e-11)
+    # Powers of 30 that overflow when squared leave no trace on the axes.
+    axes = shapes.inside_outside(30.0 * np.eye(3), np.maximum(pair, 0.01)).value
+    assert np.exp(axes) == pytest.approx(900.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("pair", [[0.1, 0.1], [1.0, 1.0], [0.3, 1.7], [1.9, 1.9]])
+def test_derivatives_of_log_f_are_those_of_differences(pair):
+    points = np.random.default_rng(3).uniform(0.2, 2.0, (60, 3)) * [1, -1, 1]
+    found = shapes.inside_outside(points, pair)
+    for axis, shift in enumerate(np.eye(3)):
+        wanted = differences(lambda at: shapes.inside_outside(at, pair).value, points, shift)
+        assert np.allclose(found.by_place[:, axis], wanted, atol=1e-7)
+        assert np.allclose(found.by_log[:, axis], found.by_place[:, axis] * points[:, axis])
+    for which, shift in enumerate(np.eye(2)):
+        by = np.array(pair)
+        wanted = differences(lambda e: shapes.inside_outside(points, e).value, by, shift)
+        assert np.allclose(found.by_exponents[:, which], wanted, atol=1e-6)
+
+
+@pairs
+def test_centre_has_f_0_finite_slopes_and_a_normal_upwards(pair):
+    found = shapes.inside_outside(np.zeros((1, 3)), pair)
+    assert all(np.isfinite(part).all() for part in found)
+    assert np.exp(found.value[0]) == 0.0
+    assert not np.concatenate([found.by_place, found.by_log], axis=1).any()
+    assert not found.by_exponents.any()
+    shape = shape_of(pair)
+    near = np.outer([1e-3, 1e-9, 1e-200], [1.0, 0.0, 0.0])
+    radial = near[:, 0] - near[:, 0] / shape.gauge(near)  # |x| (1 - 1 / gauge)
+    assert radial == pytest.approx([-0.029, -0.03, -0.03], abs=1e-8)
+    assert shape.normals(np.zeros((1, 3))).tolist() == [[0.0, 0.0, 1.0]]
+
+
+@pytest.mark.parametrize("pair", [[2.0, 2.0], [1.0, 2.0], [2.0, 1.0], [1.5, 1.5]])
+def test_gradient_in_a_crease_is_the_mean_of_both_sides(pair):
+    on = np.array([[0.0, 0.6, 0.4], [0.6, 0.0, 0.4], [0.6, 0.4, 0.0], [0.0, 0.0, 1.0]])
+    found = shapes.inside_outside(on, pair)
+    assert all(np.isfinite(part).all() for part in found)
+    gauge = np.exp(0.5 * found.value)
+    assert (np.abs(found.by_place) <= 2.0 / gauge[:, None] * (1 + 1e-15)).all()
+    for row, axis in enumerate([0, 1, 2]):
+        sides = [on[row] + side * 1e-9 * np.eye(3)[axis] for side in (1, -1)]
+        mean = shapes.inside_outside(sides, pair).by_place.mean(axis=0)
+        assert found.by_place[row] == pytest.approx(mean, abs=1e-4)
+
+
+@pairs
+def test_gauge_is_a_root_of_f_and_its_slope_bounded_in_growth(pair):
+    shape, rng = shape_of(pair), np.random.default_rng(4)
+    f = shapes.inside_outside(POINTS / SIZE, pair)
+    assert np.allclose(shape.gauge(POINTS), np.exp(0.5 * f.value), rtol=1e-13)
+    value, slope = shape.inside_out(POINTS, np.tile([1.0, 2.0, -1.0], (300, 1)))
+    assert np.array_equal(value, shape.gauge(POINTS) - 1.0)
+    along = 0.5 * shape.gauge(POINTS) * (f.by_place / SIZE @ [1.0, 2.0, -1.0])
+    assert np.allclose(slope, along, rtol=1e-9, atol=1e-12 * np.abs(slope).max())
+    # Ball, Carlen and Lieb, 1994: the second derivative is at most smoothness times speed squared.
+    if max(pair) > 1.0:
+        assert shape.smoothness() == math.inf
+        return
+    points, direction = shape.mesh(4).vertices, rng.normal(size=3)
+    slopes = [
+        shape.inside_out(at, np.tile(direction, (len(at), 1)))[1]
+        for at in (points, points + 1e-7 * direction)
+    ]
+    bound = shape.smoothness() * shape.gauge(direction[None])[0] ** 2
+    largest = (slopes[1] - slopes[0]).max() / 1e-7
+    assert 1e-3 * bound < largest <= bound * (1 + 1e-3)
+
+
+@pytest.mark.parametrize("e", [0.02, 0.1, 0.7, 1.0, 1.6, 2.0])
+def test_norm_and_its_first_and_second_derivatives(e):
+    x, y = np.random.default_rng(0).uniform(0.05, 1.0, (2, 300))
+    power = np.longdouble(2) / np.longdouble(e)
+    wide = [power * np.log(side.astype(np.longdouble)) for side in (x, y)]
+    at = shapes.p_norm(x, y, np.asarray(e))
+    assert np.allclose(at.value, np.exp(np.logaddexp(*wide) / power).astype(float), rtol=1e-15)
+    assert np.allclose([at.share_x, at.share_y], [x / at.value, y / at.value], rtol=1e-15)
+    if e in (0.02, 2.0):
+        return
+    along = np.random.default_rng(1).normal(size=(2, 300))
+    curved = shapes.p_norm_curvature(at, *along, np.asarray(e))
+
+    def norm(place: Any) -> Any:
+        return shapes.p_norm(place[0], place[1], place[2])
+
+    def slope(place: Any) -> Any:
+        return norm(place).by_x * along[0] + norm(place).by_y * along[1]
+
+    here, clear = np.stack([x, y, np.full(300, e)]), np.minimum(x, y) > 2e-3 * np.maximum(x, y)
+    firsts = at.by_x, at.by_y, at.by_exponent
+    seconds = curved.by_x, curved.by_y, curved.by_exponent
+    for first, second, shift in zip(firsts, seconds, np.eye(3)[:, :, None], strict=True):
+        wanted = differences(lambda place: norm(place).value, here, shift)
+        assert np.allclose(first, wanted, rtol=0, atol=1e-8)
+        wanted = differences(slope, here, shift)
+        assert np.allclose(second[clear], wanted[clear], rtol=1e-6, atol=1e-6)
+    assert np.allclose(curved.slope, slope(here), rtol=1e-14)
+    edge = np.array([0.0, 1.0, 0.0, 1e-200, 1.0]), np.array([1.0, 0.0, 0.0, 1.0, 1e-12])
+    bent = shapes.p_norm_curvature(
+        shapes.p_norm(*edge, np.asarray(e)), np.ones(5), -np.ones(5), np.asarray(e)
+    )
+    assert all(np.isfinite(part).all() for part in bent)
+
+
+@pytest.mark.parametrize("e", [0.02, 0.05, 0.1, 1.0, 2.0])
+def test_rays_meet_axes_edges_and_corners_where_formulas_say(e):
+    shape, cube = shape_of([e, e], [0.01, 0.02, 0.03]), shape_of([e, e], [0.03] * 3)
+    for axis, unit in enumerate(np.eye(3)):
+        found = shape.cast(np.array([0.1 * unit, -0.1 * unit]), -unit, 1.0)
+        assert found[0] == pytest.approx(0.1 - shape.size[axis], abs=1e-14)
+        assert found[1] == MISS
+    for corner, terms in (([1.0, 1.0, 0.0], 2), ([1.0, 1.0, 1.0], 3)):
+        unit = np.array(corner) / math.sqrt(terms)
+        radius = 0.03 * math.sqrt(terms) * terms ** (-e / 2)
+        assert cube.cast(0.1 * unit[None], -unit, 1.0)[0] == pytest.approx(0.1 - radius, abs=1e-13)
+    inside = [[0.0, 0.0, 0.0], [0.0099, 0, 0], [0, 0, -0.0299]]
+    assert (shape.cast(np.array(inside), DOWN, 1e-3) == INSIDE).all()
+    # Rays nearly in a sharp face miss, without a warning.
+    across = 0.03 * np.geomspace(1e-12, 1.0, 500)
+    origins = np.column_stack([across, 0 * across, np.full(500, 0.09)])
+    assert (cube.cast(origins, np.array([-1.0, 0.0, 0.0]), 1.0) == MISS).all()
+
+
+@pairs
+def test_points_by_angles_lie_on_the_surface_with_its_normals(pair):
+    shape = shape_of(pair)
+    eta = np.repeat(np.linspace(-0.5 * math.pi, 0.5 * math.pi, 31), 40)
+    omega = np.tile(-math.pi + 2.0 * math.pi / 40 * np.arange(40), 31)
+    signs = np.column_stack([np.cos(omega), np.sin(omega), np.sin(eta)])
+    clear = (np.abs(signs) > 1e-9).all(axis=1) & (np.abs(eta) < 1.5)
+    ends = [0.5 * math.pi, -0.5 * math.pi, 0.0, 0.0], [0.3, 0.3, -math.pi, 0.5 * math.pi]
+    wanted = np.array([[0, 0, 1], [0, 0, -1], [-1, 0, 0], [0, 1, 0]])  # poles, seam, quarter
+    for points_of in (shapes.trigonometric_points, shapes.regular_points):
+        points, normals = points_of(shape, eta, omega)
+        if pair == [0.15, 0.15]:  # nearly a box: around its middle, regular points are even
+            gaps = np.linalg.norm(np.diff(points[600:640], axis=0), axis=1)
+            assert (gaps.max() / gaps.min() < 3.0) == (points_of is shapes.regular_points)
+        assert np.abs(shape.gauge(points) - 1.0).max() < 1e-14
+        assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-15)
+        inner = np.abs(points / SIZE).min(axis=1) > 1e-3  # off the creases
+        assert np.abs(normals[inner] - shape.normals(points[inner])).max() < 1e-9
+        assert (np.sign(points) == np.sign(signs))[clear & inner].all()
+        points, normals = points_of(shape, *ends)
+        assert np.array_equal(points[2:], wanted[2:] * SIZE)
+        assert np.allclose(points[:2], wanted[:2] * SIZE, atol=1e-16)
+        assert (np.einsum("ni,ni->n", normals, wanted) > 0.2).all()
+
+
+def test_bounds_are_the_semi_axes_where_it_stands():
+    shape, shift = shape_of([0.1, 0.1]), np.array([0.1, -0.2, 0.3])
+    assert np.array_equal([shape.bounds(), shape.enclosure()], [[-SIZE, SIZE]] * 2)
+    axes = rotations_from_vectors(np.array([[0.3, -0.8, 0.5]]))[0]
+    upright, turned = (shapes.PosedShape(shape, pose_of(shift, a)) for a in (np.eye(3), axes))
+    assert np.array_equal(upright.bounds(), shape.bounds() + shift)
+    vertices = turned.mesh(6).vertices
+    assert np.array_equal(turned.bounds(), [vertices.min(axis=0), vertices.max(axis=0)])
+
+
+@pairs
+def test_normals_are_units_square_to_the_surface(pair):
+    shape = shape_of(pair)
     points = shape.mesh(3).vertices
     normals = shape.normals(points)
     assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-15)
     assert (np.einsum("ni,ni->n", normals, points) > 0).all()
-    rng = np.random.default_rng(0)
-    tangent = np.cross(normals, rng.normal(size=points.shape))
-    slope = shape.inside_out(points, tangent)[1]
+    tangent = np.cross(normals, np.random.default_rng(0).normal(size=points.shape))
     clear = np.abs(points / SIZE).min(axis=1) > 1e-3
-    assert np.abs(slope[clear]).max() < 1e-12
+    assert np.abs(shape.inside_out(points, tangent)[1][clear]).max() < 1e-12
+    crease = shape.normals(np.array([[0.0, 0.0, 0.04], [0.0, 0.01, 0.02], [0.03, 0.0, 0.0]]))
+    assert crease[0].tolist() == [0, 0, 1] and crease[2].tolist() == [1, 0, 0] and crease[1, 0] == 0
 
 
-@pytest.mark.parametrize("exponents", [[2.0, 2.0], [1.0, 2.0]])
-def test_normals_on_creases_poles_and_at_the_centre_are_what_is_promised(exponents):
-    shape = Superquadric(SIZE, np.array(exponents))
-    points = np.array([[0.0, 0.0, 0.04], [0.0, 0.01, 0.02], [0.0, 0.0, 0.0], [0.03, 0.0, 0.0]])
-    normals = shape.normals(points)
-    assert normals[0].tolist() == [0.0, 0.0, 1.0]
-    assert normals[1, 0] == 0.0
-    assert normals[2].tolist() == [0.0, 0.0, 1.0]
-    assert normals[3].tolist() == [1.0, 0.0, 0.0]
-    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
+def second_moments(mesh: shapes.Mesh) -> Floats:
+    """Integrals of the coordinates' products over a closed mesh, by its tetrahedra, exactly."""
+    corners = mesh.vertices[mesh.faces]
+    six = np.einsum("mi,mi->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    total = corners.sum(axis=1)
+    second = np.einsum("m,mci,mcj->ij", six, corners, corners)
+    return np.asarray((second + np.einsum("m,mi,mj->ij", six, total, total)) / 120.0)
 
 
-STEP = 1e-6
-X, Y = np.random.default_rng(0).uniform(0.05, 1.0, (2, 300))
+def test_volumes_agree_with_40_digits():
+    for pair in ([1e-3, 1e-3], [0.02, 2.0], [0.3, 0.8], [1.0, 1.0], [2.0, 3.0]):
+        with mpmath.workdps(40):
+            e1, e2 = (mpmath.mpf(e) for e in pair)
+            share = 2 * e1 * e2 * mpmath.beta(e1 / 2 + 1, e1) * mpmath.beta(e2 / 2, e2 / 2)
+            wanted = float(share * mpmath.fprod(SIZE.tolist()))
+        assert shapes.superquadric_volume(SIZE, pair) == pytest.approx(wanted, rel=2e-14)
 
 
-def exponent(e):
-    return np.asarray(e)
+@pytest.mark.parametrize("pair", [[0.2, 0.2], [1.0, 1.0], [0.5, 1.6], [2.0, 2.0]])
+@pytest.mark.parametrize("taper", [[0.0, 0.0], [0.6, -0.4], [-0.9, -0.9]])
+def test_moments_are_those_of_fine_meshes(pair, taper):
+    shape = shape_of(pair, 10 * SIZE)
+    found = shapes.superquadric_moments(shape, taper)
+    meshes = [shapes.DeformedSuperquadric(shape, np.array(taper)).mesh(level) for level in (4, 5)]
+    # The facets' error falls with the square of their size, but at edges.
+    coarse, fine = (solidity(*mesh).volume for mesh in meshes)
+    assert found.volume == pytest.approx(fine + (fine - coarse) / 3, rel=1e-4)
+    coarse, fine = (second_moments(mesh) for mesh in meshes)
+    second = fine + (fine - coarse) / 3
+    assert np.allclose(found.second, second, rtol=2e-4, atol=2e-4 * np.abs(second).max())
+    assert np.allclose(found.inertia(), np.trace(found.second) * np.eye(3) - found.second)
+    # A taper adds what its polynomial says to volume and centroid, exactly.
+    plain = shapes.superquadric_moments(shape)
+    gain = taper[0] * taper[1] * plain.second[2, 2] / shape.size[2] ** 2
+    volume = shapes.superquadric_volume(shape.size, pair) + gain
+    assert found.volume == pytest.approx(volume, rel=1e-13)
+    rise = sum(taper) * plain.second[2, 2] / shape.size[2] / found.volume
+    assert found.centroid == pytest.approx([0.0, 0.0, rise], rel=1e-13)
 
 
-@pytest.mark.parametrize("e", [0.02, 0.1, 0.7, 1.0, 1.6, 2.0])
-def test_the_norm_of_exponent_e_is_the_root_of_a_sum_of_powers(e):
-    power = np.longdouble(2) / np.longdouble(e)
-    wanted = np.exp(np.logaddexp(power * np.log(X, dtype=np.longdouble), power * np.log(Y)) / power)
-    assert np.allclose(p_norm(X, Y, exponent(e)).value, wanted.astype(float), rtol=1e-15)
+def test_areas_are_those_of_known_solids():
+    for e, area, relative in ((1.0, math.pi, 1e-5), (2.0, math.sqrt(3), 5e-3), (0.02, 6.0, 0.03)):
+        found = shapes.sampled_surface(shape_of([e, e], [0.5] * 3)).area
+        assert found == pytest.approx(area, rel=relative)
 
 
-@pytest.mark.parametrize("e", [0.1, 0.7, 1.0, 1.6])
-def test_its_slopes_are_those_of_differences(e):
-    at = p_norm(X, Y, exponent(e))
+@pytest.mark.parametrize(
+    ("e", "taper", "curvature"),
+    [(0.1, (0, 0), 0.0), (1.0, (0.7, -0.5), 0.0), (2.0, (0.4, 0.2), 1.8), (0.4, (0.4, 0.2), 1.8)],
+)
+def test_samples_are_even_by_area_and_depend_on_the_generator_alone(e, taper, curvature):
+    base, bend = shape_of([e, e], 10 * SIZE), shapes.Bend(curvature, 0.7)
+    solid = shapes.DeformedSuperquadric(base, np.array(taper), bend)
+    vertices, faces = solid.mesh(6)
+    areas = areas_and_normals(vertices[faces])[0]
+    surface = shapes.sampled_surface(base, np.array(taper), bend)
+    assert surface.area == pytest.approx(areas.sum(), rel=2e-3)
 
-    def slope(dx, dy, de):
-        ahead = p_norm(X + STEP * dx, Y + STEP * dy, exponent(e + STEP * de)).value
-        back = p_norm(X - STEP * dx, Y - STEP * dy, exponent(e - STEP * de)).value
-        return np.asarray((ahead - back) / (2 * STEP))
+    def features(points: Floats) -> Floats:
+        return np.column_stack([points, points**2, np.roll(points, 1, axis=1) * points])
 
-    assert np.allclose(at.by_x, slope(1, 0, 0), rtol=0, atol=1e-8)
-    assert np.allclose(at.by_y, slope(0, 1, 0), rtol=0, atol=1e-8)
-    assert np.allclose(at.by_exponent, slope(0, 0, 1), rtol=0, atol=1e-8)
+    def deviations(sampled: Floats) -> Floats:
+        """Of the features' means from those over the area, in standard errors."""
+        wanted = areas @ features(vertices[faces].mean(axis=1)) / areas.sum()
+        found = features(sampled)
+        return np.asarray((found.mean(axis=0) - wanted) / (found.std(axis=0) / len(found) ** 0.5))
 
-
-@pytest.mark.parametrize("e", [0.1, 0.7, 1.0, 1.6])
-def test_its_second_derivatives_are_those_of_differences_of_slopes(e):
-    along_x, along_y = np.random.default_rng(1).normal(size=(2, 300))
-    found = p_norm_curvature(p_norm(X, Y, exponent(e)), along_x, along_y, exponent(e))
-
-    def slope(dx, dy, de):
-        ahead = p_norm(X + STEP * dx, Y + STEP * dy, exponent(e + STEP * de))
-        back = p_norm(X - STEP * dx, Y - STEP * dy, exponent(e - STEP * de))
-        by_x, by_y = ahead.by_x - back.by_x, ahead.by_y - back.by_y
-        return np.asarray((by_x * along_x + by_y * along_y) / (2 * STEP))
-
-    clear = np.minimum(X, Y) > 2e-3 * np.maximum(X, Y)
-    for mine, wanted in (
-        (found.by_x, slope(1, 0, 0)),
-        (found.by_y, slope(0, 1, 0)),
-        (found.by_exponent, slope(0, 0, 1)),
-    ):
-        assert np.allclose(mine[clear], wanted[clear], rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("e", [0.01, 0.5, 1.0, 1.5, 2.0])
-def test_second_derivatives_on_a_crease_are_finite(e):
-    x, y = np.array([0.0, 1.0, 0.0, 1e-200, 1.0]), np.array([1.0, 0.0, 0.0, 1.0, 1e-12])
-    found = p_norm_curvature(p_norm(x, y, exponent(e)), np.ones(5), -np.ones(5), exponent(e))
-    assert all(np.isfinite(part).all() for part in found)
-
-
-def test_the_gradient_points_outwards_and_is_that_of_differences():
-    points = np.random.default_rng(2).normal(size=(200, 3))
-    for pair in ([0.1, 0.1], [1.0, 1.0], [0.4, 1.7], [2.0, 2.0]):
-        exponents = np.array(pair)
-        value, slope = gauge_and_gradient(points, exponents)
-        for axis in range(3):
-            step = STEP * np.eye(3)[axis]
-            ahead, back = (
-                gauge_and_gradient(points + step, exponents)[0],
-                gauge_and_gradient(points - step, exponents),
-            )
-            wanted = (ahead - back[0]) / (2 * STEP)
-            assert np.allclose(slope[:, axis], wanted, rtol=0, atol=1e-6)
-        # Euler: the gauge is homogeneous.
-        assert np.allclose(np.einsum("ni,ni->n", slope, points), value, rtol=1e-14)
-
-
-Way = Callable[[Superquadric, Floats, Floats], SurfacePoints]
-PAIRS = [[0.02, 0.02], [0.15, 0.15], [1.0, 1.0], [0.4, 1.6], [2.0, 2.0]]
-
-
-def grid_of_angles(rows, columns):
-    eta = np.linspace(-0.5 * math.pi, 0.5 * math.pi, rows)
-    omega = -math.pi + 2.0 * math.pi / columns * np.arange(columns)
-    return np.repeat(eta, columns), np.tile(omega, rows)
-
-
-@pytest.mark.parametrize("way", [trigonometric_points, regular_points])
-@pytest.mark.parametrize("exponents", PAIRS)
-def test_points_lie_on_the_surface_and_normals_are_those_of_the_gauge(way, exponents):
-    shape = Superquadric(SIZE, np.array(exponents))
-    points, normals = way(shape, *grid_of_angles(31, 40))
-    assert np.abs(shape.gauge(points) - 1.0).max() < 1e-14
-    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-15)
-    inner = np.abs(points / SIZE).min(axis=1) > 1e-3  # off the creases
-    assert np.abs(normals[inner] - shape.normals(points[inner])).max() < 1e-9
-
-
-@pytest.mark.parametrize("way", [trigonometric_points, regular_points])
-@pytest.mark.parametrize("exponents", PAIRS)
-def test_poles_and_seam_have_their_points_and_normals(way, exponents):
-    shape = Superquadric(SIZE, np.array(exponents))
-    eta = np.array([0.5, -0.5, 0.0, 0.0]) * math.pi
-    points, normals = way(shape, eta, np.array([0.3, 0.3, -math.pi, 0.5 * math.pi]))
-    wanted = np.array([[0, 0, 1], [0, 0, -1], [-1, 0, 0], [0, 1, 0]])
-    assert np.array_equal(points[2:], wanted[2:] * SIZE)
-    assert np.allclose(points[:2], wanted[:2] * SIZE, atol=1e-16)
-    assert np.isfinite(normals).all()
-    assert (np.einsum("ni,ni->n", normals, wanted) > 0.2).all()
-
-
-def test_every_power_keeps_its_sign():
-    eta, omega = grid_of_angles(20, 40)
-    points = trigonometric_points(Superquadric(SIZE, np.array([0.3, 0.7])), eta, omega).points
-    wanted = np.column_stack([np.cos(omega), np.sin(omega), np.sin(eta)])
-    clear = (np.abs(wanted) > 1e-9).all(axis=1) & (np.abs(eta) < 1.5)
-    assert (np.sign(points) == np.sign(wanted))[clear].all()
-    assert clear.sum() > 500
-
-
-def test_regular_points_are_far_more_evenly_spaced_on_a_box():
-    shape = Superquadric(np.ones(3), np.full(2, 0.1))
-    omega = grid_of_angles(2, 80)[1][:80]
-    unevenness = {}
-    for way in (trigonometric_points, regular_points):
-        ring = way(shape, np.zeros(80), omega).points
-        gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
-        unevenness[way] = gaps.max() / gaps.min()
-    assert unevenness[regular_points] < 2.0
-    assert unevenness[trigonometric_points] > 50.0
-
-
-def test_angles_that_do_not_match_are_refused():
-    shape = Superquadric(SIZE, np.ones(2))
-    with pytest.raises(ValueError, match=r"omega must have shape \(2\), got \(3,\)"):
-        regular_points(shape, np.zeros(2), np.zeros(3))
-    with pytest.raises(ValueError, match="eta must be finite"):
-        trigonometric_points(shape, np.array([math.inf]), np.zeros(1))
-
-
-HARD_PAIRS = [[0.01, 0.01], [0.05, 0.05], [0.1, 2.0], [1.0, 1.0], [2.0, 0.1], [2.0, 2.0]]
-POINTS = np.random.default_rng(0).uniform(-1, 1, (500, 3))
-
-
-def all_finite(found):
-    return all(np.isfinite(part).all() for part in found)
-
-
-@pytest.mark.parametrize("exponents", HARD_PAIRS)
-def test_f_is_finite_and_the_same_in_all_octants(exponents):
-    wanted = inside_outside(np.abs(POINTS), exponents)
-    for signs in np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).reshape(3, 8).T:
-        found = inside_outside(np.abs(POINTS) * signs, exponents)
-        assert all_finite(found)
-        assert np.array_equal(found.value, wanted.value)
-        assert np.array_equal(found.by_place * signs, wanted.by_place)
-
-
-@pytest.mark.parametrize("exponent", [0.01, 0.02, 0.05])
-def test_30_sizes_away_along_an_axis_f_is_900_where_its_powers_overflow(exponent):
-    found = inside_outside(30.0 * np.eye(3), [exponent, exponent])
-    assert np.exp(found.value) == pytest.approx(900.0, rel=1e-14)
-    assert 30.0 ** (2 / 0.01) > 1e295  # and its square is none
-
-
-@pytest.mark.parametrize("exponents", HARD_PAIRS)
-def test_at_the_centre_f_is_0_its_gradient_finite_and_the_distance_inwards(exponents):
-    found = inside_outside(np.zeros((1, 3)), exponents)
-    assert all_finite(found)
-    assert np.exp(found.value[0]) == 0.0
-    assert found.by_place.tolist() == [[0.0, 0.0, 0.0]]
-    shape = Superquadric(np.array([0.3, 0.2, 0.1]), np.maximum(exponents, 0.02))
-    # The radial distance |x| (1 - 1 / gauge) of points closer and closer to the centre.
-    near = np.outer([1e-3, 1e-9, 1e-200], [1.0, 0.0, 0.0])
-    radial = np.abs(near[:, 0]) - np.abs(near[:, 0]) / shape.gauge(near)
-    assert radial == pytest.approx([-0.299, -0.3, -0.3], abs=1e-8)
-    assert shape.normals(np.zeros((1, 3))).tolist() == [[0.0, 0.0, 1.0]]
-
-
-@pytest.mark.parametrize("exponents", [[2.0, 2.0], [1.0, 2.0], [2.0, 1.0], [1.5, 1.5]])
-def test_on_a_crease_the_gradient_is_finite_and_the_mean_of_both_sides(exponents):
-    on = np.array([[0.0, 0.6, 0.4], [0.6, 0.0, 0.4], [0.6, 0.4, 0.0], [0.0, 0.0, 1.0]])
-    found = inside_outside(on, exponents)
-    assert all_finite(found)
-    gauge = np.exp(0.5 * found.value)
-    assert (np.abs(found.by_place) <= 2.0 / gauge[:, None] * (1 + 1e-15)).all()
-    for row, axis in enumerate([0, 1, 2]):
-        sides = [on[row] + way * 1e-9 * np.eye(3)[axis] for way in (1, -1)]
-        mean = inside_outside(sides, exponents).by_place.mean(axis=0)
-        assert found.by_place[row] == pytest.approx(mean, abs=1e-4)
-
-
-@pytest.mark.parametrize("exponents", HARD_PAIRS)
-def test_coordinates_that_underflow_when_squared_are_finite(exponents):
-    points = [[1e-200, 1, 1], [1, 1e-200, 1e-200], [1e-200] * 3, [1e5] * 3, [1e-300, 0, 1e5]]
-    found = inside_outside(points, exponents)
-    assert all_finite(found)
-    assert found.value[2] == pytest.approx(found.value[3] - 2 * math.log(1e205), abs=1e-11)
-
-
-def test_a_taper_to_a_tip_is_refused_and_one_nearly_to_a_tip_ends_in_a_point():
-    with pytest.raises(ValueError, match="taper must lie between -1 and 1"):
-        Taper(-1.0, 0.0, 0.5)
-    nearly = Taper(-1.0 + 1e-12, -1.0 + 1e-12, 0.5)
-    rim = np.array([[0.3, 0.2, 0.5], [-0.3, 0.2, 0.5]])
-    assert np.abs(nearly(rim)[:, :2]).max() < 1e-12
-    assert np.allclose(nearly.inverse(nearly(rim)), rim, rtol=1e-15, atol=0)
-
-
-@pytest.mark.parametrize("curvature", [0.0, 1e-300, 1e-16, 1e-9])
-def test_a_bend_of_next_to_nothing_is_no_division_by_it(curvature):
-    bend, (x, y, z) = Bend(curvature), POINTS.T
-    first_order = np.column_stack([x + 0.5 * curvature * z * z, y, z - curvature * x * z])
-    assert np.abs(bend(POINTS) - first_order).max() < 1e-14
-    assert np.abs(bend.inverse(bend(POINTS)) - POINTS).max() < 1e-14
-
-
-def test_what_a_bend_would_fold_is_refused_and_every_place_was_bent_from_where_it_is_not():
-    bend = Bend(2.0, 0.3)
-    for folded in ([0.6, 0.2, 0.0], [0.0, 0.0, 1.6], [0.0, 0.0, -1.6]):
-        with pytest.raises(ValueError, match="all that is bent must be nearer"):
-            bend(np.array([folded]))
-    anywhere = 3.0 * POINTS
-    before = bend.inverse(anywhere)
-    assert (2.0 * (before[:, :2] @ bend.towards) < 1.0).all()
-    assert (2.0 * np.abs(before[:, 2]) < math.pi).all()
-    assert np.abs(bend(before) - anywhere).max() < 1e-14
-
-
-def test_a_bend_of_points_at_negative_x_has_their_sign():
-    at = np.array([[-0.4, 0.1, 0.0]])
-    assert Bend(0.5, 0.0)(at) == pytest.approx(at, abs=1e-16)
-    printed = math.cos(0.0 - math.atan(0.1 / -0.4)) * math.hypot(0.4, 0.1)
-    assert printed == pytest.approx(0.4)  # where -0.4 is right
-
-
-def test_the_inverse_in_order_gives_the_points_back_and_out_of_order_does_not():
-    bend, taper = Bend(0.6, 0.4), Taper(0.5, -0.4, 1.0)
-    there = bend(taper(POINTS))
-    assert np.abs(taper.inverse(bend.inverse(there)) - POINTS).max() < 1e-14
-    assert np.abs(bend.inverse(taper.inverse(there)) - POINTS).max() > 0.3
+    sampled = shapes.area_samples(surface, 20_000, np.random.default_rng(0))
+    assert np.abs(solid.gauge(sampled) - 1.0).max() < 1e-12
+    assert np.abs(deviations(sampled)).max() < 4.0
+    again, other = (shapes.area_samples(surface, 50, np.random.default_rng(n)) for n in (0, 4))
+    assert again.shape == (50, 3) and not np.array_equal(again, other)
+    assert np.array_equal(again, shapes.area_samples(surface, 50, np.random.default_rng(0)))
+    assert shapes.area_samples(surface, 0, np.random.default_rng(3)).shape == (0, 3)
+    if e == 0.1:  # even by solid angle is far from even by area
+        rays = np.random.default_rng(0).normal(size=(20_000, 3))
+        assert np.abs(deviations(rays / base.gauge(rays)[:, None])).max() > 10.0

@@ -1,147 +1,106 @@
+"""Triangle meshes: both ray tracers, inside and outside, thin walls under a pad, tessellations."""
+
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+import trimesh
 
-from palpate.core.shapes.protocol import INSIDE, MISS, Mesh
-from palpate.core.shapes.tessellations import icosphere
-from palpate.core.shapes.triangle_meshes import MOST_LAYERS, CrossedMesh, TriangleShape
+from palpate.core.arrays import Floats
+from palpate.core.geometry import is_closed, solidity
+from palpate.core.shapes import (
+    INSIDE,
+    MISS,
+    Superquadric,
+    TriangleShape,
+    grid_surface,
+    isosurface,
+)
+from palpate.core.touch import Pad, guarded_move
+from tests.core.shapes.definitions import DOWN, block, boolean, without
 
 NO_EMBREE = find_spec("embreex") is None
 BACKENDS = [False, pytest.param(True, marks=pytest.mark.skipif(NO_EMBREE, reason="no Embree here"))]
-PLANE = 1e-13  # Ranges are those of the faces' planes in double precision, m
+backends = pytest.mark.parametrize("embree", BACKENDS)
+BALL = Superquadric(np.full(3, 0.03), np.ones(2))
+UP = np.array([0.0, 0.0, 1.0])
 
 
-def some_rays(count):
-    """Origins (64, 3) around a unit ball and a direction, from all sides."""
+def bundles(count: int) -> Iterator[tuple[Floats, Floats]]:
+    """Rays through a box of 0.06 m about the origin, from all sides."""
     rng = np.random.default_rng(7)
-    rays = []
-    for _ in range(count):
-        direction = rng.normal(size=3)
-        direction /= np.linalg.norm(direction)
-        rays.append((rng.uniform(-1.2, 1.2, (64, 3)) - 3 * direction, direction))
-    return rays
+    for towards in rng.normal(size=(count, 3)):
+        direction = towards / np.linalg.norm(towards)
+        yield rng.uniform(-0.06, 0.06, (64, 3)) - 0.15 * direction, direction
 
 
-@pytest.mark.skipif(NO_EMBREE, reason="no Embree here")
-def test_embree_and_the_z_buffer_agree(box):
-    mesh = box.mesh(4)
-    embree, zbuffer = TriangleShape(*mesh), TriangleShape(*mesh, embree=False)
-    hits = 0
-    for origins, direction in some_rays(10):
-        first = embree.cast(0.05 * origins, direction, 0.4)
-        second = zbuffer.cast(0.05 * origins, direction, 0.4)
-        met = np.isfinite(first)
-        assert np.array_equal(met, np.isfinite(second))
-        assert np.allclose(first[met], second[met], rtol=0, atol=1e-9)
-        hits += int(met.sum())
-    assert hits > 100
-
-
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_facets_stand_off_from_the_ball_by_no_more_than_their_sag(embree, ball):
-    level = 4
-    directions, faces = icosphere(level)
-    facets = TriangleShape(0.03 * directions, faces, embree)
+@backends
+def test_first_hits_are_places_on_faces_that_stand_off_by_their_sag(embree):
+    vertices, faces = BALL.mesh(4)
+    facets = TriangleShape(vertices, faces, embree)
     # The farthest that a point of a face lies below the sphere.
-    sag = 0.03 * (1 - np.linalg.norm(directions[faces].mean(axis=1), axis=1).min())
-    for origins, direction in some_rays(5):
-        exact = ball.cast(0.03 * origins, direction, 0.3)
-        found = facets.cast(0.03 * origins, direction, 0.3)
-        met = np.isfinite(found)
-        assert np.isfinite(exact[met]).all()  # the facets lie within the ball
-        place = 0.03 * origins[met] + found[met, None] * direction
-        depth = 0.03 - np.linalg.norm(place, axis=1)
-        assert (depth > -1e-9).all()
-        assert (depth < sag + 1e-9).all()
-
-
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_a_ray_inside_says_so_even_if_its_exit_is_out_of_reach(embree, ball):
-    facets = TriangleShape(*ball.mesh(2), embree)
-    origins = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, -0.01]])
-    assert (facets.cast(origins, np.array([0.6, 0.0, 0.8]), 1e-6) == INSIDE).all()
-
-
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_a_ray_stops_at_its_reach_and_does_not_look_back(embree, ball):
-    facets = TriangleShape(*ball.mesh(3), embree)
-    origin, up = np.array([[0.0, 0.0, -0.1]]), np.array([0.0, 0.0, 1.0])
-    assert facets.cast(origin, up, 0.0699)[0] == MISS
-    assert facets.cast(origin, up, 0.0701)[0] == pytest.approx(0.07, abs=PLANE)
-    assert facets.cast(origin, -up, 1.0)[0] == MISS
-    assert facets.cast(origin + np.array([0.05, 0, 0]), up, 1.0)[0] == MISS
-
-
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_faces_seen_edge_on_are_neither_met_nor_an_error(embree):
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    faces = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)], np.int32)
-    cube = TriangleShape(corners, faces, embree)
-    origins = np.array([[0.5, 0.25, -2.0], [1.25, 0.5, -2.0], [0.25, 0.5, 0.5], [0.5, 0.5, 3.0]])
-    found = cube.cast(origins, np.array([0.0, 0.0, 1.0]), 5.0)
-    assert found[0] == pytest.approx(2.0)
-    assert found[1:].tolist() == [MISS, INSIDE, MISS]
-
-
-def test_no_ray_of_the_z_buffer_slips_between_two_triangles(ball):
-    directions, faces = icosphere(2)
-    facets = TriangleShape(directions, faces, embree=False)
-    a, b, c = directions[faces].transpose(1, 0, 2)
-    targets = np.concatenate([directions, (a + b) / 2, (a + b + c) / 3])
-    for direction in (np.array([0.0, 0.0, 1.0]), np.array([0.36, 0.48, 0.8])):
-        in_view = targets[np.linalg.norm(np.cross(targets, direction), axis=1) < 0.9]
-        assert np.isfinite(facets.cast(in_view - 3 * direction, direction, 9.0)).all()
-
-
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_bounds_and_mesh_are_those_given(embree, box):
-    mesh = box.mesh(2)
-    facets = TriangleShape(*mesh, embree)
-    assert facets.bounds().tolist() == [
-        mesh.vertices.min(axis=0).tolist(),
-        mesh.vertices.max(axis=0).tolist(),
-    ]
-    assert facets.mesh(0) == Mesh(*mesh)
-    assert math.isclose(facets.bounds()[1, 2], 0.04)
-
-
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_first_hits_tell_the_face_and_the_place_in_it(embree, box):
-    facets = TriangleShape(*box.mesh(4), embree)
-    for origins, direction in some_rays(5):
-        hits = facets.first_hits(0.05 * origins, direction)
+    sag = 0.03 - np.linalg.norm(vertices[faces].mean(axis=1), axis=1).min()
+    for origins, direction in bundles(4):
+        hits = facets.first_hits(origins, direction)
         met = np.isfinite(hits.ranges)
-        assert np.array_equal(met, hits.faces >= 0)
-        corners = box.mesh(4).vertices[box.mesh(4).faces[hits.faces[met]]]
-        second, third = hits.weights[met].T
-        weights = np.stack([1 - second - third, second, third])
-        place = np.einsum("kn,nkc->nc", weights, corners)
-        wanted = 0.05 * origins[met] + hits.ranges[met, None] * direction
-        assert np.allclose(place, wanted, rtol=0, atol=1e-6)
-        assert met.sum() > 5
+        assert np.array_equal(met, hits.faces >= 0) and met.sum() > 5
+        assert np.array_equal(facets.cast(origins, direction, 0.4), hits.ranges)
+        place = origins[met] + hits.ranges[met, None] * direction
+        a, b, c = vertices[faces[hits.faces[met]]].transpose(1, 0, 2)
+        second, third = hits.weights[met].T[:, :, None]
+        on_face = a + second * (b - a) + third * (c - a)
+        assert np.allclose(on_face, place, rtol=0, atol=1e-6)  # weights of single precision
+        normal = np.cross(b - a, c - a)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        assert np.abs(np.einsum("ni,ni->n", place - a, normal)).max() < 1e-13  # ranges of double
+        assert (normal @ direction < 0).all()
+        depth = 0.03 - np.linalg.norm(place, axis=1)
+        assert (depth > -1e-12).all() and (depth < sag + 1e-12).all()
+        exact = BALL.cast(origins, direction, 0.4)
+        assert np.isfinite(exact[met]).all()  # the facets lie within the ball
+        assert (met == np.isfinite(exact)).mean() > 0.95
 
 
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_a_closed_mesh_has_an_inside_and_one_with_holes_has_none(embree, ball):
-    vertices, faces = ball.mesh(3)
-    origin, up = np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])
+@backends
+def test_rays_stop_at_their_reach_and_know_inside(embree):
+    mesh = BALL.mesh(3)
+    facets = TriangleShape(*mesh, embree)
+    origin = np.array([[0.0, 0.0, -0.1]])
+    assert facets.cast(origin, UP, 0.0699)[0] == MISS
+    assert facets.cast(origin, UP, 0.0701)[0] == pytest.approx(0.07, abs=1e-13)
+    assert facets.cast(origin, DOWN, 1.0)[0] == MISS
+    assert facets.cast(origin + [0.05, 0, 0], UP, 1.0)[0] == MISS
+    inside = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, -0.01]])
+    assert (facets.cast(inside, np.array([0.6, 0.0, 0.8]), 1e-6) == INSIDE).all()
+    assert facets.bounds().tolist() == [mesh.vertices.min(axis=0).tolist(), [0.03] * 3]
+    assert facets.mesh(0) == facets.mesh(5) == mesh
+    cube = TriangleShape(*block([0, 0, 0], [1, 1, 1]).solid.mesh(0), embree)
+    origins = np.array([[0.5, 0.25, -2.0], [1.25, 0.5, -2.0], [0.25, 0.5, 0.5], [0.5, 0.5, 3.0]])
+    found = cube.cast(origins, UP, 5.0)  # sides are seen edge-on
+    assert found[0] == pytest.approx(2.0) and found[1:].tolist() == [MISS, INSIDE, MISS]
+
+
+def test_no_ray_slips_between_two_triangles():
+    vertices, faces = BALL.mesh(2)
+    facets = TriangleShape(vertices, faces, embree=False)
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    targets = np.concatenate([vertices, (a + b) / 2, (a + b + c) / 3])
+    for direction in (UP, np.array([0.36, 0.48, 0.8])):
+        in_view = targets[np.linalg.norm(np.cross(targets, direction), axis=1) < 0.027]
+        assert np.isfinite(facets.cast(in_view - 0.1 * direction, direction, 0.3)).all()
+
+
+@backends
+def test_closed_meshes_have_an_inside_and_open_ones_an_outer_side(embree):
+    vertices, faces = BALL.mesh(3)
+    origin, outside = np.zeros((1, 3)), np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]])
     whole, holed = (TriangleShape(vertices, some, embree) for some in (faces, faces[1:]))
-    assert (whole.closed, holed.closed) == (True, False)
-    assert (whole.cast(origin, up, 1.0)[0], holed.cast(origin, up, 1.0)[0]) == (INSIDE, MISS)
-    outside = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]])
-    assert holed.cast(outside, up, 1.0)[0] == whole.cast(outside, up, 1.0)[0]
-    assert holed.cast(outside, up, 1.0)[1] == MISS
-
-
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_a_mesh_given_inside_out_is_turned_wherever_it_stands(embree, ball, signed_volume):
-    vertices, faces = ball.mesh(3)
+    assert whole.closed and not holed.closed
+    assert (whole.cast(origin, UP, 1.0)[0], holed.cast(origin, UP, 1.0)[0]) == (INSIDE, MISS)
+    assert holed.cast(outside, UP, 1.0).tolist() == [whole.cast(outside, UP, 1.0)[0], MISS]
     for shift in (0.0, 5.0):
         for some in (faces, faces[9:]):
             right = TriangleShape(vertices + shift, some, embree)
@@ -149,93 +108,129 @@ def test_a_mesh_given_inside_out_is_turned_wherever_it_stands(embree, ball, sign
             assert (right.flipped, turned.flipped) == (False, True)
             assert np.array_equal(turned.mesh(0).faces, some)
             origins = vertices[:200] * [1, 1, 0] + [shift, shift, shift + 0.1]
-            first, second = (s.cast(origins, -np.eye(3)[2], 1.0) for s in (right, turned))
+            first, second = (shape.cast(origins, DOWN, 1.0) for shape in (right, turned))
             met = np.isfinite(first)
-            assert np.array_equal(met, np.isfinite(second))
+            assert np.array_equal(met, np.isfinite(second)) and met.sum() > 100
             assert np.allclose(first[met], second[met], rtol=0, atol=1e-9)
-            assert met.sum() > 100
 
 
-@pytest.mark.parametrize("embree", BACKENDS)
-def test_after_many_back_faces_a_ray_gives_up(embree):
-    triangle = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
-    count = MOST_LAYERS + 2
-    sheets = np.concatenate([triangle + [0.0, 0.0, 0.1 * i] for i in range(count)])
-    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-    wall = TriangleShape(sheets, faces, embree)
-    assert not wall.closed
-    up = np.array([0.0, 0.0, 1.0])
-    seen_from = up if (wall._normals[0] @ up) > 0 else -up
-    origin = np.array([[0.0, -0.2, -1.0 if seen_from[2] > 0 else 0.1 * count]])
-    hits = wall.first_hits(origin, seen_from)
-    assert (hits.ranges[0], hits.faces[0]) == (MISS, -1)
+@backends
+def test_ray_passes_back_faces_until_a_front_face_or_gives_up(embree):
+    triangle = np.array([[-1.0, -1.0, 0.0], [0.0, 1.0, 0.0], [1.0, -1.0, 0.0]])
+    for sheets, turned in ((4, 0), (4, 1), (9, 4), (200, 100)):
+        heights = np.linspace(0.0, 0.1 * sheets - 0.1, sheets)
+        faces = np.arange(3 * sheets, dtype=np.int32).reshape(-1, 3)
+        faces[turned] = faces[turned, ::-1]
+        corners = np.concatenate([triangle + [0.0, 0.0, height] for height in heights])
+        wall = TriangleShape(corners, faces, embree)
+        direction = UP if wall.flipped else DOWN  # sees backs
+        start = np.array([[0.0, -0.2, -1.0 if direction is UP else heights[-1] + 1.0]])
+        hits = wall.first_hits(start, direction)
+        steps = turned if direction is UP else sheets - 1 - turned
+        expected = (1.0 + 0.1 * steps, turned) if steps < 64 else (MISS, -1)
+        assert (pytest.approx(hits.ranges[0], abs=1e-6), hits.faces[0]) == expected
 
 
-H = 0.025
-CORNERS = H * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-SQUARES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-TRIANGLES = np.array(
-    [part for a, b, c, d in SQUARES for part in ((a, b, c), (a, c, d))], dtype=np.int32
-)
-CUBE = CrossedMesh(CORNERS, TRIANGLES)
-DOWN = np.array([0.0, 0.0, -1.0])
-STEPS = st.integers(-4, 4).map(lambda n: n * H / 2)
+WALL = 5e-4
+OUTER, INNER = block([0, 0, 0], [0.06, 0.06, 0.04]), block([WALL] * 3, [0.06 - WALL] * 2 + [0.05])
+SLIT = block([0.028, -0.01, 0.01], [0.032, 0.07, 0.05])
 
 
-def in_cube(origin, direction):
-    """Where a line is in the closed cube, by its three slabs."""
-    begin, end = -np.inf, np.inf
-    for place, slope in zip(origin, direction, strict=True):
-        if slope == 0.0:
-            if abs(place) > H:
-                return np.inf, -np.inf
-        else:
-            ways = sorted(((-H - place) / slope, (H - place) / slope))
-            begin, end = max(begin, ways[0]), min(end, ways[1])
-    return begin, end
+@backends
+def test_thin_walls_and_openings_are_met_as_by_exact_casts(embree):
+    exact = [boolean(without(OUTER, taken)).solid for taken in (INNER, SLIT)]
+    facets = [TriangleShape(*solid.mesh(0), embree) for solid in exact]
+    for solid, other in zip(exact, facets, strict=True):
+        for origins, direction in bundles(6):
+            origins = origins + [0.03, 0.03, 0.02]
+            wanted, found = (shape.cast(origins, direction, 0.4) for shape in (solid, other))
+            met = np.isfinite(wanted)
+            assert np.array_equal(found[~met], wanted[~met])
+            assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-12)
+    # A pad feels a thin wall like a thick one from the side; over a slit its taxels stay free.
+    pad = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.6)
+    down, to_x = np.array([1.0, 0, 0, 0]), np.array([0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)])
+    side, level = np.array([-0.01, 0.03, 0.02]), np.array([0.03, 0.03, 0.05])
+    thin, thick = (guarded_move(one, pad, np.append(side, to_x), 0.05, 1.5e-3) for one in facets)
+    assert thin.outcome == "hit" and thin.advance == pytest.approx(0.0115, abs=1e-9)
+    assert thin.compression == pytest.approx(thick.compression, abs=1e-9)
+    over = guarded_move(facets[1], pad, np.append(level, down), 0.05, 1.5e-3)
+    free = over.compression == 0.0
+    assert free.sum() == 4 * 16 and over.compression[~free] == pytest.approx(1.5e-3, abs=1e-9)
+    assert over.indentation[free] == pytest.approx(1.5e-3 - 0.03, abs=1e-8)
+    begun = guarded_move(facets[1], pad, np.append(level - [0, 0, 0.018], down), 0.05, 1.5e-3)
+    assert begun.outcome == "inside"
 
 
-@given(st.tuples(STEPS, STEPS, STEPS), st.tuples(*[st.integers(-2, 2)] * 3).filter(any))
-@settings(max_examples=50, derandomize=True, deadline=None)
-def test_rays_through_corners_and_edges_count_them_once(
-    place: tuple[float, float, float], towards: tuple[int, int, int]
-) -> None:
-    direction = np.array(towards) / np.linalg.norm(towards)
-    origin = np.array(place) - 0.2 * direction
-    spans = CUBE.spans(origin[None], direction)
-    begin, end = in_cube(origin, direction)
-    assert spans.shape == (1, 1, 2)
-    flat = (np.isclose(np.abs(place), H) & (direction == 0.0)).any()  # runs along a face
-    if end - begin > 1e-9 and not flat:
-        assert np.allclose(spans[0, 0], [begin, end], rtol=0, atol=1e-14)
-    elif np.isfinite(spans[0, 0, 0]) and not flat:
-        assert spans[0, 0, 1] - spans[0, 0, 0] < 1e-15
+def test_superquadric_meshes_split_faces_in_four_and_have_no_slivers():
+    unit = Superquadric(np.ones(3), np.ones(2))
+    for level in (0, 1, 2, 3, 5):
+        vertices, faces = unit.mesh(level)
+        assert vertices.shape == (10 * 4**level + 2, 3) and faces.shape == (20 * 4**level, 3)
+        assert np.allclose(np.linalg.norm(vertices, axis=1), 1.0, atol=1e-15)
+        body = solidity(vertices, faces)
+        assert body.watertight and body.genus == 0 and body.volume > 0.0
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        normals = np.cross(b - a, c - a)
+        assert (np.einsum("ni,ni->n", normals, a + b + c) > 0).all()
+        assert np.ptp(np.linalg.norm(normals, axis=1)) < np.linalg.norm(normals, axis=1).min()
+        with pytest.raises(ValueError, match="read-only"):
+            faces[0, 0] = 2
+    # An equilateral triangle, squeezed to a twentieth, has an angle of 2.5 degrees.
+    for size, least in (([1.0, 1, 1], 30.0), ([1.0, 1, 0.05], 2.2), ([0.05, 0.05, 1], 2.2)):
+        for pair in ([0.1, 0.1], [1.0, 1.0], [2.0, 2.0], [0.1, 1.0], [2.0, 0.1]):
+            mesh = trimesh.Trimesh(*Superquadric(np.array(size), np.array(pair)).mesh(3))
+            assert np.degrees(mesh.face_angles).min() > least
 
 
-def test_rays_at_the_corners_of_a_ball_miss_none_of_its_faces():
-    vertices, faces = icosphere(3)
-    ball = CrossedMesh(vertices, faces)
-    rng = np.random.default_rng(0)
-    for direction in rng.normal(size=(5, 3)):
-        towards = direction / np.linalg.norm(direction)
-        inner = vertices[np.linalg.norm(np.cross(vertices, towards), axis=1) < 0.95]
-        spans = ball.spans(inner - 2.0 * (inner @ towards)[:, None] * towards, -towards)
-        assert spans.shape[1] == 1
-        assert np.isfinite(spans[:, 0, 1]).sum() == (inner @ towards < 0.0).sum()
+def ring(points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    x, y, z = points.T
+    round_ = np.hypot(x, y)
+    slopes = points.T - 0.7 * np.stack([x, y, 0 * z]) / np.maximum(round_, 1e-9)
+    return (round_ - 0.7) ** 2 + z * z - 0.04, 2 * (slopes * directions.T).sum(axis=0)
 
 
-def test_a_start_inside_is_told_and_what_lies_behind_is_not():
-    origins = np.array([[0.0, 0.01, z] for z in (0.1, 0.01, -H, -0.1)])
-    spans = CUBE.spans(origins, DOWN)[:, 0]
-    assert np.allclose(spans[0], [0.075, 0.125], rtol=0, atol=1e-15)
-    assert spans[1, 0] == INSIDE
-    assert spans[1, 1] == pytest.approx(0.035, abs=1e-15)
-    assert np.isinf(spans[2:]).all()
+def cube(points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    """Its slopes jump at edges and are wrong there: that may only cost steps."""
+    axis, rows = np.abs(points).argmax(axis=1), np.arange(len(points))
+    value = np.cbrt(np.abs(points).max(axis=1) - 0.5)
+    return value, -3.0 * np.sign(points[rows, axis]) * directions[rows, axis]
 
 
-def test_many_rays_are_taken_in_parts_and_none_at_all_are_no_spans():
-    rng = np.random.default_rng(1)
-    origins = np.column_stack([rng.uniform(-0.03, 0.03, (60_000, 2)), np.full(60_000, 0.1)])
-    met = np.isfinite(CUBE.spans(origins, DOWN)[:, 0, 0])
-    assert np.array_equal(met, (np.abs(origins[:, :2]) < H).all(axis=1))
-    assert CUBE.spans(np.zeros((0, 3)), DOWN).shape == (0, 1, 2)
+AROUND = np.array([[-1.0, -1, -1], [1, 1, 1]])
+
+
+def test_isosurfaces_are_closed_and_converge_with_resolution():
+    def sphere(points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        return (points**2).sum(axis=1) - 1.0, 2 * (points * directions).sum(axis=1)
+
+    meshes = [isosurface(sphere, AROUND, level) for level in (4, 5)]
+    for vertices, _ in meshes:
+        assert np.abs(np.linalg.norm(vertices, axis=1) - 1).max() < 1e-11
+    bodies = [solidity(*mesh) for mesh in meshes]
+    assert all(body.watertight and body.genus == 0 for body in bodies)
+    errors = [4 / 3 * np.pi - body.volume for body in bodies]
+    assert errors[1] == pytest.approx(errors[0] / 4, rel=0.15)
+    assert len(meshes[1].faces) == pytest.approx(4 * len(meshes[0].faces), rel=0.15)
+    torus = solidity(*isosurface(ring, AROUND * [[1, 1, 0.25]], 5))
+    assert (torus.watertight, torus.components, torus.genus) == (True, 1, 1)
+    assert torus.volume == pytest.approx(2 * np.pi**2 * 0.7 * 0.04, rel=0.05)
+    # Without uneven margins half of all nodes would lie in the faces of this box.
+    for stretch in (1.0, 1.0 / (1 + 0.0231 + 0.0257)):
+        vertices, triangles = isosurface(cube, AROUND * stretch, 3)
+        assert solidity(vertices, triangles).watertight
+        assert np.abs(np.abs(vertices).max(axis=1) - 0.5).max() < 1e-11
+
+
+def test_grid_surfaces_are_closed_also_along_a_level_bottom():
+    x, y, z = np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij")
+    values = np.sqrt((x - 11.3) ** 2 + (y - 11.6) ** 2 + (z - 12.2) ** 2) - 9.0
+    ball = grid_surface(values)
+    assert solidity(*ball).volume == pytest.approx(4 / 3 * np.pi * 9**3, rel=0.01)
+    # A chord of a cell's diagonal has a sag of 3 / (8 * 9).
+    assert np.abs(np.linalg.norm(ball.vertices - [11.3, 11.6, 12.2], axis=1) - 9).max() < 0.042
+    cut = grid_surface(values[:, :, 8:], level_bottom=True)
+    assert is_closed(cut.faces) and cut.vertices[:, 2].min() == 0.0
+    below = np.pi * 4.8**2 * (3 * 9 - 4.8) / 3  # the cap that is cut off
+    assert solidity(*cut).volume == pytest.approx(4 / 3 * np.pi * 9**3 - below, rel=0.01)
+    assert grid_surface(np.ones((4, 4, 4))).faces.shape == (0, 3)

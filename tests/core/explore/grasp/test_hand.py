@@ -1,135 +1,173 @@
+"""A closing hand: where its fingers go, what they touch, and where it closes next."""
+
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pytest
 
-from palpate.core.explore.grasp.hand import (
-    FINGERTIP,
-    MARGIN,
-    SEARCH_HEIGHTS,
-    Hand,
-    brought_near,
-    contact_of,
-    expected_ellipsoid,
-    fingertip_starts,
-    next_pose,
-    search_pose,
-)
+from palpate.core import touch
+from palpate.core.arrays import Floats
+from palpate.core.explore import grasp as room
+from palpate.core.explore.grasp import Closing, Hand, next_pose, search_places, search_pose
 from palpate.core.poses import FACING_DOWN, compose_poses, pad_rotation, pose_of, split_pose
-from palpate.core.shapes.protocol import PosedShape
-from palpate.core.touch.effects.arm import PoseError
+from palpate.core.robot_time import ROBOT_PRESETS
+from palpate.core.shapes import PosedShape, Shape, Superquadric
+from palpate.core.touch.effects import effect_type
 
-TOP = np.array([[0.0, 0.0, 0.06]]), np.array([[0.0, 0.0, 1.0]])
-
-
-def standing(shape, half, x=0.0):
-    return PosedShape(shape, pose_of(np.array([x, 0.0, half]), np.eye(3)))
-
-
-def test_the_search_goes_on_until_every_place_was_tried():
-    places = [np.array([0.0, 0.0]), np.array([0.04, 0.0])]
-    poses = [search_pose(places, number, 0.1) for number in range(5)]
-    assert poses[-1] is None
-    heights = [pose[2] - 0.1 for pose in poses[:-1] if pose is not None]
-    assert heights == pytest.approx(2 * SEARCH_HEIGHTS)
-    assert poses[2] is not None and poses[2][0] == 0.04
+PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+BALL = Superquadric(np.full(3, 0.03), np.ones(2))
+BOX = Superquadric(np.array([0.03, 0.02, 0.04]), np.array([0.1, 0.1]))
+CYLINDER = Superquadric(np.array([0.025, 0.025, 0.04]), np.array([0.1, 1.0]))
+HAND = Hand(fingers=5, opening=0.1, reach=0.1)
 
 
-def test_a_pose_depends_on_nothing_but_the_contacts():
-    one, two = (next_pose(Hand(), *TOP, 0.0) for _ in range(2))
-    assert one.tobytes() == two.tobytes()
+def at(x: float, z: float) -> Floats:
+    return pose_of(np.array([x, 0.0, z]), FACING_DOWN)
 
 
-def test_one_contact_is_enough_to_go_on():
-    pose = next_pose(Hand(), *TOP, 0.0)
-    assert np.isfinite(pose).all()
-    assert 0.0 < pose[2] < 0.1
+def standing(shape: Superquadric, x: float = 0.0) -> PosedShape:
+    return PosedShape(shape, pose_of(np.array([x, 0.0, shape.size[2]]), np.eye(3)))
 
 
-def test_what_is_expected_reaches_down_to_the_platform(ball, grasped):
-    points, normals = grasped(standing(ball, 0.03), 30)
-    middle, axes, size = expected_ellipsoid(points, normals, 0.0)
-    assert middle == pytest.approx([0.0, 0.0, 0.03], abs=5e-3)
-    assert size == pytest.approx(np.full(3, 0.03), abs=5e-3)
-    assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
+def tips(hand: Hand, effects: Sequence[touch.Effect] = ()) -> list[touch.Pipeline]:
+    """Fingertips of a hand, the palm last."""
+    sheet, robot = touch.Calibration("time", PAD.thickness, 1e3, 0.2e3), ROBOT_PRESETS["modern"]
+    fingers = [touch.Fingertip(PAD, sheet, robot, 100 + i, 3) for i in range(hand.fingers + 1)]
+    return [touch.assemble(one, effects) for one in fingers]
 
 
-def test_contacts_come_from_all_sides_that_the_platform_leaves_free(ball, grasped):
-    points, _ = grasped(standing(ball, 0.03), 60)
-    directions = (points - [0.0, 0.0, 0.03]) / 0.03
+def close(shape: Shape, pose: Floats, hand: Hand = HAND, *effects, platform=-1.0, number=0):
+    fingers = tips(hand, effects)
+    states, when = [one.begin() for one in fingers], Closing(number, 0.0, 0.0)
+    return room.close_hand(shape, fingers, states, hand, pose, platform, when)[0]
+
+
+@cache
+def grasped(name: str, wanted: int) -> tuple[Floats, Floats, int]:
+    """Points and normals of at least so many contacts, and how often the hand closed."""
+    shape = {"ball": standing(BALL), "aside": standing(CYLINDER, 0.06)}[name]
+    hand, places = Hand(), search_places(0.08, 0.04)
+    fingers = tips(hand)
+    states = tuple(one.begin() for one in fingers)
+    points, normals, number = np.zeros((0, 3)), np.zeros((0, 3)), 0
+    while len(points) < wanted:
+        pose = search_pose(places, number, 0.0)
+        pose = next_pose(hand, points, normals, 0.0) if len(points) else pose
+        when = Closing(number, 0.0, 0.0)
+        grasp, states = room.close_hand(shape, fingers, states, hand, pose, 0.0, when)
+        points, normals = np.vstack([points, grasp.points]), np.vstack([normals, grasp.normals])
+        number += 1
+        assert number < 40
+    return points, normals, number
+
+
+def test_contacts_of_ball_lie_on_it_evenly_spread():
+    grasp = close(BALL, at(0.0, 0.0))
+    assert (grasp.fingers, grasp.missed, grasp.blocked) == ((0, 1, 2, 3, 4, 5), 0, 0)
+    assert np.linalg.norm(grasp.points, axis=1) == pytest.approx(0.03, abs=1e-7)
+    assert grasp.normals == pytest.approx(grasp.points / 0.03, abs=1e-4)
+    assert grasp.points[-1] == pytest.approx([0.0, 0.0, 0.03], abs=1e-6)  # the palm, from behind
+    turns = np.unwrap(np.arctan2(grasp.points[:-1, 1], grasp.points[:-1, 0]))
+    assert np.abs(np.diff(turns)) == pytest.approx(2.0 * math.pi / 5, abs=1e-4)
+    assert grasp.points[:-1, 2] == pytest.approx(0.0, abs=1e-6)
+    assert grasp.advance == pytest.approx(0.071, abs=2e-5)  # pressed by 1 mm at a taxel
+    motion = pose_of(np.array([0.3, -0.1, 0.2]), pad_rotation(0.7, 0.2))
+    moved = close(PosedShape(BALL, motion), compose_poses(motion, at(0.0, 0.0)))
+    position, axes = split_pose(motion)
+    assert moved.points == pytest.approx(grasp.points @ axes.T + position, abs=1e-7)
+    assert moved.normals == pytest.approx(grasp.normals @ axes.T, abs=1e-5)
+
+
+def test_flat_face_is_touched_with_its_normal_and_edge_at_deepest_place():
+    grasp = close(standing(BOX), at(0.0, 0.04), platform=0.0)
+    assert grasp.points[-1, 2] == pytest.approx(0.08, abs=1e-5)
+    assert grasp.normals[-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    aside = close(standing(BOX), at(0.0345, 0.04), platform=0.0)
+    palm = aside.points[aside.fingers.index(5)]
+    assert 0.0265 < palm[0] < 0.03 and palm[2] > 0.075
+
+
+@pytest.mark.parametrize(
+    ("pose", "hand", "platform", "fingers", "missed", "blocked"),
+    [
+        (at(0.0, 0.05), Hand(opening=0.1, reach=0.13), -1.0, (5,), 5, 0),
+        (at(0.0, 0.0), Hand(opening=0.01), -1.0, (), 0, 6),  # inside
+        (at(0.0, 0.0), HAND, 0.01, (5,), 0, 5),  # under the platform
+        (at(1.0, 0.05), HAND, -1.0, (), 6, 0),
+        (at(1.0, 0.99 * 0.008), HAND, 0.0, (), 1, 5),  # half a fingertip above it
+        (at(1.0, 1.01 * 0.008), HAND, 0.0, (), 6, 0),
+    ],
+)
+def test_missed_and_blocked_fingers_are_counted(pose, hand, platform, fingers, missed, blocked):
+    grasp = close(BALL, pose, hand, platform=platform)
+    assert (grasp.fingers, grasp.missed, grasp.blocked) == (fingers, missed, blocked)
+    assert grasp.points.shape == grasp.normals.shape == (len(fingers), 3)
+    if missed > 1:
+        assert grasp.advance == pytest.approx(hand.reach)
+
+
+def test_arm_errs_as_configured_and_each_finger_by_itself():
+    effect = effect_type("pose_error")(sigma=0.2e-3, rotation=0.0)
+    runs = [close(BALL, at(0.0, 0.0), HAND, effect, number=one) for one in (*range(14), 0)]
+    errors = np.array([np.linalg.norm(one.points, axis=1) - 0.03 for one in runs[:-1]])
+    assert errors.std() == pytest.approx(0.2e-3, rel=0.25)  # of 84 draws: 3 standard errors
+    assert np.abs(np.corrcoef(errors.T) - np.eye(6)).max() < 0.8
+    assert runs[0].points.tobytes() == runs[-1].points.tobytes() != runs[1].points.tobytes()
+
+
+@pytest.mark.parametrize(("reach", "spacing", "most"), [(0.05, 0.012, None), (0.1, 0.015, 3)])
+def test_search_places_fill_disc_from_middle_out(reach, spacing, most):
+    places = np.array(search_places(reach, spacing, most))
+    distances, rings = np.linalg.norm(places, axis=1), min(int(reach / spacing), most or 99)
+    assert len(places) == 1 + 3 * rings * (rings + 1)
+    assert distances[0] == 0.0 and (np.diff(distances) > -1e-12).all()
+    assert distances[-1] == pytest.approx(rings * spacing)
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))
+    assert apart.min(axis=1) == pytest.approx(spacing, rel=0.06)
+    assert len(search_places(0.9 * spacing, spacing)) == 1
+    *poses, none = (search_pose(list(places[:2]), number, 0.1) for number in range(5))
+    assert none is None  # every height of every place was tried
+    for pose, place, height in zip(
+        poses, places[[0, 0, 1, 1]], 2 * room.SEARCH_HEIGHTS, strict=True
+    ):
+        assert pose == pytest.approx(pose_of(np.array([*place, 0.1 + height]), FACING_DOWN))
+
+
+def test_contacts_come_from_all_free_sides_in_few_closings():
+    points, normals, closings = grasped("ball", 60)
+    assert len(points) == len(normals) < 66 and closings <= 16
     ask = np.random.default_rng(0).normal(size=(500, 3))
     ask /= np.linalg.norm(ask, axis=1)[:, None]
-    nearest = np.arccos(np.clip(ask @ directions.T, -1.0, 1.0)).min(axis=1)
-    assert nearest[ask[:, 2] > 0.0].max() < np.radians(35.0)
+    cosines = ask @ (points - [0.0, 0.0, 0.03]).T / 0.03
+    nearest = np.arccos(np.clip(cosines, -1.0, 1.0)).min(axis=1)
+    assert nearest[ask[:, 2] > 0.0].max() < math.radians(35.0)
+    apart = np.linalg.norm(points[:, None] - points, axis=2) + np.eye(len(points))
+    assert np.median(apart.min(axis=1)) > 5e-3
+    top = points[:1], normals[:1]  # one contact is enough to go on, and nothing else counts
+    assert next_pose(Hand(), *top, 0.0).tobytes() == next_pose(Hand(), *top, 0.0).tobytes()
+    aside = grasped("aside", 40)[0]  # an object beside the axis is found
+    assert np.hypot(aside[:, 0] - 0.06, aside[:, 1]).max() < 0.0255
+    apart = np.linalg.norm(aside[:, None] - aside, axis=2) + np.eye(len(aside))
+    assert apart.min() > 1e-3  # no place is touched twice
 
 
-def test_an_object_beside_the_axis_is_found(cylinder, grasped):
-    points, _ = grasped(standing(cylinder, 0.04, x=0.06), 30)
-    assert np.abs(points[:, 0] - 0.06).max() < 0.0255
-
-
-def test_few_closings_are_needed(cylinder, grasped):
-    points, normals = grasped(standing(cylinder, 0.04), 60)
-    assert len(points) == len(normals) < 66
-    spread = np.linalg.norm(points[:, None] - points, axis=2) + np.eye(len(points))
-    assert np.median(spread.min(axis=1)) > 5e-3
-
-
-HAND = Hand(fingers=4, opening=0.1, reach=0.08)
-OVER = pose_of(np.array([0.01, 0.02, 0.05]), FACING_DOWN)
-
-
-def test_fingers_close_towards_the_axis_and_the_palm_along_it():
-    poses, _ = fingertip_starts(HAND, OVER, 0.0)
-    for pose in poses[:-1]:
-        place, axes = split_pose(pose)
-        assert place + HAND.opening * axes[:, 2] == pytest.approx(OVER[:3])
-        assert axes[2, 2] == pytest.approx(0.0, abs=1e-12)
-    place, axes = split_pose(poses[-1])
-    assert place == pytest.approx([0.01, 0.02, 0.15])
-    assert axes[:, 2] == pytest.approx([0.0, 0.0, -1.0])
-
-
-def test_fingers_are_evenly_spread():
-    at = fingertip_starts(HAND, OVER, 0.0)[0][:-1, :3]
-    gaps = np.linalg.norm(at - np.roll(at, 1, axis=0), axis=1)
-    assert gaps == pytest.approx(np.full(4, math.sqrt(2.0) * HAND.opening))
-
-
-def test_a_moved_hand_moves_its_fingers_with_it():
-    motion = pose_of(np.array([0.3, -0.1, 0.2]), pad_rotation(0.7, 0.2))
-    here, there = (
-        fingertip_starts(HAND, pose, -9.0)[0] for pose in (OVER, compose_poses(motion, OVER))
-    )
-    expected = np.stack([compose_poses(motion, pose) for pose in here])
-    assert there[:, :3] == pytest.approx(expected[:, :3])
-    assert np.abs((there[:, 3:] * expected[:, 3:]).sum(axis=1)) == pytest.approx(1.0)
-
-
-def test_a_finger_that_would_start_below_the_platform_stays_open():
-    sideways = pose_of(np.array([0.0, 0.0, 0.05]), pad_rotation(0.0, 0.0))
-    poses, reach = fingertip_starts(HAND, sideways, 0.0)
-    below = poses[:, 2] < 0.0
-    assert below.any()
-    assert (reach[below] == 0.0).all()
-    assert (reach[~below] > 0.0).all()
-
-
-def test_no_finger_goes_through_the_platform():
-    for lean in (0.0, 0.5, 1.0):
-        pose = pose_of(np.array([0.0, 0.0, 0.02]), pad_rotation(0.3, lean))
-        poses, reach = fingertip_starts(HAND, pose, 0.0)
-        along = np.stack([split_pose(tip)[1][2, 2] for tip in poses])
-        moved = reach > 0.0
-        assert (poses[moved, 2] + reach[moved] * along[moved] >= -1e-12).all()
-
-
-def test_a_level_finger_keeps_half_its_width_above_the_platform():
-    for height, free in ((FINGERTIP * 0.99, False), (FINGERTIP * 1.01, True)):
-        _poses, reach = fingertip_starts(
-            HAND, pose_of(np.array([0.0, 0.0, height]), FACING_DOWN), 0.0
-        )
-        assert (reach[:-1] > 0.0).all() == free
+def test_fingers_are_brought_near_and_touch_same_contacts():
+    turn = np.linspace(0.0, 2.0 * math.pi, 20, endpoint=False)
+    rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(20)])
+    points = 0.03 * rim + 0.02 * np.outer(np.sin(3 * turn), [0, 0, 1]) + [0, 0, 0.05]
+    hand, pose = Hand(opening=0.12, reach=0.12), at(0.0, 0.05)
+    near = room.brought_near(hand, pose, points, rim, 0.0)
+    assert np.array(near.advanced[:-1]) == pytest.approx(0.12 - 0.03 - 0.02, abs=8e-3)
+    assert room.brought_near(hand, pose, points[:6], rim[:6], 0.0) is hand
+    ball = PosedShape(BALL, pose_of(np.array([0.0, 0.0, 0.05]), np.eye(3)))
+    slow, quick = close(ball, pose, hand), close(ball, pose, near)
+    assert quick.points == pytest.approx(slow.points, abs=1e-6)
+    assert quick.advance < slow.advance - 0.05
+    assert close(BALL, at(1.0, 0.05), near).advance == pytest.approx(0.12 - min(near.advanced))
 
 
 @pytest.mark.parametrize(
@@ -139,102 +177,10 @@ def test_a_level_finger_keeps_half_its_width_above_the_platform():
         ({"fingers": 21}, "fingers must be from 1 to 20, got 21"),
         ({"opening": 0.0}, "opening must be positive and finite, got 0.0 m"),
         ({"reach": math.inf}, "reach must be positive and finite, got inf m"),
+        ({"advanced": (0.01,)}, "advanced must have 6 lengths or none, got 1"),
+        ({"advanced": (0.0,) * 5 + (0.12,)}, "advanced must be below the reach 0.12 m, got 0.12"),
     ],
 )
-def test_a_hand_that_cannot_close_is_refused(wrong, words):
+def test_hand_that_cannot_close_is_refused(wrong, words):
     with pytest.raises(ValueError, match=words):
         Hand(**wrong)
-
-
-CLOSING_HAND = Hand(fingers=5, opening=0.1, reach=0.1)
-MIDDLE = pose_of(np.zeros(3), FACING_DOWN)
-
-
-def test_contacts_of_a_ball_lie_on_it_and_their_normals_point_away(ball, close):
-    grasp = close(ball, MIDDLE, CLOSING_HAND)
-    assert len(grasp.points) == 6 and (grasp.missed, grasp.blocked) == (0, 0)
-    assert np.linalg.norm(grasp.points, axis=1) == pytest.approx(0.03, abs=1e-7)
-    assert grasp.normals == pytest.approx(grasp.points / 0.03, abs=1e-4)
-    assert grasp.fingers == (0, 1, 2, 3, 4, 5)
-
-
-def test_fingers_that_meet_nothing_are_counted(ball, close):
-    long = Hand(opening=0.1, reach=0.13)
-    grasp = close(ball, pose_of(np.array([0.0, 0.0, 0.05]), FACING_DOWN), long)
-    assert grasp.fingers == (5,)
-    assert (grasp.missed, grasp.blocked) == (5, 0)
-    assert grasp.advance == pytest.approx(0.13)  # of those that missed
-
-
-def test_fingers_that_start_inside_or_under_the_platform_are_counted_apart(ball, close):
-    inside = close(ball, MIDDLE, Hand(opening=0.01))
-    under = close(ball, MIDDLE, CLOSING_HAND, platform=0.01)
-    assert (len(inside.points), inside.missed, inside.blocked) == (0, 0, 6)
-    assert (under.fingers, under.blocked) == ((5,), 5)
-
-
-def test_a_hand_that_misses_altogether_has_no_contact(ball, close):
-    grasp = close(ball, pose_of(np.array([1.0, 0.0, 0.0]), FACING_DOWN), CLOSING_HAND)
-    assert grasp.points.shape == grasp.normals.shape == (0, 3)
-    assert grasp.missed == 6
-
-
-def test_the_arm_errs_as_the_scene_says_and_each_finger_by_itself(ball, close):
-    sigma = 0.2e-3
-    errors = []
-    for number in range(40):
-        effect = PoseError(sigma=sigma, rotation=0.0)
-        grasp = close(ball, MIDDLE, CLOSING_HAND, effect, number=number)
-        errors.append(np.linalg.norm(grasp.points, axis=1) - 0.03)
-    off = np.array(errors)
-    assert off.std() == pytest.approx(sigma, rel=0.25)
-    assert np.abs(np.corrcoef(off.T) - np.eye(6)).max() < 0.5
-
-
-def test_closing_again_with_the_same_number_is_the_same(ball, close):
-    effect = PoseError(sigma=0.2e-3)
-    one, two, other = (close(ball, MIDDLE, CLOSING_HAND, effect, number=n) for n in (1, 1, 2))
-    assert one.points.tobytes() == two.points.tobytes() != other.points.tobytes()
-
-
-def test_a_flat_face_is_touched_with_its_normal(box, close):
-    standing = PosedShape(box, pose_of(np.array([0.0, 0.0, 0.04]), np.eye(3)))
-    grasp = close(
-        standing, pose_of(np.array([0.0, 0.0, 0.04]), FACING_DOWN), CLOSING_HAND, platform=0.0
-    )
-    assert grasp.points[-1, 2] == pytest.approx(0.08, abs=1e-5)
-    assert grasp.normals[-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
-
-
-def test_a_fingertip_that_reads_nothing_has_no_contact(flat):
-    assert contact_of(flat, MIDDLE, np.zeros((16, 16)), 0.0) is None
-
-
-def test_an_edge_is_met_at_its_deepest_taxel(flat):
-    x, _ = flat.grid()
-    pressed = np.maximum(1e-3 - np.abs(x - 0.5e-3), 0.0)
-    found = contact_of(flat, pose_of(np.zeros(3), np.eye(3)), pressed, 0.0)
-    assert found[0][0] == pytest.approx(0.5e-3)
-    assert found[0][2] == pytest.approx(-1e-3)
-
-
-def test_fingers_are_brought_near_what_is_expected_and_no_nearer():
-    turn = np.linspace(0.0, 2.0 * np.pi, 20, endpoint=False)
-    rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(20)])
-    points = 0.03 * rim + np.array([0.0, 0.0, 0.05]) + 0.02 * np.outer(np.sin(3 * turn), [0, 0, 1])
-    hand, pose = (
-        Hand(fingers=5, opening=0.12, reach=0.12),
-        pose_of(np.array([0, 0, 0.05]), FACING_DOWN),
-    )
-    near = brought_near(hand, pose, points, rim, 0.0)
-    starts, reaches = fingertip_starts(near, pose, 0.0)
-    away = np.linalg.norm(starts[:-1, :2], axis=1)
-    assert away == pytest.approx(0.03 + MARGIN, abs=8e-3)
-    assert reaches[:-1] == pytest.approx(0.12 - np.array(near.advanced[:-1]))
-    assert brought_near(hand, pose, points[:6], rim[:6], 0.0) is hand
-
-
-@pytest.mark.parametrize("advanced", [(0.01,), (0.0, 0.0, 0.0, 0.0, 0.2)])
-def test_fingers_brought_in_beyond_their_reach_are_refused(advanced):
-    with pytest.raises(ValueError, match="advanced must"):
-        Hand(fingers=4, opening=0.1, reach=0.08, advanced=advanced)

@@ -1,174 +1,242 @@
+"""What no pad has touched, and how large the error is between slices."""
+
+from __future__ import annotations
+
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from palpate.core.explore.planners.coverage import (
-    Span,
-    cut_further,
-    even_heights,
-    free_height,
-    longest_first,
-    parts_needed,
-    untouched_spans,
-    untraceable_height,
-)
-from palpate.core.explore.planners.protocol import Observation, ObservedSlice, SliceOutcome
+from palpate.core.explore import planners
+from palpate.core.explore.planners import PlannerTrial, Predicted, estimate_error, untouched_spans
+from tests.core.explore.planners import sides
+from tests.core.explore.planners.sides import CYLINDER, HEIGHT, explore, failed, known, slices_of
+
+ROW = 2.5e-3 / 8  # Heights at which it is asked whether anything was touched [m]
+ENDS = (0.03, 0.97)
 
 
-def test_without_a_slice_the_whole_side_is_untouched(observation):
-    (run,) = untouched_spans(observation())
-    assert run == pytest.approx((0.03 * 0.09, 0.97 * 0.09))
-    assert run.middle == pytest.approx(0.045)
+def wavy(z: float) -> float:
+    return 0.3 + 0.05 * math.sin(7.0 * z)
 
 
-def test_what_lies_between_the_touched_bands_is_untouched(slice_of, observation):
-    slices = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.5, 0.97)]
-    runs = untouched_spans(observation(slices))
-    np.testing.assert_allclose(runs, [(0.0097, 0.038), (0.052, 0.0803)], atol=2.5e-3 / 8)
+def predicted(observation: planners.Observation):
+    prediction = estimate_error(observation).prediction
+    assert prediction is not None
+    return prediction
 
 
-def test_a_tenth_of_the_azimuths_may_stay_untouched_and_no_more(slice_of, observation):
-    for open_azimuths, whole in ((1, True), (2, False)):
-        low = np.full(16, 0.0)
-        low[:open_azimuths] = 0.09
-        one = slice_of(lambda z: 0.3, 0.5, contact_low=low, contact_high=np.full(16, 0.09))
-        assert (untouched_spans(observation([one])) == []) == whole
+def test_untouched_spans_lie_between_touched_bands():
+    (whole,) = untouched_spans(known())
+    assert whole == pytest.approx((0.03 * HEIGHT, 0.97 * HEIGHT))
+    assert (whole.middle, whole.length) == pytest.approx((0.045, 0.94 * HEIGHT))
+    spans = untouched_spans(known(slices_of(CYLINDER, (0.03, 0.5, 0.97))))
+    np.testing.assert_allclose(spans, [(0.0097, 0.038), (0.052, 0.0803)], atol=ROW)
+    estimate = estimate_error(known(slices_of(CYLINDER, (0.03, 0.5, 0.97))))
+    assert estimate.largest_untouched == pytest.approx(max(one.length for one in spans))
+    loose = estimate_error(known(slices_of(CYLINDER, (0.03, 0.5, 0.97)), high_deviation=0.02))
+    assert loose.largest_untouched == pytest.approx(0.04)
+    for open_azimuths in (1, 2):  # a tenth of sixteen may stay untouched
+        low = np.where(np.arange(16) < open_azimuths, HEIGHT, 0.0)
+        one = sides.slice_of(CYLINDER, 0.5, contact_low=low, contact_high=np.full(16, HEIGHT))
+        assert (untouched_spans(known([one])) == []) == (open_azimuths == 1)
+    ends = sides.slices_of(CYLINDER, ENDS)
+    for height, outcome in ((0.045, "failed"), (0.045, "lost"), (0.005, "failed")):
+        tried = known([*ends, sides.failed(height, planners.SliceOutcome(outcome))])
+        in_vain = (height, outcome) == (0.045, "failed")
+        length = untouched_spans(tried)[0].length if in_vain else 0.0
+        assert planners.untraceable_height(tried) == pytest.approx(length)
+    spans = [planners.Span(0.0, 1.0), planners.Span(2.0, 3.0 + 1e-9), planners.Span(5.0, 7.0)]
+    assert planners.longest_first(spans, 1.0) == [spans[2], spans[0], spans[1]]
 
 
-def test_the_longest_run_comes_first_and_of_equal_ones_the_lowest():
-    runs = [Span(0.0, 1.0), Span(2.0, 3.0 + 1e-9), Span(5.0, 7.0)]
-    assert longest_first(runs, 1.0) == [runs[2], runs[0], runs[1]]
-
-
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, deadline=None, max_examples=20)
 @given(
     wanted=st.floats(0.01, 0.08),
-    tried=st.lists(st.floats(0.0, 0.09), max_size=12),
-    busy_heights=st.lists(st.floats(0.0, 0.09), max_size=2),
+    tried=st.lists(st.floats(0.0, HEIGHT), max_size=12),
+    busy=st.lists(st.floats(0.0, HEIGHT), max_size=2),
 )
-def test_a_free_height_keeps_its_distance_from_all_others(wanted, tried, busy_heights):
-    none = np.zeros(0)
-    slices = [
-        ObservedSlice(
-            height=height,
-            outcome="failed",
-            radii=none,
-            slopes=none,
-            curvatures=none,
-            contact_low=none,
-            contact_high=none,
-        )
-        for height in tried
-    ]
-    observation = Observation(
-        low=0.0,
-        high=0.09,
-        tolerance=1e-4,
-        resolution=1e-5,
-        feature=2.5e-3,
-        slices=tuple(slices),
-        busy_heights=tuple(busy_heights),
-        finger_spacing=0.01,
-    )
-    height = free_height(observation, wanted, Span(0.01, 0.08))
+def test_free_height_is_nearest_that_keeps_its_distance(wanted, tried, busy):
+    others = np.array([*tried, *busy])
+    room = np.array([2.5e-3] * len(tried) + [0.01] * len(busy))
+    observation = known([failed(one) for one in tried], busy_heights=busy, finger_spacing=0.01)
+    height = planners.free_height(observation, wanted, planners.Span(0.01, 0.08))
+    grid = np.linspace(0.01, 0.08, 1401)
+    free = grid[(np.abs(grid[:, None] - others) >= room).all(axis=1)]
     if height is not None:
-        assert 0.01 <= height <= 0.08
-        assert all(abs(height - other) >= 2.4999e-3 for other in tried)
-        assert all(abs(height - other) >= 0.01 for other in busy_heights)
-        assert tried or busy_heights or height == wanted
+        assert 0.01 <= height <= 0.08 and (np.abs(height - others) >= 0.9999 * room).all()
+        assert abs(height - wanted) <= np.abs(free - wanted).min(initial=1.0) + 0.26 * 2.5e-3
 
 
-def test_the_fewest_parts_are_planned_and_equal_intervals_get_equal_parts():
-    assert parts_needed(np.array([1.0, 1.0]), 0.1, 3.0).tolist() == [3, 3]
-    assert parts_needed(np.array([1e-4, 1e-4]), 0.1, 3.0).tolist() == [1, 1]
-    parts = parts_needed(np.array([1.0, 1e-3, 0.1]), 0.05, 2.0)
-    variances = np.array([1.0, 1e-3, 0.1])
-    assert (variances * parts**-4.0).sum() <= 0.05**2
-    assert parts[0] > parts[2] > parts[1]
+def test_slices_are_closer_where_surface_leans_and_enter_middle_without_bands():
+    for side in ("ball", "cylinder"):
+        shares, _, estimate = explore(Predicted(), sides.SIDES[side], all_taxels=True)
+        assert estimate.largest_untouched <= 2.5e-3 + ROW
+        upper = np.diff(sorted(share for share in shares if share > 0.49))
+        assert (upper[-1] < 0.9 * upper[0]) == (side == "ball")
+    # Bands of 14 mm with gaps of at most a feature of 2.5 mm, in 28.3 mm on either side.
+    whole = known(slices_of(CYLINDER, (0.03, 0.5, 0.97)), all_taxels=True)
+    span = untouched_spans(whole)[0]
+    gap = (span.length - 2 * 14e-3) / 3
+    assert Predicted().next(whole).height == pytest.approx(span.low + 2 * gap + 21e-3)
+    assert len(shares) == 3 + 2 * 2  # of the cylinder
+    plain = known(slices_of(CYLINDER, (0.03, 0.5, 0.97)))  # where contours alone count
+    assert Predicted().next(plain).height == pytest.approx(untouched_spans(plain)[0].middle)
 
 
-def test_bands_that_are_touched_leave_less_of_a_cut_interval_than_its_parts():
-    variances, touched = np.array([1.0, 1.0]), np.array([0.0, 0.3])
-    cuts = list(cut_further(variances, 3.0, 1.0 - touched))
-    assert cuts[0][1] == 2.0 and cuts[1][0].tolist() == [1, 2]
-    assert cuts[1][1] == pytest.approx(1.0 + 2.0**-6 * (0.4 / 0.7) ** 4)
-    whole = [left for _, left in cut_further(variances, 3.0)]
-    assert all(left <= other for (_, left), other in zip(cuts, whole, strict=True))
-    # What three bands cover is touched.
-    covered = list(cut_further(variances[1:], 3.0, 1.0 - np.array([0.4])))
-    assert covered[2][1] == 0.0
+# Errors
 
 
-@pytest.mark.parametrize("order", [1.0, 3.0])
-def test_no_cut_would_have_saved_more_elsewhere(order):
-    for variances in 10.0 ** np.random.default_rng(0).uniform(-2.0, 0.0, (40, 3)):
-        parts = parts_needed(variances, 0.1, order)
-        last, now, more = (
-            variances * np.maximum(parts + d, 1) ** (-2.0 * order) for d in (-1.0, 0.0, 1.0)
-        )
-        made = (last - now)[parts > 1].min()
-        assert made >= (now - more).max() * (1.0 - 1e-5)
-        assert now.sum() <= 0.1**2 < now.sum() + made
+def test_side_with_cubic_square_is_exact_from_two_slices():
+    for side in (
+        lambda z, t: np.sqrt(z * (1.0 - z)) + 0.0 * t,
+        lambda z, t: np.sqrt(0.1 + 0.2 * z - 0.3 * z**2 + 0.25 * z**3) + 0.0 * t,
+    ):
+        trial = PlannerTrial(side)
+        two = [trial.slice_at(share * HEIGHT) for share in ENDS]
+        assert trial.rms(two) < 1e-5
+        assert predicted(known(two)).curve < 1e-4
+        assert trial.rms(two, slopes=False) > 1e-3
 
 
-@pytest.mark.parametrize("lifted", [0.0, 0.4])
-def test_the_places_in_a_run_do_not_depend_on_the_unit_of_length(lifted, slice_of, observation):
-    def places(unit):
-        moved = {"low": lifted * unit, "high": (lifted + 0.09) * unit}
-        slices = [slice_of(lambda z: 0.5 - 0.3 * z * z, share, unit) for share in (0.03, 0.5, 0.97)]
-        names = ("height", "contact_low", "contact_high")
-        slices = [
-            replace(one, **{name: getattr(one, name) + lifted * unit for name in names})
-            for one in slices
-        ]
-        known = observation(slices, unit, all_taxels=True, **moved)
-        return [
-            np.array(even_heights(known, span)) / unit - lifted for span in untouched_spans(known)
-        ]
-
-    # The cone falls ever faster: pads touch less of its height above than below.
-    wanted = [[0.0169009, 0.0310880], [0.0596338, 0.0737842]]
-    for unit in (1.0, 1000.0):
-        np.testing.assert_allclose(places(unit), wanted, atol=1e-7)
-
-
-def test_as_few_slices_as_can_be_lie_evenly_in_a_run(slice_of, observation):
-    ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
-    whole = observation(ends, all_taxels=True)
-    [run] = untouched_spans(whole)
-    places = even_heights(whole, run)
-    # Bands of 14 mm, gaps of at most 2.5 mm, in 70.6 mm.
-    assert len(places) == math.ceil((run.length - 2.5e-3) / 16.5e-3) == 5
-    edges = [run.low, *places, run.high]
-    gaps = np.diff(edges) - [7e-3, 14e-3, 14e-3, 14e-3, 14e-3, 7e-3]
-    np.testing.assert_allclose(gaps, gaps[0], atol=1e-9)
-    filled = observation([*ends, *(slice_of(lambda z: 0.3, place / 0.09) for place in places)])
-    assert max(one.length for one in untouched_spans(filled)) <= 2.5e-3 + 0.4e-3  # to a row
+@pytest.mark.parametrize("count", [4, 9])
+def test_each_interval_errs_about_as_predicted(count):
+    trial = planners.PlannerTrial(lambda z, t: 0.3 + 0.05 * np.sin(7.0 * z) + 0.0 * t)
+    slices, dense = (
+        [trial.slice_at(z * HEIGHT) for z in np.linspace(*ENDS, n)] for n in (count, 40)
+    )
+    prediction = predicted(known(slices))
+    assert prediction.heights == pytest.approx(np.linspace(*ENDS, count))
+    assert prediction.shares.sum() == pytest.approx(1.0)
+    for low, high, error, share in zip(
+        slices[:-1], slices[1:], prediction.errors, prediction.shares, strict=True
+    ):  # the true error of one interval: everywhere else the slices are dense
+        others = [one for one in dense if not low.height < one.height < high.height]
+        true = trial.rms([*others, *slices]) / math.sqrt(share)
+        assert error / 5.0 < true < 3.0 * error + 1e-6
+    finer = predicted(known(slices_of(wavy, np.linspace(*ENDS, 2 * count - 1))))
+    assert count < 9 or math.log2(prediction.curve / finer.curve) == pytest.approx(4.0, abs=0.3)
+    for end in (0.97, 0.03):  # a cut is drawn to the end that bends more
+        knee = slices_of(lambda z: 0.4 - 0.1 * math.exp(-10.0 * abs(z - end)), ENDS)  # noqa: B023
+        side = predicted(known(knee)).indicators.bend_side[0]
+        assert side > 0.8 if end > 0.5 else side < 0.2
 
 
-def test_bands_are_lower_where_the_surface_leans(slice_of, observation):
-    def ball(z):
-        return math.sqrt(max(z * (1.0 - z), 1e-9))
+def test_noise_adds_to_curve_and_resolution_is_least():
+    noises = []
+    for deviation in (0.0, 9e-5, 18e-5):
+        told = predicted(known(slices_of(wavy, np.linspace(*ENDS, 12), deviation=deviation)))
+        assert told.rms_bound_95 == pytest.approx(math.hypot(told.noise.all, told.curve))
+        noises.append(told.noise.all)
+    assert noises[0] == pytest.approx(1e-5 / HEIGHT)
+    fades = np.sqrt(np.square(noises[1:]) - noises[0] ** 2)
+    assert fades[1] == pytest.approx(2.0 * fades[0])
+    assert 0.5e-3 < fades[0] < 1.5e-3  # 90 um over 90 mm, and a margin
+    # Slices are wanted while they can bring the bound down, and not for the sake of noise.
+    assert not told.wants_refinement(1.01 * told.rms_bound_95)
+    assert not told.wants_refinement(0.5 * told.noise.all)
+    assert told._replace(curve=told.noise.all).wants_refinement(0.5 * told.noise.all)
 
-    half = observation([slice_of(ball, share) for share in (0.03, 0.5)], all_taxels=True)
-    run = max(untouched_spans(half), key=lambda one: one.length)
-    places = even_heights(half, Span(run.low, 0.5 * 0.09 - 7e-3))
-    steps = np.diff(places)
-    assert (np.diff(steps) > 0.0).all()  # closer together towards the pole
+
+def stated(count: int = 4, band: float = 3e-5, **changes: float) -> planners.Observation:
+    """Slices of a solid of all taxels that states its own deviations."""
+    slices = slices_of(wavy, np.linspace(*ENDS, count), deviation=band)
+    given = {"all_taxels": True, "deviation": 9e-5, "ends_deviation": 2e-5, "pose_deviation": 1e-4}
+    return known(slices, **(given | changes))
 
 
-def test_where_contours_alone_count_a_run_is_entered_in_its_middle(slice_of, observation):
-    plain = observation([slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)])
-    [run] = untouched_spans(plain)
-    assert even_heights(plain, run) == [run.middle]
+def test_stated_deviations_make_noise_of_bands_ends_and_between():
+    noise = predicted(stated()).noise
+    assert noise.lasting < noise.touched < noise.all
+    assert noise.between == pytest.approx(math.sqrt(noise.all**2 - noise.touched**2))
+    assert noise.touched == pytest.approx(math.hypot(noise.slices, noise.lasting))
+    more = predicted(stated(ends_deviation=4e-5, band=6e-5)).noise
+    none = predicted(stated(ends_deviation=0.0)).noise
+    assert more.slices == pytest.approx(2.0 * noise.slices)
+    assert more.lasting**2 - none.lasting**2 == pytest.approx(
+        4.0 * (noise.lasting**2 - none.lasting**2)
+    )
+    assert none.lasting == pytest.approx(1.5e-4, abs=1e-5)  # resolution, and what edges leave
+    side = predicted(stated(deviation=math.hypot(2e-5, 2.0 * math.sqrt(9e-5**2 - 2e-5**2)))).noise
+    assert side.all**2 - side.lasting**2 == pytest.approx(4.0 * (noise.all**2 - noise.lasting**2))
+    # Four times as many slices leave a quarter of the variance, its margin apart.
+    told = predicted(stated(6, band=4e-4, deviation=4e-4, pose_deviation=4e-4))
+    left = math.hypot(0.4 * told.noise.slices, told.noise.lasting)
+    assert told.wants_averaging(1.01 * left, 6, 24) and not told.wants_averaging(0.99 * left, 6, 24)
+    assert not told.wants_averaging(1.01 * told.noise.touched, 6, 24)  # it is small enough
+    # With few slices every deviation is less certain.
+    assert predicted(stated(12)).noise.slices < 0.9 * noise.slices
 
 
-def test_a_stretch_is_uncovered_only_where_a_slice_was_tried_in_vain(slice_of, observation, failed):
-    ends = [slice_of(lambda z: 0.3, share) for share in (0.03, 0.97)]
-    [run] = untouched_spans(observation(ends))
-    assert untraceable_height(observation(ends)) == 0.0
-    assert untraceable_height(observation([*ends, failed(0.045)])) == pytest.approx(run.length)
-    assert untraceable_height(observation([*ends, failed(0.045, SliceOutcome.LOST)])) == 0.0
+def test_misfit_beyond_pose_errors_is_refined_and_is_no_noise():
+    given = {"band": 1e-3, "deviation": 1e-3, "ends_deviation": 0.0, "tolerance": 5e-4}
+    missed = predicted(stated(5, pose_deviation=1e-5, **given))
+    noisy = predicted(stated(5, pose_deviation=1e-3, **given))
+    limit = 5e-4 / HEIGHT
+    assert missed.rms_bound_95 == pytest.approx(noisy.rms_bound_95)
+    assert missed.noise.touched < limit < missed.rms_bound_95
+    assert missed.wants_refinement(limit) and not noisy.wants_refinement(limit)
+    whole = stated(9, pose_deviation=1e-5, **given)  # no further slice tells more
+    assert not predicted(whole).untouched.any() and not predicted(whole).wants_refinement(limit)
+    assert "does not follow what was touched" in Predicted().next(whole).reason
+    loose = stated(9, band=2e-6, deviation=2e-3, ends_deviation=2e-3)
+    assert Predicted().next(loose).reason.startswith("the ends are uncertain beyond the tolerance")
+    # Uncertain ends do not end the refinement of the side.
+    told = predicted(stated(band=2e-6, deviation=2e-3, ends_deviation=2e-3))
+    assert told.curve < 0.5 * told.noise.touched
+    assert told.wants_refinement(told.curve) and not told.wants_refinement(6.0 * told.curve)
+
+
+def test_halving_takes_slices_that_are_predicted_to():
+    slices = slices_of(wavy, np.linspace(*ENDS, 5), touches=20, seconds=30.0)
+    estimate = estimate_error(known(slices))
+    count = estimate.prediction.slices_to(0.5 * estimate.prediction.rms_bound_95, 5)
+    assert 1 <= count <= 6 and estimate.halving == (20.0 * count, 30.0 * count)
+    denser = slices_of(wavy, np.linspace(*ENDS, 5 + count + 1))
+    assert estimate_error(known(denser)).rms_bound_95 < 0.5 * estimate.rms_bound_95
+    assert estimate.prediction.slices_to(2.0 * estimate.prediction.rms_bound_95, 5) == 0
+    noisy = slices_of(wavy, np.linspace(*ENDS, 5), deviation=1e-3, touches=20)
+    assert estimate_error(known(noisy)).halving is None
+
+
+@pytest.mark.parametrize("slices", [[], [sides.slice_of(wavy, 0.5)], [failed(0.03), failed(0.05)]])
+def test_fewer_than_two_slices_state_no_bound(slices):
+    estimate = estimate_error(known(slices, all_taxels=True, deviation=2e-5))
+    unknown = estimate.rms_bound_95, estimate.halving, estimate.prediction, estimate.open_area
+    assert unknown == (None, None, None, None) and not estimate.reached
+    assert [one.name for one in estimate.verdict.failed] == ["error bound", "untouched gap"]
+    assert estimate.largest_untouched > 0.35 * HEIGHT
+
+
+# Trials
+
+
+def test_trial_measures_by_distance_along_normal():
+    trial = PlannerTrial(lambda z, t: 0.4 - 0.2 * z + 0.0 * t)
+    exact = [trial.slice_at(share * HEIGHT) for share in ENDS]
+    assert trial.rms(exact) < 1e-3 and trial.rms(exact[:1]) == 1.0
+    wider = PlannerTrial(lambda z, t: 0.41 - 0.2 * z + 0.0 * t)
+    slices, stop = planners.run_planner(planners.Uniform(count=7), trial, 0.0025)
+    assert len(slices) == 7 and isinstance(stop, planners.Stop)
+    slices, stop = planners.run_planner(planners.Uniform(count=7), trial, 0.0025, most=4)
+    assert (len(slices), stop) == (4, None)
+    assert planners.observation_of(slices, 0.0025).tolerance == pytest.approx(0.000225)
+    off = wider.rms([trial.slice_at(share * HEIGHT) for share in (0.03, 0.4, 0.97)])
+    assert off == pytest.approx(0.01 / np.hypot(1.0, 0.2), rel=0.01)
+    assert PlannerTrial(planners.TUNED["vase"]).slice_at(0.1).outcome is planners.SliceOutcome.LOST
+
+
+def test_trial_slice_is_that_of_sphere_and_noise_that_of_its_seed():
+    one = planners.PlannerTrial(planners.TUNED["sphere"]).slice_at(0.3 * HEIGHT)
+    slope = 0.2 / math.sqrt(0.21)
+    assert one.radii == pytest.approx(HEIGHT * math.sqrt(0.21))
+    assert one.slopes == pytest.approx(slope, abs=1e-6)
+    assert one.curvatures == pytest.approx(2.0 / HEIGHT, rel=1e-4)
+    assert one.contact_high - one.contact_low == pytest.approx(14e-3 / math.hypot(1.0, slope))
+    noisy, again, other = (
+        planners.PlannerTrial(planners.TUNED["sphere"], 1e-4, seed).slice_at(0.3 * HEIGHT).radii
+        for seed in (3, 3, 4)
+    )
+    assert np.array_equal(noisy, again) and not np.array_equal(noisy, other)
+    assert 0.4e-4 < (noisy - one.radii).std() < 2e-4

@@ -1,90 +1,89 @@
+"""What a planner is told, what it may answer, how it is made, and how a solid is judged."""
+
+from __future__ import annotations
+
 import doctest
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.explore.planners.predicted import Predicted
-from palpate.core.explore.planners.protocol import (
-    PLANNER_NAMES,
-    Budget,
-    Choice,
-    Height,
-    Stop,
-    Wait,
-    check_choice,
-    first_and_last,
-    make_planner,
-    planner_type,
-    settled_height,
-)
-from palpate.core.explore.planners.uniform import Uniform
+from palpate.core.explore import planners
+from palpate.core.explore.planners import Budget, Height, Stop, Wait, make_planner
+from tests.core.explore.planners.sides import CONTOUR, CYLINDER, failed, known, slice_of
+
+PAGE = Path(__file__).parents[4] / "docs" / "planning.md"
+SHORT = {name: np.full(8, 0.02) for name in CONTOUR}
+
+
+def slice_with(**changes: Any) -> planners.ObservedSlice:
+    return slice_of(CYLINDER, 0.5, **changes)
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("make", "changes", "words"),
     [
-        ({"high": -1.0}, "high must lie above low 0.0 m, got -1.0 m"),
-        ({"high": math.inf}, "high must lie above low"),
-        ({"tolerance": 0.0}, "tolerance must be positive"),
-        ({"tolerance": math.nan}, "tolerance must be positive"),
-        ({"tolerance": 5e-6}, "at least the sensor's resolution 1e-05 m, got 5e-06 m"),
-        ({"resolution": -1.0}, "resolution must be positive"),
-        ({"feature": 0.0}, "feature must be positive"),
-        ({"low_deviation": -1e-3}, "low_deviation must be 0 or more"),
-        ({"high_deviation": math.nan}, "high_deviation must be 0 or more"),
-        ({"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
-        ({"pose_deviation": -1.0}, "pose_deviation must be 0 or more"),
+        (known, {"high": -1.0}, "high must lie above low 0.0 m, got -1.0 m"),
+        (known, {"tolerance": 0.0}, "tolerance must be positive"),
+        (known, {"tolerance": 5e-6}, "at least the sensor's resolution 1e-05 m, got 5e-06 m"),
+        (known, {"resolution": -1.0}, "resolution must be positive"),
+        (known, {"feature": 0.0}, "feature must be positive"),
+        (known, {"feature": 1e-7}, r"at least 0.0001 of the height 0.09 m, got 1e-07 m"),
+        (known, {"low_deviation": -1e-3}, "low_deviation must be 0 or more"),
+        (known, {"high_deviation": math.nan}, "high_deviation must be 0 or more"),
+        (known, {"deviation": -1.0}, "deviation must be 0 or more"),
+        (known, {"ends_deviation": -1.0}, "ends_deviation must be 0 or more"),
+        (known, {"pose_deviation": -1.0}, "pose_deviation must be 0 or more"),
+        (known, {"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
+        (known, {"busy_heights": (0.02, math.nan)}, "busy_heights must be finite"),
+        (known, {"slices": (slice_with(), slice_with(**SHORT))}, r"azimuths, got \[8, 16\]"),
+        (slice_with, {"height": math.nan}, "height must be finite"),
+        (slice_with, {"deviation": -1.0}, "deviation must be 0 or more"),
+        (slice_with, {"touches": -1}, "touches must be 0 or more and finite, got -1 touches"),
+        (slice_with, {"seconds": math.nan}, "seconds must be 0 or more"),
+        (slice_with, {"radii": np.full(16, -0.01)}, "radii must be at least 4 positive lengths"),
+        (slice_with, {"radii": np.full(16, math.nan)}, "radii must be finite"),
+        (slice_with, {name: np.full(3, 0.02) for name in CONTOUR}, "4 positive .* got 3"),
+        (slice_with, {"slopes": np.zeros(3)}, r"slopes must have shape \(16\)"),
+        (Budget, {"most_touches": 0}, "most_touches must be positive, got 0 touches"),
+        (Budget, {"most_seconds": 0.0}, "most_seconds must be positive, got 0.0 s"),
+        (Budget, {"touches": -1}, "touches must be 0 or more"),
+        (Budget, {"seconds": math.inf}, "seconds must be 0 or more and finite"),
     ],
 )
-def test_what_no_planner_can_work_with_is_refused(observation, changes, words):
+def test_impossible_observation_is_refused(make, changes, words):
     with pytest.raises(ValueError, match=words):
-        observation(**changes)
+        make(**changes)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"most_touches": 0}, "most_touches must be positive, got 0 touches"),
-        ({"most_seconds": 0.0}, "most_seconds must be positive, got 0.0 s"),
-        ({"most_seconds": math.nan}, "most_seconds must be positive"),
-        ({"touches": -1}, "touches must be 0 or more"),
-        ({"seconds": math.inf}, "seconds must be 0 or more and finite"),
-    ],
-)
-def test_a_budget_of_nothing_is_refused(changes, words):
-    with pytest.raises(ValueError, match=words):
-        Budget(**changes)
+def test_spent_budget_ends_every_plan_with_its_figures():
+    for budget, words in (
+        (Budget(), None),
+        (Budget(most_touches=40, touches=39, most_seconds=40.0, seconds=38.0), None),
+        (Budget(most_touches=50, touches=50, most_seconds=60.0), "50 of 50 touches and 0 of 60 s"),
+        (Budget(most_seconds=40.0, seconds=40.0), "40 of 40 s"),
+        (Budget(most_seconds=100.0, seconds=90.0, cut=True), "90 of 100 s"),
+    ):
+        observation = known([slice_of(CYLINDER, 0.5)], budget=budget)
+        reason = words and f"the budget is spent: {words} of robot time"
+        assert planners.exhausted_budget(observation) == reason
+        choices = [make_planner(name, {}).next(observation) for name in planners.PLANNER_NAMES]
+        assert all((one == Stop(str(reason))) == (words is not None) for one in choices)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"height": math.nan}, "height must be finite"),
-        ({"deviation": -1.0}, "deviation must be 0 or more"),
-        ({"touches": -1}, "touches must be 0 or more and finite, got -1 touches"),
-        ({"seconds": math.nan}, "seconds must be 0 or more"),
-        ({"radii": np.full(16, -0.01)}, "radii must be at least 4 positive lengths"),
-        ({"radii": np.full(16, math.nan)}, "radii must be finite"),
-        ({"slopes": np.zeros(3)}, r"slopes must have shape \(16\)"),
-    ],
-)
-def test_a_slice_that_cannot_be_is_refused(slice_of, changes, words):
-    with pytest.raises(ValueError, match=words):
-        slice_of(lambda z: 0.3, 0.5, **changes)
+@pytest.mark.parametrize(("tolerance", "inside"), [(1e-2, 0.03), (1.25e-3, 0.025), (2e-4, 0.02)])
+def test_first_and_last_slice_lie_nearer_ends_for_less_error(tolerance, inside):
+    low, high = planners.first_and_last(known(tolerance=tolerance * 0.09))
+    assert (low, high) == pytest.approx((inside * 0.09, (1.0 - inside) * 0.09))
+    loose = known(tolerance=tolerance * 0.09, low_deviation=4e-3, high_deviation=5e-3)
+    assert planners.first_and_last(loose) == pytest.approx((8e-3, 0.08))
+    assert planners.first_and_last(known(low_deviation=1.0, high_deviation=1.0)) == (0.045, 0.045)
 
 
-def test_slices_of_other_azimuths_are_refused(slice_of, observation):
-    few = {
-        name: np.full(8, 0.02)
-        for name in ("radii", "slopes", "curvatures", "contact_low", "contact_high")
-    }
-    both = [slice_of(lambda z: 0.3, 0.5), slice_of(lambda z: 0.3, 0.6, **few)]
-    with pytest.raises(ValueError, match=r"as many azimuths, got \[8, 16\]"):
-        observation(both)
+BUSY = {"busy_heights": (0.03,), "finger_spacing": 0.02}
 
 
 @dataclass(frozen=True)
@@ -93,27 +92,8 @@ class Says:
 
     choice: Any
 
-    def next(self, observation):
-        return cast("Choice", self.choice)
-
-
-@pytest.mark.parametrize("name", PLANNER_NAMES)
-def test_what_palpates_own_planners_answer_is_handed_on(name, observation):
-    planner = make_planner(name, {})
-    assert check_choice(planner, observation()) == planner.next(observation())
-
-
-@pytest.mark.parametrize(
-    ("choice", "more"),
-    [
-        (Height(0.01, "up"), {}),
-        (Height(np.float64(0.03), "up"), {"busy_heights": (0.01,), "finger_spacing": 0.02}),
-        (Wait("busy"), {"busy_heights": (0.01,)}),
-        (Stop("end"), {}),
-    ],
-)
-def test_an_answer_that_can_be_acted_on_is_handed_on(choice, more, observation):
-    assert check_choice(Says(choice), observation(**more)) is choice
+    def next(self, observation: planners.Observation) -> planners.Choice:
+        return self.choice
 
 
 @pytest.mark.parametrize(
@@ -125,79 +105,64 @@ def test_an_answer_that_can_be_acted_on_is_handed_on(choice, more, observation):
         (Height(0.09, ""), {}, "must lie between 0 and 0.09 m, got 0.09 m"),
         (Height(-1.0, ""), {}, "must lie between 0 and 0.09 m, got -1 m"),
         (Height(0.02, ""), {"busy_heights": (0.02,)}, "was asked for at 0.02 m before"),
-        (
-            Height(0.02, ""),
-            {"busy_heights": (0.03,), "finger_spacing": 0.02},
-            "0.02 m is nearer than 0.02 m to a finger at 0.03 m",
-        ),
+        (Height(0.045, ""), {"slices": (failed(0.045),)}, "before; it must go elsewhere, or stop"),
+        (Height(0.02, ""), BUSY, "0.02 m is nearer than 0.02 m to a finger at 0.03 m"),
         (Wait(""), {}, "it waits, but no finger is at work"),
     ],
 )
-def test_an_answer_that_nobody_could_act_on_is_refused(choice, more, words, observation):
-    with pytest.raises(ValueError) as caught:
-        check_choice(Says(choice), observation(**more))
+def test_impossible_answer_is_refused(choice, more, words):
+    with pytest.raises(planners.WrongChoiceError) as caught:
+        planners.check_choice(Says(choice), known(**more))
     assert str(caught.value).startswith("the planner Says gave no answer to act on: ")
     assert words in str(caught.value)
 
 
-def test_a_planner_that_asks_for_a_failed_height_again_does_not_go_on_for_ever(observation, failed):
-    with pytest.raises(ValueError, match=r"at 0.045 m before; it must go elsewhere, or stop"):
-        check_choice(Says(Height(0.045, "")), observation([failed(0.045)]))
+def test_settled_slice_is_one_that_can_be_traced(monkeypatch):
+    spent = {"budget": Budget(most_touches=9, touches=9)}
+    good, busy = Height(0.01, ""), {"busy_heights": (0.01,)}
+    assert planners.settled_height(Says(good), known()) is None  # it has no such method
+    monkeypatch.setattr(Says, "settled", Says.next, raising=False)
+    assert planners.settled_height(Says(good), known()) is good
+    cases = (None, {}), (Stop("end"), {}), (Height(0.2, ""), {}), (good, busy), (good, spent)
+    assert all(planners.settled_height(Says(one), known(**more)) is None for one, more in cases)
 
 
-@dataclass(frozen=True)
-class Settled(Says):
-    """A planner that has a slice in which no model has a say."""
-
-    def settled(self, observation):
-        return self.choice
-
-
-@pytest.mark.parametrize(
-    ("planner", "more", "height"),
-    [
-        (Says(Height(0.01, "")), {}, None),
-        (Settled(Height(0.01, "")), {}, 0.01),
-        (Settled(None), {}, None),
-        (Settled(Stop("end")), {}, None),
-        (Settled(Height(0.2, "")), {}, None),
-        (Settled(Height(0.01, "")), {"busy_heights": (0.01,)}, None),
-        (Settled(Height(0.01, "")), {"budget": Budget(most_touches=9, touches=9)}, None),
-    ],
-)
-def test_a_slice_in_which_no_model_has_a_say_is_one_that_can_be_acted_on(
-    planner, more, height, observation
-):
-    found = settled_height(planner, observation(**more))
-    assert (None if found is None else found.height) == height
-
-
-@pytest.mark.parametrize("planner", [Predicted(), Uniform(count=4)])
-def test_what_a_planner_says_to_be_settled_is_what_it_says_next(planner, observation):
-    known = observation()
-    settled = settled_height(planner, known)
-    assert settled is not None
-    assert settled == planner.next(known)
+@pytest.mark.usefixtures("own")
+def test_planners_are_found_and_possible_answers_handed_on():
+    assert planners.planner_type(planners.PLANNER_NAMES[0]) is planners.Predicted
+    for name in planners.PLANNER_NAMES:
+        planner = make_planner(name, {})
+        assert planner == planners.planner_type(name)()
+        assert planners.check_choice(planner, known()) == planner.next(known())
+    for planner in (planners.Predicted(), planners.Uniform(count=4)):
+        assert planners.settled_height(planner, known()) == planner.next(known())
+    assert make_planner("uniform", {"count": 5}) == planners.Uniform(count=5)
+    busy = known(busy_heights=(0.01,), finger_spacing=0.02)
+    for choice in (Height(np.float64(0.03), "up"), Wait("busy"), Stop("end")):
+        assert planners.check_choice(Says(choice), busy) is choice
+    own = make_planner("own_planner:Middle", {"share": 0.3})
+    assert planners.check_choice(own, known()).height == pytest.approx(0.027)
 
 
 OWN = """
 from dataclasses import dataclass
-from palpate.core.explore.planners.protocol import Height, Stop
+from palpate.planning import Height, Stop
 
 @dataclass(frozen=True, kw_only=True)
 class Middle:
     share: float = 0.5
-
     def next(self, known):
-        if known.slices:
-            return Stop("one is enough")
-        return Height(known.low + self.share * known.extent, "the middle")
+        return Stop("enough") if known.slices else Height(known.low + self.share * known.extent, "")
 
 @dataclass
 class Loose:
     def next(self, known): ...
 
-WORD = 1
+@dataclass(frozen=True)
+class Breaks:
+    def __post_init__(self):
+        raise KeyError("own mistake")
+    def next(self, known): ...
 """
 
 
@@ -208,62 +173,65 @@ def own(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
 
 
-def test_every_name_has_its_planner_and_the_default_comes_first():
-    assert planner_type(PLANNER_NAMES[0]) is Predicted
-    for name in PLANNER_NAMES:
-        assert make_planner(name, {}) == planner_type(name)()
-
-
-def test_settings_reach_the_planner():
-    assert make_planner("uniform", {"count": 5}) == Uniform(count=5)
-
-
-@pytest.mark.usefixtures("own")
-def test_a_users_own_planner_is_found_by_module_and_class():
-    assert getattr(make_planner("own_planner:Middle", {"share": 0.3}), "share") == 0.3  # noqa: B009
-
-
 @pytest.mark.usefixtures("own")
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "settings", "words"),
     [
-        ("own_planner:Loose", "must be a frozen dataclass with next"),
-        ("own_planner:WORD", "must be a frozen dataclass"),
-        ("own_planner:Absent", "must be a frozen dataclass"),
-        ("no_such_planner:Any", "cannot be imported: ModuleNotFoundError"),
-        ("broken_planner:Any", "cannot be imported: ZeroDivisionError"),
-        (".own_planner:Middle", "must name its module in full"),
+        ("own_planner:Loose", {}, "must be a frozen dataclass with next"),
+        ("own_planner:Breaks", {}, "cannot be made: .*own mistake"),
+        ("no_such_planner:Any", {}, "cannot be imported: ModuleNotFoundError"),
+        ("broken_planner:Any", {}, "cannot be imported: ZeroDivisionError"),
+        (".own_planner:Middle", {}, "must name its module in full"),
+        ("best", {}, "no planner 'best'; there are predicted, touches, uniform"),
+        ("uniform", {"speed": 1}, "'uniform' has no speed; it has count, order"),
+        ("uniform", {"count": 0}, "count is 0; expected 1 to 1000"),
+        ("uniform", {"order": "random"}, "order must be sweep or nested, got 'random'"),
+        ("predicted", {"cover": 4}, "cover must be odd, so that the middle is in it, got 4"),
+        ("predicted", {"hidden_error": 2.0}, "hidden_error is 2"),
+        ("touches", {"least_gain": -1.0}, "least_gain is -1"),
+        ("thesis", {"most": [0.1]}, r"most is \[0.1\]; expected a number"),
+        ("thesis", {"template": ["exponential"]}, "the planner 'thesis' cannot be made: unhash"),
+        ("thesis", {"template": "parabola"}, "template must be one of .*'parabola'"),
+        ("thesis", {"form": "sum"}, "form must be product or joint, got 'sum'"),
+        ("thesis", {"least": 0.3, "most": 0.2}, "most must be at least least, 0.3, got 0.2"),
+        ("fuzzy", {"scale": 0.0}, r"scale is 0; expected 0\.1 to 2"),
     ],
 )
-def test_what_is_no_planner_is_refused(name, words):
-    with pytest.raises(ValueError, match=words):
-        planner_type(name)
+def test_what_is_no_planner_is_refused(name, settings, words):
+    with pytest.raises((ValueError, LookupError), match=words):
+        make_planner(name, settings)
 
 
-def test_an_unknown_name_is_refused_with_those_there_are():
-    with pytest.raises(
-        LookupError, match="no planner 'best'; there are predicted, touches, uniform"
-    ):
-        planner_type("best")
+ASKED = planners.Limits(tolerance=1e-4, feature=2e-3)
+GOOD = dict(error_bound=1e-4, underside_error=1e-3, underside_share=0.005, crease_error=1e-3)
+GOOD |= dict(crease_share=0.005, unknown_share=0.01, untouched_gap=2e-3, unentered_hole=0.0)
+GOOD |= dict(untraced_height=0.0, closed=True, self_crossings=0, genus=1, true_genus=1)
+GOOD |= dict(true_error=1e-4)
 
 
-def test_an_unknown_setting_is_refused_with_those_there_are():
-    with pytest.raises(ValueError, match="'uniform' has no speed; it has count, order"):
-        make_planner("uniform", {"speed": 1})
+WORSE = {"error_bound": (1.1e-4, None), "underside_share": (0.0101,), "crease_error": (1.5e-3,)}
+WORSE |= {"unknown_share": (0.011,), "untouched_gap": (2.1e-3,), "unentered_hole": (1e-3,)}
+WORSE |= {"untraced_height": (1e-3,), "closed": (False,), "self_crossings": (1,), "genus": (0, 2)}
+WORSE |= {"true_error": (2e-4,)}
+NAMES = {"underside_share": "underside error", "closed": "open surface", "true_error": "rms error"}
+ALWAYS = {"untraced_height", "closed", "self_crossings", "genus"}  # whatever is asked
 
 
-PAGE = Path(__file__).parents[4] / "docs" / "planning.md"
+@pytest.mark.parametrize("name", WORSE)
+def test_verdict_names_limit_that_is_not_kept(name):
+    assert planners.judge(planners.Findings(**GOOD), ASKED).reached is True
+    for value in WORSE[name]:
+        findings = planners.Findings(**(GOOD | {name: value}))
+        [failed] = planners.judge(findings, ASKED).failed
+        assert failed.name.replace("-", " ") == NAMES.get(name, name.replace("_", " "))
+        assert planners.judge(findings, planners.Limits()).reached == (name not in ALWAYS)
+        stated = {k: v for k, v in (GOOD | {name: value}).items() if v is not None}
+        assert findings.stated() == stated
+    assert planners.judge(planners.Findings(), planners.Limits()).reached is None
+    assert ASKED.stated() == {"tolerance": 1e-4, "feature": 2e-3, "unknown_share": 0.01}
 
 
-def test_the_examples_of_the_page_are_right():
+def test_examples_of_page_are_right():
     outcome = doctest.testfile(str(PAGE), module_relative=False)
     assert outcome.failed == 0
     assert outcome.attempted >= 10
-
-
-@pytest.mark.parametrize(("tolerance", "inside"), [(1e-2, 0.03), (1.25e-3, 0.025), (2e-4, 0.02)])
-def test_the_first_and_the_last_slice_are_nearer_to_the_ends_where_less_error_is_asked_for(
-    observation, tolerance, inside
-):
-    asked = observation(tolerance=tolerance * 0.09)
-    assert first_and_last(asked) == pytest.approx((inside * 0.09, (1.0 - inside) * 0.09))

@@ -1,278 +1,224 @@
-"""Single touches: where they can be made, which is made, and when it is over."""
+"""Single touches: where they can be made, which is made, and when they are over."""
 
-from dataclasses import dataclass, replace
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.core.explore.planners import (
-    ALL_REACHED,
-    Height,
-    Stop,
-    Touch,
-    Touches,
-    Wait,
-    WrongChoiceError,
-    check_choice,
-)
-from palpate.core.explore.planners.coverage import estimate_error
-from palpate.core.explore.planners.surface import ObservedSurface, Progress, pad_gaps
-from palpate.core.explore.planners.touches import has_settled
-from palpate.core.geometry.meshes import close_rings
-from palpate.core.poses import pose_of, split_pose
-from palpate.core.shapes import Mesh
-from palpate.core.shapes.tessellations import icosphere
-from palpate.core.touch import Pad
+from palpate.core import geometry, poses, shapes, touch
+from palpate.core.arrays import Floats
+from palpate.core.explore import planners
+from palpate.core.explore.planners import Progress, Stop, Touch, Touches, estimate_error
+from tests.core.explore.planners.sides import known
 
-PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
+PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
 RADIUS, MIDDLE = 0.03, np.array([0.0, 0.0, 0.05])
+FOOT = MIDDLE[2] - RADIUS
+NEAR = lambda at: 1e-3  # noqa: E731
+EXACT = lambda at: 1e-5  # noqa: E731
+Field = Callable[[Floats], float]
 
 
-@pytest.fixture
-def ball_of(observation):
-    """What is known of a ball over a platform, by errors and distances as functions of places."""
-
-    def known(errors=lambda at: 0.0, distances=lambda at: 1e-3, observed=None, **changes):
-        directions, faces = icosphere(4)
-        places = MIDDLE + RADIUS * directions
-        each = np.array([errors(at) for at in places])
-        fields = {
-            "mesh": Mesh(places, faces),
-            "errors": each,
-            "bounds": 1.6 * each,
-            "distances": np.array([distances(at) for at in places]),
-            "pad": PAD,
-            "platform": 0.0,
-            "reach": 0.12,
-            "refused": np.zeros((0, 3)),
-        } | changes
-        surface = ObservedSurface(**fields)
-        return observation(surface=surface, general=True, tolerance=2e-4, **(observed or {}))
-
-    return known
+def solid(mesh: shapes.Mesh, errors: Field, distances: Field = NEAR, **changes: Any):
+    """A solid as a planner observes it, by errors and distances as functions of places."""
+    each = np.array([errors(at) for at in mesh.vertices])
+    away = np.array([distances(at) for at in mesh.vertices])
+    surface = planners.ObservedSurface(
+        **{"mesh": mesh, "errors": each, "bounds": 1.6 * each, "distances": away, "pad": PAD}
+        | {"platform": 0.0, "reach": 0.12, "refused": np.zeros((0, 3))}
+        | changes
+    )
+    return known(surface=surface, general=True, tolerance=2e-4)
 
 
-def towards(side):
+BALL = shapes.Superquadric(np.full(3, RADIUS), np.ones(2)).mesh(4)
+BALL = shapes.Mesh(BALL.vertices + MIDDLE, BALL.faces)
+
+
+def ball(errors: Field, distances: Field = NEAR, **changes: Any):
+    return solid(BALL, errors, distances, **changes)
+
+
+def towards(*side: float) -> Field:
     """Errors of 1 mm within 12 mm of one side of the ball."""
-    place = MIDDLE + RADIUS * np.asarray(side, float)
+    place = MIDDLE + RADIUS * np.array(side)
     return lambda at: 1e-3 if np.linalg.norm(at - place) < 12e-3 else 1e-5
 
 
+def failures(observation: planners.Observation) -> list[str]:
+    return [one.name for one in estimate_error(observation).verdict.failed]
+
+
 @pytest.mark.parametrize("side", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, 0, 0.8)])
-def test_the_next_touch_goes_where_the_error_is(ball_of, side):
-    choice = Touches().next(ball_of(towards(side)))
-    assert isinstance(choice, Touch)
-    position, axes = split_pose(choice.pose)
-    assert axes[:, 2] @ np.array(side) < -0.6
-    hit = MIDDLE + RADIUS * np.array(side)
-    assert np.linalg.norm(choice.target - hit) < 13e-3
-    assert 3e-3 < np.linalg.norm(position - MIDDLE) - RADIUS < 25e-3
+def test_next_touch_goes_where_error_is(side):
+    choice = Touches().next(ball(towards(*side)))
+    assert isinstance(choice, Touch) and choice.reason == "the expected error is largest there"
+    position, axes = poses.split_pose(choice.pose)
+    assert axes.T @ axes == pytest.approx(np.eye(3)) and np.linalg.det(axes) > 0.0
+    assert axes[:, 2] @ side < -0.6 and abs(axes[2, 0]) < 1e-12  # its x axis lies level
+    assert np.linalg.norm(choice.target - MIDDLE - RADIUS * np.array(side)) < 13e-3
+    away = np.linalg.norm(position - MIDDLE) - RADIUS
+    assert 3e-3 < away < 25e-3 and away < choice.reach < away + 12e-3
+    assert planners.check_choice(Touches(), ball(towards(*side))).target == pytest.approx(choice[2])
 
 
-def test_no_finger_meets_the_pedestal_on_which_the_object_stands(ball_of):
-    low = ball_of(towards((0, 0, -1)), platform=0.022)  # on all of it that lies lower
-    rim = RADIUS * np.sqrt(1.0 - ((MIDDLE[2] - 0.022) / RADIUS) ** 2)
+def test_offers_never_meet_pedestal_and_reach_below_beside_it():
+    low = ball(towards(0, 0, -1), platform=0.022).surface
+    rim = RADIUS * math.sqrt(1.0 - ((MIDDLE[2] - 0.022) / RADIUS) ** 2)
     turn, depth = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 60), np.linspace(0.0, 0.03, 60))
-    pedestal = [rim * np.cos(turn), rim * np.sin(turn), 0.022 - depth]
-    assert low.surface.offers
-    for offer in low.surface.offers:
-        position, axes = split_pose(offer.pose)
-        away = (np.stack(pedestal, axis=-1) - position) @ axes
+    pedestal = np.stack([rim * np.cos(turn), rim * np.sin(turn), 0.022 - depth], axis=-1)
+    assert len(low.offers) > 0
+    for offer in low.offers:
+        position, axes = poses.split_pose(offer.pose)
+        away = (pedestal - position) @ axes
         assert not ((np.abs(away[..., :2]) < 8e-3).all(axis=-1) & (away[..., 2] < 0.0)).any()
+    choice = Touches().next(ball(towards(0.8, 0.0, -0.6), platform=FOOT))
+    assert poses.split_pose(choice.pose)[1][2, 2] > 0.3 and choice.target[2] < MIDDLE[2]
 
 
-def test_what_faces_down_beside_the_pedestal_is_touched_from_below(ball_of):
-    choice = Touches().next(ball_of(towards((0.8, 0.0, -0.6)), platform=MIDDLE[2] - RADIUS))
-    assert isinstance(choice, Touch)
-    assert split_pose(choice.pose)[1][2, 2] > 0.3
-    assert choice.target[2] < MIDDLE[2]
+def test_refused_or_tried_place_is_not_touched_again():
+    errors = towards(1, 0, 0)
+    first = Touches().next(ball(errors))
+    around = BALL.vertices[np.linalg.norm(BALL.vertices - MIDDLE - [RADIUS, 0, 0], axis=1) < 12e-3]
+    for again in (
+        Touches().next(ball(errors, refused=np.vstack([around, first.target]))),
+        Touches().next(known(surface=ball(errors).surface, general=True, tried=first.target[None])),
+    ):
+        assert isinstance(again, Stop) or np.linalg.norm(again.target - first.target) > 5e-3
 
 
-def test_what_was_touched_in_vain_is_not_touched_again(ball_of):
-    errors = towards((1, 0, 0))
-    first = Touches().next(ball_of(errors))
-    place = MIDDLE + RADIUS * np.array([1.0, 0.0, 0.0])
-    around = icosphere(2)[0] * 10e-3 + place
-    refused = np.concatenate([place[None], around, first.target[None]])
-    again = Touches().next(ball_of(errors, refused=refused))
-    assert isinstance(again, Stop) or np.linalg.norm(again.target - first.target) > 5e-3
-
-
-def test_what_lies_far_from_touch_is_touched_though_the_error_is_within_tolerance(ball_of):
-    away = lambda at: 12e-3 if at[0] > 0.8 * RADIUS else 1e-3  # noqa: E731
-    far = ball_of(lambda at: 1e-5, away)
+def test_far_place_is_touched_though_error_is_within_tolerance():
+    far = ball(EXACT, lambda at: 12e-3 if at[0] > 0.8 * RADIUS else 1e-3)
     choice = Touches().next(far)
-    assert isinstance(choice, Touch)
-    assert "nothing near to it was touched" in choice.reason
-    assert choice.target[0] > 0.5 * RADIUS
-    assert not estimate_error(far).reached
+    assert choice.reason == "nothing near to it was touched" and choice.target[0] > 0.5 * RADIUS
+    estimate = estimate_error(far)
+    cap = 0.5 * (1.0 - 0.8)  # of the sphere's area
+    assert estimate.findings.unknown_share == pytest.approx(cap, abs=0.03)
+    assert estimate.largest_untouched == pytest.approx(24e-3)
+    assert estimate.open_area.normals[0] == pytest.approx([1.0, 0.0, 0.0], abs=0.6)
+    assert not estimate.reached
 
 
-def test_it_is_over_when_all_is_known(ball_of):
-    known = ball_of(lambda at: 1e-5)
-    choice = Touches().next(known)
-    assert isinstance(choice, Stop)
-    assert choice.reason == ALL_REACHED
-    estimate = estimate_error(known)
-    assert estimate.reached
+def test_known_solid_ends_touches():
+    choice, estimate = Touches().next(ball(EXACT)), estimate_error(ball(EXACT))
+    assert choice == Stop(planners.ALL_REACHED) and estimate.reached
     assert estimate.rms_bound_95 == pytest.approx(1.6e-5)
+    assert estimate.open_area.share == estimate.largest_untouched == 0.0
+    lacking = ball(EXACT, missing=3e-3)  # parts that the solid lacks count
+    assert estimate_error(lacking).rms_bound_95 == pytest.approx(math.hypot(1.6e-5, 3e-3))
+    assert ball(EXACT).surface.area == pytest.approx(4.0 * math.pi * RADIUS**2, rel=0.01)
+    inside, outside = MIDDLE + [0.0, 0.0, 0.029], MIDDLE + [0.0, 0.0, 0.031]
+    assert lacking.surface.is_inside(inside) and not lacking.surface.is_inside(outside)
 
 
-def test_an_opening_that_a_pad_spanned_is_known_to_be_unknown(ball_of):
+def test_spanned_opening_is_unknown_until_touched():
     top = MIDDLE + [0.0, 0.0, RADIUS]
     mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
-    away = lambda at: 3e-3 if np.linalg.norm(at - top) < 5e-3 else 1e-3  # noqa: E731
-    known = ball_of(lambda at: 1e-5, away, openings=mouth)
-    choice, estimate = Touches().next(known), estimate_error(known)
-    assert isinstance(choice, Stop)
-    assert [one.name for one in estimate.verdict.failed] == ["error bound", "unentered hole"]
+    opened = ball(
+        EXACT, lambda at: 3e-3 if np.linalg.norm(at - top) < 5e-3 else 1e-3, openings=mouth
+    )
+    estimate = estimate_error(opened)
+    assert isinstance(Touches().next(opened), Stop)
+    assert failures(opened) == ["error bound", "unentered hole"]
     assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.1)
     assert estimate.rms_bound_95 > 1e-4  # what it may hide counts
     assert np.linalg.norm(estimate.open_area.places[0] - top) < 5e-3
-    touched = ball_of(lambda at: 1e-5, openings=mouth)  # since then, all of it
-    assert estimate_error(touched).reached
+    assert estimate_error(ball(EXACT, openings=mouth)).reached
+    lying = ball(lambda at: 1e-2 if at[2] < 0.0205 else 1e-5, platform=FOOT)
+    assert isinstance(Touches().next(lying), Stop)  # the underside counts, too
+    assert failures(lying) == ["error bound", "underside error"]
 
 
-def test_the_underside_counts_though_nobody_can_touch_it(ball_of):
-    lying = ball_of(lambda at: 1e-2 if at[2] < 0.0205 else 1e-5, platform=MIDDLE[2] - RADIUS)
-    choice = Touches().next(lying)
-    assert isinstance(choice, Stop)
-    failed = {one.name: one for one in estimate_error(lying).verdict.failed}
-    assert set(failed) == {"error bound", "underside error"}
-    assert failed["underside error"].value > 1e-3 > failed["underside error"].limit
-
-
-def test_a_pad_reaches_all_of_a_ball_and_rests_on_the_rim_of_a_hollow():
-    directions = icosphere(5)[0]
-    gaps = pad_gaps(PAD, 0.05 * directions, 0.05 * directions[:9], directions[:9])
-    assert gaps == pytest.approx(np.zeros(9), abs=1e-12)
-    turn, away = np.meshgrid(np.linspace(0.0, 6.0, 12), [2e-3, 4e-3, 6e-3, 7.99e-3])
-    rings = away * np.cos(turn), away * np.sin(turn), -np.sqrt(0.1**2 - away**2)
-    hollow = np.stack(rings, axis=-1).reshape(-1, 3)
-    bottom, up = np.array([[0.0, 0.0, -0.1]]), np.array([[0.0, 0.0, 1.0]])
-    sag = 0.1 - np.sqrt(0.1**2 - 8e-3**2)
-    assert pad_gaps(PAD, hollow, bottom, up) == pytest.approx([sag], rel=0.02)
-    domed = replace(PAD, dome=10.0)  # as round as the hollow
-    assert pad_gaps(domed, hollow, bottom, up) == pytest.approx([0.0], abs=0.02 * sag)
-
-
-def test_what_the_solid_lacks_counts_though_it_is_no_place_of_it(ball_of):
-    surface = ball_of(lambda at: 1e-4).surface
-    whole = replace(surface, missing=3e-3).rms_bound_95
-    assert whole == pytest.approx(np.hypot(surface.rms_bound_95, 3e-3))
-
-
-@pytest.mark.parametrize(("under", "goes_on"), [(0.3e-3, True), (3e-3, False)])
-def test_touches_make_up_for_what_none_can_reach_where_that_leaves_room(ball_of, under, goes_on):
-    def errors(at):
-        return under if at[2] < 0.024 else 1.2e-4  # whose bound is 0.19 of 0.2 mm
-
-    surface = ball_of(errors, platform=0.024).surface
-    none = np.zeros((0, 3))
-    limit, share = surface.touchable_limit(none, 2e-4), surface.touchable_bound(none)
-    assert surface.rms_bound_95 > 2e-4 > share
-    assert (share > limit) == goes_on
-    if goes_on:  # with the touchable part at that limit, the whole is within tolerance
-        rest = surface.rms_bound_95**2 - share**2 * surface._touchable(none).mean()
-        whole = rest + limit**2 * surface._touchable(none).mean()
-        assert whole == pytest.approx(2e-4**2)
-    assert isinstance(Touches().next(ball_of(errors, platform=0.024)), Touch) == goes_on
-
-
-def test_what_a_crease_may_hide_counts_though_no_pad_reaches_it(observation):
-    turn, height = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 96)[:-1], np.linspace(0.01, 0.09, 81))
+def test_crease_that_holds_pad_off_may_hide_error():
+    turn, height = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 97)[:-1], np.linspace(0.01, 0.09, 81))
     radius = 0.01 + 0.5 * np.abs(height - 0.05)  # an hourglass
     rings = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=-1)
-    places, faces = close_rings(np.array([0.0, 0.0, 0.01]), rings, np.array([0.0, 0.0, 0.09]))
-    waist = np.abs(places[:, 2] - 0.05)
-    known = ObservedSurface(
-        mesh=Mesh(places, faces),
-        errors=np.full(len(places), 1e-5),
-        bounds=np.full(len(places), 2e-5),
-        distances=np.where(waist < 4e-3, 4e-3 - waist, 0.5e-3),
-        pad=PAD,
-        platform=None,
-        reach=0.12,
-        refused=np.zeros((0, 3)),
-    )
-    creased = known.creased
-    assert (np.abs(known.places.points[creased, 2] - 0.05) < 4e-3).all()
+    body = shapes.Mesh(*geometry.close_rings(0.01 * np.eye(3)[2], rings, 0.09 * np.eye(3)[2]))
+    depth = lambda at: 4e-3 - abs(at[2] - 0.05) if abs(at[2] - 0.05) < 4e-3 else 0.5e-3  # noqa: E731
+    seen = solid(body, EXACT, depth, platform=None)
+    creased = seen.surface.creased
+    assert (np.abs(seen.surface.places.points[creased, 2] - 0.05) < 4e-3).all()
     assert 0.01 < creased.mean() < 0.2
-    assert known.bound_of(creased) > 0.35e-3 > 2e-5 > 0.9 * known.touchable_bound(np.zeros((0, 3)))
-    seen = observation(surface=known, general=True, tolerance=1e-4)
-    choice = Touches().next(seen)
-    assert isinstance(choice, Stop)
-    failed = {one.name for one in estimate_error(seen).verdict.failed}
-    assert failed == {"error bound", "crease error"}
+    assert seen.surface.bound_of(creased) > 0.35e-3 > 2e-5
+    assert seen.surface.touchable_bound(np.zeros((0, 3))) < 2e-5
+    tight = known(surface=seen.surface, general=True, tolerance=1e-4)
+    assert isinstance(Touches().next(tight), Stop)
+    assert failures(tight) == ["error bound", "crease error"]
+    round_ = ball(EXACT, lambda at: 4e-3)  # a pad reaches all of a ball
+    assert not round_.surface.creased.any()
 
 
-def test_without_a_solid_a_slice_comes_first(observation):
-    choice = Touches().next(observation())
-    assert isinstance(choice, Height)
-    assert isinstance(Touches().next(observation(busy_heights=(0.04,))), Wait)
+def test_nearer_of_equal_touches_is_made_and_planners_agree():
+    uneven = lambda at: 1e-3 if abs(at[0]) > 0.85 * RADIUS else 1e-5  # noqa: E731
+    for x in (-0.1, 0.1):
+        seen = known(
+            surface=ball(uneven).surface,
+            general=True,
+            tolerance=2e-4,
+            resting=MIDDLE + [x, 0.0, 0.0],
+        )
+        choice = Touches().next(seen)
+        assert choice.target[0] * x > 0.0
+        assert planners.next_touch(seen, seen.surface, 1e-3).target == pytest.approx(choice.target)
+    weak = planners.next_touch(seen, seen.surface, least_gain=1e3)
+    assert weak == Stop("no further touch would lower the error enough")
+    assert Touches().next(known()).height == pytest.approx(0.045)  # without a solid a slice
+    for more in ({}, {"surface": ball(EXACT).surface, "general": True}):
+        assert isinstance(Touches().next(known(busy_heights=(0.04,), **more)), planners.Wait)
 
 
-def progress_of(bounds, each=10, opened=0.0):
-    return [Progress(each * (i + 1), bound, opened) for i, bound in enumerate(bounds)]
+SWAYING = [3e-3, 2e-3, 1e-3, *([1.4e-3, 1e-3] * 12)]
 
 
-def test_touches_that_change_nothing_are_the_last():
-    assert not has_settled([])
-    assert not has_settled(progress_of([3e-3, 2e-3, 1e-3]))
-    assert not has_settled(progress_of([3e-3, 2e-3, 1e-3, 1e-3]))
-    assert has_settled(progress_of([3e-3, 2e-3, 1e-3, 1e-3, 1e-3, 1e-3]))
-    falling = progress_of([3e-3, 2e-3, 1e-3, 0.9e-3, 0.8e-3, 0.7e-3])
-    assert not has_settled(falling)
-
-
-def test_touches_end_where_the_error_goes_up_and_down_but_never_below_what_it_was():
-    swaying = [3e-3, 2e-3, 1e-3, *([1.4e-3, 1e-3] * 12)]
-    assert not has_settled(progress_of(swaying[:10]))
-    assert has_settled(progress_of(swaying))
-    assert not has_settled(progress_of([*swaying, 0.8e-3]))
-    opened = progress_of(swaying)[:-1]
-    assert not has_settled([one._replace(open=0.5) for one in opened] + progress_of(swaying)[-1:])
-
-
-def test_touches_go_on_while_less_stays_open():
-    steady = [Progress(10 * (i + 1), 1e-3, 0.2 - 0.03 * i) for i in range(6)]
-    assert not has_settled(steady)
-
-
-def test_exploration_ends_when_it_has_settled(ball_of):
-    earlier = tuple(progress_of([5e-4] * 8))
-    known = ball_of(lambda at: 3.2e-4, earlier=earlier, touches=90)
-    choice = Touches().next(known)
-    assert isinstance(choice, Stop)
-    assert "no longer lower the error" in choice.reason
-    assert not estimate_error(known).reached
-
-
-@dataclass(frozen=True)
-class Says:
-    """A planner with one answer."""
-
-    choice: Any
-
-    def next(self, observation):
-        return self.choice
+@pytest.mark.parametrize(
+    ("bounds", "opened", "settled"),
+    [
+        ([3e-3, 2e-3, 1e-3], 0.0, False),
+        ([3e-3, 2e-3, 1e-3, 1e-3], 0.0, False),
+        ([3e-3, 2e-3, 1e-3, 1e-3, 1e-3, 1e-3], 0.0, True),
+        ([3e-3, 2e-3, 1e-3, 0.9e-3, 0.8e-3, 0.7e-3], 0.0, False),
+        ([1e-3] * 6, 0.03, False),  # less stays open
+        (SWAYING[:10], 0.0, False),
+        (SWAYING, 0.0, True),  # up and down, never below what it was
+        ([*SWAYING, 0.8e-3], 0.0, False),
+    ],
+)
+def test_touches_that_change_nothing_are_last(bounds, opened, settled):
+    left = range(len(bounds) - 1, -1, -1)
+    *earlier, last = (
+        Progress(10 * (len(bounds) - i), bound, opened * i)
+        for i, bound in zip(left, bounds, strict=True)
+    )
+    seen = ball(lambda at: last.bound / 1.6, earlier=tuple(earlier), touches=last.touches)
+    assert seen.surface.progress[-1] == pytest.approx(last)
+    ended = Touches().next(seen).reason == "further touches no longer lower the error"
+    assert ended == settled
 
 
 @pytest.mark.parametrize(
     ("place", "words"),
     [
-        (MIDDLE, r"must begin outside the object, got \(0, 0, 0\.05\) m"),
-        (
-            MIDDLE + [0.2, 0.0, 0.0],
-            r"must begin within 0\.12 m of the axis, got \(0\.2, 0, 0\.05\)",
-        ),
-        (MIDDLE * -4.0, r"must begin no lower than 0\.12 m below the platform, got -0\.2 m"),
+        ((0.0, 0.0, 0.0), r"must begin outside the object, got \(0, 0, 0\.05\) m"),
+        ((0.2, 0.0, 0.0), r"must begin within 0\.12 m of the axis, got \(0\.2, 0, 0\.05\)"),
+        ((0.0, 0.0, -0.25), r"must begin no lower than 0\.12 m below the platform, got -0\.2 m"),
+        ((math.nan, 0.0, 0.0), r"must have a finite pose \(7,\) and a reach"),
     ],
 )
-def test_a_touch_that_no_finger_can_make_is_refused(ball_of, place, words):
-    asked = Touch(pose_of(place, np.eye(3)), 0.01, MIDDLE, "")
-    with pytest.raises(WrongChoiceError, match=words):
-        check_choice(Says(asked), ball_of())
-    free = asked._replace(pose=pose_of(MIDDLE + [0.1, 0.0, 0.0], np.eye(3)))
-    assert check_choice(Says(free), ball_of()) is free
+def test_touch_that_no_finger_can_make_is_refused(place, words):
+    class Says:
+        def next(self, observation):
+            return asked
+
+    asked = Touch(poses.pose_of(MIDDLE + place, np.eye(3)), 0.01, MIDDLE, "")
+    with pytest.raises(planners.WrongChoiceError, match=words):
+        planners.check_choice(Says(), ball(EXACT))
+    asked = asked._replace(pose=poses.pose_of(MIDDLE + [0.1, 0.0, 0.0], np.eye(3)))
+    assert planners.check_choice(Says(), ball(EXACT)) is asked
+    with pytest.raises(planners.WrongChoiceError, match="asks for a solid that is known"):
+        planners.check_choice(Says(), known())
+    with pytest.raises(ValueError, match="bounds must"):
+        ball(EXACT, bounds=np.zeros(3))

@@ -1,14 +1,19 @@
 """Cones whose every feature is known."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
-import pytest
+from scipy.spatial.transform import Rotation
 
+from palpate.core.arrays import Floats
 from palpate.core.cones import Feature
 
+ANGLE, POSITION = math.radians(1.0), 1e-4  # Standard deviations of the noise [rad], [m]
 CHORDS = 6
-# Which chords touches with one name meet, one after another: no line lies in a face that is touched
+# Chords that touches of one name meet, in turn: no line lies in a face that is touched
 ORDER = {"F_S": (0, 1, 2), "E_T": (3, 4), "E_B": (4, 5), "E_m": (5, 2), "P_m": (3, 4)}
 
 
@@ -16,27 +21,27 @@ ORDER = {"F_S": (0, 1, 2), "E_T": (3, 4), "E_B": (4, 5), "E_m": (5, 2), "P_m": (
 class Cone:
     """An ellipse with six chords, drawn out to an apex and cut square to its axis."""
 
-    rotation: np.ndarray  # Object axes as columns; the last points to the apex
-    apex: np.ndarray
+    rotation: Floats  # Object axes as columns; the last points to the apex
+    apex: Floats
     depths: tuple[float, float]  # Of top and bottom below the apex, m
-    middle: np.ndarray  # Of the section at unit depth
-    semi_axes: np.ndarray
-    turns: np.ndarray  # Where chords begin and end, (6, 2), rad
+    middle: Floats  # Of the section at unit depth
+    semi_axes: Floats
+    turns: Floats  # Where chords begin and end, (6, 2), rad
 
     @property
-    def axis(self):
+    def axis(self) -> Floats:
         return self.rotation[:, 2]
 
     @property
-    def size(self):
+    def size(self) -> float:
         return self.depths[1]
 
-    def ray(self, turn):
+    def ray(self, turn: float) -> Floats:
         """From the apex, of unit depth."""
         x, y = self.middle + self.semi_axes * [np.cos(turn), np.sin(turn)]
         return self.rotation @ [x, y, -1.0]
 
-    def chord(self, index):
+    def chord(self, index: int) -> tuple[Floats, Floats, Floats, Floats]:
         """Rays of both ends, direction, and outward normal of a flat side."""
         start, end = (self.ray(turn) for turn in self.turns[index % CHORDS])
         normal = np.cross(start, end)
@@ -44,7 +49,7 @@ class Cone:
         along = end - start
         return start, end, along / np.linalg.norm(along), normal / np.linalg.norm(normal)
 
-    def feature(self, name, index=0, share=0.4, place=True, normals=True):
+    def feature(self, name: str, index=0, share=0.4, place=True, normals=True) -> Feature:
         """A touch; `share`: where along the edge or between the ends it lies."""
         group, at = name.split("_")
         index = ORDER.get(name, (0, 2, 4))[index]
@@ -71,7 +76,7 @@ class Cone:
         point = self.apex + depth * (start + share * (end - start))
         return Feature(group="E", point=point, direction=along, normals=both, **known)
 
-    def parabolic(self, index, depth, known):
+    def parabolic(self, index: int, depth: float, known: dict) -> Feature:
         """In the middle of an arc between two chords."""
         before, after = self.turns[index % CHORDS, 1], self.turns[(index + 1) % CHORDS, 0]
         turn = before + 0.5 * np.mod(after - before, 2 * np.pi)
@@ -88,17 +93,15 @@ class Cone:
             **known,
         )
 
-    def features(self, names, **options):
+    def features(self, names: Sequence[str], **options: bool) -> list[Feature]:
         """Different features with these names, anywhere on the cone."""
-        seen = {}
-        found = []
-        for name in names:
-            index = seen[name] = seen.get(name, -1) + 1
-            found.append(self.feature(name, index, 0.3 + 0.15 * len(found), **options))
-        return found
+        return [
+            self.feature(name, names[:i].count(name), 0.3 + 0.15 * i, **options)
+            for i, name in enumerate(names)
+        ]
 
 
-def draw_cone(rng, beside=0.0):
+def draw_cone(rng: np.random.Generator, beside: float = 0.0) -> Cone:
     """A random cone; `beside`: how far the middle of the section lies from the axis."""
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     rotation[:, 0] *= np.linalg.det(rotation)
@@ -114,13 +117,38 @@ def draw_cone(rng, beside=0.0):
     )
 
 
-@pytest.fixture
-def draw():
-    return draw_cone
-
-
-@pytest.fixture
-def cones():
-    """Twenty random cones."""
+@cache
+def cones(count: int = 8) -> list[Cone]:
+    """Random cones of a fixed seed."""
     rng = np.random.default_rng(5)
-    return [draw_cone(rng) for _ in range(20)]
+    return [draw_cone(rng) for _ in range(count)]
+
+
+def moved(features: Sequence[Feature], turn: Floats, shift: Floats) -> list[Feature]:
+    """The same features after a rigid motion."""
+    return [
+        replace(
+            one,
+            point=turn @ one.point + shift,
+            direction=None if one.direction is None else turn @ one.direction,
+            normals=one.normals @ turn.T,
+        )
+        for one in features
+    ]
+
+
+def noisy(features: Sequence[Feature], rng: np.random.Generator) -> list[Feature]:
+    """Directions and normals of faces off by 1 degree, points by 0.1 mm."""
+
+    def turned(vector: Floats) -> Floats:
+        return Rotation.from_rotvec(ANGLE * rng.normal(size=3)).apply(vector)
+
+    return [
+        replace(
+            one,
+            point=one.point + POSITION * rng.normal(size=3),
+            direction=None if one.direction is None else turned(one.direction),
+            normals=turned(one.normals) if one.group == "F" else one.normals,
+        )
+        for one in features
+    ]
