@@ -5,10 +5,6 @@ another. To be touched: any node may be replaced by one's own with the same topi
 computes stands in `palpate.core`. Nodes rest on `runtime` and `specs`, never on another node.
 """
 
-from palpate.nodes.runtime.node import (
-    Finished as Finished,
-    Node as Node,
-    Outputs as Outputs,
-    Source as Source,
-    Timed as Timed,
-)
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

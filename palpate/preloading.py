@@ -20,6 +20,8 @@ PRELOAD_VARIABLE = "PALPATE_PRELOAD"  # Of the environment: names of modules bet
 SAFE_PATH_VARIABLE = "PYTHONSAFEPATH"  # Of the environment: no module comes from the current folder
 # Of the environment: how many threads linear algebra takes, read when numpy is imported.
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+# Parts of scipy that core takes as attributes, so that they are imported when they are first used.
+SCIPY_PARTS = ("scipy.fft", "scipy.linalg", "scipy.ndimage", "scipy.sparse", "scipy.spatial")
 _PR_SET_PDEATHSIG = 1
 # Parts of numpy that scipy names as it is imported, and nobody uses; a sixth of all imports.
 _UNUSED = ("numpy.f2py", "numpy.ma", "numpy.testing", "numpy.ctypeslib")
@@ -35,6 +37,9 @@ def preload(names: Iterable[str]) -> None:
             import_when_used(name)
     for name in names:
         with suppress(Exception):
+            import_module(name)
+    if "scipy" in sys.modules:
+        for name in SCIPY_PARTS:
             import_module(name)
     signal_at_parent_death(0)
     gc.enable()

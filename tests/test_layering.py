@@ -29,7 +29,7 @@ LIBRARIES = {
     "palpate.messages": {"numpy", "msgspec"},
     "palpate.messages.bus": {"numpy", "msgspec", "zmq"},
     "palpate.messages.recording": {"numpy", "msgspec", "mcap", "lz4", "zstandard"},
-    "palpate.nodes": {"numpy", "msgspec"},
+    "palpate.nodes": {"numpy", "msgspec", "lazy_loader"},
     "palpate.nodes.runtime": {"numpy", "msgspec", "threadpoolctl"},
     "palpate.launch": {"numpy", "msgspec", "ruamel", "rich", "trimesh", "scipy", "zmq"},
     "palpate.tools": {"numpy", "click", "msgspec", "ruamel", "rich", "scipy", "threadpoolctl"},

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh, solve_banded
+import scipy
 
 from palpate.core.arrays import Floats
 from palpate.core.splines.bases import CUBIC, Basis, PeriodicBasis, periodic_knots
@@ -135,7 +135,7 @@ def _closed_slopes(steps: Floats, chords: Floats) -> Floats:
     rows[1, -1] += first * last / middle[0]
     column = np.zeros((len(steps), 1))
     column[0], column[-1] = -middle[0], last
-    found = solve_banded((1, 1), rows, np.hstack([right, column]), check_finite=False)
+    found = scipy.linalg.solve_banded((1, 1), rows, np.hstack([right, column]), check_finite=False)
     plain, beside = found[:, :-1], found[:, -1]
     share = -first / middle[0]  # Of the last row in the product's other factor; the first has 1
     along = (plain[0] + share * plain[-1]) / (1.0 + beside[0] + share * beside[-1])
@@ -171,8 +171,8 @@ def fit_closed_least_squares(
         basis, slopes = _dense(periodic, parameters)
         weight = basis.T @ basis
         mean = np.trace(weight) / count
-        factor = cho_factor(weight / mean + strength * bending)
-        control = cho_solve(factor, basis.T @ points / mean)
+        factor = scipy.linalg.cho_factor(weight / mean + strength * bending)
+        control = scipy.linalg.cho_solve(factor, basis.T @ points / mean)
         if move < moves:
             places, along = basis @ control, slopes @ control
             parameters = moved_parameters(parameters, points, places, along)
@@ -182,7 +182,7 @@ def fit_closed_least_squares(
         knots=periodic_knots(count),
         parameters=np.mod(parameters, 1.0),
         condition=float(np.sqrt(seen[-1] / seen[0])),
-        effective=float(np.trace(cho_solve(factor, weight / mean))),
+        effective=float(np.trace(scipy.linalg.cho_solve(factor, weight / mean))),
         smoothing=strength,
     )
 
@@ -250,7 +250,7 @@ def demmler_reinsch(weight: Floats, bending: Floats, basis: Floats) -> Modes:
     basis`` over its mean diagonal, B the bending in the same measure: unlike ``B v = w G v`` this
     is well conditioned however the points lie; what none sees drops out.
     """
-    seen, control = eigh(weight, weight + bending + RIDGE * np.eye(len(weight)))
+    seen, control = scipy.linalg.eigh(weight, weight + bending + RIDGE * np.eye(len(weight)))
     seen = np.clip(seen, 0.0, 1.0)
     control, seen = control[:, seen > UNSEEN], seen[seen > UNSEEN]
     shapes = basis @ control

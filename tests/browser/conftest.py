@@ -3,8 +3,6 @@
 What a page prints as an error and what it asks of the network is kept, for tests to look at.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """What is seen in a picture of a page."""
 
-from __future__ import annotations
-
 import base64
 import io
 from typing import Any

@@ -1,14 +1,12 @@
 """The report in a real browser: what it draws, and what its controls do."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
 import pytest
 
-from palpate.launch import rgb
-from palpate.tools.report import write_report
+from palpate.launch.colours import rgb
+from palpate.tools.report.page import write_report
 from palpate.tools.surfaces import shades
 
 from .pictures import colours_in, drawn_by, picture_of, share_changed
@@ -65,12 +63,10 @@ def seek(page, share: float) -> None:
     settled(page)
 
 
-def test_it_opens_without_an_error_and_asks_nobody_for_anything(opened):
+def test_page_opens_without_errors_or_requests(opened):
     assert opened.errors == []
     assert opened.outside() == []
     assert colours_in(canvas(opened.page)) > 20
-    first = opened.page.evaluate("window.palpateFirstPicture")
-    print(f"first picture after {first:.0f} ms")
     assert opened.page.locator(".still").is_hidden()
 
 
@@ -84,7 +80,7 @@ def seen_solid(page) -> np.ndarray:
     return seen[seen.min(axis=1) < 255]
 
 
-def test_the_first_picture_shows_the_shape_in_light(opened):
+def test_first_picture_shows_the_shape_in_light(opened):
     page, colour = opened.page, np.array(rgb("solid"))
     box = page.locator("#view0 canvas").bounding_box()
     assert box["y"] + box["height"] <= 800  # nobody has to scroll
@@ -96,7 +92,7 @@ def test_the_first_picture_shows_the_shape_in_light(opened):
     assert brightness[lit].min() > 0.4
 
 
-def test_the_colours_of_the_solid_are_those_of_the_scale_in_light(opened):
+def test_colours_of_the_solid_are_those_of_the_scale(opened):
     page = opened.page
     control(page, "colour").select_option("deviation")
     solid = seen_solid(page)[::7]
@@ -107,7 +103,7 @@ def test_the_colours_of_the_solid_are_those_of_the_scale_in_light(opened):
     assert np.quantile(off, 0.9) <= 4  # but where edges are smoothed
 
 
-def test_toggles_show_and_hide_what_they_are_called(opened):
+def test_toggles_show_and_hide(opened):
     page = opened.page
     for name in ("truth", "touches", "solid", "contours"):
         before = canvas(page)
@@ -120,7 +116,7 @@ def test_toggles_show_and_hide_what_they_are_called(opened):
         assert share_changed(before, canvas(page)) < SAME
 
 
-def test_the_slider_goes_through_the_run(opened):
+def test_slider_goes_through_the_run(opened):
     page = opened.page
     end = canvas(page)
     told = control(page, "readout").inner_text()
@@ -140,7 +136,7 @@ def test_the_slider_goes_through_the_run(opened):
     assert control(page, "readout").inner_text() == told
 
 
-def test_playing_goes_from_the_beginning_to_the_end(opened):
+def test_playing_goes_on_to_the_end(opened):
     page = opened.page
     seek(page, 0.97)
     control(page, "play").click()
@@ -148,7 +144,7 @@ def test_playing_goes_from_the_beginning_to_the_end(opened):
     assert control(page, "readout").inner_text() == "end of the run"
 
 
-def test_what_colours_tell_can_be_chosen_and_the_scale_says_it(opened):
+def test_colouring_can_be_chosen_with_its_scale(opened):
     page, pictures = opened.page, {}
     for name in ("plain", "deviation", "uncertainty"):
         control(page, "colour").select_option(name)
@@ -162,7 +158,7 @@ def test_what_colours_tell_can_be_chosen_and_the_scale_says_it(opened):
     assert share_changed(pictures["deviation"], pictures["plain"]) > CHANGED
 
 
-def test_the_view_can_be_turned_and_brought_back(opened):
+def test_view_is_turned_and_brought_back(opened):
     page = opened.page
     before, box = canvas(page), page.locator("#view0 canvas").bounding_box()
     page.mouse.move(box["x"] + 300, box["y"] + 200)
@@ -176,7 +172,7 @@ def test_the_view_can_be_turned_and_brought_back(opened):
     assert share_changed(before, canvas(page)) < SAME
 
 
-def test_a_click_on_a_diagnostic_goes_to_its_place_and_time(opened):
+def test_click_on_a_diagnostic_goes_to_its_place(opened):
     page = opened.page
     before = canvas(page)
     page.locator("button.place").first.click()
@@ -201,7 +197,7 @@ def test_nothing_is_wider_than_the_page(open_page, report, width):
     assert page.evaluate(WIDER) == []
 
 
-def test_it_fits_a_phone_and_the_dark(open_page, report):
+def test_page_fits_a_phone_in_the_dark(open_page, report):
     found = open_page(report, 390, 844, color_scheme="dark")
     page = found.page
     drawn(page)
@@ -213,7 +209,7 @@ def test_it_fits_a_phone_and_the_dark(open_page, report):
     assert found.errors == []
 
 
-def test_without_webgl_a_still_stands_in_its_place(open_page, report, monkeypatch):
+def test_still_replaces_the_view_without_webgl(open_page, report, monkeypatch):
     found = open_page("about:blank")
     found.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     found.page.goto(report)
@@ -224,7 +220,7 @@ def test_without_webgl_a_still_stands_in_its_place(open_page, report, monkeypatc
     assert found.page.locator("#view0 [data-control=play]").is_hidden()
 
 
-def test_it_prints_with_the_picture(opened):
+def test_page_prints_with_its_picture(opened):
     opened.page.emulate_media(media="print")
     settled(opened.page)
     assert opened.page.locator("#view0 [data-control=play]").is_hidden()

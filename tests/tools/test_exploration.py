@@ -1,103 +1,68 @@
+"""Explorations asked for from Python and from the command line."""
+
 import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
 import palpate
-from palpate.launch import EXPLORE, Display
-from palpate.launch.files import InputError
-from palpate.launch.progress import LiveDisplay
-from palpate.tools.cli import command_line as cli
+from palpate.launch.files.source_map import InputError
+from palpate.launch.launch_source import EXPLORE
+from palpate.launch.progress import Display
 from palpate.tools.exploration import explore
 
 
-def test_exploring_from_python_is_what_run_does(monkeypatch):
-    asked: dict[str, Any] = {}
-
-    def plan(path, args, settings, **rest):
-        asked.update(path=path, settings=settings, **rest)
-        asked["args"] = {name: value.value for name, value in args.items()}
-        return "the plan"
-
-    def perform(plan, **rest):
-        asked.update(plan=plan, **rest)
-        return SimpleNamespace(folder=Path("here"))
-
-    written: list[Path] = []
-    monkeypatch.setattr("palpate.launch.plan_run", plan)
-    monkeypatch.setattr("palpate.launch.perform", perform)
-    monkeypatch.setattr("palpate.tools.report.write_report", lambda _, path: written.append(path))
-    settings = {"planner.tolerance": 1e-4}
-    done = explore("vase", seed=3, fingers=2, settings=settings, out="here", composed=True)
-    assert done.folder == Path("here")
-    assert written == [Path("here/report.html")]
-    assert asked["plan"] == "the plan"
-    assert (asked["path"], asked["name"], asked["out"]) == (EXPLORE, "vase", Path("here"))
-    assert Path(asked["args"].pop("scene")).name == "vase.yaml"
-    assert asked["args"] == {"record": True, "seed": 3, "fingers": 2}
-    assert asked["settings"]["planner.tolerance"].value == 1e-4
-    assert asked["composed"] is True
-    assert isinstance(asked["display"], Display)
-
-
-def test_a_scene_that_is_not_there_is_refused():
-    with pytest.raises(InputError, match="there is no scene 'vaes'"):
-        explore("vaes")
-
-
-def test_a_report_that_cannot_be_written_is_no_fault_of_the_run(monkeypatch, tmp_path, capsys):
-    def fail(*_):
-        raise InputError("the disk is full")
-
-    run = SimpleNamespace(folder=tmp_path)
-    monkeypatch.setattr("palpate.launch.plan_run", lambda *_, **__: None)
-    monkeypatch.setattr("palpate.launch.perform", lambda *_, **__: run)
-    monkeypatch.setattr("palpate.tools.report.write_report", fail)
-    assert explore("vase", composed=True) is run  # type: ignore[comparison-overlap]
-    assert capsys.readouterr().err == "palpate: no report.html: the disk is full\n"
-
-
 @pytest.fixture
-def planned(monkeypatch):
-    """What explore would perform: the plan is made, and not carried out."""
-    monkeypatch.setattr("palpate.tools.exploration._perform", lambda plan, **_: plan)
+def performed(monkeypatch, tmp_path):
+    """What is asked for to be performed; nothing is explored."""
+    asked = []
 
-    def plan(*words: Any, **options: Any) -> Any:
-        return explore(*words, composed=True, **options)
+    def perform(plan, *, composed, display):
+        asked.append((plan, composed, display))
+        return SimpleNamespace(folder=tmp_path, exit_code=0, trace=None, text="", details="")
 
-    return plan
-
-
-def resolved(plan):
-    """What a plan leaves in its run directory: the launch file with every parameter."""
-    return {**plan.about, "launch": plan.about["launch"].replace(str(plan.folder.path), "")}
+    monkeypatch.setattr("palpate.launch.perform", perform)
+    return asked
 
 
-OPTIONS: list[tuple[list[str], dict[str, Any]]] = [
-    (["--tolerance", "0.4mm"], {"tolerance": "0.4mm"}),
-    (["--tolerance", "0.0004m"], {"tolerance": 4e-4}),
-    (["--budget", "5min", "--touches", "90"], {"budget": 300, "touches": 90}),
-    (["--feature", "4mm", "--quality", "fine"], {"feature": 0.004, "quality": "fine"}),
-    (["--fingers", "2", "--noise", "high", "--seed", "5"], dict(fingers=2, noise="high", seed=5)),
-    (["--pose", "0.01,0.0,0.05"], {"pose": (0.01, 0.0, 0.05)}),
-    (["--procedure", "planar", "--touches", "9"], {"procedure": "planar", "touches": 9}),
-]
+def parts(plan):
+    """A plan's launch file with every parameter, and its scene."""
+    about = plan.about
+    return about["launch"].replace(str(plan.folder.path), ""), about["scene"], plan.demanded
 
 
-@pytest.mark.parametrize(("words", "options"), OPTIONS)
-def test_keywords_plan_the_run_of_the_same_options(words, options, planned, monkeypatch):
-    asked: list[Any] = []
-    monkeypatch.setattr(
-        "palpate.tools.exploration.perform_and_print", lambda plan, **_: asked.append(plan) or 0
-    )
-    assert cli.run(["run", "vase", "--composed", *words]) == 0
-    plan = planned("vase", **options)
-    ours, theirs = resolved(plan), resolved(asked[0])
-    assert ours["launch"] == theirs["launch"] and ours["scene"] == theirs["scene"]
+def test_python_performs_a_plan_and_tells_of_a_missing_report(performed, capsys, tmp_path):
+    done = explore("vase", seed=3, settings={"planner.tolerance": 1e-4}, out="here", composed=True)
+    ((plan, composed, display),) = performed
+    assert composed is True and type(display) is Display and done.folder == tmp_path
+    assert (plan.name, plan.folder.path) == ("vase", Path("here"))
+    nodes = {one.name: one.params for one in plan.wirings}
+    assert nodes["planner"].tolerance == 1e-4 and nodes["simulator"].seed == 3
+    assert EXPLORE.is_file()
+    err = capsys.readouterr().err
+    assert err.startswith("palpate: no report.html: ") and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        ("--tolerance 0.4mm", {"tolerance": "0.4mm"}),
+        ("--tolerance 0.0004m", {"tolerance": 4e-4}),
+        ("--budget 5min --touches 90", {"budget": 300, "touches": 90}),
+        ("--feature 4mm --quality fine", {"feature": 0.004, "quality": "fine"}),
+        ("--fingers 2 --noise high --seed 5", {"fingers": 2, "noise": "high", "seed": 5}),
+        ("--pose 0.01,0.0,0.05", {"pose": (0.01, 0.0, 0.05)}),
+        ("--procedure planar --touches 9", {"procedure": "planar", "touches": 9}),
+    ],
+)
+def test_keywords_plan_the_run_of_the_same_options(words, options, performed, call, here):
+    assert call(f"run vase --composed {words}").code == 0
+    explore("vase", composed=True, **options)
+    one, other = (parts(plan) for plan, *_ in performed)
+    assert one == other
 
 
 @pytest.mark.parametrize(
@@ -120,42 +85,41 @@ def test_keywords_plan_the_run_of_the_same_options(words, options, planned, monk
         ({"pose": (1.0, 2.0)}, "--pose 1.0,2.0: must be 3 or 7 numbers"),
     ],
 )
-def test_what_cannot_be_asked_is_refused_in_the_words_of_the_command_line(options, words, planned):
+def test_impossible_demands_are_refused_as_on_the_command_line(options, words, performed):
     with pytest.raises(InputError, match=re.escape(words)) as refused:
-        planned("vase", **options)
-    assert "\n" not in str(refused.value)
+        explore("vase", composed=True, **options)
+    assert "\n" not in str(refused.value) and performed == []
 
 
-def test_meshes_and_maps_are_scenes(planned, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_meshes_and_maps_are_scenes(performed, here):
     box = trimesh.creation.box((30.0, 40.0, 60.0))
     box.export("box.stl")
     ball = {"superquadric": {"size": [0.03, 0.03, 0.03], "exponents": [1, 1]}}
     for scene, options, height in (
-        (box, {"unit": "mm"}, 60.0),
-        ((box.vertices, box.faces), {"size": "9cm"}, 90.0),
-        (palpate.MeshSolid(1e-3 * box.vertices, box.faces), {}, 60.0),
-        (Path("box.stl"), {"size": 0.12}, 120.0),
-        ({"object": ball, "seed": np.int64(3)}, {}, 60.0),
-        ({"object": {"mesh": {"file": "box.stl", "unit": "mm"}}}, {"tolerance": 5e-4}, 60.0),
+        (box, {"unit": "mm"}, 60),
+        ((box.vertices, box.faces), {"size": "9cm"}, 90),
+        (palpate.MeshSolid(1e-3 * box.vertices, box.faces), {}, 60),
+        (Path("box.stl"), {"size": 0.12}, 120),
+        ({"object": ball, "seed": np.int64(3)}, {}, 60),
+        ({"object": {"mesh": {"file": "box.stl", "unit": "mm"}}}, {"tolerance": 5e-4}, 60),
     ):
-        assert f"of {height:.0f} mm" in planned(scene, **options).asked
-    with pytest.raises(InputError, match=r"^scene:3: .*exponents is 4"):
-        planned({"object": {"superquadric": {"size": [1, 1, 1], "exponents": 4}}})
-    with pytest.raises(InputError, match="faces must name vertices from 0 to 1"):
-        planned((np.eye(3)[:2], [[0, 1, 2]]))
-    with pytest.raises(InputError, match="unit and --size exclude each other"):
-        planned("box.stl", unit="mm", size=0.1)
+        explore(scene, composed=True, **options)
+        assert f"of {height} mm" in performed[-1][0].asked
+    flat = {"superquadric": {"size": [1, 1, 1], "exponents": 4}}
+    for scene, options, words in (
+        ("vaes", {}, "there is no scene 'vaes'"),
+        ({"object": flat}, {}, r"^scene:3: .*exponents is 4"),
+        ((np.eye(3)[:2], [[0, 1, 2]]), {}, "faces must name vertices from 0 to 1"),
+        ("box.stl", {"unit": "mm", "size": 0.1}, "unit and --size exclude each other"),
+    ):
+        with pytest.raises(InputError, match=words):
+            explore(scene, composed=True, **options)
 
 
-def test_a_bar_is_shown_only_where_it_can_be_drawn(monkeypatch):
-    seen: list[Any] = []
-    monkeypatch.setattr("palpate.launch.plan_run", lambda *_, **__: None)
-    monkeypatch.setattr(
-        "palpate.tools.exploration._perform", lambda _, display, **__: seen.append(type(display))
-    )
+def test_progress_is_shown_on_a_terminal_alone(performed, monkeypatch, here):
     explore("vase", composed=True)
-    monkeypatch.setattr("sys.stderr", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     explore("vase", composed=True)
     explore("vase", composed=True, progress=False)
-    assert seen == [Display, LiveDisplay, Display]
+    shown = [type(display) is not Display for *_, display in performed]
+    assert shown == [False, True, False]

@@ -1,5 +1,6 @@
+"""Solids rebuilt from measured contours, clouds and recordings by the verb rebuild."""
+
 import json
-import os
 import re
 
 import numpy as np
@@ -11,298 +12,243 @@ from palpate.core.archive import tree_to_bytes
 from palpate.core.poses import inverse_pose, transform_points
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.point_clouds import MeasuredContours
+from palpate.launch.files.points_file import read_oriented
 from palpate.launch.files.solid_file import load, save
 from palpate.launch.files.source_map import InputError
-from palpate.tools.cli import command_line as cli
 from palpate.tools.scoring import read_mesh_or_points
 
 TURN = 2 * np.pi * np.arange(30) / 30
 HEIGHTS = np.linspace(-45.0, 45.0, 10)
+CIRCLE = np.column_stack([np.cos(TURN), np.sin(TURN)])
 
 
 @pytest.fixture(autouse=True)
-def home(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+def home(here):
+    return here
+
+
+def ellipsoid(z, scale=1.0):
+    """A section of an ellipsoid of 60 by 48 by 100 mm at a height in mm."""
+    r = 30.0 * np.sqrt(1.0 - (z / 50.0) ** 2)
+    return scale * np.column_stack([r * CIRCLE * [1.0, 0.8], np.full(30, z)])
+
+
+def write_contours(path, contours):
+    rows = [(*point, number) for number, ring in contours.items() for point in ring]
+    lines = [f"{x:.6f},{y:.6f},{z:.6f},{number}" for x, y, z, number in rows]
+    path.write_text("\n".join(["x,y,z,contour", *lines, ""]), encoding="utf-8")
+    return path
 
 
 @pytest.fixture
 def table(home):
-    """An ellipsoid of 100 mm, without its ends, in mm."""
-    lines = ["x,y,z,contour"]
-    for number, z in enumerate(HEIGHTS):
-        r = 30.0 * np.sqrt(1.0 - (z / 50.0) ** 2)
-        for t in TURN:
-            lines.append(f"{r * np.cos(t):.6f},{0.8 * r * np.sin(t):.6f},{z:.6f},{number}")
-    path = home / "points.csv"
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
+    """The ellipsoid without its ends, in mm."""
+    return write_contours(home / "points.csv", dict(enumerate(map(ellipsoid, HEIGHTS))))
 
 
-def run(*arguments):
-    return cli.run(["rebuild", *map(str, arguments)])
+@pytest.fixture
+def told(call):
+    """What the verb prints, in one line."""
+
+    def do(*words):
+        code, out, _ = call("rebuild", *words)
+        assert code == 0
+        return " ".join(out.split())
+
+    return do
 
 
-def sentence(output):
-    """The one line on standard error, which is all that there may be."""
-    out, err = output.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    return err
+@pytest.fixture
+def figures(call):
+    return lambda *words: json.loads(call("rebuild --json", *words).out)
 
 
-def test_every_file_that_is_asked_for_is_written_in_its_unit(table, home, capsys):
+MM = ("--unit", "mm")
+TOUCHED = (*MM, "--top", 50, "--bottom", -50)
+
+
+def test_every_file_is_written_in_its_unit(table, home, told):
     names = ["a.ply", "a.stl", "a.glb", "a.obj", "a.3mf", "a.npz"]
-    asked = [part for name in names for part in ("-o", name)]
-    assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, *asked) == 0
-    published = capsys.readouterr().out
-    assert all(f"wrote      {name}" in published for name in names)
+    text = told(table, *TOUCHED, *(part for name in names for part in ("-o", name)))
+    assert all(f"wrote {name}" in text for name in names)
     assert sorted(path.name for path in home.iterdir()) == sorted([*names, "points.csv"])
     shapes = [read_mesh_or_points(home / name, None) for name in names if name != "a.3mf"]
     shapes.append(trimesh.load(home / "a.3mf").convert_units("meters").to_mesh())
     for shape in shapes:
-        assert np.ptp(shape.vertices, axis=0) == pytest.approx([0.06, 0.048, 0.1], rel=0.01)
-        assert trimesh.Trimesh(shape.vertices, shape.faces).volume == pytest.approx(
-            4 / 3 * np.pi * 0.03 * 0.024 * 0.05, rel=0.01
-        )
+        mesh = trimesh.Trimesh(shape.vertices, shape.faces)
+        assert mesh.extents == pytest.approx([0.06, 0.048, 0.1], rel=0.01)
+        assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.03 * 0.024 * 0.05, rel=0.01)
 
 
-def test_what_was_read_left_out_and_doubted_is_told(table, capsys):
+def test_bad_points_and_contours_are_told(table, home, told):
     lines = table.read_text().splitlines()
     lines[5] = "nan," + lines[5].split(",", 1)[1]
-    lines += ["1,1,90,77", "2,2,90,77"]
-    table.write_text("\n".join(lines))
-    assert run(table, "--unit", "mm") == 0
-    published = " ".join(capsys.readouterr().out.split())
-    assert "11 contours, 301 points, unit mm" in published
-    assert "left out 1 point not finite, line 6" in published
-    assert "dropped contour 77 (lines 302 to 303): too few points" in published
-    assert "watertight yes, holes through it 0" in published
-    assert "root mean square" in published
+    table.write_text("\n".join([*lines, "1,1,90,77", "2,2,90,77"]))
+    text = told(table, *MM)
+    for words in (
+        "11 contours, 301 points, unit mm",
+        "left out 1 point not finite, line 6",
+        "dropped contour 77 (lines 302 to 303): too few points",
+        "watertight yes, holes through it 0",
+        "root mean square",
+    ):
+        assert words in text
+    star = (1.0 + 0.9 * np.cos(5 * TURN))[:, None]  # odd, but used
+    rings = {n + 17: np.column_stack([CIRCLE, np.full(30, n / 3)]) for n in range(4)}
+    rings[19][:, :2] = star * CIRCLE + [0.8, 0.0]
+    assert "warning contour 19 (lines 62 to 91)" in told(write_contours(home / "odd.csv", rings))
 
 
-def test_ends_that_nobody_touched_are_doubted_and_touched_ones_not(home, capsys):
-    square = np.column_stack([np.cos(TURN), np.sin(TURN)])
-    parts = {f"contour_{i}": np.column_stack([square, np.full(30, z)]) for i, z in enumerate("")}
-    for i, z in enumerate(np.linspace(0.1, 0.9, 9)):
-        parts[f"contour_{i}"] = np.column_stack([square, np.full(30, z)])
-    np.savez(home / "tin.npz", **parts)
-    assert run("tin.npz") == 0
-    published = " ".join(capsys.readouterr().out.split())
-    assert "unit m (assumed; if not, give --unit)" in published
-    assert "--bottom or --tops says where" in published
-    assert "--top or --tops says where" in published
+def test_untouched_and_missed_ends_are_doubted(table, home, told):
+    rings = {
+        f"contour_{i}": np.column_stack([CIRCLE, np.full(30, 0.1 + 0.1 * i)]) for i in range(9)
+    }
+    np.savez(home / "tin.npz", **rings)
+    text = told("tin.npz")
+    assert "unit m (assumed; if not, give --unit)" in text
+    assert "--bottom or --tops says where" in text and "--top or --tops says where" in text
     (home / "tops.csv").write_text("0 0 0\n0 0 1\n")
-    assert run("tin.npz", "--tops", "tops.csv") == 0
-    assert "says where" not in capsys.readouterr().out
+    assert "says where" not in told("tin.npz", "--tops", "tops.csv")
+    text = told(table, *MM, "--top", 100, "--bottom", -50)
+    assert "the top lies 55 mm above the highest contour, where contours are at most 10 mm" in text
+    assert "the bottom lies" not in text
+    text = told(table, *TOUCHED, "--method", "thesis")
+    assert "the top was touched at z = 50 mm, and the solid ends at 4" in text
+    assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in text
 
 
-def test_figures_are_printed_as_json(table, capsys):
-    assert run(table, "--unit", "cm", "--json", "--method", "coarse") == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["method"] == "coarse"
-    assert figures["contours"] == 10
-    assert figures["watertight"] is True
-    assert figures["error_rms_m"] is None
-    assert figures["unit_assumed"] is False
-    assert figures["written"] == []
-    assert figures["size_m"] == pytest.approx([0.6, 0.48, 1.0], rel=0.05)
+def test_coarse_figures_are_printed_as_json(table, figures, told):
+    found = figures(table, "--unit", "cm", "--method", "coarse")
+    known = {"method": "coarse", "contours": 10, "watertight": True, "error_rms_m": None}
+    assert known.items() <= found.items()
+    assert (found["unit_assumed"], found["written"]) == (False, [])
+    assert found["size_m"] == pytest.approx([0.6, 0.48, 1.0], rel=0.05)
+    assert "m in size when read in m: is the unit right?" in told(table)
+    lines = [line for line in table.read_text().splitlines() if not line.endswith((*"56789",))]
+    table.write_text("\n".join(lines))  # the lower half
+    assert "the superquadric's fit is" in told(table, *MM, "--method", "coarse")
 
 
-def test_a_wrong_unit_is_doubted(table, capsys):
-    assert run(table) == 0
-    assert "m in size when read in m: is the unit right?" in capsys.readouterr().out
-
-
-def test_a_cloud_is_rebuilt_and_its_order_told(table, home, capsys):
+def test_cloud_is_sliced_and_its_order_told(table, home, told):
     points = np.loadtxt(table, delimiter=",", skiprows=1)[:, :3]
-    cloud = trimesh.PointCloud(np.random.default_rng(0).permutation(points))
-    cloud.export(home / "cloud.ply")
-    assert run("cloud.ply", "--unit", "mm") == 0
-    published = " ".join(capsys.readouterr().out.split())
-    assert "300 points lie at 10 heights" in published
-    assert "by azimuth about each slice's middle" in published
+    trimesh.PointCloud(np.random.default_rng(0).permutation(points)).export(home / "cloud.ply")
+    text = told("cloud.ply", *MM)
+    assert "300 points lie at 10 heights" in text
+    assert "by azimuth about each slice's middle" in text
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".vtk"])
-def test_the_control_lattice_is_written(table, home, suffix):
-    name = f"lattice{suffix}"
-    assert run(table, "--unit", "mm", "--lattice", name, "-o", "solid.npz") == 0
-    fit = palpate.load(home / "solid.npz").lattice
-    assert fit is not None
-    control = fit.lattice.control
-    if suffix == ".npz":
-        with np.load(home / name) as arrays:
-            assert np.array_equal(arrays["control"], control)
-            assert arrays["undeformed"].shape == control.shape
-            assert len(arrays["knots_u"]) == control.shape[2] + arrays["degree_u"] + 1
-        return
-    lines = (home / name).read_text().splitlines()
+def test_control_lattice_is_written(table, home, told):
+    told(table, *MM, "--lattice", "a.npz", "-o", "solid.npz")
+    told(table, *MM, "--lattice", "a.vtk")
+    control = palpate.load(home / "solid.npz").lattice.lattice.control
+    with np.load(home / "a.npz") as arrays:
+        assert np.array_equal(arrays["control"], control)
+        assert arrays["undeformed"].shape == control.shape
+        assert len(arrays["knots_u"]) == control.shape[2] + arrays["degree_u"] + 1
+    lines, number = (home / "a.vtk").read_text().splitlines(), control[..., 0].size
     assert lines[3:6] == [
         "DATASET STRUCTURED_GRID",
         "DIMENSIONS {} {} {}".format(*control.shape[:3]),
-        f"POINTS {control[..., 0].size} double",
+        f"POINTS {number} double",
     ]
-    rows = np.array([line.split() for line in lines[6 : 6 + control[..., 0].size]], float)
-    assert np.array_equal(rows[1], control[1, 0, 0])
-    assert np.array_equal(rows[control.shape[0]], control[0, 1, 0])
+    rows = np.array([line.split() for line in lines[6 : 6 + number]], float)
+    assert np.array_equal(rows, control.transpose(2, 1, 0, 3).reshape(-1, 3))
     start = lines.index("VECTORS undeformed double") + 1
-    undeformed = np.array([line.split() for line in lines[start : start + len(rows)]], float)
-    assert np.isfinite(undeformed).all()
-    assert "VECTORS displacement double" in lines
+    undeformed = np.array([line.split() for line in lines[start : start + number]], float)
+    assert np.isfinite(undeformed).all() and "VECTORS displacement double" in lines
 
 
 @pytest.mark.parametrize(
-    ("arguments", "published"),
+    ("words", "fragment"),
     [
-        (["-o", "a.step"], "-o a.step: must end in one of .ply, .stl, .glb, .obj, .3mf, .npz"),
-        (["-o", "nowhere/a.ply"], "there is no folder nowhere"),
-        (["-o", "a.ply", "-o", "a.ply"], "each file that is written must have a name of its own"),
-        (["--lattice", "a.txt"], "--lattice a.txt: must end in one of .npz, .vtk"),
-        (["--lattice", "a.vtk", "--method", "skin"], "the method skin has no control lattice"),
-        (["--top", "3"], "--top 3: must lie beyond the contours, which go from -45 to 45"),
-        (["--bottom", "-44"], "--bottom -44: must lie beyond the contours"),
-        (["--noise", "-1"], "--noise"),
-        (["--unit", "furlong"], "--unit"),
-        (["--tops", "no.csv"], "no.csv: cannot be read"),
-        (["--tolerance", "1e-9", "--unit", "mm"], "--tolerance 1e-09: 1e-09 mm would take more"),
-        (["--tolerance", "nan"], "--tolerance nan: must be a finite number"),
-        (["--noise", "inf"], "--noise inf: must be a finite number"),
-        (["--noise", "1e6", "--unit", "cm"], "--noise 1e+06: must be less than the object is"),
-        (["--top", "inf"], "--top inf: must be a finite number"),
+        ("-o a.step", "-o a.step: must end in one of .ply, .stl, .glb, .obj, .3mf, .npz"),
+        ("-o nowhere/a.ply", "there is no folder nowhere"),
+        ("-o a.ply -o a.ply", "each file that is written must have a name of its own"),
+        ("-o points.npz", "is the file that is read; write to another"),
+        ("--lattice a.txt", "--lattice a.txt: must end in one of .npz, .vtk"),
+        ("--lattice a.vtk --method skin", "the method skin has no control lattice"),
+        ("--top 3", "--top 3: must lie beyond the contours, which go from -45 to 45"),
+        ("--bottom -44", "--bottom -44: must lie beyond the contours"),
+        ("--noise -1", "--noise"),
+        ("--unit furlong", "--unit"),
+        ("--tops no.csv", "no.csv: cannot be read"),
+        ("--tolerance 1e-9 --unit mm", "--tolerance 1e-09: 1e-09 mm would take more"),
+        ("--tolerance nan", "--tolerance nan: must be a finite number"),
+        ("--noise inf", "--noise inf: must be a finite number"),
+        ("--noise 1e6 --unit cm", "--noise 1e+06: must be less than the object is"),
+        ("--top inf", "--top inf: must be a finite number"),
     ],
 )
-def test_bad_input_is_one_sentence_and_nothing_is_written(
-    table, home, capsys, arguments, published
-):
-    before = sorted(home.iterdir())
-    assert run(table, *arguments) == cli.BAD_INPUT
-    assert published in sentence(capsys)
-    assert sorted(home.iterdir()) == before
+def test_impossible_demands_are_refused(home, refusal, words, fragment):
+    rings = {f"contour_{i}": ellipsoid(z) for i, z in enumerate(HEIGHTS)}
+    np.savez(home / "points.npz", **rings)
+    assert fragment in refusal("rebuild points.npz", *words.split())
+    assert [path.name for path in home.iterdir()] == ["points.npz"]
 
 
-def test_contours_of_which_nothing_can_be_made_are_refused_by_file(home, capsys):
-    (home / "line.csv").write_text(
-        "x,y,z,contour\n" + "".join(f"{i},0,{k},{k}\n" for k in (0, 1) for i in range(9))
-    )
-    assert run("line.csv", "-o", "a.ply") == cli.BAD_INPUT
-    assert "line.csv: " in sentence(capsys)
+def test_unusable_files_are_refused(home, refusal):
+    level = {k: [(i, 0, k) for i in range(9)] for k in (0, 1)}
+    few = {k + 17: [(i, 0, k) for i in range(2)] for k in range(9)}
+    write_contours(home / "line.csv", level)
+    write_contours(home / "few.csv", few)
+    (home / "a.mcap").write_bytes(b"nothing")
+    (home / "empty").mkdir()
+    assert refusal("rebuild few.csv").endswith("; and 3 more\n")
+    for words, fragment in (
+        ("line.csv -o a.ply", "line.csv: "),
+        ("few.csv", "contour 17 (lines 2 to 3): too few points; contour 18"),
+        ("a.mcap", "a.mcap"),
+        ("a.mcap --unit mm", "recordings are in m"),
+        ("missing --unit mm", "missing: cannot be read: No such file"),
+        ("empty", "empty: is no folder of a run: it holds no topics.mcap"),
+    ):
+        assert fragment in refusal("rebuild", *words.split())
     assert not (home / "a.ply").exists()
 
 
-def test_the_points_themselves_are_not_overwritten(home, capsys):
-    np.savez(home / "a.npz", contour_0=np.eye(3), contour_1=np.eye(3) + 1.0)
-    assert run("a.npz", "-o", home / "a.npz") == cli.BAD_INPUT
-    assert "is the file that is read; write to another" in sentence(capsys)
+def test_surface_through_itself_has_no_stated_error(home, told, figures):
+    away = (0.02 + 0.03 * np.cos(TURN))[:, None]  # a limacon, whose inner loop is a second sheet
+    rings = {n: np.column_stack([away * CIRCLE, np.full(30, 0.015 * n)]) for n in range(5)}
+    path = write_contours(home / "looped.csv", rings)
+    text = told(path, "--unit", "m")
+    assert "confidence none: the surface passes through itself" in text
+    assert re.search(r"passes through itself: \d+ pairs of triangles cross", text)
+    found = figures(path, "--unit", "m")
+    assert found["self_intersections"] > 0 and found["error_rms_m"] is None
 
 
-def test_a_recording_that_is_none_is_refused(home, capsys):
-    (home / "a.mcap").write_bytes(b"nothing")
-    assert run("a.mcap") == cli.BAD_INPUT
-    sentence(capsys)
-    assert run("a.mcap", "--unit", "mm") == cli.BAD_INPUT
-    assert "recordings are in m" in sentence(capsys)
-    assert run("missing", "--unit", "mm") == cli.BAD_INPUT
-    assert "missing: cannot be read: No such file" in sentence(capsys)
-    (home / "empty").mkdir()
-    assert run("empty") == cli.BAD_INPUT
-    assert "empty: is no folder of a run: it holds no topics.mcap" in sentence(capsys)
-
-
-def test_an_end_far_beyond_the_contours_is_a_guess(table, capsys):
-    assert run(table, "--unit", "mm", "--top", 100, "--bottom", -50) == 0
-    published = " ".join(capsys.readouterr().out.split())
-    assert (
-        "the top lies 55 mm above the highest contour, where contours are at most 10 mm"
-        in published
-    )
-    assert "the bottom lies" not in published
-
-
-def test_a_touched_end_that_the_method_does_not_reach_is_told(table, capsys):
-    assert run(table, "--unit", "mm", "--top", 50, "--bottom", -50, "--method", "thesis") == 0
-    published = " ".join(capsys.readouterr().out.split())
-    assert "the top was touched at z = 50 mm, and the solid ends at 4" in published
-    assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in published
-
-
-def test_doubts_of_the_superquadric_are_told(table, capsys):
-    lines = [line for line in table.read_text().splitlines() if not line.endswith(tuple("56789"))]
-    table.write_text("\n".join(lines))
-    assert run(table, "--unit", "mm", "--method", "coarse") == 0
-    assert "the superquadric's fit is" in capsys.readouterr().out
-
-
-def test_contours_that_are_odd_but_used_are_named(home, capsys):
-    star = 1.0 + 0.9 * np.cos(5 * TURN)
-    lines = ["x,y,z,contour"]
-    for number, z in enumerate(np.linspace(0.0, 1.0, 4)):
-        wide = 1.0 if number != 2 else star
-        ring = np.column_stack([wide * np.cos(TURN) + 0.8 * (number == 2), wide * np.sin(TURN)])
-        lines += [f"{x:.6f},{y:.6f},{z:.6f},{number + 17}" for x, y in ring]
-    (home / "odd.csv").write_text("\n".join(lines))
-    assert run("odd.csv") == 0
-    published = " ".join(capsys.readouterr().out.split())
-    assert "warning contour 19 (lines 62 to 91)" in published
-
-
-def test_a_surface_that_passes_through_itself_is_told_and_nothing_is_promised_of_it(home, capsys):
-    away = 0.02 + 0.03 * np.cos(TURN)  # a limacon, whose inner loop is a second sheet
-    rows = [
-        f"{x:.6f},{y:.6f},{z:.6f},{number}"
-        for number, z in enumerate(np.linspace(0.0, 0.06, 5))
-        for x, y in zip(away * np.cos(TURN), away * np.sin(TURN), strict=True)
-    ]
-    (home / "looped.csv").write_text("\n".join(["x,y,z,contour", *rows]))
-    assert run("looped.csv", "--unit", "m") == 0
-    published = " ".join(capsys.readouterr().out.split())
-    assert "confidence none: the surface passes through itself" in published
-    assert re.search(r"passes through itself: \d+ pairs of triangles cross", published)
-    assert run("looped.csv", "--unit", "m", "--json") == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["self_intersections"] > 0
-    assert figures["error_rms_m"] is None
-
-
-def test_contours_that_cannot_be_used_are_called_as_in_the_file(home, capsys):
-    rows = [f"{i},0,{k},{k + 17}" for k in range(9) for i in range(2)]
-    (home / "few.csv").write_text("\n".join(["x,y,z,contour", *rows]))
-    assert run("few.csv") == cli.BAD_INPUT
-    published = sentence(capsys)
-    assert "contour 17 (lines 2 to 3): too few points; contour 18" in published
-    assert published.endswith("; and 3 more\n")
-
-
-def test_a_solid_is_saved_and_loaded_whole(table, home, capsys):
-    assert run(table, "--unit", "mm", "-o", "first.npz") == 0
+def test_solid_is_saved_and_loaded_bit_for_bit(table, home, told):
+    told(table, *MM, "-o", "first.npz")
     solid = palpate.load("first.npz")
     palpate.save(solid, home / "second.npz")
     assert np.array_equal(*map(tree_to_bytes, (solid, load(home / "second.npz"))))
     assert (home / "first.npz").read_bytes() == (home / "second.npz").read_bytes()
-    with pytest.raises(InputError, match=r"must end in \.npz"):
-        save(solid, "a.ply")
-    with pytest.raises(InputError, match="cannot be written"):
-        save(solid, "nowhere/a.npz")
     (home / "file").touch()
-    with pytest.raises(InputError, match="there is no folder file"):
-        save(solid, "file/a.npz")
+    for name, words in (
+        ("a.ply", r"must end in \.npz"),
+        ("nowhere/a.npz", "cannot be written"),
+        ("file/a.npz", "there is no folder file"),
+    ):
+        with pytest.raises(InputError, match=words):
+            save(solid, name)
     with pytest.raises(TypeError, match="solid must be a Solid, as reconstruct returns it, got 3"):
         save(3, "a.npz")
 
 
-def test_what_holds_no_solid_is_not_loaded(home):
-    with pytest.raises(InputError, match="cannot be read: No such file"):
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        (None, "cannot be read: No such file"),
+        ({"x": np.ones(3)}, "holds no solid: it was not written by"),
+        ({"form": np.array('{"version":1,"tree":[]}')}, "solid of the archive has no meaning"),
+        ({"form": np.array('{"version":1,"tree":{"tuple":[]}}')}, "holds a tuple, not a solid"),
+    ],
+)
+def test_archives_without_a_solid_are_refused(home, arrays, words):
+    if arrays is not None:
+        np.savez(home / "a.npz", **arrays)
+    with pytest.raises(InputError, match=words):
         load("a.npz")
-    np.savez(home / "a.npz", x=np.ones(3))
-    with pytest.raises(InputError, match="holds no solid: it was not written by"):
-        load("a.npz")
-    np.savez(home / "b.npz", form=np.array('{"version":1,"tree":[]}'))
-    with pytest.raises(InputError, match=r"b.npz: solid of the archive has no meaning"):
-        load("b.npz")
-    np.savez(home / "c.npz", form=np.array('{"version":1,"tree":{"tuple":[]}}'))
-    with pytest.raises(InputError, match=r"c.npz: holds a tuple, not a solid"):
-        load("c.npz")
 
 
 def test_several_files_are_written_together_or_not_at_all(home):
@@ -311,109 +257,100 @@ def test_several_files_are_written_together_or_not_at_all(home):
 
     def fail(path):
         path.write_text("half")
-        raise OSError(28, os.strerror(28))
+        raise OSError(28, "No space left on device")
 
-    for files in (
-        {home / "a": lambda path: path.write_text("new"), home / "b": fail},
-        {home / "a": lambda path: path.write_text("new"), home / "c": fail},
-    ):
-        with pytest.raises(InputError, match="cannot be written: No space left"):
-            write_atomically(files)
+    def new(path):
+        path.write_text("new")
+
+    for other, write, words in (("b", fail, "No space left"), ("folder", new, "it is a folder")):
+        with pytest.raises(InputError, match=f"cannot be written: {words}"):
+            write_atomically({home / "a": new, home / other: write})
         assert (home / "a").read_text() == "old"
         assert sorted(path.name for path in home.iterdir()) == ["a", "folder"]
-    with pytest.raises(InputError, match="folder: cannot be written: it is a folder"):
-        write_atomically(
-            {home / name: lambda path: path.write_text("new") for name in ("a", "folder")}
-        )
-    assert (home / "a").read_text() == "old"
-    write_atomically({home / "a": lambda path: path.write_text("new")})
+    write_atomically({home / "a": new})
     assert (home / "a").read_text() == "new"
 
 
-REBUILD_FRAMED_HEIGHTS = np.linspace(-0.045, 0.045, 10)
-
-
-def rebuild_framed_run(*arguments):
-    return cli.run(["rebuild", *arguments])
-
-
 @pytest.fixture
-def recorded(monkeypatch):
-    """Pose of the tilted frame in which a recorded ellipsoid of 100 mm was sliced."""
+def tilted(monkeypatch):
+    """Pose of the tilted frame in which a recorded ellipsoid was sliced."""
     frame = np.array([0.01, 0.0, 0.05, 0.28, 0.0, 0.0, 0.96])
-    contours = []
-    for z in REBUILD_FRAMED_HEIGHTS:
-        r = 0.03 * np.sqrt(1.0 - (z / 0.05) ** 2)
-        ring = np.column_stack([r * np.cos(TURN), 0.8 * r * np.sin(TURN), np.full(len(TURN), z)])
-        contours.append(transform_points(frame, ring))
+    contours = tuple(transform_points(frame, ellipsoid(z, 1e-3)) for z in HEIGHTS)
     places = tuple(f"contour {i}" for i in range(len(contours)))
-    found = MeasuredContours(tuple(contours), places, frame=frame)
+    found = MeasuredContours(contours, places, frame=frame)
     monkeypatch.setattr("palpate.launch.files.read_points", lambda path: found)
     return frame
 
 
-def test_a_recording_in_a_tilted_frame_gives_a_solid_in_the_world(recorded, home, capsys):
-    heights = ("--bottom", "-0.05", "--top", "0.05")  # along the slicing axis
-    outs = ("-o", "a.ply", "-o", "a.npz", "--lattice", "a.vtk", "--json")
-    assert rebuild_framed_run("a.mcap", *heights, *outs) == 0
-    record = json.loads(capsys.readouterr().out)
+def test_recording_in_a_tilted_frame_gives_a_solid_in_the_world(tilted, home, figures):
+    outs = ("-o", "a.ply", "-o", "a.npz", "--lattice", "a.vtk")
+    record = figures("a.mcap", "--bottom", "-0.05", "--top", "0.05", *outs)  # along the axis
     assert record["uncovered_m"] == [0.0, 0.0]
     assert not any("touched at" in text for text in record["warnings"])
     solid = load(home / "a.npz")
-    shape = read_mesh_or_points(home / "a.ply", "m")
-    for points in (solid.mesh().vertices, shape.vertices):
-        local = transform_points(inverse_pose(recorded), points) / [0.03, 0.024, 0.05]
+    for points in (solid.mesh().vertices, read_mesh_or_points(home / "a.ply", "m").vertices):
+        local = transform_points(inverse_pose(tilted), points) / [0.03, 0.024, 0.05]
         assert np.linalg.norm(local, axis=1) == pytest.approx(1.0, abs=1e-3)
-    assert solid.control_lattice is not None
     first = repr(float(solid.control_lattice.control[0, 0, 0, 0]))
     assert f"\n{first} " in (home / "a.vtk").read_text()
 
 
-def test_ends_along_a_tilted_axis_are_doubted_by_their_height(recorded, capsys):
-    assert rebuild_framed_run("a.mcap", "--top", "0.08", "--method", "coarse") == 0
-    text = " ".join(capsys.readouterr().out.split())
+def test_ends_along_a_tilted_axis_are_doubted_by_height(tilted, told, refusal):
+    text = told("a.mcap", "--top", "0.08", "--method", "coarse")
     assert "the top was touched at height 80 mm, and the solid ends at" in text
-    assert rebuild_framed_run("a.mcap", "--top", "0.01") == cli.BAD_INPUT
-    assert (
-        "--top 0.01: must lie beyond the contours, which go from -0.045" in capsys.readouterr().err
-    )
+    beyond = "--top 0.01: must lie beyond the contours, which go from -0.045"
+    assert beyond in refusal("rebuild a.mcap --top 0.01")
 
 
-@pytest.fixture
-def ring():
-    """Points of a torus in no order, in mm, with normals."""
-    u, v = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, (2, 700))
+GENERAL = ("--method", "general", "--unit", "mm")
+
+
+def torus(number):
+    """Points of a torus in no order, in mm, with normals (n, 6)."""
+    u, v = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, (2, number))
     normals = np.column_stack([np.cos(u) * np.cos(v), np.sin(u) * np.cos(v), np.sin(v)])
-    middle = 30.0 * np.column_stack([np.cos(u), np.sin(u), np.zeros(700)])
-    return middle + 12.0 * normals, normals
+    middle = 30.0 * np.column_stack([np.cos(u), np.sin(u), np.zeros(number)])
+    return np.hstack([middle + 12.0 * normals, normals])
 
 
-def write_table(path, rows, header="x,y,z,nx,ny,nz"):
-    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+def write_torus(path, rows):
+    names = ("x", "y", "z", "nx", "ny", "nz")
+    if path.suffix == ".npz":
+        np.savez(path, points=rows[:, :3], normals=rows[:, 3:])
+        return
+    head, mark = ",".join(names), ","
+    if path.suffix == ".ply":
+        properties = "\n".join(f"property float {name}" for name in names)
+        head, mark = (
+            f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\n{properties}\nend_header",
+            " ",
+        )
+    np.savetxt(path, rows, delimiter=mark, header=head, comments="")
 
 
-def test_points_in_no_order_become_a_solid_with_a_hole(ring, home, capsys):
-    write_table(home / "ring.csv", np.hstack(ring))
-    np.savez(home / "ring.npz", points=ring[0], normals=ring[1])
-    names = "\n".join(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz"))
-    head = f"ply\nformat ascii 1.0\nelement vertex 700\n{names}\nend_header"
-    np.savetxt(home / "ring.ply", np.hstack(ring), header=head, comments="")
-    for name in ("ring.csv", "ring.npz", "ring.ply"):
-        out = home / f"{name}.npz"
-        asked = ("--method", "general", "--unit", "mm", "-o", out, "-o", home / f"{name}.stl")
-        assert run(home / name, *asked, "--json") == 0
-        found = json.loads(capsys.readouterr().out)
-        assert found["genus"] == 1 and found["watertight"] and found["far_share"] < 0.08
-        assert found["volume_m3"] == pytest.approx(2.0 * np.pi**2 * 0.03 * 0.012**2, rel=0.01)
-        off = np.abs(load(out).distance([[0.042, 0.0, 0.0], [0.0, 0.03, 0.012]]))
-        assert off.max() < found["error_bound_95_m"] < 5e-4
+@pytest.mark.parametrize("suffix", ["npz", "ply"])
+def test_points_with_normals_are_read_from_every_format(home, suffix):
+    write_torus(home / "ring.csv", torus(50))
+    write_torus(home / f"ring.{suffix}", torus(50))
+    one, other = (read_oriented(home / f"ring.{kind}")[0] for kind in ("csv", suffix))
+    np.testing.assert_allclose(one.points, other.points, atol=1e-5)
+    np.testing.assert_allclose(one.normals, other.normals, atol=1e-6)
 
 
-def test_what_no_point_is_near_to_is_told(ring, home, capsys):
-    points, normals = (one[ring[0][:, 0] > -10.0] for one in ring)
-    np.savez(home / "half.npz", points=points, normals=normals)
-    assert run(home / "half.npz", "--method", "general", "--unit", "mm") == 0
-    assert "of the surface lies over 5 mm from any point" in capsys.readouterr().out
+def test_points_in_no_order_become_a_solid_with_a_hole(home, figures):
+    write_torus(home / "ring.csv", torus(700))
+    found = figures("ring.csv", *GENERAL, "-o", "a.npz", "-o", "a.stl")
+    assert found["genus"] == 1 and found["watertight"] and found["far_share"] < 0.08
+    assert found["volume_m3"] == pytest.approx(2.0 * np.pi**2 * 0.03 * 0.012**2, rel=0.01)
+    off = np.abs(load("a.npz").distance([[0.042, 0.0, 0.0], [0.0, 0.03, 0.012]]))
+    assert off.max() < found["error_bound_95_m"] < 5e-4
+
+
+@pytest.mark.slow
+def test_parts_far_from_any_point_are_told(home, told):
+    rows = torus(700)
+    write_torus(home / "half.npz", rows[rows[:, 0] > -10.0])
+    assert "of the surface lies over 5 mm from any point" in told("half.npz", *GENERAL)
 
 
 @pytest.mark.parametrize(
@@ -424,18 +361,17 @@ def test_what_no_point_is_near_to_is_told(ring, home, capsys):
         ("x,y,z,nx,ny,nz", (), "must not all lie in one plane"),
     ],
 )
-def test_points_that_make_no_general_solid_are_one_sentence(home, capsys, header, options, words):
+def test_points_without_a_general_solid_are_refused(home, refusal, header, options, words):
     level = np.random.default_rng(1).uniform(size=(9, 2))
-    write_table(home / "flat.csv", np.column_stack([level, np.zeros((9, 3)), np.ones(9)]), header)
-    assert run(home / "flat.csv", "--method", "general", "-o", home / "a.stl", *options) == 2
-    assert words in sentence(capsys)
+    rows = np.column_stack([level, np.zeros((9, 3)), np.ones(9)])
+    np.savetxt("flat.csv", rows, delimiter=",", header=header, comments="")
+    assert words in refusal("rebuild flat.csv -o a.stl --method general", *options)
     assert not (home / "a.stl").exists()
 
 
-def test_run_gives_all_its_touches_to_the_general_method(run_folder, capsys):
-    assert run(run_folder, "--method", "general", "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+@pytest.mark.slow
+def test_run_gives_all_its_touches_to_the_general_method(run_folder, figures, refusal):
+    found = figures(run_folder, "--method", "general")
     assert found["watertight"] and not found["unit_assumed"]
     assert found["volume_m3"] == pytest.approx(4.0 / 3.0 * np.pi * 0.03**3, rel=0.05)
-    assert run(run_folder, "--method", "general", "--unit", "mm") == 2
-    assert "recordings are in m" in sentence(capsys)
+    assert "recordings are in m" in refusal("rebuild", run_folder, *GENERAL)

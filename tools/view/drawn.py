@@ -7,8 +7,8 @@ import struct
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from palpate.core.arrays import Floats
 from palpate.core.touch import Pad
@@ -84,9 +84,9 @@ def boundary(space: SpaceMap, *, free: bool) -> Floats:
     """Middles (n, 3) of voxels on the boundary of free space, or of the unknown towards it."""
     if free:
         swept = space.states == 1
-        edge = swept & ~ndimage.binary_erosion(swept)
+        edge = swept & ~scipy.ndimage.binary_erosion(swept)
     else:
-        edge = (space.states == 0) & ndimage.binary_dilation(space.states != 0)
+        edge = (space.states == 0) & scipy.ndimage.binary_dilation(space.states != 0)
     return np.asarray(space.low + space.step * np.argwhere(edge))
 
 

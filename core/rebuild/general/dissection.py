@@ -14,9 +14,8 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrsm
-from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from palpate.core.arrays import Floats, Ints
 
@@ -104,12 +103,12 @@ class Factor(NamedTuple):
         every = zip(self.dissection.fronts, self.corners, self.sides, strict=True)
         fronts = [one for one in every if len(one[0].own)]
         for front, corner, side in fronts:
-            own, _ = dtrtrs(corner, found[front.own], lower=1)
+            own, _ = scipy.linalg.lapack.dtrtrs(corner, found[front.own], lower=1)
             found[front.own] = own
             found[front.border] -= side @ own
         for front, corner, side in reversed(fronts):
             own = found[front.own] - found[front.border] @ side
-            found[front.own] = dtrtrs(corner, own, lower=1, trans=1)[0]
+            found[front.own] = scipy.linalg.lapack.dtrtrs(corner, own, lower=1, trans=1)[0]
         return found
 
 
@@ -144,11 +143,13 @@ def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
         matrix[np.arange(count), np.arange(count)] += ridge
         corner, side = matrix[:count, :count], matrix[count:, :count]
         if count:
-            corner, _ = dpotrf(corner, lower=1)
+            corner, _ = scipy.linalg.lapack.dpotrf(corner, lower=1)
         left[number] = np.asfortranarray(matrix[count:, count:])
         if side.size:
-            side = dtrsm(1.0, corner, side, side=1, lower=1, trans_a=1)
-            left[number] = dsyrk(-1.0, side, 1.0, left[number], lower=1, overwrite_c=1)
+            side = scipy.linalg.blas.dtrsm(1.0, corner, side, side=1, lower=1, trans_a=1)
+            left[number] = scipy.linalg.blas.dsyrk(
+                -1.0, side, 1.0, left[number], lower=1, overwrite_c=1
+            )
         corners.append(corner)
         sides.append(side)
     return Factor(dissection, tuple(corners), tuple(sides))

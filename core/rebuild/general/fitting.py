@@ -25,9 +25,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
+import scipy
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.rebuild.general.band import LOCAL, Band, basis_rows, cell_integrals
@@ -141,9 +139,9 @@ class Equations:
         ends = np.arange(0, LOCAL * len(order) + 1, LOCAL)
         shape = (len(order), len(band.control))
         self.values, *self.slopes = (
-            csr_matrix((one.ravel(), local.ravel(), ends), shape=shape) for one in rows
+            scipy.sparse.csr_matrix((one.ravel(), local.ravel(), ends), shape=shape) for one in rows
         )
-        self.displacing = csr_matrix(
+        self.displacing = scipy.sparse.csr_matrix(
             (
                 self.normals.ravel(),
                 (np.repeat(np.arange(len(order)), 3), _triples(self.touch)),
@@ -277,7 +275,7 @@ def refit_locally(
     band = fit.band
     middles = band.cells + 0.5
     cells = np.flatnonzero(
-        cKDTree(touched.places).query(middles, distance_upper_bound=reach)[0] < np.inf
+        scipy.spatial.cKDTree(touched.places).query(middles, distance_upper_bound=reach)[0] < np.inf
     )
     values = np.unique(band.local[cells])
     elsewhere = np.ones(len(band.cells), np.bool_)
@@ -291,8 +289,8 @@ def refit_locally(
     through = np.linalg.solve(own, columns.T)
     matrix, right = system.matrix - columns @ through, system.right
     held = fit.control[values[~free]]
-    factor = cho_factor(matrix[np.ix_(free, free)], lower=True, check_finite=False)
-    found = cho_solve(factor, right[free] - matrix[np.ix_(free, ~free)] @ held)
+    factor = scipy.linalg.cho_factor(matrix[np.ix_(free, free)], lower=True, check_finite=False)
+    found = scipy.linalg.cho_solve(factor, right[free] - matrix[np.ix_(free, ~free)] @ held)
     control = fit.control.copy()
     control[values[free]] = found
     moved = -through @ control[values]

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
-from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild.contours import ContactPoints
@@ -72,7 +70,7 @@ def _patches(
 ) -> tuple[NDArray[np.int32], Floats, Bools]:
     """The patch of each point, its side of it, 1 or -1, (n,), and which points have none."""
     count = len(points)
-    found = cKDTree(points).query(points, k=settings.n_neighbors + 1)
+    found = scipy.spatial.cKDTree(points).query(points, k=settings.n_neighbors + 1)
     distances, near = np.asarray(found[0]), np.asarray(found[1])
     rows = np.repeat(np.arange(count), settings.n_neighbors)
     columns, lengths = near[:, 1:].ravel(), distances[:, 1:].ravel()
@@ -83,8 +81,10 @@ def _patches(
     joined &= offset <= settings.max_offset * lengths
     rows, columns, cosine = rows[joined], columns[joined], cosine[joined]
     cost = 1.0 + 1e-6 - np.abs(cosine)  # above 0, for an edge of 0 is none
-    tree = minimum_spanning_tree(csr_array((cost, (rows, columns)), shape=(count, count)))
-    n_patches, patch = connected_components(tree, directed=False)
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(
+        scipy.sparse.csr_array((cost, (rows, columns)), shape=(count, count))
+    )
+    n_patches, patch = scipy.sparse.csgraph.connected_components(tree, directed=False)
     sign = _propagated(tree, normals, np.unique(patch, return_index=True)[1])
     # The side that most of a patch point to is +1.
     total = np.bincount(patch, sign, n_patches)
@@ -93,14 +93,14 @@ def _patches(
     return patch.astype(np.int32), sign, (sizes < settings.min_patch)[patch]
 
 
-def _propagated(tree: csr_array, normals: Floats, first: NDArray[np.intp]) -> Floats:
+def _propagated(tree: scipy.sparse.csr_array, normals: Floats, first: NDArray[np.intp]) -> Floats:
     """The sign (n,) of each normal against that of the `first` (p,) of its patch, along trees."""
     count = len(normals)
     edges = tree.tocoo()
     rows = np.concatenate([edges.row, np.full(len(first), count)])  # one root joins all trees
     columns, ones = np.concatenate([edges.col, first]), np.ones(len(rows))
-    joined = csr_array((ones, (rows, columns)), shape=(count + 1, count + 1))
-    order, before = breadth_first_order(joined, count, directed=False)
+    joined = scipy.sparse.csr_array((ones, (rows, columns)), shape=(count + 1, count + 1))
+    order, before = scipy.sparse.csgraph.breadth_first_order(joined, count, directed=False)
     before = before[order[1:]]
     agree = (normals[order[1:]] * normals[np.minimum(before, count - 1)]).sum(axis=1) >= 0.0
     sign = np.ones(count + 1)
@@ -145,8 +145,10 @@ def _hull_votes(points: Floats, normals: Floats, settings: OrientationSettings) 
     every = -(-len(points) // settings.max_hull_points)
     some = np.arange(0, len(points), every)
     try:
-        faces = np.unique(ConvexHull(points[some], qhull_options="QJ").equations, axis=0)
-    except QhullError:
+        faces = np.unique(
+            scipy.spatial.ConvexHull(points[some], qhull_options="QJ").equations, axis=0
+        )
+    except scipy.spatial.QhullError:
         return votes
     heights = points[some] @ faces[:, :3].T + faces[:, 3]
     near = heights >= -settings.hull_distance * float(np.ptp(points, axis=0).max())

@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull
 
 from palpate.core.arrays import Floats, Ints, check_extent, finite_array, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
@@ -237,4 +237,4 @@ def _thinned(contacts: ContactPoints) -> ContactPoints:
 
 
 def _hull_area(points: Floats) -> float:
-    return float(ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).area)
+    return float(scipy.spatial.ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).area)

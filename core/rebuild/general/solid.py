@@ -19,9 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.ndimage import label
-from scipy.spatial import ConvexHull, cKDTree
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import SHARP, nearest_points, nearest_search, self_intersection
@@ -263,11 +262,11 @@ class GeneralSolid(Solid):
         touched = np.zeros(inside.shape, np.bool_)
         for shift in np.ndindex(3, 3, 3):
             touched[tuple((at + shift - 1).T)] = True
-        parts, _ = label(inside)
+        parts, _ = scipy.ndimage.label(inside)
         counts = np.bincount(parts[touched & inside], minlength=int(parts.max()) + 1)
         counts[0] = 0
         inside = (counts >= LEAST_PART * counts.max())[parts] & (parts > 0)
-        parts, count = label(~inside)
+        parts, count = scipy.ndimage.label(~inside)
         border = np.ones(inside.shape, np.bool_)
         border[1:-1, 1:-1, 1:-1] = False
         if self.platform is not None:
@@ -319,7 +318,7 @@ class DistanceErrors:
 
 def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
     """Distances (n,) of places (n, 3) from the nearest touched point, m."""
-    return np.asarray(cKDTree(contacts.points).query(places)[0])
+    return np.asarray(scipy.spatial.cKDTree(contacts.points).query(places)[0])
 
 
 def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
@@ -343,7 +342,7 @@ def protrusions(touched: Floats, places: Floats) -> Floats:
     beyond = np.zeros(len(places))
     if len(first) <= touched.shape[1]:
         return beyond
-    faces = ConvexHull(touched[first], qhull_options="QJ").equations
+    faces = scipy.spatial.ConvexHull(touched[first], qhull_options="QJ").equations
     for begin in range(0, len(places), BLOCK):
         some = slice(begin, begin + BLOCK)
         beyond[some] = (places[some] @ faces[:, :3].T + faces[:, 3]).max(axis=1)
@@ -407,7 +406,7 @@ def _left_out(fitted: Fitted, out: Bools) -> tuple[Floats, Floats]:
     other = fit_implicit(*terms, touches=touches, rounds=1, start=start, dissection=fitted.order)
     value, gradient = fit.band.evaluate(other.control, places)
     slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_GRADIENT)
-    return np.asarray(cKDTree(kept.places).query(places)[0]), (value / slope) ** 2
+    return np.asarray(scipy.spatial.cKDTree(kept.places).query(places)[0]), (value / slope) ** 2
 
 
 def _pose_variance(fitted: Fitted) -> float:

@@ -15,16 +15,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import irfftn, next_fast_len, rfftn
-from scipy.ndimage import (
-    binary_fill_holes,
-    distance_transform_edt,
-    gaussian_filter,
-    label,
-    map_coordinates,
-)
-from scipy.sparse import csr_matrix
-from scipy.spatial import ConvexHull, QhullError
+import scipy
 
 from palpate.core.arrays import Bools, Floats
 from palpate.reprs import readable
@@ -54,7 +45,9 @@ class CoarseSolid(NamedTuple):
     def at(self, places: Floats) -> Floats:
         """Interpolated at places (k, 3), (k,), m."""
         grid = ((places - self.low) / self.step).T
-        return np.asarray(map_coordinates(self.distances, grid, order=1, mode="nearest"))
+        return np.asarray(
+            scipy.ndimage.map_coordinates(self.distances, grid, order=1, mode="nearest")
+        )
 
 
 def coarse_solid(
@@ -80,18 +73,22 @@ def coarse_solid(
     margin = PADDING * step
     low = points.min(axis=0) - margin
     extent = points.max(axis=0) + margin - low
-    shape = [next_fast_len(int(np.ceil(one / step)) + 1, real=True) for one in extent]
+    shape = [scipy.fft.next_fast_len(int(np.ceil(one / step)) + 1, real=True) for one in extent]
     if platform is not None:  # the platform is a plane of the grid
         low[2] = platform - step * round((platform - low[2]) / step)
     grid = _Grid(low, step, tuple(shape))
     chi, level = _screened(grid, points, normals, grid.mask(free), spread, most_area)
-    inside = binary_fill_holes(chi > level)
-    parts, _ = label(inside)
+    inside = scipy.ndimage.binary_fill_holes(chi > level)
+    parts, _ = scipy.ndimage.label(inside)
     counts = np.bincount(parts.ravel())
     counts[0] = LEAST_PART
     inside &= counts[parts] >= LEAST_PART
-    distances = distance_transform_edt(~inside) - distance_transform_edt(inside)
-    distances = gaussian_filter(np.where(inside, distances + 0.5, distances - 0.5), SMOOTHING)
+    distances = scipy.ndimage.distance_transform_edt(
+        ~inside
+    ) - scipy.ndimage.distance_transform_edt(inside)
+    distances = scipy.ndimage.gaussian_filter(
+        np.where(inside, distances + 0.5, distances - 0.5), SMOOTHING
+    )
     return CoarseSolid(low, step, distances * step)
 
 
@@ -115,7 +112,7 @@ class _Grid(NamedTuple):
         found[tuple(at.T)] = True
         return found
 
-    def splat(self, places: Floats) -> csr_matrix:
+    def splat(self, places: Floats) -> scipy.sparse.csr_matrix:
         """Trilinear weights, (places, voxels)."""
         at = (places - self.low) / self.step
         first = np.floor(at).astype(np.int64)
@@ -127,7 +124,7 @@ class _Grid(NamedTuple):
             columns.append(np.ravel_multi_index(tuple(node.T), self.shape))
         rows = np.tile(np.arange(len(places)), 8)
         pairs = rows, np.concatenate(columns)
-        return csr_matrix(
+        return scipy.sparse.csr_matrix(
             (np.concatenate(weights), pairs), shape=(len(places), int(np.prod(self.shape)))
         )
 
@@ -139,7 +136,9 @@ def _screened(
     splat, step = grid.splat(points), grid.step
     width = spread / step
     sums = np.asarray(splat.sum(axis=0)).reshape(grid.shape)
-    density = gaussian_filter(sums, width, mode="constant") * np.sqrt(2.0 * np.pi) * width
+    density = (
+        scipy.ndimage.gaussian_filter(sums, width, mode="constant") * np.sqrt(2.0 * np.pi) * width
+    )
     areas = 1.0 / np.maximum(splat @ density.ravel(), 1e-6)
     areas = np.minimum(areas, most_area / step**2)
     waves = np.meshgrid(
@@ -150,10 +149,11 @@ def _screened(
     )
     squares = waves[0] ** 2 + waves[1] ** 2 + waves[2] ** 2
     fields = (
-        rfftn((splat.T @ (areas * normals[:, axis])).reshape(grid.shape)) for axis in range(3)
+        scipy.fft.rfftn((splat.T @ (areas * normals[:, axis])).reshape(grid.shape))
+        for axis in range(3)
     )
     divergence = sum(1j * wave * field for wave, field in zip(waves, fields, strict=True))
-    right = irfftn(divergence * np.exp(-0.5 * squares), grid.shape)
+    right = scipy.fft.irfftn(divergence * np.exp(-0.5 * squares), grid.shape)
     screen = (splat.T @ (SCREENING * areas)).reshape(grid.shape)
     right, diagonal = right + 0.5 * screen, screen + HULL
     right = right + HULL * (_in_hull(grid, points) & ~free)
@@ -166,8 +166,8 @@ def _screened(
 
 def _in_hull(grid: _Grid, points: Floats) -> Bools:
     try:
-        planes = ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).equations
-    except QhullError:  # all in one plane
+        planes = scipy.spatial.ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).equations
+    except scipy.spatial.QhullError:  # all in one plane
         return np.zeros(grid.shape, np.bool_)
     x, y, z = (low + grid.step * np.arange(n) for low, n in zip(grid.low, grid.shape, strict=True))
     a, b, c, d = planes.T
@@ -188,7 +188,7 @@ class _System(NamedTuple):
     squares: Floats  # Of the wave numbers
     diagonal: Floats
     right: Floats
-    splat: csr_matrix
+    splat: scipy.sparse.csr_matrix
     areas: Floats
 
     def level(self, chi: Floats) -> float:
@@ -221,10 +221,12 @@ def _conjugate_gradients(
     mean = float(diagonal.mean()) + 1e-9
 
     def solve(residual: Floats) -> Floats:
-        return np.asarray(irfftn(rfftn(residual) / (squares + mean), shape))
+        return np.asarray(scipy.fft.irfftn(scipy.fft.rfftn(residual) / (squares + mean), shape))
 
     def apply(values: Floats) -> Floats:
-        return np.asarray(irfftn(squares * rfftn(values), shape) + diagonal * values)
+        return np.asarray(
+            scipy.fft.irfftn(squares * scipy.fft.rfftn(values), shape) + diagonal * values
+        )
 
     chi = solve(right) if start is None else start
     residual = right - apply(chi)

@@ -16,8 +16,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, hstack, vstack
-from scipy.sparse.linalg import lsmr
+import scipy
 
 from palpate.core import splines
 from palpate.core.arrays import Bools, Floats
@@ -296,7 +295,7 @@ class LatticeSide:
             found[part] = np.einsum("nk,nkc->nc", values[part], near)
         return found
 
-    def across(self, turns: Floats, derivative: int) -> csr_array:
+    def across(self, turns: Floats, derivative: int) -> scipy.sparse.csr_array:
         """Functions of the section along its rim, or a derivative by the turn, (n, side^2)."""
         basis = self.volume.bases[0]
         rim = self.section.rim(turns)
@@ -309,8 +308,11 @@ class LatticeSide:
             terms = [((1, 0), bend[:, 0]), ((0, 1), bend[:, 1])]
             terms += [((2, 0), speed[:, 0] ** 2), ((0, 2), speed[:, 1] ** 2)]
             terms += [((1, 1), 2.0 * speed[:, 0] * speed[:, 1])]
-        rows = [diags_array(factor) @ section_matrix(basis, rim, by) for by, factor in terms]
-        return csr_array(sum(rows[1:], rows[0]))
+        rows = [
+            scipy.sparse.diags_array(factor) @ section_matrix(basis, rim, by)
+            for by, factor in terms
+        ]
+        return scipy.sparse.csr_array(sum(rows[1:], rows[0]))
 
 
 @lru_cache(maxsize=16)  # Both ends ask for the turns of the side
@@ -412,7 +414,11 @@ def _least(
     """The least change of control points (n, 3), m, and of the logarithms of their weights (n,)."""
     volume = now.lattice.volume
     at = now.side.parameters(places[:, 0], places[:, 1])
-    shares = diags_array(trust) @ volume.shares(at) @ diags_array(_free(now).astype(float))
+    shares = (
+        scipy.sparse.diags_array(trust)
+        @ volume.shares(at)
+        @ scipy.sparse.diags_array(_free(now).astype(float))
+    )
     off = trust[:, None] * (points - volume.at(at))
     count = shares.shape[1]
     if not weights:
@@ -422,17 +428,19 @@ def _least(
     blocks = []
     for axis in range(3):
         arm = shares.multiply(volume.control[..., axis].ravel() / spacing)
-        arm = arm - diags_array(volume.at(at)[:, axis] / spacing) @ shares
-        empty = csr_array(shares.shape)
-        blocks.append(hstack([shares if a == axis else empty for a in range(3)] + [arm]))
-    solved = _solved(csr_array(vstack(blocks)), off.T.ravel(), damping)
+        arm = arm - scipy.sparse.diags_array(volume.at(at)[:, axis] / spacing) @ shares
+        empty = scipy.sparse.csr_array(shares.shape)
+        blocks.append(
+            scipy.sparse.hstack([shares if a == axis else empty for a in range(3)] + [arm])
+        )
+    solved = _solved(scipy.sparse.csr_array(scipy.sparse.vstack(blocks)), off.T.ravel(), damping)
     turned = solved[3 * count :] / spacing
     short = min(1.0, MOST_WEIGHT / max(float(np.abs(turned).max()), MOST_WEIGHT))
     return short * solved[: 3 * count].reshape(3, count).T, short * turned
 
 
-def _solved(rows: csr_array, wanted: Floats, damping: float) -> Floats:
-    found: Floats = lsmr(
+def _solved(rows: scipy.sparse.csr_array, wanted: Floats, damping: float) -> Floats:
+    found: Floats = scipy.sparse.linalg.lsmr(
         rows, wanted, damp=damping, atol=EXACT, btol=EXACT, conlim=0.0, maxiter=4 * len(wanted) + 50
     )[0]
     return found

@@ -16,9 +16,8 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, lapack
-from scipy.sparse import csr_array, vstack
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.recovery import Recovery
@@ -138,7 +137,7 @@ class SectionSystem(NamedTuple):
     section: Section  # The undeformed one
     basis: Basis  # Across it, each way
     rim: Floats  # Places of the rim in the box, (k, 2)
-    seen: csr_array  # Functions at the rim, (k, side^2)
+    seen: scipy.sparse.csr_array  # Functions at the rim, (k, side^2)
     form: Floats  # Their quadratic form, over its mean diagonal
     bending: Floats  # That of the bending energy, in the same measure
 
@@ -191,7 +190,7 @@ def solve_section(
     right = system.seen.T @ _layers_last(moves) / _mean(system.seen)
     if drawn:
         inner = [section_matrix(system.basis, 0.5 + q * (system.rim - 0.5)) for q in RINGS]
-        rings = vstack(inner, "csr")
+        rings = scipy.sparse.vstack(inner, "csr")
         share = drawn / _mean(rings)
         form = form + share * (rings.T @ rings).toarray()
         # As the rim does: its affine part goes on to the middle straight, what is left of it fades.
@@ -200,9 +199,9 @@ def solve_section(
         rest = wanted - rows @ affine
         ways = [q * (box @ affine[:2]) + affine[2] + q**fading * rest for q in RINGS]
         right = right + share * (rings.T @ np.concatenate(ways))
-    factor, _ = lapack.dpotrf(form, lower=1)
-    moved = cho_solve((factor, True), right)
-    share = float(lapack.dpocon(factor, np.abs(form).sum(axis=0).max(), uplo="L")[0])
+    factor, _ = scipy.linalg.lapack.dpotrf(form, lower=1)
+    moved = scipy.linalg.cho_solve((factor, True), right)
+    share = float(scipy.linalg.lapack.dpocon(factor, np.abs(form).sum(axis=0).max(), uplo="L")[0])
     level = 2.0 * system.basis.greville() - 1.0
     undeformed = np.stack(np.meshgrid(level, level, indexing="ij"), axis=-1) @ section.axes
     control = moved.reshape(side, side, len(curves), 2) + undeformed[:, :, None]
@@ -214,7 +213,7 @@ def _layers_last(values: Floats) -> Floats:
     return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
 
 
-def _mean(rows: csr_array) -> float:
+def _mean(rows: scipy.sparse.csr_array) -> float:
     """Mean diagonal of the quadratic form of rows."""
     return float(np.square(rows.data).sum() / rows.shape[1])
 
@@ -371,11 +370,15 @@ def rim_of(exponent: float, azimuth: Floats, derivatives: int = 0) -> list[Compl
     return found
 
 
-def section_matrix(basis: Basis, places: Floats, orders: tuple[int, int] = (0, 0)) -> csr_array:
+def section_matrix(
+    basis: Basis, places: Floats, orders: tuple[int, int] = (0, 0)
+) -> scipy.sparse.csr_array:
     """Functions of a section at places (n, 2), or a derivative of them: sparse (n, side^2)."""
     width = basis.degree + 1
     one, other = (basis.nonzero(places[:, axis], orders[axis]) for axis in (0, 1))
     columns = one.columns()[:, :, None] * basis.count + other.columns()[:, None, :]
     values = one.values[orders[0]][:, :, None] * other.values[orders[1]][:, None, :]
     starts = np.arange(0, columns.size + 1, width**2)
-    return csr_array((values.ravel(), columns.ravel(), starts), shape=(len(places), basis.count**2))
+    return scipy.sparse.csr_array(
+        (values.ravel(), columns.ravel(), starts), shape=(len(places), basis.count**2)
+    )

@@ -12,9 +12,7 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.linalg.blas import dtrsm
-from scipy.sparse import csr_array, eye_array, kron
+import scipy
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints
@@ -38,7 +36,9 @@ MISSES = 0.01  # Of the height: where middles lie farther off a polynomial, the 
 class SideEquations(NamedTuple):
     """The points that tell of the side."""
 
-    matrix: csr_array  # (n, along * around): coefficients to distances along the normals, over m
+    matrix: (
+        scipy.sparse.csr_array
+    )  # (n, along * around): coefficients to distances along the normals, over m
     target: Floats  # (n,), m
     normals: Floats  # (n, 3)
     touch: Ints  # (n,)
@@ -105,7 +105,9 @@ def _about(points: Floats, normals: Floats, axis_curve: AxisCurve) -> tuple[Floa
     return away, distance, facing
 
 
-def tensor_rows(first: csr_array, second: csr_array) -> csr_array:
+def tensor_rows(
+    first: scipy.sparse.csr_array, second: scipy.sparse.csr_array
+) -> scipy.sparse.csr_array:
     """Row by row product of two sparse bases, (n, first columns * second columns)."""
     counts = np.diff(first.indptr)[0], np.diff(second.indptr)[0]
     n = first.shape[0]
@@ -114,10 +116,12 @@ def tensor_rows(first: csr_array, second: csr_array) -> csr_array:
     columns = outer * second.shape[1] + inner
     pointers = np.arange(0, n * counts[0] * counts[1] + 1, counts[0] * counts[1])
     shape = (n, first.shape[1] * second.shape[1])
-    return csr_array((values.ravel(), columns.ravel(), pointers), shape=shape)
+    return scipy.sparse.csr_array((values.ravel(), columns.ravel(), pointers), shape=shape)
 
 
-def normal_band(first: csr_array, second: csr_array, weights: Floats) -> Floats:
+def normal_band(
+    first: scipy.sparse.csr_array, second: scipy.sparse.csr_array, weights: Floats
+) -> Floats:
     """Lower band (width + 1, n) of the normal equations of the weighted product of two bases.
 
     Cell by cell: rows of a cell share their columns; products are of pairs along and around.
@@ -156,7 +160,7 @@ class SideSystem:
 
     def solve(self, right: Floats) -> Floats:
         """Coefficients (n,) or (n, k) for a right-hand side."""
-        return cho_solve_banded((self.factor, True), right, check_finite=False)
+        return scipy.linalg.cho_solve_banded((self.factor, True), right, check_finite=False)
 
     def half(self, rows: Floats) -> Floats:
         """Half of the solution for each of rows (k, n): products of these are covariances, (k, n).
@@ -176,7 +180,9 @@ class SideSystem:
                 factor[:, at:], (beyond.stop - at, ring), strides
             )
             block = np.asfortranarray(columns[:ring])
-            left[:begun, own] = dtrsm(1.0, block, left[:begun, own], side=1, lower=1, trans_a=1)
+            left[:begun, own] = scipy.linalg.blas.dtrsm(
+                1.0, block, left[:begun, own], side=1, lower=1, trans_a=1
+            )
             left[:begun, beyond] -= left[:begun, own] @ columns[ring:].T
         half = np.empty_like(left)
         half[order] = left
@@ -200,7 +206,7 @@ def side_system(
     turns: int,
     along: tuple[Floats, Floats],
     around: float,
-    tension: csr_array | None = None,
+    tension: scipy.sparse.csr_array | None = None,
 ) -> SideSystem:
     """Normal equations (band + 1, along * around), penalised, with `turns` coefficients around.
 
@@ -217,23 +223,28 @@ def side_system(
         diagonal = np.repeat(np.diagonal(form, -apart), turns)
         band[apart * turns, : len(diagonal)] += diagonal
     if tension is not None:
-        band += mean * banded(csr_array(tension.T @ tension), _width(turns))
+        band += mean * banded(scipy.sparse.csr_array(tension.T @ tension), _width(turns))
     band[0] += mean * RIDGE
     norm = float(2.0 * np.abs(band).sum(axis=0).max())
-    factor: Floats = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+    factor: Floats = scipy.linalg.cholesky_banded(
+        band, overwrite_ab=True, lower=True, check_finite=False
+    )
     return SideSystem(factor, norm)
 
 
 @lru_cache(maxsize=4)
 def _bending_around(along: int, around: int) -> Floats:
     root = bending_around(around)
-    form = csr_array(root.T @ root / (np.square(root).sum() / around))
-    band = banded(csr_array(kron(eye_array(along), form)), _width(around))
+    form = scipy.sparse.csr_array(root.T @ root / (np.square(root).sum() / around))
+    band = banded(
+        scipy.sparse.csr_array(scipy.sparse.kron(scipy.sparse.eye_array(along), form)),
+        _width(around),
+    )
     band.setflags(write=False)
     return band
 
 
-def banded(matrix: csr_array, width: int) -> Floats:
+def banded(matrix: scipy.sparse.csr_array, width: int) -> Floats:
     """Lower band (width + 1, n) of a symmetric sparse matrix."""
     entries = matrix.tocoo()
     row, column = entries.row, entries.col

@@ -14,10 +14,7 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.sparse import csr_array, kron
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
+import scipy
 
 from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.rebuild.contours import ContactPoints, taxel_pitch
@@ -174,7 +171,9 @@ class Drift:
 
     def variance(self, half: Floats) -> Floats:
         """Of the places whose half of the system is given, (n, coefficients): (n,)."""
-        seen = solve_triangular(self.factor, self.along @ half.T, lower=True, check_finite=False)
+        seen = scipy.linalg.solve_triangular(
+            self.factor, self.along @ half.T, lower=True, check_finite=False
+        )
         return np.asarray(self.sigma**2 * np.square(seen).sum(axis=0))
 
 
@@ -190,7 +189,7 @@ class RadialSpline:
     rows: SideEquations  # What it was fitted to
     system: SideSystem  # The system it solves
     stiffness: float  # Times the strengths of bending
-    tension: csr_array | None = None  # Root of what bridges gaps, if there are any
+    tension: scipy.sparse.csr_array | None = None  # Root of what bridges gaps, if there are any
     drift: Drift | None = None  # What shifts of the touches leave in it, if they were estimated
 
     @property
@@ -251,7 +250,7 @@ class RadialSpline:
         what the penalty lets move and the drift of shifts, not features narrower than the knots.
         """
         along = along_basis().matrix(self._local(heights))
-        rows = kron(along, PeriodicBasis(self.around).matrix(turns)).toarray()
+        rows = scipy.sparse.kron(along, PeriodicBasis(self.around).matrix(turns)).toarray()
         half = self.system.half(rows)
         variance = self.square * np.einsum("nk,nk->n", half, half)
         if self.drift is not None:
@@ -294,7 +293,7 @@ def fit_radial_spline(
     low: float,
     high: float,
     stiffness: float = 1.0,
-    tension: csr_array | None = None,
+    tension: scipy.sparse.csr_array | None = None,
     around: int | None = None,
 ) -> RadialSpline:
     """Fit the side surface between two heights, m, to contact points with normals.
@@ -323,7 +322,7 @@ def fit_draft(
 
 
 def _solved(
-    rows: SideEquations, around: int, stiffness: float, tension: csr_array | None
+    rows: SideEquations, around: int, stiffness: float, tension: scipy.sparse.csr_array | None
 ) -> tuple[SideSystem, Floats]:
     """The system of the equations, and its coefficients (along, around)."""
     # Stronger bending along in spans where nothing was touched, and beside them.
@@ -355,7 +354,9 @@ def bridged(contacts: ContactPoints, spline: RadialSpline) -> RadialSpline:
     pairs = pairs[gaps.ravel()[pairs].any(axis=1)]
     values = np.broadcast_to(np.sqrt(TENSION) * np.array([-1.0, 1.0]), pairs.shape)
     pointers = np.arange(0, pairs.size + 1, 2)
-    tension = csr_array((values.ravel(), pairs.ravel(), pointers), shape=(len(pairs), gaps.size))
+    tension = scipy.sparse.csr_array(
+        (values.ravel(), pairs.ravel(), pointers), shape=(len(pairs), gaps.size)
+    )
     return replace(spline, tension=tension).refitted(contacts, spline.stiffness)
 
 
@@ -371,7 +372,7 @@ def gap_widths(spline: RadialSpline, heights: Floats, turns: Floats) -> Floats:
         return nowhere
     pairs = np.repeat(heights, len(turns)), np.tile(turns, len(heights))
     places = _on_rings(gaps.heights, gaps.widths, *pairs)
-    inside = (cdist(places, gaps.centres) < gaps.radii).any(axis=1)
+    inside = (scipy.spatial.distance.cdist(places, gaps.centres) < gaps.radii).any(axis=1)
     widths = 2.0 * np.asarray(gaps.taxels.query(places)[0])
     return np.where(inside, widths, 0.0).reshape(nowhere.shape)
 
@@ -382,7 +383,7 @@ class Gaps:
 
     heights: Floats  # Of the rings, rising, (r,), m
     widths: Floats  # Radii of the rings, (r,), m
-    taxels: cKDTree  # Where taxels lie on them
+    taxels: scipy.spatial.cKDTree  # Where taxels lie on them
     centres: Floats  # Of the circles, (k, 3), m
     radii: Floats  # Of the circles, (k,), m
 
@@ -402,7 +403,10 @@ def _gaps(spline: RadialSpline) -> Gaps | None:
     around = np.arange(spline.around) / spline.around
     middles = np.sqrt(np.median(spline.squared(rings, around), axis=1))
     taxels = _on_rings(rings, middles, rows.heights, rows.places[:, 1])
-    pitch, tree = taxel_pitch(ContactPoints(taxels, None, rows.touch)), cKDTree(taxels)
+    pitch, tree = (
+        taxel_pitch(ContactPoints(taxels, None, rows.touch)),
+        scipy.spatial.cKDTree(taxels),
+    )
     turns = np.tile(around, len(rings))
     centres = _on_rings(rings, middles, np.repeat(rings, len(around)), turns)
     radii = np.asarray(tree.query(centres)[0])

@@ -12,8 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cholesky
-from scipy.sparse import csr_array
+import scipy
 
 from palpate.core.arrays import Floats, probable_error_sigma
 from palpate.core.rebuild.contours import ContactPoints
@@ -82,8 +81,8 @@ def _more_shifts(spline: RadialSpline, believed: Floats, strictness: float) -> F
     own += strictness * np.eye(3)
     inverse = np.linalg.inv(own)
     # What a shift does to the surface's equations, summed over its taxels once.
-    told = csr_array(blocks.T @ rows.matrix)
-    told_by = csr_array(told.T)
+    told = scipy.sparse.csr_array(blocks.T @ rows.matrix)
+    told_by = scipy.sparse.csr_array(told.T)
 
     def system(shifts: Floats) -> Floats:
         smooth = told @ spline.system.solve(told_by @ shifts.ravel())
@@ -106,13 +105,15 @@ def _more_shifts(spline: RadialSpline, believed: Floats, strictness: float) -> F
     return found
 
 
-def _blocks(spline: RadialSpline, directions: Floats) -> csr_array:
+def _blocks(spline: RadialSpline, directions: Floats) -> scipy.sparse.csr_array:
     """From shifts (k d,) along directions (k, d, 3) of the touches to distances along normals."""
     rows, (count, each) = spline.rows, directions.shape[:2]
     along = np.einsum("ndi,ni->nd", directions[rows.touch], rows.normals)
     columns = (each * rows.touch[:, None] + np.arange(each)).ravel()
     pointers = each * np.arange(len(rows.touch) + 1)
-    return csr_array((along.ravel(), columns, pointers), shape=(len(along), each * count))
+    return scipy.sparse.csr_array(
+        (along.ravel(), columns, pointers), shape=(len(along), each * count)
+    )
 
 
 def _drift(spline: RadialSpline, count: int, strictness: float, pose: float) -> Drift:
@@ -127,5 +128,5 @@ def _drift(spline: RadialSpline, count: int, strictness: float, pose: float) -> 
     blocks = _blocks(spline, directions)
     along = spline.system.half((blocks.T @ rows.matrix).toarray())
     own = (blocks.T @ blocks).toarray() + strictness * np.eye(blocks.shape[1])
-    factor = cholesky(own - along @ along.T, lower=True, check_finite=False)
+    factor = scipy.linalg.cholesky(own - along @ along.T, lower=True, check_finite=False)
     return Drift(float(np.sqrt(strictness)) * pose, along, np.asarray(factor))

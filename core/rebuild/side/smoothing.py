@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
+import scipy
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.rebuild.contours import neighbour_weights
@@ -96,7 +96,7 @@ class Smoothed:
         size = np.sqrt(np.square(residual).sum(axis=(0, 2)))
         return np.asarray(size / np.maximum(free, np.finfo(float).tiny))
 
-    def variance(self, along: csr_array, around: csr_array) -> Floats:
+    def variance(self, along: scipy.sparse.csr_array, around: scipy.sparse.csr_array) -> Floats:
         """Posterior variance of a component over that of the noise, (a, b).
 
         At places given by their bases along (a, n) and around (b, k). Wahba, *Bayesian confidence

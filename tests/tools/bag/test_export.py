@@ -1,27 +1,25 @@
+"""Exports to CSV, NPZ and PLY, and recordings as tables: every field comes back."""
+
 import csv
-import errno
 import json
-import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from palpate.launch.files import file_access as new_file
-from palpate.launch.files.file_access import write_new
+import palpate
 from palpate.launch.files.mesh_file import read_mesh
 from palpate.launch.files.source_map import InputError
-from palpate.messages.codec import Header, encode, schema, schema_hash
-from palpate.messages.recording.writer import RecordingWriter
-from palpate.messages.types.world import World
-from palpate.tools.bag.decoding import file_stems, open_decoded
-from palpate.tools.bag.export import export_bag, write_csv, write_npz
-from palpate.tools.cli import command_line as cli
-
-WORLD = World(platform=0.0, reach=0.3, fingers=1, seed=3)
-EVERY = pytest.mark.parametrize("kind", ["csv", "ply", "npz", "foxglove"])
-
+from palpate.messages import Array, schema, schema_hash
+from palpate.messages.fields import Floats, Unit
+from palpate.messages.types import PlanDone, SurfacePatch
+from palpate.nodes.runtime.testing import example
+from palpate.tools.bag.export import export_bag
+from tests.tools.recordings import WORLD, frame, log
 
 COUNTS = {
     "csv": "8 files of 7 topics",
@@ -29,23 +27,50 @@ COUNTS = {
     "npz": r"\d+ arrays of 9 topics",
     "foxglove": r"\d+ messages of 9 topics",
 }
-LEFT_OUT = "left to --format ply, as meshes: /model/shape, /truth\n"
+LEFT_OUT = "\nleft to --format ply, as meshes: /model/shape, /truth"
+FORMATS = pytest.mark.parametrize("kind", COUNTS)
 
 
-@dataclass(frozen=True)
-class Strange:
-    value: float
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Own:
+    force: Annotated[float, Unit("N")]
+    places: Annotated[Floats, Array("<f8", (None, 3), "m")]
+    name: str
+    table: dict[str, float]
 
 
-@EVERY
-def test_each_format_is_written_whole_and_reported(explored, tmp_path, kind, capsys):
+def own(force: float, count: int, name: str, **table: float) -> Own:
+    return Own(force=force, places=np.full((count, 3), force), name=name, table=table)
+
+
+OWN = [own(1.0, 2, "a", x=1.5, y=2.0), own(2.5, 5, "longer", y=3.0, z=-1.0)]
+
+
+SCHEMAS = {"Own": json.dumps(schema(Own))}
+
+
+@pytest.fixture
+def messages(explored_messages):
+    """A message of most kinds, and two of a type that palpate does not have."""
+    return [*explored_messages, *(("/own", one) for one in OWN)]
+
+
+@pytest.fixture
+def recorded(record, messages):
+    return record(messages, schemas=SCHEMAS)
+
+
+@FORMATS
+def test_each_format_is_written_whole_and_reported(explored, tmp_path, kind, call):
     out = tmp_path / "out"
-    assert cli.run(["bag", "export", str(explored), "--format", kind, "-o", str(out)]) == 0
-    assert re.fullmatch(rf"{out}: {COUNTS[kind]}\n", capsys.readouterr().out.replace(LEFT_OUT, ""))
+    code, told, _ = call("bag export", explored, "--format", kind, "-o", out)
+    assert code == 0
+    assert re.fullmatch(rf"{out}: {COUNTS[kind]}\n", told.replace(LEFT_OUT, ""))
+    assert (LEFT_OUT in told) == (kind == "csv")
     assert sorted(one.name for one in tmp_path.iterdir()) == ["out", "topics.mcap"]
 
 
-@EVERY
+@FORMATS
 def test_nothing_is_overwritten(explored, tmp_path, kind):
     (tmp_path / "out").mkdir()
     (tmp_path / "file").write_text("mine")
@@ -56,197 +81,71 @@ def test_nothing_is_overwritten(explored, tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["csv", "npz", "foxglove"])
-def test_a_message_that_cannot_be_decoded_leaves_nothing_behind(record, tmp_path, kind):
-    path = tmp_path / "topics.mcap"
-    writer = RecordingWriter(path, {"/world": "World"}, {}, {})
-    for seq, body in enumerate([encode(WORLD), b"\x80"]):
-        writer.write("/world", Header(0, 0, seq, 0, 0.0, schema_hash(World)), body)
-    writer.close()
-    with pytest.raises(
-        InputError, match=r"topics.mcap: /world 1: not a World: missing field platform"
-    ):
+def test_undecodable_message_is_refused_without_leftovers(record, tmp_path, kind):
+    types = {"/world": "World"}
+    path = record(
+        [("/world", WORLD), ("/world", b"\x80")], types=types, schema=schema_hash(type(WORLD))
+    )
+    with pytest.raises(InputError, match=r"topics.mcap: /world 1: not a World: missing field plat"):
         export_bag(path, kind, tmp_path / "out")
     assert [one.name for one in tmp_path.iterdir()] == ["topics.mcap"]
 
 
-def test_another_version_of_a_message_is_refused(tmp_path):
-    path = tmp_path / "topics.mcap"
-    writer = RecordingWriter(path, {"/world": "World"}, {}, {})
-    writer.write("/world", Header(0, 0, 0, 0, 0.0, 7), encode(WORLD))
-    writer.close()
-    with pytest.raises(InputError, match=r"/world was recorded with another version of World"):
-        export_bag(path, "npz", tmp_path / "out")
+def cells_of(row: dict[str, str], name: str, value: Any) -> Any:
+    """A field of a row, as the value that was written."""
+    if isinstance(value, dict):
+        return {key: float(row[f"{name}.{key}"]) for key in value}
+    if isinstance(value, np.ndarray | tuple) and name in row:
+        return json.loads(row[name])
+    if isinstance(value, np.ndarray):
+        places = [".".join([name, *map(str, one)]) for one in np.ndindex(value.shape)]
+        return np.array([float(row[one]) for one in places]).reshape(value.shape).tolist()
+    if isinstance(value, bool):
+        return {"1": True, "0": False}[row[name]]
+    if value is None:
+        return None if row[name] == "" else row[name]
+    return type(value)(row[name])
 
 
-def strange(path, text):
-    """A recording of a type that nobody has, with this text as its schema."""
-    writer = RecordingWriter(path, {"/a": "Strange"}, {}, {}, schemas={"Strange": text})
-    for seq, value in enumerate([1.0, 2.5]):
-        writer.write("/a", Header(0, 0, seq, 0, 0.0, schema_hash(Strange)), encode(Strange(value)))
-    writer.close()
-    return path
+def plain(value: Any) -> Any:
+    """Arrays and tuples as lists."""
+    return value.tolist() if isinstance(value, np.ndarray) else json.loads(json.dumps(value))
 
 
-def test_a_type_that_nobody_has_is_read_by_the_schema_that_was_recorded(tmp_path):
-    path = strange(tmp_path / "topics.mcap", json.dumps(schema(Strange)))
-    export_bag(path, "csv", tmp_path / "out")
-    assert (tmp_path / "out" / "a.csv").read_text().splitlines()[1:] == [
-        "0,0.000000000,1.0",
-        "1,0.000000000,2.5",
-    ]
-    export_bag(path, "npz", tmp_path / "out.npz")
-    assert np.load(tmp_path / "out.npz")["a.value"].tolist() == [1.0, 2.5]
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("{}", "/a holds Strange: this is no schema of a message type"),
-        (json.dumps(schema(World)), "/a was recorded with another version of Strange"),
-    ],
-)
-def test_a_schema_that_is_not_that_of_the_messages_is_refused(tmp_path, text, words):
-    path = strange(tmp_path / "topics.mcap", text)
-    with pytest.raises(InputError, match=words):
-        export_bag(path, "csv", tmp_path / "out")
-
-
-def test_a_damaged_recording_is_to_be_recovered_first(explored, tmp_path):
-    explored.write_bytes(explored.read_bytes()[:-30])
-    with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves what"):
-        export_bag(explored, "csv", tmp_path / "out")
-
-
-def test_a_recording_that_was_never_closed_is_exported_and_reported_to_be(record, tmp_path):
-    path = record([("/world", WORLD)] * 3, close=False)
-    assert "never closed" in export_bag(path, "npz", tmp_path / "out.npz")
-
-
-def test_unknown_topics_and_empty_recordings_are_refused(record, tmp_path):
-    with pytest.raises(InputError, match="has no topic '/wrold'; did you mean '/world'"):
-        open_decoded(record([("/world", WORLD)]), ["/wrold"])
-    with pytest.raises(InputError, match="holds no message"):
-        open_decoded(record([], name="empty.mcap"))
-
-
-def test_times_count_from_the_first_message_of_all(record, tmp_path):
-    path = record([("/a", WORLD), ("/b", WORLD)])
-    export_bag(path, "npz", tmp_path / "out.npz", ["/b"])
-    with np.load(tmp_path / "out.npz") as found:
-        assert found["b.sent_s"] == pytest.approx([0.007])
-
-
-@pytest.mark.parametrize("number", [errno.EPERM, errno.EEXIST, errno.ENOSPC])
-def test_a_file_is_moved_though_there_are_no_links_but_never_onto_another(
-    tmp_path, monkeypatch, number
-):
-    def link(source, target):
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(new_file.os, "link", link)
-    path = tmp_path / "a"
-    if number == errno.EPERM:
-        write_new(path, lambda part: part.write_text("whole"))
-        assert path.read_text() == "whole"
-    else:
-        with pytest.raises(InputError, match=r"not overwritten|cannot be written: No space"):
-            write_new(path, lambda part: part.write_text("whole"))
-    assert len(list(tmp_path.iterdir())) == (number == errno.EPERM)
-
-
-def test_what_came_meanwhile_is_not_overwritten(tmp_path):
-    path = tmp_path / "a"
-
-    def slow(part):
-        part.mkdir()
-        path.write_text("mine")
-
-    with pytest.raises(InputError, match="a: exists already"):
-        write_new(path, slow)
-    assert path.read_text() == "mine"
-    assert [one.name for one in tmp_path.iterdir()] == ["a"]
-
-
-@pytest.fixture
-def folder(explored, tmp_path):
-    write_csv(open_decoded(explored), tmp_path / "tables")
-    return tmp_path / "tables"
-
-
-def rows(path):
+def rows_of(path: Path) -> list[dict[str, str]]:
     csv.field_size_limit(1 << 24)
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
-def test_each_topic_has_a_table_with_a_row_for_each_message(folder):
-    names = {path.name: len(rows(path)) for path in folder.glob("*.csv")}
-    assert names == {
-        "contour_traced.csv": 2,
-        "log.csv": 1,
-        "model_shape.csv": 2,
-        "plan_done.csv": 1,
-        "score.csv": 1,
-        "touch_info.csv": 1,
-        "touch_patch.csv": 1,
-        "touch_raw.csv": 3,
-        "truth.csv": 1,
-    }
+def by_topic(messages):
+    found: dict[str, list[Any]] = {}
+    for topic, message in messages:
+        found.setdefault(topic, []).append(message)
+    return found
 
 
-def test_a_row_begins_with_number_and_times(folder):
-    found = rows(folder / "touch_raw.csv")
-    assert list(found[0])[:4] == ["seq", "sent_s", "robot_time", "goal"]
-    assert [row["seq"] for row in found] == ["0", "1", "2"]
-    # The first message of the recording was the truth, the second the sensor: 7 ms apart.
-    assert [row["sent_s"] for row in found] == ["0.014000000", "0.021000000", "0.028000000"]
-    assert [float(row["robot_time"]) for row in found] == [0.0, 0.5, 1.0]
-
-
-def test_an_array_of_one_shape_has_a_column_for_each_element(folder):
-    row = rows(folder / "touch_raw.csv")[1]
-    assert [float(row[f"pose.{i}"]) for i in range(7)] == [0.011, 0.02, 0.03, 0, 0, 0, 1]
-    values = [float(row[f"array.{i}.{j}"]) for i in range(2) for j in range(3)]
-    assert values == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
-    assert "array" not in row and "array.2.0" not in row
-
-
-def test_an_array_whose_shape_varies_and_a_list_are_json(folder):
-    one, other = rows(folder / "contour_traced.csv")
-    assert json.loads(one["points"]) == [[0.0, 0.0, 0.0]]
-    assert json.loads(other["points"]) == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0, 7.0, 8.0]]
-    assert (one["gap_reasons"], other["gap_reasons"]) == ("[]", '["missed"]')
-    assert json.loads(rows(folder / "model_shape.csv")[1]["dropped_reasons"])[1] == 'Lücke, "offen"'
-
-
-def test_a_table_has_a_column_for_each_name_that_occurs(folder):
-    one, other = rows(folder / "model_shape.csv")
-    names = ("health.condition", "health.fallbacks", "health.folds")
-    assert [one[name] for name in names] == ["3.5", "0.0", ""]
-    assert [other[name] for name in names] == ["1.5", "", "2.0"]
-
-
-def test_truth_is_one_nothing_is_empty_and_texts_are_whole(folder):
-    (done,) = rows(folder / "plan_done.csv")
-    (patch,) = rows(folder / "touch_patch.csv")
-    (log,) = rows(folder / "log.csv")
-    assert (done["reached"], done["rms_bound_95"]) == ("1", "")
-    assert done["reason"] == "within, all of it"
-    assert [patch[f"mask.0.{j}"] for j in range(3)] == ["0", "1", "1"]
-    assert patch["umbilic"] == "0"
-    assert log["text"] == "a, b\n=c"
-
-
-def test_an_array_too_large_for_columns_is_json(explored, tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.tools.bag.export.MAX_COLUMNS", 6)
-    write_csv(open_decoded(explored, ["/touch/raw"]), tmp_path / "tables")
-    row = rows(tmp_path / "tables" / "touch_raw.csv")[0]
-    assert json.loads(row["pose"])[:3] == [0.01, 0.02, 0.03]
-    assert float(row["array.1.2"]) == 5.0
-
-
-def test_the_units_lie_beside_the_tables(folder):
-    units = json.loads((folder / "units.json").read_text())
+def test_csv_holds_every_field_of_every_message(recorded, messages, tmp_path):
+    export_bag(recorded, "csv", tmp_path / "out")
+    known = by_topic(messages)
+    times = [(topic, f"0.{7 * place:03}000000") for place, (topic, _) in enumerate(messages)]
+    units = json.loads((tmp_path / "out" / "units.json").read_text())
+    names = {topic: topic.strip("/").replace("/", "_") + ".csv" for topic in known}
+    written = {names[topic] for topic in known if topic not in ("/truth", "/model/shape")}
+    assert {one.name for one in (tmp_path / "out").glob("*.csv")} == units.keys() == written
+    for topic in known.keys() - {"/truth", "/model/shape"}:
+        sent = known[topic]
+        rows = rows_of(tmp_path / "out" / names[topic])
+        assert list(rows[0])[:2] == ["seq", "sent_s"]
+        assert not hasattr(sent[0], "robot_time") or list(rows[0])[2] == "robot_time"
+        assert [row["seq"] for row in rows] == [str(place) for place in range(len(sent))]
+        assert [row["sent_s"] for row in rows] == [time for one, time in times if one == topic]
+        for row, message in zip(rows, sent, strict=True):
+            for one in fields(message):
+                value = getattr(message, one.name)
+                assert cells_of(row, one.name, value) == plain(value), (topic, one.name)
+    rows = rows_of(tmp_path / "out" / "own.csv")
+    assert (rows[0]["table.z"], rows[1]["table.x"]) == ("", "")
     assert units["touch_raw.csv"] == {
         "sent_s": "s",
         "direction": "1",
@@ -256,103 +155,185 @@ def test_the_units_lie_beside_the_tables(folder):
         "robot_time": "s",
     }
     assert units["plan_done.csv"]["rms_bound_95"] == "m"
-    assert units.keys() == {path.name for path in folder.glob("*.csv")}
 
 
-def test_topics_that_are_not_wanted_are_left_out(explored, tmp_path):
-    assert write_csv(open_decoded(explored, ["/score", "/log"]), tmp_path / "tables") == 3
-    written = sorted(os.listdir(tmp_path / "tables"))
-    assert written == ["log.csv", "score.csv", "units.json"]
-    assert rows(tmp_path / "tables" / "score.csv")[0]["sent_s"] == "0.070000000"
+def test_csv_spreads_arrays_of_one_shape_over_columns(explored, record, tmp_path):
+    export_bag(explored, "csv", tmp_path / "out")
+    frames = rows_of(tmp_path / "out" / "touch_raw.csv")[0]
+    assert "array.1.2" in frames and "array" not in frames and "array.2.0" not in frames
+    assert "points" in rows_of(tmp_path / "out" / "contour_traced.csv")[0]  # shapes vary
+    large = frame(0, array=np.arange(65.0 * 65.0).reshape(65, 65))  # too many columns
+    path = record([("/touch/raw", large)], name="large.mcap")
+    export_bag(path, "csv", tmp_path / "large")
+    (row,) = rows_of(tmp_path / "large" / "touch_raw.csv")
+    assert json.loads(row["array"]) == large.array.tolist() and "pose.6" in row
 
 
-def test_meshes_are_left_to_ply_and_it_is_told_how(explored, tmp_path, tetrahedron):
-    assert LEFT_OUT.rstrip() in export_bag(explored, "csv", tmp_path / "tables")
-    assert not {"model_shape.csv", "truth.csv"} & set(os.listdir(tmp_path / "tables"))
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{}", "/own holds Own: this is no schema of a message type"),
+        (json.dumps(schema(type(WORLD))), "/own was recorded with another version of Own"),
+    ],
+)
+def test_schema_of_another_type_is_refused(record, tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        export_bag(record([("/own", OWN[0])], schemas={"Own": text}), "csv", tmp_path / "out")
+
+
+def check_arrays(arrays, stem: str, name: str, values: list[Any]) -> None:
+    """One field of all messages of a topic, against the arrays that hold it."""
+    key = f"{stem}.{name}"
+    if isinstance(values[0], dict):
+        for part in {part for one in values for part in one}:
+            wanted = [one.get(part, np.nan) for one in values]
+            np.testing.assert_array_equal(arrays[f"{key}.{part}"], wanted)
+    elif f"{key}.shapes" in arrays:
+        shapes = arrays[f"{key}.shapes"]
+        ends = np.cumsum(shapes.prod(axis=1))[:-1]
+        for part, shape, one in zip(np.split(arrays[key], ends), shapes, values, strict=True):
+            np.testing.assert_array_equal(part.reshape(shape), one)
+    elif f"{key}.lengths" in arrays:
+        lengths = arrays[f"{key}.lengths"]
+        assert lengths.tolist() == [len(one) for one in values]
+        for part, one in zip(np.split(arrays[key], np.cumsum(lengths)[:-1]), values, strict=True):
+            assert plain(part) == plain(one)
+    else:
+        found = arrays[key]
+        if isinstance(values[0], np.ndarray):
+            assert found.dtype == values[0].dtype
+        if values[0] is None:
+            assert np.isnan(found).all()
+        else:
+            assert plain(found) == [plain(one) for one in values]
+
+
+def test_npz_holds_every_field_of_every_message(recorded, messages, tmp_path):
+    told = export_bag(recorded, "npz", tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+    assert f": {len(arrays)} arrays of" in told
+    for topic, sent in by_topic(messages).items():
+        stem = topic.strip("/").replace("/", "_")
+        assert arrays[f"{stem}.seq"].tolist() == [*range(len(sent))]
+        for one in fields(sent[0]):
+            check_arrays(arrays, stem, one.name, [getattr(each, one.name) for each in sent])
+    assert arrays["touch_raw.sent_s"] == pytest.approx([0.014, 0.021, 0.028], abs=1e-12)
+    kinds = {name: arrays[f"touch_patch.{name}"].dtype.str for name in ("mask", "umbilic", "goal")}
+    assert kinds == {"mask": "|b1", "umbilic": "|b1", "goal": "<i8"}
+    assert arrays["touch_raw.outcome"].dtype == "<U3"
+    export_bag(recorded, "npz", tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_times_count_from_first_message_of_recording(record, tmp_path):
+    path = record([("/a", WORLD), ("/b", WORLD)])
+    export_bag(path, "npz", tmp_path / "out.npz", ["/b"])
+    with np.load(tmp_path / "out.npz") as found:
+        assert found["b.sent_s"] == pytest.approx([0.007])
+        assert not any(name.startswith("a.") for name in found)
+
+
+def test_meshes_are_written_as_ply(explored, tmp_path, tetrahedron):
     export_bag(explored, "ply", tmp_path / "meshes")
-    # The second model has no triangles.
-    assert sorted(os.listdir(tmp_path / "meshes")) == ["model_shape.0.ply", "truth.0.ply"]
+    names = sorted(one.name for one in (tmp_path / "meshes").iterdir())
+    assert names == ["model_shape.0.ply", "truth.0.ply"]  # the second model has no triangles
     vertices, faces, _ = read_mesh(tmp_path / "meshes" / "model_shape.0.ply", "m")
     assert np.allclose(np.sort(vertices, axis=0), np.sort(tetrahedron.vertices, axis=0))
     assert len(faces) == len(tetrahedron.faces)
 
 
+def test_files_of_topics_have_harmless_different_names(record, tmp_path):
+    topics = ["/touch/raw", "/touch_raw", "/../../etc/passwd", "/", "/" + "x" * 120]
+    export_bag(record([(one, log(0.0)) for one in topics]), "csv", tmp_path / "out")
+    stems = ["touch_raw", "touch_raw_2", "______etc_passwd", "_", "x" * 100]
+    assert {one.stem for one in (tmp_path / "out").glob("*.csv")} == {*stems}
+
+
 @pytest.mark.parametrize(
-    ("kind", "topic", "why"),
-    [("csv", "/truth", "are meshes: take --format ply"), ("ply", "/score", "are no meshes, so")],
+    ("kind", "topics", "words"),
+    [
+        ("csv", ["/truth"], "/truth are meshes: take --format ply"),
+        ("ply", ["/score"], "/score are no meshes, so"),
+        ("npz", ["/scroe"], "has no topic '/scroe'; did you mean '/score'"),
+    ],
 )
-def test_a_format_for_which_nothing_is_left_is_refused(explored, tmp_path, kind, topic, why):
-    with pytest.raises(InputError, match=f"{topic} {why}"):
-        export_bag(explored, kind, tmp_path / "out", [topic])
-    assert os.listdir(tmp_path) == ["topics.mcap"]
+def test_export_without_suitable_topic_is_refused(explored, tmp_path, kind, topics, words):
+    with pytest.raises(InputError, match=words):
+        export_bag(explored, kind, tmp_path / "out", topics)
+    assert [one.name for one in tmp_path.iterdir()] == ["topics.mcap"]
 
 
-def test_names_of_files_are_harmless_and_differ():
-    topics = ["/touch/raw", "/touch_raw", "/../../etc/passwd", "/", "/" + "x" * 300]
-    found = file_stems(topics)
-    assert list(found.values()) == ["touch_raw", "touch_raw_2", "______etc_passwd", "_", "x" * 100]
+def test_unusable_recordings_are_refused(record, tmp_path, explored):
+    out = tmp_path / "out"
+    explored.write_bytes(explored.read_bytes()[:-30])
+    with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves what"):
+        export_bag(explored, "csv", out)
+    with pytest.raises(InputError, match="holds no message"):
+        export_bag(record([], name="empty.mcap"), "csv", out)
+    with pytest.raises(InputError, match=r"/world was recorded with another version of World"):
+        export_bag(record([("/world", WORLD)], name="old.mcap", schema=7), "npz", out)
+    path = record([("/world", WORLD)] * 3, name="open.mcap", closed=False)
+    assert "never closed" in export_bag(path, "npz", out)
 
 
-@pytest.fixture
-def arrays(explored, tmp_path):
-    count = write_npz(open_decoded(explored), tmp_path / "run.npz")
-    with np.load(tmp_path / "run.npz", allow_pickle=False) as file:
-        found = dict(file)
-    assert len(found) == count
-    return found
+def test_topics_are_given_between_commas_or_one_by_one(explored, tmp_path, call):
+    for number, topics in enumerate((["/score,/log"], ["/score", "/log"], [" /score, /log,"])):
+        words = [word for topic in topics for word in ("--topics", topic)]
+        out = tmp_path / str(number)
+        assert call("bag export", explored, "--format", "csv", "-o", out, *words).code == 0
+        assert {one.name for one in out.iterdir()} == {"score.csv", "log.csv", "units.json"}
 
 
-def test_fields_become_arrays_with_the_messages_first(arrays):
-    assert arrays["touch_raw.array"].shape == (3, 2, 3)
-    assert arrays["touch_raw.array"][2].tolist() == [[2.0, 3.0, 4.0], [5.0, 6.0, 7.0]]
-    assert arrays["touch_raw.pose"][:, 0] == pytest.approx([0.01, 0.011, 0.012])
-    assert arrays["touch_raw.seq"].tolist() == [0, 1, 2]
-    assert arrays["touch_raw.sent_s"] == pytest.approx([0.014, 0.021, 0.028], abs=1e-12)
-    assert arrays["touch_raw.robot_time"].tolist() == [0.0, 0.5, 1.0]
+def patch_of(k1: float) -> tuple[str, Any]:
+    return "/touch/patch", example(SurfacePatch, k1=k1, pose=np.arange(7.0), mask=np.eye(4) > 0)
 
 
-def test_kinds_of_numbers_are_kept(arrays):
-    kinds = {name: arrays[f"touch_patch.{name}"].dtype.str for name in ("mask", "umbilic", "goal")}
-    assert kinds == {"mask": "|b1", "umbilic": "|b1", "goal": "<i8"}
-    assert arrays["truth.faces"].dtype == np.int32
-    assert arrays["truth.faces"].shape == (1, 4, 3)
+def test_topic_is_a_table_with_a_row_for_each_message(record):
+    recording = palpate.open_recording(
+        record([patch_of(1.0), ("/log", log(0.5, "hi")), patch_of(2)])
+    )
+    assert list(recording) == ["/log", "/touch/patch"] and len(recording) == 2
+    table = recording["/touch/patch"]
+    assert table["seq"].tolist() == [0, 1]
+    assert table["sent_s"] == pytest.approx([0.0, 0.014])
+    assert table["k1"].tolist() == [1.0, 2.0]
+    assert table["pose"].shape == (2, 7) and table["mask"].dtype == bool
+    assert recording["/log"]["text"].tolist() == ["hi"]
+    assert recording["/log"].dtype.names[:3] == ("seq", "sent_s", "robot_time")
+    assert recording.units("/touch/patch")["k1"] == "1/m"
+    assert recording.units("/touch/patch")["sent_s"] == "s"
+    assert repr(recording).endswith("/log 1, /touch/patch 2>")
+    data = recording.frame("/touch/patch")
+    assert isinstance(data, pd.DataFrame) and len(data) == 2
+    assert data["pose.3"].tolist() == [3.0, 3.0] and data["mask.1.1"].all()
 
 
-def test_texts_are_unicode_of_one_width(arrays):
-    assert arrays["log.text"].tolist() == ["a, b\n=c"]
-    assert arrays["touch_raw.outcome"].dtype == "<U3"
+def test_tables_hold_own_types_and_missing_numbers(recorded, record):
+    table = palpate.open_recording(recorded)["/own"]
+    assert table["force"].tolist() == [1.0, 2.5]
+    assert [one.shape for one in table["places"]] == [(2, 3), (5, 3)]
+    assert table["name"].tolist() == ["a", "longer"]
+    bounds = [("/plan/done", example(PlanDone, rms_bound_95=one)) for one in (1e-4, None)]
+    found = palpate.open_recording(record(bounds, name="done.mcap"))["/plan/done"]["rms_bound_95"]
+    assert found[0] == 1e-4 and np.isnan(found[1])
 
 
-def test_messages_of_several_lengths_are_joined(arrays):
-    assert arrays["contour_traced.points"].shape == (4, 3)
-    assert arrays["contour_traced.points.lengths"].tolist() == [1, 3]
-    assert arrays["contour_traced.points"][1:].tolist() == np.arange(9.0).reshape(3, 3).tolist()
-    assert arrays["contour_traced.gap_reasons"].tolist() == ["missed"]
-    assert arrays["contour_traced.gap_reasons.lengths"].tolist() == [0, 1]
+def test_tables_refuse_unknown_topics_files_and_missing_pandas(record, tmp_path, monkeypatch):
+    recording = palpate.open_recording(record([patch_of(1.0)]))
+    assert "/touch/path" not in recording
+    with pytest.raises(InputError, match="has no topic '/touch/path'; did you mean '/touch/patch'"):
+        recording["/touch/path"]
+    with pytest.raises(InputError, match=r"none.mcap"):
+        palpate.open_recording(tmp_path / "none.mcap")
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(InputError, match="frames need pandas: pip install pandas"):
+        recording.frame("/touch/patch")
 
 
-def test_arrays_that_differ_in_other_axes_are_flattened(arrays, tetrahedron):
-    flat, shapes = arrays["model_shape.control"], arrays["model_shape.control.shapes"]
-    assert shapes.tolist() == [[4, 4, 4, 3], [4, 4, 5, 3]]
-    first, second = np.split(flat, np.cumsum(shapes.prod(axis=1))[:-1])
-    assert np.array_equal(first.reshape(shapes[0]), tetrahedron.control)
-    assert second.size == shapes[1].prod()
-
-
-def test_lists_of_one_length_are_stacked(arrays):
-    assert arrays["model_shape.contours"].tolist() == [[0, 1], [0, 1]]
-    assert arrays["model_shape.probes"].shape == (2, 0)
-    assert arrays["model_shape.probes"].dtype == np.int64
-
-
-def test_tables_have_an_array_for_each_name_and_nan_where_it_is_missing(arrays):
-    assert arrays["model_shape.health.condition"].tolist() == [3.5, 1.5]
-    assert np.isnan(arrays["model_shape.health.folds"]).tolist() == [True, False]
-    assert np.isnan(arrays["plan_done.rms_bound_95"]).all()
-
-
-def test_the_same_recording_gives_the_same_file(explored, tmp_path):
-    paths = tmp_path / "a.npz", tmp_path / "b.npz"
-    for path in paths:
-        write_npz(open_decoded(explored, ["/touch/raw"]), path)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
+def test_reprs_of_recording_and_tables_are_short(run_folder):
+    recording = palpate.open_recording(run_folder)
+    shown = [recording, *recording.values(), *(table[:1] for table in recording.values())]
+    shown += [table[name] for table in recording.values() for name in table.dtype.names]
+    for one in shown:
+        assert repr(one).count("\n") < 9 and len(repr(one)) < 1000

@@ -1,88 +1,66 @@
-from types import SimpleNamespace
-from typing import Any
+"""Recordings of a running graph from outside, and recordings played again."""
 
 import pytest
 
-from palpate.messages.bus.node_sockets import PAST_BATCH
-from palpate.messages.codec import Header
-from palpate.tools.bag import live_recording
-from palpate.tools.bag.live_recording import PastRequests, RecordedGraph, TopicOrder, recorded_text
+from palpate.launch.files.source_map import InputError
+from palpate.messages import encode
+from palpate.messages.recording import open_recording
+from palpate.nodes.runtime.node import recorded_nodes
+from palpate.tools.bag.playback import player_entry, read_remap
+from tests.tools.recordings import frame
+from tests.tools.toy_graph import NODES, Bends
 
 
-def header(seq, run=7):
-    return Header(run, 0, seq, 0, 0.0, 0)
+@pytest.mark.parametrize("copied", [True, False])
+def test_recording_holds_what_was_published_before_it_began(graph, call, tmp_path, copied):
+    frames = [frame(touch) for touch in range(50)]  # more than come in one answer
+    for one in frames:
+        graph.publish("/t", one, copied=copied)
+    graph.publish("/own", Bends(goal=1, curvature=2.0))
+    graph.start()
+    path = tmp_path / "a.mcap"
+    code, out, _ = call("bag record --duration 0.5 -o", path, "--topics", "/t,/own")
+    first, last = out.splitlines()
+    assert first == f"recording 2 topics of vase into {path}; Ctrl-C ends it"
+    assert (code, last) == (0, f"{path}: 51 messages on 2 topics")
+    found = open_recording(path)
+    bodies = [one.body for one in found.messages() if one.topic == "/t"]
+    assert bodies == [encode(one) for one in frames] and found.closed
+    assert [one.name for one in recorded_nodes(found.graph)] == [one.name for one in NODES]
+    assert call("bag info", path).code == 0
 
 
-def numbers(order):
-    return [found.seq for found, _ in order.take()]
+def test_lost_copies_are_asked_for_and_lost_messages_counted(graph, call, tmp_path):
+    for touch in range(3):
+        graph.publish("/t", frame(touch))
+    for seq in (5, 8):  # the talker does not have the others any more
+        graph.copy("/t", seq, frame(seq))
+    graph.copy("/t", 9, frame(9), run=1)  # of another run
+    graph.start()
+    path = tmp_path / "a.mcap"
+    code, out, _ = call("bag record --duration 0.5 -o", path, "--topics", "/t")
+    assert code == 1 and out.endswith("5 messages on 1 topics; not recorded: 4 of /t\n")
+    assert [one.seq for one in open_recording(path).messages()] == [0, 1, 2, 5, 8]
 
 
-def test_messages_are_put_into_the_order_of_their_numbers_each_once():
-    order = TopicOrder()
-    for seq in (2, 0, 0, 3):
-        order.put(header(seq), b"")
-    assert numbers(order) == [0]
-    assert order.lacks
-    for seq in (0, 1, 2):
-        order.put(header(seq), b"")
-    assert numbers(order) == [1, 2, 3]
-    order.answered(3)
-    assert (order.lacks, order.lost, order.whole) == (False, 0, True)
+def test_recordings_that_cannot_be_are_refused(graph, refusal, tmp_path):
+    (tmp_path / "there").touch()
+    for topic, name, words in (
+        ("/log", "a", "/log cannot be recorded"),
+        ("/node/status", "a", "/node/status cannot be recorded"),
+        ("/none", "a", "nobody publishes /none"),
+        ("/t", "there", "there: exists already; it is not overwritten"),
+    ):
+        assert words in refusal("bag record -o", tmp_path / name, "--topics", topic)
+    assert [one.name for one in tmp_path.iterdir()] == ["there"]
 
 
-def test_more_is_asked_for_while_an_answer_is_full():
-    order = TopicOrder()
-    order.answered(PAST_BATCH)
-    assert not order.whole
-    order.answered(0)
-    assert order.whole
-
-
-def test_what_nobody_has_any_more_is_counted_and_passed_over():
-    order = TopicOrder()
-    order.put(header(4), b"")
-    order.answered(0)
-    assert (numbers(order), order.lost) == ([4], 4)
-    order.put(header(6), b"")
-    assert order.lacks
-    order.answered(0)
-    assert (numbers(order), order.lost) == ([6], 5)
-
-
-def test_one_topic_is_asked_for_after_the_other_and_again_if_no_answer_comes(monkeypatch):
-    now, asked, come = [0.0], list[Any](), list[Any]()
-    monkeypatch.setattr(live_recording.time, "monotonic", lambda: now[0])
-    reader: Any = SimpleNamespace(
-        ask=lambda *what: asked.append(what), receive=lambda: come.pop(0) if come else None
-    )
-    orders = {"/a": TopicOrder(), "/b": TopicOrder()}
-    requests = PastRequests(reader, 7, orders)
-    requests.turn()
-    requests.turn()
-    assert asked == [("/a", 0)]
-    now[0] += 2 * live_recording.PATIENCE
-    come += [("/a", (header(0), b"")), ("/a", (header(1, run=6), b""))]
-    requests.turn()
-    assert asked == [("/a", 0), ("/a", 0)]
-    assert numbers(orders["/a"]) == [0]
-    come += [("/a", (header(1), b"")), ("/a", None)]
-    requests.turn()
-    assert asked[2:] == [("/b", 0)]
-    come.append(("/b", None))
-    requests.turn()
-    assert all(one.whole for one in orders.values())
-    assert len(asked) == 3
-
-
-def test_what_was_recorded_is_told_in_a_line(tmp_path):
-    done = RecordedGraph(tmp_path / "a.mcap", {"/a": 3, "/b": 0}, {})
-    assert recorded_text(done).endswith("a.mcap: 3 messages on 1 topics")
-    assert recorded_text(done._replace(lost={"/a": 2})).endswith("; not recorded: 2 of /a")
-
-
-@pytest.mark.parametrize("topic", ["/log", "/node/status"])
-def test_what_may_be_lost_for_good_is_refused(topic, tmp_path):
-    what: Any = SimpleNamespace(name=topic)
-    with pytest.raises(ValueError, match=f"{topic} cannot be recorded"):
-        live_recording.record_graph(SimpleNamespace(), [what], tmp_path / "a", echo=print)
-    assert not list(tmp_path.iterdir())
+def test_player_publishes_a_recording_under_other_names(record, tmp_path):
+    remap = read_remap(["/a:=/b", "/c:=/d"])
+    assert remap == {"/a": "/b", "/c": "/d"}
+    path = record([("/a", frame(0))])
+    entry = player_entry(tmp_path, {"rate": 2.0}, remap)
+    assert entry.params == {"path": str(path), "rate": 2.0} and entry.remap == remap
+    for wrong in ("/a", "/a:=", ":=/b"):
+        with pytest.raises(InputError, match=f"--remap {wrong}: must look like"):
+            read_remap([wrong])

@@ -1,98 +1,268 @@
+"""Topics of a running graph: names, messages, losses, rates, bandwidth and delays."""
+
+import csv
+import json
+import random
+import time
+from dataclasses import asdict
+
+import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
-from palpate.messages.codec import Header
-from palpate.messages.types.catalogue import TYPES
-from palpate.messages.types.touch import TactileFrame
-from palpate.tools.introspection import topics
-from palpate.tools.introspection.echo import field_lines
-from palpate.tools.introspection.topics import (
-    SequenceTracker,
-    TapSubscription,
-    Topic,
-    find_topic,
-    find_topics,
-    taps_of,
-    topics_of,
-    type_of,
-)
+from palpate.launch.processes.registry import find_run
+from palpate.messages import HEADER_SIZE, encode
+from palpate.messages.types import TactileFrame
+from palpate.tools.introspection.topics import RateMonitor, find_topics, rate_text
+from tests.tools.recordings import frame, log
+from tests.tools.toy_graph import Bends
 
 
-def test_the_topics_are_those_of_the_nodes_and_their_own_words(card):
-    assert list(topics_of(card)) == ["/log", "/node/status", "/odd", "/t"]
-    assert find_topic(card, "t") == Topic("/t", "TactileFrame", ("talker",), ("hearer",))
-    assert find_topic(card, "/log").publishers == ("talker", "hearer")
+def documents(text):
+    return [one for one in YAML(typ="safe", pure=True).load_all(text) if one is not None]
 
 
-def test_a_topic_without_publisher_is_refused_with_the_nearest(card):
-    with pytest.raises(ValueError, match=r"nobody publishes /logg; did you mean '/log'\?"):
-        find_topic(card, "/logg")
+def plain(message: TactileFrame) -> dict:
+    values = asdict(message).items()
+    return {key: one.tolist() if isinstance(one, np.ndarray) else one for key, one in values}
 
 
-def test_a_topic_that_is_named_twice_is_one(card):
-    assert [one.name for one in find_topics(card, ["/t", "t", "/log"])] == ["/t", "/log"]
+def test_topics_are_listed_with_types_publishers_and_subscribers(graph, call, refusal):
+    names = ["/log", "/m", "/node/status", "/odd", "/own", "/t"]
+    assert call("topic list").out.split() == names
+    assert call("topic list -c").out == "6\n"
+    assert "/t [TactileFrame]" in call("topic list -t").out.splitlines()
+    lines = call("topic list -v").out.splitlines()
+    assert "/t [TactileFrame] from talker to hearer" in lines
+    assert "/odd [NoSuchType] from talker to nobody" in lines
+    listed = {one["name"]: one for one in json.loads(call("topic list --json").out)}
+    assert listed["/log"]["publishers"] == ["talker", "hearer", "cleaner", "player"]
+    assert call("topic type t").out == "TactileFrame\n"
+    assert call("topic find TactileFrame").out == "/t\n"
+    assert "no topic carries TactileFrme; did you mean 'TactileFrame'" in refusal(
+        "topic find TactileFrme"
+    )
+    assert "nobody publishes /logg; did you mean '/log'?" in refusal("topic type /logg")
 
 
-def test_each_tap_is_asked_for_what_its_node_publishes(card):
-    wanted = find_topics(card, ["/t", "/log"])
-    assert taps_of(card, wanted) == {"talker": ["/t", "/log"], "hearer": ["/log"]}
-
-
-def test_a_type_that_is_not_known_is_refused(card):
-    assert type_of(find_topic(card, "/t")) is TactileFrame
-    with pytest.raises(ValueError, match="/odd carries the type 'NoSuchType', which is not known"):
-        type_of(find_topic(card, "/odd"))
-
-
-def test_fields_have_their_units_and_shapes():
-    lines = {line.split()[0]: " ".join(line.split()[1:]) for line in field_lines(TactileFrame)}
+def test_topic_info_tells_fields_with_units(graph, call, refusal):
+    out = call("topic info /t -v").out
+    assert out.startswith("Type: TactileFrame\nPublisher count: 1  talker\n")
+    assert "Subscription count: 1  hearer" in out
+    lines = {line.split()[0]: " ".join(line.split()[1:]) for line in out.splitlines()[4:]}
+    assert list(lines) == list(TactileFrame.__dataclass_fields__)
     assert lines["robot_time"] == "number s"
     assert lines["array"] == "any x any float64 s or N"
     assert lines["outcome"] == "hit | miss | inside | bottomed"
+    assert call("topic info /odd").code == 0
+    told = refusal("topic info /odd -v")
+    assert "/odd carries the type 'NoSuchType', which is not known" in told
 
 
-@pytest.mark.parametrize("name", TYPES)
-def test_every_type_has_a_line_for_each_field(name):
-    lines = field_lines(TYPES[name])
-    assert [line.split()[0] for line in lines] == list(TYPES[name].__dataclass_fields__)
-    assert not any("<f8" in line or "{" in line for line in lines)
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--field", "touch"], "3\n---\n"),
+        (["--field", "touch", "--field", "pose[6]"], "touch: 3\npose[6]: 1.0\n---\n"),
+        (["--field", "touch", "--field", "direction", "--csv"], "3,1.0,0.0,0.0\n"),
+        (["--field", "touch", "--filter", "touch > 2"], "3\n---\n"),
+        (["--field", "touch", "--filter", "touch > 3"], "4\n---\n"),
+        (["--raw"], f"{encode(frame(3))!r}\n---\n"),
+        (["--raw", "--filter", "touch > 3"], f"{encode(frame(4))!r}\n---\n"),
+    ],
+)
+def test_echo_shows_what_is_asked_for(graph, call, options, text):
+    graph.copy("/t", 0, frame(3))
+    graph.copy("/t", 1, frame(4))
+    graph.start()
+    assert call("topic echo /t --once", *options) == (0, text, "")
 
 
-def places(order, *numbers):
-    """What is missing before messages of these epochs and numbers."""
-    return [order.place(Header(1, epoch, seq, 0, 0.0, 0)) for epoch, seq in numbers]
+def test_echo_is_yaml_that_reads_back_as_the_message(graph, call):
+    messages = [frame(3), frame(4, array=np.linspace(0.0, 1.0, 256).reshape(16, 16))]
+    for seq, message in enumerate(messages):
+        graph.copy("/t", seq, message)
+    graph.start()
+    for options in ("-f", "-f --flow-style"):
+        code, out, _ = call(f"topic echo /t -n 2 {options}")
+        assert code == 0 and documents(out) == [plain(one) for one in messages]
+    short = call("topic echo /t -n 2").out
+    assert 'array: "16 x 16 float64: 0.0, 0.00392156862745098, ' in short
+    assert documents(call("topic echo /t --once --no-arr").out)[0]["array"] == "2 x 3 float64"
+    rows = [*csv.reader(call("topic echo /t -n 2 --csv").out.splitlines())]
+    for row, message in zip(rows, messages, strict=True):
+        values = [np.ravel(one).tolist() for one in plain(message).values()]
+        wanted = [cell for one in values for cell in one]
+        assert [type(one)(cell) for one, cell in zip(wanted, row, strict=True)] == wanted
 
 
-def test_what_came_before_the_tool_is_not_missing():
-    assert places(SequenceTracker(anew=False), (0, 500), (0, 501)) == [0, 0]
+def test_echo_shows_own_types_and_refuses_unknown_ones(graph, call, refusal):
+    graph.copy("/own", 0, Bends(goal=4, curvature=12.5))
+    graph.copy("/odd", 0, log(0.0))
+    graph.start()
+    assert documents(call("topic echo /own --once").out) == [{"goal": 4, "curvature": 12.5}]
+    assert "'NoSuchType', which is not known here; --raw shows" in refusal("topic echo /odd --once")
+    assert call("topic echo /odd --once --raw").out == f"{encode(log(0.0))!r}\n---\n"
 
 
-def test_missing_messages_are_counted_from_the_numbers():
-    assert places(SequenceTracker(anew=False), (0, 1), (0, 5), (0, 6)) == [0, 3, 0]
+def test_echo_refuses_messages_of_another_version(graph, call, refusal):
+    graph.copy("/t", 0, frame(3), schema=1)
+    graph.start()
+    assert "the graph was started by another version" in refusal("topic echo /t --once")
+    assert call("topic echo /t --once --raw").code == 0
 
 
-def test_what_a_node_says_again_after_a_restart_is_no_news():
-    again = [(1, 0), (1, 1), (1, 2), (1, 3)]
-    assert places(SequenceTracker(anew=False), (0, 1), (0, 2), *again) == [
-        0,
-        0,
-        None,
-        None,
-        None,
-        0,
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [
+        ("pose > 3", "pose holds several values; name one, as pose[0]"),
+        ("outcome > 3", "outcome is 'hit'; 3 is of another kind"),
+        ("touch < 'a'", "touch is 3; 'a' is of another kind"),
+    ],
+)
+def test_echo_refuses_incomparable_values(graph, refusal, wanted, words):
+    graph.copy("/t", 0, frame(3))
+    graph.start()
+    assert words in refusal("topic echo /t --once --filter", wanted)
+
+
+def test_echo_tells_of_values_that_messages_lack(graph, call, tetrahedron):
+    graph.copy("/m", 0, tetrahedron)
+    graph.start()
+    code, out, err = call("topic echo /m --once --field health.fallback --field number")
+    assert (code, out) == (2, "health.fallback: null\nnumber: 1\n---\n")
+    told, refused = err.splitlines()
+    assert told.startswith("palpate: null where there is none: ") and "'fallbacks'" in told
+    assert "--field health.fallback: no message that was shown has it" in refused
+    for path, why in (
+        ("vertices[4]", "from vertices[0] to vertices[3]"),
+        ("health.x", "has no 'x'"),
+    ):
+        assert why in call("topic echo /m --once --field", path).err
+    assert call("topic echo /m --once --field health.fallbacks").out == "0.0\n---\n"
+
+
+# Numbers of starts and messages as they come; those that are shown, and how many were lost.
+ORDERS = {
+    "messages before the tool are not missing": ("/t", [(0, 500), (0, 501)], [0, 1], 0),
+    "gaps are counted from the numbers": ("/t", [(0, 1), (0, 5), (0, 6)], [0, 1, 2], 3),
+    "what a restarted node repeats is no news":
+        ("/t", [(0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (1, 3)], [0, 1, 5], 0),
+    "a late copy of an earlier start is no news": ("/t", [(1, 3), (0, 9), (1, 4)], [0, 2], 0),
+    "a node speaking of itself counts anew": ("/log", [(0, 7), (1, 2), (1, 4)], [0, 1, 2], 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ORDERS)
+def test_losses_are_counted_from_sequence_numbers(graph, call, case):
+    topic, copies, shown, lost = ORDERS[case]
+    for place, (epoch, seq) in enumerate(copies):
+        graph.copy(topic, seq, log(place) if topic == "/log" else frame(place), epoch=epoch)
+    graph.copy(topic, 99, frame(50), run=1)  # of another run
+    graph.start()
+    field = "robot_time" if topic == "/log" else "touch"
+    code, out, err = call(f"topic echo {topic} --field {field} -n {len(shown)}")
+    assert code == 0
+    assert [float(one) for one in out.split() if one != "---"] == shown
+    told = f"palpate: {topic}: {lost} messages lost on the way here so far\n"
+    assert err == (told if lost else "")
+    assert call(f"topic echo {topic} -n {len(shown)} --no-lost-messages").err == ""
+
+
+def expected(copies, topic, window):
+    """Figures of copies (number, sent [ns], size of the body), the last of a window."""
+    seq, sent, size = np.array(copies[-window:]).T
+    steps, times = np.diff(seq), 1e-9 * np.diff(sent)
+    frames = size + len(topic) + 1 + HEADER_SIZE
+    rate = (seq[-1] - seq[0]) / (1e-9 * (sent[-1] - sent[0]))
+    return {
+        "messages": len(seq),
+        "rate_hz": rate,
+        "bytes_per_s": rate * frames.mean(),
+        "period_s": statistics(times[steps == 1]),
+        "size_bytes": statistics(frames),
+    }
+
+
+def statistics(values):
+    if not len(values):
+        return None
+    names = ("mean", "least", "most", "deviation")
+    return dict(zip(names, (values.mean(), values.min(), values.max(), values.std()), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("received", "window"), [(1.0, 10_000), (0.5, 10_000), (0.1, 10_000), (0.5, 7), (1.0, 2)]
+)
+def test_rates_follow_from_publishers_numbers_and_times(graph, call, received, window):
+    rng = random.Random(1)
+    copies = [
+        (seq, 10**9 + 10**6 * seq + rng.randrange(200_000), rng.randrange(1, 900))
+        for seq in range(60)
+        if rng.random() < received
     ]
+    for seq, sent, size in copies:
+        graph.copy("/t", seq, bytes(size), sent_ns=sent)
+    graph.start()
+    found = json.loads(call("topic hz /t --json --duration 0.2 -w", window).out.splitlines()[-1])
+    assert (found.pop("topic"), found.pop("publisher")) == ("/t", "talker")
+    assert found.pop("delay_s")["least"] > 0.0
+    for key, value in expected(copies, "/t", window).items():
+        assert found[key] == (value if value is None else pytest.approx(value, rel=1e-6)), key
 
 
-def test_a_late_copy_of_an_earlier_start_is_no_news():
-    assert places(SequenceTracker(anew=True), (1, 3), (0, 9)) == [0, None]
+def test_restart_of_a_node_begins_the_window_anew(graph, call):
+    for epoch, seq, sent in ((0, 7, 0), (0, 8, 1), (1, 0, 5), (1, 1, 5.5)):
+        graph.copy("/log", seq, log(0.0), epoch=epoch, sent_ns=round(1e9 * sent))
+    graph.start()
+    lines = call("topic hz /log --json --duration 0.2").out.splitlines()
+    found = {one["publisher"]: one for one in map(json.loads, lines)}["talker"]
+    assert (found["rate_hz"], found["messages"]) == (pytest.approx(2.0), 2)
 
 
-def test_who_counts_anew_after_a_restart_has_lost_nothing():
-    assert places(SequenceTracker(anew=True), (0, 7), (1, 2), (1, 4)) == [0, 0, 1]
+def test_rates_bandwidths_and_delays_are_printed_as_by_ros2(graph, call):
+    body = bytes(1000 - HEADER_SIZE - 3)
+    ago = time.monotonic_ns()
+    for seq, sent in ((0, 0), (1, 0.01), (5, 0.05), (6, 0.08)):
+        graph.copy("/t", seq, body, sent_ns=round(1e9 * sent))
+    for seq, seconds in ((0, 3000), (1, 1000)):
+        graph.copy("/own", seq, b"", sent_ns=ago - seconds * 10**9)
+    graph.copy("/m", 0, b"")
+    graph.start()
+    assert call("topic hz /t --duration 0.2").out == (
+        "average rate: 75.000\n\tmin: 0.010000s max: 0.030000s std dev: 0.010000s "
+        "window: 4 (3 sent, but not received)\n"
+    )
+    assert call("topic bw /t --duration 0.2").out == (
+        "75.00 KB/s from 4 messages\n\tMessage size mean: 1.00 KB min: 1.00 KB max: 1.00 KB "
+        "window: 4 (3 sent, but not received)\n"
+    )
+    words = call("topic delay /own --duration 0.2").out.split()
+    found = [float(words[place].rstrip("s")) for place in (2, 4, 6, 9)]
+    # The tool takes a message at most some seconds after it was sent.
+    assert found == pytest.approx([2000.0, 1000.0, 3000.0, 1000.0], abs=30.0)
+    out = call("topic hz --all --duration 0.2").out
+    assert "/t\naverage rate: 75.000\n" in out
+    assert "only one message on /m\n" in out and "no messages on /odd\n" in out
+    assert "/log" not in out
 
 
-def test_batches_come_as_long_as_the_graph_runs(card, monkeypatch):
-    alive = iter([True, True, False])
-    monkeypatch.setattr(topics, "ALIVE_CHECK", 0.0)
-    monkeypatch.setattr(topics, "is_running", lambda _: next(alive))
-    with TapSubscription(card, find_topics(card, ["/t"])) as taps:
-        assert list(taps.batches()) == [[], [], []]
+def test_rate_without_neighbouring_messages_has_no_period(graph, call, refusal):
+    for seq in (0, 9):
+        graph.copy("/t", seq, b"", sent_ns=10**7 * seq)
+    graph.start()
+    assert call("topic hz /t t --duration 0.2").out == (  # a topic named twice is one
+        "average rate: 100.000\n\tno two neighbouring messages came "
+        "window: 2 (8 sent, but not received)\n"
+    )
+    assert "nobody publishes /rely" in refusal("topic hz /rely")
+
+
+def test_measuring_ends_with_the_graph(graph):
+    graph.start()
+    graph.vanish()
+    with pytest.raises(ValueError, match="no graph of yours is running"):
+        find_run(None)
+    topics, printed = find_topics(graph.card, ["/t"]), list[str]()
+    RateMonitor(topics, 10, rate_text, printed.append).run(graph.card, topics, None)
+    assert printed == ["no messages on /t"]

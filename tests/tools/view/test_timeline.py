@@ -1,12 +1,15 @@
+"""What happened in robot time: the same whatever the order in which messages come."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from palpate.core.geometry import is_closed, signed_volume
 from palpate.messages.types import Score, SensorInfo, ShapeModel, SurfacePatch
-from palpate.tools.bag import open_decoded
-from palpate.tools.view import Timeline, read_timeline
-from palpate.tools.view.timeline import MOST_POINTS
+from palpate.tools.bag.decoding import open_decoded
+from palpate.tools.view.picture import finger_mesh
+from palpate.tools.view.timeline import Timeline, read_timeline
 
 
 @pytest.fixture(scope="module")
@@ -26,69 +29,56 @@ def timeline_of(messages):
     return line
 
 
-def told(line):
+def contents(line):
     """What a timeline holds, as far as it can be compared."""
-    touches = [(one.time, one.goal, one.number, one.points.tobytes()) for one in line.touches]
+    touches = [
+        (one.time, one.goal, one.number, one.points.tobytes(), np.float64(one.force).tobytes())
+        for one in line.touches
+    ]
     models = [(one.robot_time, one.number) for one in line.models]
     contours = [(one.robot_time, one.id) for one in line.contours]
     return touches, models, contours, sorted(line.scores), sorted(line.spaces), line.end
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_order_of_arrival_does_not_matter(seed, messages, line):
+def test_order_of_arrival_does_not_matter(seed, messages, line):
     mixed = [messages[i] for i in np.random.default_rng(seed).permutation(len(messages))]
-    assert told(timeline_of(mixed)) == told(line)
-
-
-def test_an_image_is_its_touchs_own_whenever_it_comes(messages, line):
-    late = sorted(messages, key=lambda one: type(one).__name__ == "TactileImage")
-    forces = [one.force for one in line.touches]
-    assert np.isfinite(forces).any()
-    assert np.array_equal([one.force for one in timeline_of(late).touches], forces, equal_nan=True)
+    assert contents(timeline_of(mixed)) == contents(line)
+    assert np.isfinite([one.force for one in line.touches]).any()
 
 
 def test_nothing_is_taken_back_as_time_passes(line):
     times = np.linspace(-1.0, line.end + 1.0, 500)
     moments = np.array([line.at(time) for time in times])
-    assert (np.diff(moments, axis=0) >= 0).all()
-    assert not moments[0].any()
+    assert (np.diff(moments, axis=0) >= 0).all() and not moments[0].any()
     kinds = (line.touches, line.grasps, line.contours, line.models)
     assert tuple(moments[-1]) == tuple(map(len, kinds))
-
-
-def test_a_touch_is_there_from_its_end_on(line):
-    for number, one in enumerate(line.touches, 1):
+    for number, one in enumerate(line.touches, 1):  # a touch is there from its end on
         assert line.at(one.time).touches >= number
         assert line.at(np.nextafter(one.time, 0.0)).touches < number
 
 
-def test_patches_that_come_before_the_sensor_is_known_wait_for_it(messages, line):
-    patches = [one for one in messages if isinstance(one, SurfacePatch)]
-    sensor = next(one for one in messages if isinstance(one, SensorInfo))
-    early = timeline_of(patches)
+def test_messages_wait_for_what_they_need(messages, line):
+    early = timeline_of([one for one in messages if isinstance(one, SurfacePatch)])
     assert early.touches == []
-    early.add(sensor)
+    early.add(next(one for one in messages if isinstance(one, SensorInfo)))
     assert [one.time for one in early.touches] == [one.time for one in line.touches]
-
-
-def test_scores_belong_to_models_by_their_number(messages):
     score = next(one for one in messages if isinstance(one, Score))
     better = replace(score, number=score.number + 100, rms=1e-9)
-    line = timeline_of([better, score])
-    assert line.scores[score.number].rms == score.rms
-    assert line.scores[score.number + 100].rms == 1e-9
-
-
-def test_a_model_without_triangles_is_none_to_show(messages):
+    assert timeline_of([better, score]).scores[score.number].rms == score.rms
     model = next(one for one in messages if isinstance(one, ShapeModel))
     bare = replace(model, vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int32))
     assert timeline_of([bare]).models == []
 
 
-def test_what_was_touched_lies_on_the_true_surface(line):
+def test_touched_points_lie_on_the_true_surface(line):
     hits = [one for one in line.touches if one.outcome == "hit"]
-    assert len(hits) > 10
-    points = np.concatenate([one.points for one in hits])
-    assert max(len(one.points) for one in hits) <= MOST_POINTS
-    assert line.surface is not None
-    assert line.surface.deviations(points).max() < 1e-4
+    assert len(hits) > 10 and max(len(one.points) for one in hits) <= 48
+    assert line.surface.deviations(np.concatenate([one.points for one in hits])).max() < 1e-4
+
+
+def test_drawn_finger_is_closed_with_its_tip_at_the_pad():
+    vertices, faces = finger_mesh(np.array([0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0]))
+    assert is_closed(faces) and signed_volume(vertices[faces]) > 0.0
+    assert vertices[:, 2].max() == pytest.approx(0.3)
+    assert np.abs(vertices - [0.1, 0.2, 0.3]).sum(axis=1).min() == 0.0

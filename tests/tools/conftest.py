@@ -1,0 +1,140 @@
+"""The command line called in process, and a recording with a message of most kinds."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from palpate.messages.types import LogRecord, PlanDone, SensorInfo, SurfacePatch, Truth
+from palpate.nodes.runtime.testing import example
+from palpate.tools.cli.command_line import run
+from tests.tools.recordings import POSE, frame, write_recording
+from tests.tools.toy_graph import ToyGraph, toy_graph
+
+
+class Printed(NamedTuple):
+    """What a command has come to."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Printed]:
+    """Runs a command in this process: the verb's words in one text, then its arguments."""
+
+    def do(verb: str, *arguments: Any) -> Printed:
+        capsys.readouterr()
+        code = run([*verb.split(), *map(str, arguments)])
+        return Printed(code, *capsys.readouterr())
+
+    return do
+
+
+@pytest.fixture
+def refusal(call: Callable[..., Printed]) -> Callable[..., str]:
+    """The one sentence on standard error with which a command is refused."""
+
+    def do(verb: str, *arguments: Any) -> str:
+        code, out, err = call(verb, *arguments)
+        assert (code, out, err.count("\n")) == (2, "", 1), err
+        assert err.startswith("palpate: ")
+        return err
+
+    return do
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a recording of some messages into the test's folder."""
+
+    def write(messages: Any, *, name: str = "topics.mcap", **how: Any) -> Path:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        return write_recording(tmp_path / name, messages, **how)
+
+    return write
+
+
+@pytest.fixture
+def sensor() -> SensorInfo:
+    """An array of two rows and three columns."""
+    fields = {"rows": 2, "cols": 3, "pitch": 0.001, "thickness": 0.003, "dome": 0.0}
+    fields |= {"signal": "time", "sound_speed": 1000.0, "taxel_stiffness": 100.0}
+    fields |= {"gain": np.ones((2, 3)), "offset": np.zeros((2, 3)), "saturation": 0.5}
+    return example(SensorInfo, **fields, face="springs", face_decay=0.0, noise=0.0)
+
+
+@pytest.fixture
+def patch() -> SurfacePatch:
+    """A touch of which four taxels of six felt something."""
+    fields = {"goal": 1, "finger": 2, "pose": POSE, "outcome": "hit", "kind": "smooth"}
+    fields |= {"height": np.array([[0.0, 1e-4, 2e-4], [0.0, 3e-4, 4e-4]]), "umbilic": False}
+    mask = np.array([[False, True, True], [False, True, True]])
+    return example(SurfacePatch, **fields, mask=mask, robot_time=0.5)
+
+
+@pytest.fixture
+def explored_messages(sensor, patch, contour, tetrahedron, score) -> list[tuple[str, Any]]:
+    """A message of most kinds; a second contour and a second model, which is empty."""
+    mesh = {"vertices": tetrahedron.vertices, "faces": tetrahedron.faces}
+    floor = {"floor_vertices": tetrahedron.vertices, "floor_faces": tetrahedron.faces}
+    longer = replace(
+        contour,
+        id=1,
+        points=np.arange(9.0).reshape(3, 3),
+        normals=np.zeros((3, 3)),
+        curvature=np.zeros(3),
+        status="occluded",
+        gap_starts=np.ones((1, 3)),
+        gap_ends=np.ones((1, 3)),
+        gap_reasons=("missed",),
+    )
+    empty = replace(
+        tetrahedron,
+        number=2,
+        vertices=np.zeros((0, 3)),
+        faces=np.zeros((0, 3), np.int32),
+        control=np.zeros((4, 4, 5, 3)),
+        dropped_reasons=("too short", 'Lücke, "offen"'),
+        health={"condition": 1.5, "folds": 2.0},
+    )
+    done = example(PlanDone, reason="within, all of it", reached=True, rms_bound_95=None)
+    return [
+        ("/truth", Truth(**mesh, **floor, height=0.03)),
+        ("/touch/info", sensor),
+        *(("/touch/raw", frame(touch)) for touch in range(3)),
+        ("/touch/patch", patch),
+        ("/contour/traced", contour),
+        ("/contour/traced", longer),
+        ("/model/shape", tetrahedron),
+        ("/model/shape", empty),
+        ("/score", score),
+        ("/log", LogRecord(node="filter", level="warning", text="a, b\n=c", robot_time=0.0)),
+        ("/plan/done", done),
+    ]
+
+
+@pytest.fixture
+def explored(record, explored_messages) -> Path:
+    """Their recording."""
+    return record(explored_messages)
+
+
+@pytest.fixture
+def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder for running graphs; its path is short, as paths of sockets must be."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        yield Path(folder)
+
+
+@pytest.fixture
+def graph(runtime: Path) -> Iterator[ToyGraph]:
+    """A graph of this user that runs; the test starts it."""
+    with toy_graph() as found:
+        yield found

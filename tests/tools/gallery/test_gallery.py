@@ -1,0 +1,86 @@
+"""Figures of the thesis: each is drawn as it is kept, and the page shows them all."""
+
+import io
+import json
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from palpate.tools.gallery.sheet import FIGURES, draw_png, find_figures
+
+DOCS = Path(__file__).parents[3] / "docs"
+KEPT = DOCS / "gallery"
+CHEAP = ("bernstein", "step_components", "correspondence", "lattice")
+SLOW = [pytest.param(one, marks=pytest.mark.slow) for one in FIGURES if one not in CHEAP]
+
+
+def pixels(png):
+    with Image.open(io.BytesIO(png)) as picture:
+        return np.asarray(picture.convert("RGB"))
+
+
+@pytest.mark.parametrize("name", [*CHEAP, *SLOW])
+def test_figure_is_drawn_as_it_is_kept(name):
+    drawn, kept = pixels(draw_png(name)), pixels((KEPT / f"{name}.png").read_bytes())
+    assert drawn.shape == kept.shape
+    # Of 255; another font makes a few.
+    assert np.abs(drawn.astype(float) - kept).mean() < 6.0
+    high, wide = (length // 4 for length in drawn.shape[:2])
+    middle = drawn[high:-high, wide:-wide].reshape(-1, 3)
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) >= 8
+    assert 0.01 < (middle != 255).any(axis=1).mean() < 0.99
+
+
+def test_page_shows_every_figure_with_its_caption():
+    shown = {}
+    for picture, line in pairwise((DOCS / "gallery.md").read_text().split("\n\n")):
+        if found := re.fullmatch(r"!\[(.{8,})\]\(gallery/(\w+)\.png\)", picture):
+            shown[found[2]] = line.strip()
+    assert list(shown) == list(FIGURES)
+    for name, one in FIGURES.items():
+        numbers = " to ".join(dict.fromkeys((*one.numbers[:1], *one.numbers[-1:])))
+        assert shown[name] == (f"**{numbers}** " if numbers else "") + one.caption
+    sizes = {path.stem: path.stat().st_size for path in KEPT.glob("*")}
+    assert {*sizes} == {*FIGURES}
+    assert max(sizes.values()) <= 100_000 and sum(sizes.values()) <= 1_500_000
+
+
+def test_figures_are_found_by_name_or_thesis_number():
+    assert find_figures(["5.12", "bernstein", "example_1", "2.4"]) == ["example_1", "bernstein"]
+    assert find_figures([]) == list(FIGURES)
+    numbers = [number for one in FIGURES.values() for number in one.numbers]
+    assert len(numbers) == len({*numbers})
+    # Sketches and photographs are not drawn: of a sensor, a flow chart, a box, an edge model.
+    chapters = {"2": 9, "3": 10, "4": 3, "5": 20}
+    printed = {f"{c}.{n}" for c, most in chapters.items() for n in range(1, most + 1)}
+    assert printed - {*numbers} == {"2.5", "2.6", "2.9", "3.1", "3.2"} and {*numbers} <= printed
+
+
+def test_gallery_verb_draws_and_lists(here, call):
+    code, out, err = call("gallery 2.4 step_components -o a/b --json")
+    assert (code, err) == (0, "drawing bernstein\ndrawing step_components\n")
+    assert json.loads(out) == ["a/b/bernstein.png", "a/b/step_components.png"]
+    before = Path("a/b/bernstein.png").read_bytes()
+    assert call("gallery 2.4 -o a/b").code == 0
+    assert Path("a/b/bernstein.png").read_bytes() == before
+    listed = json.loads(call("gallery --list --json run 3.10").out)
+    shows = {name: one["shows"] for name, one in listed.items()}
+    assert shows == {"run": "ours", "step_function": "3.9 to 3.10"}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("lattce -o made", "there is no figure 'lattce'; did you mean 'lattice'?"),
+        ("2.9 -o made", "there is no figure '2.9'; see palpate gallery --list"),
+        ("bernstein -o file", "file: cannot be made: File exists"),
+    ],
+)
+def test_impossible_galleries_are_refused(here, refusal, words, told):
+    Path("file").touch()
+    assert refusal(f"gallery bernstein {words}") == f"palpate: {told}\n"
+    assert [one.name for one in here.iterdir()] == ["file"]

@@ -1,0 +1,339 @@
+"""Sweeps: runs that are asked for, made by workers that answer at once, kept and compared."""
+
+import csv
+import json
+import re
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+
+from palpate.launch.files.source_map import InputError
+from palpate.tools.sweep.results import pareto_front
+from palpate.tools.sweep.sweep_file import read_sweep
+from palpate.tools.sweep.sweep_folder import run_sweep
+
+RECORD = {
+    "status": "finished", "exit_code": 0, "tolerance_met": True, "chamfer_m": 1e-5, "rms_m": 2e-5,
+    "p95_m": 3e-5, "hausdorff_m": 4e-5, "rms_bound_95_m": 5e-5, "largest_untouched_m": 2e-3,
+    "sampling_floor_m": 5e-6, "size_m": 0.08, "contours": 5, "touches": 90, "robot_time_s": 300.5,
+    "compute_s": 4.5, "wall_s": 5.5, "reason": "done; it was compared with the true one",
+}  # fmt: skip
+FAILED = dict.fromkeys(RECORD) | {"status": "died", "exit_code": 3, "reason": "no <luck>, a"}
+FOUR = "scene: sphere\nseeds: 2\ngrid: {planner.tolerance: [1.0e-3, 0.5e-3]}\n"
+WIDTHS = 3  # in which each picture of a page is drawn
+
+
+class Workers:
+    """Answers each run, latest first, by a function of its place in the sweep, or of its count."""
+
+    width = 3
+
+    def __init__(self, answer, by_place=False):
+        self.answer, self.by_place = answer, by_place
+        self.begun, self.waiting, self.answered, self.closed = [], [], 0, False
+
+    def begin(self, job):
+        self.begun.append(job)
+        self.waiting.append((len(self.begun) - 1, job))
+        job.folder.mkdir(parents=True)
+        (job.folder / "half.txt").write_text("half")
+
+    def finished(self):
+        place, job = self.waiting.pop()
+        found = self.answer(place if self.by_place else self.answered)
+        self.answered += 1
+        if isinstance(found, BaseException):
+            raise found
+        return [(job, found)]
+
+    def close(self):
+        self.closed = True
+
+
+def good(number):
+    return RECORD | {"rms_m": 1e-5 * (1 + number)}
+
+
+@pytest.fixture
+def sweep(write, tmp_path):
+    """Makes a sweep with answers for its runs; what came of it."""
+
+    def do(text=FOUR, answer=good, *, say=print, out=tmp_path / "out", by_place=False):
+        workers = Workers(answer, by_place)
+        done = run_sweep(read_sweep(write("four.yaml", text)), out, workers, say)
+        assert workers.closed
+        return done, workers
+
+    return do
+
+
+def table(folder):
+    with (folder / "table.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def asked(write, text):
+    return [dict(run.asked) for run in read_sweep(write("sweep.yaml", text)).runs]
+
+
+def test_grid_is_every_combination_with_seeds_innermost(write):
+    grid = "planner.tolerance: [1.0e-3, 0.5e-3], scene.sensor.pitch: [1.0e-3, 1.2e-3]"
+    found = asked(write, f"scene: sphere\nseeds: 2\ngrid: {{{grid}}}\n")
+    keys = ("scene", "planner.tolerance", "scene.sensor.pitch", "seed")
+    assert [tuple(one.items()) for one in found] == [
+        tuple(zip(keys, ("sphere", tolerance, pitch, seed), strict=True))
+        for tolerance in (1e-3, 0.5e-3) for pitch in (1e-3, 1.2e-3) for seed in (0, 1)
+    ]  # fmt: skip
+
+
+def test_each_entry_of_a_list_goes_through_the_rest_of_the_grid(write):
+    text = "scene: [sphere, egg]\ngrid: {planner.planner: [predicted, fuzzy], fingers: [1, 2]}\n"
+    text += "list:\n  - {}\n  - {planner.planner: uniform, planner.settings.count: 4}\n"
+    found = asked(write, text)
+    assert [one["scene"] for one in found] == ["sphere"] * 6 + ["egg"] * 6
+    kinds = [(one["planner.planner"], one["fingers"]) for one in found[:6]]
+    planners = ("predicted", "fuzzy", "uniform")
+    assert kinds == [(planner, fingers) for planner in planners for fingers in (1, 2)]
+    counts = [one.get("planner.settings.count") for one in found[:6]]
+    assert counts == [None] * 4 + [4] * 2
+
+
+def test_values_reach_simulator_and_planner_in_their_units(write, tmp_path):
+    text = "scene: sphere\nseeds: [7]\ngrid: {tolerance: [0.7mm], feature: [1 cm], budget: [10min],"
+    text += " scene.effects.gaussian_noise.sigma: [3.0e-6],"
+    text += " 'scene.object.superquadric.size[2]': [0.03]}\n"
+    (run,) = read_sweep(write("sweep.yaml", text)).runs
+    nodes = {one.name: one.params for one in run.plan(tmp_path / "run").wirings}
+    planner, simulator = nodes["planner"], nodes["simulator"]
+    demand = planner.tolerance, planner.feature, planner.most_seconds
+    assert demand == pytest.approx((0.7e-3, 10e-3, 600.0)) and run.asked["tolerance"] == "0.7mm"
+    assert simulator.seed == 7 and simulator.object.superquadric.size[2] == 0.03
+    assert simulator.effects["gaussian_noise"] == {"sigma": 3.0e-6}
+
+
+def test_equal_runs_are_found_by_their_parameters(write):
+    plain = read_sweep(write("a.yaml", "scene: sphere\n")).runs
+    text = "scene: sphere\nseeds: [0]\ngrid: {fingers: [1, 1, 2]}\n"
+    same = read_sweep(write("b.yaml", text))
+    assert same.repeated == 1 and len({run.mark for run in same.runs}) == 2
+    assert plain[0].mark == same.runs[0].mark and plain[0].name != same.runs[0].name
+    silent = read_sweep(write("a.yaml", "scene: sphere\n"), record=False).runs
+    assert silent[0].mark == plain[0].mark  # whether it is recorded changes nothing
+    assert re.fullmatch(r"[\w.-]{1,80}", same.runs[0].name)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("scene: vaze\n", "1: there is no scene 'vaze'; did you mean 'vase'?"),
+        ("scene: []\n", "1: scene is []; expected list of length >= 1"),
+        ("scene: sphere\nseeds: 0\n", "2: seeds is 0; expected whole number >= 1"),
+        ("scene: sphere\nseeds: 10001\n", "2: seeds is 10001"),
+        ("scene: sphere\nseeds: 5001\ngrid: {fingers: [1, 2]}\n", "1: has more than 10000 runs"),
+        ("scene: sphere\ngird: {}\n", "2: unknown key 'gird'; did you mean 'grid'?"),
+        ("scene: sphere\ngrid: {fingers: []}\n", "2: grid is a map of fingers"),
+        ("scene: sphere\ngrid:\n  planner.tolernce: [1.0e-3]\n", "3: unknown key 'tolernce' in"),
+        ("scene: sphere\ngrid:\n  planer.tolerance: [1.0e-3]\n", "3: there is no node 'planer'"),
+        ("scene: sphere\ngrid:\n  scene.effects.gaussian_noise.sigma: [-1]\n",
+         "3: effects.gaussian_noise: sigma is -1 m; expected 0 to 0.001 m"),
+        ("scene: sphere\ngrid: {tolernce: [1.0e-3]}\n", "2: there is no parameter"),
+        ("scene: sphere\ngrid:\n  tolerance: [1mm, 0.2]\n", "3: tolerance 0.2: must have"),
+        ("scene: sphere\ngrid: {budget: [0s]}\n", "2: budget 0s: must be more than 0"),
+        ("scene: sphere\nlist:\n  - {planner.planner: fuzzy,\n     planner.settings.curl: 9}\n",
+         "4: "),
+        ("scene: sphere\ngrid: {fingers: [1]}\nlist: [{fingers: 2}]\n", "2: every entry of list"),
+        ("scene: sphere\ngrid:\n  planner.feature: [3.0e-3]\n  planner.tolerance: [1.0e-3, 1e-9]\n",
+         "4: "),  # the last combination
+    ],
+)  # fmt: skip
+def test_runs_that_cannot_be_made_are_refused_with_their_line(write, text, complaint):
+    path = write("sweep.yaml", text)
+    with pytest.raises(InputError) as refused:
+        read_sweep(path)
+    assert str(refused.value).startswith(f"{path}:{complaint}")
+
+
+def test_every_run_has_a_folder_and_a_row(sweep, tmp_path):
+    said, out = [], tmp_path / "out"
+    done, workers = sweep(say=said.append)
+    assert (done.exit_code, done.left, done.kept, done.figures["finished"]) == (0, 0, 0, 4)
+    rows = table(out)
+    assert [row["run"] for row in rows] == ["1", "2", "3", "4"]
+    head = list(rows[0])
+    assert head == ["run", "scene", "planner.tolerance", "seed", *RECORD, "folder"]
+    for row in rows:
+        record = json.loads((out / row["folder"] / "run.json").read_text())
+        assert record["palpate"] and record["asked"]["seed"] == int(row["seed"])
+        assert float(row["chamfer_m"]) == 1e-5 and row["tolerance_met"] == "true"
+    assert {one.name for one in out.iterdir()} == {"sweep.yaml", "runs", "table.csv", "index.html"}
+    assert said[0] == f"{out}: 4 runs" and done.text.endswith("index.html")
+    assert said[-1].startswith("4 of 4, best 0.010 mm, 0 s left; sphere_tolerance")
+    before = [(out / name).read_text() for name in ("table.csv", "index.html")]
+    again, workers = sweep()
+    assert (again.kept, workers.begun) == (4, [])
+    assert [(out / name).read_text() for name in ("table.csv", "index.html")] == before
+
+
+def test_interrupted_sweep_keeps_what_is_finished(sweep, tmp_path):
+    said, out = [], tmp_path / "out"
+    answers = [RECORD, RECORD, KeyboardInterrupt()]
+    done, _ = sweep(answer=lambda number: answers[number], say=said.append)
+    assert (done.exit_code, done.left, len(table(out))) == (130, 2, 2)
+    told = f"interrupted: 2 of 4 runs are finished and kept; palpate sweep {out}"
+    assert said[-1].startswith(told)
+    (out / "runs" / ".half").mkdir()  # of a sweep that was killed
+    done, workers = sweep()
+    assert (done.exit_code, len(workers.begun), len([*(out / "runs").iterdir()])) == (0, 2, 4)
+    answers = [RECORD, InputError("the disk is full")]
+    with pytest.raises(InputError, match=r"the disk is full; 1 of 4 runs are finished and kept"):
+        sweep(answer=lambda number: answers[number], out=tmp_path / "other")
+
+
+def test_another_file_keeps_the_runs_that_still_occur(sweep, tmp_path):
+    sweep()
+    said, out = [], tmp_path / "out"
+    more = "scene: sphere\nlist: [{planner.tolerance: 0.5e-3}, {planner.tolerance: 0.4e-3}]\n"
+    _, workers = sweep(more, say=said.append)
+    assert said[0] == f"{out}: 2 runs, 1 finished already"
+    assert len(workers.begun) == 1 and len(table(out)) == 2
+    assert len([*(out / "runs").iterdir()]) == 5 and (out / "sweep.yaml").read_text() == more
+
+
+def test_runs_of_dead_workers_are_begun_again(sweep, tmp_path):
+    done, workers = sweep(answer=lambda number: None if number in (0, 1) else RECORD)
+    assert done.exit_code == 0 and len(workers.begun) == 6
+    done, _ = sweep(answer=lambda _: None, out=tmp_path / "other")
+    assert done.exit_code == 1
+    assert {row["reason"] for row in table(tmp_path / "other")} == {"its worker died 3 times"}
+    assert sweep(out=tmp_path / "other")[0].kept == 0
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"exit_code": 0}', "\xff"])
+def test_missed_goals_are_kept_and_damaged_records_are_not(sweep, tmp_path, text):
+    done, _ = sweep(answer=lambda n: RECORD | {"exit_code": int(n == 1)})
+    assert done.exit_code == 1
+    next((tmp_path / "out" / "runs").glob("*/run.json")).write_text(text, encoding="latin-1")
+    assert sweep()[0].kept == 3
+
+
+def test_folders_in_use_or_of_something_else_are_refused(sweep, tmp_path, monkeypatch):
+    def second(number):
+        with pytest.raises(InputError, match="out: another sweep is at work there"):
+            sweep()
+        return RECORD
+
+    assert sweep(answer=second)[0].exit_code == 0
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="full: holds no sweep; choose a new or an empty folder"):
+        sweep(out=tmp_path / "full")
+    with pytest.raises(InputError, match=r"mine\.txt: cannot be written"):
+        sweep(out=tmp_path / "full" / "mine.txt")
+    monkeypatch.chdir(tmp_path)
+    folder = sweep(out=None)[0].folder
+    assert folder.parent.name == "sweeps" and folder.name.endswith("_four")
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), max_size=30))
+def test_front_is_what_no_point_betters(points):
+    cost, error = np.reshape(points, (-1, 2)).T
+    betters = [any((c <= x and e < y) or (c < x and e <= y) for c, e in points) for x, y in points]
+    assert pareto_front(cost, error).tolist() == [not one for one in betters]
+
+
+@pytest.mark.parametrize("error", [[1.0, np.nan], [1.0, None], [np.inf, 1.0], [1.0], ["a", "b"]])
+def test_front_refuses_what_is_no_finite_number(error):
+    with pytest.raises(ValueError, match=r"must be finite numbers|dimensions"):
+        pareto_front([1.0, 2.0], error)
+
+
+def test_text_tells_what_differs_and_marks_the_front(sweep):
+    answers = [{"touches": 90}, {"touches": 91, "exit_code": 1, "rms_m": 3e-5}, FAILED]
+    text = "scene: sphere\nseeds: 3\ngrid: {planner.tolerance: [1.0e-3]}\n"
+    shown = sweep(text, lambda place: RECORD | answers[place], by_place=True)[0].text
+    lines = [line.split() for line in shown.splitlines()]
+    (first,) = (line for line in lines if line[:2] == ["*", "1"])
+    assert first == ["*", "1", "0", "done", "0.0200", "0.0500", "90", "300", "4.5"]
+    assert next(line for line in lines if line[:1] == ["2"])[:3] == ["2", "1", "missed"]
+    assert next(line for line in lines if line[:1] == ["3"])[:3] == ["3", "2", "died"]
+    assert next(line for line in lines if line[:1] == ["run"])[:3] == ["run", "seed", "status"]
+
+
+class Parts(HTMLParser):
+    """What a page is made of; raises if an element is closed that is not open."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.found = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+        if tag not in ("meta", "link", "rect", "path", "circle"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def all(self, tag, name=""):
+        return [its for one, its in self.found if one == tag and name in (its.get("class") or "")]
+
+
+@pytest.fixture
+def page(sweep, tmp_path):
+    """The page of a sweep with these answers, in the order of its runs."""
+
+    def do(answers, text="scene: sphere\nseeds: {n}\n"):
+        text = text.replace("{n}", str(len(answers)))
+        sweep(text, lambda place: RECORD | answers[place], by_place=True)
+        return (tmp_path / "out" / "index.html").read_text()
+
+    return do
+
+
+COSTS = [{"rms_m": 1e-4 / n, "touches": 40 * n} for n in (1, 2, 3)]
+
+
+def test_page_leads_to_every_run_without_network(page, tmp_path):
+    text = page([COSTS[0], COSTS[1] | {"exit_code": 1}, COSTS[2], FAILED])
+    parts = Parts(text)
+    links = {its["href"] for its in parts.all("a")}
+    folders = {row["folder"] for row in table(tmp_path / "out")}
+    assert links >= {f"{one}/" for one in folders} and len(parts.all("figure")) == 3
+    assert len(parts.all("circle", "dot")) == 3 * 3 * WIDTHS and len(parts.all("tr")) == 5
+    assert len(parts.all("circle", "open")) == 3 * WIDTHS
+    assert not re.search(r"https?:|src=|@import|url\(", text)
+    assert "no <luck>" not in text and "1 run without a model" in text
+    front = parts.all("path", "front")[0]["d"]
+    numbers = [float(x) for x in re.findall(r"[\d.]+", front)]
+    assert numbers[0::2] == sorted(numbers[0::2])  # to the right
+    assert numbers[1::2] == sorted(numbers[1::2])  # and down: pixels are counted from above
+    assert "error, mm" in text
+
+
+def test_several_scenes_have_fronts_of_their_own(page):
+    text = page([COSTS[0], COSTS[1], COSTS[0], COSTS[1]], "scene: [sphere, egg]\nseeds: 2\n")
+    assert "error, % of the height" in text
+    assert len(Parts(text).all("path", "front")) == 2 * 3 * WIDTHS
+
+
+def test_page_of_failed_runs_has_no_pictures(page):
+    assert Parts(page([FAILED])).all("figure") == []
+
+
+@pytest.mark.parametrize("most", [1.3, 90.0, 1e4])
+def test_numbers_of_an_axis_do_not_touch(page, most):
+    text = page([*COSTS, {"touches": 40.0 * most}])
+    pictures = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
+    assert len(pictures) == 3 * WIDTHS
+    for picture in pictures:
+        found = re.findall(r'"mid" x="([\d.]+)" y="[\d.]+">([^<]+)<', picture)
+        spans = sorted((float(x) - 4.0 * len(t), float(x) + 4.0 * len(t)) for x, t in found)
+        assert len(spans) >= 2 and all(one[1] < other[0] for one, other in pairwise(spans))

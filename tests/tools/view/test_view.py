@@ -1,0 +1,278 @@
+"""The scene and the controls that a browser is sent, without a browser."""
+
+import io
+import socket
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.launch.files.source_map import InputError
+from palpate.tools.view.live import View, address_of, serving, view_run
+from palpate.tools.view.timeline import Timeline, read_timeline
+
+PORT = 8470
+DRAWN = ("add_glb", "add_mesh_simple", "add_point_cloud", "add_line_segments")
+CONTROLS = ("add_html", "add_checkbox", "add_dropdown")
+
+
+class Seen:
+    """What a server has been asked to show: nodes of the scene and controls, by name."""
+
+    def __init__(self, server: Any) -> None:
+        self.nodes: dict[str, Any] = {}
+        self.given: dict[str, tuple[Any, ...]] = {}
+        self.controls: dict[str, Any] = {}
+        self._texts: list[Any] = []
+        for place, names in ((server.scene, DRAWN), (server.gui, CONTROLS)):
+            for name in names:
+                setattr(place, name, self._noting(getattr(place, name)))
+
+    def _noting(self, make: Callable[..., Any]) -> Callable[..., Any]:
+        def do(name: str, *what: Any, **how: Any) -> Any:
+            handle = make(name, *what, **how)
+            if "visible" in how and name.startswith("/"):
+                self.nodes[name], self.given[name] = handle, what
+            elif hasattr(handle, "content"):
+                self._texts.append(handle)
+            else:
+                self.controls[name] = handle
+            return handle
+
+        return do
+
+    def names(self) -> set[str]:
+        return {name for name, node in self.nodes.items() if node.visible}
+
+    def text(self) -> str:
+        return " ".join(one.content for one in self._texts)
+
+    def all(self) -> Any:
+        """Everything that is seen, in a form that can be compared."""
+        shown = {
+            name: (
+                tuple(np.round(self.nodes[name].position, 9)),
+                *(one if isinstance(one, bytes) else np.asarray(one).tobytes()
+                  for one in self.given[name]),
+            )
+            for name in self.names()
+        }  # fmt: skip
+        return shown, self.text()
+
+
+@pytest.fixture
+def server():
+    with serving(PORT) as one:
+        yield one
+
+
+@pytest.fixture
+def seen(server):
+    return Seen(server)
+
+
+@pytest.fixture
+def view(server, seen, run_folder):
+    return View(server, read_timeline(run_folder), recorded=True)
+
+
+def choose(view, seen, label, value):
+    seen.controls[label].value = value
+    view.draw()
+
+
+def test_jump_shows_what_playing_has_shown(view, seen):
+    view.watched = True
+    played = {}
+    while view.playing:
+        view.pass_time(0.5)
+        played[view.when] = seen.all()
+    assert len(played) > 15 and view.when == view.line.end
+    for when in np.random.default_rng(1).permutation([*played]):
+        view.seek(when)
+        assert seen.all() == played[when]
+    assert len({str(one) for one in played.values()}) > 10
+
+
+def test_only_what_exists_at_a_time_is_shown(view, seen):
+    view.seek(0.0)
+    assert seen.names() == set()
+    view.seek(view.line.end)
+    kinds = [name.split("/")[1] for name in seen.names()]
+    assert {*kinds} == {"contours", "patch", "pad", "points", "solid"}
+    assert kinds.count("contours") == len(view.line.contours)
+    pad = trimesh.Trimesh(*next(one for name, one in seen.given.items() if "pad" in name)[:2])
+    assert pad.is_watertight and pad.volume > 0.0
+    segments = [one[0] for name, one in seen.given.items() if "/contours/" in name]
+    for contour, pieces in zip(view.line.contours, segments, strict=True):
+        assert len(pieces) == len(contour.points) - (contour.status != "closed")
+
+
+@pytest.mark.parametrize("label", ["true solid", "free space", "unknown space", "touched"])
+def test_toggles_show_and_hide(label, view, seen):
+    view.seek(view.line.end)
+    before = seen.names()
+    value = seen.controls[label].value
+    choose(view, seen, label, not value)
+    assert seen.names() != before
+    choose(view, seen, label, value)
+    assert seen.names() == before
+
+
+def test_free_and_unknown_space_have_their_boundaries(view, seen):
+    view.seek(view.line.end)
+    space = view.line.space_at(view.line.at(view.line.end))
+    for label, state in (("free space", 1), ("unknown space", 0)):
+        choose(view, seen, label, True)
+        kind = label.partition(" ")[0]
+        (points, *_) = next(one for name, one in seen.given.items() if f"/space/{kind}/" in name)
+        places = np.rint((points - space.low) / space.step).astype(int)
+        assert len(places) and (space.states[tuple(places.T)] == state).all()
+
+
+def body_of(seen):
+    """The file of the solid that is seen."""
+    (name,) = (one for one in seen.names() if one.startswith("/solid/"))
+    return seen.given[name][0]
+
+
+def solid_of(seen):
+    """Its mesh."""
+    body = body_of(seen)
+    assert b"KHR_materials_unlit" in body and int.from_bytes(body[8:12], "little") == len(body)
+    return trimesh.load(io.BytesIO(body), file_type="glb", force="mesh", process=False)
+
+
+def test_colours_tell_deviation_or_uncertainty(view, seen, server, run_folder):
+    view.seek(view.line.end)
+    body, plain = body_of(seen), solid_of(seen)
+    known = {one.tobytes() for one in np.float32(view.line.models[-1].vertices)}
+    assert {one.tobytes() for one in np.float32(plain.vertices)} <= known
+    assert view.scene.scale is None
+    for colouring in ("deviation", "uncertainty"):
+        choose(view, seen, "colour", colouring)
+        scale = view.scene.scale
+        assert scale.name == colouring and scale.top > 0.0
+        assert f"{1e3 * scale.top:g}</span>" in seen.text()
+        assert len(body_of(seen)) == len(body) and body_of(seen) != body
+    view.line.truth = None
+    choose(view, seen, "colour", "deviation")
+    view.seek(view.line.end)
+    assert view.scene.scale is None and "the true solid is not known" in seen.text()
+
+
+def test_time_passes_at_its_speed_while_watched(view):
+    view.pass_time(1.0)
+    assert view.when == 0.0
+    view.watched = True
+    view.panel.speed.value = "4x"
+    view.pass_time(1.0)
+    assert view.when == pytest.approx(4.0)
+    view.toggle()
+    view.pass_time(1.0)
+    assert view.when == pytest.approx(4.0)
+    view.toggle()
+    view.pass_time(1e4)
+    assert (view.when, view.playing) == (view.line.end, False)
+    view.toggle()
+    assert (view.when, view.playing) == (0.0, True)
+
+
+def test_step_is_a_touch_and_pauses(view, seen):
+    times = [one.time for one in view.line.touches]
+    view.seek(times[4])
+    view.step(1)
+    assert (view.when, view.playing) == (times[5], False)
+    view.step(-1)
+    view.step(-1)
+    assert view.when == times[3] and f"touch 4 of {len(times)}" in seen.text()
+    view.seek(0.0)
+    view.step(-1)
+    assert view.when == 0.0
+
+
+def test_moved_slider_is_not_moved_back(view):
+    view.watched = True
+    view.pass_time(0.5)
+    view.panel.slider.value = 50.0  # its callback has not come yet
+    view.pass_time(0.5)
+    assert view.panel.slider.value == 50.0
+
+
+def test_running_graph_is_followed_until_one_looks_back(server, run_folder):
+    past = read_timeline(run_folder)
+    line = Timeline(pad=past.pad)
+    view = View(server, line, recorded=False)
+    for one in past.touches[:20]:
+        line.touches.append(one)
+        view.pass_time(0.05)
+        assert view.when == one.time
+    view.seek(past.touches[3].time)
+    line.touches += past.touches[20:]
+    view.pass_time(0.05)
+    assert view.when == past.touches[3].time
+    view.toggle()
+    view.pass_time(0.05)
+    assert view.when == past.touches[-1].time
+
+
+def test_late_watcher_sees_the_run_from_its_beginning(server, run_folder):
+    line = read_timeline(run_folder)
+    view = View(server, line, recorded=False, following=False)
+    view.pass_time(10.0)
+    assert view.when == 0.0  # nobody has looked yet
+    view.watched = True
+    view.pass_time(1.0)
+    assert 0.0 < view.when < line.end
+    view.finish()
+    view.pass_time(1e4)
+    assert (view.when, view.playing) == (line.end, False)
+
+
+def test_large_solids_are_thinned_and_few_are_kept(view, seen):
+    body = trimesh.creation.uv_sphere(radius=0.03, count=[100, 201])
+    vertices, faces = np.array(body.vertices), np.array(body.faces, np.int32)
+    model = replace(view.line.models[-1], vertices=vertices, faces=faces)
+    view.line.models[-1] = model
+    view.seek(view.line.end)
+    drawn, whole = view.scene.triangles
+    assert whole == len(faces) and 10_000 < drawn <= 20_000
+    thin = solid_of(seen)
+    assert abs(thin.volume) == pytest.approx(body.volume, rel=0.01)
+    small = view.line.models[0]
+    numbers = range(70)
+    view.line.models[:] = [replace(small, number=i, robot_time=float(i)) for i in numbers]
+    removed: list[str] = []
+    for number in numbers:
+        view.seek(float(number))
+        handle = seen.nodes[f"/solid/plain/{number}"]
+        handle.remove = lambda name=handle.name: removed.append(name)
+    assert len(removed) >= len(numbers) - 48
+    view.seek(0.0)
+    assert "/solid/plain/0" in seen.names()
+
+
+def test_next_free_port_is_taken_silently(server, capsys, monkeypatch):
+    with serving(PORT) as other:
+        assert other.get_port() > server.get_port() >= PORT
+        assert address_of(other).startswith("http://127.0.0.1:")
+    assert capsys.readouterr() == ("", "")
+
+    class Taken(socket.socket):
+        def bind(self, _):
+            raise OSError
+
+    monkeypatch.setattr("socket.socket", Taken)
+    with pytest.raises(InputError, match=f"--port {PORT}: it is taken"), serving(PORT):
+        pass
+
+
+def test_view_without_a_run_is_refused(here, runtime, capsys):
+    latest = "no graph of yours is running, and runs/latest holds no recording: name a run"
+    for run, words in ((None, latest), (here / "none", "does not exist"), (here, "no recording")):
+        with pytest.raises(InputError, match=words):
+            view_run(run, port=PORT, echo=print)
+    assert capsys.readouterr().out == ""
