@@ -41,11 +41,12 @@ LIBRARIES = {
     "palpate.tools.exporters.ros2_bridge": {
         *("numpy", "click", "msgspec", "rclpy", "rosidl_runtime_py"),
     },
-    "palpate.tools.film": {"numpy", "PIL", "click"},
+    "palpate.tools.exporters": {"numpy", "msgspec", "mcap"},
+    "palpate.tools.film": {"numpy", "PIL", "click", "matplotlib"},
     "palpate.tools.report": {"numpy"},
     "palpate.tools.view": {"numpy", "scipy", "PIL", "matplotlib", "viser"},
-    "palpate.tools.sweep": {"numpy", "msgspec", "distributed"},
-    "palpate.tools.gallery": {"numpy", "matplotlib", "PIL"},
+    "palpate.tools.sweep": {"numpy", "msgspec", "click", "distributed"},
+    "palpate.tools.gallery": {"numpy", "click", "matplotlib", "PIL"},
     "palpate.tools.introspection": {"numpy", "msgspec", "rich", "zmq"},
     "palpate.bench": {
         *("numpy", "scipy", "click", "msgspec", "threadpoolctl", "matplotlib", "mpl_toolkits"),

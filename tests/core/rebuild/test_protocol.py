@@ -23,7 +23,7 @@ def normals():
 
 @pytest.fixture(scope="module")
 def ball(normals):
-    return palpate.rebuild_general(RADIUS * normals, 2.0 * normals)
+    return palpate.rebuild_general(RADIUS * normals, 2.0 * normals, folds=1)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def shape(request):
     return (request.getfixturevalue(request.param), *SHAPES[request.param])
 
 
-def test_volume_area_and_genus_are_those_of_the_shape(shape):
+def test_volume_area_and_genus_are_true(shape):
     solid, _, volume, area, genus, _ = shape
     assert isinstance(solid, palpate.Solid)
     assert solid.volume == pytest.approx(volume, rel=2e-3)
@@ -83,15 +83,15 @@ def test_volume_area_and_genus_are_those_of_the_shape(shape):
     assert solid.check() == (True, True, genus, 0, 0)
 
 
-def test_signed_distances_are_those_of_the_shape(shape):
+def test_signed_distances_are_true(shape):
     solid, expected, *_, tolerance = shape
-    points = np.random.default_rng(1).uniform(-0.06, 0.06, (500, 3))
+    points = np.random.default_rng(1).uniform(-0.06, 0.06, (150, 3))
     assert solid.signed_distance(points) == pytest.approx(expected(points), abs=tolerance)
     assert np.array_equal(solid.distance(points), np.abs(solid.signed_distance(points)))
     assert solid.signed_distance(np.zeros((0, 3))).shape == (0,)
 
 
-def test_normals_point_along_the_gradient_of_the_distance(shape):
+def test_normals_point_along_gradient_of_distance(shape):
     solid, expected, *_ = shape
     points = np.random.default_rng(2).uniform(-0.06, 0.06, (500, 3))
     step = 1e-7 * np.eye(3)
@@ -101,7 +101,7 @@ def test_normals_point_along_the_gradient_of_the_distance(shape):
     assert np.quantile(off[on_face], 0.98) < 0.03  # elsewhere the closest point is a crease
 
 
-def test_measures_agree_with_trimesh_and_bounds(shape):
+def test_measures_agree_with_trimesh(shape):
     solid, measures = shape[0], shape[0].measures()
     mesh = solid.to_trimesh()
     assert isinstance(mesh, trimesh.Trimesh) and mesh.is_watertight
@@ -117,7 +117,7 @@ def test_measures_agree_with_trimesh_and_bounds(shape):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".stl", ".obj", ".glb"])
-def test_an_exported_solid_is_loaded_again(shape, suffix, tmp_path):
+def test_exported_solid_is_loaded_again(shape, suffix, tmp_path):
     solid = shape[0]
     solid.export(tmp_path / f"solid{suffix}")
     again = palpate.load(tmp_path / f"solid{suffix}")
@@ -126,7 +126,7 @@ def test_an_exported_solid_is_loaded_again(shape, suffix, tmp_path):
     assert again.bounds == pytest.approx(solid.bounds, abs=1e-8)
 
 
-def test_an_export_that_cannot_be_written_is_refused_in_one_sentence(torus, tmp_path):
+def test_refusals_of_export(torus, tmp_path):
     with pytest.raises(InputError, match=r"a\.foo: must end in one of \.ply, \.stl"):
         torus.export(tmp_path / "a.foo")
     with pytest.raises(InputError, match=r"a\.stl: cannot be written: there is no folder"):
@@ -134,7 +134,9 @@ def test_an_export_that_cannot_be_written_is_refused_in_one_sentence(torus, tmp_
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_mesh_that_is_no_body_says_why(torus):
+def test_mesh_that_is_no_body_says_why():
+    coarse = trimesh.creation.torus(RING, TUBE, major_sections=48, minor_sections=24)
+    torus = palpate.MeshSolid(coarse.vertices, coarse.faces)
     faces = torus.faces.copy()
     open_solid = palpate.MeshSolid(torus.vertices, faces[1:])
     assert open_solid.check()[:3] == (False, False, None) and open_solid.genus is None
@@ -151,31 +153,20 @@ def test_a_mesh_that_is_no_body_says_why(torus):
 
 
 @pytest.mark.parametrize("ask", ["distance", "signed_distance", "normal"])
-def test_points_that_are_none_are_refused(shape, ask):
+def test_refusals_of_points(shape, ask):
     for points in ([[np.nan, 0.0, 0.0]], [0.0, 0.0, 0.0], [[0.0, 0.0]], "abc"):
         with pytest.raises(ValueError, match=r"points must"):
             getattr(shape[0], ask)(points)
 
 
-def test_scattered_points_need_normals(normals):
-    with pytest.raises(ValueError, match="points and normals"):
-        palpate.rebuild_general(RADIUS * normals)
-
-
-def test_a_solid_is_one_line(ball, cylinder, torus):
-    assert repr(cylinder) == "<LatticeSolid 0.06 x 0.06 x 0.06, lattice of 3 contours>"
-    assert repr(ball) == "<GeneralSolid 0.06 x 0.06 x 0.06 m, of 300 touches>"
-    assert repr(torus) == "<MeshSolid 0.078 x 0.078 x 0.022 m, of 36864 triangles>"
-
-
-def test_a_final_mesh_replaces_the_own_one(ball, torus):
+def test_final_mesh_replaces_own_mesh(ball, torus):
     other = ball.with_final_mesh(torus.vertices, torus.faces)
     assert (other.genus, ball.genus) == (1, 0)
     assert other.volume == pytest.approx(torus.volume)
     assert np.array_equal(other.mesh().faces, ball.mesh().faces)
 
 
-def test_it_is_shown_in_a_window_where_there_is_no_viser(ball, monkeypatch):
+def test_solid_is_shown_in_window_without_viser(ball, monkeypatch):
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -187,7 +178,7 @@ def test_it_is_shown_in_a_window_where_there_is_no_viser(ball, monkeypatch):
     assert np.asarray(figure.canvas.buffer_rgba())[..., :3].std() > 1.0
 
 
-def test_it_is_shown_on_loopback_alone_where_there_is(ball, monkeypatch, capsys):
+def test_solid_is_shown_by_viser_on_loopback_alone(ball, monkeypatch, capsys):
     shown = []
 
     def serve(host, label, verbose):
@@ -203,7 +194,7 @@ def test_it_is_shown_on_loopback_alone_where_there_is(ball, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("name", ["ball", "cylinder", "torus"])
-def test_a_saved_solid_is_loaded_the_same(name, request, tmp_path):
+def test_saved_solid_is_loaded_the_same(name, request, tmp_path):
     solid = request.getfixturevalue(name)
     palpate.save(solid, tmp_path / "solid.npz")
     again = palpate.load(tmp_path / "solid.npz")
@@ -211,16 +202,19 @@ def test_a_saved_solid_is_loaded_the_same(name, request, tmp_path):
     assert np.array_equal(again.mesh().vertices, solid.mesh().vertices)
 
 
-@pytest.mark.parametrize("name", ["ball", "cylinder", "torus"])
-def test_whatever_belongs_to_a_solid_has_a_short_repr(name, request):
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("cylinder", "<LatticeSolid 0.06 x 0.06 x 0.06, lattice of 3 contours>"),
+        ("ball", "<GeneralSolid 0.06 x 0.06 x 0.06 m, of 300 touches>"),
+        ("torus", "<MeshSolid 0.078 x 0.078 x 0.022 m, of 36864 triangles>"),
+    ],
+)
+def test_solid_and_its_records_have_short_repr(name, line, request):
     solid = request.getfixturevalue(name)
-    parts = [getattr(solid, one.name) for one in fields(solid)]
-    records = [one for one in parts if not isinstance(one, np.ndarray)]
-    for one in (
-        solid.mesh(),
-        solid.check(),
-        solid.measures(),
-        solid.closest([[0, 0, 0]]),
-        *records,
-    ):
-        assert len(repr(one)) < 1000 and repr(one).count("\n") < 9, type(one)
+    assert repr(solid) == line
+    records = [getattr(solid, one.name) for one in fields(solid)]
+    records += [solid.mesh(), solid.check(), solid.measures(), solid.closest([[0, 0, 0]])]
+    for one in records:
+        if not isinstance(one, np.ndarray):
+            assert len(repr(one)) < 1000 and repr(one).count("\n") < 9, type(one)

@@ -1,430 +1,399 @@
-from __future__ import annotations
+"""Solids of contours: true shapes, invariances, updates, archives, refusals."""
 
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
+from palpate.core.archive import tree_from_arrays, tree_to_arrays, tree_to_bytes
 from palpate.core.arrays import Floats
-from palpate.core.geometry.meshes import solidity
-from palpate.core.poses import pose_of
-from palpate.core.rebuild import reconstruction
-from palpate.core.rebuild.contours.contacts import ContactPoints
-from palpate.core.rebuild.reconstruction import coarse_patch, fit_coarse, reconstruct
-from palpate.core.rebuild.recovery import recover
-from palpate.core.rebuild.recovery.report import Recovery
-from palpate.core.rebuild.solid import LatticeSolid, Method
-from palpate.core.rebuild.surface.closed import closed_surface, measure_surface
-from palpate.core.shapes.deformed_superquadrics import DeformedSuperquadric
-from palpate.core.shapes.global_deformations import Bend
-from palpate.core.shapes.protocol import PosedShape
-from palpate.core.shapes.superquadric_measures import area_samples, sampled_surface
-from palpate.core.shapes.superquadrics import Superquadric
-from palpate.core.shapes.tessellations import icosphere
+from palpate.core.geometry import solidity
+from palpate.core.poses import IDENTITY_POSE, compose_poses, split_pose, transform_points
+from palpate.core.rebuild import LatticeSolid, Method, fit_coarse, reconstruct
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.recovery import Recovery
+from palpate.core.shapes import Bend, Superquadric, area_samples, sampled_surface
+from palpate.core.splines import SplineVolume
+from tests.core.rebuild.objects import Oracle, at_height, circle
 
-RADIUS, HALF = 30.0, 50.0
-TOPS = np.array([[0.0, 0.0, HALF], [1.0, 2.0, -HALF]])
+SLOW = [pytest.param(method, marks=pytest.mark.slow) for method in ("thesis", "coarse")]
+POSE = np.concatenate([[0.03, -0.2, 0.05], np.array([0.1, -0.5, 0.5, 0.7])])
+SIZE = 0.1  # Of the lobed egg [m]
+HEIGHTS = np.linspace(-0.047, 0.045, 11)
+TOPS = np.array([[0.0, 0.0, -0.05], [0.002, 0.0, 0.05]])
+V, TURNS = np.linspace(0.0, 1.0, 41)[:, None], np.arange(31)[None] / 31
+AXES = np.array([50.0, 40.0, 30.0])  # Of the ellipsoid; lengths have no unit here
 
 
-def ball(count: int, around: int, seed: int = 0, noise: float = 0.0) -> list[Floats]:
-    """Contours of a ball of 100 mm, begun anywhere, in either direction and in no order."""
-    rng = np.random.default_rng(seed)
-    contours = []
-    for height in np.linspace(-HALF + 0.5, HALF - 0.5, count):
-        many = int(rng.integers(around, around + around // 4))
-        turn = 2 * np.pi * (np.arange(many) / many + rng.random())
-        radius = np.sqrt(HALF**2 - height**2)
-        ring = np.column_stack(
-            [radius * np.cos(turn), radius * np.sin(turn), np.full(many, height)]
-        )
-        contours.append((ring + noise * rng.normal(size=ring.shape))[:: rng.choice([-1, 1])])
-    return [contours[i] for i in rng.permutation(count)]
+def egg_ring(z: float, count: int = 60) -> Floats:
+    """A contour of a lobed egg that wanders sideways."""
+    turn = 2 * np.pi * np.arange(count) / count
+    radius = 0.03 * np.sqrt(1.001 - (z / 0.05) ** 2) * (1 + 0.08 * np.cos(3 * turn + 20 * z))
+    plane = radius[:, None] * circle(count) * [1.0, 0.8] + [0.1 * z, 0.0]
+    return at_height(plane, z)
 
 
-@cache
-def plain_ball() -> LatticeSolid:
-    return reconstruct(ball(15, 60), tops=TOPS)
+EGG = [egg_ring(z, 50 + i) for i, z in enumerate(HEIGHTS)]
+
+
+def ellipsoid(heights: Floats, count: int = 48) -> list[Floats]:
+    shares = np.sqrt(1.0 - (heights / AXES[2]) ** 2)
+    pairs = zip(shares, heights, strict=True)
+    return [at_height(share * AXES[:2] * circle(count), z) for share, z in pairs]
+
+
+ELLIPSOID = ellipsoid(np.linspace(-29.5, 29.5, 15))
+VOLUME = 4 / 3 * np.pi * float(AXES.prod())
 
 
 def prism(count: int) -> list[Floats]:
-    turn = 2 * np.pi * np.arange(60) / 60
-    ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(60)])
-    return [ring + [0.0, 0.0, height] for height in np.linspace(-HALF + 0.5, HALF - 0.5, count)]
-
-
-def eight(height: float) -> Floats:
-    turn = 2 * np.pi * np.arange(60) / 60
-    return np.column_stack([RADIUS * np.sin(turn), RADIUS * np.sin(2 * turn), np.full(60, height)])
-
-
-def test_a_ball_comes_back_from_contours_in_any_order_and_direction():
-    rebuilt = plain_ball()
-    measures = rebuilt.measures()
-    assert measures.volume_m3 == pytest.approx(4 / 3 * np.pi * HALF**3, rel=1e-4)
-    assert measures.area_m2 == pytest.approx(4 * np.pi * HALF**2, rel=1e-4)
-    assert (rebuilt.closed.bottom.kind, rebuilt.closed.top.kind) == ("conic", "conic")
-
-
-def test_the_mesh_is_closed_of_one_piece_and_as_fine_as_asked_for():
-    rebuilt = plain_ball()
-    coarse, fine = rebuilt.mesh(1.0), rebuilt.mesh(0.1)
-    assert len(fine.faces) > 2 * len(coarse.faces)
-    for mesh in (coarse, fine):
-        found = solidity(mesh.vertices, mesh.faces)
-        assert found.watertight and found.genus == 0
-    exact = rebuilt.search().nearest(0.5 * (fine.vertices[0] + fine.vertices[1])[None])
-    assert np.isfinite(exact.distances).all()
-
-
-def test_noise_is_smoothed_and_estimated():
-    rebuilt = reconstruct(ball(27, 80, noise=0.2), tops=TOPS)
-    mesh = rebuilt.mesh(0.02)
-    radii = np.linalg.norm(mesh.vertices, axis=1)
-    assert rebuilt.health()["sigma"] == pytest.approx(0.2, rel=0.15)
-    assert np.sqrt(np.mean((radii - HALF) ** 2)) < 0.1
-
-
-def test_a_touched_end_is_where_it_was_touched_and_an_untouched_flat_one_is_doubted():
-    touched, open_ended = reconstruct(prism(11), tops=TOPS), reconstruct(prism(11))
-    assert np.ptp(touched.mesh().vertices[:, 2]) == pytest.approx(2 * HALF)
-    assert touched.uncovered == (0.0, 0.0)
-    assert np.ptp(open_ended.mesh().vertices[:, 2]) == pytest.approx(2 * HALF - 1.0)
-    assert min(open_ended.uncovered) == pytest.approx(9.9)
-
-
-def test_a_control_lattice_takes_the_shape_of_the_side():
-    lattice = plain_ball().lattice
-    assert lattice.health.rms < 1e-4 * HALF
-    assert lattice.health.folded == 0.0
-
-
-@pytest.mark.parametrize(
-    ("contours", "tops", "words"),
-    [
-        ([], None, "contours must"),
-        ([np.zeros((5, 3))], None, "contours must"),
-        (
-            prism(1),
-            None,
-            "contours must leave at least 2 to rebuild from, or 1 with tops .*, got 1$",
-        ),
-        ([1e-300 * one for one in prism(4)], None, "contours and tops must span from 1e-50"),
-        ([1e60 * one for one in prism(4)], None, "contours and tops must span from 1e-50"),
-        (prism(4), [[0.0, 0.0, 1e300]], "contours and tops must span from 1e-50"),
-        ([eight(-HALF), eight(HALF)], None, "contours must run around an area"),
-        (prism(4), [[0.0, 0.0]], "tops must have shape"),
-        (prism(4), [[0.0, 0.0, np.nan]], "tops must be finite"),
-    ],
-)
-def test_what_cannot_be_rebuilt_is_refused(contours, tops, words):
-    with pytest.raises(ValueError, match=words):
-        reconstruct(contours, tops=tops)
-
-
-def test_no_tops_may_be_an_empty_list():
-    assert reconstruct(prism(4), tops=[]).uncovered == reconstruct(prism(4)).uncovered
-
-
-def test_a_side_through_contours_close_together_and_unlike_does_not_swing_out():
-    even = plain_ball()
-    low, high = prism(2)
-    narrow = np.array([0.6, 0.6, 1.0])
-    step = reconstruct(
-        [low, high * [1.0, 1.0, 0.0], narrow * high * [1.0, 1.0, 0.02], narrow * high],
-        method="skin",
-    )
-    assert even.overshoot < 0.01 and even.health()["reparametrised"] == 0.0
-    assert step.health()["overshoot"] == step.overshoot < 0.1
-    assert step.health()["reparametrised"] == 1.0
-
-
-@pytest.mark.parametrize("share", [0.002, 0.05, 100.0])
-def test_a_wild_side_is_meshed_however_coarsely(share):
-    wide = prism(9)
-    contours = [one * [0.1, 0.1, 1.0] if row % 2 else one for row, one in enumerate(wide)]
-    rebuilt = reconstruct(contours)
-    mesh = rebuilt.mesh(share * rebuilt.surface.size)
-    found = solidity(mesh.vertices, mesh.faces)
-    assert found.watertight and found.genus == 0
-
-
-@pytest.mark.parametrize("count", [9, 11, 12, 15])
-def test_of_few_contours_a_neck_that_one_alone_has_touched_stays_and_is_listed(count):
-    contours = prism(count)
-    which = count // 2
-    contours[which] = contours[which] * [0.8, 0.8, 1.0]
-    rebuilt = reconstruct(contours, tops=TOPS, method="skin")
-    listed = [one.which for one in rebuilt.evidence.feature_candidates]
-    dropped = [(one.which, one.may_be_feature) for one in rebuilt.slices.dropped]
-    assert (listed, dropped) == (([which], []) if count < 12 else ([], [(which, True)]))
-
-
-def test_of_few_contours_one_of_another_shape_goes():
-    contours = prism(9)
-    turn = 2 * np.pi * np.arange(60) / 60
-    contours[4] = contours[4] * (1 + 0.3 * np.cos(3 * turn))[:, None] ** [1, 1, 0]
-    dropped = reconstruct(contours, tops=TOPS, method="skin").slices.dropped
-    assert [(one.which, one.may_be_feature) for one in dropped] == [(4, False)]
-
-
-TURN = 2 * np.pi * np.arange(48) / 48
-VOLUME = 4 / 3 * np.pi * 50.0 * 40.0 * 30.0
-
-
-def egg(heights: Floats, points: int = 48) -> list[Floats]:
-    turn = 2 * np.pi * np.arange(points) / points
-    share = np.sqrt(1.0 - (heights / 30.0) ** 2)
-    return [
-        np.column_stack([50 * s * np.cos(turn), 40 * s * np.sin(turn), np.full(points, z)])
-        for s, z in zip(share, heights, strict=True)
-    ]
-
-
-EGG = egg(np.linspace(-29.5, 29.5, 15))
+    return [at_height(30.0 * circle(60), z) for z in np.linspace(-49.5, 49.5, count)]
 
 
 @cache
 def whole(method: Method, faithful: bool = False) -> LatticeSolid:
-    return reconstruct(EGG, method=method, faithful=faithful)
+    return reconstruct(ELLIPSOID, method=method, faithful=faithful)
+
+
+@cache
+def upright(method: Method = "lattice") -> LatticeSolid:
+    return reconstruct(EGG, tops=TOPS, method=method)
+
+
+@cache
+def tilted(method: Method = "lattice") -> LatticeSolid:
+    return reconstruct([moved(one) for one in EGG], tops=moved(TOPS), method=method, frame=POSE)
+
+
+def moved(points: Floats) -> Floats:
+    return transform_points(POSE, points)
+
+
+def rotated(normals: Floats) -> Floats:
+    return normals @ split_pose(POSE)[1].T
+
+
+def places(solid: LatticeSolid) -> Floats:
+    return solid.surface.at(V, TURNS).reshape(-1, 3)
+
+
+def apart(one: LatticeSolid, other: LatticeSolid) -> float:
+    return float(np.abs(places(one) - places(other)).max())
+
+
+def apart_moved(one: LatticeSolid, other: LatticeSolid) -> float:
+    """How far the first, moved, is from the second, over the size."""
+    return float(np.abs(moved(places(one)) - places(other)).max()) / SIZE
 
 
 @pytest.mark.parametrize(
     ("method", "faithful", "off"),
     [
-        ("lattice", False, 1e-3),
-        ("skin", False, 1e-3),
-        ("thesis", False, 0.06),
-        ("thesis", True, 0.06),
+        ("lattice", False, 2e-4),
+        ("skin", False, 2e-4),
+        ("draft", False, 2e-4),
+        ("thesis", False, 0.06),  # It closes with cones
+        pytest.param("thesis", True, None, marks=pytest.mark.slow),  # Its volume is wrong
         ("coarse", False, 1e-6),
     ],
 )
-def test_every_method_gives_a_closed_solid(method, faithful, off):
+def test_each_method_gives_closed_solid_of_true_volume(method, faithful, off):
     solid = whole(method, faithful)
     mesh = solid.mesh()
-    found = solidity(mesh.vertices, mesh.faces)
-    assert (solid.method, found.watertight, found.genus) == (method, True, 0)
-    if not faithful:
+    body = solidity(mesh.vertices, mesh.faces)
+    assert (solid.method, body.watertight, body.genus) == (method, True, 0)
+    if off is not None:
         assert solid.volume == pytest.approx(VOLUME, rel=off)
     assert solid.search().inside(np.zeros((1, 3))).all()
-    assert all(np.isfinite(value) for value in solid.health().values())
+    health = solid.health()
+    assert all(np.isfinite(value) for value in health.values())
+    if method == "thesis":
+        assert (health["widest_gap"] > 0.01) == faithful
+    if method == "coarse":
+        assert health["rms"] < 1e-9
+    heights, turns = np.linspace(-20.0, 20.0, 5), np.arange(4) / 4
+    stated = (solid.uncertainty(), solid.whole_deviation(), solid.deviation(heights, turns))
+    if method in ("thesis", "coarse"):
+        assert stated == (None, None, None)
+    else:
+        assert stated[0].most > stated[0].rms > 0.0
+        assert stated[2].shape == (5, 4) and (stated[2] >= 0.0).all()
 
 
-def test_what_does_not_come_from_a_loft_claims_no_uncertainty():
-    told = whole("skin").uncertainty()
-    assert told is not None and told.most > 0.0
-    for solid in (whole("coarse"), whole("thesis")):
-        assert solid.uncertainty() is None is solid.whole_deviation()
+@pytest.mark.parametrize(("scale", "offset"), [(1e-9, 0.0), (1e3, 1e3)])
+def test_unit_and_place_change_nothing(scale, offset):
+    given = [scale * one + offset for one in EGG]
+    solid = reconstruct(given, tops=scale * TOPS + offset)
+    off = (places(solid) - offset) / scale - places(upright())
+    assert np.abs(off).max() < 1e-6 * SIZE
+    assert solid.volume / scale**3 == pytest.approx(upright().volume, rel=1e-6)
+    told, usual = (one.whole_deviation() for one in (solid, upright()))
+    assert told.whole == pytest.approx(scale * usual.whole, rel=1e-5)
 
 
-def test_the_program_differs_from_what_is_right():
-    right, program = whole("thesis"), whole("thesis", True)
-    assert program.health()["widest_gap"] > 0.01 > right.health()["widest_gap"]
+def test_order_direction_start_and_repeated_points_change_nothing():
+    rolled = [np.roll(one, 7 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(EGG)]
+    spoilt = [np.insert(one, 5, [np.nan, 0.0, np.inf], axis=0) for one in EGG]
+    variants = [
+        rolled[::-1],
+        [np.repeat(one, 2, axis=0) for one in EGG],
+        [np.vstack([one, one[:1]]) for one in EGG],
+        spoilt,
+    ]
+    framed = reconstruct(EGG, tops=TOPS, method="skin", frame=IDENTITY_POSE)
+    assert framed.frame is None
+    assert np.array_equal(*map(tree_to_bytes, (framed, upright("skin"))))
+    for given in variants:
+        assert apart(reconstruct(given, tops=TOPS, method="skin"), upright("skin")) < 1e-12 * SIZE
 
 
-def test_a_superquadric_tells_how_well_it_fits():
-    bulge = [ring * np.array([1 + 0.3 * np.sin(ring[0, 2] / 5), 1, 1]) for ring in EGG]
-    misses = reconstruct(bulge, method="coarse").health()["rms"]
-    assert whole("coarse").health()["rms"] < 1e-9 < 1.0 < misses
+@pytest.mark.parametrize("method", ["lattice", "skin", *SLOW])
+def test_solid_of_moved_contours_is_moved_solid(method):
+    one, other = upright(method), tilted(method)
+    # A superquadric is found by iterations, which end at a cosine of 1e-9.
+    assert apart_moved(one, other) < (1e-10 if method == "coarse" else 1e-12)
+    assert other.uncovered == pytest.approx(one.uncovered, abs=1e-12)
+    assert one.frame is None
+    assert np.array_equal(np.array(other.frame), POSE)
+    v, turns = np.random.default_rng(0).uniform(0.1, 0.9, (2, 50))
+    before, after = (each.surface.curvatures(v, turns).k1 for each in (one, other))
+    normals = one.surface.normals(v, turns)
+    assert other.surface.normals(v, turns) == pytest.approx(rotated(normals), abs=1e-9)
+    assert after == pytest.approx(before, rel=1e-6, abs=1e-6 / SIZE)
+
+
+def test_measures_distances_and_deviations_move_with_solid():
+    one, other = upright(), tilted()
+    before, after = one.measures(), other.measures()
+    assert after.area_m2 == pytest.approx(before.area_m2, rel=1e-12)
+    assert after.volume_m3 == pytest.approx(before.volume_m3, rel=1e-12)
+    # Quadrature along the world's axes errs differently.
+    assert after.centroid_m == pytest.approx(moved(before.centroid_m[None])[0], abs=1e-6 * SIZE)
+    points = 0.03 * np.random.default_rng(0).normal(size=(40, 3))
+    near, there = one.search().nearest(points), other.search().nearest(moved(points))
+    assert there.distances == pytest.approx(near.distances, abs=1e-9)
+    assert there.points == pytest.approx(moved(near.points), abs=1e-9)
+    heights, turns = np.linspace(-0.04, 0.04, 5), np.arange(4) / 4
+    assert other.deviation(heights, turns) == pytest.approx(one.deviation(heights, turns), rel=1e-6)
+    assert other.slices.heights == pytest.approx(one.slices.heights, abs=1e-14)
 
 
 @pytest.mark.parametrize(
-    ("contours", "options", "sentence"),
-    [
-        (EGG, {"method": "loft"}, "method must be one of lattice, skin, draft, thesis, coarse"),
-        (EGG, {"method": "skin", "faithful": True}, "faithful goes with the method 'thesis'"),
-        (
-            [*EGG[:3], *egg(np.array([10.0]), 40)],
-            {"method": "thesis", "faithful": True},
-            "contours must have as many points each, got 40 to 48",
-        ),
-        (
-            [EGG[7]],
-            {"method": "coarse"},
-            "contours must determine a superquadric, got coplanar points",
-        ),
-    ],
+    "given", ["contacts", "normals", pytest.param("grasp", marks=pytest.mark.slow)]
 )
-def test_what_a_method_cannot_do_is_refused(contours, options, sentence):
-    with pytest.raises(ValueError, match=re.escape(sentence)):
-        reconstruct(contours, **options)
+def test_other_evidence_moves_with_frame(given):
+    true = Oracle([0.03, 0.02, 0.045], [1.0, 1.0])
+    rings, touched, tops = true.evidence(np.linspace(-0.9, 0.9, 7))
+    here: dict[str, Any] = {"method": "skin", "tops": tops}
+    there: dict[str, Any] = {"method": "skin", "tops": moved(tops), "frame": POSE}
+    if given == "contacts":
+        normals = rotated(np.asarray(touched.normals))
+        here["patches"] = touched
+        there["patches"] = ContactPoints(moved(touched.points), normals, touched.touch)
+    elif given == "normals":
+        across = [np.asarray(true.contacts_at(one).normals).copy() for one in rings]
+        across[2][7] = np.nan  # One that was not measured
+        here["normals"], there["normals"] = across, [rotated(each) for each in across]
+    else:
+        found = reconstruct(rings, method="coarse").model
+        assert isinstance(found, Recovery)
+        here |= {"grasp": found, "method": "lattice"}
+        pose = compose_poses(POSE, found.pose)
+        there |= {"grasp": replace(found, pose=pose), "method": "lattice"}
+    one = reconstruct(rings, **here)
+    other = reconstruct([moved(each) for each in rings], **there)
+    assert one.health().get("radial_unused", 0.0) == 0.0
+    assert apart_moved(one, other) < (1e-9 if given == "grasp" else 1e-12)
+    told, usual = other.whole_deviation(), one.whole_deviation()
+    assert told.whole == pytest.approx(usual.whole, rel=1e-6)
 
 
-@pytest.mark.parametrize("size", [(6,), (3, 12), (500, 500), (8, 8.0), "ab", (16, 600)])
-def test_a_lattice_of_no_size_or_of_too_much_is_refused(size):
-    with pytest.raises(ValueError, match="size must be two whole numbers, from 4 to 64 across"):
-        reconstruct(EGG, size=size)
+@pytest.mark.parametrize("method", ["lattice", "skin", *SLOW])
+def test_archived_solid_returns_bit_for_bit(method):
+    back = tree_from_arrays(tree_to_arrays(tilted(method)))
+    assert np.array_equal(*map(tree_to_bytes, (back, tilted(method))))
+    assert np.array_equal(places(back), places(tilted(method)))
+    assert np.array_equal(back.mesh().vertices, tilted(method).mesh().vertices)
 
 
-def test_the_lattice_is_put_around_the_section_that_a_grasp_found():
-    found = whole("coarse").model
-    assert isinstance(found, Recovery)
-    fitted, grasped = whole("lattice"), reconstruct(EGG, grasp=found)
-    assert fitted.lattice is not None and grasped.lattice is not None
-    assert grasped.lattice.section.half_extent == pytest.approx(found.size[:2], rel=0.02)
-    assert grasped.volume == pytest.approx(VOLUME, rel=1e-3)
-    with pytest.raises(ValueError, match="size and grasp must be left out"):
-        reconstruct(EGG, method="skin", grasp=found)
+def test_control_lattices_stand_in_world():
+    inside = np.random.default_rng(1).random((20, 3))
+    one, there = upright(), tilted().control_lattice
+    assert one.lattice is not None and there is not None
+    assert one.control_lattice is one.lattice.lattice
+    local = one.lattice.prism.points(inside)
+    deformed = one.lattice.lattice.deform(local)
+    assert there.deform(moved(local)) == pytest.approx(moved(deformed), abs=1e-12)
+    assert upright("skin").control_lattice is None is upright("coarse").control_lattice
+    point = np.array([[0.034, 0.0, 0.004], [0.0, 0.03, 0.02]])
+    refined = [upright().refined(point), tilted().refined(moved(point))]
+    assert apart_moved(*refined) < 1e-9
+    assert np.abs(refined[1].search().nearest(moved(point)).distances).max() < 1e-6 * SIZE
+    old, new = (solid("thesis").control_lattice for solid in (upright, tilted))
+    control = moved(old.control.reshape(-1, 3)).reshape(old.control.shape)
+    assert new.control == pytest.approx(control, abs=1e-12)
+    assert isinstance(old.undeformed, SplineVolume) and isinstance(new.undeformed, SplineVolume)
+    assert new.undeformed.at(inside) == pytest.approx(moved(old.undeformed.at(inside)), abs=1e-12)
 
 
-def test_what_is_no_patches_is_refused():
-    with pytest.raises(ValueError, match=r"patches must be ContactPoints\(.*\), got int"):
-        reconstruct(EGG, patches=3)  # type: ignore[arg-type]
+COLUMN_TOPS = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, -50.0]])
 
 
-def test_the_side_tells_its_deviation_place_by_place():
-    heights, turns = np.linspace(-20.0, 20.0, 5), np.arange(4) / 4
-    traced, coarse = whole("lattice"), whole("coarse")
-    rng = np.random.default_rng(0)
-    points = np.concatenate(EGG) + 0.05 * rng.normal(size=(sum(map(len, EGG)), 3))
-    numbers = np.repeat(np.arange(len(EGG), dtype=np.int32), [len(ring) for ring in EGG])
-    contacts = reconstruct(EGG, patches=ContactPoints(points, None, numbers))
-    for solid in (traced, contacts):
-        told = solid.deviation(heights, turns)
-        assert told is not None and told.shape == (5, 4) and (told >= 0.0).all()
-    assert coarse.deviation(heights, turns) is None
-
-
-UPDATE_TOPS = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, -50.0]])
-
-
-def contours(count: int = 15, noise: float = 0.2, seed: int = 0) -> list[Floats]:
-    """Of a lobed vase: begun anywhere, of many counts, with a few points far off."""
-    rng = np.random.default_rng(seed)
-    found = []
-    for z in np.linspace(-49, 49, count):
-        many = int(rng.integers(50, 80))
-        turn = 2 * np.pi * (np.arange(many) / many + rng.random())
-        radius = (30 + 8 * np.sin(z / 25)) * (1 + 0.1 * np.cos(3 * turn + 0.01 * z))
-        one = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(many, z)])
-        one += noise * rng.normal(size=one.shape)
-        one[rng.integers(many), :2] *= 1.1
-        found.append(one[:: rng.choice([-1, 1])])
-    return found
-
-
-def apart(one: LatticeSolid, other: LatticeSolid) -> float:
-    rows, turns = np.linspace(0.0, 1.0, 41)[:, None], np.arange(30)[None] / 30
-    return float(np.abs(one.surface.at(rows, turns) - other.surface.at(rows, turns)).max())
-
-
-@pytest.mark.parametrize("method", ["skin", "lattice"])
-def test_one_contour_more_is_a_fit_of_all_at_once(method):
-    given = contours()
-    at_once = reconstruct(given, tops=UPDATE_TOPS, method=method)
-    updated = reconstruct(given[:-4], tops=UPDATE_TOPS, method=method)
-    for one in given[-4:]:
-        updated = updated.update(one)
+@pytest.mark.parametrize("method", ["skin", pytest.param("lattice", marks=pytest.mark.slow)])
+def test_updated_solid_equals_solid_of_all_contours(method):
+    noise = 2e-4 * np.random.default_rng(0).normal(size=(11, 60, 3))
+    given = [one + noise[i, : len(one)] for i, one in enumerate(EGG)]
+    given[4][7, :2] *= 1.1  # A point far off
+    at_once = reconstruct([*given, given[4]], tops=TOPS, method=method)
+    updated = reconstruct(given[:-1], tops=TOPS, method=method).update(given[-1])
+    updated = updated.update(given[4])
     assert apart(updated, at_once) == 0.0
     assert updated.health() == at_once.health()
     assert updated.slices.rows.tolist() == at_once.slices.rows.tolist()
+    other = reconstruct(given[:0:-1], tops=TOPS, method=method).update(given[0])
+    assert apart(other, at_once) < 1e-12 * SIZE
 
 
-def test_contours_may_arrive_in_any_order():
-    given = contours()
-    given.append(given[4].copy())  # two of them say the same
-    at_once = reconstruct(given, tops=UPDATE_TOPS, method="skin")
-    for seed in range(1):
-        order = np.random.default_rng(seed).permutation(len(given))
-        solid = reconstruct(
-            [given[i] for i in order[:3]], tops=UPDATE_TOPS[:0].tolist(), method="skin"
-        )
-        assert solid.evidence.tops is None
-        solid = reconstruct([given[i] for i in order[:10]], tops=UPDATE_TOPS, method="skin")
-        for i in order[10:]:
-            solid = solid.update(given[i])
-        assert apart(solid, at_once) < 1e-12 * 50.0
-
-
-def test_a_plane_contour_comes_with_its_height():
-    given = contours(9, 0.0)
-    at_once = reconstruct([one[:, :2] for one in given], heights=[one[0, 2] for one in given])
-    most = reconstruct([one[:, :2] for one in given[1:]], heights=[one[0, 2] for one in given[1:]])
-    assert apart(most.update(given[0][:, :2], height=given[0][0, 2]), at_once) < 1e-12 * 50.0
-
-
-def test_a_contour_that_cannot_be_used_is_listed_and_changes_nothing():
-    solid = reconstruct(contours(), tops=UPDATE_TOPS, method="skin")
-    updated = solid.update(np.zeros((2, 3)))
-    assert updated.slices.dropped[-1].which == 15
-    assert apart(updated, solid) == 0.0
-
-
-def test_what_is_no_contour_is_refused():
-    solid = reconstruct(contours(5), tops=UPDATE_TOPS, method="skin")
-    with pytest.raises(ValueError, match=r"contour 5 must have shape \(any, 3\)"):
-        solid.update(np.zeros((4, 2)))
-    bare = LatticeSolid(surface=solid.surface, method="skin", evidence=solid.evidence)
+def test_updates_of_plane_framed_and_useless_contours():
+    planes = [one[:, :2] for one in EGG]
+    most = reconstruct(planes[1:], heights=HEIGHTS[1:], tops=TOPS, method="skin")
+    whole_again = most.update(planes[0], height=HEIGHTS[0])
+    assert apart(whole_again, upright("skin")) < 1e-12 * SIZE
+    useless = upright("skin").update(np.zeros((2, 3)))
+    assert useless.slices.dropped[-1].which == 11
+    assert apart(useless, upright("skin")) == 0.0
+    later = reconstruct([moved(one) for one in EGG[:-1]], tops=moved(TOPS), frame=POSE)
+    assert np.array_equal(places(later.update(moved(EGG[-1]))), places(tilted()))
+    with pytest.raises(ValueError, match="heights must be left out with a frame"):
+        later.update(EGG[3][:, :2], height=0.0)
+    with pytest.raises(ValueError, match=r"contour 10 must have shape \(any, 3\)"):
+        later.update(np.zeros((4, 2)))
+    bare = LatticeSolid(surface=later.surface, method="skin", evidence=later.evidence)
     with pytest.raises(ValueError, match="solid must be rebuilt by reconstruct to be updated"):
-        bare.update(contours(5)[0])
+        bare.update(EGG[0])
 
 
 BASE = Superquadric(np.array([30.0, 20.0, 50.0]), np.array([0.6, 0.9]))
 
 
-def test_taper_and_bend_are_fitted_where_the_points_ask_for_them():
+def test_coarse_fit_warps_only_where_points_ask():
     rng = np.random.default_rng(3)
-    plain = area_samples(sampled_surface(BASE), 900, rng)
-    tapered = area_samples(sampled_surface(BASE, taper=np.array([-0.3, -0.2])), 900, rng)
-    straight, narrowed = fit_coarse(plain + 0.1 * rng.normal(size=plain.shape)), fit_coarse(tapered)
+    plain = area_samples(sampled_surface(BASE), 400, rng)
+    narrowing = np.array([-0.3, -0.2])
+    tapered = area_samples(sampled_surface(BASE, taper=narrowing), 400, rng)
+    straight = fit_coarse(plain + 0.1 * rng.normal(size=plain.shape))
     assert "taper x" not in straight.names
-    assert narrowed.taper == pytest.approx([-0.3, -0.2], abs=1e-3)
+    assert straight.size == pytest.approx(BASE.size, rel=0.01)
+    assert fit_coarse(tapered).taper == pytest.approx(narrowing, abs=1e-3)
+    ball = 30.0 * plain / np.linalg.norm(plain, axis=1, keepdims=True)
+    narrowed = ball * (1.0 + 0.01 * ball[:, 2:]) ** [1, 1, 0]
+    assert not fit_coarse(ball, noise=0.1).taper.any()
+    assert fit_coarse(narrowed, noise=0.1).taper.any()
+    true = Oracle([30.0, 20.0, 50.0], [0.6, 0.9])
+    shares = np.linspace(-0.9, 0.9, 11)
+    rings = [true.section(share) * [1 - 0.3 * share, 1 - 0.2 * share, 1] for share in shares]
+    solid = reconstruct(rings, method="coarse")
+    points = places(solid) - true.middle
+    points[:, :2] /= 1 - np.outer(points[:, 2] / 50.0, [0.3, 0.2])
+    assert np.abs(BASE.gauge(points) - 1.0).max() < 1e-4
+    bent = Bend(0.005, 0.7)(area_samples(sampled_surface(BASE), 400, rng))
+    assert fit_coarse(bent).bend.curvature == pytest.approx(0.005, rel=0.01)
 
 
-def test_its_patch_is_the_surface_of_the_solid_where_it_stands():
-    bend = Bend(0.005, 0.7)
-    warped = PosedShape(
-        DeformedSuperquadric(BASE, np.array([0.2, -0.1]), bend),
-        pose_of(np.array([5.0, -3.0, 8.0]), np.eye(3)),
-    )
-    mesh = warped.mesh(5)
-    found = fit_coarse(mesh.vertices)
-    surface = closed_surface((coarse_patch(found),))
-    triangles = mesh.vertices[mesh.faces]
-    volume = (
-        np.einsum("ni,ni->n", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
-    )
-    assert measure_surface(surface).moments.volume == pytest.approx(volume, rel=5e-3)
-
-
-def test_every_step_is_named_and_closed_and_naming_them_changes_nothing():
-    told: list[str] = []
+def test_steps_are_named_in_order_and_change_nothing():
+    named: list[str] = []
 
     @contextmanager
     def step(name: str) -> Iterator[None]:
-        told.append(name)
+        named.append(name)
         yield
-        told.append(f"end of {name}")
+        named.append("/" + name)
 
-    rings = ball(9, 40)
-    named = reconstruct(rings, tops=TOPS, step=step)
-    assert told == [
-        "contours",
-        "end of contours",
-        "cross-validation",
-        "ends",
-        "end of ends",
-        "end of cross-validation",
-        "lattice",
-        "end of lattice",
-    ]
-    plain = reconstruct(rings, tops=TOPS)
-    np.testing.assert_array_equal(named.mesh(1.0).vertices, plain.mesh(1.0).vertices)
+    solid = reconstruct(EGG, tops=TOPS, step=step)
+    inner = "cross-validation ends /ends /cross-validation"
+    assert " ".join(named) == f"contours /contours {inner} lattice /lattice"
+    assert apart(solid, upright()) == 0.0
 
 
-def test_what_fits_within_the_noise_is_neither_tapered_nor_bent_nor_tried_so(monkeypatch):
-    tried = []
+EIGHT = np.column_stack([np.sin(a := 2 * np.pi * np.arange(60) / 60), np.sin(2 * a), 0 * a])
+LINE = np.outer(np.arange(6.0), [1.0, 2.0, 0.0])
+SPAN = "contours and tops must span from 1e-50"
 
-    def counted(points, **how):
-        tried.append((how["taper"], how["bend"]))
-        return recover(points, **how)
 
-    monkeypatch.setattr(reconstruction, "recover", counted)
-    points = 0.03 * icosphere(1)[0]
-    assert not fit_coarse(points, noise=1e-4).taper.any()
-    assert tried == [(False, False)]
-    narrowed = points * (1.0 + 10.0 * points[:, 2:]) ** [1, 1, 0]
-    assert fit_coarse(narrowed, noise=1e-4).taper.any()
-    assert tried[1:3] == [(False, False), (True, False)]
+@pytest.mark.parametrize(
+    ("contours", "options", "sentence"),
+    [
+        ([], {}, "contours must be at least one, got none"),
+        ("abc", {}, "contours must be a sequence of arrays, got str"),
+        (["abc"], {}, "contour 0 must be an array of real numbers"),
+        ([[[0, 0, 0], [1, 1]]], {}, "contour 0 must be an array of real numbers"),
+        ([np.zeros((4, 2))], {}, "contour 0 must have shape (any, 3), got (4, 2)"),
+        ([[]], {}, "contours must hold at least one of 3 points"),
+        ([np.full((9, 3), np.nan)], {}, "contours must hold at least one of 3 points"),
+        ([np.zeros((5, 3)), LINE[:2]], {}, "got contour 0: in one place; contour 1: too few"),
+        (prism(1), {}, "contours must leave at least 2 to rebuild from, or 1 with tops"),
+        (prism(1), {"tops": COLUMN_TOPS[:1]}, "or 1 with tops that touched both ends, got 1"),
+        (prism(1), {"tops": COLUMN_TOPS[1:]}, "or 1 with tops that touched both ends, got 1"),
+        ([ELLIPSOID[7], 0.5 * ELLIPSOID[7]], {}, "contour 1: inside another at its height"),
+        ([1e-300 * one for one in prism(4)], {}, SPAN),
+        ([1e60 * one for one in prism(4)], {}, SPAN),
+        (prism(4), {"tops": [[0.0, 0.0, 1e300]]}, SPAN),
+        ([EIGHT, EIGHT + [0.0, 0.0, 1.0]], {}, "contours must run around an area"),
+        (prism(4), {"tops": [[0.0, 0.0]]}, "tops must have shape"),
+        (prism(4), {"tops": [[0.0, 0.0, np.nan]]}, "tops must be finite"),
+        (prism(4), {"tops": "up"}, "tops must be an array of real numbers"),
+        (prism(9), {"tops": [[0, 0, 20.0]]}, "tops must not lie within the contours, got 20"),
+        (prism(9), {"tops": [[0, 0, -20.0]]}, "tops must not lie within the contours, got -20"),
+        (prism(4), {"noise": "a"}, "noise must be an array of real numbers"),
+        (prism(4), {"noise": 0.0}, "noise must be positive"),
+        (EGG, {"method": "loft"}, "method must be one of lattice, skin, draft, thesis, coarse"),
+        (EGG, {"method": "skin", "faithful": True}, "faithful goes with the method 'thesis'"),
+        (EGG, {"method": "skin", "size": (8, 8)}, "size and grasp must be left out"),
+        (EGG, {"method": "skin", "grasp": 1}, "size and grasp must be left out"),
+        (
+            [*ELLIPSOID[:3], *ellipsoid(np.array([10.0]), 40)],
+            {"method": "thesis", "faithful": True},
+            "contours must have as many points each, got 40 to 48",
+        ),
+        (ELLIPSOID[7:8], {"method": "coarse"}, "a superquadric, got coplanar points"),
+        (EGG, {"patches": 3}, "patches must be ContactPoints("),
+        (EGG, {"frame": np.zeros(6)}, "frame must have shape (7), got (6,)"),
+        (EGG, {"frame": np.zeros(7)}, "a rotation must be a quaternion of length 1, got length 0"),
+        (
+            [one[:, :2] for one in EGG],
+            {"frame": POSE, "heights": HEIGHTS},
+            "heights must be left out with a frame, for contours are then points of the world",
+        ),
+        (EGG[:1], {"heights": [0.0]}, "contour 0 must have shape (any, 2), got (50, 3)"),
+        ([EGG[0][:, :2]], {"heights": [0.0, 1.0]}, "heights must have shape (1), got (2,)"),
+        (EGG, {"normals": EGG[:2]}, "normals must be as many as the 11 contours, got 2"),
+        (EGG[:1], {"normals": [EGG[0][:5]]}, "normals of contour 0 must have shape (50, 3)"),
+        *(
+            (ELLIPSOID, {"size": size}, "size must be two whole numbers, from 4 to 64 across")
+            for size in [(6,), (3, 12), (12, 3), (65, 12), (8, 8.0), "ab", (16, 520)]
+        ),
+    ],
+)
+def test_refusals_of_reconstruct(contours, options, sentence):
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        reconstruct(contours, **options)
+
+
+def test_refusals_of_refinement_and_coarse_fit():
+    with pytest.raises(ValueError, match="method must be lattice for a solid to be refined"):
+        upright("skin").refined([[0.0, 0.0, 0.0]])
+    for points, sigma, words in (
+        ([[0.0, np.nan, 0.0]], None, "points must be finite"),
+        ([[0.0, 0.0]], None, "points must have shape"),
+        ([[0.0, 0.0, 0.06]], 0.0, "sigma must be positive"),
+    ):
+        for solid in (upright(), tilted()):
+            with pytest.raises(ValueError, match=words):
+                solid.refined(points, sigma=sigma)
+    with pytest.raises(ValueError, match="noise must be positive"):
+        fit_coarse(np.eye(3), noise=-1.0)

@@ -324,6 +324,7 @@ SOLIDS = {
     "De Morgan": boolean(complement(union(complement(ball(-0.02)), complement(ball(0.02))))),
     "dented and drilled": boolean(without(CUSHION, DRILL), genus=1),
     "bitten block": boolean(without(block([0.0] * 3, [0.04] * 3), PEAR, CORNER)),
+    "bitten star": boolean(without(star_prism(), ball(0.03, 0.0, 0.035, radius=0.012))),
     "brick": block([-0.03, -0.02, 0.0], [0.03, 0.02, 0.05]),
     "star prism": star_prism(),
 }  # fmt: skip

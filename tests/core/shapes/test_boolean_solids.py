@@ -111,7 +111,7 @@ def is_near(found: Any, wanted: Any) -> bool:
     return bool(abs(mpmath.mpf(float(found)) / wanted - 1) < 4e-15)
 
 
-@settings(derandomize=True, deadline=None, max_examples=30)
+@settings(derandomize=True, deadline=None, max_examples=25)
 @given(VALUES, VALUES, st.sampled_from(OMEGAS), st.integers(0, 2))
 def test_r_functions_have_all_digits_and_the_signs_of_logic(
     f1: float, f2: float, omega: float, smoothness: int

@@ -206,13 +206,12 @@ class Warp:
 
 
 BASES = {
-    "ball": BALL,
     "box": shapes.Superquadric(0.03 * np.ones(3), np.array([0.05, 0.05])),
     "bent": deformed((0.3, 0.8), (0.3, 0.1), shapes.Bend(5.0, 0.6)),
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param("box", marks=pytest.mark.slow), "ball", "bent"])
+@pytest.mark.parametrize("name", ["bent", pytest.param("box", marks=pytest.mark.slow)])
 def test_exact_casts_agree_with_a_formula_and_facets_nearly(name):
     y, z = np.random.default_rng(0).uniform(-0.022, 0.022, (2, 60))
     left, base = np.array([-1.0, 0.0, 0.0]), BASES[name]
@@ -226,8 +225,8 @@ def test_exact_casts_agree_with_a_formula_and_facets_nearly(name):
     assert np.array_equal(np.isfinite(found.ranges), met) and met.sum() > 20
     assert (found.met, found.kept) == (met.sum(), 0)
     assert np.allclose(found.ranges[met], wanted[met], rtol=0, atol=1e-13)
-    if name == "ball":
-        off = np.abs(shapes.DeformedShape(base, Warp()).cast(*rays, 1.0) - wanted)
+    if name == "bent":
+        off = np.abs(shapes.DeformedShape(base, Warp()).cast(*rays, 1.0)[met] - wanted[met])
         assert np.median(off) < FACETS and off.max() > 1e-9
 
 

@@ -15,7 +15,7 @@ from tests.core.shapes.definitions import DOWN, SOLIDS, Case, check_casts
 
 # Each of them costs 0.3 s to 3 s in all, and has a relative among the others.
 SLOW = {"evenly tapered", "bent", "creased", "dented", "kinked vase", "leaning vase", "dome"}
-SLOW |= {"dented and drilled", "bitten block", "union"}
+SLOW |= {"dented and drilled", "bitten block", "union", "unevenly tapered, bent"}
 marks = [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SOLIDS]
 every = pytest.mark.parametrize("name", marks)
 
@@ -30,9 +30,9 @@ def bundles(case: Case, seed: int, count: int) -> Iterator[tuple[Floats, Floats]
     for number in range(count):
         axis = (-1) ** number * np.eye(3)[number // 3 % 3]
         direction = unit(rng.normal(size=3)) if number % 3 else axis
-        places = vertices[rng.integers(len(vertices), size=14)]
-        places = places + rng.normal(size=(14, 3)) * 0.1 * np.ptp(vertices, axis=0)
-        yield places - rng.choice([0.0, 0.15], (14, 1)) * direction, direction
+        places = vertices[rng.integers(len(vertices), size=20)]
+        places = places + rng.normal(size=(20, 3)) * 0.1 * np.ptp(vertices, axis=0)
+        yield places - rng.choice([0.0, 0.15], (20, 1)) * direction, direction
 
 
 def assert_same_ranges(found: Floats, wanted: Floats, tolerance: float) -> None:
@@ -43,13 +43,12 @@ def assert_same_ranges(found: Floats, wanted: Floats, tolerance: float) -> None:
 
 @every
 def test_casts_are_first_entries_by_definition(name):
-    case, rays = SOLIDS[name], list(bundles(SOLIDS[name], 7, 4))
+    case, rays = SOLIDS[name], list(bundles(SOLIDS[name], 7, 3))
     casts = check_casts(case, rays, 0.3)
     assert np.isfinite(casts).sum() > 12
     for (origins, direction), found in zip(rays, casts, strict=True):
-        for reach in (0.02, 0.15):
-            nearer = case.solid.cast(origins, direction, reach)
-            assert_same_ranges(nearer, np.where(found <= reach, found, MISS), 1e-12)
+        nearer = case.solid.cast(origins, direction, 0.1)
+        assert_same_ranges(nearer, np.where(found <= 0.1, found, MISS), 1e-12)
         assert_same_ranges(case.solid.cast(origins, direction, np.inf), found, 1e-12)
 
 
@@ -125,7 +124,7 @@ def test_pose_and_scale_carry_over_to_ranges_spans_and_functions(name):
     axes = rotations_from_vectors(rng.normal(size=(1, 3)))[0]
     pose = pose_of(rng.normal(size=3), axes)
     large, posed = case.make(7.0), PosedSolid(case.solid, pose)
-    for origins, direction in bundles(case, 5, 2):
+    for origins, direction in list(bundles(case, 5, 2))[1:]:
         moved, turned = transform_points(pose, origins), axes @ direction
         wanted = case.solid.cast(origins, direction, 0.3)
         spans = case.solid.spans(origins, direction)

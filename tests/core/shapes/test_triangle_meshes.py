@@ -83,9 +83,10 @@ def test_rays_stop_at_their_reach_and_know_inside(embree):
     assert found[0] == pytest.approx(2.0) and found[1:].tolist() == [MISS, INSIDE, MISS]
 
 
-def test_no_ray_slips_between_two_triangles():
+@backends
+def test_no_ray_slips_between_two_triangles(embree):
     vertices, faces = BALL.mesh(2)
-    facets = TriangleShape(vertices, faces, embree=False)
+    facets = TriangleShape(vertices, faces, embree)
     a, b, c = vertices[faces].transpose(1, 0, 2)
     targets = np.concatenate([vertices, (a + b) / 2, (a + b + c) / 3])
     for direction in (UP, np.array([0.36, 0.48, 0.8])):

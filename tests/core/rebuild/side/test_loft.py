@@ -1,0 +1,287 @@
+"""The surface through contours that correspond: fidelity, noise, outliers, stated errors."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Bools, Floats
+from palpate.core.rebuild.side import ContourLoft, SidePatch, fit_contour_loft, noise_of
+from tests.core.rebuild.objects import assert_derivatives, circle, rms
+
+HEIGHT, POLE = 2.0, float(np.sqrt(1.04))
+LEVELS, TURNS = np.linspace(-1.0, 1.0, 27), np.arange(24) / 24
+BOTH = (True, True)
+
+
+def wavy(heights: Floats, angle: Floats) -> Floats:
+    """Radius of a lobed zigzag that closes at the heights -POLE and POLE."""
+    lobes = 1 + 0.12 * np.cos(3 * angle) + 0.08 * np.sin(2 * angle + 2 * heights)
+    return np.asarray(np.sqrt(1.04 - heights**2) * (0.75 + 0.18 * np.sin(9 * heights)) * lobes)
+
+
+def contours(heights: Floats, count: int, sigma: float = 0.0, seed: int = 0) -> Floats:
+    radius = wavy(heights[:, None], 2 * np.pi * np.arange(count) / count)[..., None]
+    noise = np.random.default_rng(seed).normal(size=(len(heights), count, 2))
+    return radius * circle(count) + sigma * noise
+
+
+def lofted(heights: Floats, grid: Floats, **more: Any) -> ContourLoft:
+    return fit_contour_loft(heights, grid, **{"low": -1.04, "high": 1.04, **more})
+
+
+def errors(loft: ContourLoft) -> Floats:
+    """Normal distances, to first order, on a grid."""
+    heights, step = np.linspace(-1.0, 1.0, 121)[:, None], 1e-6
+    places = loft.at(heights, (np.arange(120) + 0.3) / 120)
+    angle = np.arctan2(places[..., 1], places[..., 0])
+    radius = wavy(heights, angle)
+    inwards = np.clip(heights + np.array([-step, step])[:, None, None], -1.0, 1.0)
+    up = np.diff(wavy(inwards, angle), axis=0)[0] / np.diff(inwards, axis=0)[0]
+    around = (wavy(heights, angle + step) - wavy(heights, angle - step)) / (2 * step)
+    slope = np.sqrt(1 + up**2 + (around / radius) ** 2)
+    return np.asarray((np.hypot(places[..., 0], places[..., 1]) - radius) / slope)
+
+
+@pytest.mark.parametrize("heights", [LEVELS, np.sin(0.5 * np.pi * LEVELS)], ids=["even", "uneven"])
+def test_clean_contours_with_poles_are_followed(heights):
+    loft = lofted(heights, contours(heights, 80), low=-POLE, high=POLE, pole=BOTH)
+    assert rms(errors(loft)) < 3e-4
+    assert loft.health.condition < 1e3 and loft.health.outlying == 0
+    ends = loft.at(np.array([-POLE, POLE])[:, None], np.arange(9) / 9)
+    assert np.ptp(ends, axis=1).max() < 1e-12
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.03])
+def test_noise_leaves_quarter_of_itself(sigma):
+    found = []
+    for seed in range(2):
+        grid = contours(LEVELS, 80, sigma, seed)
+        loft = lofted(LEVELS, grid)
+        found.append(rms(errors(loft)))
+        assert loft.health.sigma == pytest.approx(sigma, rel=0.05)
+        assert noise_of(LEVELS, grid) == pytest.approx(sigma, rel=0.06)
+        assert loft.health.outlying == 0
+    assert np.mean(found) < 0.27 * sigma
+    heights = np.delete(LEVELS, 12)  # A missing contour costs little, and widens the band
+    loft = lofted(heights, contours(heights, 80, sigma))
+    assert rms(errors(loft)) < 0.3 * sigma
+    assert loft.uncertainty().resolution == pytest.approx(HEIGHT / 26)
+    gap, beside = (loft.deviation([z], TURNS) for z in (-1 + 12 / 13, -1 + 17.5 / 13))
+    assert rms(gap) > 1.2 * rms(beside)
+
+
+def test_noise_shared_by_neighbours_is_not_followed():
+    heights = np.linspace(-0.95, 0.95, 27)
+    radius = (1.0 + 0.2 * heights[:, None]) * (1.0 + 0.1 * np.cos(6 * np.pi * TURNS))
+    grid = radius[..., None] * circle(24)
+    for seed in range(3):
+        noise = 0.02 * np.random.default_rng(seed).normal(size=grid.shape)
+        noise = (noise + 0.4 * np.roll(noise, 1, 1)) / np.sqrt(1.16)
+        loft = lofted(heights, grid + noise)
+        assert loft.health.freedom < 0.25 * grid[..., 0].size
+        assert rms(loft.at(heights[:, None], TURNS) - grid) < 0.012
+
+
+def test_known_noise_chooses_what_errs_least():
+    grid = contours(LEVELS, 24, 0.05, 3)
+    known = {noise: lofted(LEVELS, grid, noise=noise) for noise in (2e-3, 0.05, 0.8)}
+    misses = {noise: rms(errors(loft)) for noise, loft in known.items()}
+    assert misses[0.05] < min(misses[2e-3], misses[0.8])
+    bands = [rms(loft.deviation(LEVELS, [0.1])) for loft in known.values()]
+    assert bands == sorted(bands)
+    assert [loft.health.sigma for loft in known.values()] == pytest.approx([2e-3, 0.05, 0.8])
+
+
+@pytest.mark.parametrize("pole", [(False, False), (True, False), (False, True), BOTH])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_contours_are_passed_and_poles_close(count, pole):
+    heights = np.linspace(-0.5, 0.4, count)
+    grid = contours(heights, 24)
+    loft = lofted(heights, grid, low=-1.0, high=1.0, pole=pole)
+    assert np.allclose(loft.at(heights[:, None], TURNS), grid, atol=1e-4)
+    for end, closed in zip((-1.0, 1.0), pole, strict=True):
+        assert (float(np.ptp(loft.at(end, TURNS), axis=0).max()) < 1e-12) is closed
+    assert np.isfinite(loft.deviation(np.linspace(-1.0, 1.0, 30), np.arange(9) / 9)).all()
+    assert np.isfinite(loft.uncertainty()).all()
+    line = lofted(heights, np.full((count, 12, 2), 2.0), pole=pole)  # All in one place
+    assert np.allclose(line.at([0.5, 0.8], [0.1, 0.2]), 2.0)
+    assert (line.deviation([0.5], [0.0]), *line.uncertainty()[:2]) == ([[0.0]], 0.0, 0.0)
+    if (count, pole) == (1, (False, False)):  # A prism
+        assert np.allclose(loft.at(np.linspace(-1, 1, 9)[:, None], TURNS), grid, atol=1e-4)
+        assert loft.uncertainty().resolution == pytest.approx(1.0)
+
+
+def test_contours_at_one_height_are_averaged():
+    again = np.concatenate([LEVELS, LEVELS[10:12], LEVELS[5:6] + 1e-7])
+    options: dict[str, Any] = {"low": -POLE, "high": POLE, "pole": BOTH}
+    loft = lofted(again, contours(again, 80), **options)
+    assert loft.health.merged == 3
+    once = lofted(LEVELS, contours(LEVELS, 80), **options)
+    assert np.allclose(errors(loft), errors(once), atol=2e-6)
+    rims = np.array([1.0, 1.0, 2.0, 1.0, 3.0])[:, None, None] * circle(24)
+    mean = lofted([0.0, 0.5, 0.5 + 1e-6, 1.0, 0.5], rims)
+    assert np.allclose(mean.at(0.5, TURNS), 2.0 * circle(24), atol=1e-4)
+
+
+@pytest.mark.parametrize(("count", "around"), [(24, 40), (27, 80)])
+def test_band_of_95_percent_holds_95_percent(count, around):
+    heights, covered = np.linspace(-1.0, 1.0, count), []
+    for seed in range(4):
+        loft = lofted(heights, contours(heights, around, 0.01, seed))
+        band = loft.deviation(np.linspace(-1, 1, 121), (np.arange(120) + 0.3) / 120)
+        off = np.abs(errors(loft))
+        covered.append(np.mean(off <= 1.96 * band))
+        claimed = loft.uncertainty()
+        assert rms(off) < claimed.rms < 3.0 * rms(off)
+        assert off.max() < claimed.most < 6.0 * off.max()
+    assert 0.89 <= np.mean(covered) <= 0.985
+
+
+def exact(sites: Floats, radius: Floats) -> ContourLoft:
+    """Of contours with radii (m,) or (m, 24), known to be without noise."""
+    radius = np.broadcast_to(radius.reshape(len(sites), -1), (len(sites), 24))
+    return lofted(sites, radius[..., None] * circle(24), noise=0.0)
+
+
+def test_doubt_lies_where_neighbours_mispredict():
+    sites = np.linspace(-1.0, 1.0, 13)
+    smooth = exact(sites, 1.0 + 0.3 * sites - 0.2 * sites**2)
+    assert smooth.deviation(np.linspace(-1.0, 1.0, 50), TURNS).max() < 1e-9
+    waves = exact(sites, 1.0 + 0.2 * np.sin(10.0 * sites))
+    assert waves.deviation(sites, TURNS).max() < 1e-9
+    between = waves.deviation(np.linspace(sites[4], sites[5], 21), np.zeros(1))[:, 0]
+    assert between[1:-1].min() > 5e-3 > 1e-9 > between[[0, -1]].max()
+    bump = np.exp(-np.square(sites[:, None] / 0.1) - np.square((TURNS - 0.5) / 0.05))
+    local = exact(sites, 1.0 + 0.1 * bump).deviation(np.linspace(-0.2, 0.2, 21), [0.0, 0.5])
+    assert local[:, 0].max() < 1e-3 * local[:, 1].max()
+    ahead = exact(np.linspace(-0.5, 0.5, 11), 1.0 + 0.2 * np.sin(20.0 * sites[1:-1]))
+    near, far = ahead.deviation([0.55, 0.6], np.zeros(1))[:, 0]
+    assert far == pytest.approx(2.0 * near, rel=0.05)  # Along the normal
+
+
+def test_axis_leads_to_poles_unless_they_are_given():
+    heights = np.linspace(-0.9, 0.9, 12)
+    lean = np.column_stack([heights, -0.5 * heights])
+    grid = np.sqrt(1.0 - heights**2)[:, None, None] * circle(24) + lean[:, None]
+    loft = lofted(heights, grid, low=-1.0, high=1.0, pole=(np.array([-0.9, 0.45]), True))
+    assert loft.health.round == BOTH
+    assert loft.at(-1.0, 0.0) == pytest.approx([-0.9, 0.45], abs=1e-12)
+    assert loft.at(1.0, 0.0) == pytest.approx([1.0, -0.5], abs=1e-6)
+    assert np.allclose(loft.at(heights[:, None], TURNS), grid, atol=1e-5)
+    cone = (1.0 - heights)[:, None, None] * circle(24)
+    sharp = lofted(heights, cone, low=-1.0, high=1.0, pole=(False, True))
+    assert sharp.health.round == (False, False)
+
+
+def bumpy() -> Floats:
+    """Radii (27, 80) of a vase with a bump that is a few points and a few contours wide."""
+    angle = 2 * np.pi * np.arange(80) / 80
+    away = np.angle(np.exp(1j * (angle - 1.0)))
+    bump = np.exp(-np.square((LEVELS[:, None] - 0.4) / 0.12) - np.square(away / 0.25))
+    radius = (0.52 + 0.18 * np.sin(3.5 * LEVELS))[:, None] * (1 + 0.08 * np.cos(3 * angle))
+    return np.asarray(radius + 0.08 * bump)
+
+
+def with_stray(outlying: Bools, seed: int, sigma: float = 4e-3) -> ContourLoft:
+    rng = np.random.default_rng(seed)
+    stray = 0.06 * rng.choice([-1.0, 1.0], (27, 80)) * outlying
+    noise = sigma * rng.normal(size=(27, 80, 2))
+    return lofted(LEVELS, (bumpy() + stray)[..., None] * circle(80) + noise)
+
+
+def stray_error(loft: ContourLoft) -> float:
+    return rms(np.linalg.norm(loft.at(LEVELS[:, None], np.arange(80) / 80), axis=-1) - bumpy())
+
+
+def test_stray_points_are_left_out_and_cost_tenth():
+    with_, without = [], []
+    for seed in range(2):
+        wrong = np.random.default_rng(seed + 100).random((27, 80)) < 0.02
+        loft, clean = with_stray(wrong, seed), with_stray(0 * wrong, seed)
+        with_.append(stray_error(loft))
+        without.append(stray_error(clean))
+        assert loft.health.outlying == loft.outlying.sum()
+        assert (loft.outlying & wrong).sum() >= 0.9 * wrong.sum()
+        assert (loft.outlying & ~wrong).sum() <= 5
+        assert loft.health.sigma == pytest.approx(4e-3, rel=0.15)
+        assert not clean.outlying.any()
+        many = np.random.default_rng(seed + 200).random((27, 80)) < 0.1
+        assert stray_error(with_stray(many, seed)) < 2.0 * without[-1]
+    assert np.mean(with_) <= 1.1 * np.mean(without)
+    for sigma in (0.0, 0.02):
+        assert not with_stray(np.zeros((27, 80), bool), 0, sigma).outlying.any()
+
+
+def test_ridges_edges_and_few_points_are_no_outliers():
+    grid = bumpy()[..., None] * circle(80)
+    grid += 4e-3 * np.random.default_rng(0).normal(size=grid.shape)
+    grid[:, 30] *= 1.1
+    assert not lofted(LEVELS, grid).outlying.any()
+    few = np.repeat(circle(5)[None], 9, axis=0)
+    few[4, 2] *= 3.0
+    assert not lofted(np.arange(9.0), few, high=10.0).outlying.any()
+    ring = 30.0 * circle(80) * (np.abs(circle(80)) ** 10).sum(axis=1, keepdims=True) ** -0.1
+    heights = 45.0 * LEVELS
+    box = (1.0 - np.abs(heights / 50.0) ** 10)[:, None, None] ** 0.1 * ring
+    loft = lofted(heights, box, low=-50.0, high=50.0)
+    assert loft.health.outlying == 0
+    assert np.abs(loft.at(heights[:, None], np.arange(80) / 80) - box).max() < 0.5
+
+
+def surface(kind: str) -> Any:
+    """A ball about (3, -2) closed below, or a step that makes the parameter follow its length."""
+    if kind == "step":
+        heights = np.array([-1.0, -0.5, 0.0, 0.02, 0.5, 0.9])
+        radius = np.array([1.0, 1.0, 1.0, 0.6, 0.6, 0.6])
+        loft = lofted(heights, radius[:, None, None] * circle(40), low=-1.0, high=1.0)
+        assert loft.surface.axial_parameter.reparametrisation is not None
+        return loft.surface
+    heights = np.linspace(-0.9, 0.9, 19)
+    grid = np.sqrt(1.0 - heights**2)[:, None, None] * circle(40) + [3.0, -2.0]
+    return lofted(heights, grid, low=-1.0, high=1.0, pole=(True, False)).surface
+
+
+@pytest.mark.parametrize("kind", ["ball", "step"])
+def test_surface_has_its_derivatives_by_either_parameter(kind):
+    found = surface(kind)
+    side, heights = SidePatch(found), np.linspace(-0.99, 0.89, 21)
+    v, turns = np.linspace(0.03, 0.97, 21), np.linspace(0.0, 2.1, 21)
+    assert_derivatives(side.at, v, turns, 1e-5, 0.8, side.on_grid)  # But for knots
+    assert side.at(np.array([0.0, 1.0]), np.zeros(2))[:, 2] == pytest.approx([-1.0, 0.9])
+    parameters = found.within(heights)
+    assert (np.diff(parameters) > 0.0).all()
+    points = found.places(parameters, turns)
+    assert points == pytest.approx(np.column_stack([found.at(heights, turns), heights]), abs=1e-9)
+    slopes = (found.at(heights + 1e-6, turns) - found.at(heights - 1e-6, turns)) / 2e-6
+    assert found.at(heights, turns, (1, 0)) == pytest.approx(slopes, rel=1e-3, abs=1e-3)
+    assert np.array_equal(found.at(0.97, turns), found.at(0.9, turns))  # Carried on
+    assert not found.at(0.97, turns, (1, 0)).any()
+    if kind == "ball":
+        ball = found.places(np.linspace(*found.along.domain, 100), np.linspace(0.0, 3.0, 100))
+        assert np.abs(np.linalg.norm(ball - [3.0, -2.0, 0.0], axis=1) - 1.0).max() < 1e-4
+        assert ball[0] == pytest.approx([3.0, -2.0, -1.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"heights": [0.0, np.inf]}, "heights must be finite"),
+        ({"grid": np.ones((3, 12, 2))}, r"grid must have shape \(2, any, 2\), got \(3, 12, 2\)"),
+        ({"low": 0.3}, "heights must lie from low 0.3 to high 1 m, got 0.25 to 0.75"),
+        ({"high": 0.75, "pole": (False, True)}, "a pole must lie beyond the last contour"),
+        ({"pole": (np.ones(3), False)}, r"pole must have shape \(2\), got \(3,\)"),
+        ({"noise": -1.0}, "noise must be 0 or more"),
+    ],
+)
+def test_refusals_of_loft(change, words):
+    options: dict[str, Any] = {"heights": [0.25, 0.75], "low": 0.0, "high": 1.0, **change}
+    grid = options.pop("grid", np.stack([circle(12)] * 2))
+    with pytest.raises(ValueError, match=words):
+        fit_contour_loft(grid=grid, **options)
+    with pytest.raises(ValueError, match="by must be 0 or 1 in the height, got 2"):
+        surface("ball").at(0.0, 0.0, (2, 0))
+    with pytest.raises(ValueError, match="turns must be finite"):
+        surface("ball").at(0.0, np.inf)
+    with pytest.raises(ValueError, match="heights must be finite"):
+        exact(LEVELS, np.ones(27)).deviation([np.nan], [0.0])
