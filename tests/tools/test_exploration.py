@@ -24,7 +24,7 @@ def performed(monkeypatch, tmp_path):
         asked.append((plan, composed, display))
         return SimpleNamespace(folder=tmp_path, exit_code=0, trace=None, text="", details="")
 
-    monkeypatch.setattr("palpate.launch.perform", perform)
+    monkeypatch.setattr("palpate.tools.exploration.perform", perform)
     return asked
 
 

@@ -278,7 +278,7 @@ def tilted(monkeypatch):
     contours = tuple(transform_points(frame, ellipsoid(z, 1e-3)) for z in HEIGHTS)
     places = tuple(f"contour {i}" for i in range(len(contours)))
     found = MeasuredContours(contours, places, frame=frame)
-    monkeypatch.setattr("palpate.launch.files.read_points", lambda path: found)
+    monkeypatch.setattr("palpate.tools.reconstruction.read_points", lambda path: found)
     return frame
 
 

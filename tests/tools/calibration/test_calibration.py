@@ -80,7 +80,7 @@ def test_yielding_and_shipped_sensors_are_calibrated_without_doubt(write):
     ],
 )
 def test_senseless_calibrations_are_doubted(effect, words, write, monkeypatch):
-    monkeypatch.setattr("palpate.tools.calibration.TILTS", 5)
+    monkeypatch.setattr("palpate.tools.calibration.calibrating.TILTS", 5)
     text = f"{BALL}effects:\n  - {effect}\n  - gaussian_noise\nseed: 1\n"
     doubts = " ".join(calibration_warnings(calibration_of(write("s.yaml", text))))
     assert all(one in doubts for one in words)

@@ -202,7 +202,7 @@ def performed(home, monkeypatch):
         plans.append(plan)
         return Run(home, Ending(status="died", reason="the tracer fell"), figures, None, 3)
 
-    monkeypatch.setattr("palpate.launch.perform", perform)
+    monkeypatch.setattr("palpate.tools.exploration.perform", perform)
     return plans
 
 

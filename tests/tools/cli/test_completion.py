@@ -99,7 +99,7 @@ def test_damaged_registry_offers_nothing(complete, runtime, card):
 def test_senseless_line_offers_nothing(complete, monkeypatch):
     for line in ("palpate none ", "palpate run --none ", "palpate topic nothing x"):
         complete(line)
-    monkeypatch.setattr("palpate.launch.processes.running_graphs", lambda: 1 / 0)
+    monkeypatch.setattr("palpate.launch.processes.registry.running_graphs", lambda: 1 / 0)
     assert complete("palpate topic list --run ") == []
 
 

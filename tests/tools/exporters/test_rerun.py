@@ -192,7 +192,7 @@ def test_models_are_coloured_by_what_is_known(export, bag, record, patch, tetrah
 def test_exports_that_cannot_be_are_refused(export, bag, refusal, monkeypatch):
     asked = (bag, "--format", "rerun", "-o", bag.with_name("out.rrd"))
     told = refusal("bag export", *asked, "--topics", "/world")
-    assert "/world hold nothing that Rerun would show" in told
+    assert "/world hold nothing that rerun would show" in told
     monkeypatch.setitem(sys.modules, "rerun", None)
     told = refusal("bag export", *asked)
     assert told == "palpate: --format rerun needs rerun-sdk: pip install 'palpate[rerun]'\n"

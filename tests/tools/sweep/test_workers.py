@@ -123,7 +123,7 @@ def swept(monkeypatch, tmp_path, two):
         noting = Noting(lambda job: job.folder.mkdir(parents=True), code=1)
         return run_sweep(asked, tmp_path / "there", noting, lambda _: None)
 
-    monkeypatch.setattr("palpate.tools.sweep.run_sweep", run)
+    monkeypatch.setattr("palpate.tools.sweep.sweep_folder.run_sweep", run)
     return calls
 
 
