@@ -59,7 +59,7 @@ def report_command(runs: tuple[Path, ...], out: Path | None, as_json: bool) -> N
     if len(runs) > 2:
         raise InputError(f"a report sets at most two runs side by side, got {len(runs)}")
     reports = [point.load() for point in entry_points_of(REPORTS).values()]
-    written = next((found for report in reports if (found := report(runs, out))), [])
+    written: list[Path] = next((found for one in reports if (found := one(runs, out))), [])
     if not written:
         beside = runs[0] if runs[0].is_dir() else runs[0].parent
         written = [out or (beside if len(runs) == 1 else Path()) / REPORT]

@@ -12,7 +12,6 @@ import trimesh
 import palpate
 from palpate.core.archive import tree_to_bytes
 from palpate.core.geometry import solidity
-from palpate.launch.scene import SHIPPED_SCENES
 from palpate.launch.files.mesh_file import (
     export_model,
     mesh_sha256,
@@ -22,6 +21,7 @@ from palpate.launch.files.mesh_file import (
 )
 from palpate.launch.files.source_map import InputError
 from palpate.launch.files.units import METRES_PER_UNIT
+from palpate.launch.scene import SHIPPED_SCENES
 from palpate.messages import decode, encode
 from palpate.messages.types import ShapeModel
 

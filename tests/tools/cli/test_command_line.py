@@ -67,7 +67,7 @@ SETTING = "--set x: must look like planner.tolerance=0.2e-3"
     ("words", "fragment"),
     [
         ("lanch", "there is no command 'lanch'; did you mean 'launch'? (see palpate --help)"),
-        ("bench", "topic, view (see palpate --help)"),
+        ("qqq", "there is no command 'qqq'"),
         ("run --sed 3", "No such option"),
         ("run vase --seed -3", "-3 is not in the range"),
         ("run vaes", NO_VASE),
