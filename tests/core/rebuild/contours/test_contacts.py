@@ -1,5 +1,7 @@
 """Contact points of touches: places, normals, edges, stacks, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,13 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import pose_of
 from palpate.core.rebuild import contours
 from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.shapes import Superquadric
 from palpate.core.touch import Pad, fit_jet, guarded_move
 from tests.core.rebuild.objects import at_height, circle, contacts
 
+FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
+DOMED = replace(FLAT, dome=1 / 0.015)
+BALL = Superquadric(np.full(3, 0.03), np.ones(2))
 ALL = np.ones((16, 16), np.bool_)
 HERE = pose_of(np.zeros(3), np.eye(3))
 
@@ -26,10 +32,10 @@ def slopes(found: ContactPoints) -> Floats:
     return -normals[:, :2] / normals[:, 2:]
 
 
-def test_touched_taxels_lie_on_ball_with_its_normals(flat, domed, ball, rotations):
-    for pad in (flat, domed):
+def test_touched_taxels_lie_on_ball_with_its_normals(rotations):
+    for pad in (FLAT, DOMED):
         for axes in rotations(5):
-            end = guarded_move(ball, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
+            end = guarded_move(BALL, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
             touched = end.compression > 0
             surface = -(end.compression + pad.sag())
             fitted = fit_jet(pad, surface, touched)
@@ -43,10 +49,10 @@ def test_touched_taxels_lie_on_ball_with_its_normals(flat, domed, ball, rotation
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-6])
-def test_taxels_beside_edge_lean_as_their_own_side(flat, noise):
-    x, _ = flat.grid()
+def test_taxels_beside_edge_lean_as_their_own_side(noise):
+    x, _ = FLAT.grid()
     roof = np.minimum(0.2 * x, -0.5 * x)  # Two planes that meet between two columns
-    found = touched_surface(flat, roof + np.random.default_rng(0).normal(0.0, noise, x.shape))
+    found = touched_surface(FLAT, roof + np.random.default_rng(0).normal(0.0, noise, x.shape))
     expected = np.where(found.points[:, 0] < 0, 0.2, -0.5)
     off = np.abs(slopes(found)[:, 0] - expected)
     assert len(off) > 240
@@ -55,21 +61,21 @@ def test_taxels_beside_edge_lean_as_their_own_side(flat, noise):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-4])
-def test_smooth_surface_keeps_normals_of_its_jet(flat, noise):
-    x, y = flat.grid()
+def test_smooth_surface_keeps_normals_of_its_jet(noise):
+    x, y = FLAT.grid()
     smooth = (x**2 - 0.5 * x * y) / 0.03
-    found = touched_surface(flat, smooth + np.random.default_rng(1).normal(0.0, noise, x.shape))
+    found = touched_surface(FLAT, smooth + np.random.default_rng(1).normal(0.0, noise, x.shape))
     assert len(found.points) > 253  # One taxel in a hundred may be doubted
     at = found.points[:, :2]
     expected = np.column_stack([2.0 * at[:, 0] - 0.5 * at[:, 1], -0.5 * at[:, 0]]) / 0.03
     assert np.abs(slopes(found) - expected).max() < 1e-9 + 400.0 * noise  # At the rim of 256 taxels
 
 
-def test_row_beyond_edge_has_no_normal(flat):
-    x, _ = flat.grid()
+def test_row_beyond_edge_has_no_normal():
+    x, _ = FLAT.grid()
     touched = x > -1.6e-3
     surface = np.where(x < -1e-3, -1.2e-3, -0.2 * x)
-    found = touched_surface(flat, surface, touched)
+    found = touched_surface(FLAT, surface, touched)
     assert found.points[:, 0].min() > x[touched].min()
     assert (found.points[:, 0] > 2e-3).sum() == (x > 2e-3).sum()
 
