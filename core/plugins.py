@@ -15,12 +15,14 @@ from dataclasses import is_dataclass
 from decimal import Decimal
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from numbers import Integral, Real
 from traceback import walk_tb
 from types import NoneType
-from typing import Any, NamedTuple, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_type_hints
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 # Units of lengths, m.
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -195,7 +197,12 @@ def _declared(described: type) -> Mapping[str, tuple[Range, tuple[type, ...]]]:
 
 
 def entry_points_of(group: str) -> dict[str, EntryPoint]:
-    """Entry points of a group by name, without those whose module is not installed."""
+    """Entry points of a group by name, without those whose module is not installed.
+
+    What is always there is not looked up here: `importlib.metadata` takes long to be imported.
+    """
+    from importlib.metadata import entry_points
+
     return {point.name: point for point in entry_points(group=group) if _is_installed(point)}
 
 

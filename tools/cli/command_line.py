@@ -18,9 +18,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from importlib import import_module
-from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 from click.shell_completion import CompletionItem, get_completion_class
@@ -30,6 +29,9 @@ from palpate.core.plugins import entry_points_of
 from palpate.launch.files.source_map import InputError, hint
 from palpate.launch.files.units import METRES_PER_UNIT
 from palpate.preloading import THREAD_VARIABLES, open_closed_streams
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 COMMANDS = "palpate.commands"  # Entry points of further commands
 DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
@@ -343,6 +345,13 @@ class LazyGroup(NamedGroup):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands."""
         return [*self._verbs, *sorted(self._added)]
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The verb that the arguments begin with; entry points are read only for others' verbs."""
+        own = args[0] in self._verbs
+        return (click.Group if own else NamedGroup).resolve_command(self, ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of a name."""
