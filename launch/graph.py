@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 from msgspec import to_builtins
 
+from palpate.core.plugins import entry_points_of
 from palpate.launch.files.source_map import InputError, SourceMapped, hint, key_path, set_within
 from palpate.launch.files.yaml_file import convert, parse_yaml, yaml_text
-from palpate.launch.hosts import read_host
 from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
 from palpate.messages import CodecError, derive, schema, schema_hash
@@ -29,6 +29,7 @@ from palpate.nodes.runtime.node import AnyNode, Input, Node, Sink, Source, Wirin
 # Modules of the nodes that may know the true shape.
 MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
 MOVED = {TactileFrame, GraspContacts}  # Types of the messages that tell what a robot has done
+HOSTS = "palpate.hosts"  # Entry points of what reaches other machines: `address` and `machines`
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
 
@@ -236,10 +237,7 @@ def resolve_nodes(entries: Iterable[Entry]) -> tuple[ResolvedNode, ...]:
     for entry in entries:
         _check_name(entry, placed)
         if entry.host:
-            try:
-                read_host(entry.host)
-            except InputError as error:
-                raise entry.error(str(error)) from None
+            _check_host(entry)
         node = load_entry(entry)
         params = _params(entry, node.params)
         types = _published_types(entry, node, params)
@@ -247,6 +245,16 @@ def resolve_nodes(entries: Iterable[Entry]) -> tuple[ResolvedNode, ...]:
         outputs = {topic: _resolved_topic(entry, node, topic) for topic in types}
         placed[entry.name] = ResolvedNode(entry, node, params, types, outputs)
     return tuple(placed.values())
+
+
+def _check_host(entry: Entry) -> None:
+    hosts = entry_points_of(HOSTS)
+    if not hosts:
+        raise entry.error("host needs palpate.launch.hosts, which is not installed")
+    try:
+        hosts["address"].load()(entry.host)
+    except InputError as error:
+        raise entry.error(str(error)) from None
 
 
 def _check_name(entry: Entry, placed: Mapping[str, ResolvedNode]) -> None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Self
 
-from palpate.launch.hosts import RemoteHosts
+from palpate.core.plugins import entry_points_of
+from palpate.launch.graph import HOSTS
 from palpate.launch.processes.fork_server import Interrupts
 from palpate.launch.processes.node_status import LauncherSockets, check_open_files
-from palpate.launch.processes.process_table import ForkServer, ProcessHosts
+from palpate.launch.processes.process_table import ForkServer, NodeHost, ProcessHosts
 from palpate.launch.processes.registry import (
     Announcement,
     EarlierRun,
@@ -59,7 +61,7 @@ def launch(
         Interrupts() as interrupts,
         private_folder(work_dir) as folder,
         message_log_folder(run_dir, folder) as past,
-        RemoteHosts(wirings, f"{name} {folder.name}") as remote,
+        _machines(wirings, f"{name} {folder.name}") as remote,
     ):
         place = remote.reach(addresses_of(folder, names, depth, past))
         with (
@@ -84,6 +86,34 @@ def launch(
                 interrupts=interrupts,
                 going=before is not None,
             ).run(began)
+
+
+class ThisMachine:
+    """The machines of a graph all of whose nodes run here."""
+
+    nodes: Mapping[str, NodeHost] = {}  # Nodes that run elsewhere, and where
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def reach(self, place: Addresses) -> Addresses:
+        """The place with addresses that all machines can reach."""
+        return place
+
+    def ahead_ns(self, name: str) -> int:
+        """How far this machine's clock is ahead of that of a node's machine, ns."""
+        return 0
+
+
+def _machines(wirings: Sequence[Wiring], run: str) -> ThisMachine:
+    """The machines of a graph; `launch.graph` has checked that others can be reached from here."""
+    if not any(wiring.host for wiring in wirings):
+        return ThisMachine()
+    machines: ThisMachine = entry_points_of(HOSTS)["machines"].load()(wirings, run)
+    return machines
 
 
 def _card(

@@ -24,6 +24,7 @@ ROOMS = {
     "exporters": (("tools/exporters",), ("bag", "export", "x", "--format", "rerun", "-o", "y")),
     "gallery": (("tools/gallery",), ("gallery",)),
     "film": (("tools/film",), ("film", "x", "-o", "x.gif")),
+    "hosts": (("launch/hosts", "tools/hosts"), ("host", "192.168.1.5")),
     "sweep": (("tools/sweep",), ("sweep", "x.yaml")),
 }
 IMPORT_ALL = """

@@ -57,7 +57,7 @@ def _machine() -> Iterator[None]:
         for name in ("PALPATE_GRAPH", "FORCE_COLOR", "COLUMNS"):
             patch.delenv(name, raising=False)
         patch.setenv("TERM", "dumb")
-        path = [str(TOYS), str(Path(palpate.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+        path = [str(TOYS), str(Path(package.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
         patch.setenv("PYTHONPATH", os.pathsep.join(path))
         start_fork_server(f"palpate.nodes.{kind}" for kind in list_kinds())
         yield

@@ -14,7 +14,7 @@ import zmq
 from palpate_toy import toy
 
 from palpate.launch.files.source_map import InputError
-from palpate.launch.hosts import free_endpoints, key_file, read_host
+from palpate.launch.hosts.addresses import free_endpoints, key_file, read_host
 from palpate.messages.bus import ControlClient, SocketContext, bind, make_key
 from tests.graph.conftest import processes, started, wait_for
 
@@ -91,7 +91,7 @@ def test_node_killed_on_another_machine_loses_nothing(away, run, watcher):
 
 
 def test_another_key_or_none_is_refused(away, run, monkeypatch, tmp_path):
-    monkeypatch.setattr("palpate.launch.processes.process_table.HOST_PATIENCE", 0.5)
+    monkeypatch.setattr("palpate.launch.hosts.remote.HOST_PATIENCE", 0.5)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "other.json"))
     with pytest.raises(ValueError, match=r"graph\.key cannot be used: No such file"):
         run(ring(away[0]))
@@ -170,7 +170,7 @@ def test_free_ports_are_found_on_this_machine_alone(monkeypatch):
         free_endpoints("8.8.8.8", ["port"])
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
-        monkeypatch.setattr("palpate.launch.hosts.PORTS", [taken.getsockname()[1]])
-        monkeypatch.setattr("palpate.launch.hosts.TRIED_PORTS", 1)
+        monkeypatch.setattr("palpate.launch.hosts.addresses.PORTS", [taken.getsockname()[1]])
+        monkeypatch.setattr("palpate.launch.hosts.addresses.TRIED_PORTS", 1)
         with pytest.raises(ValueError, match=r"127\.0\.0\.1 has no free port: 1 of"):
             free_endpoints("127.0.0.1", ["port"])

@@ -401,8 +401,6 @@ palpate_group = LazyGroup(
         "run": ("launching", "Explore a scene and rebuild its object."),
         "view": ("looking", "Show a run in the browser, as it runs or from its recording."),
         "launch": ("launching", "Start the graph of a launch file."),
-        "host": ("launching", "Lend this machine to graphs that are launched elsewhere."),
-        "keys": ("launching", "Make the key that the machines of a graph share."),
         "replay": ("launching", "Run nodes on a recording and compare what they publish."),
         "bag": ("recordings", "Look into recordings; record, play, recover, compare and export."),
         "scene": ("solids", "List and check scenes."),

@@ -193,35 +193,3 @@ def _resume(bag: Path, place: str, nodes: tuple[str, ...], out: Path | None, **h
     if different:
         click.echo(f"palpate: {different}", err=True)
     return 1 if different else code
-
-
-@click.command("host")
-@click.argument("address")
-def host_command(address: str) -> None:
-    """Lend this machine at its ADDRESS, 192.168.1.5 or 192.168.1.5:7447, until Ctrl-C.
-
-    Whoever has the same key (palpate keys) may run nodes here, and nobody else: a node is a
-    program. A launch file names the machine with host: ADDRESS.
-    """
-    from palpate.launch.hosts import key_file, read_host, run_host_agent
-
-    where, port = read_host(address)
-    with as_input_errors():
-        run_host_agent(where, port, key_file(), click.echo)
-
-
-@click.command("keys")
-def keys_command() -> None:
-    """Make the key that the machines of a graph share.
-
-    Copy it to the same place on the other machines, readable by nobody but you.
-    """
-    from palpate.launch.hosts import key_file
-    from palpate.messages.bus import make_key
-
-    path = key_file()
-    try:
-        make_key(path)
-    except FileExistsError as error:
-        raise InputError(str(error)) from None
-    click.echo(f"{path}: written; copy it to the other machines, to the same place and mode")
