@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+import palpate as package
 from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.launcher import launch as launch_launch
 from palpate.launch.node_kinds import list_kinds
