@@ -123,7 +123,7 @@ def test_the_top_module_offers_its_names_and_no_others():
         "save",
         "surface_patch",
     }
-    with pytest.raises(AttributeError, match="has no attribute 'exlpore'"):
+    with pytest.raises(AttributeError, match="exlpore"):
         palpate.exlpore  # noqa: B018
 
 

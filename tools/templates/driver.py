@@ -17,12 +17,16 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-
 from palpate.core.arrays import Floats
 from palpate.core.poses import pad_rotation, pose_of
 from palpate.messages.types import SequenceEnd
 from palpate.nodes import Finished, Source, Timed
-from palpate.nodes.specs.frames import DRIVER_OUTPUTS, SensorParams, sensor_info, tactile_frame
+from palpate.nodes.specs.frames import (
+    DRIVER_OUTPUTS,
+    SensorParams,
+    sensor_info,
+    tactile_frame,
+)
 from palpate.nodes.specs.sensors import PadSpec, SensorSpec
 
 

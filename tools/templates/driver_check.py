@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from palpate.nodes import collector, curvature, filter, reconstructor
 from palpate.testing import drive, messages_on
 from palpate.tools.templates.driver import SOURCE

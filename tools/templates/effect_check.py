@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, pose_of
 from palpate.core.robot_time import ROBOT_PRESETS

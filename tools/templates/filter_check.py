@@ -6,12 +6,16 @@ Frames show a ball's imprint, 1 mm deep, in an array of 16 x 16 taxels at 1 mm.
 from __future__ import annotations
 
 import numpy as np
-
 from palpate.core.arrays import Floats
 from palpate.core.touch import Pad, clean
 from palpate.messages.types import SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.filter import NODE, Params
-from palpate.nodes.specs.sensors import SensorSpec, calibration_of_info, info_of, pad_of_info
+from palpate.nodes.specs.sensors import (
+    SensorSpec,
+    calibration_of_info,
+    info_of,
+    pad_of_info,
+)
 from palpate.testing import drive, example, messages_on
 
 INFO: SensorInfo = info_of(SensorSpec(), noise=0.0)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from msgspec import Meta, Struct
-
 from palpate.messages import Count, PerMetre, Seconds, Vector
 from palpate.messages.types import SurfacePatch
 from palpate.nodes import Node, Outputs

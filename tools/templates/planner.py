@@ -20,7 +20,6 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-
 from palpate.core.plugins import Range, check_ranges
 from palpate.planning import (
     Choice,

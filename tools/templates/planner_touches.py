@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-
 from palpate.core.plugins import Range, check_ranges
 from palpate.planning import (
     Choice,

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Floats
@@ -32,6 +33,11 @@ def polar(turns: Floats, radius: Floats | float) -> Floats:
 def at_height(plane: Floats, height: float) -> Floats:
     """Points (k, 3) of points (k, 2) at a height."""
     return np.column_stack([plane, np.full(len(plane), height)])
+
+
+def slow(*values: Any) -> Any:
+    """A case of a table that is left out unless all are asked for."""
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def rms(values: Floats) -> float:

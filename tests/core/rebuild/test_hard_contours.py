@@ -7,7 +7,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import LatticeSolid, reconstruct
-from tests.core.rebuild.objects import SECTIONS, at_height, circle, is_closed, polar
+from tests.core.rebuild.objects import SECTIONS, at_height, circle, is_closed, polar, slow
 
 HALF = 50.0
 HEIGHTS = np.linspace(-49.0, 49.0, 9)
@@ -16,7 +16,6 @@ VOLUME = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF  # Of the lobed colum
 
 
 def ring(z: float, count: int = 60, radius: float = 30.0) -> Floats:
-    """A contour of a column of three shallow lobes."""
     turn = 2 * np.pi * np.arange(count) / count
     around = radius * (1.0 + 0.1 * np.cos(3 * turn + z / 50.0))
     return at_height(around[:, None] * circle(count), z)
@@ -56,7 +55,6 @@ LINE = np.column_stack([np.linspace(0, 1, 9), np.linspace(0, 2, 9), np.full(9, 2
         (LINE, 9, "on one line"),
         (ring(5.0)[:2], 9, "too few points"),
         (np.repeat(ring(5.0)[:2], 3, axis=0), 9, "too few points"),
-        (np.full((5, 3), np.nan), 9, "too few points"),
         ([], 9, "too few points"),
         (EIGHT, 9, "around no area"),
         (CLUTTER, 9, "its points are in no order"),
@@ -102,9 +100,11 @@ def test_contour_that_is_point_touches_its_end(radius):
     assert solid.slices.dropped[0].height == solid.evidence.top
     assert solid.uncovered[1] == 0.0
     assert is_closed(solid)
+    tiny = skin([at_height(1e-9 * circle(9), -49.9), *rings()[1:]], None)
+    assert tiny.uncovered[0] == 0.0 and is_closed(tiny)
 
 
-@pytest.mark.parametrize(("count", "off"), [(1, 1e-3), (2, 0.01), (3, 5e-3), (5, 1e-3), (27, 1e-3)])
+@pytest.mark.parametrize(("count", "off"), [(1, 1e-3), (2, 0.01), (3, 5e-3), (5, 1e-3)])
 def test_few_contours_are_a_closed_solid(count, off):
     solid = skin([ring(0.0)] if count == 1 else rings(count))
     assert is_closed(solid)
@@ -119,14 +119,14 @@ def test_contour_of_other_size_may_be_dropped_feature():
     contours[11] = contours[11] * [1.3, 1.3, 1.0]
     solid = skin(contours)
     (dropped,) = solid.slices.dropped
-    assert (dropped.which, dropped.why) == (11, "unlike its neighbours")
+    assert dropped[:2] == (11, "unlike its neighbours")
     assert dropped.height == pytest.approx(contours[11][0, 2])
     assert dropped.off == pytest.approx(0.3 * 30.0, rel=0.05)
     assert dropped.may_be_feature and solid.health()["perhaps_features"] == 1.0
     assert same(solid, skin(contours[:11] + contours[12:])) == 0.0
 
 
-@pytest.mark.parametrize("count", [6, 9, 11, 12])
+@pytest.mark.parametrize("count", [6, slow(9), 11, 12])
 def test_neck_that_one_contour_touched_stays_among_few(count):
     contours = prism(count)
     which = count // 2
@@ -194,7 +194,7 @@ def test_blade_has_its_volume(ratio, count):
     assert solid.health()["outlying_points"] == 0.0
 
 
-@pytest.mark.parametrize("order", ["shuffled", "by columns", "zigzag", "doubled"])
+@pytest.mark.parametrize("order", ["shuffled", slow("by columns"), slow("zigzag"), slow("doubled")])
 def test_points_in_no_order_give_solid_of_those_in_order(order):
     rng = np.random.default_rng(3)
     radius = 30.0 * (1.0 + 0.1 * np.cos(6 * np.pi * np.arange(40) / 40))

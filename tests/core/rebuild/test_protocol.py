@@ -23,7 +23,7 @@ def normals():
 
 @pytest.fixture(scope="module")
 def ball(normals):
-    return palpate.rebuild_general(RADIUS * normals, 2.0 * normals, folds=1)
+    return palpate.rebuild_general(RADIUS * normals, 2.0 * normals, cell=5e-3, folds=1)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def cylinder():
     turn = 2.0 * np.pi * np.arange(24) / 24
     ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn)])
     ends = np.array([[0.0, 0.0, -0.5 * HEIGHT], [0.0, 0.0, 0.5 * HEIGHT]])
-    return palpate.reconstruct([ring] * 3, tops=ends, heights=(-0.02, 0.0, 0.02))
+    return palpate.reconstruct([ring] * 3, tops=ends, heights=(-0.02, 0, 0.02), method="skin")
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +205,7 @@ def test_saved_solid_is_loaded_the_same(name, request, tmp_path):
 @pytest.mark.parametrize(
     ("name", "line"),
     [
-        ("cylinder", "<LatticeSolid 0.06 x 0.06 x 0.06, lattice of 3 contours>"),
+        ("cylinder", "<LatticeSolid 0.06 x 0.06 x 0.06, skin of 3 contours>"),
         ("ball", "<GeneralSolid 0.06 x 0.06 x 0.06 m, of 300 touches>"),
         ("torus", "<MeshSolid 0.078 x 0.078 x 0.022 m, of 36864 triangles>"),
     ],

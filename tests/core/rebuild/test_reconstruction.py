@@ -19,9 +19,9 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.shapes import Bend, Superquadric, area_samples, sampled_surface
 from palpate.core.splines import SplineVolume
-from tests.core.rebuild.objects import Oracle, at_height, circle
+from tests.core.rebuild.objects import Oracle, at_height, circle, slow
 
-SLOW = [pytest.param(method, marks=pytest.mark.slow) for method in ("thesis", "coarse")]
+SLOW = [slow(method) for method in ("thesis", "coarse")]
 POSE = np.concatenate([[0.03, -0.2, 0.05], np.array([0.1, -0.5, 0.5, 0.7])])
 SIZE = 0.1  # Of the lobed egg [m]
 HEIGHTS = np.linspace(-0.047, 0.045, 11)
@@ -98,7 +98,7 @@ def apart_moved(one: LatticeSolid, other: LatticeSolid) -> float:
         ("skin", False, 2e-4),
         ("draft", False, 2e-4),
         ("thesis", False, 0.06),  # It closes with cones
-        pytest.param("thesis", True, None, marks=pytest.mark.slow),  # Its volume is wrong
+        slow("thesis", True, None),  # Its volume is wrong
         ("coarse", False, 1e-6),
     ],
 )
@@ -125,7 +125,7 @@ def test_each_method_gives_closed_solid_of_true_volume(method, faithful, off):
         assert stated[2].shape == (5, 4) and (stated[2] >= 0.0).all()
 
 
-@pytest.mark.parametrize(("scale", "offset"), [(1e-9, 0.0), (1e3, 1e3)])
+@pytest.mark.parametrize(("scale", "offset"), [(1e-9, 0.0), slow(1e3, 1e3)])
 def test_unit_and_place_change_nothing(scale, offset):
     given = [scale * one + offset for one in EGG]
     solid = reconstruct(given, tops=scale * TOPS + offset)
@@ -167,6 +167,7 @@ def test_solid_of_moved_contours_is_moved_solid(method):
     assert after == pytest.approx(before, rel=1e-6, abs=1e-6 / SIZE)
 
 
+@pytest.mark.slow
 def test_measures_distances_and_deviations_move_with_solid():
     one, other = upright(), tilted()
     before, after = one.measures(), other.measures()
@@ -183,9 +184,7 @@ def test_measures_distances_and_deviations_move_with_solid():
     assert other.slices.heights == pytest.approx(one.slices.heights, abs=1e-14)
 
 
-@pytest.mark.parametrize(
-    "given", ["contacts", "normals", pytest.param("grasp", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("given", ["contacts", slow("normals"), slow("grasp")])
 def test_other_evidence_moves_with_frame(given):
     true = Oracle([0.03, 0.02, 0.045], [1.0, 1.0])
     rings, touched, tops = true.evidence(np.linspace(-0.9, 0.9, 7))
@@ -234,17 +233,21 @@ def test_control_lattices_stand_in_world():
     refined = [upright().refined(point), tilted().refined(moved(point))]
     assert apart_moved(*refined) < 1e-9
     assert np.abs(refined[1].search().nearest(moved(point)).distances).max() < 1e-6 * SIZE
+
+
+@pytest.mark.slow
+def test_lattice_of_thesis_stands_in_world():
+    inside = np.random.default_rng(1).random((20, 3))
     old, new = (solid("thesis").control_lattice for solid in (upright, tilted))
-    control = moved(old.control.reshape(-1, 3)).reshape(old.control.shape)
-    assert new.control == pytest.approx(control, abs=1e-12)
-    assert isinstance(old.undeformed, SplineVolume) and isinstance(new.undeformed, SplineVolume)
-    assert new.undeformed.at(inside) == pytest.approx(moved(old.undeformed.at(inside)), abs=1e-12)
+    for one, other in ((old.volume, new.volume), (old.undeformed, new.undeformed)):
+        assert isinstance(other, SplineVolume)
+        assert other.at(inside) == pytest.approx(moved(one.at(inside)), abs=1e-12)
 
 
 COLUMN_TOPS = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, -50.0]])
 
 
-@pytest.mark.parametrize("method", ["skin", pytest.param("lattice", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["skin", slow("lattice")])
 def test_updated_solid_equals_solid_of_all_contours(method):
     noise = 2e-4 * np.random.default_rng(0).normal(size=(11, 60, 3))
     given = [one + noise[i, : len(one)] for i, one in enumerate(EGG)]
@@ -281,6 +284,7 @@ def test_updates_of_plane_framed_and_useless_contours():
 BASE = Superquadric(np.array([30.0, 20.0, 50.0]), np.array([0.6, 0.9]))
 
 
+@pytest.mark.slow
 def test_coarse_fit_warps_only_where_points_ask():
     rng = np.random.default_rng(3)
     plain = area_samples(sampled_surface(BASE), 400, rng)
@@ -329,16 +333,13 @@ SPAN = "contours and tops must span from 1e-50"
     ("contours", "options", "sentence"),
     [
         ([], {}, "contours must be at least one, got none"),
-        ("abc", {}, "contours must be a sequence of arrays, got str"),
         (["abc"], {}, "contour 0 must be an array of real numbers"),
         ([[[0, 0, 0], [1, 1]]], {}, "contour 0 must be an array of real numbers"),
         ([np.zeros((4, 2))], {}, "contour 0 must have shape (any, 3), got (4, 2)"),
-        ([[]], {}, "contours must hold at least one of 3 points"),
         ([np.full((9, 3), np.nan)], {}, "contours must hold at least one of 3 points"),
         ([np.zeros((5, 3)), LINE[:2]], {}, "got contour 0: in one place; contour 1: too few"),
         (prism(1), {}, "contours must leave at least 2 to rebuild from, or 1 with tops"),
         (prism(1), {"tops": COLUMN_TOPS[:1]}, "or 1 with tops that touched both ends, got 1"),
-        (prism(1), {"tops": COLUMN_TOPS[1:]}, "or 1 with tops that touched both ends, got 1"),
         ([ELLIPSOID[7], 0.5 * ELLIPSOID[7]], {}, "contour 1: inside another at its height"),
         ([1e-300 * one for one in prism(4)], {}, SPAN),
         ([1e60 * one for one in prism(4)], {}, SPAN),
@@ -348,12 +349,10 @@ SPAN = "contours and tops must span from 1e-50"
         (prism(4), {"tops": [[0.0, 0.0, np.nan]]}, "tops must be finite"),
         (prism(4), {"tops": "up"}, "tops must be an array of real numbers"),
         (prism(9), {"tops": [[0, 0, 20.0]]}, "tops must not lie within the contours, got 20"),
-        (prism(9), {"tops": [[0, 0, -20.0]]}, "tops must not lie within the contours, got -20"),
         (prism(4), {"noise": "a"}, "noise must be an array of real numbers"),
         (prism(4), {"noise": 0.0}, "noise must be positive"),
         (EGG, {"method": "loft"}, "method must be one of lattice, skin, draft, thesis, coarse"),
         (EGG, {"method": "skin", "faithful": True}, "faithful goes with the method 'thesis'"),
-        (EGG, {"method": "skin", "size": (8, 8)}, "size and grasp must be left out"),
         (EGG, {"method": "skin", "grasp": 1}, "size and grasp must be left out"),
         (
             [*ELLIPSOID[:3], *ellipsoid(np.array([10.0]), 40)],

@@ -13,7 +13,7 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import pose_of, rotations_from_vectors, transform_points
 from palpate.core.rebuild import LatticeSolid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
-from tests.core.rebuild.objects import Oracle, at_height, circle, contacts, is_closed, rms
+from tests.core.rebuild.objects import Oracle, at_height, circle, contacts, is_closed, rms, slow
 
 NINE, SEVEN = np.linspace(-0.94, 0.94, 9), np.linspace(-0.9, 0.9, 7)
 BALL = ([0.03] * 3, [1.0, 1.0])
@@ -37,7 +37,7 @@ def deviation_of(solid: LatticeSolid) -> float:
     [
         (*BALL, 2e-6, 20e-6),
         ([0.025, 0.025, 0.04], [0.1, 1.0], 10e-6, 0.1e-3),
-        ([0.03, 0.02, 0.025], [0.5, 0.3], 30e-6, 0.25e-3),
+        slow([0.03, 0.02, 0.025], [0.5, 0.3], 30e-6, 0.25e-3),
         ([0.03, 0.02, 0.04], [0.1, 0.1], 10e-6, 50e-6),
     ],
 )
@@ -58,7 +58,7 @@ def test_nine_contours_and_touched_top_give_object_back(size, exponents, mean, m
     assert 0.499 * health["radial_untouched_gap"] < uncertainty.resolution < 2e-3
 
 
-@pytest.mark.parametrize("shares", [[0.4], [-0.8, 0.0, 0.8]])
+@pytest.mark.parametrize("shares", [[0.4], slow([-0.8, 0.0, 0.8])])
 def test_few_contours_give_closed_solid_on_platform(shares):
     solid = Oracle(*BALL).rebuilt(shares)
     assert is_closed(solid, 1e-3 * solid.surface.size)
@@ -71,14 +71,14 @@ def test_few_contours_give_closed_solid_on_platform(shares):
         assert wall.uncovered == (0.0, pytest.approx(0.8 * 0.04, rel=0.01))
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
+@pytest.mark.parametrize("scale", [slow(1e-3), 1e3])
 def test_solid_of_scaled_contacts_is_scaled_solid(scale):
     one, other = (Oracle(*EGG, scale=each).rebuilt(SEVEN) for each in (1.0, scale))
     assert np.allclose(places(other) / scale, places(one), rtol=0, atol=1e-8)
     assert deviation_of(other) == pytest.approx(scale * deviation_of(one), rel=1e-3)
 
 
-@pytest.mark.parametrize("method", ["skin", "draft"])
+@pytest.mark.parametrize("method", [slow("skin"), "draft"])
 def test_order_of_contours_and_touches_changes_nothing(method):
     rings, touched, tops = Oracle(*BALL).evidence(SEVEN)
     order = np.random.default_rng(1).permutation(len(touched.points))
@@ -117,7 +117,7 @@ def arcs(radius: Floats, heights: Floats, lean: Floats) -> tuple[Floats, Floats]
     return np.column_stack([radius[:, None] * out, heights]), normals
 
 
-@pytest.mark.parametrize("arc", [0.0, 2e-3, pytest.param(8e-3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("arc", [0.0, slow(2e-3), slow(8e-3)])
 def test_edge_rounded_by_arc_is_rebuilt(arc):
     """A column of 30 mm radius, 90 mm high, whose upper edge is an arc."""
     steps = 30_000
@@ -148,7 +148,7 @@ def noisy(touched: ContactPoints, pose: float, seed: int = 0) -> ContactPoints:
     return touched._replace(points=touched.points + shifts[touch], touch=touch)
 
 
-@pytest.mark.parametrize("shape", [BOX, pytest.param(EGG, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("shape", [BOX, slow(EGG)])
 def test_stated_deviation_is_of_size_of_error(shape):
     true = Oracle(*shape)
     rings, touched, tops = true.evidence(SEVEN)
@@ -250,7 +250,7 @@ def oblique_points() -> Floats:
     return np.concatenate([side, np.column_stack([inside, top_at(inside)])])
 
 
-SLANTS = ["moved", *(pytest.param(x, marks=pytest.mark.slow) for x in ("updated", "mirrored"))]
+SLANTS = ["moved", *(slow(x) for x in ("updated", "mirrored"))]
 STEEP = float(np.hypot(*SLOPES))
 
 
@@ -262,6 +262,7 @@ def test_oblique_top_is_as_good_as_level_one():
     assert oblique().check()[:4] == (True, True, 0, 0)
 
 
+@pytest.mark.slow
 def test_control_lattice_and_refinement_know_of_slant():
     lattice = oblique().control_lattice
     assert lattice is not None and oblique().lattice is not None

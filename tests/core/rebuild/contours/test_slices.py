@@ -34,7 +34,6 @@ def disc(radius: float, height: float, middle: tuple[float, float] = (0.0, 0.0))
 
 
 def in_order(points: Floats) -> Floats:
-    """Points by their azimuths."""
     return points[np.argsort(np.arctan2(points[:, 1] + 1e-3, points[:, 0]))]
 
 
@@ -63,7 +62,6 @@ def test_even_noisy_points_keep_even_steps():
     found = curve_of(at_height(plane, 0.0))
     steps = np.diff(found.curve.parameters)
     assert np.ptp(steps) < 1e-12
-    # The deviation of the noise is 0.02; a curve through chords would keep more of it.
     assert np.std(np.linalg.norm(found.fine, axis=1)) < 0.018
     dense = curve_of(at_height(circle(500) + 0.02 * rng.normal(size=(500, 2)), 0.0))
     assert dense.curve.smoothing > 0.0 and not dense.curve.flags.self_intersecting

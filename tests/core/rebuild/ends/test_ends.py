@@ -41,7 +41,6 @@ SHAPES: dict[str, Callable[[Floats, Floats], Floats]] = {
 def contours(
     name: str, gap: float, count: int = 27, noise: float = 0.0
 ) -> tuple[Floats, Floats, dict[str, float]]:
-    """Heights, grid, and the ends as a touch finds them."""
     rng = np.random.default_rng(7)
     heights = np.linspace(-50.0 + gap, 50.0 - gap, count)
     radius = SHAPES[name](2 * np.pi * TURNS[None], heights[:, None])

@@ -121,6 +121,8 @@ def test_oblique_top_leans_as_its_touches_do(pose, noise):
     assert alike.change == pytest.approx(NONE, abs=1e-12 + 3e3 * noise + pose)
     assert caps.only_given(column(SLOPES), -1.0, 0.0) and caps.only_given(column(), 1.0, 0.081)
     assert not (caps.only_given(column(), 1.0, 0.08) or caps.only_given(column(), -1.0, None))
+    slight = caps.shear_between(column(0.03 * SLOPES, noise=noise), NONE, (0.0, None))
+    assert slight is not None  # As small as taxels of little noise can tell
     if noise == pose == 0.0:
         level = found.levelled_contacts(column(SLOPES)).points[400:, 2]
         assert np.ptp(level) < 1e-12
@@ -129,7 +131,7 @@ def test_oblique_top_leans_as_its_touches_do(pose, noise):
 @pytest.mark.parametrize(
     "more",
     [
-        touch((0.01, 0.01), 0.04),  # A ledge below the top
+        stack_points([touch((0.01, 0.01), 0.04)] * 6),  # A ledge below the top
         touch((0.016, 0.0), 0.0784, SLOPES, 1.0, 40.0),  # Across an edge
         contacts(np.array([[0.02, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])),  # On the platform
         contacts(np.array([[0.02, 0.0, -1e-5]]), np.array([[1.0, 0.0, 0.0]])),
@@ -233,14 +235,15 @@ def test_round_end_leans_as_it_was_touched(lean):
     upward = np.where(way > 0.0, (2.0 * ahead - level @ lean) / 0.03, 0.0)
     normals = np.column_stack([level, upward])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    plane = 0.03 * share[:, None] * out + ahead[:, None] * lean
+    place = np.array([0.1, -0.2])
+    plane = place + 0.03 * share[:, None] * out + ahead[:, None] * lean
     touched = contacts(np.column_stack([plane, 0.06 + 0.03 * way]), normals)
-    axis = fit_axis_curve(np.array([0.0, 0.06]), np.zeros((2, 2)))
+    axis = fit_axis_curve(np.array([0.0, 0.06]), np.tile(place, (2, 1)))
     spline = fit_radial_spline(touched, axis, 0.0, 0.09)
     turns = np.arange(48) / 48
     found = caps.end_from_contacts(touched, spline, turns, 0.062, -0.06, 0.09, 1e-6)
     assert (found.height, found.round) == (0.09, True)
-    assert found.middle == pytest.approx(lean, abs=0.6e-3)
+    assert found.middle - place == pytest.approx(lean, abs=0.6e-3)
     free = caps.end_from_contacts(touched, spline, turns, 0.062, -0.06, None, 1e-6)
     assert free.height >= 0.062
 

@@ -13,14 +13,8 @@ from palpate.core.rebuild import LatticeSolid, reconstruct
 from palpate.core.rebuild.lattice import LatticeFit, fit_lattice, lattice_grid, refine_lattice
 from palpate.core.rebuild.side import ContourLoft, SidePatch, fit_contour_loft
 from palpate.core.splines import Basis, Lattice, SplineVolume, box_lattice
-from tests.core.rebuild.objects import (
-    assert_derivatives,
-    at_height,
-    circle,
-    sampled,
-    section_distances,
-    superellipse,
-)
+from tests.core.rebuild import objects
+from tests.core.rebuild.objects import at_height, circle, slow
 
 TURNS = np.arange(96) / 96
 
@@ -28,7 +22,8 @@ TURNS = np.arange(96) / 96
 @cache
 def loft(name: str, rows: int = 27, around: int = 80, noise: float = 0.0) -> ContourLoft:
     heights = np.linspace(-0.98, 0.98, rows)
-    return fit_contour_loft(heights, sampled(name, heights, around, noise), low=-1.0, high=1.0)
+    grid = objects.sampled(name, heights, around, noise)
+    return fit_contour_loft(heights, grid, low=-1.0, high=1.0)
 
 
 def prism(plane: Floats) -> ContourLoft:
@@ -51,7 +46,7 @@ def test_lattice_is_as_near_as_loft_without_folds(name, noise):
     assert fit.health.rms < max(0.1 * skin.uncertainty().rms, 1e-5)
     v, turns = np.random.default_rng(1).uniform(0.05, 0.95, (2, 400))
     sides = (side.at(v, turns) for side in (fit.side, SidePatch(skin.surface)))
-    errors = [float(section_distances(name, side).mean()) for side in sides]
+    errors = [float(objects.section_distances(name, side).mean()) for side in sides]
     assert errors[0] < 1.05 * errors[1] + 1e-5
 
 
@@ -74,7 +69,7 @@ def test_derivatives_of_side_are_those_of_differences(weighted):
         weights = np.random.default_rng(1).uniform(0.5, 2.0, fit.lattice.control.shape[:3])
         fit = replace(fit, lattice=fit.lattice.with_control(fit.lattice.control, weights))
     v, turns = np.random.default_rng(0).uniform(0.02, 0.98, (2, 60))
-    assert_derivatives(fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid)  # But for knots
+    objects.assert_derivatives(fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid)  # But for knots
 
 
 def test_sound_lattices_are_proved_and_folds_told():
@@ -93,7 +88,7 @@ def test_sound_lattices_are_proved_and_folds_told():
 @pytest.mark.parametrize("exponent", [1.0, 0.45, 0.2])
 def test_prism_has_section_of_sides_or_of_grasp(exponent):
     c, s = np.cos(0.6), np.sin(0.6)
-    plane = superellipse(TURNS, exponent, 0.5, 0.3) @ np.array([[c, s], [-s, c]])
+    plane = objects.superellipse(TURNS, exponent, 0.5, 0.3) @ np.array([[c, s], [-s, c]])
     section = fit_lattice(prism(plane + [0.1, -0.2]).surface, 1e-3).section
     assert section.exponent == pytest.approx(exponent, abs=0.15)
     assert np.sort(section.half_extent) == pytest.approx([0.3, 0.5], rel=0.05)
@@ -156,7 +151,7 @@ def lattice_of(solid: LatticeSolid) -> LatticeFit:
     return solid.lattice
 
 
-@pytest.mark.parametrize("weights", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("weights", [slow(False), True])
 def test_pulled_point_is_passed_and_far_places_stay(weights):
     point = outwards(0.55, 0.2, 3.0)
     refined = ball().refined(point, weights=weights)
@@ -185,6 +180,7 @@ def test_pulled_point_is_passed_and_far_places_stay(weights):
         assert found.moved < plain.moved
 
 
+@pytest.mark.slow
 def test_contradicting_and_doubtful_points_are_met_in_middle():
     both = np.concatenate([outwards(0.5, 0.3, 2.0), outwards(0.5, 0.3, -1.0)])
     refined = ball().refined(both)
@@ -203,8 +199,9 @@ def test_ends_and_poles_are_not_refined():
     assert refined.health()["refined_beyond"] == 2.0
     assert np.array_equal(lattice_of(refined).lattice.control, lattice_of(tube()).lattice.control)
     pulled = ball().refined(outwards(0.97, 0.2, 2.0))
-    top = pulled.surface.at(np.ones(20), np.arange(20) / 20)
-    assert np.ptp(top, axis=0).max() < 1e-12
+    for v in (0.0, 1.0):
+        end = pulled.surface.at(np.full(20, v), np.arange(20) / 20)
+        assert np.ptp(end, axis=0).max() < 1e-12
     assert lattice_of(pulled).refinement.after < 0.2
 
 

@@ -169,6 +169,10 @@ def test_axis_leads_to_poles_unless_they_are_given():
     assert loft.at(-1.0, 0.0) == pytest.approx([-0.9, 0.45], abs=1e-12)
     assert loft.at(1.0, 0.0) == pytest.approx([1.0, -0.5], abs=1e-6)
     assert np.allclose(loft.at(heights[:, None], TURNS), grid, atol=1e-5)
+    grid = grid + 1e-3 * np.random.default_rng(0).normal(size=grid.shape)
+    grid[5, 3] += [0.1, 0.1]
+    rough = lofted(heights, grid, low=-1.0, high=1.0, pole=BOTH)
+    assert rough.outlying[5, 3] and rough.outlying.sum() <= 2
     cone = (1.0 - heights)[:, None, None] * circle(24)
     sharp = lofted(heights, cone, low=-1.0, high=1.0, pole=(False, True))
     assert sharp.health.round == (False, False)
@@ -229,11 +233,12 @@ def test_ridges_edges_and_few_points_are_no_outliers():
     assert np.abs(loft.at(heights[:, None], np.arange(80) / 80) - box).max() < 0.5
 
 
-def surface(kind: str) -> Any:
+def surface(kind: str, over: bool = False) -> Any:
     """A ball about (3, -2) closed below, or a step that makes the parameter follow its length."""
     if kind == "step":
         heights = np.array([-1.0, -0.5, 0.0, 0.02, 0.5, 0.9])
         radius = np.array([1.0, 1.0, 1.0, 0.6, 0.6, 0.6])
+        heights, radius = (-heights[::-1], radius[::-1]) if over else (heights, radius)
         loft = lofted(heights, radius[:, None, None] * circle(40), low=-1.0, high=1.0)
         assert loft.surface.axial_parameter.reparametrisation is not None
         return loft.surface
@@ -257,6 +262,11 @@ def test_surface_has_its_derivatives_by_either_parameter(kind):
     assert found.at(heights, turns, (1, 0)) == pytest.approx(slopes, rel=1e-3, abs=1e-3)
     assert np.array_equal(found.at(0.97, turns), found.at(0.9, turns))  # Carried on
     assert not found.at(0.97, turns, (1, 0)).any()
+    if kind == "step":  # Upside down it is the same
+        mirrored = SidePatch(surface(kind, over=True)).at(1.0 - v, turns) * [1.0, 1.0, -1.0]
+        assert mirrored == pytest.approx(side.at(v, turns), abs=1e-9)
+        rims = np.linalg.norm(found.at([-0.5, 0.0, 0.02, 0.5], np.full(4, 0.3)), axis=-1)
+        assert rims == pytest.approx([1.0, 1.0, 0.6, 0.6], abs=1e-3)
     if kind == "ball":
         ball = found.places(np.linspace(*found.along.domain, 100), np.linspace(0.0, 3.0, 100))
         assert np.abs(np.linalg.norm(ball - [3.0, -2.0, 0.0], axis=1) - 1.0).max() < 1e-4

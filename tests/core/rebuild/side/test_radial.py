@@ -10,7 +10,7 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild import side as sides
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.side import RadialSpline, bridged, coverage_of
-from tests.core.rebuild.objects import Oracle, at_height, circle, contacts, rms
+from tests.core.rebuild.objects import Oracle, at_height, circle, contacts, rms, slow
 
 HEIGHT = 0.06  # Of most objects here [m]
 TURNS = np.linspace(0.0, 1.0, 24, endpoint=False)
@@ -150,7 +150,7 @@ def kept_of(spline: RadialSpline, pose: float | None = None, reach: float = 0.00
     return sides.radial_fit(spline, seen, pose, (reach, HEIGHT - reach), False)
 
 
-@pytest.mark.parametrize(("height", "turn"), [(0.0313, 0.479), (0.02, 0.6)])
+@pytest.mark.parametrize(("height", "turn"), [(0.0313, 0.479), slow(0.02, 0.6)])
 def test_gap_has_deviation_of_its_size(height, turn):
     told = []
     for width in (0.0, 0.012):
@@ -206,11 +206,10 @@ def test_side_reaches_as_far_as_every_sector_was_touched():
 
 
 POSE, TAXEL = 1e-4, 1e-5
-OTHER = [pytest.param(pose, 0.8, marks=pytest.mark.slow) for pose in (1.5e-5, 3e-4)]
+OTHER = [slow(pose, 0.8) for pose in (1.5e-5, 3e-4)]
 
 
 def patches(seed: int, count: int = 120, pose: float = POSE, taxel: float = TAXEL) -> ContactPoints:
-    """Patches of 15 mm of a ball of 60 mm, each shifted as a whole, with noise on each taxel."""
     rng = np.random.default_rng(seed)
     out = rng.normal(size=(count, 3))
     out /= np.linalg.norm(out, axis=1, keepdims=True)
@@ -262,7 +261,7 @@ def test_stated_errors_hold_what_shifts_leave():
     assert whole.rms > rms(off) and whole.most > np.abs(off).max()
 
 
-@pytest.mark.parametrize("kind", ["exact", "edges", "one touch", "few taxels"])
+@pytest.mark.parametrize("kind", ["exact", slow("edges"), "one touch", "few taxels"])
 def test_no_shift_is_believed_without_reason(kind):
     touched = patches(2, 60, 0.0, 0.0 if kind == "exact" else TAXEL)
     if kind == "edges":  # What a spline leaves of edges is no shift: waves within each touch

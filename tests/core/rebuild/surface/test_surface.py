@@ -12,10 +12,9 @@ from palpate.core.geometry import nearest_points, nearest_search, self_intersect
 from palpate.core.rebuild import reconstruct, surface as surfaces
 from palpate.core.rebuild.ends import End, close_ends
 from palpate.core.rebuild.surface import Surface, close_surface, mesh_surface
-from tests.core.rebuild.objects import Traced, assert_derivatives, circle
+from tests.core.rebuild.objects import Traced, assert_derivatives, circle, slow
 
 SIZE = np.array([0.05, 0.04, 0.03])
-WEIGHTED = pytest.param("weighted", marks=pytest.mark.slow)
 RIM = float(SIZE[2] * np.sin(1.0))
 NOWHERE = np.zeros(3)
 VOLUME = 4.0 / 3.0 * np.pi * float(np.prod(SIZE))
@@ -40,7 +39,6 @@ class EllipsoidSide(surfaces.Patch):
 
 
 def end_of(radius: Callable[[Floats], Floats], gap: float, shift: float = 0.0) -> End:
-    """The upper end, on a rim at the height RIM, of what has a radius by height up to 1."""
     heights = np.linspace(0.0, 0.9, 27)
     end = close_ends(heights, radius(heights)[:, None, None] * circle(80), top=1.0)[1]
     return replace(end, rim=RIM, height=RIM + gap, middle=np.array([shift, 0.0]), apart=True)
@@ -63,14 +61,12 @@ def whole() -> Surface:
 
 @cache
 def capped(name: str = "shoulder", shift: float = 0.0) -> Surface:
-    """With a disc below and an end above."""
     side = EllipsoidSide(SIZE, -1.0, 1.0)
     return close_surface(side, FAN, end_of(PROFILES[name], 0.01, shift))
 
 
 @cache
 def searched(name: str) -> surfaces.SurfaceSearch:
-    """With a mesh that is coarse."""
     return surfaces.search_surface(whole() if name == "whole" else capped(), 3e-4)
 
 
@@ -181,7 +177,6 @@ def test_integrals_of_pieces_between_edges_are_exact():
 
 
 def farthest(surface: Surface, mesh: surfaces.SurfaceMesh) -> float:
-    """Largest distance of points of the surface from the mesh."""
     points = surface.at(*np.random.default_rng(0).random((2, 4000)))
     return float(nearest_points(nearest_search(mesh.vertices[mesh.faces]), points).distances.max())
 
@@ -209,7 +204,7 @@ def twisted(v: Floats, turns: Floats) -> Floats:
     return np.stack([radius * np.cos(at), radius * np.sin(at), heights], axis=-1)
 
 
-@pytest.mark.parametrize("name", [*PROFILES, pytest.param("twisted", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [*PROFILES, slow("twisted")])
 def test_meshes_with_ends_are_closed_and_within_tolerance(name):
     if name == "twisted":
         surface = close_surface(
@@ -276,7 +271,6 @@ def test_distances_next_to_surface_keep_digits_and_sign(off):
 
 def test_sampled_patch_is_what_was_sampled():
     def ball(v: Floats, turns: Floats) -> Floats:
-        """Of radius 2, its places crowded at one side of the turn and at the lower pole."""
         eta = np.pi * (v**2 - 0.5)[:, None]
         omega = 2 * np.pi * (turns + 0.1 * np.sin(2 * np.pi * turns))[None]
         rim = np.cos(eta) * np.cos(omega), np.cos(eta) * np.sin(omega), np.sin(eta + 0 * omega)
@@ -300,7 +294,7 @@ def test_sampled_patch_is_what_was_sampled():
     assert 0.0 < fine.miss < 0.2 * coarse.miss < 1e-4
 
 
-@pytest.mark.parametrize("kind", ["skin", "lattice", "thesis", WEIGHTED])
+@pytest.mark.parametrize("kind", ["skin", "lattice", slow("thesis"), slow("weighted")])
 def test_grids_of_rebuilt_surfaces_are_their_places(kind):
     rings = Traced("kidney").contours(np.linspace(-0.8, 0.8, 7), 40)
     solid = reconstruct(rings, method="lattice" if kind == "weighted" else kind)
