@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import palpate.nodes
 from palpate.core.plugins import told_error
 from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint
-from palpate.nodes.runtime.node import load_node
 
 if TYPE_CHECKING:
     from palpate.nodes.runtime.node import AnyNode, OnExit
@@ -97,6 +96,8 @@ def load_entry(entry: Entry) -> AnyNode:
 
     Raises InputError if there is no such kind, or its module holds no node, or cannot be imported.
     """
+    from palpate.nodes.runtime.node import load_node  # takes long: launch files need it not
+
     kind = entry.kind or entry.name
     _, mark, held = kind.partition(":")
     if mark and held not in NODE_ATTRIBUTES:
