@@ -9,7 +9,6 @@ from msgspec import Struct
 
 from palpate.core import touch
 from palpate.core.poses import split_pose
-from palpate.messages import derive
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
@@ -43,22 +42,33 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
         found = touch.fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
     else:
         found = touch.Patch("invalid", fault=image.fault)
-    patch = derive(
-        SurfacePatch,
-        found,
-        image,
+    patch = SurfacePatch(
+        goal=image.goal,
+        touch=image.touch,
+        finger=image.finger,
+        direction=image.direction,
+        pose=image.pose,
+        outcome=image.outcome,
+        robot_time=image.robot_time,
+        advance=image.advance,
         height=surface if found.cut is None else np.where(found.cut, 0.0, surface),
         mask=image.mask if found.cut is None else image.mask & ~found.cut,
         jet=np.zeros(0) if found.jet is None else found.jet.coefficients,
         jet_scale=1.0 if found.jet is None else found.jet.scale,
         normal=axes @ found.normal,
+        normal_error=found.normal_error,
         k1=found.principal[0],
         k2=found.principal[1],
         k1_error=found.principal_error[0],
         k2_error=found.principal_error[1],
         principal_direction=axes @ found.principal_direction,
+        umbilic=found.umbilic,
         curvature_across=found.across,
         curvature_across_error=found.across_error,
+        kind=found.kind,
+        fault=found.fault,
+        confidence=found.confidence,
+        residual=found.residual,
     )
     return sensor, [("/touch/patch", patch)]
 

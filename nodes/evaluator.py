@@ -11,7 +11,6 @@ import msgspec
 
 from palpate.core import geometry
 from palpate.core.steps import Steps
-from palpate.messages import derive
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs
 
@@ -76,18 +75,23 @@ def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
     rebuilt = geometry.prepare_surface(model.vertices, model.faces, samples)
     distances = geometry.compare_surfaces(truth.prepared[every], rebuilt)
     solid = geometry.solidity(model.vertices, model.faces)
-    return derive(
-        Score,
-        model,
-        distances,
-        solid,
+    return Score(
+        number=model.number,
         contours=len(model.contours),
+        touches=model.touches,
+        robot_time=model.robot_time,
+        chamfer=distances.chamfer,
+        rms=distances.rms,
+        p95=distances.p95,
+        hausdorff=distances.hausdorff,
         normal=distances.normal_deg,
         volume_error=solid.volume / truth.volume - 1.0,
         size=truth.height,
         sampling_floor=truth.floors[every],
+        watertight=solid.watertight,
         genus=NO_GENUS if solid.genus is None else solid.genus,
         true_genus=truth.genus,
+        final=model.final,
     )
 
 

@@ -10,7 +10,6 @@ from msgspec import Meta, Struct
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.touch import CONTACT, HITS, Calibration, FilterOrder, Pad, clean, is_repeated
-from palpate.messages import derive
 from palpate.messages.types import ParameterEvent, SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import calibration_of_info, pad_of_info
@@ -68,8 +67,20 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
     before = state.before
     if before is not None and is_repeated(reported, before, state.noise):
         cleaned = cleaned._replace(touched=np.zeros_like(cleaned.touched), fault="frozen")
-    advance = float(frame.move[ADVANCE])
-    image = derive(TactileImage, frame, cleaned, mask=cleaned.touched, advance=advance)
+    image = TactileImage(
+        goal=frame.goal,
+        touch=frame.touch,
+        finger=frame.finger,
+        direction=frame.direction,
+        pose=frame.pose,
+        outcome=frame.outcome,
+        robot_time=frame.robot_time,
+        advance=float(frame.move[ADVANCE]),
+        compression=cleaned.compression,
+        mask=cleaned.touched,
+        impulses=cleaned.impulses,
+        fault=cleaned.fault,
+    )
     state = replace(state, last=(frame.goal, frame.touch), before=reported)
     return state, [("/touch/image", image)]
 

@@ -18,7 +18,7 @@ from palpate.core.poses import advanced_pose
 from palpate.core.rebuild.contours import ContactPoints, contact_points_of
 from palpate.core.steps import Steps
 from palpate.core.touch import Jet
-from palpate.messages import derive, types
+from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, coarse_model, is_final, shape_model
 from palpate.nodes.rebuilding.fitting import (
     TOUCHED_OUTCOMES,
@@ -127,7 +127,7 @@ def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
     assert state.space is not None
     with step("space"):
         space = known_space(state, goal)
-    return derive(types.SpaceMap, space, number=goal.number)
+    return types.SpaceMap(number=goal.number, low=space.low, step=space.step, states=space.states)
 
 
 def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:

@@ -12,7 +12,7 @@ from palpate.core.arrays import Floats
 from palpate.core.robot_time import ROBOT_PRESETS, contact_seconds, free_seconds, move_between
 from palpate.core.shapes import Shape
 from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
-from palpate.messages import derive, types
+from palpate.messages import types
 from palpate.nodes.runtime.node import Finger, Node, Outputs
 from palpate.nodes.specs.objects import ObjectSpec, Seed, build_shape, fitted_reach
 from palpate.nodes.specs.primitives import Length
@@ -100,8 +100,13 @@ def start(params: Params) -> tuple[State, Outputs]:
     state = State(shape, pipeline, pipeline.begin(), platform=platform)
     if params.finger > 1:
         return state, []
-    robot, reach = ROBOT_PRESETS[params.robot].array, params.reach_of_finger
-    world = derive(types.World, params, platform=platform, robot=robot, reach=reach)
+    world = types.World(
+        platform=platform,
+        reach=params.reach_of_finger,
+        fingers=params.fingers,
+        seed=params.seed,
+        robot=ROBOT_PRESETS[params.robot].array,
+    )
     return state, [
         ("/world", world),
         ("/touch/info", info_of(params.sensor, pipeline.noise, sensed_face(pipeline))),
@@ -152,9 +157,11 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
     late = max(done.time - starts - contact_seconds(robot, done.advance), 0.0)
     met = LastContact(goal.goal, done.believed[:3]) if done.outcome in HITS else None
     ways = (travel, turn, done.advance, _along(state.met, met))
-    frame = derive(
-        types.TactileFrame,
-        goal,
+    frame = types.TactileFrame(
+        goal=goal.goal,
+        touch=goal.touch,
+        finger=goal.finger,
+        direction=goal.direction,
         pose=done.believed,
         outcome=done.outcome,
         array=pipeline.finger.calibration.encode(done.reading),
@@ -176,7 +183,12 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
     """Close the hand, and say where it met the object."""
     from palpate.core.explore.grasp import Closing, Hand, close_hand
 
-    shape = derive(Hand, goal, advanced=tuple(goal.advanced.tolist()))
+    shape = Hand(
+        fingers=goal.fingers,
+        opening=goal.opening,
+        reach=goal.reach,
+        advanced=tuple(goal.advanced.tolist()),
+    )
     advanced = max(shape.advanced, default=0.0)
     hand = _hand(params, state, goal.fingers)
     robot, begun = ROBOT_PRESETS[params.robot], max(state.clock, goal.not_before)
@@ -188,11 +200,13 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
         state.shape, hand.fingers, hand.remembered, shape, goal.pose, state.platform, closing
     )
     clock = closing.begun + contact_seconds(robot, grasp.advance)
-    contacts = derive(
-        types.GraspContacts,
-        grasp,
+    contacts = types.GraspContacts(
         number=goal.number,
+        points=grasp.points,
+        normals=grasp.normals,
         fingers=np.array(grasp.fingers, np.int32),
+        missed=grasp.missed,
+        blocked=grasp.blocked,
         move=np.array([begun - state.clock, travel, turn, grasp.advance, NO_SURFACE_PATH]),
         robot_time=clock,
     )

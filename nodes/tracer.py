@@ -14,7 +14,7 @@ from palpate.core.explore import tracing
 from palpate.core.poses import compose_poses, inverse_pose, split_pose, transform_points
 from palpate.core.robot_time import RobotPreset, longest_seconds, move_between
 from palpate.core.touch import HITS, Jet, Pad
-from palpate.messages import derive, types
+from palpate.messages import types
 from palpate.nodes.runtime.node import Finger, Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
@@ -98,12 +98,17 @@ def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[Sta
         raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
     if isinstance(job.goal, types.ProbeGoal):
         assert state.pad is not None
-        told: dict[str, object] = {"point": _deepest(state.pad, patch), "touches": 1}
-        if patch.kind == "invalid":
-            told |= {"outcome": "miss", "normal": -split_pose(patch.pose)[1][:, 2]}
-        else:
-            told["fault"] = "none"
-        probe = derive(types.Probe, job.goal, patch, **told)
+        is_invalid = patch.kind == "invalid"
+        probe = types.Probe(
+            id=job.goal.id,
+            finger=patch.finger,
+            outcome="miss" if is_invalid else patch.outcome,
+            point=_deepest(state.pad, patch),
+            normal=-split_pose(patch.pose)[1][:, 2] if is_invalid else patch.normal,
+            touches=1,
+            fault=patch.fault if is_invalid else "none",
+            robot_time=patch.robot_time,
+        )
         return _finish(params, state, ("/probe/traced", probe), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
     back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
@@ -124,18 +129,26 @@ def _begin(
     params: Params, state: State, goal: types.ContourGoal | types.ProbeGoal, now: float
 ) -> tuple[State, Outputs]:
     if isinstance(goal, types.ProbeGoal):
-        touch = derive(
-            types.TouchGoal,
-            goal,
+        touch = types.TouchGoal(
             goal=goal.id,
             touch=0,
+            finger=goal.finger,
+            pose=goal.pose,
+            reach=goal.reach,
             depth=tracing.TOUCH_DEPTH,
             direction=split_pose(goal.pose)[1][:, 1],
             not_before=max(now, goal.not_before),
         )
         if not _in_time(state, touch, goal):
-            told = {"outcome": "miss", "point": goal.pose[:3], "touches": 0, "robot_time": now}
-            probe = derive(types.Probe, goal, **told, normal=-split_pose(goal.pose)[1][:, 2])
+            probe = types.Probe(
+                id=goal.id,
+                finger=goal.finger,
+                outcome="miss",
+                point=goal.pose[:3],
+                normal=-split_pose(goal.pose)[1][:, 2],
+                touches=0,
+                robot_time=now,
+            )
             return _finish(params, state, ("/probe/traced", probe), now)
         state = replace(state, job=Job(goal, touches=1), resting=goal.pose)
         return state, [("/finger/goal", touch)]
@@ -221,9 +234,11 @@ def _contour(
 ) -> types.Contour:
     empty, path = np.zeros((0, 3)), trace.path
     _, axes = split_pose(goal.frame)
-    return derive(
-        types.Contour,
-        goal,
+    return types.Contour(
+        id=goal.id,
+        finger=goal.finger,
+        frame=goal.frame,
+        height=goal.height,
         points=empty if path is None else transform_points(goal.frame, path.points),
         normals=empty if path is None else path.normals @ axes.T,
         curvature=np.zeros(0) if path is None else path.across,

@@ -45,8 +45,8 @@ FrameFault = Literal["none", "dead", "impossible", "saturated", "frozen"]
 
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TactileFrame:
-    """One raw frame, taken at the end of a guarded move. On ``/touch/raw``."""
+class TouchHeader:
+    """What each message of one touch passes on unchanged, from the tactile frame to the patch."""
 
     goal: Count  # Number of the contour or probe that the touch belongs to
     touch: Count  # Counts up by one within the goal
@@ -54,11 +54,18 @@ class TactileFrame:
     direction: Direction  # Direction across the contour, world frame
     pose: Pose  # Believed pose of the pad: its z axis points into the object
     outcome: Outcome  # How the guarded move ended
+    robot_time: Seconds  # Robot time at the end of the touch
+
+
+@readable
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TactileFrame(TouchHeader):
+    """One raw frame, taken at the end of a guarded move. On ``/touch/raw``."""
+
     # Times of flight or forces, as the SensorInfo says. Row i lies at y = (i - (rows - 1) / 2) *
     # pitch
     array: SignalImage
     move: MoveParts = field(default_factory=no_move)  # What its robot time was made of
-    robot_time: Seconds  # Robot time at the end of the touch
 
 
 @readable
@@ -72,34 +79,21 @@ class SequenceEnd:
 
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TactileImage:
+class TactileImage(TouchHeader):
     """One calibrated and filtered frame. On ``/touch/image``."""
 
-    goal: Count  # Number of the contour or probe
-    touch: Count  # Number of the touch within the goal
-    finger: Count  # The finger that touched
-    direction: Direction  # Direction across the contour, world frame
-    pose: Pose  # Believed pose of the pad
-    outcome: Outcome  # How the guarded move ended
     advance: Metres = 0.0  # Way of the guarded move, along the pad's z axis
     compression: LengthImage  # Compression of the pad under each taxel
     mask: Mask  # Where the pad touches
     impulses: Count  # Taxels that stood out like impulses, and were replaced or left out
     fault: FrameFault = "none"  # What is wrong with the frame; then nothing is marked as touched
-    robot_time: Seconds  # Robot time at the end of the touch
 
 
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SurfacePatch:
+class SurfacePatch(TouchHeader):
     """The piece of surface that one touch met. On ``/touch/patch``."""
 
-    goal: Count  # Number of the contour or probe
-    touch: Count  # Number of the touch within the goal
-    finger: Count  # The finger that touched
-    direction: Direction  # Direction across the contour, world frame
-    pose: Pose  # Believed pose of the pad
-    outcome: Outcome  # How the guarded move ended
     advance: Metres = 0.0  # Way of the guarded move, along the pad's z axis
     height: LengthImage  # Surface over the plane of the pad's face, pad frame; 0 where untouched
     mask: Mask  # Where the pad touches
@@ -123,4 +117,3 @@ class SurfacePatch:
     # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet
     confidence: Ratio
     residual: Metres  # Root mean square misfit of the jet
-    robot_time: Seconds  # Robot time at the end of the touch

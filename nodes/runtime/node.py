@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from palpate.core.steps import Steps, no_steps
-from palpate.messages import Header, derive
+from palpate.messages import Header
 from palpate.messages.types import ParameterEvent
 
 MAX_FINGERS = 8  # Fingers that one graph may have
@@ -271,7 +271,18 @@ class RecordedNode(msgspec.Struct, frozen=True, kw_only=True):
         except msgspec.DecodeError as error:
             text = f"the recorded parameters of {self.name} do not fit: {error}"
             raise ValueError(text) from None
-        return derive(Wiring, self, params=value, subscribers={})
+        return Wiring(
+            name=self.name,
+            module=self.module,
+            params=value,
+            inputs=self.inputs,
+            outputs=self.outputs,
+            subscribers={},
+            types=self.types,
+            schemas=self.schemas,
+            nice=self.nice,
+            on_exit=self.on_exit,
+        )
 
 
 RECORDED = RecordedNode.__struct_fields__

@@ -16,7 +16,6 @@ from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.plugins import in_base_units, told_error
 from palpate.core.robot_time import RobotPreset
 from palpate.core.touch.effects import effect_type, rank
-from palpate.messages import derive
 from palpate.messages.types import SensorInfo
 
 # Widths of an array, m: with those that were tried between them, domed and flat, contours of a
@@ -101,18 +100,29 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 def pad_of_spec(sensor: SensorSpec) -> touch.Pad:
     """The pad that a scene describes."""
     radius = sensor.pad.radius
-    return derive(touch.Pad, sensor, sensor.pad, dome=0.0 if radius is None else 1.0 / radius)
+    return touch.Pad(
+        rows=sensor.rows,
+        cols=sensor.cols,
+        pitch=sensor.pitch,
+        thickness=sensor.pad.thickness,
+        dome=0.0 if radius is None else 1.0 / radius,
+        saturation=sensor.pad.saturation,
+    )
 
 
 def info_of(sensor: SensorSpec, noise: float, face: touch.FaceModel = touch.SPRINGS) -> SensorInfo:
     """What subscribers are told: the calibration, or the data sheet and its noise, m."""
     pad, found = pad_of_spec(sensor), sensor.calibration
     shape = (pad.rows, pad.cols)
-    return derive(
-        SensorInfo,
-        data_sheet(sensor) if found is None else found,
-        pad,
+    return SensorInfo(
+        rows=pad.rows,
+        cols=pad.cols,
+        pitch=pad.pitch,
+        thickness=pad.thickness,
+        dome=pad.dome,
+        saturation=pad.saturation,
         signal=sensor.signal,
+        sound_speed=sensor.pad.sound_speed if found is None else found.sound_speed,
         taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
         gain=np.ones(shape) if found is None else np.array(found.gain, np.float64),
         offset=np.zeros(shape) if found is None else np.array(found.offset, np.float64),
@@ -124,7 +134,15 @@ def info_of(sensor: SensorSpec, noise: float, face: touch.FaceModel = touch.SPRI
 
 def pad_of_info(info: SensorInfo) -> touch.Pad:
     """Pad with the array and dome of a SensorInfo."""
-    return derive(touch.Pad, info, face=touch.FaceModel(info.face, info.face_decay))
+    return touch.Pad(
+        rows=info.rows,
+        cols=info.cols,
+        pitch=info.pitch,
+        thickness=info.thickness,
+        dome=info.dome,
+        saturation=info.saturation,
+        face=touch.FaceModel(info.face, info.face_decay),
+    )
 
 
 def resolution_of_info(info: SensorInfo) -> float:
@@ -134,7 +152,14 @@ def resolution_of_info(info: SensorInfo) -> float:
 
 def calibration_of_info(info: SensorInfo) -> touch.Calibration:
     """What the signal of a SensorInfo means."""
-    return derive(touch.Calibration, info)
+    return touch.Calibration(
+        signal=info.signal,
+        thickness=info.thickness,
+        sound_speed=info.sound_speed,
+        taxel_stiffness=info.taxel_stiffness,
+        gain=info.gain,
+        offset=info.offset,
+    )
 
 
 def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, touch.Effect]:
@@ -177,8 +202,12 @@ def build_pipeline(
 
 def data_sheet(sensor: SensorSpec) -> touch.Calibration:
     """What the sensor's signal means if every taxel is as it should be."""
-    stiffness = sensor.pad.stiffness * sensor.pitch**2
-    return derive(touch.Calibration, sensor, sensor.pad, taxel_stiffness=stiffness)
+    return touch.Calibration(
+        signal=sensor.signal,
+        thickness=sensor.pad.thickness,
+        sound_speed=sensor.pad.sound_speed,
+        taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
+    )
 
 
 def sensed_face(pipeline: touch.Pipeline) -> touch.FaceModel:

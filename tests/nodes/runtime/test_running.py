@@ -553,6 +553,7 @@ def test_sink_over_sockets_writes_what_comes_until_it_is_stopped(launched: Launc
     launched.say("a", "b")
     launched.until(lambda: len(modules["sink"].entries) == 2)
     launched.say("c")
+    launched.until(lambda: len(modules["sink"].entries) == 3)
     launched.source.publisher.past.add("/lines", b"lost")
     launched.say("d")
     launched.stop()
