@@ -13,7 +13,7 @@ import numpy as np
 from palpate.bench.loop import InProcessLoop, LoopNode, contour_goal, touching_nodes
 from palpate.bench.table import Row, figure_of, in_turns
 from palpate.core import shapes, touch
-from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.poses import Pose, pad_rotation, pose_of
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch.scene import load_scene
@@ -117,7 +117,7 @@ def _pipeline(effects: EffectSpecs) -> touch.Pipeline:
 def _time(pipeline: touch.Pipeline, frames: int) -> float:
     """Seconds of one frame, of so many at different places of a ball."""
     shape = shapes.Superquadric(np.array(SIZE), np.array(EXPONENTS))
-    starts = [goal.pose for goal in touch_goals(frames)]
+    starts = [Pose.from_array(goal.pose) for goal in touch_goals(frames)]
     states, clock = pipeline.begin(), 0.0
     began = time.perf_counter()
     for number, start in enumerate(starts):

@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.bench.table import Row, at_least, at_most
 from palpate.core import recognition, shapes
+from palpate.core.poses import Pose
 from palpate.nodes.specs.objects import build_shape
 from palpate.tools.recognition.object_database import ObjectDatabase, load_models, load_objects
 
@@ -156,7 +157,7 @@ def _superquadric(
 
 
 def _tube(outer: float, inner: float, half: float) -> shapes.BooleanShape:
-    still = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    still = Pose(np.zeros(3), np.eye(3))
     parts = [
         shapes.PosedSolid(_superquadric(size, CAN), still)
         for size in ((outer, outer, half), (inner, inner, 2.0 * half))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
-from palpate.core.poses import rotation_angle, split_pose
+from palpate.core.poses import Pose, rotation_angle
 
 COLUMNS = 5
 DEEPEST = 5e-3  # Beyond its reach no touch goes farther, m
@@ -54,13 +54,12 @@ class RobotPreset:
         return cls(**dict(zip((field.name for field in fields(cls)), values.tolist(), strict=True)))
 
 
-def move_between(before: Floats | None, pose: Floats) -> tuple[float, float]:
-    """Way and turn from one pose (7,) to another, m and rad; none if there was none before."""
+def move_between(before: Pose | None, pose: Pose) -> tuple[float, float]:
+    """Way and turn from one pose to another, m and rad; none if there was none before."""
     if before is None:
         return 0.0, 0.0
-    position, axes = split_pose(pose)
-    place, turned = split_pose(before)
-    return float(np.linalg.norm(position - place)), rotation_angle(turned, axes)
+    travel = float(np.linalg.norm(pose.position - before.position))
+    return travel, rotation_angle(before.axes, pose.axes)
 
 
 def longest_seconds(preset: RobotPreset, travel: float, turn: float, reach: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from palpate.core import touch
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
@@ -35,13 +35,17 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State, Outputs]:
     """Normal, curvatures and verdict of one touch."""
-    _, axes = split_pose(image.pose)
+    pose = Pose.from_array(image.pose)
+    axes = pose.axes
     pad = sensor.pad
     surface = pad.surface(image.compression, image.mask)
     if image.fault == "none":
         found = touch.fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
     else:
         found = touch.Patch("invalid", fault=image.fault)
+    cut = np.zeros_like(image.mask) if found.cut is None else found.cut
+    height, mask = np.where(cut, 0.0, surface), image.mask & ~cut
+    met = touch.surface_points(pad, pose, height, mask, found.jet)
     patch = SurfacePatch(
         goal=image.goal,
         touch=image.touch,
@@ -51,8 +55,10 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
         outcome=image.outcome,
         robot_time=image.robot_time,
         advance=image.advance,
-        height=surface if found.cut is None else np.where(found.cut, 0.0, surface),
-        mask=image.mask if found.cut is None else image.mask & ~found.cut,
+        height=height,
+        mask=mask,
+        points=met.points,
+        normals=met.normals,
         jet=np.zeros(0) if found.jet is None else found.jet.coefficients,
         jet_scale=1.0 if found.jet is None else found.jet.scale,
         normal=axes @ found.normal,

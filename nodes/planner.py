@@ -32,7 +32,6 @@ from palpate.core.explore.planners import (
     settled_height,
     untraceable_height,
 )
-from palpate.core.poses import inverse_pose, transform_points
 from palpate.core.touch import FAULTS
 from palpate.messages import derive
 from palpate.messages.types import (
@@ -419,7 +418,7 @@ def _answer(rule: Planner, state: State, observation: Observation) -> Choice:
 def _height(state: State, touch: Touch) -> float:
     """Of a touch's target, in the slicing frame, m."""
     assert state.frame is not None
-    return float(transform_points(inverse_pose(state.frame.pose), touch.target[None])[0, 2])
+    return float(state.frame.pose.to_local(touch.target)[2])
 
 
 def _touched(state: State, finger: int, task: Task, allowed: Allowance) -> tuple[State, Outputs]:

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.explore import spanned_places
-from palpate.core.poses import IDENTITY_POSE, split_pose, transform_points
+from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.procedures import (
     ANGLE_ERROR,
     POINT_ERROR,
@@ -28,7 +28,7 @@ from palpate.core.procedures import (
     procedure_of,
 )
 from palpate.core.touch import HITS
-from palpate.messages import derive, types
+from palpate.messages import types
 from palpate.nodes.runtime.node import MAX_FINGERS, Finished, Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
         HandMove,
         Met,
     )
-    from palpate.core.shapes import FittedSuperquadric
+    from palpate.core.rebuild.recovery import Recovery
 
 HEIGHTS, AZIMUTHS = 100, 144  # At which a generalised cone is told
 
@@ -99,8 +99,14 @@ def know_world(params: Params, state: State, world: types.World) -> tuple[State,
 def _begin(params: Params, state: State) -> tuple[State, Outputs]:
     if state.world is None or state.info is None or state.session is not None:
         return state, []
-    setting = derive(
-        TouchSetting, params, state.world, noise=state.info.noise, pad=pad_of_info(state.info)
+    setting = TouchSetting(
+        pad=pad_of_info(state.info),
+        noise=state.info.noise,
+        platform=state.world.platform,
+        reach=state.world.reach,
+        fingers=state.world.fingers,
+        point_error=params.point_error,
+        angle_error=params.angle_error,
     )
     session = begin_procedure(params.procedure, params.settings, setting)
     return _go_on(params, replace(state, session=session))
@@ -131,7 +137,16 @@ def _probe(state: State, patch: types.SurfacePatch, contact: Contact) -> types.P
     """What a finger met, for whoever follows the exploration."""
     point = contact.middle if contact.met else patch.pose[:3]
     number = MAX_FINGERS * patch.goal + patch.finger
-    return derive(types.Probe, patch, id=number, point=point, touches=1)
+    return types.Probe(
+        id=number,
+        finger=patch.finger,
+        outcome=patch.outcome,
+        point=point,
+        normal=patch.normal,
+        touches=1,
+        fault=patch.fault,
+        robot_time=patch.robot_time,
+    )
 
 
 def _contact(info: types.SensorInfo, patch: types.SurfacePatch) -> Contact:
@@ -140,17 +155,22 @@ def _contact(info: types.SensorInfo, patch: types.SurfacePatch) -> Contact:
     x, y = pad.grid()
     local = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
     points = hollow = np.zeros((0, 3))
+    pose = Pose.from_array(patch.pose)
     if patch.outcome in HITS:
-        points = transform_points(patch.pose, local)
-        hollow = spanned_places(pad, patch.pose, patch.mask)
-    return derive(
-        Contact,
-        patch,
+        points = pose.to_outer(local)
+        hollow = spanned_places(pad, pose, patch.mask)
+    return Contact(
+        outcome=patch.outcome,
+        kind=patch.kind,
+        pose=pose,
         points=points,
+        normal=patch.normal,
+        normal_error=patch.normal_error,
         hollow=hollow,
         curvatures=(patch.k1, patch.k2),
         curvature_errors=(patch.k1_error, patch.k2_error),
         direction=patch.principal_direction,
+        robot_time=patch.robot_time,
     )
 
 
@@ -196,27 +216,35 @@ def _touch_goal(state: State, finger: int, move: FingerMove) -> types.TouchGoal:
         goal=state.moves,
         touch=0,
         finger=finger,
-        pose=move.pose,
+        pose=move.pose.array,
         reach=move.reach,
         depth=move.depth,
-        direction=split_pose(move.pose)[1][:, 1],
+        direction=move.pose.axes[:, 1],
         not_before=state.clock,
     )
 
 
 def _close(state: State, move: HandMove) -> tuple[State, Outputs]:
-    told = {"number": state.closings, "pose": move.pose, "advanced": np.array(move.hand.advanced)}
-    goal = derive(types.GraspGoal, move.hand, **told, not_before=state.clock)
+    hand = move.hand
+    goal = types.GraspGoal(
+        number=state.closings,
+        pose=move.pose.array,
+        fingers=hand.fingers,
+        opening=hand.opening,
+        reach=hand.reach,
+        advanced=np.array(hand.advanced),
+        not_before=state.clock,
+    )
     return replace(state, closings=state.closings + 1), [("/hand/goal", goal)]
 
 
 def _told(params: Params, state: State, findings: Findings) -> Outputs:
     """The findings, their model and its surface, and the end where nobody measures it."""
     spent: dict[str, Any] = {"touches": state.touches, "robot_time": state.clock}
-    result = derive(
-        types.ProcedureResult,
-        findings,
+    result = types.ProcedureResult(
         procedure=params.procedure,
+        status=findings.status,
+        reason=findings.reason,
         figures=dict(findings.figures),
         contacts=state.contacts,
         **spent,
@@ -242,11 +270,16 @@ def _told(params: Params, state: State, findings: Findings) -> Outputs:
     return [*outputs, ("/procedure/result", result), ("/model/shape", shape), done]
 
 
-def _superquadric(found: FittedSuperquadric) -> types.Superquadric:
-    return derive(
-        types.Superquadric,
-        found,
+def _superquadric(found: Recovery) -> types.Superquadric:
+    return types.Superquadric(
         number=0,
+        size=found.size,
+        exponents=found.exponents,
+        pose=found.pose,
+        taper=found.taper,
+        warnings=found.warnings,
+        residuals=found.residuals,
+        rank=found.rank,
         bend=found.bend.curvature,
         bend_direction=found.bend.direction,
         residual=found.rms,
@@ -276,9 +309,11 @@ def _cone(found: ConeFit) -> types.GeneralisedCone:
     around = found.radius(np.full(AZIMUTHS, heights[0]), azimuths)
     zero = found.radius(heights, np.zeros(HEIGHTS))
     section = around / around.mean()
-    return derive(
-        types.GeneralisedCone,
-        found,
+    return types.GeneralisedCone(
+        kind=found.kind,
+        point=found.point,
+        axis=found.axis,
+        axis_error=found.axis_error,
         azimuth_zero=found.across[:, 0],
         heights=heights,
         radii=zero / section[0],
@@ -288,9 +323,10 @@ def _cone(found: ConeFit) -> types.GeneralisedCone:
 
 
 def _cone_pose(found: ConePoseFit) -> types.ConePose:
-    return derive(
-        types.ConePose,
-        found.orientation,
+    return types.ConePose(
+        axis=found.orientation.axis,
+        phi=found.orientation.phi,
+        psi=found.orientation.psi,
         axis_error=float(np.sqrt(np.linalg.eigvalsh(found.orientation.covariance)[-1])),
         apex=found.origin.point,
         apex_covariance=found.origin.covariance,

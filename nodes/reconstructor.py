@@ -14,10 +14,9 @@ import numpy as np
 from msgspec import Struct
 
 from palpate.core.explore import empty_map, spanned_places, swept_places
-from palpate.core.poses import advanced_pose
-from palpate.core.rebuild.contours import ContactPoints, contact_points_of
+from palpate.core.poses import Pose
+from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.steps import Steps
-from palpate.core.touch import Jet
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, coarse_model, is_final, shape_model
 from palpate.nodes.rebuilding.fitting import (
@@ -56,17 +55,18 @@ def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[S
 def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
     """Keep what a touch measured."""
     assert state.pad is not None and state.space is not None
-    jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-    points = contact_points_of(state.pad, patch.pose, patch.height, patch.mask, jet)
+    pose = Pose.from_array(patch.pose)
+    points = ContactPoints.of_touch(patch.points, patch.normals)
     of_goal = {**state.touches.get(patch.goal, {}), patch.touch: points}
     swept, spanned = state.swept, state.spanned
     if patch.outcome != "inside":
-        start = advanced_pose(patch.pose, -patch.advance)
         met = patch.outcome in TOUCHED_OUTCOMES
-        places = swept_places(state.pad, start, patch.pose, state.space.step, touched=met)
+        places = swept_places(
+            state.pad, pose.advanced(-patch.advance), pose, state.space.step, touched=met
+        )
         freed = (*swept.get(patch.goal, ()), state.space.numbers(places))
         swept = {**swept, patch.goal: freed}
-        hollow = spanned_places(state.pad, patch.pose, patch.mask)
+        hollow = spanned_places(state.pad, pose, patch.mask)
         spanned = {**spanned, patch.goal: (*spanned.get(patch.goal, ()), hollow)}
     touches = {**state.touches, patch.goal: of_goal}
     return _fit_ready(replace(state, touches=touches, swept=swept, spanned=spanned))

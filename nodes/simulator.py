@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from palpate.core.arrays import Floats
+from palpate.core.poses import Pose
 from palpate.core.robot_time import ROBOT_PRESETS, contact_seconds, free_seconds, move_between
 from palpate.core.shapes import Shape
 from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
@@ -71,7 +72,7 @@ class HandState(NamedTuple):
     fingers: tuple[Pipeline, ...]  # With the scene's effects, own random numbers each; palm last
     remembered: tuple[StageStates, ...]  # What their stages remember of the closings before
     closings: int  # Closings made
-    resting: Floats | None  # Pose of the hand at the last of them
+    resting: Pose | None  # Of the hand at the last of them
     advanced: float  # How far a finger had been brought in for it, the farthest, m
 
 
@@ -84,7 +85,7 @@ class State:
     remembered: StageStates  # What the stages remember of the touches before
     touches: int = 0  # Touches made
     clock: float = 0.0  # Robot time, s
-    resting: Floats | None = None  # Where the last touch started: the finger returns to it
+    resting: Pose | None = None  # Where the last touch started: the finger returns to it
     met: LastContact | None = None  # Where the last touch ended, if it met the object
     hand: HandState | None = None  # The hand, once it was used
     platform: float = 0.0  # Height on which the object stands, m
@@ -141,13 +142,14 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
         return state, []
     pipeline, robot = state.pipeline, ROBOT_PRESETS[params.robot]
     begun = max(state.clock, goal.not_before)
-    travel, turn = move_between(state.resting, goal.pose)
+    pose = Pose.from_array(goal.pose)
+    travel, turn = move_between(state.resting, pose)
     starts = begun + free_seconds(robot, travel=travel, turn=turn)
     done = SimulatedTouch(
         shape=state.shape,
         number=state.touches,
-        believed=goal.pose,
-        actual=goal.pose,
+        believed=pose,
+        actual=pose,
         reach=goal.reach,
         depth=goal.depth,
         begun=starts,
@@ -155,14 +157,14 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
     )
     remembered = pipeline.simulate(done, state.remembered)
     late = max(done.time - starts - contact_seconds(robot, done.advance), 0.0)
-    met = LastContact(goal.goal, done.believed[:3]) if done.outcome in HITS else None
+    met = LastContact(goal.goal, done.believed.position) if done.outcome in HITS else None
     ways = (travel, turn, done.advance, _along(state.met, met))
     frame = types.TactileFrame(
         goal=goal.goal,
         touch=goal.touch,
         finger=goal.finger,
         direction=goal.direction,
-        pose=done.believed,
+        pose=done.believed.array,
         outcome=done.outcome,
         array=pipeline.finger.calibration.encode(done.reading),
         move=np.array([begun - state.clock + late, *ways]),
@@ -173,7 +175,7 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
         remembered=remembered,
         touches=state.touches + 1,
         clock=done.time,
-        resting=goal.pose,
+        resting=pose,
         met=met,
     )
     return state, [("/touch/raw", frame)] * done.copies
@@ -192,12 +194,13 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
     advanced = max(shape.advanced, default=0.0)
     hand = _hand(params, state, goal.fingers)
     robot, begun = ROBOT_PRESETS[params.robot], max(state.clock, goal.not_before)
-    travel, turn = move_between(hand.resting, goal.pose)
+    pose = Pose.from_array(goal.pose)
+    travel, turn = move_between(hand.resting, pose)
     travel += hand.advanced + advanced  # the fingers open, and come near, as fast as the arm
     there = begun + free_seconds(robot, travel=travel, turn=turn)
     closing = Closing(hand.closings, there, state.clock)
     grasp, remembered = close_hand(
-        state.shape, hand.fingers, hand.remembered, shape, goal.pose, state.platform, closing
+        state.shape, hand.fingers, hand.remembered, shape, pose, state.platform, closing
     )
     clock = closing.begun + contact_seconds(robot, grasp.advance)
     contacts = types.GraspContacts(
@@ -210,7 +213,7 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
         move=np.array([begun - state.clock, travel, turn, grasp.advance, NO_SURFACE_PATH]),
         robot_time=clock,
     )
-    used = HandState(hand.fingers, remembered, hand.closings + 1, goal.pose, advanced)
+    used = HandState(hand.fingers, remembered, hand.closings + 1, pose, advanced)
     return replace(state, hand=used, clock=clock), [("/hand/contacts", contacts)]
 
 

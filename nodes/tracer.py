@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
 from palpate.core.explore import tracing
-from palpate.core.poses import compose_poses, inverse_pose, split_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.core.robot_time import RobotPreset, longest_seconds, move_between
 from palpate.core.touch import HITS, Jet, Pad
 from palpate.messages import types
@@ -39,6 +39,7 @@ class Job:
 
     goal: types.ContourGoal | types.ProbeGoal  # What was asked for
     touches: int = 0  # Touches made, repeated ones included
+    frame: Pose | None = None  # Slicing frame of a contour; None for a probe
     trace: tracing.Trace | None = None  # The contour so far; None for a probe
     aim: tracing.TouchCommand | None = None  # Where the finger was sent; None for a probe
     faults: int = 0  # Frames without a surface that came one after the other
@@ -50,7 +51,7 @@ class State:
 
     fingers: int = 1  # How many there are
     robot: RobotPreset | None = None  # How fast it is, if that is known
-    resting: Floats | None = None  # Pose (7,) from which the last touch was begun
+    resting: Pose | None = None  # From which the last touch was begun
     pad: Pad | None = None  # The sensor's array
     job: Job | None = None  # What is under way
     waiting: tuple[types.ContourGoal | types.ProbeGoal, ...] = ()  # What comes after it
@@ -98,19 +99,20 @@ def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[Sta
         raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
     if isinstance(job.goal, types.ProbeGoal):
         assert state.pad is not None
-        is_invalid = patch.kind == "invalid"
+        pose, is_invalid = Pose.from_array(patch.pose), patch.kind == "invalid"
         probe = types.Probe(
             id=job.goal.id,
             finger=patch.finger,
             outcome="miss" if is_invalid else patch.outcome,
-            point=_deepest(state.pad, patch),
-            normal=-split_pose(patch.pose)[1][:, 2] if is_invalid else patch.normal,
+            point=_deepest(state.pad, pose, patch),
+            normal=-pose.axes[:, 2] if is_invalid else patch.normal,
             touches=1,
             fault=patch.fault if is_invalid else "none",
             robot_time=patch.robot_time,
         )
         return _finish(params, state, ("/probe/traced", probe), patch.robot_time)
     assert job.trace is not None and job.aim is not None and state.pad is not None
+    assert job.frame is not None
     back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
     if patch.outcome == "inside" and job.aim.standoff < back_off:
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
@@ -120,7 +122,7 @@ def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[Sta
         contour = _contour(job, job.goal, job.trace, "stuck", patch.robot_time)
         broken = replace(contour, fault=patch.fault)
         return _finish(params, state, ("/contour/traced", broken), patch.robot_time)
-    arc = _slice_arc(state.pad, job.goal, patch)
+    arc = _slice_arc(state.pad, job.frame, job.goal.height, patch)
     after = replace(job, faults=faults)
     return _trace(params, state, after, tracing.after_touch(job.trace, arc), patch.robot_time)
 
@@ -129,6 +131,7 @@ def _begin(
     params: Params, state: State, goal: types.ContourGoal | types.ProbeGoal, now: float
 ) -> tuple[State, Outputs]:
     if isinstance(goal, types.ProbeGoal):
+        pose = Pose.from_array(goal.pose)
         touch = types.TouchGoal(
             goal=goal.id,
             touch=0,
@@ -136,27 +139,28 @@ def _begin(
             pose=goal.pose,
             reach=goal.reach,
             depth=tracing.TOUCH_DEPTH,
-            direction=split_pose(goal.pose)[1][:, 1],
+            direction=pose.axes[:, 1],
             not_before=max(now, goal.not_before),
         )
-        if not _in_time(state, touch, goal):
+        if not _in_time(state, touch, pose, goal):
             probe = types.Probe(
                 id=goal.id,
                 finger=goal.finger,
                 outcome="miss",
                 point=goal.pose[:3],
-                normal=-split_pose(goal.pose)[1][:, 2],
+                normal=-pose.axes[:, 2],
                 touches=0,
                 robot_time=now,
             )
             return _finish(params, state, ("/probe/traced", probe), now)
-        state = replace(state, job=Job(goal, touches=1), resting=goal.pose)
+        state = replace(state, job=Job(goal, touches=1), resting=pose)
         return state, [("/finger/goal", touch)]
     most = params.most_touches
     if goal.most_touches is not None:
         most = min(most, goal.most_touches)
+    job = Job(goal, frame=Pose.from_array(goal.frame))
     wanted = tracing.TraceGoal(goal.height, goal.centre, goal.radius, most, goal.gap)
-    return _trace(params, state, Job(goal), tracing.Trace(wanted), max(now, goal.not_before))
+    return _trace(params, state, job, tracing.Trace(wanted), max(now, goal.not_before))
 
 
 def _trace(
@@ -175,34 +179,38 @@ def _send(
     params: Params, state: State, job: Job, goal: types.ContourGoal, now: float
 ) -> tuple[State, Outputs]:
     """Ask for a touch, or report the contour as far as it is, if the touch may end too late."""
-    assert job.aim is not None and job.trace is not None
+    assert job.aim is not None and job.trace is not None and job.frame is not None
+    pose = job.frame @ job.aim.start(goal.height)
     touch = types.TouchGoal(
         goal=goal.id,
         touch=job.touches,
         finger=goal.finger,
-        pose=compose_poses(goal.frame, job.aim.start(goal.height)),
+        pose=pose.array,
         reach=job.aim.travel,
         depth=job.aim.posture.depth,
-        direction=split_pose(goal.frame)[1][:, 2],
+        direction=job.frame.axes[:, 2],
         not_before=now,
     )
     spent = goal.most_touches is not None and job.touches >= goal.most_touches
-    if spent or not _in_time(state, touch, goal):
+    if spent or not _in_time(state, touch, pose, goal):
         contour = _contour(job, goal, job.trace, "budget", now)
         return _finish(params, state, ("/contour/traced", contour), now)
     job = replace(job, touches=job.touches + 1)
-    return replace(state, job=job, resting=touch.pose), [("/finger/goal", touch)]
+    return replace(state, job=job, resting=pose), [("/finger/goal", touch)]
 
 
 def _in_time(
-    state: State, touch: types.TouchGoal, goal: types.ContourGoal | types.ProbeGoal
+    state: State,
+    touch: types.TouchGoal,
+    pose: Pose,
+    goal: types.ContourGoal | types.ProbeGoal,
 ) -> bool:
-    """Whether a touch has ended by the time that its goal names, even if it meets nothing."""
+    """Whether a touch from here has ended when its goal asks, even if it meets nothing."""
     if goal.not_after is None:
         return True
     if state.robot is None:
         return touch.not_before < goal.not_after
-    lasts = longest_seconds(state.robot, *move_between(state.resting, touch.pose), touch.reach)
+    lasts = longest_seconds(state.robot, *move_between(state.resting, pose), touch.reach)
     return touch.not_before + lasts < goal.not_after
 
 
@@ -219,51 +227,51 @@ def _finish(
 
 
 def _slice_arc(
-    pad: Pad, goal: types.ContourGoal, patch: types.SurfacePatch
+    pad: Pad, frame: Pose, height: float, patch: types.SurfacePatch
 ) -> tracing.SliceArc | None:
     if patch.outcome not in HITS or patch.kind == "invalid":
         return None
-    pose = compose_poses(inverse_pose(goal.frame), patch.pose)
+    pose = frame.inverse() @ Pose.from_array(patch.pose)
     jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
     smooth = patch.kind == "smooth"
-    return tracing.arc_in_slice(pad, pose, patch.height, patch.mask, jet, goal.height, smooth)
+    return tracing.arc_in_slice(pad, pose, patch.height, patch.mask, jet, height, smooth)
 
 
 def _contour(
     job: Job, goal: types.ContourGoal, trace: tracing.Trace, status: tracing.TraceStatus, now: float
 ) -> types.Contour:
-    empty, path = np.zeros((0, 3)), trace.path
-    _, axes = split_pose(goal.frame)
+    empty, path, frame = np.zeros((0, 3)), trace.path, job.frame
+    assert frame is not None
     return types.Contour(
         id=goal.id,
         finger=goal.finger,
         frame=goal.frame,
         height=goal.height,
-        points=empty if path is None else transform_points(goal.frame, path.points),
-        normals=empty if path is None else path.normals @ axes.T,
+        points=empty if path is None else frame.to_outer(path.points),
+        normals=empty if path is None else path.normals @ frame.axes.T,
         curvature=np.zeros(0) if path is None else path.across,
         contact_low=np.zeros(0) if path is None else path.low,
         contact_high=np.zeros(0) if path is None else path.high,
         status=status,
-        gap_starts=_placed(goal, [gap.start for gap in trace.gaps]),
-        gap_ends=_placed(goal, [gap.end for gap in trace.gaps]),
+        gap_starts=_placed(frame, [gap.start for gap in trace.gaps]),
+        gap_ends=_placed(frame, [gap.end for gap in trace.gaps]),
         gap_reasons=tuple(gap.reason for gap in trace.gaps),
         touches=job.touches,
         robot_time=now,
     )
 
 
-def _placed(goal: types.ContourGoal, points: Sequence[Floats]) -> Floats:
+def _placed(frame: Pose, points: Sequence[Floats]) -> Floats:
     """Points of the slicing frame in the world, (n, 3), m."""
-    return transform_points(goal.frame, np.reshape(points, (-1, 3)))
+    return frame.to_outer(np.reshape(points, (-1, 3)))
 
 
-def _deepest(pad: Pad, patch: types.SurfacePatch) -> Floats:
+def _deepest(pad: Pad, pose: Pose, patch: types.SurfacePatch) -> Floats:
     """The point of deepest compression, world frame; the pad's middle if none is touched."""
     if not patch.mask.any():
-        return patch.pose[:3]
+        return pose.position
     local = tracing.deepest_point(pad, patch.height, patch.mask)
-    return np.asarray(transform_points(patch.pose, local[None])[0])
+    return np.asarray(pose.to_outer(local[None])[0])
 
 
 NODE = Node(

@@ -30,10 +30,9 @@ from scipy.ndimage import map_coordinates, spline_filter
 from palpate.bench.loop import InProcessLoop, touching_nodes
 from palpate.core.arrays import Floats
 from palpate.core.explore.tracing import TOUCH_DEPTH
-from palpate.core.poses import pad_rotation, pose_of, split_pose
-from palpate.core.rebuild.contours import ContactPoints, contact_points_of
+from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.shapes import Mesh, isosurface
-from palpate.core.touch import Jet
 from palpate.launch.scene import load_scene
 from palpate.messages.types import SurfacePatch, TactileFrame, TouchGoal
 from palpate.nodes import simulator
@@ -185,12 +184,10 @@ class GuardedFinger:
         published = self._loop.publish("/finger/goal", goal)
         frame: TactileFrame = published["/touch/raw"]
         patch: SurfacePatch = published["/touch/patch"]
-        jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-        contact = contact_points_of(self._pad, patch.pose, patch.height, patch.mask, jet)
-        end, _ = split_pose(patch.pose)
+        contact = ContactPoints.of_touch(patch.points, patch.normals)
         self.touched.append(contact)
         self.robot_time = frame.robot_time
-        return TouchResult(frame.outcome, end, contact, patch.kind == "smooth")
+        return TouchResult(frame.outcome, patch.pose[:3], contact, patch.kind == "smooth")
 
 
 class BallPrior(NamedTuple):

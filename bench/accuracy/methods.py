@@ -28,9 +28,8 @@ from palpate.core.arrays import Floats
 from palpate.core.geometry import PreparedSurface, nearest_points, prepare_surface
 from palpate.core.plugins import class_by_name
 from palpate.core.rebuild import reconstruct
-from palpate.core.rebuild.contours import ContactPoints, contact_points_of
+from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.shapes import Mesh
-from palpate.core.touch import Jet
 from palpate.launch.files.mesh_file import MESH_UNITS, is_mesh_file, read_mesh
 from palpate.launch.files.source_map import InputError
 from palpate.launch.scene import load_scene
@@ -46,7 +45,6 @@ from palpate.messages.types import (
 from palpate.nodes import simulator
 from palpate.nodes.runtime.node import Finished
 from palpate.nodes.specs.objects import build_shape
-from palpate.nodes.specs.sensors import pad_of_spec
 from palpate.tools.reconstruction import single_threaded
 
 KEPT = (Contour, PlanEstimate, Probe, ShapeModel, SurfacePatch, TactileFrame)
@@ -90,7 +88,7 @@ def predicted(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
     """The default planner."""
     found = _explored(problem.scene)
     bounds = {one.number: one.rms_bound_95 for one in found.kept[PlanEstimate]}
-    touched = found.contacts(problem.scene)
+    touched = found.contacts()
     for model, compute in zip(found.kept[ShapeModel], found.made, strict=True):
         if len(model.faces):
             mesh, bound = Mesh(model.vertices, model.faces), bounds.get(model.number)
@@ -119,16 +117,10 @@ class TimedCollector(harness.MessageCollector):
             self.made.append(time.process_time() - self.began)
         super().received(topic, message)
 
-    def contacts(self, scene: Path) -> list[ContactPoints]:
+    def contacts(self) -> list[ContactPoints]:
         """What each touch met."""
-        pad = pad_of_spec(load_scene(scene).spec.sensor)
-        return [
-            contact_points_of(
-                *(pad, one.pose, one.height, one.mask),
-                Jet(one.jet, one.jet_scale) if len(one.jet) else None,
-            )
-            for one in self.kept[SurfacePatch]
-        ]
+        patches = self.kept[SurfacePatch]
+        return [ContactPoints.of_touch(one.points, one.normals) for one in patches]
 
 
 def contours_alone(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
@@ -136,7 +128,7 @@ def contours_alone(problem: Problem, tolerance: float, seed: int) -> Iterator[Mo
     found = _explored(problem.scene)
     probes = {one.id: one for one in found.kept[Probe] if one.outcome == "hit"}
     contours = {one.id: one for one in found.kept[Contour]}
-    touched = found.contacts(problem.scene)
+    touched = found.contacts()
     for model, compute in zip(found.kept[ShapeModel], found.made, strict=True):
         used = [contours[number] for number in model.contours if number in contours]
         ends = [probes[number].point for number in model.probes if number in probes]
@@ -157,7 +149,7 @@ def contours_alone(problem: Problem, tolerance: float, seed: int) -> Iterator[Mo
 def poisson(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
     """A Poisson surface of all taxels of the same touches."""
     found = _explored(problem.scene)
-    touched = found.contacts(problem.scene)
+    touched = found.contacts()
     for model, compute in zip(found.kept[ShapeModel], found.made, strict=True):
         some = [one for one in touched[: model.touches] if one.normals is not None]
         points = np.concatenate([one.points for one in some])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.core.touch import Pad
 
 UNKNOWN, FREE, TOUCHED = 0, 1, 2  # States of a voxel
@@ -67,13 +67,13 @@ def empty_map(
     return SpaceMap(low, step, np.zeros(shape, np.uint8))
 
 
-def swept_places(pad: Pad, start: Floats, pose: Floats, step: float, *, touched: bool) -> Floats:
+def swept_places(pad: Pad, start: Pose, pose: Pose, step: float, *, touched: bool) -> Floats:
     """Places (n, 3) that the face of a pad has passed on its way, so close together, m.
 
-    `start` and `pose` (7,): before and after the move. `touched`: whether it met something.
+    `start` and `pose`: before and after the move. `touched`: whether it met something.
     """
-    position, axes = split_pose(start)
-    length = float((split_pose(pose)[0] - position) @ axes[:, 2])
+    position, axes = start
+    length = float((pose.position - position) @ axes[:, 2])
     if touched:
         length -= MARGIN * step + PRESSED
     if length <= 0.0:
@@ -84,10 +84,10 @@ def swept_places(pad: Pad, start: Floats, pose: Floats, step: float, *, touched:
     return np.asarray((face + ways[:, None, None] * axes[:, 2]).reshape(-1, 3))
 
 
-def spanned_places(pad: Pad, pose: Floats, touched: Bools) -> Floats:
+def spanned_places(pad: Pad, pose: Pose, touched: Bools) -> Floats:
     """Places (n, 3) on the face of a pad that nothing touched, between others that were, m.
 
-    What lies there behind the face is hollow. `pose` (7,): of the pad. `touched` (rows, cols).
+    What lies there behind the face is hollow. `pose`: of the pad. `touched` (rows, cols).
     """
     spanned = np.zeros_like(touched)
     for axis in (0, 1):
@@ -96,5 +96,4 @@ def spanned_places(pad: Pad, pose: Floats, touched: Bools) -> Floats:
         spanned |= before & after & ~touched
     x, y = pad.grid()
     face = np.column_stack([x[spanned], y[spanned], -pad.sag()[spanned]])
-    position, axes = split_pose(pose)
-    return np.asarray(face @ axes.T + position)
+    return np.asarray(pose.to_outer(face))

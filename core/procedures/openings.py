@@ -29,7 +29,6 @@ from palpate.core.procedures.protocol import (
     Move,
     TouchSetting,
     approach,
-    axis_of,
     kept_clear,
     touch,
     touch_from_above,
@@ -136,17 +135,15 @@ def _probe(
     if move is None:
         return None
     contact = yield from touch(setting, move)
-    axis, met = axis_of(move.pose), contact.outcome != "miss"
+    axis, met = move.pose.axes[:, 2], contact.outcome != "miss"
     if contact.outcome != "inside":
-        end = contact.pose
-        if not met:
-            end = np.concatenate([move.pose[:3] + move.reach * axis, move.pose[3:]])
+        end = contact.pose if met else move.pose.advanced(move.reach)
         found.swept.append(swept_places(setting.pad, move.pose, end, VOXEL, touched=met))
     if contact.met:
         found.points.append(contact.points)
         if len(contact.hollow):
             found.hollow.append((contact.hollow, -axis))
-        off = move.pose[:3] - contact.points.mean(axis=0)
+        off = move.pose.position - contact.points.mean(axis=0)
         off -= (off @ axis) * axis
         if np.linalg.norm(off) > ASIDE * setting.width:
             found.wanted.append((contact.points.mean(axis=0) + (1.0 + OFF_RIM) * off, -axis))
@@ -181,7 +178,7 @@ def _fall_in(
         contact = yield from _probe(setting, found, _across(setting, place, outward, *extent))
         if contact is None or not contact.met:
             return
-        off = contact.pose[:3] - contact.points.mean(axis=0)
+        off = contact.pose.position - contact.points.mean(axis=0)
         off -= (off @ outward) * outward
         if np.linalg.norm(off) < setting.pad.pitch:
             return

@@ -18,7 +18,7 @@ import numpy as np
 from palpate.core.arrays import Floats, Ints
 from palpate.core.explore.grasp import Hand, search_places
 from palpate.core.explore.tracing import TOUCH_DEPTH
-from palpate.core.poses import axes_along, pose_of
+from palpate.core.poses import Pose, axes_along
 from palpate.core.shapes import Mesh
 from palpate.core.touch import HITS, Pad, PatchKind, TouchOutcome
 
@@ -59,7 +59,7 @@ class TouchSetting:
 class FingerMove(NamedTuple):
     """A guarded move of one finger along its pad's z axis."""
 
-    pose: Floats  # Where it starts, (7,)
+    pose: Pose  # Where it starts
     reach: float  # Longest way to first contact, m
     depth: float = TOUCH_DEPTH  # Compression at which it ends, m
 
@@ -68,7 +68,7 @@ class HandMove(NamedTuple):
     """A closing of the hand."""
 
     hand: Hand
-    pose: Floats  # Of the hand, (7,)
+    pose: Pose  # Of the hand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +76,7 @@ class Contact:
     """What a guarded move met: the filter's and the curvature estimator's verdict, world frame."""
 
     outcome: TouchOutcome
-    pose: Floats  # Of the pad at the end, (7,)
+    pose: Pose  # Of the pad at the end
     points: Floats  # Surface under the touched taxels, (n, 3), m
     kind: PatchKind
     normal: Floats  # Outward unit normal at the middle of the contact, (3,)
@@ -136,8 +136,7 @@ def touch(setting: TouchSetting, move: FingerMove) -> Touching:
         (met,) = yield from touch_pair((move,))
         if met.outcome != "inside":
             break
-        axis = axis_of(move.pose)
-        back = np.concatenate([move.pose[:3] - BACK_OFF * axis, move.pose[3:]])
+        back = move.pose.advanced(-BACK_OFF)
         farther = kept_clear(setting, FingerMove(back, move.reach + BACK_OFF, move.depth))
         if farther is None:
             break
@@ -165,19 +164,17 @@ def approach(place: Floats, outward: Floats, standoff: float, beyond: float) -> 
     It starts `standoff` before the place and may go on `beyond` it, m.
     """
     start = place + standoff * outward
-    return FingerMove(pose_of(start, axes_along(-outward)), standoff + beyond)
-
-
-def axis_of(pose: Floats) -> Floats:
-    """The z axis (3,) of a pose (7,), along which a finger moves."""
-    x, y, z, w = pose[3:].tolist()
-    return np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
+    return FingerMove(Pose(start, axes_along(-outward)), standoff + beyond)
 
 
 def kept_clear(setting: TouchSetting, move: FingerMove) -> FingerMove | None:
     """The move, shortened so that the finger stays above the platform; None if it cannot."""
-    axis = axis_of(move.pose)
-    room = move.pose[2] - setting.platform - CLEARANCE * math.sqrt(max(1.0 - axis[2] ** 2, 0.0))
+    axis = move.pose.axes[:, 2]
+    room = (
+        move.pose.position[2]
+        - setting.platform
+        - CLEARANCE * math.sqrt(max(1.0 - axis[2] ** 2, 0.0))
+    )
     if room < -1e-9 * setting.reach:
         return None
     if axis[2] >= -1e-9:
@@ -204,7 +201,7 @@ def touch_from_above(setting: TouchSetting) -> Generator[Move, Met, Contact | No
 def square_on(setting: TouchSetting, contact: Contact, turns: int = 3) -> Touching:
     """The contact, touched again along its own normal until the pad stands square to it."""
     for _ in range(turns):
-        outward = -axis_of(contact.pose)
+        outward = -contact.pose.axes[:, 2]
         normal = contact.normal if contact.kind == "smooth" else _plane_normal(contact, outward)
         if contact.kind == "smooth" and normal @ outward > math.cos(math.radians(3.0)):
             break

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
+from palpate.core.poses import Pose
 from palpate.core.shapes import ray_casting
 from palpate.core.shapes.global_deformations import Bend, Taper, clip_to_bent_box
 from palpate.core.shapes.protocol import ImplicitShape, Mesh, PosedShape
@@ -185,10 +186,10 @@ class FittedSuperquadric:
 
     def shape(self) -> PosedShape:
         """The solid where it stands; ValueError if it has no extent, or its bend folds it."""
-        base = Superquadric(self.size, self.exponents)
+        base, pose = Superquadric(self.size, self.exponents), Pose.from_array(self.pose)
         if not self.taper.any() and self.bend.curvature == 0.0:
-            return PosedShape(base, self.pose)
-        return PosedShape(DeformedSuperquadric(base, self.taper, self.bend), self.pose)
+            return PosedShape(base, pose)
+        return PosedShape(DeformedSuperquadric(base, self.taper, self.bend), pose)
 
 
 class StraightenedRays(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.reprs import readable
 
 INSIDE = float("-inf")  # Range of a ray that starts inside the shape
@@ -79,9 +79,9 @@ Base = TypeVar("Base", Shape, CsgSolid)
 
 
 class _Posed(Generic[Base]):
-    def __init__(self, base: Base, pose: Floats):
+    def __init__(self, base: Base, pose: Pose):
         self._base: Base = base
-        self._position, self._axes = split_pose(pose)
+        self._position, self._axes = pose
 
     def mesh(self, level: int) -> Mesh:
         """The base's tessellation, moved: see `Shape.mesh`."""
@@ -90,7 +90,7 @@ class _Posed(Generic[Base]):
 
 
 class PosedShape(_Posed[Shape], Shape):
-    """A shape, `base`, in a rotated and shifted frame: `pose` (7,), its pose in the world."""
+    """A shape, `base`, in a rotated and shifted frame: `pose`, its pose in the world."""
 
     def bounds(self) -> Floats:
         """Smallest and largest coordinates, if turned of a fine tessellation, (2, 3), m."""
@@ -105,7 +105,7 @@ class PosedShape(_Posed[Shape], Shape):
 
 
 class PosedSolid(_Posed[CsgSolid]):
-    """A solid that can be combined, `base`, in a rotated and shifted frame: `pose` (7,)."""
+    """A solid that can be combined, `base`, in a rotated and shifted frame: `pose`."""
 
     def enclosure(self) -> Floats:
         """The box about the turned corners of the base's: see `ImplicitShape.enclosure`."""

@@ -56,6 +56,7 @@ from palpate.core.touch.pipeline import (
     StageStates,
     assemble,
 )
+from palpate.core.touch.surface_points import surface_points
 from palpate.core.touch.taxel_calibration import (
     CalibrationEstimate,
     CalibrationTouches,

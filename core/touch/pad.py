@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.core.shapes import Shape
 from palpate.reprs import readable
 
@@ -97,7 +97,7 @@ class GuardedMove(NamedTuple):
     """How a guarded move ended."""
 
     outcome: TouchOutcome  # As in a tactile frame
-    pose: Floats  # Pose of the pad at its end, (7,)
+    pose: Pose  # Of the pad at its end
     compression: Floats  # Compression of the pad, (rows, cols), m
     advance: float  # Way travelled, m
     # How far the rigid surface would enter the undeformed pad, (rows, cols), m: negative over a
@@ -105,15 +105,15 @@ class GuardedMove(NamedTuple):
     indentation: Floats
 
 
-def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: float) -> GuardedMove:
+def guarded_move(shape: Shape, pad: Pad, start: Pose, reach: float, depth: float) -> GuardedMove:
     """Move a pad along its normal until its deepest compression is `depth`, m.
 
-    A pad that saturates before bottoms out there, and goes no farther. `start` (7,): pose from
+    A pad that saturates before bottoms out there, and goes no farther. `start`: pose from
     which it moves. `reach`: longest way to first contact, m. One cast serves the whole move: the
     surface's distance from every taxel is known at once. Each taxel is a spring (Winkler); inside
     the contact the pad takes the surface's shape, which is exact under any elastic model.
     """
-    position, axes = split_pose(start)
+    position, axes = start
     rays = pad.transducers() @ axes.T + position
     ranges = shape.cast(rays, axes[:, 2], pad.thickness + reach + depth)
     gaps = ranges.reshape(pad.rows, pad.cols) - pad.thickness
@@ -123,13 +123,13 @@ def guarded_move(shape: Shape, pad: Pad, start: Floats, reach: float, depth: flo
     limit = pad.saturation * pad.thickness
     advance = nearest + min(depth, limit) if nearest <= reach else reach
     indentation = advance - gaps
-    end = start.copy()
-    end[:3] = position + advance * axes[:, 2]
     outcome: TouchOutcome = "miss" if nearest > reach else "hit" if depth <= limit else "bottomed"
-    return GuardedMove(outcome, end, np.maximum(indentation, 0.0), advance, indentation)
+    return GuardedMove(
+        outcome, start.advanced(advance), np.maximum(indentation, 0.0), advance, indentation
+    )
 
 
-def started_inside(pad: Pad, start: Floats) -> GuardedMove:
+def started_inside(pad: Pad, start: Pose) -> GuardedMove:
     """The pad began inside the object: nothing was touched that means anything."""
     size = (pad.rows, pad.cols)
     return GuardedMove("inside", start, np.zeros(size), 0.0, np.full(size, -np.inf))

@@ -20,7 +20,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.plugins import told_error
-from palpate.core.poses import advanced_pose
+from palpate.core.poses import Pose
 from palpate.core.robot_time import RobotPreset, contact_seconds
 from palpate.core.shapes import Shape
 from palpate.core.touch.pad import (
@@ -147,7 +147,7 @@ def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> N
     a spring of its own (Winkler): the pressure is (1.2) for each area.
     """
     touch.outcome, touch.advance = end.outcome, end.advance
-    touch.believed = advanced_pose(touch.believed, end.advance)
+    touch.believed = touch.believed.advanced(end.advance)
     touch.actual = end.pose
     touch.indentation, touch.compression = end.indentation, end.compression
     touch.pressure = finger.stiffness * end.compression
@@ -217,10 +217,10 @@ class SimulatedTouch:
 
     shape: Shape  # What may be met
     number: int  # Counts the finger's touches from 0; chooses the random draws
-    # Pose in which the arm believes the pad to be, (7,): first where the move starts, then where it
+    # Pose in which the arm believes the pad to be: first where the move starts, then where it
     # ended.
-    believed: Floats
-    actual: Floats  # Pose in which the pad is, (7,)
+    believed: Pose
+    actual: Pose  # In which the pad is
     reach: float  # Longest way to first contact, m
     depth: float  # Compression at which the move stops, m
     begun: float  # Robot time at which the move starts, s

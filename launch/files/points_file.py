@@ -20,10 +20,8 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import split_pose
 from palpate.core.rebuild.contours import (
     ContactPoints,
-    contact_points_of as contacts_contact_points_of,
     stack_points,
 )
-from palpate.core.touch import Jet
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.mesh_file import read_cloud, read_oriented_cloud
 from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
@@ -33,7 +31,6 @@ from palpate.launch.files.units import column_name
 from palpate.messages import CodecError, decode
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
 from palpate.nodes.rebuilding.fitting import common_frame, is_upright, touched_ends
-from palpate.nodes.specs.sensors import pad_of_info
 
 NUMBERED = re.compile(r"contour_(\d+)")  # Name of one contour's array
 RECORDING_NAME = "topics.mcap"  # Name of the recording in the folder of a run
@@ -483,12 +480,10 @@ def _touches(
     """What each touch of some goals measured, by goal, as the reconstructor takes it."""
     if not recorded[SensorInfo]:
         return {}
-    pad = pad_of_info(recorded[SensorInfo][-1])
     found: dict[int, list[ContactPoints]] = {}
     for patch in sorted(recorded[SurfacePatch], key=lambda patch: (patch.goal, patch.touch)):
         if patch.goal in goals and patch.mask.any():
-            jet = Jet(patch.jet, patch.jet_scale) if len(patch.jet) else None
-            points = contacts_contact_points_of(pad, patch.pose, patch.height, patch.mask, jet)
+            points = ContactPoints.of_touch(patch.points, patch.normals)
             found.setdefault(patch.goal, []).append(points)
     return found
 

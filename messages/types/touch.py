@@ -10,6 +10,7 @@ import numpy as np
 from palpate.messages.fields import (
     Count,
     Direction,
+    Directions,
     Floats,
     LengthImage,
     Mask,
@@ -17,6 +18,7 @@ from palpate.messages.fields import (
     MoveParts,
     Numbers,
     PerMetre,
+    Points,
     Pose,
     Radians,
     Ratio,
@@ -97,6 +99,9 @@ class SurfacePatch(TouchHeader):
     advance: Metres = 0.0  # Way of the guarded move, along the pad's z axis
     height: LengthImage  # Surface over the plane of the pad's face, pad frame; 0 where untouched
     mask: Mask  # Where the pad touches
+    # Surface under the touched taxels, world frame; those whose normal is unknown are left out
+    points: Points
+    normals: Directions  # Outward unit normals at these points
     # Coefficients of the local jet over x and y in units of `jet_scale`; m; maybe empty
     jet: Numbers
     jet_scale: Metres  # Length by which the jet's coordinates are divided

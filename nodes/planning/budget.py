@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.core.explore import Demand
+from palpate.core.poses import Pose
 from palpate.core.robot_time import RobotPreset, longest_seconds, move_between
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def fits_closing(demand: Demand, state: State, goal: GraspGoal) -> bool:
     limit = demand.most_seconds * (GRASP_SHARE if known else 1.0)
     if math.isinf(limit) or not len(state.world.robot):
         return state.clock < limit
-    travel, turn = move_between(state.grasped.resting, goal.pose)
+    travel, turn = move_between(state.grasped.resting, Pose.from_array(goal.pose))
     travel += state.grasped.advanced + float(goal.advanced.max(initial=0.0))
     reach = goal.reach - (float(goal.advanced.min()) if len(goal.advanced) else 0.0)
     robot = RobotPreset.of_array(state.world.robot)

@@ -30,13 +30,7 @@ from palpate.core.explore.probing import (
     SideContour,
     next_probe,
 )
-from palpate.core.poses import (
-    advanced_pose,
-    compose_poses,
-    inverse_pose,
-    split_pose,
-    transform_points,
-)
+from palpate.core.poses import Pose
 from palpate.core.shapes import Bend, FittedSuperquadric
 from palpate.core.touch import HITS, Pad
 from palpate.messages import derive
@@ -79,7 +73,7 @@ class HandContacts:
     closings: int = 0  # Times that the hand has closed
     grips: int = 0  # Of these, since it first met something
     fit: FittedSuperquadric | None = None  # The coarse model through all that, once there is one
-    resting: Floats | None = None  # Pose (7,) of the hand at the last closing
+    resting: Pose | None = None  # Of the hand at the last closing
     advanced: float = 0.0  # How far a finger had been brought in for it, the farthest, m
 
 
@@ -193,7 +187,7 @@ def contour_goal(
         task.allowed,
         id=state.goals,
         finger=finger,
-        frame=state.frame.pose,
+        frame=state.frame.pose.array,
         centre=centre,
         radius=radius,
         most_touches=min(task.limit, task.allowed.most_touches or task.limit),
@@ -221,8 +215,8 @@ def probe_goal(
     pose = touch.pose
     if isinstance(touch, ProbeCommand):
         assert state.frame is not None
-        pose = compose_poses(state.frame.pose, pose)
-    told = {"id": state.goals, "finger": finger, "pose": pose, "not_before": state.clock}
+        pose = state.frame.pose @ pose
+    told = {"id": state.goals, "finger": finger, "pose": pose.array, "not_before": state.clock}
     return derive(ProbeGoal, touch, allowed, **told)
 
 
@@ -230,9 +224,9 @@ def with_single(state: State, task: Task, probe: Probe) -> State:
     """The state, knowing what a single touch has found."""
     touch = task.touch
     assert touch is not None
-    state = replace(state, resting={**state.resting, probe.finger: touch.pose[:3]}, again=None)
+    state = replace(state, resting={**state.resting, probe.finger: touch.pose.position}, again=None)
     if probe.outcome == "inside" and task.backed < MOST_BACK:
-        pose = advanced_pose(touch.pose, -BACK_OFF)
+        pose = touch.pose.advanced(-BACK_OFF)
         farther = touch._replace(pose=pose, reach=touch.reach + BACK_OFF)
         return replace(state, again=task._replace(touch=farther, backed=task.backed + 1))
     state = replace(state, aimed=(*state.aimed, touch.target))
@@ -255,13 +249,13 @@ def model_goal(state: State) -> ModelGoal:
 
 def traced_of(contour: Contour, begun: float) -> TracedContour:
     """A contour as the survey keeps it, slicing frame."""
-    into = inverse_pose(contour.frame)
-    gaps = transform_points(into, contour.gap_ends) - transform_points(into, contour.gap_starts)
+    frame = Pose.from_array(contour.frame)
+    gaps = contour.gap_ends - contour.gap_starts
     return derive(
         TracedContour,
         contour,
-        points=transform_points(into, contour.points),
-        normals=contour.normals @ split_pose(contour.frame)[1],
+        points=frame.to_local(contour.points),
+        normals=contour.normals @ frame.axes,
         across=contour.curvature,
         missing=float(np.linalg.norm(gaps, axis=1).sum()),
         seconds=max(contour.robot_time - begun, 0.0),
@@ -297,7 +291,7 @@ def grasp_goal(demand: Demand, state: State) -> GraspGoal | None:
         if found is None:
             return None
         pose = found
-    told = {"number": grasped.closings, "pose": pose, "advanced": np.array(hand.advanced)}
+    told = {"number": grasped.closings, "pose": pose.array, "advanced": np.array(hand.advanced)}
     goal = derive(GraspGoal, hand, **told, not_before=state.clock)
     return goal if fits_closing(demand, state, goal) else None
 
@@ -312,7 +306,7 @@ def with_contacts(state: State, contacts: GraspContacts) -> State:
         normals=np.concatenate([before.normals, contacts.normals]),
         closings=before.closings + 1,
         grips=before.grips + bool(len(points)),
-        resting=goal.pose,
+        resting=Pose.from_array(goal.pose),
         advanced=float(goal.advanced.max(initial=0.0)),
     )
     return replace(state, grasped=grasped, clock=contacts.robot_time)
@@ -396,9 +390,8 @@ def with_probe(state: State, task: Task, probe: Probe) -> State:
         better = along_face(state, probe.normal) if searching else None
         if better is not None:
             return better
-    into, axes = inverse_pose(frame.pose), split_pose(frame.pose)[1]
-    point = transform_points(into, probe.point[None])[0]
-    made = ProbeResult(probing, probe.outcome, point, probe.normal @ axes)
+    point = frame.pose.to_local(probe.point)
+    made = ProbeResult(probing, probe.outcome, point, probe.normal @ frame.pose.axes)
     ends = {**state.ends, end: (*state.ends.get(end, ()), made)}
     faces = [one for one in ends[end] if one.touched and one.probing.reason != "edge"]
     if made.touched:
@@ -418,7 +411,7 @@ def along_face(state: State, face: Floats) -> State | None:
     assert state.frame is not None
     if state.frame.axis == "given":
         return None
-    axis = split_pose(state.frame.pose)[1][:, 2]
+    axis = state.frame.pose.axes[:, 2]
     better = end_face_axis(axis, face, state.grasped.normals)
     if better is None:
         return None
@@ -435,8 +428,8 @@ def with_frame(state: State, axis: Floats | None) -> State:
         state.grasped.fit, grasped.points, grasped.normals, platform, CONTACT_ERROR, axis
     )
     # Where heights are the world's, the object stands on its lower end.
-    upright = float(split_pose(frame.pose)[1][2, 2]) == 1.0
-    heights = transform_points(inverse_pose(frame.pose), grasped.points)[:, 2]
+    upright = float(frame.pose.axes[2, 2]) == 1.0
+    heights = frame.pose.to_local(grasped.points)[:, 2]
     survey = Survey(
         low=platform if upright else frame.low,
         high=frame.high,

@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.core.touch import CONTACT, contact_mask
 from palpate.messages.types import SensorInfo, SequenceEnd, TactileFrame
 from palpate.nodes.specs import sensors
@@ -271,7 +271,7 @@ def tactile_frame(
         )
     pressed = bool(contact_mask(pad, compression, CONTACT, info.noise).any())
     bottomed = deepest >= pad.saturation * pad.thickness
-    _, axes = split_pose(pose)
+    axes = Pose.from_array(pose).axes
     return TactileFrame(
         goal=touch // FRAMES_A_GOAL,
         touch=touch % FRAMES_A_GOAL,

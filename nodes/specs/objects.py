@@ -13,8 +13,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core import shapes, splines
-from palpate.core.arrays import Floats
-from palpate.core.poses import IDENTITY_POSE, compose_poses, rotation_matrix, split_pose
+from palpate.core.poses import IDENTITY_POSE, Pose, rotation_matrix
 from palpate.nodes.specs.primitives import (
     BoxSpec,
     CapsuleSpec,
@@ -50,6 +49,9 @@ LEAST_REACH = 0.15  # Of a finger whose reach fits the object, m
 REACH_OVER_EXTENT = 1.25  # The hand opens to 0.8 of the reach
 
 
+IDENTITY = Pose.from_array(IDENTITY_POSE)
+
+
 class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the object's own frame stands in the world."""
 
@@ -63,9 +65,9 @@ class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError("position and rotation must be finite")
         rotation_matrix(np.array(self.rotation))
 
-    def array(self) -> Floats:
-        """The pose as (7,) numbers."""
-        return np.array([*self.position, *self.rotation])
+    def pose(self) -> Pose:
+        """The pose to compute with."""
+        return Pose(np.array(self.position), rotation_matrix(np.array(self.rotation)))
 
 
 class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -293,7 +295,7 @@ def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:
 
 def build_shape(spec: ObjectSpec) -> shapes.Shape:
     """The solid that a description stands for, where it stands."""
-    return shapes.PosedShape(_shape_in_its_frame(spec), spec.pose.array())
+    return shapes.PosedShape(_shape_in_its_frame(spec), spec.pose.pose())
 
 
 @lru_cache(maxsize=64)
@@ -332,11 +334,11 @@ def _implicit(spec: ObjectSpec) -> shapes.ImplicitShape:
 @lru_cache(maxsize=8)  # each check of a scene builds it again, and looks whether it is empty
 def build_boolean(spec: PartSpec) -> shapes.BooleanShape:
     """The solid that a tree stands for. Raises ValueError if it is unbounded or empty."""
-    return shapes.BooleanShape(_tree(spec, IDENTITY_POSE))
+    return shapes.BooleanShape(_tree(spec, IDENTITY))
 
 
-def _tree(spec: PartSpec, outer: np.ndarray) -> shapes.Tree:
-    pose = compose_poses(outer, spec.pose.array())
+def _tree(spec: PartSpec, outer: Pose) -> shapes.Tree:
+    pose = outer @ spec.pose.pose()
     if spec.union is not None:
         return shapes.Union(tuple(_tree(part, pose) for part in spec.union))
     if spec.intersection is not None:
@@ -373,11 +375,10 @@ class HalfSpaceSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         _half_space(self)
 
 
-def _half_space(spec: HalfSpaceSpec, pose: np.ndarray = IDENTITY_POSE) -> shapes.HalfSpace:
+def _half_space(spec: HalfSpaceSpec, pose: Pose = IDENTITY) -> shapes.HalfSpace:
     own = shapes.HalfSpace(np.array(spec.normal), spec.offset)
-    position, axes = split_pose(pose)
-    normal = axes @ own.normal
-    return shapes.HalfSpace(normal, own.offset + float(normal @ position))
+    normal = pose.axes @ own.normal
+    return shapes.HalfSpace(normal, own.offset + float(normal @ pose.position))
 
 
 class PartSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.tracing import TOUCH_DEPTH
-from palpate.core.poses import FACING_DOWN, pose_of, split_pose
+from palpate.core.poses import FACING_DOWN, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes import LEAST_EXPONENT, PosedShape, Shape, Superquadric
 from palpate.core.touch import (
@@ -53,7 +53,7 @@ UP = np.array([0.0, 1.0, 0.0])
 class KnownPress(NamedTuple):
     """One touch of something known."""
 
-    pose: Floats  # Where the arm believed the pad, (7,)
+    pose: Pose  # Where the arm believed the pad
     read: Floats  # What the data sheet makes of the signal, (rows, cols), m
     known: Floats  # Compression that the known shape makes there, (rows, cols), m; 0 where none
 
@@ -103,7 +103,7 @@ def _presses(
         progress(f"{len(leans)} presses of {name}, {1e3 * depth:.1f} mm deep")
 
 
-def _tilts(pad: Pad) -> list[Floats]:
+def _tilts(pad: Pad) -> list[Pose]:
     """Poses over the top of something: upright first, then so that each taxel is reached."""
     half = 0.5 * pad.pitch * max(pad.rows - 1, pad.cols - 1)
     most = math.atan(pad.dome * half) + TOUCH_DEPTH / (2.0 * half)
@@ -112,13 +112,13 @@ def _tilts(pad: Pad) -> list[Floats]:
     turns = [(math.cos(a), math.sin(a)) for a in angles]
     about_x = [np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) for c, s in turns]
     about_y = [np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) for c, s in turns]
-    return [pose_of(position, FACING_DOWN @ (x @ y)) for x, y in product(about_x, about_y)]
+    return [Pose(position, FACING_DOWN @ (x @ y)) for x, y in product(about_x, about_y)]
 
 
 def _below(size: Sequence[float], exponent: float) -> Shape:
     """A superquadric of these half axes, m, with its top at height 0."""
     shape = Superquadric(np.array(size), np.full(2, exponent))
-    return PosedShape(shape, pose_of(np.array([0.0, 0.0, -float(size[2])]), np.eye(3)))
+    return PosedShape(shape, Pose(np.array([0.0, 0.0, -float(size[2])]), np.eye(3)))
 
 
 class _Finger:
@@ -130,7 +130,7 @@ class _Finger:
         self._states: StageStates = pipeline.begin()
         self.touches, self.clock = 0, 0.0
 
-    def touch(self, shape: Shape, pose: Floats, depth: float) -> KnownPress:
+    def touch(self, shape: Shape, pose: Pose, depth: float) -> KnownPress:
         """Press to a depth; 0 to stop before anything is met."""
         pad, sheet = self._pipeline.finger.pad, self._pipeline.finger.calibration
         touch = SimulatedTouch(
@@ -155,11 +155,9 @@ class _Finger:
         return KnownPress(touch.believed, read, known)
 
 
-def _ideal_compression(shape: Shape, pad: Pad, pose: Floats) -> Floats:
+def _ideal_compression(shape: Shape, pad: Pad, pose: Pose) -> Floats:
     """Compression that an ideal pad would have in this pose, (rows, cols), m."""
-    position, axes = split_pose(pose)
-    rays = pad.transducers() @ axes.T + position
-    ranges = shape.cast(rays, axes[:, 2], pad.thickness)
+    ranges = shape.cast(pose.to_outer(pad.transducers()), pose.axes[:, 2], pad.thickness)
     compression = np.clip(pad.thickness - ranges, 0.0, pad.saturation * pad.thickness)
     return compression.reshape((pad.rows, pad.cols))
 

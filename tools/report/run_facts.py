@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import advanced_pose
+from palpate.core.poses import Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch import SimulatedTouch
 from palpate.launch.files.source_map import InputError
@@ -196,7 +196,7 @@ def effect_costs(hand: simulator.Params, line: Timeline) -> Iterator[EffectCost]
     spent: list[list[float]] = [[] for _ in pipeline.stages]
     pick = np.linspace(0, len(line.touches) - 1, min(TRIED, len(line.touches))).astype(int)
     for number, one in enumerate(pick):
-        pose = advanced_pose(line.touches[one].pose, -RETRACTED)
+        pose = Pose.from_array(line.touches[one].pose).advanced(-RETRACTED)
         touch = SimulatedTouch(
             shape=shape, number=number, believed=pose, actual=pose, reach=REACH,
             depth=DEPTH, begun=float(number), previous=float(number),

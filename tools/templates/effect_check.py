@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from palpate.core.poses import Pose
 from palpate.core.arrays import Floats
-from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.poses import FACING_DOWN
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch import assemble
 from palpate.effects import Effect, Fingertip, SimulatedTouch
@@ -19,7 +20,7 @@ FINGER = Fingertip(PAD, Calibration("time", 3e-3, 1000.0, 0.2e3), ROBOT_PRESETS[
 
 def reading(*effects: Effect, begun: float = 0.0) -> Floats:
     """Compression, m, that the array reports of a touch at the top of a ball of 30 mm."""
-    start = pose_of(np.array([0.0, 0.0, 0.033]), FACING_DOWN)
+    start = Pose(np.array([0.0, 0.0, 0.033]), FACING_DOWN)
     touch = SimulatedTouch(
         BALL, 0, start, start, reach=0.01, depth=1e-3, begun=begun, previous=begun
     )

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, positive
-from palpate.core.poses import pad_rotation, pose_of, split_pose
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.shapes import Shape
 from palpate.core.touch import CONTACT, Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
 
@@ -41,8 +41,8 @@ ACROSS: Floats = np.array([0.0, 1.0, 0.0])
 ACROSS.setflags(write=False)
 
 
-def search_pose(places: list[Floats], number: int, platform: float) -> Floats | None:
-    """Pose (7,) of a hand that looks for the object from above; None when it looked everywhere.
+def search_pose(places: list[Floats], number: int, platform: float) -> Pose | None:
+    """Pose of a hand that looks for the object from above; None when it looked everywhere.
 
     `places` (2,): where to look, m. `platform`: height of the platform, m.
     """
@@ -50,11 +50,11 @@ def search_pose(places: list[Floats], number: int, platform: float) -> Floats | 
     if place >= len(places):
         return None
     x, y = places[place].tolist()
-    return pose_of(np.array([x, y, platform + SEARCH_HEIGHTS[height]]), _turns(5)[0])
+    return Pose(np.array([x, y, platform + SEARCH_HEIGHTS[height]]), _turns(5)[0])
 
 
-def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> Floats:
-    """Pose (7,) from which a hand is expected to touch where nothing was touched yet.
+def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> Pose:
+    """Pose from which a hand is expected to touch where nothing was touched yet.
 
     `points`, `normals` (n, 3): contacts so far, at least one, m, and outward unit normals.
     `platform`: its height, m. Farthest-point sampling: of a fixed set of poses the one is taken
@@ -72,12 +72,10 @@ def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> F
         beside[~touched[:, :i]] = math.inf
         gain[:, i] = np.minimum(gain[:, i], beside.min(axis=1))
     best = int(np.where(touched, gain, 0.0).sum(axis=1).argmax())
-    return pose_of(hands[0][best], hands[1][best])
+    return Pose(hands[0][best], hands[1][best])
 
 
-def brought_near(
-    hand: Hand, pose: Floats, points: Floats, normals: Floats, platform: float
-) -> Hand:
+def brought_near(hand: Hand, pose: Pose, points: Floats, normals: Floats, platform: float) -> Hand:
     """The hand whose fingers are brought near what is expected before they close.
 
     Arguments as of `next_pose`. A finger that then is inside does not close, and counts as blocked.
@@ -85,7 +83,7 @@ def brought_near(
     if len(points) < FEW:
         return hand
     expected = expected_ellipsoid(points, normals, platform)
-    place, axes = split_pose(pose)
+    place, axes = pose
     paths = finger_paths(hand, place[None], axes[None], platform)
     touched, places = _expected_contacts(paths, *expected)
     ways = np.linalg.norm(places - paths.starts, axis=2)
@@ -228,14 +226,14 @@ def close_hand(
     fingers: Sequence[Pipeline],
     remembered: Sequence[StageStates],
     hand: Hand,
-    pose: Floats,
+    pose: Pose,
     platform: float,
     closing: Closing,
 ) -> tuple[Grasp, tuple[StageStates, ...]]:
     """Close every finger until it touches.
 
     `fingers`, `remembered`: fingertips with the scene's effects, the palm last, and what each
-    remembers. `hand`, `pose` (7,), `platform`: how wide it opens, where it is, and the platform's
+    remembers. `hand`, `pose`, `platform`: how wide it opens, where it is, and the platform's
     height, m. Returns the grasp, and what the fingertips remember next.
     """
     poses, reaches = fingertip_starts(hand, pose, platform)
@@ -261,13 +259,13 @@ def close_hand(
     return _together(fingers, touches), tuple(following)
 
 
-def fingertip_starts(hand: Hand, pose: Floats, platform: float) -> tuple[Floats, Floats]:
-    """Start poses (n, 7) and ways (n,), m, of an open hand's fingertips, the palm last."""
-    place, axes = split_pose(pose)
+def fingertip_starts(hand: Hand, pose: Pose, platform: float) -> tuple[list[Pose], Floats]:
+    """Start poses, and ways (n,) [m], of an open hand's fingertips, the palm last."""
+    place, axes = pose
     paths = finger_paths(hand, place[None], axes[None], platform)
     turns = _in_hand(hand.fingers)[1]
-    poses = [pose_of(at, axes @ turn) for at, turn in zip(paths.starts[0], turns, strict=True)]
-    return np.stack(poses), paths.reach[0]
+    poses = [Pose(at, axes @ turn) for at, turn in zip(paths.starts[0], turns, strict=True)]
+    return poses, paths.reach[0]
 
 
 def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> FingerPaths:
@@ -314,7 +312,7 @@ def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | No
 
 
 def contact_of(
-    pad: Pad, pose: Floats, compression: Floats, noise: float
+    pad: Pad, pose: Pose, compression: Floats, noise: float
 ) -> tuple[Floats, Floats] | None:
     """What a pressed fingertip tells of the surface, in the frame in which its pose is given.
 
@@ -325,7 +323,7 @@ def contact_of(
         return None
     surface = pad.surface(cleaned.compression, cleaned.touched)
     patch = fit_patch(pad, surface, cleaned.touched, ACROSS, noise)
-    position, axes = split_pose(pose)
+    position, axes = pose
     if patch.jet is not None and patch.kind == "smooth":
         return axes @ patch.place + position, axes @ patch.normal
     taxel = int(np.where(cleaned.touched, cleaned.compression, -1.0).argmax())

@@ -23,7 +23,7 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array, positive
 from palpate.core.explore.grasp.axes import ROUND, RevolutionAxis, extrusion_axis, revolution_axis
-from palpate.core.poses import inverse_pose, pose_of, split_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.core.shapes import FittedSuperquadric, Mesh
 
 # Which axis: that about which the surface was turned, a principal axis, no axis of its own, or one
@@ -61,9 +61,9 @@ TIED = 1e-6  # Of the largest variance: no gap between two counts as smaller
 class ObjectFrame(NamedTuple):
     """Where and along which axis an object is sliced."""
 
-    # Of the frame in the world, (7,): its z axis is the slicing axis, its origin lies on it. An
+    # Of the frame in the world: its z axis is the slicing axis, its origin lies on it. An
     # upright frame has the world's axes, and its heights are the world's.
-    pose: Floats
+    pose: Pose
     low: float  # Where the object begins along the axis, slicing frame, m
     high: float  # Where it ends, m
     radius: float  # Largest distance of its surface from the axis, m
@@ -135,11 +135,11 @@ def _about_contacts(points: Floats, platform: float, given: Floats | None) -> Ob
     away = float(np.hypot(*local_contacts[:, :2].T).max())
     size = float(np.ptp(points, axis=0).max())
     if not _is_vertical(axis):
-        return ObjectFrame(pose_of(middle, turn), low, high, away, kind, 0.0, size, size)
+        return ObjectFrame(Pose(middle, turn), low, high, away, kind, 0.0, size, size)
     # An upright frame has the world's heights.
     origin = np.array([middle[0], middle[1], 0.0])
     top = float(points[:, 2].max())
-    return ObjectFrame(pose_of(origin, turn), platform, top, away, kind, 0.0, size, size)
+    return ObjectFrame(Pose(origin, turn), platform, top, away, kind, 0.0, size, size)
 
 
 def _is_vertical(axis: Floats) -> bool:
@@ -244,13 +244,13 @@ def _framed(
     axis = _upwards(line.axis)
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
     upright = lean <= _snap(line, len(contacts.points))
-    pose = pose_of(line.point, np.eye(3) if upright else _turn_to(axis))
+    pose = Pose(line.point, np.eye(3) if upright else _turn_to(axis))
     low, high, radius, error = extent_along(pose, solid, found, contacts, platform)
     # An upright frame has the world's heights.
     shift = -float(line.point[2]) if upright else 0.5 * (low + high)
     origin = line.point + shift * (np.array([0.0, 0.0, 1.0]) if upright else axis)
     return ObjectFrame(
-        np.concatenate([origin, pose[3:]]),
+        Pose(origin, pose.axes),
         low - shift,
         high - shift,
         radius,
@@ -292,24 +292,22 @@ def _turn_to(axis: Floats) -> Floats:
 
 
 def extent_along(
-    pose: Floats,
+    pose: Pose,
     solid: CorrectedSolid,
     found: FittedSuperquadric,
     contacts: Contacts,
     platform: float,
 ) -> tuple[float, float, float, float]:
     """Lower and upper end along the z axis of a frame, largest distance from it, error of ends."""
-    axes = split_pose(pose)[1]
-    points = transform_points(inverse_pose(pose), contacts.points)
-    local_contacts = Contacts(points, contacts.normals @ axes)
-    vertices = transform_points(inverse_pose(pose), solid.vertices)
+    local_contacts = Contacts(pose.to_local(contacts.points), contacts.normals @ pose.axes)
+    vertices = pose.to_local(solid.vertices)
     allowed = FITS * float(np.ptp(vertices, axis=0).max())
     over = solid.vertices[:, 2] >= platform - allowed
     known = None
     if found.rms < (BOUNDED if "at a bound" in found.warnings else 1.0) * allowed:
         known = FittedSolid(vertices[over], solid.deviation[over], found.rms / allowed)
     down = np.array([1.0, 1.0, -1.0])
-    foot = _foot(pose, axes, local_contacts, platform)
+    foot = _foot(pose, local_contacts, platform)
     high, above = _end(local_contacts, known, None)
     turned = Contacts(local_contacts.points * down, local_contacts.normals * down)
     low, below = _end(turned, known and known._replace(vertices=known.vertices * down), foot)
@@ -319,16 +317,16 @@ def extent_along(
     return -low, high, float(np.hypot(wide[:, 0], wide[:, 1]).max()), max(above, below)
 
 
-def _foot(pose: Floats, axes: Floats, local_contacts: Contacts, platform: float) -> float | None:
+def _foot(pose: Pose, local_contacts: Contacts, platform: float) -> float | None:
     """Where a level lower end that stands on the platform by its rim is, downwards, m."""
-    cosine = float(axes[2, 2])
+    cosine = float(pose.axes[2, 2])
     if cosine < LEAST_COSINE:
         return None
     sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
     along = local_contacts.points[:, 2]
     lowest = along <= along.min() + QUARTER * np.ptp(along)
     rim = float(np.hypot(local_contacts.points[lowest, 0], local_contacts.points[lowest, 1]).max())
-    return -(platform - float(pose[2]) + rim * sine) / cosine
+    return -(platform - float(pose.position[2]) + rim * sine) / cosine
 
 
 def _end(

@@ -18,6 +18,7 @@ import numpy as np
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.explore.planners.verdict import Limits
 from palpate.core.plugins import class_by_name, told_error
+from palpate.core.poses import Pose
 from palpate.reprs import readable
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ class Height(NamedTuple):
 class Touch(NamedTuple):
     """Make this single touch next."""
 
-    pose: Floats  # From which the pad moves along its z axis, (7,), world frame
+    pose: Pose  # From which the pad moves along its z axis, world frame
     reach: float  # Longest way, m
     target: Floats  # Where the surface is expected, (3,), m
     reason: str  # Why there, in words
@@ -324,21 +325,27 @@ def _wrong(observation: Observation, choice: object) -> str:
 
 def _wrong_touch(observation: Observation, choice: Touch) -> str:
     surface = observation.surface
-    pose = np.asarray(choice.pose, float)
-    if pose.shape != (7,) or not np.isfinite(pose).all() or not 0.0 < choice.reach < math.inf:
-        return f"a touch must have a finite pose (7,) and a reach, got {choice!r:.60}"
+    if not _is_pose(choice.pose) or not 0.0 < choice.reach < math.inf:
+        return f"a touch must have a finite Pose and a reach, got {choice!r:.60}"
+    place = choice.pose.position
     if surface is None:
         return "a touch asks for a solid that is known, and there is none"
-    if float(np.hypot(*pose[:2])) > surface.reach:
-        place = ", ".join(f"{one:.3g}" for one in pose[:3])
-        return f"a touch must begin within {surface.reach:g} m of the axis, got ({place}) m"
-    if surface.platform is not None and pose[2] < surface.platform - surface.reach:
+    if float(np.hypot(*place[:2])) > surface.reach:
+        return f"a touch must begin within {surface.reach:g} m of the axis, got {_told(place)}"
+    if surface.platform is not None and place[2] < surface.platform - surface.reach:
         low = f"{surface.reach:g} m below the platform"
-        return f"a touch must begin no lower than {low}, got {pose[2]:g} m"
-    if surface.is_inside(pose[:3]):
-        place = ", ".join(f"{one:.3g}" for one in pose[:3])
-        return f"a touch must begin outside the object, got ({place}) m"
+        return f"a touch must begin no lower than {low}, got {place[2]:g} m"
+    if surface.is_inside(place):
+        return f"a touch must begin outside the object, got {_told(place)}"
     return ""
+
+
+def _is_pose(pose: object) -> bool:
+    return isinstance(pose, Pose) and all(np.isfinite(part).all() for part in pose)
+
+
+def _told(place: Floats) -> str:
+    return "(" + ", ".join(f"{one:.3g}" for one in place) + ") m"
 
 
 def _wrong_height(observation: Observation, height: float) -> str:

@@ -22,7 +22,7 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.explore.planners.verdict import Findings
 from palpate.core.geometry import areas_and_normals, point_tree, sample_surface
-from palpate.core.poses import pose_of
+from palpate.core.poses import Pose
 from palpate.core.shapes import Mesh, TriangleShape
 from palpate.core.touch import Pad
 from palpate.reprs import readable
@@ -72,7 +72,7 @@ class Progress(NamedTuple):
 class TouchOffer(NamedTuple):
     """A touch that can be made."""
 
-    pose: Floats  # From which the pad moves along its z axis, (7,), world frame
+    pose: Pose  # From which the pad moves along its z axis, world frame
     reach: float  # Longest way, m
     target: Floats  # Where the surface is expected, (3,), m
     places: Ints  # Numbers of the places that are known afterwards
@@ -469,8 +469,9 @@ def _approach(
         return None
     if _meets_pedestal(places.points[places.standing], contact, axes, pad, start + BODY):
         return None
-    pose = pose_of(begin, axes)
-    return TouchOffer(pose, start + BEYOND, points.mean(axis=0), known.astype(np.int32))
+    return TouchOffer(
+        Pose(begin, axes), start + BEYOND, points.mean(axis=0), known.astype(np.int32)
+    )
 
 
 def _meets_pedestal(

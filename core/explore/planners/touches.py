@@ -138,7 +138,7 @@ def _best(
             continue
         way = 0.0
         if observation.resting is not None:
-            way = float(np.linalg.norm(offer.pose[:3] - observation.resting))
+            way = float(np.linalg.norm(offer.pose.position - observation.resting))
         rate = gain / (TOUCH_SECONDS + way / TRAVEL_SPEED)
         if rate > most:
             best, most = offer, rate

@@ -18,13 +18,13 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, finite_array, not_negative, positive
 from palpate.core.geometry import area_centroid, edge_distance, inscribed_circle, winding_number
-from palpate.core.poses import FACING_DOWN, compose_poses, pad_rotation, pose_of, split_pose
+from palpate.core.poses import FACING_DOWN, Pose, pad_rotation
 from palpate.core.touch import HITS, TouchOutcome
 
 End = Literal["upper", "lower"]
 # What a touch is for: to find the end, to touch the face that closes it, or that one's edge.
 ProbeReason = Literal["search", "face", "edge"]
-OVER: Floats = pose_of(np.zeros(3), FACING_DOWN)  # The slicing frame, half a turn about its x axis
+OVER = Pose(np.zeros(3), FACING_DOWN)  # The slicing frame, half a turn about its x axis
 LEAST_POINTS = 3
 NOISES = 3.0  # Standard deviations by which touches may differ
 FOOT = 0.35  # Of the pad's width: how far from its deepest point a domed pad touches a level face
@@ -58,7 +58,7 @@ class SideContour(NamedTuple):
 class ProbeCommand(NamedTuple):
     """A touch to make."""
 
-    pose: Floats  # From which the pad moves along its z axis, (7,)
+    pose: Pose  # From which the pad moves along its z axis
     reach: float  # Longest way, m
     reason: ProbeReason  # What it is for
     target: Floats  # Where the surface is expected, (3,), m
@@ -158,8 +158,7 @@ def turned_over(observation: EndObservation) -> EndObservation:
 
 def turned_command(probing: ProbeCommand) -> ProbeCommand:
     """A touch of the one end as one of the other."""
-    pose = compose_poses(OVER, probing.pose)
-    return probing._replace(pose=pose, target=probing.target @ FACING_DOWN)
+    return probing._replace(pose=OVER @ probing.pose, target=probing.target @ FACING_DOWN)
 
 
 class EndFace(NamedTuple):
@@ -276,17 +275,14 @@ def _across(edge: FaceEdge, number: int, width: float) -> ProbeCommand:
     axes = pad_rotation(float(edge.headings[number]), TILT)
     target = edge.places[number]
     start = target - STANDOFF * width * axes[:, 2]
-    return ProbeCommand(pose_of(start, axes), (STANDOFF + BEYOND) * width, "edge", target)
+    return ProbeCommand(Pose(start, axes), (STANDOFF + BEYOND) * width, "edge", target)
 
 
 def _alike(made: Sequence[ProbeResult], allowed: float) -> bool:
     """Whether all touches met the edge as far from where it was expected."""
     if not all(one.touched for one in made):
         return False
-    off = [
-        float((one.point - one.probing.target) @ split_pose(one.probing.pose)[1][:, 2])
-        for one in made
-    ]
+    off = [float((one.point - one.probing.target) @ one.probing.pose.axes[:, 2]) for one in made]
     return max(off) - min(off) <= allowed
 
 
@@ -349,6 +345,3 @@ def _places_inside(points: bytes, width: float) -> tuple[Floats, Floats]:
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     places = places[winding_number(outline, places) != 0]
     return places, edge_distance(outline, places)
-
-
-OVER.setflags(write=False)

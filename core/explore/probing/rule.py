@@ -19,7 +19,7 @@ from palpate.core.explore.grasp import search_places
 from palpate.core.explore.probing import ends
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.geometry import edge_distance, signed_area
-from palpate.core.poses import FACING_DOWN, pad_rotation, pose_of, split_pose
+from palpate.core.poses import FACING_DOWN, Pose, pad_rotation
 
 MOST_BACK = 4  # Times that a touch which began inside the object is begun a pad's width farther off
 MOST_FACE = 14  # Touches of one face
@@ -99,9 +99,8 @@ def _farther(observation: ends.EndObservation) -> ends.ProbeCommand | None:
     if not 0 < back <= MOST_BACK:
         return None
     probing = observation.probes[-1].probing
-    position, axes = split_pose(probing.pose)
-    pose = pose_of(position - observation.width * axes[:, 2], axes)
-    return probing._replace(pose=pose, reach=probing.reach + observation.width)
+    width = observation.width
+    return probing._replace(pose=probing.pose.advanced(-width), reach=probing.reach + width)
 
 
 def _search(observation: ends.EndObservation) -> ends.ProbeCommand | ends.StopProbing:
@@ -159,7 +158,9 @@ def _first_over(
 ) -> ends.ProbeCommand | None:
     """A touch of the face's middle, unless that was made and met nothing there."""
     place = ends.interior_point(contour)
-    made = [one.probing.pose[:2] for one in observation.probes if one.probing.reason != "edge"]
+    made = [
+        one.probing.pose.position[:2] for one in observation.probes if one.probing.reason != "edge"
+    ]
     if min(np.linalg.norm(place - one) for one in made) <= ends.FOOT * observation.width:
         return None
     return probe_along_axis(observation, place)._replace(reason="face")
@@ -201,7 +202,7 @@ def _next_face(
 
 def _place(one: ends.ProbeResult) -> Floats:
     """Where a touch of the face was, (2,), m; under the pad's way if it met nothing."""
-    return one.point[:2] if one.touched else one.probing.pose[:2]
+    return one.point[:2] if one.touched else one.probing.pose.position[:2]
 
 
 def next_uphill(
@@ -213,7 +214,7 @@ def next_uphill(
     if not level > math.sin(SUMMIT_LEAN) or len(made) >= MOST_CLIMBS:
         return None
     place = highest.point[:2] - ends.FOOT * width / level * highest.normal[:2]
-    tried = [one.probing.pose[:2] for one in made]
+    tried = [one.probing.pose.position[:2] for one in made]
     tried += [one.point[:2] for one in made if one.touched]
     away = np.linalg.norm(np.stack(tried) - place, axis=1)
     return place if away.min() > SAME_PLACE * width else None
@@ -223,7 +224,7 @@ def probe_along_axis(observation: ends.EndObservation, place: Floats) -> ends.Pr
     """A touch over a place (2,), along the slicing axis, that nothing known is in the way of."""
     start = highest_expected(observation) + CLEARANCE + TOUCH_DEPTH
     lowest = observation.height - DEEP * (observation.height - observation.other)
-    pose = pose_of(np.array([*place, start]), FACING_DOWN)
+    pose = Pose(np.array([*place, start]), FACING_DOWN)
     return ends.ProbeCommand(pose, start - lowest, "search", np.array([*place, observation.height]))
 
 
@@ -248,7 +249,7 @@ def _onto(observation: ends.EndObservation, face: ends.EndFace, place: Floats) -
     standoff = max(highest_expected(observation) - float(target[2]), 0.0) + CLEARANCE
     start = target - standoff * axes[:, 2]
     reach = standoff + DEEP * (observation.height - observation.other)
-    return ends.ProbeCommand(pose_of(start, axes), reach, "face", target)
+    return ends.ProbeCommand(Pose(start, axes), reach, "face", target)
 
 
 def highest_expected(observation: ends.EndObservation) -> float:

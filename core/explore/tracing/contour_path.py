@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.poses import pad_rotation, pose_of, split_pose
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.touch import Jet, Pad
 
 JOINED = 2.0 / 15.0  # Points farther apart than this have a gap between them; in widths of the pad
@@ -96,12 +96,12 @@ class TouchCommand(NamedTuple):
     reach: float  # How far past the place it may go, m
     posture: Posture  # How it is held
 
-    def start(self, height: float) -> Floats:
-        """Pose (7,) from which the pad moves, for a slice at this height."""
+    def start(self, height: float) -> Pose:
+        """Pose from which the pad moves, for a slice at this height."""
         axes = pad_rotation(self.heading, self.posture.tilt)
         target = np.array([self.place[0], self.place[1], height])
         target = target + self.posture.shift * axes[:, 1]
-        return pose_of(target - self.standoff * axes[:, 2], axes)
+        return Pose(target - self.standoff * axes[:, 2], axes)
 
     @property
     def travel(self) -> float:
@@ -275,7 +275,7 @@ class SliceArc(NamedTuple):
 
 def arc_in_slice(
     pad: Pad,
-    pose: Floats,
+    pose: Pose,
     surface: Floats,
     touched: Bools,
     jet: Jet | None,
@@ -284,13 +284,13 @@ def arc_in_slice(
 ) -> SliceArc | None:
     """Arc of a touched surface at a slice height.
 
-    `pose` (7,): pose of the pad in the slicing frame. `surface` (rows, cols): over the plane of the
+    `pose`: pose of the pad in the slicing frame. `surface` (rows, cols): over the plane of the
     pad's face, m. `touched` (rows, cols) of bool. `jet`: the surface's jet; without one the pad's
     own normal stands in. `height`: of the slice, m. None if nothing is touched.
     """
     if not touched.any():
         return None
-    position, axes = split_pose(pose)
+    position, axes = pose
     x, y = pad.grid()
     above = position[2] + axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * surface - height
     found = crossings(pad, above, surface, touched)

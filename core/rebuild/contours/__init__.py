@@ -9,7 +9,6 @@ geometry and closed curves of `palpate.core.splines`; nothing here knows of surf
 from palpate.core.rebuild.contours.contacts import (
     ContactPoints,
     checked_contacts,
-    contact_points_of,
     contacts_into_frame,
     into_frame,
     normals_as_points,

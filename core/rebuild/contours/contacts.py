@@ -1,9 +1,6 @@
 """Contact points with their normals, and the frame in which an object is sliced.
 
-Next to an edge, which no smooth surface follows, a taxel has the slopes of the plane, through a
-small square of taxels with it among them, that fits best (Nagao and Matsuyama, *Edge preserving
-smoothing*, 1979, who take the square that varies least); where none fits, nobody can tell how it
-leans. A contour's point with a normal is three contact points: itself, and one a little above
+A contour's point with a normal is three contact points: itself, and one a little above
 and below in its plane, for a normal tells where the surface goes from there.
 """
 
@@ -13,22 +10,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import point_tree
 from palpate.core.poses import IDENTITY_POSE, rotation_matrix, split_pose
-from palpate.core.touch import Jet, Pad
 from palpate.reprs import readable
 
-SIDE = 3  # Taxels along the side of a square
-# An edge is where a smooth surface leaves the taxels of a square by so many times more than its
-# plane does, and by this share of the pitch besides, which is more than their noise.
-WORSE, LEAST = 3.0, 0.02
-# How a taxel leans is unknown if neither plane nor smooth surface follows it to within so many
-# times what planes leave of most taxels, and the same share of the pitch.
-UNLIKE = 6.0
 STEP = 0.02  # Of the mean distance of contours: how far above and below the further points lie
 ALONE = 1e-3  # The same of the width, where there is but one contour
 LEVEL = 0.05  # Level part of a normal, of 1, below which it tells nothing of the side
@@ -42,6 +30,11 @@ class ContactPoints(NamedTuple):
     normals: Floats | None  # Outward unit normals, (n, 3); None where nobody measured them
     touch: Ints  # Of each point, (n,), from 0 on: those of one touch share the error of its pose
 
+    @classmethod
+    def of_touch(cls, points: Floats, normals: Floats) -> ContactPoints:
+        """What a single touch met."""
+        return cls(points, normals, np.zeros(len(points), np.int32))
+
 
 def taxel_pitch(contacts: ContactPoints) -> float:
     """Median distance of the nearest two taxels in the touch that has most of them, m; 0 if one."""
@@ -51,70 +44,6 @@ def taxel_pitch(contacts: ContactPoints) -> float:
         return 0.0
     distances, _ = point_tree(points).query(points, k=2)
     return float(np.median(np.asarray(distances)[:, 1]))
-
-
-def contact_points_of(
-    pad: Pad, pose: Floats, surface: Floats, touched: Bools, jet: Jet | None
-) -> ContactPoints:
-    """Surface points under the touched taxels of one touch, and normals from the jet.
-
-    `pose` (7,) is the pad's in the world, `surface` (rows, cols) lies over the plane of its face,
-    m. Without a jet the normal is the pad's own. Next to an edge, which it does not follow, normals
-    are those of the taxels beside it; a taxel whose normal nobody can tell is left out.
-    """
-    position, axes = split_pose(pose)
-    x, y = pad.grid()
-    slopes = np.zeros((2, *x.shape))
-    if jet is not None:
-        flat = x.ravel(), y.ravel()
-        edge = edge_slopes(surface, jet.height(*flat).reshape(x.shape), touched, pad.pitch)
-        slopes = np.where(edge.edge, edge.slopes, np.reshape(jet.slopes(*flat), slopes.shape))
-        touched = touched & ~edge.unknown
-    local = np.column_stack([x[touched], y[touched], surface[touched]])
-    outward = np.column_stack([*slopes[:, touched], -np.ones(len(local))])
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    touch = np.zeros(len(local), np.int32)
-    return ContactPoints(local @ axes.T + position, outward @ axes.T, touch)
-
-
-def edge_slopes(surface: Floats, smooth: Floats, touched: Bools, pitch: float) -> EdgeSlopes:
-    """Slopes next to edges of heights (rows, cols), m, which a smooth surface was fitted to."""
-    followed_all = np.abs(surface - smooth)[touched].max(initial=0.0) <= LEAST * pitch
-    if followed_all or min(surface.shape) < SIDE:
-        none = np.zeros(surface.shape, np.bool_)
-        return EdgeSlopes(np.zeros((2, *surface.shape)), none, none)
-    steps = pitch * (np.arange(SIDE) - SIDE // 2)
-    squares = sliding_window_view(np.where(touched, surface, np.nan), (SIDE, SIDE))
-    missed = sliding_window_view(np.where(touched, surface - smooth, np.nan), (SIDE, SIDE))
-    spread = SIDE * float(steps @ steps)
-    along_x = np.einsum("ijkl,l->ij", squares, steps) / spread
-    along_y = np.einsum("ijkl,k->ij", squares, steps) / spread
-    plane = along_y[..., None, None] * steps[:, None] + along_x[..., None, None] * steps
-    left = squares - squares.mean(axis=(2, 3), keepdims=True) - plane
-    off = np.where(np.isnan(along_x), np.inf, np.sqrt(np.mean(left**2, axis=(2, 3))))
-    smooth_off = np.sqrt(np.mean(missed**2, axis=(2, 3)))
-    best = _best_square(off)
-    chosen, followed = off.ravel()[best], smooth_off.ravel()[best]
-    found = touched & np.isfinite(chosen)
-    edge = found & (followed > WORSE * chosen + LEAST * pitch)
-    alone = np.abs(surface - smooth)
-    known = chosen[found] if found.any() else alone[touched]
-    usual = float(np.median(known)) if known.size else 0.0
-    left = np.where(found, np.fmin(chosen, followed), alone)
-    unknown = touched & ~edge & (left > UNLIKE * usual + LEAST * pitch)
-    return EdgeSlopes(np.stack([along_x.ravel()[best], along_y.ravel()[best]]), edge, unknown)
-
-
-def _best_square(off: Floats) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-    """For each taxel, the number of the square with it in which `off` (a, b) is least."""
-    rows, cols = off.shape
-    around = np.pad(off, SIDE - 1, constant_values=np.inf)
-    numbers = np.pad(np.arange(rows * cols).reshape(rows, cols), SIDE - 1)
-    choices, numbers = (
-        sliding_window_view(one, (SIDE, SIDE)).reshape(rows + SIDE - 1, cols + SIDE - 1, -1)
-        for one in (around, numbers)
-    )
-    return np.take_along_axis(numbers, choices.argmin(axis=2)[..., None], axis=2)[..., 0]
 
 
 def stack_points(parts: list[ContactPoints]) -> ContactPoints:
@@ -155,14 +84,6 @@ def checked_contacts(contacts: object) -> ContactPoints:
     if not (length > 0.0).all():
         raise ValueError(f"patches.normals must have a length, got {int((length == 0).sum())} of 0")
     return ContactPoints(points, normals / length, numbers)
-
-
-class EdgeSlopes(NamedTuple):
-    """Of each taxel of an array (rows, cols)."""
-
-    slopes: Floats  # Along the columns and along the rows, (2, rows, cols)
-    edge: Bools  # Where they are to be believed rather than the smooth surface's
-    unknown: Bools  # Where neither is to be believed
 
 
 def normals_as_points(

@@ -11,7 +11,6 @@ from typing import Annotated, ClassVar
 
 from palpate.core.arrays import Floats
 from palpate.core.plugins import Range, Ranged
-from palpate.core.poses import advanced_pose, turned_pose
 from palpate.core.touch.pipeline import Fingertip, KeyedRandom, Phase, SimulatedTouch, Stage
 
 
@@ -47,7 +46,7 @@ class PoseError(Ranged):
         def apply(touch: SimulatedTouch, state: None) -> None:
             sx, sy, sz, *turn = draws.of_touch(touch.number).standard_normal(6).tolist()
             shift = (bx + sigma * sx, by + sigma * sy, bz + sigma * sz)
-            touch.actual = turned_pose(touch.actual, shift, [rotation * angle for angle in turn])
+            touch.actual = touch.actual.turned(shift, [rotation * angle for angle in turn])
 
         return Stage(apply)
 
@@ -75,12 +74,12 @@ class ArmBacklash(Ranged):
         half = 0.5 * self.width
 
         def apply(touch: SimulatedTouch, state: Floats | None) -> Floats:
-            wanted = touch.actual[:3]
+            wanted = touch.actual.position
             if state is None:
-                return wanted.copy()
-            touch.actual = touch.actual.copy()
-            touch.actual[:3] = state.clip(wanted - half, wanted + half)
-            return touch.actual[:3].copy()
+                return wanted
+            start = state.clip(wanted - half, wanted + half)
+            touch.actual = touch.actual._replace(position=start)
+            return start
 
         return Stage(apply)
 
@@ -108,6 +107,6 @@ class ArmCompliance(Ranged):
 
         def apply(touch: SimulatedTouch, state: None) -> None:
             bent = way_per_pressure * float(touch.pressure.sum())
-            touch.believed = advanced_pose(touch.believed, bent)
+            touch.believed = touch.believed.advanced(bent)
 
         return Stage(apply)

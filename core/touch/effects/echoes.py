@@ -13,7 +13,6 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.plugins import Range, Ranged, check_ranges
-from palpate.core.poses import split_pose
 from palpate.core.touch.pad import GuardedMove, Pad, TouchOutcome, started_inside
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage, record_move
 
@@ -75,7 +74,7 @@ def _origins(pad: Pad, width: float, rays: int) -> Floats:
 def _press(pad: Pad, origins: Floats, touch: SimulatedTouch, mean: bool) -> GuardedMove:
     """The guarded move of `palpate.core.touch.guarded_move`, with elements for taxels."""
     size, limit = (pad.rows, pad.cols), pad.saturation * pad.thickness
-    position, axes = split_pose(touch.actual)
+    position, axes = touch.actual
     reach = pad.thickness + touch.reach + limit
     ranges = touch.shape.cast(origins @ axes.T + position, axes[:, 2], reach)
     gaps = ranges.reshape(pad.rows * pad.cols, -1) - pad.thickness
@@ -94,8 +93,7 @@ def _press(pad: Pad, origins: Floats, touch: SimulatedTouch, mean: bool) -> Guar
     if mean:
         compression = np.maximum(advance - gaps, 0.0).mean(axis=1)
         deepest = np.where(deepest > 0.0, compression, deepest)
-    end = touch.actual.copy()
-    end[:3] = position + advance * axes[:, 2]
+    end = touch.actual.advanced(advance)
     return GuardedMove(outcome, end, compression.reshape(size), advance, deepest.reshape(size))
 
 
