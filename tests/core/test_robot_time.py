@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from palpate.core.poses import pose_of, rotations_from_vectors
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.robot_time import (
     LIFTED,
     ROBOT_PRESETS,
@@ -52,7 +52,7 @@ def test_contact_is_approach_rest_retreat_and_two_commands():
     longest = free_seconds(ARM, 0.1, 1.0) + contact_seconds(ARM, 0.025)
     assert longest_seconds(ARM, 0.1, 1.0, 0.02) == pytest.approx(longest)
     turns = rotations_from_vectors(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.8]]))
-    first, second = pose_of(np.zeros(3), turns[0]), pose_of(np.array([0.3, 0.0, 0.4]), turns[1])
+    first, second = Pose(np.zeros(3), turns[0]), Pose(np.array([0.3, 0.0, 0.4]), turns[1])
     assert move_between(first, second) == pytest.approx((0.5, 0.7))
     assert move_between(None, second) == (0.0, 0.0)
     assert RobotPreset.of_array(ARM.array) == ARM

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import pad_rotation, pose_of, split_pose
+from palpate.core.poses import Pose, pad_rotation, split_pose
 from palpate.core.touch import clean, guarded_move
 from palpate.launch.scene import load_scene
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileFrame, TactileImage
@@ -135,7 +135,7 @@ def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str):
     for height in np.linspace(low[2] + 0.002, high[2] - 0.002, 5):
         for tilt in (-1.0, 0.0, 1.0):
             axes = pad_rotation(0.3 * height / high[2], tilt)
-            start = pose_of(np.array([*middle[:2], height]) - 0.12 * axes[:, 2], axes)
+            start = Pose(np.array([*middle[:2], height]) - 0.12 * axes[:, 2], axes)
             pressed = guarded_move(shape, pad, start, 0.2, 2.2e-3)
             assert clean(pad, pressed.compression, 0.0, 50e-6, "auto").impulses == 0
 

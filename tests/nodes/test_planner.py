@@ -408,7 +408,7 @@ SINGLE = """
 from dataclasses import dataclass
 from typing import ClassVar
 import numpy as np
-from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.explore.planners import Height, Stop, Touch
 
 @dataclass(frozen=True)
@@ -419,7 +419,7 @@ class Single:
         if observation.surface is None:
             return Height(0.05, "the first solid")
         number = observation.budget.touches - 20
-        pose = pose_of(np.array([0.1, 0.0, 0.01 * number]), pad_rotation(0.0, 0.0))
+        pose = Pose(np.array([0.1, 0.0, 0.01 * number]), pad_rotation(0.0, 0.0))
         touch = Touch(pose, 0.15, np.array([0.03, 0.0, 0.01 * number]), "why not")
         return touch if number < 6 else Stop("all touched")
 """

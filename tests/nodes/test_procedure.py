@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.core.explore.grasp import Hand
+from palpate.core.poses import Pose
 from palpate.core.procedures import Findings, FingerMove, HandMove, approach
 from palpate.messages.types import GraspContacts, SensorInfo, SurfacePatch, World
 from palpate.nodes.procedure import NODE, Params
@@ -30,7 +31,7 @@ def two_at_once(setting: object, count: int = 1) -> Iterator[object]:
     met = []
     for number in range(count):
         met.append((yield (move(0.01 * number), move(-0.01 * number))))
-    places = [one.pose[0] for pair in met for one in pair]
+    places = [one.pose.position[0] for pair in met for one in pair]
     return Findings(status="done", reason="touched", figures={"widest_m": max(places)})
 
 
@@ -38,7 +39,7 @@ def closings(setting: object) -> Iterator[object]:
     """A procedure of one's own: the hand closes twice."""
     hand, met = Hand(fingers=3, opening=0.1, reach=0.09), []
     for height in (0.05, 0.04):
-        met.append((yield HandMove(hand, np.array([0.0, 0.0, height, 0, 0, 0, 1.0]))))
+        met.append((yield HandMove(hand, Pose(np.array([0.0, 0.0, height]), np.eye(3)))))
     counts = {"contacts": float(sum(len(one.points) for one in met))}
     return Findings(status="done", reason="closed", figures=counts)
 
@@ -62,7 +63,7 @@ def test_moves_of_two_fingers_begin_together(info: SensorInfo):
         (1, 0, 0),
         (2, 0, 0),
     ]
-    assert np.array_equal(first.pose, move().pose) and first.reach == move().reach
+    assert np.array_equal(first.pose, move().pose.array) and first.reach == move().reach
     later = published(info, patch_of(0, 1), patch_of(0, 2), settings={"count": 2})
     goals = messages_on(later, "/finger/goal")[2:]
     assert [(goal.goal, goal.not_before) for goal in goals] == [(1, 3.0)] * 2

@@ -160,17 +160,18 @@ def free_height(observation: Observation, wanted: float, within: Span) -> float 
 
     Heights at which other fingers are at work count as tried. In m; None if there is no room.
     """
-    room = observation.spacing * (1.0 - 1e-9)
-    tried = [(one.height, room) for one in observation.slices]
-    spacing = max(observation.finger_spacing, room)
+    tried = [(one.height, observation.spacing) for one in observation.slices]
+    spacing = max(observation.finger_spacing, observation.spacing)
     tried += [(height, spacing) for height in observation.busy_heights]
-    reach = int(np.ceil(within.length / (0.25 * observation.spacing)))
-    for step in sorted(range(-reach, reach + 1), key=lambda step: (abs(step), -step)):
-        height = wanted + 0.25 * observation.spacing * step
-        inside = within.low <= height <= within.high
-        if inside and all(abs(height - other) >= gap for other, gap in tried):
-            return height
-    return None
+    nearest = [wanted, within.low, within.high]
+    nearest += [height + side * gap for height, gap in tried for side in (1.0, -1.0)]
+    free = (
+        height
+        for height in nearest
+        if within.low <= height <= within.high
+        and all(abs(height - other) >= gap * (1.0 - 1e-9) for other, gap in tried)
+    )
+    return min(free, key=lambda height: (abs(height - wanted), -height), default=None)
 
 
 class Profile(NamedTuple):

@@ -163,7 +163,7 @@ def press(
     cone = GeneralisedCylinder(section, np.array([0.0, 0.06]), np.array([1.0, 0.4]))
     radius, axes = share * RADIUS * (1.0 - height / APEX), poses.pad_rotation(azimuth, tilt)
     place = np.array([radius * math.cos(azimuth), radius * math.sin(azimuth), height])
-    end = touch.guarded_move(cone, pad, poses.pose_of(place - 0.02 * axes[:, 2], axes), 0.03, 2e-3)
+    end = touch.guarded_move(cone, pad, poses.Pose(place - 0.02 * axes[:, 2], axes), 0.03, 2e-3)
     touched = end.compression > 0.05e-3
     surface = pad.surface(end.compression, touched)
     patch = touch.fit_patch(pad, surface, touched, np.array([0.0, 1.0, 0.0]), 0.0)
@@ -171,7 +171,7 @@ def press(
     across, up = (cols - (pad.cols - 1) / 2) * pad.pitch, (rows - (pad.rows - 1) / 2) * pad.pitch
     return feature_of_contact(
         patch.kind,
-        poses.transform_points(end.pose, np.column_stack([across, up, surface[touched]])),
+        end.pose.to_outer(np.column_stack([across, up, surface[touched]])),
         axes @ patch.normal,
         principal=patch.principal,
         principal_error=patch.principal_error,

@@ -11,7 +11,7 @@ import pytest
 
 from palpate.core import explore
 from palpate.core.explore.planners import Limits, SliceOutcome
-from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.poses import FACING_DOWN, Pose
 from palpate.core.touch import Pad
 
 ENDS = {"low": 0.0, "high": 0.09, "low_deviation": 1e-3, "high_deviation": 1e-3}
@@ -194,7 +194,7 @@ def test_earliest_result_is_taken_up_when_none_can_be_earlier(finished, busy, cl
 # Swept space
 
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
-START, END = (pose_of(np.array([0.0, 0.0, z]), FACING_DOWN) for z in (0.06, 0.04))
+START, END = (Pose(np.array([0.0, 0.0, z]), FACING_DOWN) for z in (0.06, 0.04))
 
 
 @pytest.mark.parametrize(("reach", "platform"), [(0.05, 0.01), (1.0, 0.0)])

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.core import shapes
 from palpate.core.explore import spanned_places
 from palpate.core.explore.grasp import Closing, close_hand
-from palpate.core.poses import IDENTITY_POSE, split_pose
+from palpate.core.poses import Pose
 from palpate.core.procedures import (
     Contact,
     Findings,
@@ -30,7 +30,7 @@ NOISES: dict[str, dict[str, Any]] = {
     "exact": {},
     "noise": {"pose_error": {"sigma": 1e-4}, "gaussian_noise": {"sigma": 1e-5}},
 }
-FAR = np.array([1.0, 0.0, 0.046, 0.0, 0.0, 0.0, 1.0])  # a pose out of reach
+FAR = Pose(np.array([1.0, 0.0, 0.046]), np.eye(3))  # a pose out of reach
 
 
 class Driven(NamedTuple):
@@ -65,8 +65,8 @@ def drive(
             continue
         contacts = []
         for number, one in enumerate(move):
-            axis = split_pose(one.pose)[1][:, 2]
-            assert one.pose[2] + min(one.reach * axis[2], 0.0) > platform - 1e-9
+            axis = one.pose.axes[:, 2]
+            assert one.pose.position[2] + min(one.reach * axis[2], 0.0) > platform - 1e-9
             assert one.reach > 0.0
             states[number], contact = touched(tips[number], states[number], shape, one, touches)
             contacts.append(contact)
@@ -82,7 +82,7 @@ def touched(
     times = {"begun": float(number), "previous": float(number) - 1.0}
     made = SimulatedTouch(shape, number, move.pose, move.pose, move.reach, move.depth, **times)
     state = tip.simulate(made, state)
-    pad, (position, axes) = tip.finger.pad, split_pose(made.believed)
+    pad, (position, axes) = tip.finger.pad, made.believed
     image = clean(pad, made.reading, tip.noise, CONTACT, "auto")
     surface = pad.surface(image.compression, image.touched)
     patch = fit_patch(pad, surface, image.touched, np.array([0.0, 1.0, 0.0]), tip.noise)
@@ -108,7 +108,7 @@ def posed(shape: Any, z: float, turn: float = 0.0) -> shapes.PosedShape:
     """A shape raised by z [m], and turned about an axis that leans from x [rad]."""
     axis = np.array([1.0, 0.3, 0.0]) / np.hypot(1.0, 0.3)
     rotation = [*(np.sin(0.5 * turn) * axis), np.cos(0.5 * turn)]
-    return shapes.PosedShape(shape, np.array([*IDENTITY_POSE[:2], z, *rotation]))
+    return shapes.PosedShape(shape, Pose.from_array(np.array([0.0, 0.0, z, *rotation])))
 
 
 def superquadric(size: Sequence[float], exponents: Sequence[float]) -> shapes.Superquadric:

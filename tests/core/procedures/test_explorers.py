@@ -11,6 +11,7 @@ import pytest
 from palpate.core import shapes
 from palpate.core.arrays import Floats
 from palpate.core.geometry import compare_surfaces, is_closed, prepare_surface
+from palpate.core.poses import Pose
 from palpate.core.procedures import Findings, procedure_of
 
 from .hand import (
@@ -242,7 +243,7 @@ TUBE = without(turned([[0, 1], [60, 1]], (40, 40)), turned([[-10, 1], [70, 1]], 
 DEEP_CUP = without(turned([[0, 1], [60, 1]], (40, 40)), turned([[15, 1], [70, 1]], (28, 28)))
 ACROSS = shapes.PosedSolid(
     turned([[-60, 1], [60, 1]], (12, 12)),
-    np.array([0.0, 0, 0.033, 0, np.sqrt(0.5), 0, np.sqrt(0.5)]),
+    Pose.from_array(np.array([0.0, 0, 0.033, 0, np.sqrt(0.5), 0, np.sqrt(0.5)])),
 )
 HOLLOW = {
     "solid": (turned([[0, 1], [60, 1]], (40, 40)), []),
@@ -262,7 +263,8 @@ def test_holes_and_cavities_are_told_apart_and_measured(name, noise):
         (cavity,) = found.shape.openings
         assert cavity.axis == pytest.approx(UP, abs=0.05)
         assert np.abs(cavity.place[:2]).max() < 5e-3
-        assert cavity.width == pytest.approx(0.056, abs=0.015)
+        # The room that a whole pad has swept: never more than there is
+        assert 0.056 - 0.018 < cavity.width < 0.056
         assert cavity.depth == pytest.approx(0.045, abs=0.006)
     if noise == "exact" and name == "pierced":
         (hole,) = found.shape.openings

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from palpate.core import shapes
 from palpate.core.arrays import Floats
 from palpate.core.geometry import nearest_points, nearest_search, signed_volume, solidity
-from palpate.core.poses import IDENTITY_POSE
+from palpate.core.poses import Pose
 from palpate.core.recognition import (
     FEATURES,
     LEARNED_NOISE,
@@ -32,7 +32,7 @@ def bored(outer: tuple, hole: tuple, height: float) -> shapes.BooleanShape:
     """An upright cylinder less another one, whose middle is so much higher."""
     parts = [
         shapes.PosedSolid(
-            superquadric(*size, exponents=(0.1, 1.0)), np.array([0, 0, z, *IDENTITY_POSE[3:]])
+            superquadric(*size, exponents=(0.1, 1.0)), Pose(np.array([0.0, 0.0, z]), np.eye(3))
         )
         for size, z in ((outer, 0.0), (hole, height))
     ]

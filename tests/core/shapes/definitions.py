@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from palpate.core import shapes
 from palpate.core.arrays import Floats
+from palpate.core.poses import Pose
 
 Wide = np.longdouble
 Level = Callable[[Any], Any]  # of points (..., 3) in m; positive outside, 0 on the surface
@@ -172,9 +173,9 @@ def star_prism() -> Case:
 
 
 def moved(case: Case, shift: Any) -> Case:
-    pose = np.array([*shift, 0.0, 0.0, 0.0, 1.0])
+    position = np.array(shift)
     return Case(
-        lambda s: shapes.PosedSolid(case.make(s), pose * ([s] * 3 + [1.0] * 4)),
+        lambda s: shapes.PosedSolid(case.make(s), Pose(s * position, np.eye(3))),
         lambda points: case.level(points - np.array(shift)),
     )
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
-from palpate.core.poses import pose_of, rotations_from_vectors, transform_points
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.shapes import MISS, PosedShape, PosedSolid
 from tests.core.shapes.definitions import DOWN, SOLIDS, Case, check_casts
 
@@ -122,10 +122,10 @@ def test_mesh_is_a_closed_surface_with_the_volume_of_the_spans(name):
 def test_pose_and_scale_carry_over_to_ranges_spans_and_functions(name):
     case, rng = SOLIDS[name], np.random.default_rng(4)
     axes = rotations_from_vectors(rng.normal(size=(1, 3)))[0]
-    pose = pose_of(rng.normal(size=3), axes)
+    pose = Pose(rng.normal(size=3), axes)
     large, posed = case.make(7.0), PosedSolid(case.solid, pose)
     for origins, direction in list(bundles(case, 5, 2))[1:]:
-        moved, turned = transform_points(pose, origins), axes @ direction
+        moved, turned = pose.to_outer(origins), axes @ direction
         wanted = case.solid.cast(origins, direction, 0.3)
         spans = case.solid.spans(origins, direction)
         seen = PosedShape(case.solid, pose).cast(moved, turned, 0.3)
@@ -137,7 +137,7 @@ def test_pose_and_scale_carry_over_to_ranges_spans_and_functions(name):
         own = case.solid.inside_out(origins, towards)
         value = posed.inside_out(moved, towards @ axes.T)[0]
         assert np.allclose(value, own[0], rtol=1e-7, atol=1e-9)
-    vertices = transform_points(pose, case.mesh.vertices)
+    vertices = pose.to_outer(case.mesh.vertices)
     for solid in (posed, PosedShape(case.solid, pose)):
         assert np.allclose(solid.mesh(4).vertices, vertices, rtol=0, atol=1e-14)
     low, high = posed.enclosure()

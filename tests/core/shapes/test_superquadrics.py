@@ -12,7 +12,7 @@ import pytest
 from palpate.core import shapes
 from palpate.core.arrays import Floats
 from palpate.core.geometry import areas_and_normals, solidity
-from palpate.core.poses import pose_of, rotations_from_vectors
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.shapes import INSIDE, MISS
 from tests.core.shapes.definitions import DOWN
 
@@ -218,7 +218,7 @@ def test_bounds_are_the_semi_axes_where_it_stands():
     shape, shift = shape_of([0.1, 0.1]), np.array([0.1, -0.2, 0.3])
     assert np.array_equal([shape.bounds(), shape.enclosure()], [[-SIZE, SIZE]] * 2)
     axes = rotations_from_vectors(np.array([[0.3, -0.8, 0.5]]))[0]
-    upright, turned = (shapes.PosedShape(shape, pose_of(shift, a)) for a in (np.eye(3), axes))
+    upright, turned = (shapes.PosedShape(shape, Pose(shift, a)) for a in (np.eye(3), axes))
     assert np.array_equal(upright.bounds(), shape.bounds() + shift)
     vertices = turned.mesh(6).vertices
     assert np.array_equal(turned.bounds(), [vertices.min(axis=0), vertices.max(axis=0)])

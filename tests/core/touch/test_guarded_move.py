@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import FACING_DOWN, pose_of, split_pose
+from palpate.core.poses import FACING_DOWN, Pose
 from palpate.core.shapes import DeformedSuperquadric, Shape, Superquadric, TriangleShape
 from palpate.core.touch import HITS, guarded_move
 from tests.core.touch.touches import BALL, DOMED, FLAT, X, Y, above, rotations
@@ -74,7 +74,7 @@ def test_a_move_onto_a_ball_ends_as_geometry_says(kind, pad):
         else:
             assert end.advance == (reach if outcome == "miss" else 0.0)
         assert np.allclose(end.compression, wanted, rtol=0, atol=facets)
-        assert np.allclose(end.pose, [aside, 0, height - end.advance, *start[3:]], atol=1e-15)
+        assert np.allclose(end.pose.position, [aside, 0, height - end.advance], atol=1e-15)
         assert np.array_equal(np.maximum(end.indentation, 0.0), end.compression)
 
 
@@ -97,7 +97,7 @@ def test_a_thin_plate_is_met_on_its_near_side(kind):
 def test_a_pin_between_the_taxels_is_missed(kind):
     pin = solid_of(kind, (0.4e-3,) * 3)
     for aside, count in ((0.0, 0), (0.5e-3, 1)):
-        start = pose_of(np.array([aside, aside, 0.05]), FACING_DOWN)
+        start = Pose(np.array([aside, aside, 0.05]), FACING_DOWN)
         end = guarded_move(pin, FLAT, start, REACH, 0.3e-3)
         assert end.outcome == ("hit" if count else "miss")
         assert np.count_nonzero(end.compression) == count
@@ -106,12 +106,12 @@ def test_a_pin_between_the_taxels_is_missed(kind):
 
 def ray_errors(solid: Superquadric, start: Floats) -> Floats:
     """Distances of what was measured from the surface along the rays [m], in long doubles."""
-    end, axes = guarded_move(solid, FLAT, start, 10.0, 1e-3), split_pose(start)[1]
+    end, axes = guarded_move(solid, FLAT, start, 10.0, 1e-3), start.axes
     assert end.outcome == "hit"
     wide = np.longdouble
     met = np.isfinite(end.indentation).ravel()
     ways = (end.advance - end.indentation.ravel()[met] + FLAT.thickness).astype(wide)
-    origins = (FLAT.transducers() @ axes.T + start[:3])[met].astype(wide)
+    origins = (FLAT.transducers() @ axes.T + start.position)[met].astype(wide)
     e1, e2 = solid.exponents.astype(wide)
 
     def height(ways: np.ndarray) -> np.ndarray:
@@ -134,7 +134,7 @@ def test_random_exponents_and_tilts_agree_with_the_definition():
         solid = Superquadric(rng.uniform(0.01, 0.04, 3), rng.uniform(0.02, 2.0, 2))
         out = rng.normal(size=3)
         axes = facing(-out / np.linalg.norm(out) + 0.5 * rng.normal(size=3), rng.normal(size=3))
-        start = pose_of(out / solid.gauge(out[None])[0] - 0.08 * axes[:, 2], axes)
+        start = Pose(out / solid.gauge(out[None])[0] - 0.08 * axes[:, 2], axes)
         errors.append(ray_errors(solid, start))
     assert sum(map(len, errors)) > 50 * len(errors)
     assert max(one.max() for one in errors) < EXACT
@@ -153,7 +153,7 @@ def test_rays_along_a_face_meet_only_what_lies_within_it(kind):
     solid = Superquadric(np.array([0.0075, 0.03, 0.04]), np.full(2, 0.05))
     start = above(0.06, 0.0075)  # over the edge of a box: half the rays run along its side
     end = guarded_move(KINDS[kind](solid), FLAT, start, REACH, 1e-3)
-    over = end.pose[0] + X
+    over = end.pose.position[0] + X
     assert end.outcome == "hit"
     assert np.isfinite(end.indentation[np.abs(over) < 0.0074]).all()
     assert (end.indentation[np.abs(over) > 0.0076] == -np.inf).all()
@@ -178,7 +178,7 @@ def test_embree_and_the_z_buffer_agree():
         assert len({(shape.closed, shape.flipped) for shape in shapes}) == 1
         for axes in rotations(20):
             away = rng.choice([0.0, 0.06])
-            start = pose_of(rng.uniform(-0.02, 0.02, 3) - away * axes[:, 2], axes)
+            start = Pose(rng.uniform(-0.02, 0.02, 3) - away * axes[:, 2], axes)
             one, other = (guarded_move(shape, DOMED, start, REACH, 1e-3) for shape in shapes)
             assert one.outcome == other.outcome
             assert np.allclose(one.compression, other.compression, rtol=0, atol=1e-9)

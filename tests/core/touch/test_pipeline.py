@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import pose_of
+from palpate.core.poses import Pose
 from palpate.core.robot_time import contact_seconds
 from palpate.core.touch import (
     Effect,
@@ -60,18 +60,18 @@ def simulated(pipeline: Pipeline, *touches: SimulatedTouch) -> SimulatedTouch:
 @pytest.mark.parametrize("given", [{}, {"reach": 1e-3}, {"depth": 2.9e-3}])
 def test_an_ideal_touch_is_its_guarded_move(given, signal):
     tip = finger(signal, pitch=0.9e-3)
-    elsewhere = pose_of(np.array([0.01, 0.02, 0.04]), np.diag([1.0, -1, -1]))
+    elsewhere = Pose(np.array([0.01, 0.02, 0.04]), np.diag([1.0, -1, -1]))
     start = touch(**given)
     end = guarded_move(start.shape, tip.pad, start.actual, start.reach, start.depth)
     one = simulated(assemble(tip, []), touch(believed=elsewhere, **given))
     assert (one.outcome, one.advance) == (end.outcome, end.advance)
-    assert np.array_equal(one.actual, end.pose)
+    assert np.array_equal(one.actual.array, end.pose.array)
     assert np.array_equal(one.indentation, end.indentation)
     assert np.array_equal(one.compression, end.compression)
     assert np.allclose(one.reading, end.compression, rtol=1e-15, atol=0.0)
     assert np.allclose(one.pressure * 0.9e-3**2, 200.0 * end.compression, rtol=1e-14)
-    assert np.allclose(one.believed[:3], elsewhere[:3] - [0, 0, end.advance], atol=1e-16)
-    assert np.array_equal(one.believed[3:], elsewhere[3:]) and one.copies == 1
+    assert np.allclose(one.believed.position, elsewhere.position - [0, 0, end.advance], atol=1e-16)
+    assert np.array_equal(one.believed.axes, elsewhere.axes) and one.copies == 1
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.poses import FACING_DOWN, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.shapes import Superquadric
 from palpate.core.touch import Calibration, Fingertip, Pad, SimulatedTouch, Stage
@@ -24,9 +24,9 @@ DENT: Floats = np.maximum(1e-3 - ((X - 0.7e-3) ** 2 + (Y + 0.4e-3) ** 2) / 0.06,
 DENT.setflags(write=False)
 
 
-def above(height: float, x: float = 0.0) -> Floats:
+def above(height: float, x: float = 0.0) -> Pose:
     """Pose of a pad that looks down from a height [m]."""
-    return pose_of(np.array([x, 0.0, height]), FACING_DOWN)
+    return Pose(np.array([x, 0.0, height]), FACING_DOWN)
 
 
 def rotations(count: int) -> Floats:
@@ -88,4 +88,5 @@ def readings(made: Stage, field: Floats, count: int) -> Floats:
 def values(one: SimulatedTouch) -> dict[str, Any]:
     """All that a touch holds, with arrays as bytes, so that touches can be compared."""
     held = {field.name: getattr(one, field.name) for field in fields(one)}
-    return {k: v.tobytes() if isinstance(v, np.ndarray) else v for k, v in held.items()}
+    arrays = {k: v.array if isinstance(v, Pose) else v for k, v in held.items()}
+    return {k: v.tobytes() if isinstance(v, np.ndarray) else v for k, v in arrays.items()}

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp import ObjectFrame, fit_object_frame, mass_properties
-from palpate.core.poses import pose_of, rotations_from_vectors, split_pose
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild import fit_coarse
 from palpate.core.shapes import Bend, FittedSuperquadric, Superquadric
 
@@ -59,7 +59,7 @@ def grasp(shape: Superquadric, turn: Floats, place: Floats = PLACE, count: int =
     fit = FittedSuperquadric(
         size=shape.size,
         exponents=shape.exponents,
-        pose=pose_of(place, turn),
+        pose=Pose(place, turn).array,
         taper=np.zeros(2),
         bend=Bend(0.0),
         residuals=np.zeros(len(order)),
@@ -75,12 +75,12 @@ def leaning() -> Grasped:
 
 
 def axes_of(frame: ObjectFrame) -> Floats:
-    return split_pose(frame.pose)[1]
+    return frame.pose.axes
 
 
 def ends(frame: ObjectFrame) -> tuple[float, float]:
     """Both ends along the slicing axis from the world's origin."""
-    origin, axes = split_pose(frame.pose)
+    origin, axes = frame.pose
     return frame.low + origin @ axes[:, 2], frame.high + origin @ axes[:, 2]
 
 
@@ -88,7 +88,7 @@ def ends(frame: ObjectFrame) -> tuple[float, float]:
 def test_tilted_object_is_sliced_along_longest_axis(degrees):
     turn = turn_of(math.radians(degrees), 0.0, 0.0)
     frame = grasp(ELLIPSOID, turn).frame()
-    origin, axes = split_pose(frame.pose)
+    origin, axes = frame.pose
     assert frame.axis == "longest"
     assert np.linalg.norm(np.cross(axes[:, 2], turn[:, 2])) < math.radians(0.2)
     assert axes[2, 2] > -1e-9 and np.linalg.det(axes) == pytest.approx(1.0)  # it points up
@@ -101,7 +101,7 @@ def test_tilted_object_is_sliced_along_longest_axis(degrees):
 
 def test_upright_object_is_sliced_in_world_axes_and_heights():
     frame = grasp(ELLIPSOID, turn_of(math.radians(0.4), 0.0, 0.0)).frame()
-    origin, axes = split_pose(frame.pose)
+    origin, axes = frame.pose
     assert np.array_equal(axes, np.eye(3))
     assert origin[2] == 0.0 and origin[:2] == pytest.approx(PLACE[:2], abs=1e-4)
     assert (frame.low, frame.high) == pytest.approx((0.008, 0.092), abs=1e-4)
@@ -120,7 +120,7 @@ def test_tile_is_sliced_along_short_axis_and_straight_sides_correct_fit():
         assert np.linalg.norm(np.cross(axes_of(frame)[:, 2], turn[:, 2])) < 0.01
     box = grasp(BOX, turn, count=120)
     straight = box.part(np.abs(box.normals @ turn[:, 2]) < 0.2)
-    frame = straight.frame(pose=pose_of(PLACE, turn_of(0.53, 0.0, 0.0)))
+    frame = straight.frame(pose=Pose(PLACE, turn_of(0.53, 0.0, 0.0)).array)
     assert np.linalg.norm(np.cross(axes_of(frame)[:, 2], turn[:, 2])) < 0.01 < 0.03
 
 
@@ -143,15 +143,17 @@ def test_frame_moves_and_turns_with_object_about_vertical():
         leaning().platform + 0.3,
         replace(
             leaning().fit,
-            pose=pose_of(quarter @ PLACE + [0.1, 0.2, 0.3], quarter @ turn_of(0.5, 0.0, 0.0)),
+            pose=Pose(quarter @ PLACE + [0.1, 0.2, 0.3], quarter @ turn_of(0.5, 0.0, 0.0)).array,
         ),
     )
     other = moved.frame()
     assert axes_of(other)[:, 2] == pytest.approx(quarter @ axes_of(one)[:, 2], abs=1e-5)
-    assert other.pose[:3] == pytest.approx(quarter @ one.pose[:3] + [0.1, 0.2, 0.3], abs=1e-6)
+    assert other.pose.position == pytest.approx(
+        quarter @ one.pose.position + [0.1, 0.2, 0.3], abs=1e-6
+    )
     assert other[1:4] == pytest.approx(one[1:4], abs=1e-6)
     assert other[5:] == pytest.approx(one[5:], rel=1e-2)
-    assert leaning().frame().pose.tobytes() == one.pose.tobytes()
+    assert leaning().frame().pose.array.tobytes() == one.pose.array.tobytes()
 
 
 @pytest.mark.parametrize("axis", [None, (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
@@ -165,7 +167,7 @@ def test_few_contacts_give_frame_about_them(axis):
     low = few.platform if direction[2] else along.min()
     assert ends(frame) == pytest.approx((low, along.max()))
     assert frame.extent_error == pytest.approx(np.ptp(few.points, axis=0).max())
-    away = np.linalg.norm(few.points - np.outer(along, direction) - frame.pose[:3], axis=1)
+    away = np.linalg.norm(few.points - np.outer(along, direction) - frame.pose.position, axis=1)
     assert frame.radius <= away.max() + 1e-9 or direction[2]
 
 
@@ -186,7 +188,7 @@ def test_level_foot_that_leans_little_draws_no_solid_aside():
     side = body.part(np.abs(body.points[:, 2] - PLACE[2]) < 0.03)
     frame = side._replace(platform=side.platform - 0.016).frame(rms=1e-3)
     assert np.array_equal(axes_of(frame), np.eye(3))
-    assert np.hypot(*(frame.pose - side.fit.pose)[:2]) < 1e-3
+    assert np.hypot(*(frame.pose.position - side.fit.pose[:3])[:2]) < 1e-3
 
 
 HALF, RADIUS = 0.045, 0.025
@@ -205,7 +207,7 @@ def neck(top: list[tuple[Floats, Floats]] = (), lean: float = 0.0) -> ObjectFram
         leaning().fit,
         size=np.array([RADIUS, RADIUS, HALF]),
         exponents=np.array([0.1, 1.0]),
-        pose=pose_of(np.zeros(3), turn),
+        pose=Pose(np.zeros(3), turn).array,
         residuals=np.zeros(len(points)),
         rms=5e-3,
     )

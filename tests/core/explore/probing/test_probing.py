@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from palpate.core import poses
 from palpate.core.arrays import Floats
 from palpate.core.explore import probing
 from palpate.core.explore.probing import ProbeCommand, ProbeResult, SideContour, next_probe
 from palpate.core.explore.tracing import deepest_point
 from palpate.core.geometry import winding_number
-from palpate.core.poses import FACING_DOWN, pose_of, rotations_from_vectors, split_pose
+from palpate.core.poses import FACING_DOWN, Pose, rotations_from_vectors
 from palpate.core.shapes import PosedShape, Shape, Superquadric
 from palpate.core.touch import CONTACT, HITS, Pad, fit_patch, guarded_move
 
@@ -51,13 +50,13 @@ def press(shape: Shape) -> Answer:
 
     def answer(command: ProbeCommand) -> ProbeResult:
         end = guarded_move(shape, PAD, command.pose, command.reach, 1e-3)
-        position, axes = split_pose(command.pose)
+        position, axes = command.pose
         if end.outcome not in HITS:
             return ProbeResult(command, end.outcome, position, -axes[:, 2])
         touched = end.compression > CONTACT
         surface = PAD.surface(end.compression, touched)
         normal = axes @ np.asarray(fit_patch(PAD, surface, touched, axes[2], 0.0).normal)
-        point = poses.transform_points(end.pose, deepest_point(PAD, surface, touched)[None])[0]
+        point = end.pose.to_outer(deepest_point(PAD, surface, touched)[None])[0]
         return ProbeResult(command, end.outcome, point, normal)
 
     return answer
@@ -69,7 +68,7 @@ def plane(height: float, slopes=(0.0, 0.0), edge_off=(0.0,)) -> Answer:
     edges = [0]
 
     def answer(command: ProbeCommand) -> ProbeResult:
-        inward = split_pose(command.pose)[1][:, 2]
+        inward = command.pose.axes[:, 2]
         if command.reason == "edge":
             edges[0] += 1
             off = edge_off[edges[0] % len(edge_off)]
@@ -105,26 +104,28 @@ def test_end_is_found_by_one_touch_along_axis(height):
     assert (len(probes), done.reason, done.untouched) == (1, "the end is found", 0.0)
     assert probes[0].point == pytest.approx([0.0, 0.0, 0.04], abs=1e-3)
     assert probes[0].point[2] == pytest.approx(0.04, abs=5e-5)
-    position, axes = split_pose(probes[0].probing.pose)
+    position, axes = probes[0].probing.pose
     assert axes[:, 2] == pytest.approx(-UP, abs=1e-12)
-    high = next_probe("upper", replace(END, contour=ring(0.02, 0.04, above=4e-3))).pose[2]
-    assert high - next_probe("upper", END).pose[2] == pytest.approx(2.5e-3)  # a contour reaches it
+    high = next_probe("upper", replace(END, contour=ring(0.02, 0.04, above=4e-3))).pose.position[2]
+    assert high - next_probe("upper", END).pose.position[2] == pytest.approx(
+        2.5e-3
+    )  # a contour reaches it
     # It starts above everything the end may be, and may go down to the middle.
     assert height + 3.0 * END.deviation < position[2] < height + 0.01
     assert position[2] - probes[0].probing.reach == pytest.approx(0.5 * (height - 0.04))
 
 
 def test_object_off_axis_is_found_and_flank_climbed_to_top():
-    aside = PosedShape(BALL, pose_of(np.array([0.013, -0.01, 0.0]), np.eye(3)))
+    aside = PosedShape(BALL, Pose(np.array([0.013, -0.01, 0.0]), np.eye(3)))
     heights = [one.point[2] for one in probe(press(aside))[1]]
     assert heights[0] < 0.0395 and max(heights) == pytest.approx(0.04, abs=1e-4)
     assert len(heights) <= 4
-    beside = PosedShape(column(0.01), pose_of(np.array([0.02, 0.0, 0.0]), np.eye(3)))
+    beside = PosedShape(column(0.01), Pose(np.array([0.02, 0.0, 0.0]), np.eye(3)))
     done, probes = probe(press(beside))
     assert [one.outcome for one in probes] == ["miss", "hit"] and done.reason == "the end is found"
     turn = rotations_from_vectors(np.array([[0.0, math.radians(12.0), 0.0]]))[0]
     tip = Superquadric(np.array([0.015, 0.015, 0.045]), np.ones(2))
-    leaning = PosedShape(tip, pose_of(np.zeros(3), turn))  # its pole lies beside the first touch
+    leaning = PosedShape(tip, Pose(np.zeros(3), turn))  # its pole lies beside the first touch
     contour = ring(0.0115, 0.03, math.radians(35.0), above=2e-3)
     heights = [one.point[2] for one in probe(press(leaning), contour=contour)[1]]
     assert max(heights) == pytest.approx(leaning.bounds()[1, 2], abs=1e-4)
@@ -134,7 +135,7 @@ def test_object_off_axis_is_found_and_flank_climbed_to_top():
 def leaning_touch(x: float, height: float, lean: float = 0.0, outcome: str = "hit") -> ProbeResult:
     target = np.array([x, 0.002, height])
     normal = np.array([math.sin(lean), 0.0, math.cos(lean)])
-    command = ProbeCommand(pose_of(target, FACING_DOWN), 0.03, "search", target)
+    command = ProbeCommand(Pose(target, FACING_DOWN), 0.03, "search", target)
     return ProbeResult(command, outcome, target, normal)
 
 
@@ -142,7 +143,7 @@ def test_climb_goes_uphill_within_pad_and_ends_at_top():
     def following(*probes: ProbeResult):
         return next_probe("upper", replace(END, probes=probes))
 
-    step = following(leaning_touch(0.01, 0.03, 0.3)).pose[:2] - [0.01, 0.002]
+    step = following(leaning_touch(0.01, 0.03, 0.3)).pose.position[:2] - [0.01, 0.002]
     assert step[1] == pytest.approx(0.0) and -0.5 * WIDTH < step[0] < -0.25 * WIDTH
     assert not isinstance(following(leaning_touch(0.01, 0.03, math.radians(2.7))), ProbeCommand)
     top = leaning_touch(0.0, 0.04)
@@ -157,14 +158,16 @@ def test_climb_goes_uphill_within_pad_and_ends_at_top():
 def test_end_higher_than_expected_is_approached_from_farther_off():
     done, (one, two) = probe(press(BALL), height=0.02)
     assert (one.outcome, two.outcome, done.reason) == ("inside", "hit", "the end is found")
-    assert two.probing.pose[2] - one.probing.pose[2] == pytest.approx(WIDTH)
+    assert two.probing.pose.position[2] - one.probing.pose.position[2] == pytest.approx(WIDTH)
     assert two.probing.reach - one.probing.reach == pytest.approx(WIDTH)
     probes: tuple[ProbeResult, ...] = ()
     for _ in range(5):  # and no oftener than four times
         command = next_probe("upper", replace(END, probes=probes))
         probes = (*probes, ProbeResult(command, "inside", np.zeros(3), UP))
-    assert probes[-1].probing.pose[2] - probes[0].probing.pose[2] == pytest.approx(4 * WIDTH)
-    assert np.linalg.norm(next_probe("upper", replace(END, probes=probes)).pose[:2]) > 0.01
+    assert probes[-1].probing.pose.position[2] - probes[0].probing.pose.position[
+        2
+    ] == pytest.approx(4 * WIDTH)
+    assert np.linalg.norm(next_probe("upper", replace(END, probes=probes)).pose.position[:2]) > 0.01
 
 
 @pytest.mark.parametrize("contour", [None, ring(0.025, 0.03)], ids=["no contour", "a contour"])
@@ -173,7 +176,7 @@ def test_search_of_empty_space_ends(contour):
     done, probes = probe(nothing, contour=contour)
     assert done.reason == "nothing was touched" and done.untouched >= 0.05
     assert 1 < len(probes) <= 19
-    places = np.array([one.probing.pose[:2] for one in probes])
+    places = np.array([one.probing.pose.position[:2] for one in probes])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))
     assert apart.min() > 0.35 * WIDTH
     limit = END.radius if contour is None else 0.025
@@ -230,11 +233,11 @@ def test_leaning_face_is_touched_along_its_normal_in_its_plane():
     faces = [one for one in probes if one.probing.reason == "face"]
     assert len(faces) >= 4
     for one in faces:
-        inward = split_pose(one.probing.pose)[1][:, 2]
+        inward = one.probing.pose.axes[:, 2]
         assert inward == pytest.approx(-one.normal, abs=1e-6)
         assert one.probing.target == pytest.approx(one.point, abs=1e-9)
     level = [one.probing for one in probe(plane(0.03, (0.05, 0.0)), contour=ring(0.02, 0.01))[1]]
-    assert all(split_pose(one.pose)[1][2, 2] == -1.0 for one in level if one.reason == "face")
+    assert all(one.pose.axes[2, 2] == -1.0 for one in level if one.reason == "face")
     edge = np.array([0.9, 0.0, 0.4]) / math.hypot(0.9, 0.4)  # normals of an edge are not believed
     points = np.array([[0.0, 0.0, 0.04], [0.00525, 0.0, 0.0401], [0.0, 0.012, 0.04]])
     made = [ProbeResult(level[0]._replace(target=one), "hit", one, edge) for one in points]
@@ -266,7 +269,7 @@ def test_top_that_is_no_plane_is_touched_all_over(case):
 def test_touch_outside_contour_says_nothing_of_face():
     around = ring(0.0103, 0.0376, math.radians(67.0), above=1e-3)
     start = np.array([0.027, 0.0, 0.06])
-    over = ProbeCommand(pose_of(start, FACING_DOWN), 0.05, "search", start - 0.02 * UP)
+    over = ProbeCommand(Pose(start, FACING_DOWN), 0.05, "search", start - 0.02 * UP)
     aside = press(BALL)(over)
     first = next_probe("upper", replace(END, contour=around, probes=(aside,)))
     assert first.reason == "face" and first.target[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -297,7 +300,7 @@ def test_edge_is_where_wall_meets_face(lean):
     assert np.linalg.norm(edges[:, :2], axis=1) == pytest.approx(cone, abs=2e-4)
     for one in probes:
         if one.probing.reason == "edge":
-            position, axes = split_pose(one.probing.pose)
+            position, axes = one.probing.pose
             out = np.array([*one.probing.target[:2], 0.0])
             out /= np.linalg.norm(out)
             assert axes[:, 2] == pytest.approx(-math.sqrt(0.5) * (out + UP), abs=0.1)
@@ -333,7 +336,7 @@ def test_edge_that_is_never_met_is_reported_untouched():
     done, probes = probe(answer, contour=ring(0.035, 0.03), tolerance=2e-4)
     assert len(targets(probes, "edge")) == 8
     assert done.untouched >= 0.01
-    command = ProbeCommand(pose_of(0.0 * UP, np.eye(3)), 0.01, "edge", np.zeros(3))
+    command = ProbeCommand(Pose(0.0 * UP, np.eye(3)), 0.01, "edge", np.zeros(3))
     alone = ProbeResult(command, "hit", np.zeros(3), UP)  # it tells of no face
     stop = next_probe("upper", replace(END, contour=ring(0.02, 0.03), probes=(alone,)))
     assert (stop.reason, stop.untouched) == ("only its edge was touched", 0.0)
@@ -352,8 +355,8 @@ def test_lower_end_is_upper_one_turned_over():
     for made in probes:
         command, upper = next_probe("lower", below), made.probing
         for one, other in zip(
-            (*split_pose(command.pose), command.target),
-            (*split_pose(upper.pose), upper.target),
+            (*command.pose, command.target),
+            (*upper.pose, upper.target),
             strict=True,
         ):
             assert pytest.approx(turned(other.T), abs=1e-9) == one.T
@@ -379,7 +382,7 @@ def test_lower_end_is_upper_one_turned_over():
 def test_every_end_is_done_in_24_touches_none_above_solid(size, exponents, lean):
     turn = rotations_from_vectors(np.array([[0.4 * lean, 0.3 * lean, 0.0]]))[0]
     solid = Superquadric(np.array([*size, 0.04]), np.array(exponents))
-    shape = PosedShape(solid, pose_of(np.zeros(3), turn))
+    shape = PosedShape(solid, Pose(np.zeros(3), turn))
     low, high = shape.bounds()[:, 2]
     around = 2.0 * math.pi * np.arange(24) / 24
     out = np.column_stack([np.cos(around), np.sin(around), 0.0 * around])

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.tracing import SliceArc, arc_in_slice
-from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.shapes import Superquadric
 from palpate.core.touch import fit_jet, guarded_move
 from tests.core.explore.tracing.fingertip import DOMED, FLAT, azimuths
@@ -30,7 +30,7 @@ def rows(first: int, last: int) -> Bools:
 
 def level(surface: Floats, touched: Bools = ALL, height: float = 0.0, tilt: float = 0.0):
     """The arc of a flat pad that looks along -x, its middle at the origin."""
-    pose = pose_of(np.zeros(3), pad_rotation(0.0, tilt))
+    pose = Pose(np.zeros(3), pad_rotation(0.0, tilt))
     return arc_in_slice(FLAT, pose, surface, touched, None, height)
 
 
@@ -41,7 +41,7 @@ def in_pad(points: Floats, tilt: float = 0.0) -> Floats:
 def ball_arc(pad, heading: float, tilt: float, height: float, depth: float = 1e-3) -> SliceArc:
     """A pad pressed towards the middle of a ball."""
     axes = pad_rotation(heading, tilt)
-    end = guarded_move(BALL, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, depth)
+    end = guarded_move(BALL, pad, Pose(-0.05 * axes[:, 2], axes), 0.05, depth)
     touched = end.compression > 0
     surface = pad.surface(end.compression, touched)
     fitted = fit_jet(pad, surface, touched)

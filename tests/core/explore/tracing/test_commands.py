@@ -17,7 +17,6 @@ from palpate.core.explore.tracing import (
     after_touch,
     next_command,
 )
-from palpate.core.poses import split_pose
 from palpate.core.touch import Pad
 from tests.core.explore.tracing import fingertip
 from tests.core.explore.tracing.fingertip import (
@@ -52,7 +51,7 @@ def test_absent_object_is_sought_from_eight_sides():
     assert np.sort(turns) == pytest.approx(45.0 * np.arange(8))
     assert np.sort(turns[:4]) == pytest.approx(90.0 * np.arange(4))
     for command in run.commands:
-        position, axes = split_pose(command.start(0.05))
+        position, axes = command.start(0.05)
         out = np.array([math.cos(command.heading), math.sin(command.heading), 0.0])
         assert position == pytest.approx([0.01, -0.02, 0.05] + 0.1 * out)
         assert axes[:, 2] == pytest.approx(-out, abs=1e-12)
@@ -203,7 +202,7 @@ def test_edge_of_pad_comes_down_wall_of_gap_with_body_outside():
     [depth] = {one.posture.depth for one in (deep, *probes)}
     assert TOUCH_DEPTH < depth < FLAT.saturation * FLAT.thickness and len(probes) % 2 == 0
     for command, end, side in zip(probes[:2], ends, (1.0, -1.0), strict=True):
-        place, axes = split_pose(command.start(0.0))
+        place, axes = command.start(0.0)
         edge = (place + side * HALF * axes[:, 0] + command.standoff * axes[:, 2])[:2]
         beyond, into = edge - end, np.array([-math.sin(turn), side * math.cos(turn)])
         assert 0.5 * turn < side * command.heading < turn

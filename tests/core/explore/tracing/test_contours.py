@@ -131,7 +131,7 @@ def test_repeated_step_gives_same_and_changes_nothing(height, pad):
         again, second = next_command(pad, stepped)
         assert before == (contour.touches, len(contour.arcs_since), contour.path)
         for one in (first, second):
-            assert np.array_equal(one.start(0.0), command.start(0.0))
+            assert np.array_equal(one.start(0.0).array, command.start(0.0).array)
             assert (one.posture, one.travel) == (command.posture, command.travel)
         contour = after_touch(again, arc)
         assert contour.touches == before[0] + 1

@@ -6,25 +6,25 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import pose_of
+from palpate.core.poses import Pose
 from palpate.core.rebuild import contours
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.shapes import Superquadric
-from palpate.core.touch import Pad, fit_jet, guarded_move
+from palpate.core.touch import Pad, fit_jet, guarded_move, surface_points
 from tests.core.rebuild.objects import at_height, circle, contacts
 
 FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 DOMED = replace(FLAT, dome=1 / 0.015)
 BALL = Superquadric(np.full(3, 0.03), np.ones(2))
 ALL = np.ones((16, 16), np.bool_)
-HERE = pose_of(np.zeros(3), np.eye(3))
+HERE = Pose(np.zeros(3), np.eye(3))
 
 
 def touched_surface(pad: Pad, surface: Floats, touched: Floats = ALL) -> ContactPoints:
     """What a pad at the origin touches of a surface over it."""
     fitted = fit_jet(pad, surface, touched)
     assert fitted is not None
-    return contours.contact_points_of(pad, HERE, surface, touched, fitted.jet)
+    return surface_points(pad, HERE, surface, touched, fitted.jet)
 
 
 def slopes(found: ContactPoints) -> Floats:
@@ -35,12 +35,12 @@ def slopes(found: ContactPoints) -> Floats:
 def test_touched_taxels_lie_on_ball_with_its_normals(rotations):
     for pad in (FLAT, DOMED):
         for axes in rotations(5):
-            end = guarded_move(BALL, pad, pose_of(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
+            end = guarded_move(BALL, pad, Pose(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
             touched = end.compression > 0
             surface = -(end.compression + pad.sag())
             fitted = fit_jet(pad, surface, touched)
             assert fitted is not None
-            found = contours.contact_points_of(pad, end.pose, surface, touched, fitted.jet)
+            found = surface_points(pad, end.pose, surface, touched, fitted.jet)
             normals = np.asarray(found.normals)
             assert found.points.shape == normals.shape == (touched.sum(), 3)
             assert np.allclose(np.linalg.norm(found.points, axis=1), 0.03, rtol=1e-12)

@@ -8,23 +8,25 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import pose_of, split_pose
+from palpate.core.poses import Pose
 from tests.core.touch.touches import above, applied, finger, rotations, stage, touch
 
 TOUCHES, WIDTH = 2000, 0.2e-3
-START = pose_of(np.array([0.1, -0.2, 0.3]), rotations(1)[0])
+START = Pose(np.array([0.1, -0.2, 0.3]), rotations(1)[0])
 
 
 def errors(touches: int, seed: int = 7, **parameters: float) -> Floats:
     """Shift [m] and rotation vector [rad] of many touches in the pad's frame, (n, 6)."""
     made, found = stage("pose_error", finger(seed=seed), **parameters), []
-    axes = Rotation.from_quat(START[3:]).inv()
+    axes = Rotation.from_matrix(START.axes).inv()
     for number in range(touches):
         one = touch(number, believed=START, actual=START)
         made.apply(one, None)
-        turn = (axes * Rotation.from_quat(one.actual[3:])).as_rotvec()
-        found.append([*axes.apply(one.actual[:3] - START[:3]), *turn])
-        assert one.believed is START and abs(np.linalg.norm(one.actual[3:]) - 1.0) < 4e-16
+        turn = (axes * Rotation.from_matrix(one.actual.axes)).as_rotvec()
+        found.append([*axes.apply(one.actual.position - START.position), *turn])
+        assert one.believed is START and np.allclose(
+            one.actual.axes.T @ one.actual.axes, np.eye(3), atol=2e-15
+        )
     return np.array(found)
 
 
@@ -60,12 +62,14 @@ def followed(places: Floats) -> Floats:
     made, found = stage("arm_backlash", width=WIDTH), []
     state = made.state
     for number, place in enumerate(places):
-        start = pose_of(place, split_pose(above(0.0))[1])
+        start = Pose(place, above(0.0).axes)
         one = touch(number, believed=start, actual=start)
         state = made.apply(one, state)
-        assert np.array_equal(one.believed, start) and np.array_equal(one.actual[3:], start[3:])
-        assert np.array_equal(one.actual[:3], state)
-        found.append(one.actual[:3])
+        assert np.array_equal(one.believed.array, start.array) and np.array_equal(
+            one.actual.axes, start.axes
+        )
+        assert np.array_equal(one.actual.position, state)
+        found.append(one.actual.position)
     return np.array(found)
 
 
@@ -95,10 +99,12 @@ def test_each_axis_has_its_own_play_whatever_the_speed():
 def test_the_believed_pose_is_too_deep_by_force_over_stiffness():
     tip, field = finger(pitch=0.8e-3), np.full((16, 16), 1e-4)
     for axes in rotations(5):
-        end = pose_of(np.array([0.01, 0.02, 0.03]), axes)
+        end = Pose(np.array([0.01, 0.02, 0.03]), axes)
         for stiffness in (1e3, 1e4, 1e8):
             one = touch(field=field, pressure=5e7 * field, believed=end, actual=end)
             applied("arm_compliance", one, tip, stiffness=stiffness)
             bent = 5e3 * (16 * 0.8e-3) ** 2 / stiffness
-            assert np.allclose(one.believed[:3] - end[:3], bent * axes[:, 2], atol=1e-16)
-            assert np.array_equal(one.believed[3:], end[3:]) and np.array_equal(one.actual, end)
+            assert np.allclose(one.believed.position - end.position, bent * axes[:, 2], atol=1e-16)
+            assert np.array_equal(one.believed.axes, end.axes) and np.array_equal(
+                one.actual.array, end.array
+            )

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import split_pose
 from palpate.core.touch import Fingertip, SimulatedTouch, assemble
 from tests.core.touch.touches import DENT, X, Y, above, applied, finger, touch
 
@@ -46,7 +45,7 @@ def by_single_rays(one: SimulatedTouch, tip: Fingertip | None = None) -> Simulat
 
 def seen(tip: Fingertip, one: SimulatedTouch, width: float, rays: int, reduce: Any) -> Floats:
     """What the elements report at the end of a move, element by element."""
-    pad, (position, axes) = tip.pad, split_pose(one.actual)
+    pad, (position, axes) = tip.pad, one.actual
     offsets = ((np.arange(rays) + 0.5) / rays - 0.5) * width * pad.pitch
     found = np.zeros((pad.rows, pad.cols))
     for place, x, y in zip(np.ndindex(found.shape), *map(np.ravel, pad.grid()), strict=True):

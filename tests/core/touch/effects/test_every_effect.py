@@ -88,7 +88,7 @@ def test_the_ends_of_a_range_give_finite_touches(name, field, allowed):
             given["rate"] = 0.0  # the two are shares of the same taxels
         for one in series(assemble(finger(), [effect_type(name)(**given)])):
             assert np.isfinite(one.reading).all() and (one.pressure >= 0.0).all()
-            assert np.isfinite([*one.believed, *one.actual, one.pressure.max()]).all()
+            assert np.isfinite([*one.believed.array, *one.actual.array, one.pressure.max()]).all()
 
 
 @EACH
