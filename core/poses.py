@@ -138,31 +138,6 @@ def advanced_pose(pose: Floats, way: float) -> Floats:
     return moved
 
 
-def turned_pose(pose: Floats, shift: Sequence[float], turn: Sequence[float]) -> Floats:
-    """A pose (7,) shifted, m, and turned by a rotation vector, rad, both in its own frame."""
-    px, py, pz, x, y, z, w = pose.tolist()
-    a, b, c = shift
-    # v + 2 q x (q x v + w v), the rotation of the shift by the quaternion.
-    u, v, t = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
-    position = (
-        px + a + 2 * (y * t - z * v),
-        py + b + 2 * (z * u - x * t),
-        pz + c + 2 * (x * v - y * u),
-    )
-    angle = math.hypot(*turn)
-    scale = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-    a, b, c = (scale * part for part in turn)
-    d = math.cos(0.5 * angle)
-    turned = (
-        w * a + x * d + y * c - z * b,
-        w * b - x * c + y * d + z * a,
-        w * c + x * b - y * a + z * d,
-        w * d - x * a - y * b - z * c,
-    )
-    length = math.hypot(*turned)
-    return np.array((*position, *(part / length for part in turned)))
-
-
 def transform_points(pose: Floats, points: Floats) -> Floats:
     """Points (n, 3) given in the frame `pose`, in the outer frame."""
     position, matrix = split_pose(pose)

@@ -180,11 +180,6 @@ def _travel_durations(preset: RobotPreset, ways: Floats) -> Floats:
     return np.where(ways >= preset.speed * ramp, ways / preset.speed + ramp, short)
 
 
-def elapsed_seconds(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> Floats:
-    """Robot time at the end of each move, (n,), s: the sum of all durations so far."""
-    return np.cumsum(move_durations(moves, robot).total())
-
-
 # ``modern``: a collaborative arm. ``puma``: an arm of the 1990s. Both are assumptions.
 ROBOT_PRESETS: Mapping[str, RobotPreset] = {
     "modern": RobotPreset(

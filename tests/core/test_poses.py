@@ -10,6 +10,7 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import (
     FACING_DOWN,
     IDENTITY_POSE,
+    Pose,
     advanced_pose,
     axes_along,
     compose_poses,
@@ -24,7 +25,6 @@ from palpate.core.poses import (
     rotations_from_vectors,
     split_pose,
     transform_points,
-    turned_pose,
 )
 
 ROUNDING = 4e-15
@@ -108,12 +108,13 @@ def test_poses_compose_as_transformations():
         assert np.allclose(advanced_pose(outer, 0.02)[:3], ahead[:3], rtol=0, atol=ROUNDING * 10)
         assert np.array_equal(advanced_pose(outer, 0.02)[3:], outer[3:])
         shift, turn = [0.01, -0.02, 0.03], 0.1 * number * UNITS[number]
-        moved = compose_poses(
-            outer, pose_of(np.array(shift), rotations_from_vectors(turn[None])[0])
-        )
-        found = turned_pose(outer, shift, turn)
-        assert np.allclose(found[:3], moved[:3], rtol=0, atol=1e-14)
-        assert abs(found[3:] @ moved[3:]) == pytest.approx(1.0, abs=ROUNDING)
+        pose = Pose.from_array(outer)
+        moved = pose @ Pose(np.array(shift), rotations_from_vectors(turn[None])[0])
+        found = pose.turned(shift, turn)
+        assert np.allclose(found.position, moved.position, rtol=0, atol=1e-14)
+        assert np.allclose(found.axes, moved.axes, rtol=0, atol=1e-15)
+        assert np.allclose(pose.to_local(pose.to_outer(points)), points, rtol=0, atol=1e-13)
+        assert np.allclose(abs(pose.array[3:] @ outer[3:]), 1.0, rtol=0, atol=ROUNDING)
     assert np.array_equal(transform_points(IDENTITY_POSE, points), points)
     assert not IDENTITY_POSE.flags.writeable and not FACING_DOWN.flags.writeable
 

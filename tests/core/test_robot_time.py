@@ -17,7 +17,6 @@ from palpate.core.robot_time import (
     MoveGeometry,
     RobotPreset,
     contact_seconds,
-    elapsed_seconds,
     free_seconds,
     longest_seconds,
     move_between,
@@ -66,7 +65,7 @@ def test_presets_take_the_times_of_their_decades():
     assert 0.9 < modern < 1.5 and 2.4 < puma < 3.6
     row = (0.0, 0.012, 0.35, 0.004)
     made = MoveGeometry.of_rows([(*row, LIFTED), *((*row, 0.006) for _ in range(20))])
-    ends = {name: elapsed_seconds(made, robot)[-1] for name, robot in ROBOTS.items()}
+    ends = {name: move_durations(made, robot).total().sum() for name, robot in ROBOTS.items()}
     assert ends["sliding"] < ends["modern"] < 0.5 * ends["puma"]
 
 
@@ -82,11 +81,10 @@ def test_moves_together_cost_what_each_costs_alone(rows: list[tuple[float, ...]]
             wait + free_seconds(robot, travel, turn) + contact_seconds(robot, approach)
             for wait, travel, turn, approach in rows
         ]
-        assert elapsed_seconds(made, ROBOTS[name]) == pytest.approx(np.cumsum(each), rel=1e-12)
-        assert move_durations(made, robot).total() == pytest.approx(each)
+        assert move_durations(made, robot).total() == pytest.approx(each, rel=1e-12)
     # A robot that finds no surface to slide on is the modern one.
-    slid = elapsed_seconds(made, SLIDING)
-    assert np.array_equal(slid, elapsed_seconds(made, ROBOT_PRESETS["modern"]))
+    slid, modern = (move_durations(made, one) for one in (SLIDING, ROBOT_PRESETS["modern"]))
+    assert np.array_equal(slid.total(), modern.total())
 
 
 def test_sliding_has_neither_approach_nor_retreat():
@@ -106,9 +104,8 @@ def test_sliding_has_neither_approach_nor_retreat():
     rest = arm.dwell + 2 * arm.overhead
     assert parts.dwell == pytest.approx([rest, SLIDING.frame, SLIDING.frame, rest])
     assert parts.retract == pytest.approx([0.0, 0.0, 0.02 / arm.retract, 0.03 / arm.retract])
-    assert np.cumsum(parts.total()) == pytest.approx(elapsed_seconds(made, SLIDING))
     none = MoveGeometry.of_rows(np.zeros((0, 5)))
-    assert all(len(elapsed_seconds(none, robot)) == 0 for robot in ROBOTS.values())
+    assert all(len(move_durations(none, robot).total()) == 0 for robot in ROBOTS.values())
 
 
 SPEEDS, TIMES = ("speed", "acceleration", "turning", "approach", "retract"), ("dwell", "overhead")
