@@ -6,21 +6,27 @@ may be tuned; the equations follow from geometry alone. It rests on core arrays.
 """
 
 from palpate.core.cones.features import (
-    ContactFeature,
-    Feature,
-    FeatureGroup,
-    FeaturePlace,
-    feature_of_contact,
+    ContactFeature as ContactFeature,
+    Feature as Feature,
+    FeatureGroup as FeatureGroup,
+    FeaturePlace as FeaturePlace,
+    feature_of_contact as feature_of_contact,
 )
-from palpate.core.cones.interpretation import Interpretation, interpretations
+from palpate.core.cones.interpretation import (
+    Interpretation as Interpretation,
+    interpretations as interpretations,
+)
 from palpate.core.cones.solving import (
-    ConeOrientation,
-    ConeOrigin,
-    InsufficientFeaturesError,
-    ScaledRadius,
-    residual_sigma,
-    scaled_radii,
-    solve_orientation,
-    solve_origin,
+    ConeOrientation as ConeOrientation,
+    ConeOrigin as ConeOrigin,
+    InsufficientFeaturesError as InsufficientFeaturesError,
+    ScaledRadius as ScaledRadius,
+    residual_sigma as residual_sigma,
+    scaled_radii as scaled_radii,
+    solve_orientation as solve_orientation,
+    solve_origin as solve_origin,
 )
-from palpate.core.cones.tables import TableRow, row_of
+from palpate.core.cones.tables import (
+    TableRow as TableRow,
+    row_of as row_of,
+)

@@ -6,21 +6,21 @@ so that a recorded run can be explored again. It rests on core touch, shapes and
 """
 
 from palpate.core.explore.free_space import (
-    TOUCHED,
-    VOXEL,
-    Longs,
-    SpaceMap,
-    empty_map,
-    spanned_places,
-    swept_places,
+    TOUCHED as TOUCHED,
+    VOXEL as VOXEL,
+    Longs as Longs,
+    SpaceMap as SpaceMap,
+    empty_map as empty_map,
+    spanned_places as spanned_places,
+    swept_places as swept_places,
 )
 from palpate.core.explore.survey import (
-    APART,
-    FEATURE_SHARE,
-    Demand,
-    ModelUncertainty,
-    Survey,
-    TracedContour,
-    next_finished,
-    widened,
+    APART as APART,
+    FEATURE_SHARE as FEATURE_SHARE,
+    Demand as Demand,
+    ModelUncertainty as ModelUncertainty,
+    Survey as Survey,
+    TracedContour as TracedContour,
+    next_finished as next_finished,
+    widened as widened,
 )

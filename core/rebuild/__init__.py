@@ -7,7 +7,22 @@ be replaced alone. It rests on the rooms below (contours, side, ends, surface, l
 and on `palpate.core.thesis`.
 """
 
-from palpate.core.rebuild.general import GeneralSolid, rebuild_general
-from palpate.core.rebuild.protocol import HasTriangles, MeshSolid, Solid, SolidCheck, SolidMeasures
-from palpate.core.rebuild.reconstruction import fit_coarse, reconstruct
-from palpate.core.rebuild.solid import LatticeSolid, Method
+from palpate.core.rebuild.general import (
+    GeneralSolid as GeneralSolid,
+    rebuild_general as rebuild_general,
+)
+from palpate.core.rebuild.protocol import (
+    HasTriangles as HasTriangles,
+    MeshSolid as MeshSolid,
+    Solid as Solid,
+    SolidCheck as SolidCheck,
+    SolidMeasures as SolidMeasures,
+)
+from palpate.core.rebuild.reconstruction import (
+    fit_coarse as fit_coarse,
+    reconstruct as reconstruct,
+)
+from palpate.core.rebuild.solid import (
+    LatticeSolid as LatticeSolid,
+    Method as Method,
+)

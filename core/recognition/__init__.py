@@ -9,20 +9,25 @@ no file, scene or run.
 """
 
 from palpate.core.recognition.description import (
-    FEATURES,
-    Description,
-    ShapeFeature,
-    describe,
-    feature_vector,
+    FEATURES as FEATURES,
+    Description as Description,
+    ShapeFeature as ShapeFeature,
+    describe as describe,
+    feature_vector as feature_vector,
 )
 from palpate.core.recognition.matching import (
-    NONE,
-    UNCERTAINTY,
-    Difference,
-    ObjectModels,
-    Recognition,
-    differences,
-    object_models,
-    recognise,
+    NONE as NONE,
+    UNCERTAINTY as UNCERTAINTY,
+    Difference as Difference,
+    ObjectModels as ObjectModels,
+    Recognition as Recognition,
+    differences as differences,
+    object_models as object_models,
+    recognise as recognise,
 )
-from palpate.core.recognition.scatter import LEARNED_NOISE, Scatter, learn_scatter, noisy_copy
+from palpate.core.recognition.scatter import (
+    LEARNED_NOISE as LEARNED_NOISE,
+    Scatter as Scatter,
+    learn_scatter as learn_scatter,
+    noisy_copy as noisy_copy,
+)

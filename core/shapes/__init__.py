@@ -10,57 +10,78 @@ them.
 """
 
 from palpate.core.shapes.boolean_solids import (
-    BooleanShape,
-    Intersection,
-    Tree,
-    Union,
-    complement_of,
-    difference,
+    BooleanShape as BooleanShape,
+    Intersection as Intersection,
+    Tree as Tree,
+    Union as Union,
+    complement_of as complement_of,
+    difference as difference,
 )
 from palpate.core.shapes.deformed_superquadrics import (
-    DeformedSuperquadric,
-    FittedSuperquadric,
-    largest_curvature,
+    DeformedSuperquadric as DeformedSuperquadric,
+    FittedSuperquadric as FittedSuperquadric,
+    largest_curvature as largest_curvature,
 )
-from palpate.core.shapes.face_cutting import cut_faces
+from palpate.core.shapes.face_cutting import (
+    cut_faces as cut_faces,
+)
 from palpate.core.shapes.generalised_cylinders import (
-    GeneralisedCylinder,
-    Section,
-    SplineSection,
-    SuperellipseSection,
+    GeneralisedCylinder as GeneralisedCylinder,
+    Section as Section,
+    SplineSection as SplineSection,
+    SuperellipseSection as SuperellipseSection,
 )
-from palpate.core.shapes.global_deformations import Bend, Taper
-from palpate.core.shapes.half_spaces import HalfSpace
-from palpate.core.shapes.hyperquadrics import Dent, Hyperquadric
-from palpate.core.shapes.mending import mend_mesh
-from palpate.core.shapes.polyhedra import Polyhedron, WingedEdges
+from palpate.core.shapes.global_deformations import (
+    Bend as Bend,
+    Taper as Taper,
+)
+from palpate.core.shapes.half_spaces import (
+    HalfSpace as HalfSpace,
+)
+from palpate.core.shapes.hyperquadrics import (
+    Dent as Dent,
+    Hyperquadric as Hyperquadric,
+)
+from palpate.core.shapes.mending import (
+    mend_mesh as mend_mesh,
+)
+from palpate.core.shapes.polyhedra import (
+    Polyhedron as Polyhedron,
+    WingedEdges as WingedEdges,
+)
 from palpate.core.shapes.protocol import (
-    INSIDE,
-    MISS,
-    ImplicitShape,
-    Mesh,
-    PosedShape,
-    PosedSolid,
-    Shape,
+    INSIDE as INSIDE,
+    MISS as MISS,
+    ImplicitShape as ImplicitShape,
+    Mesh as Mesh,
+    PosedShape as PosedShape,
+    PosedSolid as PosedSolid,
+    Shape as Shape,
 )
 from palpate.core.shapes.superquadric_measures import (
-    MassMoments,
-    area_samples,
-    sampled_surface,
-    superquadric_moments,
-    superquadric_volume,
+    MassMoments as MassMoments,
+    area_samples as area_samples,
+    sampled_surface as sampled_surface,
+    superquadric_moments as superquadric_moments,
+    superquadric_volume as superquadric_volume,
 )
 from palpate.core.shapes.superquadrics import (
-    LARGEST_EXPONENT,
-    LEAST_EXPONENT,
-    PNorm,
-    PNormCurvature,
-    Superquadric,
-    inside_outside,
-    p_norm,
-    p_norm_curvature,
-    regular_points,
-    trigonometric_points,
+    LARGEST_EXPONENT as LARGEST_EXPONENT,
+    LEAST_EXPONENT as LEAST_EXPONENT,
+    PNorm as PNorm,
+    PNormCurvature as PNormCurvature,
+    Superquadric as Superquadric,
+    inside_outside as inside_outside,
+    p_norm as p_norm,
+    p_norm_curvature as p_norm_curvature,
+    regular_points as regular_points,
+    trigonometric_points as trigonometric_points,
 )
-from palpate.core.shapes.tessellations import grid_surface, isosurface
-from palpate.core.shapes.triangle_meshes import DeformedShape, TriangleShape
+from palpate.core.shapes.tessellations import (
+    grid_surface as grid_surface,
+    isosurface as isosurface,
+)
+from palpate.core.shapes.triangle_meshes import (
+    DeformedShape as DeformedShape,
+    TriangleShape as TriangleShape,
+)

@@ -5,11 +5,14 @@ shell the control polygons of contours, its core what fits inside, as corrected 
 on core splines, shapes and geometry; `palpate.core.rebuild` offers it as "thesis".
 """
 
-from palpate.core.thesis.layers import fit_closed_curve_thesis, invert_thesis
+from palpate.core.thesis.layers import (
+    fit_closed_curve_thesis as fit_closed_curve_thesis,
+    invert_thesis as invert_thesis,
+)
 from palpate.core.thesis.rebuilding import (
-    ThesisSolid,
-    interpolated_parameters,
-    match_contour,
-    ray_azimuths,
-    rebuild_thesis,
+    ThesisSolid as ThesisSolid,
+    interpolated_parameters as interpolated_parameters,
+    match_contour as match_contour,
+    ray_azimuths as ray_azimuths,
+    rebuild_thesis as rebuild_thesis,
 )

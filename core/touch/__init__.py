@@ -7,58 +7,70 @@ sources. It rests on core arrays, frames and geometry, and on the protocol of sh
 """
 
 from palpate.core.touch.curvature import (
-    LocalCurvature,
-    Patch,
-    PatchKind,
-    begin_fusion,
-    fit_patch,
-    fuse,
-    surface_patch,
+    LocalCurvature as LocalCurvature,
+    Patch as Patch,
+    PatchKind as PatchKind,
+    begin_fusion as begin_fusion,
+    fit_patch as fit_patch,
+    fuse as fuse,
+    surface_patch as surface_patch,
 )
-from palpate.core.touch.faults import FAULTS, FrameFault, frame_fault, is_repeated
+from palpate.core.touch.faults import (
+    FAULTS as FAULTS,
+    FrameFault as FrameFault,
+    frame_fault as frame_fault,
+    is_repeated as is_repeated,
+)
 from palpate.core.touch.filters import (
-    FilterOrder,
-    adaptive_wiener,
-    clean,
-    median_filter,
-    median_then_wiener,
-    neighbourhoods,
-    remove_impulses,
-    wiener_then_median,
+    FilterOrder as FilterOrder,
+    adaptive_wiener as adaptive_wiener,
+    clean as clean,
+    median_filter as median_filter,
+    median_then_wiener as median_then_wiener,
+    neighbourhoods as neighbourhoods,
+    remove_impulses as remove_impulses,
+    wiener_then_median as wiener_then_median,
 )
 from palpate.core.touch.forms import (
-    PrincipalCurvatures,
-    ShapeOperator,
-    graph_shape_operator,
-    principal_curvatures,
+    PrincipalCurvatures as PrincipalCurvatures,
+    ShapeOperator as ShapeOperator,
+    graph_shape_operator as graph_shape_operator,
+    principal_curvatures as principal_curvatures,
 )
-from palpate.core.touch.jet import Jet, fit_jet, fit_robust_jet, monomials
+from palpate.core.touch.jet import (
+    Jet as Jet,
+    fit_jet as fit_jet,
+    fit_robust_jet as fit_robust_jet,
+    monomials as monomials,
+)
 from palpate.core.touch.pad import (
-    CONTACT,
-    HITS,
-    SPRINGS,
-    Calibration,
-    FaceModel,
-    Pad,
-    Signal,
-    TouchOutcome,
-    contact_mask,
-    guarded_move,
+    CONTACT as CONTACT,
+    HITS as HITS,
+    SPRINGS as SPRINGS,
+    Calibration as Calibration,
+    FaceModel as FaceModel,
+    Pad as Pad,
+    Signal as Signal,
+    TouchOutcome as TouchOutcome,
+    contact_mask as contact_mask,
+    guarded_move as guarded_move,
 )
 from palpate.core.touch.pipeline import (
-    Effect,
-    Fingertip,
-    KeyedRandom,
-    Phase,
-    Pipeline,
-    SimulatedTouch,
-    Stage,
-    StageStates,
-    assemble,
+    Effect as Effect,
+    Fingertip as Fingertip,
+    KeyedRandom as KeyedRandom,
+    Phase as Phase,
+    Pipeline as Pipeline,
+    SimulatedTouch as SimulatedTouch,
+    Stage as Stage,
+    StageStates as StageStates,
+    assemble as assemble,
 )
-from palpate.core.touch.surface_points import surface_points
+from palpate.core.touch.surface_points import (
+    surface_points as surface_points,
+)
 from palpate.core.touch.taxel_calibration import (
-    CalibrationEstimate,
-    CalibrationTouches,
-    estimate_calibration,
+    CalibrationEstimate as CalibrationEstimate,
+    CalibrationTouches as CalibrationTouches,
+    estimate_calibration as estimate_calibration,
 )

@@ -76,7 +76,7 @@ LENGTHS = st.floats(0.0, 0.3)
 @given(st.lists(st.tuples(st.floats(0.0, 5.0), LENGTHS, LENGTHS, LENGTHS), min_size=1, max_size=8))
 def test_moves_together_cost_what_each_costs_alone(rows: list[tuple[float, ...]]):
     made = MoveGeometry.of_rows([(*row, LIFTED) for row in rows])
-    for name, robot in ROBOT_PRESETS.items():
+    for robot in ROBOT_PRESETS.values():
         each = [
             wait + free_seconds(robot, travel, turn) + contact_seconds(robot, approach)
             for wait, travel, turn, approach in rows

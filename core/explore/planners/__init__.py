@@ -6,55 +6,81 @@ on core arrays and ranges alone, and touches nothing: lengths are shares of the 
 """
 
 from palpate.core.explore.planners.coverage import (
-    Estimate,
-    Span,
-    estimate_error,
-    free_height,
-    longest_first,
-    profile_of,
-    untouched_spans,
-    untraceable_height,
+    Estimate as Estimate,
+    Span as Span,
+    estimate_error as estimate_error,
+    free_height as free_height,
+    longest_first as longest_first,
+    profile_of as profile_of,
+    untouched_spans as untouched_spans,
+    untraceable_height as untraceable_height,
 )
-from palpate.core.explore.planners.fuzzy import Fuzzy
-from palpate.core.explore.planners.predicted import COVERING, UNTOUCHED, Predicted
+from palpate.core.explore.planners.fuzzy import (
+    Fuzzy as Fuzzy,
+)
+from palpate.core.explore.planners.predicted import (
+    COVERING as COVERING,
+    UNTOUCHED as UNTOUCHED,
+    Predicted as Predicted,
+)
 from palpate.core.explore.planners.protocol import (
-    ALL_REACHED,
-    END_SHARE,
-    LEAST_FEATURE,
-    PLANNER_NAMES,
-    Budget,
-    Choice,
-    Height,
-    Observation,
-    ObservedSlice,
-    Planner,
-    SliceOutcome,
-    Stop,
-    Touch,
-    Wait,
-    WrongChoiceError,
-    check_choice,
-    exhausted_budget,
-    first_and_last,
-    make_planner,
-    planner_type,
-    settled_height,
-    slice_without_contour,
+    ALL_REACHED as ALL_REACHED,
+    END_SHARE as END_SHARE,
+    LEAST_FEATURE as LEAST_FEATURE,
+    PLANNER_NAMES as PLANNER_NAMES,
+    Budget as Budget,
+    Choice as Choice,
+    Height as Height,
+    Observation as Observation,
+    ObservedSlice as ObservedSlice,
+    Planner as Planner,
+    SliceOutcome as SliceOutcome,
+    Stop as Stop,
+    Touch as Touch,
+    Wait as Wait,
+    WrongChoiceError as WrongChoiceError,
+    check_choice as check_choice,
+    exhausted_budget as exhausted_budget,
+    first_and_last as first_and_last,
+    make_planner as make_planner,
+    planner_type as planner_type,
+    settled_height as settled_height,
+    slice_without_contour as slice_without_contour,
 )
-from palpate.core.explore.planners.surface import ObservedSurface, OpenArea, Progress, TouchOffer
-from palpate.core.explore.planners.thesis import TEMPLATES, Thesis, polyline_of
-from palpate.core.explore.planners.touches import Touches, next_touch
+from palpate.core.explore.planners.surface import (
+    ObservedSurface as ObservedSurface,
+    OpenArea as OpenArea,
+    Progress as Progress,
+    TouchOffer as TouchOffer,
+)
+from palpate.core.explore.planners.thesis import (
+    TEMPLATES as TEMPLATES,
+    Thesis as Thesis,
+    polyline_of as polyline_of,
+)
+from palpate.core.explore.planners.touches import (
+    Touches as Touches,
+    next_touch as next_touch,
+)
 from palpate.core.explore.planners.trial import (
-    AROUND,
-    EXTENT,
-    MOST_CONTOURS_PLANNED,
-    TUNED,
-    PlannerTrial,
-    Radius,
-    lost_slice,
-    measure_side,
-    observation_of,
-    run_planner,
+    AROUND as AROUND,
+    EXTENT as EXTENT,
+    MOST_CONTOURS_PLANNED as MOST_CONTOURS_PLANNED,
+    TUNED as TUNED,
+    PlannerTrial as PlannerTrial,
+    Radius as Radius,
+    lost_slice as lost_slice,
+    measure_side as measure_side,
+    observation_of as observation_of,
+    run_planner as run_planner,
 )
-from palpate.core.explore.planners.uniform import Uniform
-from palpate.core.explore.planners.verdict import Criterion, Findings, Limits, Verdict, judge
+from palpate.core.explore.planners.uniform import (
+    Uniform as Uniform,
+)
+from palpate.core.explore.planners.verdict import (
+    Criterion as Criterion,
+    Findings as Findings,
+    Limits as Limits,
+    Verdict as Verdict,
+    judge as judge,
+)

@@ -6,10 +6,12 @@ depth of a plain touch (tracing).
 """
 
 from palpate.core.explore.probing.ends import (
-    End,
-    EndObservation,
-    ProbeCommand,
-    ProbeResult,
-    SideContour,
+    End as End,
+    EndObservation as EndObservation,
+    ProbeCommand as ProbeCommand,
+    ProbeResult as ProbeResult,
+    SideContour as SideContour,
 )
-from palpate.core.explore.probing.rule import next_probe
+from palpate.core.explore.probing.rule import (
+    next_probe as next_probe,
+)

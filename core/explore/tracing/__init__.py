@@ -6,18 +6,18 @@ tracer calls `next_command` and `after_touch`.
 """
 
 from palpate.core.explore.tracing.contour_path import (
-    TOUCH_DEPTH,
-    Gap,
-    SliceArc,
-    SliceSpec,
-    TouchCommand,
-    arc_in_slice,
-    deepest_point,
+    TOUCH_DEPTH as TOUCH_DEPTH,
+    Gap as Gap,
+    SliceArc as SliceArc,
+    SliceSpec as SliceSpec,
+    TouchCommand as TouchCommand,
+    arc_in_slice as arc_in_slice,
+    deepest_point as deepest_point,
 )
 from palpate.core.explore.tracing.contour_trace import (
-    Trace,
-    TraceGoal,
-    TraceStatus,
-    after_touch,
-    next_command,
+    Trace as Trace,
+    TraceGoal as TraceGoal,
+    TraceStatus as TraceStatus,
+    after_touch as after_touch,
+    next_command as next_command,
 )

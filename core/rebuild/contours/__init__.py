@@ -7,43 +7,45 @@ geometry and closed curves of `palpate.core.splines`; nothing here knows of surf
 """
 
 from palpate.core.rebuild.contours.contacts import (
-    ContactPoints,
-    checked_contacts,
-    contacts_into_frame,
-    into_frame,
-    normals_as_points,
-    slicing_pose,
-    stack_points,
-    taxel_pitch,
+    ContactPoints as ContactPoints,
+    checked_contacts as checked_contacts,
+    contacts_into_frame as contacts_into_frame,
+    into_frame as into_frame,
+    normals_as_points as normals_as_points,
+    slicing_pose as slicing_pose,
+    stack_points as stack_points,
+    taxel_pitch as taxel_pitch,
 )
 from palpate.core.rebuild.contours.curves import (
-    CUBIC_GAIN,
-    ContourCurve,
-    DroppedContour,
-    are_nearly_star_shaped,
-    are_star_shaped,
-    contour_curves,
-    drop_reasons,
-    quadric_terms,
-    refitted_curve,
+    CUBIC_GAIN as CUBIC_GAIN,
+    ContourCurve as ContourCurve,
+    DroppedContour as DroppedContour,
+    are_nearly_star_shaped as are_nearly_star_shaped,
+    are_star_shaped as are_star_shaped,
+    contour_curves as contour_curves,
+    drop_reasons as drop_reasons,
+    quadric_terms as quadric_terms,
+    refitted_curve as refitted_curve,
 )
-from palpate.core.rebuild.contours.ordering import order_points
+from palpate.core.rebuild.contours.ordering import (
+    order_points as order_points,
+)
 from palpate.core.rebuild.contours.outliers import (
-    FeatureCandidate,
-    inconsistent_contours,
-    look_like_features,
-    neighbour_misfits,
-    point_outliers,
+    FeatureCandidate as FeatureCandidate,
+    inconsistent_contours as inconsistent_contours,
+    look_like_features as look_like_features,
+    neighbour_misfits as neighbour_misfits,
+    point_outliers as point_outliers,
 )
 from palpate.core.rebuild.contours.prediction import (
-    interpolation_errors,
-    neighbour_weights,
-    slid_grid,
+    interpolation_errors as interpolation_errors,
+    neighbour_weights as neighbour_weights,
+    slid_grid as slid_grid,
 )
 from palpate.core.rebuild.contours.slices import (
-    Correspondence,
-    Slices,
-    match_slices,
-    restack,
-    stack_curves,
+    Correspondence as Correspondence,
+    Slices as Slices,
+    match_slices as match_slices,
+    restack as restack,
+    stack_curves as stack_curves,
 )

@@ -5,13 +5,20 @@ over a narrow band of cells, whose control values are a lattice. Weights and siz
 tuned. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
 """
 
-from palpate.core.rebuild.general.orientation import Orientation, oriented
-from palpate.core.rebuild.general.rebuilding import fitting_cell, is_flat, rebuild_general
+from palpate.core.rebuild.general.orientation import (
+    Orientation as Orientation,
+    oriented as oriented,
+)
+from palpate.core.rebuild.general.rebuilding import (
+    fitting_cell as fitting_cell,
+    is_flat as is_flat,
+    rebuild_general as rebuild_general,
+)
 from palpate.core.rebuild.general.solid import (
-    FEW_FOLDS,
-    FINE,
-    FOLDS,
-    GeneralSolid,
-    touch_distances,
-    touch_squares,
+    FEW_FOLDS as FEW_FOLDS,
+    FINE as FINE,
+    FOLDS as FOLDS,
+    GeneralSolid as GeneralSolid,
+    touch_distances as touch_distances,
+    touch_squares as touch_squares,
 )

@@ -8,10 +8,10 @@ on a recovered superquadric as prior.
 """
 
 from palpate.core.rebuild.lattice.fit import (
-    LatticeFit,
-    LatticeGrid,
-    LatticeSide,
-    fit_lattice,
-    lattice_grid,
-    refine_lattice,
+    LatticeFit as LatticeFit,
+    LatticeGrid as LatticeGrid,
+    LatticeSide as LatticeSide,
+    fit_lattice as fit_lattice,
+    lattice_grid as lattice_grid,
+    refine_lattice as refine_lattice,
 )

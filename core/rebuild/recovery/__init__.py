@@ -5,6 +5,14 @@ thresholds of warnings may be tuned; distances and derivatives are closed forms.
 `palpate.core.shapes` and the batched least squares of core; it knows no contours.
 """
 
-from palpate.core.rebuild.recovery.distances import Warps, distances_alone, normal_distances
-from palpate.core.rebuild.recovery.fitting import recover
-from palpate.core.rebuild.recovery.report import Recovery
+from palpate.core.rebuild.recovery.distances import (
+    Warps as Warps,
+    distances_alone as distances_alone,
+    normal_distances as normal_distances,
+)
+from palpate.core.rebuild.recovery.fitting import (
+    recover as recover,
+)
+from palpate.core.rebuild.recovery.report import (
+    Recovery as Recovery,
+)

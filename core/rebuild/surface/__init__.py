@@ -6,21 +6,21 @@ It rests on `palpate.core.rebuild.ends` for what closes a side, and on `palpate.
 """
 
 from palpate.core.rebuild.surface.closed import (
-    EndPatch,
-    Patch,
-    SampledPatch,
-    Surface,
-    close_surface,
-    closed_surface,
-    measure_surface,
-    placed,
-    sampled_patch,
+    EndPatch as EndPatch,
+    Patch as Patch,
+    SampledPatch as SampledPatch,
+    Surface as Surface,
+    close_surface as close_surface,
+    closed_surface as closed_surface,
+    measure_surface as measure_surface,
+    placed as placed,
+    sampled_patch as sampled_patch,
 )
 from palpate.core.rebuild.surface.meshing import (
-    DEFAULT_TOLERANCE,
-    SurfaceMesh,
-    SurfaceSearch,
-    grid_mesh,
-    mesh_surface,
-    search_surface,
+    DEFAULT_TOLERANCE as DEFAULT_TOLERANCE,
+    SurfaceMesh as SurfaceMesh,
+    SurfaceSearch as SurfaceSearch,
+    grid_mesh as grid_mesh,
+    mesh_surface as mesh_surface,
+    search_surface as search_surface,
 )

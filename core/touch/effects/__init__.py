@@ -6,4 +6,8 @@ them, or name a class of your own as ``module:Class``. It rests on `palpate.core
 file of effects imports another.
 """
 
-from palpate.core.touch.effects.catalogue import EFFECT_NAMES, effect_type, rank
+from palpate.core.touch.effects.catalogue import (
+    EFFECT_NAMES as EFFECT_NAMES,
+    effect_type as effect_type,
+    rank as rank,
+)
