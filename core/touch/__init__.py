@@ -66,7 +66,7 @@ from palpate.core.touch.pipeline import (
     StageStates as StageStates,
     assemble as assemble,
 )
-from palpate.core.touch.surface_points import (
+from palpate.core.touch.points import (
     surface_points as surface_points,
 )
 from palpate.core.touch.taxel_calibration import (
