@@ -46,9 +46,10 @@ def peer_rows(quick: bool, *, sheet: Path | None = None) -> Iterator[Row | str]:
     `sheet`: folder for ``rebuilt_shapes.png``.
     """
     if sheet is not None:
-        from palpate.bench.pictures import draw_shapes, write_picture
+        from palpate.bench.pictures import draw_shapes
+        from palpate.launch.charts import write_figure
 
-        yield f"{write_picture(draw_shapes(), sheet, 'rebuilt_shapes.png')}"
+        yield f"{write_figure(draw_shapes(), sheet / 'rebuilt_shapes.png')}"
     noisy = QUICK_SEEDS if quick else SEEDS
     with single_threaded():
         floor = float(np.mean([truth_of(name).floor for name in REBUILT_SHAPES]))

@@ -144,9 +144,10 @@ def growth_rows(quick: bool, *, sheet: Path | None = None) -> Iterator[Growth | 
                 found.append(growth)
                 yield growth
     if sheet is not None:
-        from palpate.bench.pictures import draw_growths, write_picture
+        from palpate.bench.pictures import draw_growths
+        from palpate.launch.charts import write_figure
 
-        yield f"{write_picture(draw_growths(found), sheet, 'scaling.png')}"
+        yield f"{write_figure(draw_growths(found), sheet / 'scaling.png')}"
 
 
 @cache

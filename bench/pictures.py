@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -19,6 +18,7 @@ from palpate.bench.rebuilt import HALF, REBUILT_SHAPES, truth_of
 from palpate.core.geometry import nearest_points
 from palpate.core.rebuild import reconstruct
 from palpate.core.shapes import Mesh
+from palpate.launch import charts
 
 N_CONTOURS, N_POINTS = 9, 24  # Of each rebuilt shape, and of each contour
 MESH_TOLERANCE = 0.1  # [mm]
@@ -27,16 +27,10 @@ VIEW = (18.0, -60.0)  # Elevation and azimuth [deg]
 LIGHT = np.array([0.4, -0.8, 0.45])  # Direction towards the light
 
 
-def write_picture(figure: Figure, folder: Path, name: str) -> Path:
-    """Write a picture into a folder, which is made if it does not exist."""
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / name, dpi=100)
-    return folder / name
-
-
+@charts.styled
 def draw_growths(found: Sequence[Growth]) -> Figure:
     """A column for each, errors above and costs below, on logarithmic scales."""
-    figure = Figure(figsize=(3.2 * len(found), 6.0), layout="constrained")
+    figure = charts.new_figure(320.0 * len(found), 600.0)
     for column, one in enumerate(found):
         for row, names in enumerate((one.errors, one.costs)):
             if not names:
@@ -47,18 +41,19 @@ def draw_growths(found: Sequence[Growth]) -> Figure:
                 power = "" if law is None else f", power {law.exponent:+.2f}"
                 axes.loglog(one.sizes, one.means()[what], "o-", label=f"{what}{power}")
             if one.floor and not row:
-                axes.axhline(one.floor, color="0.6", linestyle=":", label="sampling floor")
+                axes.axhline(one.floor, color=charts.GREY, linestyle=":", label="sampling floor")
             axes.set_xticks(one.sizes, map(str, one.sizes))
             axes.minorticks_off()
             axes.margins(y=0.3)  # for the legend
-            axes.legend(fontsize=7)
-            axes.set_title("" if row and one.errors else one.name, fontsize=9)
+            axes.legend()
+            axes.set_title("" if row and one.errors else one.name)
     return figure
 
 
+@charts.styled
 def draw_shapes() -> Figure:
     """Three rows: contours on the object, palpate's solid and the loft, coloured by distance."""
-    figure = Figure(figsize=(2.0 * len(REBUILT_SHAPES), 7.4), layout="constrained")
+    figure = charts.new_figure(200.0 * len(REBUILT_SHAPES), 740.0)
     for column, (name, shape) in enumerate(REBUILT_SHAPES.items()):
         contours = noisy_contours(
             shape, (N_CONTOURS, N_POINTS), CONTOUR_NOISE, np.random.default_rng(0)
@@ -72,7 +67,7 @@ def draw_shapes() -> Figure:
             one.set_box_aspect((0.85, 0.85, 1.0), zoom=1.25)
             one.set_proj_type("ortho")
         for ring in contours:
-            axes[0].plot(*np.vstack([ring, ring[:1]]).T, color="k", linewidth=0.8)
+            axes[0].plot(*np.vstack([ring, ring[:1]]).T, color=charts.INK, linewidth=0.8)
         axes[0].set_title(name)
         _draw_distances(axes[1], name, Mesh(mesh.vertices, mesh.faces))
         _draw_distances(axes[2], name, loft(contours))

@@ -291,9 +291,10 @@ def _from_touch(vertices: Floats, distances: Floats, places: Floats) -> Floats:
 def _draw(path: Path, title: str, sides: Sequence[_Side]) -> None:
     """What of both faces the viewer, from all around and from below."""
     from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(15, 8), layout="constrained")
+    from palpate.launch import charts
+
+    figure = charts.new_figure(1200.0, 640.0)
     figure.suptitle(f"{title}: distance from the other, mm")
     norm, count = LogNorm(LEAST, MOST), len(VIEWS)
     for number, (side, (elevation, azimuth)) in enumerate(product(sides, VIEWS), start=1):
@@ -308,4 +309,4 @@ def _draw(path: Path, title: str, sides: Sequence[_Side]) -> None:
         axes.set_title(side.name, fontsize=9)
         axes.tick_params(labelsize=6)
     figure.colorbar(drawn, ax=figure.axes, shrink=0.6)
-    figure.savefig(path, dpi=80)
+    charts.write_figure(figure, path)

@@ -18,7 +18,7 @@ import numpy as np
 
 from palpate import __version__
 from palpate.core.explore.planners import Findings, Limits, Verdict, judge
-from palpate.launch.exchange_rate import cost_curve, draw_svg, time_by_step
+from palpate.launch.exchange_rate import cost_curve, time_by_step
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.mesh_file import mesh_sha256
 from palpate.launch.files.source_map import InputError
@@ -122,7 +122,9 @@ class RunDirectory:
     def write_summary(self, summary: Summary) -> None:
         """Write the figures, and what accuracy cost as a picture."""
         self.write_json(SUMMARY, summary)
-        self.write_text(COST_PICTURE, draw_svg(summary))
+        from palpate.launch.cost_chart import cost_svg  # matplotlib takes long to import
+
+        self.write_text(COST_PICTURE, cost_svg(summary))
 
 
 def _plain(value: Any) -> Any:

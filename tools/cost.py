@@ -23,7 +23,7 @@ from palpate.core.robot_time import (
     SlidingPreset,
     move_durations,
 )
-from palpate.launch.exchange_rate import draw_svg
+from palpate.launch.files.file_access import write_or_print
 from palpate.launch.files.source_map import InputError, hint
 from palpate.launch.printing import counted, text_table, titled
 from palpate.launch.run_directory import find_bag, read_summary
@@ -31,7 +31,6 @@ from palpate.messages import CodecError, decode
 from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame
 from palpate.nodes.runtime.node import recorded_nodes
-from palpate.tools.graph_drawing import write_drawing
 
 PARTS = ("travel", "approach", "dwell", "retract", "wait")  # Of a time, in the order told
 Phase = Literal["grasp", "contours", "probes", "other"]  # What a move was for; other without a goal
@@ -55,13 +54,15 @@ def plot_cost(run: Path, path: Path) -> None:
     """
     if str(path) != "-" and path.suffix != ".svg":
         raise InputError(f"--plot {path}: must end in .svg")
+    from palpate.launch.cost_chart import cost_svg  # matplotlib takes long to import
+
     summary = read_summary(run)
     try:
-        text = draw_svg(summary)
+        text = cost_svg(summary)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
         why = "its figures are not those of this version of palpate; run it again"
         raise InputError(f"{run}: {why}") from None
-    write_drawing(path, text)
+    write_or_print(path, text)
 
 
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from palpate.bench.accuracy import statistics
 from palpate.bench.accuracy.runs import Run
 from palpate.core.arrays import Floats
-from palpate.launch.files.file_access import write_atomically
+from palpate.launch import charts
 from palpate.tools.sweep.results import pareto_front
 
 COSTS = {
@@ -20,34 +20,30 @@ COSTS = {
     "robot": "robot time, s (grasp included)",
     "compute": "processor time, s (simulation included)",
 }
-# Told apart by those who see no colours, too: Okabe and Ito, 2008.
-COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CC79A7", "#999933", "#D55E00", "#000000")
-MARKS, GRID, DPI = "osvD^P*X", 400, 110
+MARKS, GRID = "osvD^P*X", 400
 
 
 def write_sheet(folder: Path, runs: Sequence[Run], first: str, which: str) -> None:
     """Write ``sheet.svg`` and ``sheet.png`` into a folder; `first` is drawn on top."""
     figure = draw_sheet(runs, first, which)
-
-    def save(part: Path) -> None:
-        figure.savefig(part, dpi=DPI)
-
-    write_atomically({folder / name: save for name in ("sheet.svg", "sheet.png")})
+    for name in ("sheet.svg", "sheet.png"):
+        charts.write_figure(figure, folder / name, "What accuracy costs")
 
 
+@charts.styled
 def draw_sheet(runs: Sequence[Run], first: str, which: str) -> Figure:
     """Targets reached, work against precision, and what is stated against what is true."""
     table = statistics.table_of(runs)
     names = sorted(table, key=lambda name: (name != first, name))
     looks = {
         name: {
-            "color": COLOURS[i % len(COLOURS)],
+            "color": charts.SERIES[i % len(charts.SERIES)],
             "marker": MARKS[i % len(MARKS)],
             "zorder": 3.0 + (name == first),
         }
         for i, name in enumerate(names)
     }
-    figure = Figure(figsize=(17.0, 6.0), layout="constrained")
+    figure = charts.new_figure(1700.0, 600.0)
     left, middle, right = figure.subplots(1, 3)
     _draw_reached(left, table, looks, which)
     _draw_work(middle, table, looks, which)
@@ -74,13 +70,13 @@ def _draw_reached(
         axes.fill_between(grid, one.low, one.high, step="post", color=color, alpha=0.12, lw=0)
         axes.plot(grid[-1], one.share[-1], mark, color=color, clip_on=False, label=name)
     axes.set(xscale="log", xlabel=COSTS[which], ylim=(0.0, 1.0), xlim=(grid[0], grid[-1]))
-    _plain_ticks(axes.xaxis)
+    charts.log_ticks(axes, "x")
     loose, strict = 100 * statistics.TARGETS[[0, -1]]
     spread = f"{loose:g} % to {strict:g} % of the height"
     axes.set_ylabel("share of (object, seed, target) reached")
-    axes.set_title(f"a. {len(statistics.TARGETS)} targets of rms error, {spread}", fontsize=11)
-    axes.legend(fontsize=8, loc="upper left", title="bands: 95 %, over objects", title_fontsize=8)
-    axes.grid(alpha=0.25)
+    axes.set_title(f"a. {len(statistics.TARGETS)} targets of rms error, {spread}")
+    axes.legend(loc="upper left", title="bands: 95 %, over objects")
+    axes.grid()
 
 
 def _draw_work(
@@ -100,22 +96,21 @@ def _draw_work(
     if medians:
         every = np.concatenate(medians)
         front = np.unique(every[pareto_front(*every.T)], axis=0)  # from the cheapest on
-        axes.plot(*front.T, color="black", lw=5.0, alpha=0.25, zorder=2.0, label="Pareto front")
+        axes.plot(*front.T, color=charts.INK, lw=5.0, alpha=0.25, zorder=2.0, label="Pareto front")
     floors = [
         run.sampling_floor_m / run.size_m
         for one in table.values()
         for some in one.values()
         for run in some
     ]
-    axes.axhspan(1e-9, 100.0 * float(np.median(floors)), color="0.85", zorder=1.0)
+    axes.axhspan(1e-9, 100.0 * float(np.median(floors)), color=charts.GRID, zorder=1.0)
     lowest = min((float(one[:, 1].min()) for one in medians), default=1e-2)
     axes.set(xscale="log", yscale="log", xlabel=COSTS[which], ylabel="rms error, % of the height")
     axes.set_ylim(bottom=0.5 * min(lowest, 100.0 * float(np.median(floors))))
-    for axis in (axes.xaxis, axes.yaxis):
-        _plain_ticks(axis)
-    axes.set_title("b. work and precision: medians, quartiles; grey: sampling floor", fontsize=11)
-    axes.legend(fontsize=8, loc="lower left")
-    axes.grid(alpha=0.25, which="both")
+    charts.log_ticks(axes)
+    axes.set_title("b. work and precision: medians, quartiles; grey: sampling floor")
+    axes.legend(loc="lower left")
+    axes.grid()
 
 
 def _bars(spreads: Sequence[statistics.Spread], field: str, scale: float) -> Floats:
@@ -134,23 +129,13 @@ def _draw_honesty(axes: Any, table: statistics.Table, looks: Mapping[str, dict[s
             ends.append(pairs)
     span = np.concatenate(ends) if ends else np.array([[0.01, 1.0]])
     line = np.array([0.7 * span.min(), 1.4 * span.max()])
-    axes.plot(line, line, color="black", lw=1.0, zorder=2.0)
-    axes.fill_between(line, line, line[-1], color="#D55E00", alpha=0.07, lw=0)
+    axes.plot(line, line, color=charts.INK, lw=1.0, zorder=2.0)
+    axes.fill_between(line, line, line[-1], color=charts.VERMILION, alpha=0.07, lw=0)
     axes.text(0.03, 0.97, "error beyond what is stated", transform=axes.transAxes, va="top")
     axes.set(xscale="log", yscale="log", xlim=line, ylim=line)
     axes.set_xlabel("stated bound (95 %), % of the height")
     axes.set_ylabel("true rms error, % of the height")
-    for axis in (axes.xaxis, axes.yaxis):
-        _plain_ticks(axis)
-    axes.set_title("c. honesty: 95 % should lie below the line", fontsize=11)
-    axes.legend(fontsize=8, loc="lower right")
-    axes.grid(alpha=0.25)
-
-
-def _plain_ticks(axis: Any) -> None:
-    """Numbers as one says them, at 1, 2 and 5 of each power of ten."""
-    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.set_minor_formatter(NullFormatter())
+    charts.log_ticks(axes)
+    axes.set_title("c. honesty: 95 % should lie below the line")
+    axes.legend(loc="lower right")
+    axes.grid()

@@ -11,6 +11,7 @@ import errno
 import os
 import shutil
 import stat
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -97,6 +98,14 @@ def write_atomically(files: Mapping[Path, FileWriter]) -> None:
     finally:
         for part in parts.values():
             part.unlink(missing_ok=True)
+
+
+def write_or_print(path: Path, text: str) -> None:
+    """Write a text whole, ``-`` to standard output; raises InputError if it cannot be."""
+    if str(path) == "-":
+        sys.stdout.write(text)
+    else:
+        write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
 
 
 def write_new(path: Path, write: Callable[[Path], object]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -10,6 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from palpate.launch import charts
+from palpate.launch.cost_chart import draw_cost, draw_panels
 from palpate.launch.demand import (
     LENGTHS,
     NOISES,
@@ -22,16 +23,19 @@ from palpate.launch.demand import (
     read_setup,
 )
 from palpate.launch.exchange_rate import (
+    AXES,
+    BOUND,
+    COSTS,
+    ERROR,
     cost_curve,
-    draw_svg,
     draw_text,
     halving_lines,
-    scale,
     time_by_step,
 )
 from palpate.launch.files.source_map import InputError, SourceMapped, key_path
 from palpate.launch.forecast import ellipsoid_area, expected_cost, forecast
 from palpate.launch.launch_source import EXPLORE
+from palpate.launch.log_scale import log_scale
 from palpate.launch.progress import Progress
 from palpate.launch.run import check_run
 from palpate.launch.scene import find_scene, load_scene
@@ -323,77 +327,76 @@ def test_curve_in_text_shows_error_bound_floor_and_costs():
 def test_curve_without_truth_bound_or_floor_is_drawn(found, shown, hidden):
     text = "\n".join(draw_text(found))
     assert shown in text and hidden not in text
-    ElementTree.fromstring(draw_svg(found))
+    assert shown_by(draw_cost(found))
+
+
+def shown_by(figure):
+    """All texts of a figure."""
+    root = ElementTree.fromstring(charts.svg_text(figure, "t"))
+    return ["".join(one.itertext()) for one in root.iter(f"{SVG}text")]
 
 
 def test_without_a_model_only_times_are_drawn():
     nothing = summary([entry(20, None, None)], steps={}, nodes={}, scene=None, compute_s=None)
     for found in (nothing, {**nothing, "curve": [], "largest_untouched_m": None}):
         assert draw_text(found) == []
-        assert "no model was judged" in draw_svg(found)
+        assert any("no model was judged" in text for text in shown_by(draw_cost(found)))
+        assert list(draw_panels(found)) == ["Processor time by step of the work"]
 
 
-def drawing(found):
-    root = ElementTree.fromstring(draw_svg(found))
-
-    def marked(tag: str, kind: str) -> list[ElementTree.Element]:
-        return [one for one in root.iter(f"{SVG}{tag}") if one.get("class") == kind]
-
-    return marked, [one.text or "" for one in root.iter(f"{SVG}text")]
+def lines_of(axes):
+    """What is drawn in a panel, by its name in the legend."""
+    return {one.get_label(): one.get_xydata() for one in axes.lines}
 
 
-def test_picture_has_three_panels_with_a_mark_a_model_and_bars():
-    marked, texts = drawing(summary(missed=["too coarse"]))
-    frames = marked("rect", "frame")
-    assert len(frames) == 3
-    assert len(marked("circle", "true")) == len(marked("rect", "stated")) == 15 + 1
-    assert len(marked("circle", "forecast")) == 2  # compute time has no forecast
-    assert len(marked("rect", "bar")) == 4
+def test_panels_have_a_mark_a_model_in_named_units():
+    found = summary(missed=["too coarse"])
+    for figure in (draw_cost(found), *draw_panels(found).values()):
+        for axes in (one for one in figure.axes if one.lines):
+            axis = next(key for key, (name, _) in AXES.items() if name == axes.get_xlabel())
+            lines = lines_of(axes)
+            for label, key in (("true error (rms)", ERROR), ("error bound (95 %)", BOUND)):
+                models = np.array([(one[axis], 1e3 * one[key]) for one in CURVE])
+                assert lines[label] == pytest.approx(models)
+            assert ("next halving of the bound" in lines) == (axis in COSTS)
+            (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+            for points in (lines[label] for label in lines if " mm" not in label):
+                assert ((left < points[:, 0]) & (points[:, 0] < right)).all()
+                assert ((low < points[:, 1]) & (points[:, 1] < high)).all()
+    texts = shown_by(draw_cost(found))
     assert "What accuracy cost: <vase> (finished, goal missed)" in texts
-    assert "1.00 s (100 %)" in texts and "0.00 s" in texts
-    spans = [(float(one.get("x", 0)), float(one.get("width", 0))) for one in frames]
-    for one in marked("circle", "true")[1:]:
-        assert any(left <= float(one.get("cx", 0)) <= left + width for left, width in spans)
-    assert not marked("polyline", "tolerance")
+    assert {"rms error, mm", *(name for name, _ in AXES.values())} < {*texts}
+    assert {"1.00 s (100%)", "0.00 s", "simulator", "filter", "casting", "rest"} < {*texts}
+    assert not [text for text in texts if "tolerance" in text]
 
 
-def test_forecast_leads_from_the_last_model_to_half_its_bound():
-    marked, _ = drawing(summary())
-    stated, true = marked("rect", "stated")[1:], marked("circle", "true")[1:]
-    for panel, one in enumerate(marked("circle", "forecast")):
-        last = true[5 * panel + 3]  # its error is the bound
-        assert float(one.get("cx", 0)) > float(last.get("cx", 0))
-        assert float(one.get("cy", 0)) > float(last.get("cy", 0))
-    assert len(stated) == 15
+def test_forecast_leads_from_the_last_bound_to_its_half():
+    for axes in draw_cost(summary()).axes[:2]:
+        (x, y), (to_x, to_y) = lines_of(axes)["next halving of the bound"]
+        axis = next(key for key, (name, _) in AXES.items() if name == axes.get_xlabel())
+        assert (x, y) == pytest.approx((CURVE[-1][axis], 1e3 * CURVE[-1][BOUND]))
+        assert (to_x - x, to_y) == pytest.approx((FORECAST[axis], 0.5 * y))
 
 
 def test_shortest_of_too_many_bars_are_one():
     steps = {f"step {number}": 1.0 / (1 + number) for number in range(30)}
-    text = draw_svg(summary(steps=steps))
-    assert "17 others" in text and "step 12" in text and "step 13" not in text
+    texts = shown_by(draw_cost(summary(steps=steps)))
+    assert {"17 others", "step 12"} < {*texts} and "step 13" not in texts
+
+
+def test_levels_are_drawn_across_every_panel():
+    for axes in draw_cost(summary(tolerance_m=1e-6)).axes[:3]:
+        lines = lines_of(axes)
+        for label, level in (("tolerance 0.001 mm", 1e-3), ("sampling floor 0.008 mm", 8e-3)):
+            assert lines[label] == pytest.approx(np.array([(0.0, level), (1.0, level)]))
 
 
 def test_log_scale_has_round_ticks_and_room_for_its_values():
-    found = scale([20.0, 110.0], 0.0, 100.0)
-    assert 0.0 < found.at(20.0) < found.at(110.0) < 100.0
-    middle = found.at((20.0 * 110.0) ** 0.5)
-    assert middle == pytest.approx(0.5 * (found.at(20.0) + found.at(110.0)), abs=0.1)  # rounded
-    assert found.at(20.0) != round(found.at(20.0))
+    found = log_scale([20.0, 110.0])
+    assert 0.0 < found.share(20.0) < found.share(110.0) < 1.0
+    middle = found.share((20.0 * 110.0) ** 0.5)
+    assert middle == pytest.approx(0.5 * (found.share(20.0) + found.share(110.0)))
     assert found.ticks(7) == [20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0]
     assert found.ticks(3) == [20.0, 50.0, 100.0]
-    assert scale([5.0], 0.0, 10.0).at(5.0) == pytest.approx(5.0)
-
-
-def test_tolerance_is_a_level_line_across_every_panel():
-    marked, texts = drawing(summary(tolerance_m=1e-6))
-    lines = [one.get("points", "").split() for one in marked("polyline", "tolerance")]
-    assert len(lines) == 3 + 1  # and one in the legend
-    heights = {float(place.partition(",")[2]) for line in lines[1:] for place in line}
-    assert len(heights) == 1 and "tolerance 0.001 mm" in texts
-
-
-def test_labels_of_ticks_do_not_overlap():
-    marked, _ = drawing(summary([entry(38, 1e-3, 2e-3), entry(200, 1e-4, 1e-3)]))
-    labels = [(float(one.get("x", "0")), one.text or "") for one in marked("text", "small middle")]
-    for (left, text), (right, _) in pairwise(labels):
-        assert right - left > 7.0 * len(text) or right < left
+    assert log_scale([1e-7, 1e7]).ticks(5) == pytest.approx([1e-7, 1e-4, 0.1, 1e2, 1e5])
+    assert log_scale([5.0]).share(5.0) == pytest.approx(0.5)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from palpate.core.arrays import Floats
 from palpate.core.shapes import Superquadric, regular_points
 from palpate.core.thesis import match_contour, ray_azimuths, rebuild_thesis
+from palpate.launch import charts
 from palpate.tools.gallery import style
 from palpate.tools.gallery.reconstructions import FIRST, SECOND
 from palpate.tools.surfaces import viridis
@@ -43,18 +44,18 @@ def _draw_match_by_height(axes: Axes) -> None:
     heights = np.linspace(-1.0, 1.0, 401)
     sides = FIRST.radius(heights[:, None], np.array([[0.0, np.pi]])) * [1.0, -1.0]
     apart = 2.6
-    axes.plot(model[:, 0], model[:, 2], style.BLUE)
+    axes.plot(model[:, 0], model[:, 2], charts.BLUE)
     right, left = sides.T
     outline = np.concatenate([right, left[::-1], right[:1]])
     axes.plot(
-        apart + outline, np.concatenate([heights, heights[::-1], heights[:1]]), style.VERMILION
+        apart + outline, np.concatenate([heights, heights[::-1], heights[:1]]), charts.VERMILION
     )
     for z in np.linspace(-1.0, 1.0, SLICES + 2)[1:-1]:
         wide = np.interp(z, model[: len(eta), 2], model[: len(eta), 0])
         low, high = apart + np.interp(z, heights, left), apart + np.interp(z, heights, right)
-        axes.plot([-wide, wide], [z, z], style.BLUE, linewidth=1.0)
-        axes.plot([low, high], [z, z], style.VERMILION, linewidth=1.0)
-        axes.plot([wide, low], [z, z], style.GREY, linestyle=":", linewidth=1.0)
+        axes.plot([-wide, wide], [z, z], charts.BLUE, linewidth=1.0)
+        axes.plot([low, high], [z, z], charts.VERMILION, linewidth=1.0)
+        axes.plot([wide, low], [z, z], charts.GREY, linestyle=":", linewidth=1.0)
     axes.set(title="contours by height (4.1)", xticks=[], ylabel="height, normalised")
     axes.spines.bottom.set_visible(False)
     axes.set_aspect("equal")
@@ -70,14 +71,14 @@ def _draw_match_by_azimuth(axes: Axes) -> None:
         regular_points(MODEL, np.zeros(len(some)), some).points[:, :2] for some in (azimuths, fine)
     )
     for one, points, colour, label in (
-        (outline, model, style.BLUE, "model"), (curve, found.points, style.VERMILION, "contour"),
+        (outline, model, charts.BLUE, "model"), (curve, found.points, charts.VERMILION, "contour"),
     ):  # fmt: skip
         axes.plot(*np.vstack([one, one[:1]]).T, colour, label=label)
         axes.plot(*points.T, "o", color=colour, markersize=3.5)
     for start, end in zip(found.points, model, strict=True):
-        axes.plot(*np.stack([found.middle, start]).T, style.GREY, linewidth=0.5)
-        axes.plot(*np.stack([start, end]).T, style.GREY, linestyle=":", linewidth=1.0)
-    axes.plot([], [], style.GREY, linestyle=":", label="matched")
+        axes.plot(*np.stack([found.middle, start]).T, charts.GREY, linewidth=0.5)
+        axes.plot(*np.stack([start, end]).T, charts.GREY, linestyle=":", linewidth=1.0)
+    axes.plot([], [], charts.GREY, linestyle=":", label="matched")
     axes.set(title="points by azimuth (4.2)", xlabel="x, normalised", ylabel="y, normalised")
     axes.set_aspect("equal")
     style.few_ticks(axes)
@@ -102,7 +103,7 @@ def draw_parameter_space() -> Figure:
 
 def _draw_triples(triples: Floats, canvas: Canvas) -> None:
     for edge in style.box_edges(np.zeros(3), np.ones(3)):
-        canvas.draw_line(edge, style.rgb(style.GREY), 1.0)
+        canvas.draw_line(edge, style.rgb(charts.GREY), 1.0)
     colours = viridis(np.linspace(0.0, 1.0, len(triples)), 1.0).astype(np.float64)
     for row, colour in zip(triples, colours, strict=True):
         canvas.draw_line(row, colour, 1.2)

@@ -13,6 +13,7 @@ from palpate.core.geometry import close_rings
 from palpate.core.shapes import Mesh, Superquadric, regular_points
 from palpate.core.splines import Basis, Lattice, SplineVolume, clamped_basis, upright_parallelepiped
 from palpate.core.thesis import ThesisSolid, rebuild_thesis
+from palpate.launch import charts
 from palpate.tools.gallery import style
 
 ELLIPSOID = Superquadric(np.array([0.55, 0.55, 1.0]), np.ones(2))
@@ -161,7 +162,7 @@ def draw_example(example: Example) -> Figure:
     lined = style.together(
         style.shaded(found, (225, 233, 240)), style.lines(_model_lines(solid), LINE, 1.0)
     )
-    crossed = style.together(lined, style.crosses(points, style.VERMILION))
+    crossed = style.together(lined, style.crosses(points, charts.VERMILION))
     around = np.concatenate([object_mesh.vertices, solid.lattice.control.reshape(-1, 3)])
     views = (style.OBLIQUE,) * 3, (style.FROM_TOP, style.FROM_SIDE, style.OBLIQUE)
     draws = (

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from palpate.launch.colours import COLOURS, rgb
+from palpate.launch import charts, cost_chart
+from palpate.launch.colours import rgb
 from palpate.launch.printing import counted
 from palpate.launch.run_directory import read_summary
 from palpate.messages.types import Contour
@@ -28,8 +28,7 @@ from palpate.tools.view.timeline import Timeline, read_timeline
 SCENE, MESH_SCENE = "vase", "from_mesh"
 SHARES = (0.1, 0.25, 0.4, 0.6, 0.8)  # Of the touches, at the moments before the end
 GHOST = 0.14  # Opacity of the true surface
-STEPS_SHOWN = 7  # Of the work, with the most processor time
-COSTS = {"touches": "touches", "robot_time_s": "robot time, s", "compute_s": "compute time, s"}
+COST_HEIGHT = 560.0  # pixels
 
 
 class Explored(NamedTuple):
@@ -137,33 +136,5 @@ def draw_deviation() -> Figure:
 
 def draw_cost() -> Figure:
     """Error and bound of each model against touches and times, and where the processor's went."""
-    summary = explored(SCENE).summary
-    figure = style.new_figure(4.8)
-    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.45, 1.0))[:, 0]
-    panels = above.subplots(1, 3, sharey=True)
-    for axes, (key, label) in zip(panels, COSTS.items(), strict=True):
-        _draw_errors(axes, summary, key)
-        axes.set_xlabel(label)
-    panels[0].set_ylabel("rms error, mm")
-    above.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    steps = list(summary["steps"].items())[:STEPS_SHOWN][::-1]
-    axes = below.subplots()
-    axes.barh([name for name, _ in steps], [one for _, one in steps], color=style.SKY)
-    axes.set(xlabel="processor time by step, s")
-    return figure
-
-
-def _draw_errors(axes: Axes, summary: Mapping[str, Any], key: str) -> None:
-    curve = [one for one in summary["curve"] if one[key] is not None]
-    for what, colour, mark, label in (
-        ("rms_bound_95_m", COLOURS["bound"], "s", "error bound, 95 %"),
-        ("rms_m", COLOURS["error"], "o", "true error"),
-    ):
-        known = [(one[key], 1e3 * one[what]) for one in curve if one[what] is not None]
-        axes.plot(*np.array(known).T, f"{mark}-", color=colour, markersize=4.0, label=label)
-    axes.axhline(
-        1e3 * summary["tolerance_m"], color=COLOURS["tolerance"], linestyle="--", label="tolerance"
-    )
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.set_xlim(left=0.0)
+    width = style.WIDTH * charts.PIXELS_PER_INCH
+    return cost_chart.draw_cost(explored(SCENE).summary, (width, COST_HEIGHT), heading=False)

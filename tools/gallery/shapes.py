@@ -16,6 +16,7 @@ from palpate.core.shapes import (
     trigonometric_points,
 )
 from palpate.core.splines import Basis, clamped_basis
+from palpate.launch import charts
 from palpate.tools.gallery import style
 
 CURVE_EXPONENTS = (0.15, 0.5, 1.0, 1.5, 2.0, 3.0)
@@ -39,7 +40,7 @@ def draw_superellipses() -> Figure:
     axes = figure.add_subplot()
     turn = np.linspace(0.0, 2.0 * np.pi, 1441)
     printed = turn <= 0.5 * np.pi
-    for exponent, colour in zip(CURVE_EXPONENTS, style.LINES, strict=False):
+    for exponent, colour in zip(CURVE_EXPONENTS, charts.SERIES, strict=False):
         # Up to 3, where it is no longer the curve of a solid that `Superquadric` takes.
         x, y = (np.sign(one) * np.abs(one) ** exponent for one in (np.cos(turn), np.sin(turn)))
         axes.plot(x, y, colour, linewidth=1.2, label=f"{exponent:g}")
@@ -94,7 +95,7 @@ def draw_parametrisations() -> Figure:
         grid = _grid(CUBE, LINES_DRAWN + 1, 2 * LINES_DRAWN, regular=regular)
         fine = _grid(CUBE, 8 * LINES_DRAWN + 1, 16 * LINES_DRAWN, regular=regular)
         curves = [*fine[::8], *fine[:, ::8].transpose(1, 0, 2)]
-        draw = style.together(solid, style.lines(curves, style.BLUE, 1.0))
+        draw = style.together(solid, style.lines(curves, charts.BLUE, 1.0))
         style.show_solid(axes, draw, grid.reshape(-1, 3), shape=(330, 340), title=title)
     return figure
 
@@ -105,7 +106,7 @@ def draw_bernstein() -> Figure:
     axes = figure.add_subplot()
     places = np.linspace(0.0, 1.0, 301)
     values = clamped_basis(6, 5).matrix(places).toarray()
-    for i, colour in enumerate(style.LINES[:6]):
+    for i, colour in enumerate(charts.SERIES[:6]):
         axes.plot(places, values[:, i], colour)
         peak = int(values[:, i].argmax())
         end = {0: 12, 300: -12}.get(peak, 0)  # beside the axes where it peaks at an end
@@ -138,12 +139,12 @@ def _draw_basis(axes: Axes, knots: Floats) -> None:
     longer = np.concatenate([knots[0] - 0.1 * steps[::-1], knots, knots[-1] + 0.1 * steps])
     places = np.linspace(0.0, 1.0, 501)
     values = Basis(longer, DEGREE).matrix(places).toarray()[:, DEGREE:-DEGREE]
-    for column, colour in zip(values.T, style.LINES, strict=True):
+    for column, colour in zip(values.T, charts.SERIES, strict=False):
         axes.plot(places, column, colour)
     low, high = Basis(knots, DEGREE).domain
     for start, end in ((0.0, low), (high, 1.0)):
         axes.axvspan(start, end, color="0.9", linewidth=0)
-    axes.plot(knots, np.zeros(len(knots)), "|", color=style.BLACK, clip_on=False, markersize=9)
+    axes.plot(knots, np.zeros(len(knots)), "|", color=charts.INK, clip_on=False, markersize=9)
 
 
 def draw_hyperquadrics() -> Figure:

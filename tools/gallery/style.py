@@ -1,14 +1,12 @@
-"""How all figures look: sizes, colours, and solids drawn into panels of a figure.
+"""Solids drawn into panels of a figure. Values on them have the colours of viridis.
 
-Lines have the colours of Okabe and Ito (2008), which colour-blind readers tell apart; values have
-viridis. Solids are drawn by the rasteriser: matplotlib sorts triangles by their middles, and shows
+Solids are drawn by the rasteriser: matplotlib sorts triangles by their middles, and shows
 what lies behind.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,22 +15,12 @@ from matplotlib.ticker import MaxNLocator
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.shapes import Mesh
+from palpate.launch import charts
 from palpate.launch.colours import rgb as rgb_of
 from palpate.tools.view.rasteriser import FINER, Camera, Canvas
 
-WIDTH, DPI = 7.0, 100  # Of a figure, inches, and its pixels an inch
-BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
-BLUE, VERMILION, PURPLE, GREY = "#0072b2", "#d55e00", "#cc79a7", "#8c8c8c"
-LINES = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+WIDTH, DPI = 7.0, 100  # Of a figure [inch], and its pixels an inch as a file
 SOLID = rgb_of("solid")
-LOOK: dict[Any, Any] = {  # Of matplotlib
-    "font.size": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-}
 MARGIN = 1.08  # Around what a camera is fitted to, times its extent
 OPENING = 10.0  # Of cameras, degrees: nearly parallel rays
 OBLIQUE, FROM_SIDE, FROM_TOP = (-63.0, 22.0), (-90.0, 0.0), (-90.0, 90.0)  # Azimuth, elevation
@@ -41,7 +29,7 @@ Draw = Callable[[Canvas], None]  # Draws something into a canvas
 
 def new_figure(height: float) -> Figure:
     """An empty figure of the common width and a height in inches."""
-    return Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained")
+    return charts.new_figure(*(charts.PIXELS_PER_INCH * side for side in (WIDTH, height)))
 
 
 def rgb(colour: str) -> Floats:
@@ -103,7 +91,7 @@ def shaded(mesh: Mesh, colour: Floats | tuple[int, int, int] = SOLID) -> Draw:
     )
 
 
-def lines(curves: Sequence[Floats] | Floats, colour: str = BLACK, width: float = 1.0) -> Draw:
+def lines(curves: Sequence[Floats] | Floats, colour: str = charts.INK, width: float = 1.0) -> Draw:
     """What draws curves (n, 3) each."""
 
     def draw(canvas: Canvas) -> None:
@@ -113,7 +101,7 @@ def lines(curves: Sequence[Floats] | Floats, colour: str = BLACK, width: float =
     return draw
 
 
-def crosses(points: Floats, colour: str = BLACK, radius: float = 1.3) -> Draw:
+def crosses(points: Floats, colour: str = charts.INK, radius: float = 1.3) -> Draw:
     """What draws points (n, 3) as dots; `radius` in pixels."""
     return lambda canvas: canvas.draw_points(points, rgb(colour), radius)
 

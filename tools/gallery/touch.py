@@ -16,6 +16,7 @@ from palpate.core import touch
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners import TEMPLATES, Thesis, polyline_of
 from palpate.core.splines import CUBIC, Basis, averaged_knots, evaluate_grid, interpolate_grid
+from palpate.launch import charts
 from palpate.tools.gallery import style
 from palpate.tools.surfaces import viridis
 from palpate.tools.view.rasteriser import Canvas
@@ -138,10 +139,10 @@ def _draw_component(axes: Axes, rate: float) -> None:
     template = TEMPLATES["exponential"]
     polyline = polyline_of(lambda x: template(x, 1.0), POLYLINE_REACH, SEGMENTS)
     x = np.linspace(0.0, REACH, 400)
-    axes.plot(x / rate, template(x, 1.0), style.BLUE, linewidth=3.0, alpha=0.5, label="original")
+    axes.plot(x / rate, template(x, 1.0), charts.BLUE, linewidth=3.0, alpha=0.5, label="original")
     shown = polyline.knots <= REACH
-    axes.plot(x / rate, np.interp(x, *polyline), style.VERMILION, label="five pieces")
-    axes.plot(polyline.knots[shown] / rate, polyline.values[shown], "o", color=style.VERMILION)
+    axes.plot(x / rate, np.interp(x, *polyline), charts.VERMILION, label="five pieces")
+    axes.plot(polyline.knots[shown] / rate, polyline.values[shown], "o", color=charts.VERMILION)
     axes.set(xlim=(0.0, REACH / rate), ylim=(0.0, 1.05))
 
 

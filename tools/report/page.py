@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from palpate.launch import charts
 from palpate.launch.colours import COLOURS
-from palpate.launch.exchange_rate import COST_IN_REPORT, COST_ON_PHONE, draw_svg as launch_draw_svg
+from palpate.launch.cost_chart import draw_panels
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.printing import millimetres
 from palpate.launch.run_directory import versions_text
@@ -45,11 +46,6 @@ SURFACES = {
     UNCERTAINTY: "stated standard deviation, mm",
 }
 SHOWN_AT_FIRST = ("solid", "contour", "untouched")
-COST_LAYOUTS = {
-    "narrow": COST_ON_PHONE,
-    "middle": COST_ON_PHONE._replace(width=670, columns=2, bar=190.0),
-    "wide": COST_IN_REPORT,
-}
 TILES = {
     "rms error": "rms_m",
     "error bound": "rms_bound_95_m",
@@ -226,19 +222,16 @@ def _scale(tops: dict[str, float]) -> Html:
 def _cost(run: RunFacts, _: int) -> Html:
     if not (run.summary["curve"] or run.summary["steps"]):
         return
-    for fit, layout in COST_LAYOUTS.items():
-        yield _picture(
-            launch_draw_svg(run.summary, layout),
-            "True error and error bound against touches, robot time and compute time, and where "
-            "the processor's time went",
-            fit,
-        )
+    yield '<div class="charts">'
+    for alt, figure in draw_panels(run.summary).items():
+        yield _picture(charts.svg_text(figure, alt), alt)
+    yield "</div>"
 
 
-def _picture(svg: str, alt: str, fit: str) -> str:
-    """A drawing, whose style stays its own, shown where it `fit`s."""
+def _picture(svg: str, alt: str, kind: str = "") -> str:
+    """A drawing, whose style stays its own."""
     data = base64.b64encode(svg.encode("utf-8", "replace")).decode()
-    return f'<img class="fit {fit}" alt="{alt}" src="data:image/svg+xml;base64,{data}">'
+    return f'<img class="{kind}" alt="{alt}" src="data:image/svg+xml;base64,{data}">'
 
 
 def _contours(run: RunFacts, number: int) -> Html:
@@ -322,7 +315,7 @@ def _graph(run: RunFacts, _: int) -> Html:
         "Nodes of the run, and the topics between them",
         "wide",
     )
-    yield '<div class="fit middle narrow"><dl class="facts">'
+    yield '<div class="narrow"><dl class="facts">'
     names = [one.name for one in run.graph.boxes]
     for wire in run.graph.wires:
         targets = ", ".join(names[one] for one in wire.targets)

@@ -26,7 +26,7 @@ from palpate.launch.run_directory import RECORDING, SUMMARY, read_summary, run_d
 from palpate.nodes import simulator
 from palpate.nodes.specs.objects import build_shape
 from palpate.nodes.specs.sensors import build_pipeline, describe_effects
-from palpate.tools.graph_drawing import Sketch, sketch_of
+from palpate.tools.graph_sketch import Sketch, sketch_of
 from palpate.tools.scene_text import effect_parameters
 from palpate.tools.view.timeline import Timeline, read_timeline
 

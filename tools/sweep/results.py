@@ -9,17 +9,24 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from html import escape
+from itertools import cycle
 from pathlib import Path
 from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools
-from palpate.launch.exchange_rate import Scale, scale
+from palpate.launch import charts
+from palpate.launch.log_scale import MIN_VALUE
 from palpate.launch.printing import counted, text_table
 from palpate.tools.report.page import REPORT, html_page
 from palpate.tools.sweep.sweep_file import Sweep
@@ -42,32 +49,10 @@ SHOWN = {
 COSTS = {"touches": "touches", "robot_time_s": "robot seconds", "compute_s": "compute seconds"}
 ERROR, BOUND, FLOOR = "rms_m", "rms_bound_95_m", "sampling_floor_m"  # What is drawn upwards
 LINKS = ("", REPORT, "cost.svg", "summary.json")  # Of a run, where they are there
-COLOURS = 8
 APART = 16.0  # Pixels between the numbers of two runs on the front
-TICK_ROOM = {"across": 60.0, "up": 32.0}  # Pixels between two ticks at least
-
-
-class Frame(NamedTuple):
-    """Where a chart has its axes, in pixels."""
-
-    width: float
-    height: float
-    left: float = 66.0
-    top: float = 14.0
-
-    @property
-    def right(self) -> float:
-        """The end of the axis across."""
-        return self.width - 16.0
-
-    @property
-    def bottom(self) -> float:
-        """The place of the axis across."""
-        return self.height - 46.0
-
-
+LEGEND_WIDTH = 150.0  # of an entry [pixel]
 # Each is shown where it fits, so that its words have the size of those of the page.
-FRAMES = {"narrow": Frame(358.0, 330.0), "middle": Frame(670.0, 420.0), "wide": Frame(900.0, 462.0)}
+SIZES = {"narrow": (358.0, 330.0), "wide": (670.0, 430.0)}  # pixels
 
 
 class Row(NamedTuple):
@@ -178,114 +163,113 @@ def page_text(name: str, rows: Sequence[Row], folder: Path) -> str:
     about = [f"{key} {told(one)}" for key, one in asked.items() if key not in names and told(one)]
     lost = len(rows) - len(measured(rows, "touches"))
     about += [f"{counted(lost, 'run')} without a model that was measured"] * bool(lost)
-    # What colours tell: something of few values, of words if there is such.
-    few = [one for one in names if len({told(row.asked[one]) for row in rows}) <= COLOURS]
-    series = next((one for one in few if any(isinstance(row.asked[one], str) for row in rows)), "")
-    series = series or next(iter(few), "scene")
-    values = dict.fromkeys(told(row.asked[series]) for row in rows)
-    kinds = {kind: f"c{i % COLOURS}" for i, kind in enumerate(values)}
-    key = "".join(f'<b class="{kinds[kind]}">●</b> {escape(kind)} ' for kind in kinds)
+    series = _series(rows, names)
     title = f"{name}: {counted(len(rows), 'run')}"
     body = Template(Path(__file__).with_name("page.html").read_text("utf-8")).substitute(
         title=escape(title),
         about=escape("; ".join(about)),
-        key=f"{escape(series)}: {key}",
-        charts="\n".join(
-            line for cost in COSTS for line in _chart(rows, cost, series, kinds, folder)
-        ),
+        charts="\n".join(line for cost in COSTS for line in _chart(rows, cost, series, folder)),
         table="\n".join(_table(rows, folder)),
     )
     return html_page(title, [body])
 
 
-def _chart(
-    rows: Sequence[Row], cost: str, series: str, kinds: dict[str, str], folder: Path
-) -> Iterator[str]:
+def _series(rows: Sequence[Row], names: Sequence[str]) -> str:
+    """What colours tell: something of few values, of words if there is such."""
+    most = len(charts.SERIES)
+    few = [one for one in names if len({told(row.asked[one]) for row in rows}) <= most]
+    words = (one for one in few if any(isinstance(row.asked[one], str) for row in rows))
+    return next(words, next(iter(few), "scene"))
+
+
+def _chart(rows: Sequence[Row], cost: str, series: str, folder: Path) -> Iterator[str]:
     """A figure: error against one cost; nothing if no run has both."""
     if not measured(rows, cost):
         return
-    yield f'<figure data-cost="{COSTS[cost]}"><figcaption>Error against {COSTS[cost]}</figcaption>'
-    for fit, frame in FRAMES.items():
-        yield f'<svg class="fit {fit}" viewBox="0 0 {frame.width} {frame.height}" role="img">'
-        yield from _points(rows, cost, series, kinds, folder, frame)
-        yield "</svg>"
+    title = f"Error against {COSTS[cost]}"
+    yield f'<figure data-cost="{COSTS[cost]}"><figcaption>{title}</figcaption>'
+    for fit, size in SIZES.items():
+        figure, notes = draw_front(rows, cost, series, folder, size)
+        drawn = charts.svg_text(figure, f"{title}, {fit}", notes)
+        yield f'<div class="{fit}">{drawn}</div>'
     yield "</figure>"
 
 
-def _points(
-    rows: Sequence[Row],
-    cost: str,
-    series: str,
-    kinds: dict[str, str],
-    folder: Path,
-    frame: Frame,
-) -> Iterator[str]:
-    """The axes of a chart, its fronts and its runs."""
-    kept, best = measured(rows, cost), fronts(rows, cost)
+@charts.styled
+def draw_front(
+    rows: Sequence[Row], cost: str, series: str, folder: Path, size: tuple[float, float]
+) -> tuple[Figure, dict[str, str]]:
+    """The runs, their bounds and fronts; and what is told of each run, by its ``gid``."""
+    best = fronts(rows, cost)
     unit = "mm" if len(best) == 1 else "% of the height"
+    figure = charts.new_figure(*size)
+    axes = figure.subplots()
+    axes.set(xscale="log", yscale="log", xlabel=COSTS[cost])
+    axes.set_ylabel(f"root mean square error, {unit}")
+    axes.grid()
+    values = dict.fromkeys(told(row.asked[series]) for row in rows)
+    colours = dict(zip(values, cycle(charts.SERIES), strict=False))
+    place = partial(_place, cost=cost, in_mm=len(best) == 1)
+    notes = dict[str, str]()
+    kept = measured(rows, cost)
+    x, y, bounds, _ = zip(*map(place, kept), strict=True)
+    seen = [colours[told(row.asked[series])] for row in kept]
+    axes.vlines(x, y, bounds, seen, linewidth=0.8, alpha=0.5)
+    for row, colour, at in zip(kept, seen, zip(x, y, strict=True), strict=True):
+        gid = f"run{row.number}"
+        filled = colour if row.record["exit_code"] == 0 else charts.PAGE
+        url, notes[gid] = _told_of(row, folder)
+        axes.plot(*at, "o", color=colour, markerfacecolor=filled, gid=gid, url=url, zorder=3.0)
+    _draw_fronts(axes, best, place, colours if series == "scene" else {})
+    signs = [Line2D([], [], color=colour, marker="o", lw=0.0) for colour in colours.values()]
+    figure.legend(signs, colours, title=series, loc="outside upper left", alignment="left",
+                  ncols=int(size[0] / LEGEND_WIDTH))  # fmt: skip
+    charts.log_ticks(axes)
+    return figure, notes
 
-    def height(row: Row, key: str = ERROR) -> float:
-        value: float = row.record[key] or 0.0
-        return value * (1000.0 if len(best) == 1 else 100.0 / row.record["size_m"])
 
-    x = scale([row.record[cost] for row in kept], frame.left, frame.right)
-    drawn = [height(row, key) for row in kept for key in (ERROR, BOUND, FLOOR)]
-    y = scale([value for value in drawn if value] or [0.0], frame.bottom, frame.top)
-    yield from _axes(frame, x, y, COSTS[cost], f"root mean square error, {unit}")
+def _place(row: Row, cost: str, *, in_mm: bool) -> tuple[float, float, float, float]:
+    """Cost, and error, bound and sampling floor in mm or % of the height; NaN if unknown."""
+    unit = 1000.0 if in_mm else 100.0 / row.record["size_m"]
+    x, y = max(row.record[cost], MIN_VALUE), max(unit * row.record[ERROR], MIN_VALUE)
+    bound, floor = (unit * (row.record[key] or math.nan) for key in (BOUND, FLOOR))
+    return x, y, bound, floor
+
+
+def _draw_fronts(
+    axes: Axes,
+    best: Mapping[str, Sequence[Row]],
+    place: Callable[[Row], tuple[float, float, float, float]],
+    colours: Mapping[str, str],
+) -> None:
+    """The front of each scene, its sampling floor, and the numbers of the runs on it."""
     for scene, own in best.items():
-        if floor := height(own[0], FLOOR):
-            yield f'<path class="floor" d="M{frame.left} {y.at(floor)}H{frame.right}"/>'
-        way = "".join(f"H{x.at(row.record[cost])}V{y.at(height(row))}" for row in own)
-        way = way.replace("H", "M", 1).replace("V", " ", 1)
-        colour = kinds.get(scene, "all") if series == "scene" else "all"
-        yield f'<path class="{colour} front" d="{way}H{frame.right}"/>'
-    for row in kept:
-        at = x.at(row.record[cost]), y.at(height(row)), y.at(height(row, BOUND))
-        yield from _dot(row, kinds[told(row.asked[series])], folder, *at)
-    marked = -APART
-    for row in sorted((row for own in best.values() for row in own), key=lambda r: r.record[cost]):
-        if (place := x.at(row.record[cost])) - marked >= APART:
-            marked = place
-            yield f'<text class="mark" x="{place}" y="{y.at(height(row)) + 18}">{row.number}</text>'
+        xs, ys, _, floors = zip(*map(place, own), strict=True)
+        axes.axhline(floors[0], color=charts.DIM, linestyle=":", linewidth=1.0)
+        axes.autoscale_view()
+        right, colour = axes.get_xlim()[1], colours.get(scene, charts.INK)
+        axes.step([*xs, right], [*ys, ys[-1]], where="post", color=colour, alpha=0.75, lw=1.8)
+        axes.set_xlim(right=right)
+    marked, numbered = (
+        -APART,
+        ((*place(row)[:2], row.number) for own in best.values() for row in own),
+    )
+    for x, y, number in sorted(numbered):
+        across = float(axes.transData.transform((x, y))[0])
+        if across - marked >= APART:
+            marked = across
+            axes.annotate(str(number), (x, y), (0.0, -12.0), textcoords="offset points",
+                          ha="center", fontsize="small")  # fmt: skip
 
 
-def _dot(row: Row, colour: str, folder: Path, x: float, y: float, bound: float) -> Iterator[str]:
-    """A run, what is seen where the mouse rests on it, and the way up to its bound."""
+def _told_of(row: Row, folder: Path) -> tuple[str, str]:
+    """Where a run's dot leads, and what is seen where the mouse rests on it."""
     target = f"{row.record['folder']}/"
     target += REPORT if (folder / target / REPORT).is_file() else ""
     asked = [f"{name} {told(value)}" for name, value in row.asked.items() if told(value)]
     costs = [f"{row.record[key]} {name}" for key, name in COSTS.items()]
-    words = escape(", ".join((*asked, f"{1000.0 * row.record[ERROR]:.4f} mm", *costs)))
-    yield f'<a class="{colour}" href="{escape(target)}">'
-    yield f"<title>{row.number}: {words}</title>"
-    if row.record[BOUND]:
-        yield f'<path class="bound" d="M{x} {y}V{bound}"/>'
-    kind = "dot" if row.record["exit_code"] == 0 else "dot open"
-    yield f'<circle class="{kind}" cx="{x}" cy="{y}" r="5"/></a>'
-
-
-def _axes(frame: Frame, x: Scale, y: Scale, across: str, up: str) -> Iterator[str]:
-    left, right, top, bottom = frame.left, frame.right, frame.top, frame.bottom
-    size = f'width="{right - left}" height="{bottom - top}"'
-    yield f'<rect class="frame" x="{left}" y="{top}" {size}/>'
-    for value in _ticks(x, TICK_ROOM["across"]):
-        yield f'<path class="grid" d="M{x.at(value)} {bottom}V{top}"/>'
-        yield f'<text class="mid" x="{x.at(value)}" y="{bottom + 17}">{value:g}</text>'
-    for value in _ticks(y, TICK_ROOM["up"]):
-        yield f'<path class="grid" d="M{left} {y.at(value)}H{right}"/>'
-        yield f'<text class="end" x="{left - 7}" y="{y.at(value) + 4}">{value:g}</text>'
-    middle, low = (left + right) / 2, f"15 {(top + bottom) / 2}"
-    yield f'<text class="mid" transform="translate({middle} {frame.height - 8})">{across}</text>'
-    yield f'<text class="mid" transform="translate({low}) rotate(-90)">{up}</text>'
-
-
-def _ticks(axis: Scale, room: float) -> list[float]:
-    """Round values on a scale with so much room for each, in pixels."""
-    kept: list[float] = []
-    for value in axis.ticks(max(2, int(abs(axis.end - axis.start) / room))):
-        if not kept or abs(axis.at(value) - axis.at(kept[-1])) >= 0.6 * room:
-            kept.append(value)
-    return kept
+    words = ", ".join((*asked, f"{1000.0 * row.record[ERROR]:.4f} mm", *costs))
+    return target, f"{row.number}: {words}"
 
 
 def _table(rows: Sequence[Row], folder: Path) -> Iterator[str]:

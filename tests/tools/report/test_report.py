@@ -67,7 +67,7 @@ def test_page_is_self_contained_and_accessible(text):
     assert targets and [one for one in targets if not one.startswith("data:")] == []
     assert "@import" not in plain and "url(" not in plain
     pictures = re.findall(r"<img [^>]*>", plain)
-    assert len(pictures) == 5  # three of them are what accuracy cost, each for another width
+    assert len(pictures) == 6  # the object, errors against each cost, time by step, the graph
     assert all(re.search(r'alt="[^"]{20,}"', one) for one in pictures)
     levels = [int(one) for one in re.findall(r"<h(\d)>", plain)]
     assert levels[0] == 1 and max(np.diff(levels)) == 1

@@ -23,7 +23,7 @@ RECORD = {
 }  # fmt: skip
 FAILED = dict.fromkeys(RECORD) | {"status": "died", "exit_code": 3, "reason": "no <luck>, a"}
 FOUR = "scene: sphere\nseeds: 2\ngrid: {planner.tolerance: [1.0e-3, 0.5e-3]}\n"
-WIDTHS = 3  # in which each picture of a page is drawn
+WIDTHS = 2  # in which each picture of a page is drawn
 
 
 class Workers:
