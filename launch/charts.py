@@ -68,7 +68,9 @@ LOOK: dict[Any, Any] = {
 styled = matplotlib.rc_context(LOOK)  # decorates what draws
 _FONT = 'system-ui, "Segoe UI", Helvetica, Arial, "DejaVu Sans", sans-serif'
 _NO_XML = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_SUPERFLUOUS = re.compile(r"<metadata>.*?</metadata>\n*|<!--.*?-->\n*|(?<=\n) +", re.DOTALL)
+_SUPERFLUOUS = re.compile(
+    r"""<metadata>.*?</metadata>\n*|<!--.*?-->\n*|(?<=\n) +| ?\n(?=[MLCQz"])""", re.DOTALL
+)
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -7,7 +7,8 @@ place of its own, and nothing has to be laid out but the order of the nodes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
@@ -109,24 +110,26 @@ def lay_out(sketch: Sketch) -> Layout:
     return Layout(order, cells, _spread(widths), _spread(heights))
 
 
-def reading_order(edges: Mapping[int, Sequence[int]]) -> list[int]:
-    """Boxes so that a subscriber comes after its publishers, but for what goes back in a loop.
+def reading_order(edges: Mapping[int, Iterable[int]]) -> list[int]:
+    """Boxes so that few wires go back: none, if nothing leads in a circle.
 
-    A search in depth leaves them in this order, the last one first.
+    The greedy order of Eades, Lin and Smyth (1993): who has nobody to tell comes last, who hears
+    from nobody first, and else who tells the most more than hears from; ties as in the launch file.
     """
-    left, seen = list[int](), set[int]()
-    for start in edges:
-        # The way is kept by hand: a launch file may be deeper than Python's own stack.
-        way = [] if start in seen else [start]
-        seen.add(start)
-        while way:
-            target = next((one for one in edges[way[-1]] if one not in seen), None)
-            if target is None:
-                left.append(way.pop())
-            else:
-                seen.add(target)
-                way.append(target)
-    return left[::-1]
+    targets = {box: {*to} - {box} for box, to in edges.items()}
+    first, last, rest = list[int](), list[int](), dict.fromkeys(edges)
+    while rest:
+        out = {box: sum(to in rest for to in targets[box]) for box in rest}
+        into = Counter(to for box in rest for to in targets[box])
+        sink = next((box for box in rest if not out[box]), None)
+        if sink is not None:
+            last.append(sink)
+            del rest[sink]
+        else:
+            chosen = max(rest, key=lambda box: (not into[box], out[box] - into[box]))
+            first.append(chosen)
+            del rest[chosen]
+    return first + last[::-1]
 
 
 def _spread(sizes: Sequence[float]) -> list[tuple[float, float]]:

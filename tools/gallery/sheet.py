@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from palpate.launch import charts
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.source_map import InputError, hint
 from palpate.tools.gallery import contours, reconstructions, runs, shapes, style, touch
@@ -166,12 +165,12 @@ def _write(data: bytes, path: Path) -> None:
     path.write_bytes(data)
 
 
+@style.styled
 def draw_png(name: str) -> bytes:
     """One figure as the bytes of a PNG file with a palette."""
     raw = io.BytesIO()
-    with charts.styled:
-        figure = FIGURES[name].draw()
-        figure.savefig(raw, format="rgba", dpi=style.DPI)
+    figure = FIGURES[name].draw()
+    figure.savefig(raw, format="rgba", dpi=style.DPI)
     width = round(figure.get_figwidth() * style.DPI)
     picture = np.frombuffer(raw.getbuffer(), np.uint8).reshape(-1, width, 4)[..., :3]
     # Keeps rare colours, such as the end of a scale, where the usual median cut would mix them.

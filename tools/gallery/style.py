@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,6 +25,7 @@ SOLID = rgb_of("solid")
 MARGIN = 1.08  # Around what a camera is fitted to, times its extent
 OPENING = 10.0  # Of cameras, degrees: nearly parallel rays
 OBLIQUE, FROM_SIDE, FROM_TOP = (-63.0, 22.0), (-90.0, 0.0), (-90.0, 90.0)  # Azimuth, elevation
+styled = matplotlib.rc_context({**charts.LOOK, "text.parse_math": True})  # decorates what draws
 Draw = Callable[[Canvas], None]  # Draws something into a canvas
 
 

@@ -4,14 +4,16 @@ import csv
 import json
 import re
 from html.parser import HTMLParser
-from itertools import pairwise
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
+from palpate.launch import charts
 from palpate.launch.files.source_map import InputError
-from palpate.tools.sweep.results import pareto_front
+from palpate.tools.sweep.results import Row, draw_front, pareto_front
 from palpate.tools.sweep.sweep_file import read_sweep
 from palpate.tools.sweep.sweep_folder import run_sweep
 
@@ -273,7 +275,7 @@ class Parts(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.found.append((tag, dict(attrs)))
-        if tag not in ("meta", "link", "rect", "path", "circle"):
+        if tag not in ("meta", "link"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attrs):
@@ -304,36 +306,56 @@ COSTS = [{"rms_m": 1e-4 / n, "touches": 40 * n} for n in (1, 2, 3)]
 def test_page_leads_to_every_run_without_network(page, tmp_path):
     text = page([COSTS[0], COSTS[1] | {"exit_code": 1}, COSTS[2], FAILED])
     parts = Parts(text)
-    links = {its["href"] for its in parts.all("a")}
+    links = [its.get("xlink:href") or its["href"] for its in parts.all("a")]
     folders = {row["folder"] for row in table(tmp_path / "out")}
-    assert links >= {f"{one}/" for one in folders} and len(parts.all("figure")) == 3
-    assert len(parts.all("circle", "dot")) == 3 * 3 * WIDTHS and len(parts.all("tr")) == 5
-    assert len(parts.all("circle", "open")) == 3 * WIDTHS
-    assert not re.search(r"https?:|src=|@import|url\(", text)
+    assert {f"{one}/" for one in folders} <= {*links} and len(parts.all("figure")) == 3
+    dots = re.findall(r"<title>(\d): (?:(?!<title>).)*?<a xlink:href", text, re.DOTALL)
+    assert dots == 3 * WIDTHS * ["1", "2", "3"] and len(parts.all("tr")) == 5
+    assert not re.search(r"https?://(?!www\.w3\.org)|src=|@import|url\((?!#)", text)
     assert "no <luck>" not in text and "1 run without a model" in text
-    front = parts.all("path", "front")[0]["d"]
-    numbers = [float(x) for x in re.findall(r"[\d.]+", front)]
-    assert numbers[0::2] == sorted(numbers[0::2])  # to the right
-    assert numbers[1::2] == sorted(numbers[1::2])  # and down: pixels are counted from above
-    assert "error, mm" in text
 
 
-def test_several_scenes_have_fronts_of_their_own(page):
-    text = page([COSTS[0], COSTS[1], COSTS[0], COSTS[1]], "scene: [sphere, egg]\nseeds: 2\n")
-    assert "error, % of the height" in text
-    assert len(Parts(text).all("path", "front")) == 2 * 3 * WIDTHS
+def drawn(rows, cost="touches"):
+    """What is drawn of runs: their dots by ``gid``, and the steps of the fronts."""
+    figure, notes = draw_front(rows, cost, "scene", Path("x"), (600.0, 400.0))
+    [axes] = figure.axes
+    dots = {one.get_gid(): one for one in axes.lines if one.get_gid()}
+    assert {*dots} == {*notes}
+    return axes, dots, [one for one in axes.lines if one.get_drawstyle() == "steps-post"]
+
+
+def row_of(number, **found):
+    return Row(number, {"scene": found.pop("scene", "sphere")}, RECORD | {"folder": "f"} | found)
+
+
+def test_chart_shows_each_run_with_its_bound_and_the_front():
+    rows = [row_of(n, **one) for n, one in enumerate(COSTS, 1)]
+    rows += [
+        row_of(4, touches=200, rms_m=9e-5, rms_bound_95_m=None, exit_code=1),
+        row_of(5, **FAILED),
+    ]
+    axes, dots, [front] = drawn(rows)
+    for row in rows[:4]:
+        [(x, y)] = dots[f"run{row.number}"].get_xydata()
+        assert (x, y) == pytest.approx((row.record["touches"], 1e3 * row.record["rms_m"]))
+    hollow = {name for name, one in dots.items() if one.get_markerfacecolor() == charts.PAGE}
+    assert len(dots) == 4 and hollow == {"run4"}
+    ends = [path.vertices[-1] for path in axes.collections[0].get_paths() if len(path.vertices)]
+    assert np.isclose([y for _, y in ends if np.isfinite(y)], 0.05).sum() == 3
+    x, y = front.get_xydata().T  # to the right and down
+    assert (np.diff(x) > 0.0).all() and (np.diff(y) <= 0.0).all() and x[-1] == axes.get_xlim()[1]
+    assert [one.get_text() for one in axes.texts] == ["1", "2", "3"]
+    assert axes.get_ylabel().endswith("error, mm") and axes.get_xlabel() == "touches"
+
+
+def test_several_scenes_have_fronts_of_their_own():
+    rows = [row_of(n, scene=scene, **COSTS[k])
+            for n, (scene, k) in enumerate(product(("sphere", "egg"), (0, 1)), 1)]  # fmt: skip
+    axes, dots, fronts = drawn(rows)
+    assert axes.get_ylabel().endswith("error, % of the height")
+    assert [len(one.get_xydata()) for one in fronts] == [3, 3]
+    assert len({one.get_color() for one in (*fronts, *dots.values())}) == 2
 
 
 def test_page_of_failed_runs_has_no_pictures(page):
     assert Parts(page([FAILED])).all("figure") == []
-
-
-@pytest.mark.parametrize("most", [1.3, 90.0, 1e4])
-def test_numbers_of_an_axis_do_not_touch(page, most):
-    text = page([*COSTS, {"touches": 40.0 * most}])
-    pictures = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
-    assert len(pictures) == 3 * WIDTHS
-    for picture in pictures:
-        found = re.findall(r'"mid" x="([\d.]+)" y="[\d.]+">([^<]+)<', picture)
-        spans = sorted((float(x) - 4.0 * len(t), float(x) + 4.0 * len(t)) for x, t in found)
-        assert len(spans) >= 2 and all(one[1] < other[0] for one, other in pairwise(spans))
