@@ -43,8 +43,9 @@ def draw_growths(found: Sequence[Growth]) -> Figure:
             if one.floor and not row:
                 axes.axhline(one.floor, color=charts.GREY, linestyle=":", label="sampling floor")
             axes.set_xticks(one.sizes, map(str, one.sizes))
-            axes.minorticks_off()
             axes.margins(y=0.3)  # for the legend
+            charts.log_ticks(axes, "y")
+            axes.minorticks_off()
             axes.legend()
             axes.set_title("" if row and one.errors else one.name)
     return figure

@@ -308,5 +308,5 @@ def _draw(path: Path, title: str, sides: Sequence[_Side]) -> None:
         axes.set_aspect("equal")
         axes.set_title(side.name, fontsize=9)
         axes.tick_params(labelsize=6)
-    figure.colorbar(drawn, ax=figure.axes, shrink=0.6)
+    figure.colorbar(drawn, ax=figure.axes, shrink=0.6, format="%g")
     charts.write_figure(figure, path)

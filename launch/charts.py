@@ -24,7 +24,9 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.rcsetup import cycler
 from matplotlib.textpath import text_to_path
+from matplotlib.ticker import MaxNLocator
 
 from palpate.launch.colours import COLOURS, ERROR_ON_DARK
 from palpate.launch.files.file_access import write_atomically
@@ -43,8 +45,6 @@ ON_DARK = {
     COLOURS["error"]: ERROR_ON_DARK,
 }
 LOOK: dict[Any, Any] = {
-    "figure.dpi": PIXELS_PER_INCH,
-    "figure.constrained_layout.use": True,
     "savefig.dpi": "figure",
     "font.family": "DejaVu Sans",  # comes with matplotlib, and is wider than most
     "font.size": 9.0,
@@ -52,6 +52,7 @@ LOOK: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
+    "axes.prop_cycle": cycler(color=SERIES),
     "grid.color": GRID,
     "grid.linewidth": 0.6,
     "legend.frameon": False,
@@ -75,7 +76,8 @@ _SUPERFLUOUS = re.compile(
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of a size in CSS pixels."""
-    return Figure(figsize=(width / PIXELS_PER_INCH, height / PIXELS_PER_INCH))
+    size = width / PIXELS_PER_INCH, height / PIXELS_PER_INCH
+    return Figure(figsize=size, dpi=PIXELS_PER_INCH, layout="constrained")
 
 
 def log_ticks(axes: Axes, which: str = "xy") -> None:
@@ -84,7 +86,10 @@ def log_ticks(axes: Axes, which: str = "xy") -> None:
     for name, pixels in (("x", room.width), ("y", room.height)):
         if name in which:
             axis: Axis = getattr(axes, f"{name}axis")
-            ticks = LogScale(*axis.get_view_interval()).ticks(max(2, int(pixels / TICK_ROOM[name])))
+            scale, most = LogScale(*axis.get_view_interval()), max(2, int(pixels / TICK_ROOM[name]))
+            ticks = scale.ticks(most)
+            if len(ticks) < 2:  # a narrow part of a decade
+                ticks = [*MaxNLocator(min(most, 4)).tick_values(*scale)][1:-1]
             axis.set_ticks([], minor=True)
             axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
 

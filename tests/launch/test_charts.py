@@ -56,9 +56,9 @@ def test_picture_is_self_contained_for_light_and_dark_pages(text):
 
 
 @pytest.mark.parametrize("width", [358.0, 670.0])
-@pytest.mark.parametrize("most", [1.3, 90.0, 1e4, 1e12])
+@pytest.mark.parametrize("most", [1.01, 1.3, 90.0, 1e4, 1e12])
 def test_numbers_of_an_axis_do_not_touch(width, most):
-    figure = figure_of((40.0, 80.0, 120.0, 40.0 * most), (width, 330.0))
+    figure = figure_of((40.0, 40.0 * most), (width, 330.0))
     figure.canvas.draw()
     for axis, end in ((figure.axes[0].xaxis, "x"), (figure.axes[0].yaxis, "y")):
         labels = [one for one in axis.get_ticklabels() if one.get_text()]
