@@ -8,15 +8,17 @@ place of its own, and nothing has to be laid out but the order of the nodes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch, Rectangle
+from matplotlib.lines import Line2D
+from matplotlib.patches import FancyBboxPatch, Patch, Rectangle
 
 from palpate.launch import charts
 from palpate.launch.files.file_access import write_or_print
@@ -30,7 +32,7 @@ PAD, GAP, MARGIN = 6.0, 7.0, 8.0  # within a cell, between two cells, around all
 CLEAR = 2.0  # between a topic and its line [pt]
 STACK = 3.0  # offset of the second box of a stack [pt]
 HEAD, DOT = 6.0, 4.0  # length of an arrow head, diameter of the end of a line to nobody [pt]
-SIGN = 30.0  # width of a sign of the legend [pt]
+LEGEND_SIGN = 40.0  # what a sign of the legend takes beside its text [pt]
 ONWARD, BACK = charts.BLUE, charts.VERMILION
 
 
@@ -69,23 +71,23 @@ def draw_svg(sketch: Sketch, title: str) -> str:
 @charts.styled
 def draw_chart(sketch: Sketch) -> tuple[Figure, dict[str, str]]:
     """The chart; and what is told of boxes, lines and topics, by their ``gid``."""
-    layout, legend = lay_out(sketch), list(_legend(sketch))
+    layout, signs, notes = lay_out(sketch), _signs(sketch), dict[str, str]()
     right, low = (sum(some[-1]) if some else MARGIN for some in (layout.columns, layout.rows))
-    right = max([right, *(3.0 * MARGIN + SIGN + _width(text) for _, text, _ in legend)])
-    bottom = low + LINE * (len(legend) + 1) + MARGIN
+    right = max([right, *(_width(str(sign.get_label())) + LEGEND_SIGN for sign in signs)])
+    bottom = low + 1.2 * LINE * len(signs) + 3.0 * MARGIN
     figure = charts.new_figure(*(side * charts.PIXELS_PER_INCH / 72.0 for side in (right, bottom)))
     figure.set_layout_engine("none")
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, right), ylim=(bottom, 0.0))
     axes.set_axis_off()
-    notes = dict[str, str]()
     for cell, wires in layout.cells.items():
         notes |= _draw_cell(axes, layout, cell, wires)
     for place, index in enumerate(layout.order):
         _draw_box(axes, layout, place, sketch.boxes[index])
         notes[f"box{index}"] = sketch.boxes[index].title
-    for number, (kind, text, note) in enumerate(legend):
-        notes |= {f"legend{number}": note} if note else {}
-        _draw_sign(axes, (MARGIN, low + LINE * (number + 1)), kind, text, f"legend{number}")
+    legend = axes.legend(handles=signs, loc="lower left", fontsize=TOPIC, labelcolor=charts.DIM)
+    for number, sink in enumerate(sketch.sinks[::-1], 1):
+        legend.get_texts()[-number].set_gid(f"sink{number}")
+        notes[f"sink{number}"] = sink.title
     return figure, notes
 
 
@@ -187,38 +189,23 @@ def _draw_box(axes: Axes, layout: Layout, place: int, box: Box) -> None:
     _draw_text(axes, (x, up), box.name, gid=gid, size=NAME, weight="bold")
 
 
-def _legend(sketch: Sketch) -> Iterator[tuple[str, str, str]]:
-    """Kind, text and note of each sign."""
-    yield "onward", "what a node publishes stands in its row; an arrow leads to who subscribes", ""
-    yield "back", "feedback", ""
+def _signs(sketch: Sketch) -> list[Artist]:
+    """The legend: what lines, letters and boxes mean, and the sinks."""
+    onward = "what a node publishes stands in its row; an arrow leads to who subscribes"
+    signs: list[Artist] = [Line2D([], [], color=ONWARD, label=onward)]
+    signs.append(Line2D([], [], color=BACK, label="feedback"))
     if any(wire.latched for wire in sketch.wires):
-        yield "latched", "latched: received before all else", ""
+        label = "in italics: latched, received before all else"
+        signs.append(Line2D([], [], linewidth=0.0, label=label))
     if any(not wire.targets for wire in sketch.wires):
-        yield "nobody", "no node subscribes", ""
+        label = "no node subscribes"
+        signs.append(Line2D([], [], linewidth=0.0, marker="o", ms=DOT, color=ONWARD, label=label))
     if any(box.ends for box in sketch.boxes):
-        yield "ends", "ends the graph", ""
-    for sink, text in sketch.labels()[len(sketch.boxes) :]:
-        yield "sink", text, sink.title
-
-
-def _draw_sign(axes: Axes, corner: tuple[float, float], kind: str, text: str, gid: str) -> None:
-    (x, y), color = corner, BACK if kind == "back" else ONWARD
-    if kind in ("ends", "sink"):
-        edge, dashes = (charts.GOOD, "-") if kind == "ends" else (charts.DIM, ":")
-        axes.add_patch(FancyBboxPatch((x, y - 3.5), SIGN, 7.0, fc=charts.PANEL, ec=edge, ls=dashes,
-                                      boxstyle="round,pad=0,rounding_size=2", gid=gid))  # fmt: skip
-    elif kind == "latched":
-        _draw_text(axes, (x, y), "/topic", ha="left", style="italic", color=color)
-    else:
-        mark, size = ("o", DOT) if kind == "nobody" else (">", HEAD)
-        line: dict[str, Any] = {
-            "color": color,
-            "marker": mark,
-            "markersize": size,
-            "markevery": [-1],
-        }
-        axes.plot([x, x + SIGN - 0.5 * HEAD], [y, y], **line)
-    _draw_text(axes, (x + SIGN + MARGIN, y), text, ha="left", color=charts.DIM, gid=gid)
+        signs.append(Patch(fc=charts.PANEL, ec=charts.GOOD, lw=2.0, label="ends the graph"))
+    for _, text in sketch.labels()[len(sketch.boxes) :]:
+        label = charts.xml_text(text)
+        signs.append(Patch(fc=charts.PANEL, ec=charts.DIM, ls=":", label=label))
+    return signs
 
 
 def _draw_text(axes: Axes, place: tuple[float, float], text: str, **look: Any) -> None:
