@@ -118,7 +118,8 @@ def svg_text(figure: Figure, title: str, notes: Mapping[str, str] | None = None)
     `notes` has, by the ``gid`` of something drawn, what is shown where the mouse rests on it.
     """
     file, title = io.StringIO(), xml_text(title)
-    with matplotlib.rc_context({"svg.hashsalt": title}):
+    salt = f"{title}, {figure.get_size_inches()}"  # ids differ within a page
+    with matplotlib.rc_context({"svg.hashsalt": salt}):
         figure.savefig(file, format="svg", metadata=dict.fromkeys(("Date", "Creator")))
 
     def titled(group: re.Match[str]) -> str:

@@ -20,6 +20,7 @@ from palpate.launch.log_scale import log_scale
 TITLE = "What accuracy cost"
 MAX_BARS = 14
 FILE_SIZE = (980.0, 790.0)  # of the picture of a run [pixel]
+LEGEND_WIDTH = 180.0  # of an entry of the legend [pixel]
 PANEL_SIZE = (320.0, 330.0)  # of one chart of a page [pixel]
 
 
@@ -44,7 +45,8 @@ def draw_cost(
             axes.tick_params(labelleft=False)
     if known:
         entries = above.axes[0].get_legend_handles_labels()
-        legend = above.legend(*entries, loc="outside upper left", ncols=5, alignment="left")
+        columns = int(size[0] / LEGEND_WIDTH)
+        legend = above.legend(*entries, loc="outside upper left", ncols=columns, alignment="left")
         legend.set_title(facts if heading else None)
     else:
         above.text(0.01, 0.5, f"no model was judged: {facts}")

@@ -190,7 +190,7 @@ def _chart(rows: Sequence[Row], cost: str, series: str, folder: Path) -> Iterato
     yield f'<figure data-cost="{COSTS[cost]}"><figcaption>{title}</figcaption>'
     for fit, size in SIZES.items():
         figure, notes = draw_front(rows, cost, series, folder, size)
-        drawn = charts.svg_text(figure, f"{title}, {fit}", notes)
+        drawn = charts.svg_text(figure, title, notes)
         yield f'<div class="{fit}">{drawn}</div>'
     yield "</figure>"
 
