@@ -12,6 +12,7 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from html import escape
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -341,16 +342,21 @@ class Markup(str):
     """Text of a cell that is HTML already."""
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int]) -> Html:
-    """A table; numbers stand to the right in the columns `right`."""
+def table(
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    right: Sequence[int],
+    marks: Sequence[str] = (),
+) -> Html:
+    """A table, its columns `right` set to the right; `marks` are attributes of its rows."""
     kinds = ['class="n"' if i in right else "" for i in range(len(heads))]
     yield '<div class="table"><table>\n<tr>'
     yield "".join(f"<th {kind}>{escape(one)}</th>" for one, kind in zip(heads, kinds, strict=True))
     yield "</tr>"
-    for row in rows:
+    for row, mark in zip_longest(rows, marks, fillvalue=""):
         cells = (one if isinstance(one, Markup) else escape(one) for one in row)
         told = "".join(f"<td {kind}>{one}</td>" for one, kind in zip(cells, kinds, strict=True))
-        yield f"<tr>{told}</tr>"
+        yield f"<tr{mark}>{told}</tr>"
     yield "</table></div>"
 
 

@@ -28,7 +28,7 @@ from palpate.core.arrays import Bools
 from palpate.launch import charts
 from palpate.launch.log_scale import MIN_VALUE
 from palpate.launch.printing import counted, text_table
-from palpate.tools.report.page import REPORT, html_page
+from palpate.tools.report.page import REPORT, Markup, html_page, table
 from palpate.tools.sweep.sweep_file import Sweep
 
 # Keys of a run's record, in the order of the CSV file.
@@ -274,16 +274,16 @@ def _told_of(row: Row, folder: Path) -> tuple[str, str]:
 
 def _table(rows: Sequence[Row], folder: Path) -> Iterator[str]:
     """A row a run; those on the front of touches stand out."""
-    table, best = table_of(rows), on_front(rows, "touches")
-    yield f"<tr><th>{'</th><th>'.join(map(escape, table[0]))}</th><th></th></tr>"
-    for row, cells in zip(rows, table[1:], strict=True):
-        place = row.record["folder"]
-        links = [
+    (heads, *cells), best, marks = table_of(rows), on_front(rows, "touches"), list[str]()
+    for row, line in zip(rows, cells, strict=True):
+        place, failed = row.record["folder"], row.record["exit_code"] == 3
+        links = (
             f'<a href="{escape(place)}/{one}">{one or "folder"}</a>'
             for one in LINKS
             if (folder / place / one).exists()
-        ]
-        failed = row.record["exit_code"] == 3
+        )
+        line.append(Markup(" ".join(links)))
         kind = "bad" if failed else "best" if row.number in best else ""
-        yield f'<tr class="{kind}" title="{escape(row.record["reason"])}"><td>'
-        yield f"{'</td><td>'.join(map(escape, cells))}</td><td>{' '.join(links)}</td></tr>"
+        marks.append(f' class="{kind}" title="{escape(row.record["reason"])}"')
+    numbers = range(len(heads) - len(SHOWN), len(heads))
+    return table([*heads, ""], cells, right=numbers, marks=marks)
