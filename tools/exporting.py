@@ -18,8 +18,9 @@ from palpate.launch.printing import counted, millimetres, titled
 from palpate.launch.run_directory import RECORDING, find_run_mesh
 from palpate.messages.types import ShapeModel, Truth
 from palpate.tools.bag.decoding import open_decoded
+from palpate.tools.drawables import model_mesh
 from palpate.tools.reconstruction import check_places, check_suffixes, written_files
-from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
+from palpate.tools.surfaces import TruthSurface, vertex_colours
 
 
 def export(run: Path, outs: Sequence[Path]) -> dict[str, Any]:
@@ -69,7 +70,7 @@ class FinalSolid(NamedTuple):
 
     vertices: Floats  # (n, 3)
     faces: NDArray[np.int32]  # (m, 3)
-    scalars: Mapping[str, Floats]  # As of `vertex_scalars`
+    scalars: Mapping[str, Floats]  # As of `Mesh.scalars`
     final: bool | None  # Whether it had come to its end; None where nobody tells
 
 
@@ -88,7 +89,7 @@ def read_final(run: Path) -> FinalSolid:
     model, truth = last.get(ShapeModel), last.get(Truth)
     if model is None or not len(model.faces):
         raise InputError(f"{run}: holds no rebuilt solid: no model in it has a surface")
-    scalars = vertex_scalars(model, truth and TruthSurface(truth))
+    scalars = model_mesh(model, truth and TruthSurface(truth)).scalars()
     return FinalSolid(model.vertices, model.faces, scalars, model.final)
 
 

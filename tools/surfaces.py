@@ -1,4 +1,4 @@
-"""Values of the vertices of a model, and their colours: deviation from the truth, uncertainty.
+"""Colours of values, of a surface or a tactile image, and distances from the true surface.
 
 Values become colours by viridis, which keeps its order in print and for colour-blind readers: on a
 surface from light, where the value is 0, to dark, so that light and shade still show the shape; in
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.core import geometry
 from palpate.core.arrays import Floats
-from palpate.launch.files.mesh_file import uncertainties
-from palpate.messages.types import ShapeModel, Truth
+from palpate.messages.types import Truth
 
 Colours = NDArray[np.uint8]
 QUANTILE = 0.98  # Of the values, from which on all have the last colour
@@ -38,17 +37,6 @@ class TruthSurface:
             corners = geometry.triangle_corners(self.truth.vertices, self.truth.faces)
             self._search = geometry.nearest_search(corners)
         return geometry.nearest_points(self._search, points).distances
-
-
-def vertex_scalars(model: ShapeModel, truth: TruthSurface | None) -> dict[str, Floats]:
-    """What is known of each vertex (n,), m; what it is coloured by comes first.
-
-    Its ``deviation`` from the truth, where that is known, and the ``uncertainty`` that the model
-    states, if it does.
-    """
-    known = {} if truth is None else {"deviation": truth.deviations(model.vertices)}
-    stated = uncertainties(model)
-    return known | ({"uncertainty": stated} if stated.any() else {})
 
 
 class VertexColours(NamedTuple):

@@ -105,7 +105,7 @@ def test_colours_of_the_solid_are_those_of_the_scale(opened):
 
 def test_toggles_show_and_hide(opened):
     page = opened.page
-    for name in ("truth", "touches", "solid", "contours"):
+    for name in ("truth", "touched", "solid", "contours", "finger", "lattice", "free", "unknown"):
         before = canvas(page)
         control(page, name).click()
         settled(page)

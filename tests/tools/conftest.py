@@ -9,10 +9,20 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from palpate.messages.types import LogRecord, PlanDone, SensorInfo, SurfacePatch, Truth
+from palpate.messages.types import (
+    GraspContacts,
+    LogRecord,
+    PlanDone,
+    PlanEstimate,
+    SensorInfo,
+    SpaceMap,
+    SurfacePatch,
+    TactileImage,
+    Truth,
+)
 from palpate.nodes.runtime.testing import example
 from palpate.tools.cli.command_line import run
-from tests.tools.recordings import POSE, frame, write_recording
+from tests.tools.recordings import POSE, WORLD, frame, write_recording
 from tests.tools.toy_graph import ToyGraph, toy_graph
 
 
@@ -123,6 +133,45 @@ def explored_messages(sensor, patch, contour, tetrahedron, score) -> list[tuple[
 def explored(record, explored_messages) -> Path:
     """Their recording."""
     return record(explored_messages)
+
+
+@pytest.fixture
+def every_drawn_message(explored_messages, patch, contour, tetrahedron) -> list[tuple[str, Any]]:
+    """A message of each kind that is drawn; the truth lies 1 mm beside the model."""
+    turned = np.array([0.01, 0.02, 0.03, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
+    touch = {"goal": 1, "finger": 2, "pose": turned, "outcome": "hit", "robot_time": 0.5}
+    moved = tetrahedron.vertices + np.array([0.001, 0.0, 0.0])
+    places = {"vertices": moved, "floor_vertices": moved}
+    faces = {"faces": tetrahedron.faces, "floor_faces": tetrahedron.faces}
+    late = {"points": np.arange(9.0).reshape(3, 3), "normals": np.zeros((3, 3))}
+    late |= {"id": 7, "curvature": np.zeros(3)}
+    nothing = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
+    image = {"compression": np.full((2, 3), 1e-4), "mask": patch.mask}
+    contacts = {"points": np.eye(3), "normals": np.eye(3), "fingers": np.arange(3, dtype=np.int32)}
+    states = np.zeros((5, 5, 5), np.uint8)
+    states[1:4, 1:4, 1:4], states[2, 2, 2] = 1, 2
+    space = {"number": 1, "low": np.zeros(3), "step": 0.01, "states": states}
+    known = {topic: message for topic, message in explored_messages if topic != "/model/shape"}
+    return [
+        ("/world", WORLD),
+        ("/truth", Truth(**places, **faces, height=0.03)),
+        ("/touch/info", known["/touch/info"]),
+        ("/hand/contacts", example(GraspContacts, **contacts, robot_time=0.25)),
+        ("/touch/raw", frame(0, **touch, array=np.zeros((2, 3)))),
+        ("/touch/image", example(TactileImage, **touch, **image)),
+        ("/touch/patch", replace(patch, pose=turned)),
+        ("/contour/traced", contour),
+        ("/contour/traced", replace(contour, **late, status="occluded", robot_time=16.0)),
+        ("/contour/traced", replace(contour, **late, robot_time=17.0)),
+        ("/model/shape", tetrahedron),
+        ("/model/space", example(SpaceMap, **space)),
+        ("/model/shape", replace(tetrahedron, **nothing, robot_time=30.0)),
+        ("/score", known["/score"]),
+        ("/plan/estimate", example(PlanEstimate, rms_bound_95=0.0005, robot_time=21.0)),
+        ("/plan/estimate", example(PlanEstimate, rms_bound_95=None, robot_time=22.0)),
+        ("/log", replace(known["/log"], robot_time=1.0)),
+        ("/plan/done", replace(known["/plan/done"], open_places=np.eye(3), robot_time=31.0)),
+    ]
 
 
 @pytest.fixture

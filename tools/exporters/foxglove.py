@@ -1,7 +1,7 @@
 """A recording as an MCAP file in JSON that Foxglove shows.
 
-Models, contours, touched points, the finger and the log become its own messages; models are
-coloured by how good they are. Schemas are those of foxglove-sdk, as far as they are used.
+What is drawn becomes its own messages, in the colours of its layers; models are coloured by how
+good they are. Schemas are those of foxglove-sdk, as far as they are used.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,23 +18,41 @@ from mcap.writer import CompressionType, Writer
 
 from palpate import __version__
 from palpate.core.arrays import Floats
-from palpate.launch.colours import rgb
 from palpate.messages import schema, types
-from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import DecodedMessage, DecodedRecording
 from palpate.tools.bag.export_format import ExportFormat
-from palpate.tools.surfaces import TruthSurface, vertex_colours, vertex_scalars
+from palpate.tools.drawables import (
+    LAYERS,
+    TYPES_NEEDED,
+    Drawable,
+    Finger,
+    Image,
+    Known,
+    Lines,
+    Mesh,
+    Nothing,
+    Number,
+    Points,
+    Text,
+    drawables,
+    pad_size,
+)
+from palpate.tools.surfaces import vertex_colours
 
 SCENE = "foxglove.SceneUpdate"
 WORLD_FRAME = "world"
-FRAMES_TOPIC = "/tf"  # Topic of the frames of the fingers
+FRAMES, FRAMES_TOPIC = "foxglove.FrameTransforms", "/tf"  # Of the fingers
 LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4}
-LINE_STRIP, LINE_LOOP, ALL, FLOAT32 = 0, 1, 1, 7
+LINE_STRIP, MATCHING_ID, UINT8, FLOAT32 = 0, 0, 1, 7
+LEAVES = {"foxglove.PoseInFrame": "pose"}  # Of topics that are not named by their layer
 LINE_PIXELS = 3.0  # Width of a contour
-TRUTH_OPACITY = 0.3
+CELL = np.dtype(  # A point of a cloud
+    [
+        *((name, "<f4") for name in "xyz"),
+        *((name, "u1") for name in ("red", "green", "blue", "alpha")),
+    ]
+)
 INSTEAD = (types.ShapeModel, types.Truth, types.LogRecord)  # Shown as Foxglove's messages alone
-# Types that are read though their topics are not wanted: others are drawn by what they say.
-ALSO_READ = frozenset(kind.__name__ for kind in (types.SensorInfo, types.Truth))
 IDENTITY = {
     "position": {"x": 0.0, "y": 0.0, "z": 0.0},
     "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
@@ -46,19 +64,19 @@ Schema = dict[str, Any]
 def write_foxglove(source: DecodedRecording, path: Path) -> int:
     """Write a new file; returns the number of messages.
 
-    Models, the truth and log lines become Foxglove's own messages; contours, patches and the poses
-    of fingers have them beside what was recorded. All else is JSON, arrays as lists.
+    Models, the truth and log lines become Foxglove's own messages; what else is drawn has them
+    beside what was recorded. All else is JSON, arrays as lists.
     """
     with path.open("xb") as file:
         writer = Writer(file, compression=CompressionType.LZ4)
         writer.start(library=f"palpate {__version__}")
-        views, schemas, channels = FoxgloveConverter(), dict[str, int](), dict[Any, int]()
+        known, schemas, channels = Known(), dict[str, int](), dict[Any, int]()
         count = 0
-        for decoded in source.published(also=ALSO_READ):
-            shown = views.of(decoded)
+        for decoded in source.published(also=TYPES_NEEDED):
+            known.take(decoded.message)
             if decoded.topic not in source.topics:
                 continue
-            cls = type(decoded.message)
+            shown, cls = [*foxglove_messages(decoded, known)], type(decoded.message)
             if cls not in INSTEAD:
                 whole = FoxgloveMessage(decoded.topic, cls.__name__, plain_json(decoded.message))
                 shown = [whole, *shown]
@@ -111,91 +129,128 @@ class FoxgloveMessage(NamedTuple):
     content: dict[str, Any]
 
 
-class FoxgloveConverter:
-    """Turns messages into views; remembers the sensor, without which a patch has no size.
-
-    It remembers the truth as well, from which models deviate.
-    """
-
-    def __init__(self) -> None:
-        self._sensor: types.SensorInfo | None = None
-        self._truth: TruthSurface | None = None
-
-    def of(self, decoded: DecodedMessage) -> list[FoxgloveMessage]:
-        """What Foxglove shall draw of a message; nothing of most."""
-        match decoded.message:
-            case types.SensorInfo() as info:
-                self._sensor = info
-            case types.ShapeModel():
-                return [_model(decoded, self._truth)]
-            case types.Truth() as truth:
-                self._truth = TruthSurface(truth)
-                return [_truth(decoded)]
-            case types.LogRecord():
-                return [_log(decoded)]
-            case types.Contour():
-                return [_contour(decoded)]
-            case types.SurfacePatch() as patch if self._sensor is not None:
-                grid = (self._sensor.rows, self._sensor.cols)
-                fits = patch.mask.shape == patch.height.shape == grid
-                return [_patch(decoded, self._sensor)] if fits else []
-            case types.TactileFrame():
-                return _finger(decoded)
-        return []
+def foxglove_messages(decoded: DecodedMessage, known: Known) -> Iterator[FoxgloveMessage]:
+    """What Foxglove draws of a message: on its own topic if it is shown `INSTEAD`, or below it."""
+    below = not isinstance(decoded.message, INSTEAD)
+    for one in drawables(decoded.message, known):
+        write = WRITERS[type(one.shape)]
+        for name, content in write(one, one.shape, foxglove_time(decoded.sent_ns)):
+            topic = f"{decoded.topic}/{LEAVES.get(name, one.layer)}" if below else decoded.topic
+            yield FoxgloveMessage(FRAMES_TOPIC if name == FRAMES else topic, name, content)
 
 
-def _contour(decoded: DecodedMessage) -> FoxgloveMessage:
-    contour: types.Contour = decoded.message
-    line = {
-        "type": LINE_LOOP if contour.status == "closed" else LINE_STRIP,
+Stamp = dict[str, int]
+Written = Iterator[tuple[str, dict[str, Any]]]  # Name of a schema, and the content
+
+
+def _nothing(one: Drawable, _: Nothing, stamp: Stamp) -> Written:
+    """What was there before must go."""
+    gone = {"timestamp": stamp, "type": MATCHING_ID, "id": one.path}
+    yield SCENE, {"deletions": [gone], "entities": []}
+
+
+def _mesh(one: Drawable, mesh: Mesh, stamp: Stamp) -> Written:
+    """A mesh in the colour of its layer, or by what is known of its vertices."""
+    facts, colours, coloured = dict(one.facts), [], vertex_colours(mesh.scalars())
+    if coloured is not None:
+        facts |= {"coloured_by": coloured.name, "colours_end_m": coloured.top}
+        shares = (coloured.colours / 255.0).round(4).tolist()
+        colours = [{"r": r, "g": g, "b": b, "a": 1.0} for r, g, b in shares]
+    triangles = {
         "pose": IDENTITY,
-        "thickness": LINE_PIXELS,
-        "scale_invariant": True,
-        "points": _points(contour.points),
-        "color": _colour("contour"),
-        "colors": [],
-        "indices": [],
+        "points": _points(mesh.vertices),
+        "color": _colour(one.layer),
+        "colors": colours,
+        "indices": mesh.faces.ravel().tolist(),
     }
-    told = {"status": contour.status, "height_m": contour.height, "touches": contour.touches}
-    entity = _entity(decoded, f"contour {contour.id}", {"lines": [line]}, told)
-    return FoxgloveMessage(f"{decoded.topic}/lines", SCENE, {"deletions": [], "entities": [entity]})
+    yield _entity(one, stamp, facts, triangles=[triangles])
 
 
-def _patch(decoded: DecodedMessage, sensor: types.SensorInfo) -> FoxgloveMessage:
-    """Touched taxels in the frame of the pad, whose pose the cloud carries."""
-    patch: types.SurfacePatch = decoded.message
-    x, y = pad_of_info(sensor).grid()
-    cells = [x[patch.mask], y[patch.mask], patch.height[patch.mask]]
-    data = np.column_stack(cells).astype("<f4").tobytes()
-    content = {
-        "timestamp": foxglove_time(decoded.sent_ns),
-        "frame_id": WORLD_FRAME,
-        "pose": foxglove_pose(patch.pose),
-        "point_stride": 12,
-        "fields": [
-            {"name": name, "offset": 4 * number, "type": FLOAT32}
-            for number, name in enumerate("xyz")
-        ],
-        "data": base64.b64encode(data).decode(),
-    }
-    return FoxgloveMessage(f"{decoded.topic}/points", "foxglove.PointCloud", content)
+def _lines(one: Drawable, lines: Lines, stamp: Stamp) -> Written:
+    shared = {"pose": IDENTITY, "thickness": LINE_PIXELS, "scale_invariant": True, "indices": []}
+    shared |= {"type": LINE_STRIP, "color": _colour(one.layer), "colors": []}
+    strips = [{**shared, "points": _points(strip)} for strip in lines.strips]
+    yield _entity(one, stamp, one.facts, lines=strips)
 
 
-def _finger(decoded: DecodedMessage) -> list[FoxgloveMessage]:
-    frame: types.TactileFrame = decoded.message
-    time, pose = foxglove_time(decoded.sent_ns), foxglove_pose(frame.pose)
+def _cloud(one: Drawable, points: Points, stamp: Stamp) -> Written:
+    """Points in the colour of their layer."""
+    cells = np.zeros(len(points.points), CELL)
+    values = (*points.points.T, *LAYERS[one.layer].rgb, 255)
+    for name, value in zip(CELL.names or (), values, strict=True):
+        cells[name] = value
+    fields = [
+        {"name": name, "offset": offset, "type": FLOAT32 if kind.kind == "f" else UINT8}
+        for name, (kind, offset, *_) in (CELL.fields or {}).items()
+    ]
+    yield (
+        "foxglove.PointCloud",
+        {
+            "timestamp": stamp,
+            "frame_id": WORLD_FRAME,
+            "pose": IDENTITY,
+            "point_stride": CELL.itemsize,
+            "fields": fields,
+            "data": base64.b64encode(cells.tobytes()).decode(),
+        },
+    )
+
+
+def _finger(one: Drawable, finger: Finger, stamp: Stamp) -> Written:
+    """The pose, the frame, and the pad as a plate once the sensor is known."""
+    pose = foxglove_pose(finger.pose)
     transform = {
-        "timestamp": time,
+        "timestamp": stamp,
         "parent_frame_id": WORLD_FRAME,
-        "child_frame_id": f"finger_{frame.finger}",
+        "child_frame_id": f"finger_{finger.number}",
         "translation": pose["position"],
         "rotation": pose["orientation"],
     }
-    placed = {"timestamp": time, "frame_id": WORLD_FRAME, "pose": pose}
-    return [
-        FoxgloveMessage(f"{decoded.topic}/pose", "foxglove.PoseInFrame", placed),
-        FoxgloveMessage(FRAMES_TOPIC, "foxglove.FrameTransforms", {"transforms": [transform]}),
-    ]
+    yield "foxglove.PoseInFrame", {"timestamp": stamp, "frame_id": WORLD_FRAME, "pose": pose}
+    yield FRAMES, {"transforms": [transform]}
+    if finger.pad is not None:
+        size = dict(zip("xyz", pad_size(finger.pad), strict=True))
+        cube = {"pose": pose, "size": size, "color": _colour(one.layer)}
+        yield _entity(one, stamp, one.facts, cubes=[cube])
+
+
+def _image(one: Drawable, image: Image, stamp: Stamp) -> Written:
+    """Compression in metres."""
+    rows, columns = image.values.shape
+    yield (
+        "foxglove.RawImage",
+        {
+            "timestamp": stamp,
+            "frame_id": one.path.replace("compression/", "finger_"),
+            "width": columns,
+            "height": rows,
+            "encoding": "32FC1",
+            "step": 4 * columns,
+            "data": base64.b64encode(image.values.astype("<f4").tobytes()).decode(),
+        },
+    )
+
+
+def _nowhere(one: Drawable, number: Number, stamp: Stamp) -> Written:
+    """Numbers are left out: Foxglove plots the fields of the messages themselves."""
+    return iter(())
+
+
+def _text(one: Drawable, line: Text, stamp: Stamp) -> Written:
+    content = {"timestamp": stamp, "level": LEVELS[line.level], "message": line.text}
+    yield "foxglove.Log", {**content, "name": line.node, "file": "", "line": 0}
+
+
+WRITERS: Mapping[type, Callable[[Drawable, Any, Stamp], Written]] = {
+    Nothing: _nothing,
+    Mesh: _mesh,
+    Lines: _lines,
+    Points: _cloud,
+    Finger: _finger,
+    Image: _image,
+    Text: _text,
+    Number: _nowhere,
+}
 
 
 def foxglove_pose(pose: Floats) -> dict[str, Any]:
@@ -211,52 +266,10 @@ def foxglove_time(ns: int) -> dict[str, int]:
     return {"sec": sec, "nsec": nsec}
 
 
-def _model(decoded: DecodedMessage, truth: TruthSurface | None) -> FoxgloveMessage:
-    """A model, coloured by its deviation from the truth, or else by its own uncertainty."""
-    model: types.ShapeModel = decoded.message
-    if len(model.faces) == 0:  # nothing could be rebuilt: what was there before must go
-        gone = {"timestamp": foxglove_time(decoded.sent_ns), "type": ALL, "id": ""}
-        return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [gone], "entities": []})
-    told: dict[str, object] = {
-        "number": model.number,
-        "touches": model.touches,
-        "deviation_m": model.deviation,
-        "final": str(model.final).lower(),
-    }
-    shown, colours = vertex_colours(vertex_scalars(model, truth)), []
-    if shown is not None:
-        told |= {"coloured_by": shown.name, "colours_end_m": shown.top}
-        shares = (shown.colours / 255.0).round(4).tolist()
-        colours = [{"r": r, "g": g, "b": b, "a": 1.0} for r, g, b in shares]
-    return _mesh(decoded, _colour("solid"), colours, told)
-
-
-def _truth(decoded: DecodedMessage) -> FoxgloveMessage:
-    return _mesh(decoded, _colour("truth", TRUTH_OPACITY), [], {"height_m": decoded.message.height})
-
-
-def _colour(quantity: str, opacity: float = 1.0) -> Mapping[str, float]:
-    """The colour of a quantity, 0 to 1."""
-    shares = (round(one / 255.0, 4) for one in rgb(quantity))
-    return {**dict(zip("rgb", shares, strict=True)), "a": opacity}
-
-
-def _mesh(
-    decoded: DecodedMessage,
-    colour: Mapping[str, float],
-    colours: list[dict[str, float]],
-    told: Mapping[str, object],
-) -> FoxgloveMessage:
-    """A mesh in one colour, or in one for each vertex."""
-    triangles = {
-        "pose": IDENTITY,
-        "points": _points(decoded.message.vertices),
-        "color": colour,
-        "colors": colours,
-        "indices": decoded.message.faces.ravel().tolist(),
-    }
-    entity = _entity(decoded, decoded.topic, {"triangles": [triangles]}, told)
-    return FoxgloveMessage(decoded.topic, SCENE, {"deletions": [], "entities": [entity]})
+def _colour(layer: str) -> Mapping[str, float]:
+    """The colour of a layer, 0 to 1."""
+    shares = (round(one / 255.0, 4) for one in LAYERS[layer].rgb)
+    return {**dict(zip("rgb", shares, strict=True)), "a": LAYERS[layer].opacity}
 
 
 def _points(points: Floats) -> list[dict[str, float]]:
@@ -264,30 +277,18 @@ def _points(points: Floats) -> list[dict[str, float]]:
 
 
 def _entity(
-    decoded: DecodedMessage, name: str, primitives: Mapping[str, object], told: Mapping[str, object]
-) -> dict[str, Any]:
-    return {
-        "timestamp": foxglove_time(decoded.sent_ns),
+    one: Drawable, stamp: Stamp, facts: Mapping[str, object], **primitives: list[Any]
+) -> tuple[str, dict[str, Any]]:
+    entity = {
+        "timestamp": stamp,
         "frame_id": WORLD_FRAME,
-        "id": name,
+        "id": one.path,
         "lifetime": {"sec": 0, "nsec": 0},
         "frame_locked": False,
-        "metadata": [{"key": key, "value": str(value)} for key, value in told.items()],
+        "metadata": [{"key": key, "value": str(value)} for key, value in facts.items()],
         **{kind: primitives.get(kind, []) for kind in PRIMITIVES},
     }
-
-
-def _log(decoded: DecodedMessage) -> FoxgloveMessage:
-    record: types.LogRecord = decoded.message
-    content = {
-        "timestamp": foxglove_time(decoded.sent_ns),
-        "level": LEVELS[record.level],
-        "message": record.text,
-        "name": record.node,
-        "file": "",
-        "line": 0,
-    }
-    return FoxgloveMessage(decoded.topic, "foxglove.Log", content)
+    return SCENE, {"deletions": [], "entities": [entity]}
 
 
 def _schema(kind: Any) -> Schema:

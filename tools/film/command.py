@@ -26,7 +26,7 @@ def film_command(run: Path, out: Path, seconds: float, quiet: bool) -> None:
 
     The finger, contours, and the solid as it grows; beside them the tactile image, and error and
     bound against robot time. At the end the solid turns, coloured by its distance from the truth
-    where that is known. Needs no screen.
+    where that is known, or else by its stated uncertainty. Needs no screen.
     """
     from palpate.tools.film.film import make_film
     from palpate.tools.view.timeline import read_timeline

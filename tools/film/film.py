@@ -23,8 +23,9 @@ from palpate.launch.colours import COLOURS
 from palpate.launch.files.file_access import check_new, write_new
 from palpate.launch.files.source_map import InputError
 from palpate.launch.printing import counted
-from palpate.tools.surfaces import scale_top, shades, viridis
-from palpate.tools.view.picture import FINGER, TOUCHED, draw_moment, finger_mesh
+from palpate.tools.drawables import LAYERS, SCALARS, model_mesh
+from palpate.tools.surfaces import VertexColours, shades, vertex_colours, viridis
+from palpate.tools.view.picture import draw_moment, finger_mesh
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
 from palpate.tools.view.timeline import Timeline, curve_of
 
@@ -88,14 +89,12 @@ class Film:
     line: Timeline
     width: int
     height: int
-    colours: Floats | None = None  # Of the last model's vertices, by deviation
-    top: float = 0.0  # Of their scale, m
+    coloured: VertexColours | None = None  # Vertices of the last model
 
     def __post_init__(self) -> None:
-        if self.line.models and self.line.surface is not None:
-            found = self.line.surface.deviations(self.line.models[-1].vertices)
-            self.top = scale_top(found)
-            self.colours = shades(found, self.top).astype(np.float64)
+        if self.line.models:
+            mesh = model_mesh(self.line.models[-1], self.line.surface)
+            self.coloured = vertex_colours(mesh.scalars())
 
     def frame(self, share: float) -> Pixels:
         """The picture (height, width, 3) at a share of the film, 0 to 1."""
@@ -116,15 +115,12 @@ class Film:
         azimuth = -60.0 + TURN * exploring + LAST_TURN * ending
         low, high = line.bounds()
         canvas = Canvas(wide, self.height, camera_on(low, high, azimuth=azimuth))
-        if ending > 0.0 and self.colours is not None:
-            draw_moment(canvas, line, moment, self.colours)
+        if ending > 0.0 and self.coloured is not None:
+            draw_moment(canvas, line, moment, self.coloured.colours.astype(np.float64))
             return canvas.image()
-        draw_moment(canvas, line, moment)
-        recent = [one.points for one in line.touches[: moment.touches] if len(one.points)]
-        if moment.models and recent:
-            canvas.draw_points(np.concatenate(recent[-TRACE // 24 :])[-TRACE:], TOUCHED, 1.0)
+        draw_moment(canvas, line, moment, recent=TRACE)
         if ending == 0.0 and moment.touches:
-            canvas.draw_mesh(*finger_mesh(finger_pose(line, time)), FINGER)
+            canvas.draw_mesh(*finger_mesh(finger_pose(line, time)), np.array(LAYERS["finger"].rgb))
         return canvas.image()
 
     def _measured(self, draw: ImageDraw, image: Any, time: float, ending: float, left: int) -> None:
@@ -132,8 +128,8 @@ class Film:
         unit, right = self.height / 360.0, self.width - round(0.03 * self.width)
         moment = self.line.at(time)
         side = round(104 * unit)
-        if ending > 0.0 and self.colours is not None:
-            self._scale(draw, left, round(40 * unit), right, unit)
+        if ending > 0.0 and self.coloured is not None:
+            self._scale(draw, self.coloured, left, round(40 * unit), right, unit)
         elif moment.touches:
             self._tactile(draw, image, moment.touches - 1, left, round(16 * unit), side)
         texts = [f"{time:.0f} s robot time", counted(moment.touches, "touch", "touches")]
@@ -152,12 +148,15 @@ class Film:
 
     def _legend(self, draw: ImageDraw, width: int, unit: float, ending: float) -> None:
         """The colours of the scene, below it."""
-        shown = {"solid": "solid", "contour": "contours", "touch": "touches", "finger": "finger"}
+        shown = ["solid", "contours", "touched", "finger"]
         if ending > 0.0:
-            shown = {"contour": "contours"} if self.colours is not None else {"solid": "solid"}
+            shown = ["contours"] if self.coloured is not None else ["solid", "contours"]
+            shown += ["untouched"] * (
+                self.line.done is not None and len(self.line.done.open_places) > 0
+            )
         font, x, y = _fitting(draw, [], width, round(11 * unit)), 12 * unit, 340 * unit
-        for quantity, text in shown.items():
-            draw.rectangle((x, y, x + 10 * unit, y + 10 * unit), COLOURS[quantity], FRAME)
+        for text, colour in ((LAYERS[one].label, LAYERS[one].colour) for one in shown):
+            draw.rectangle((x, y, x + 10 * unit, y + 10 * unit), colour, FRAME)
             draw.text((x + 15 * unit, y + 5 * unit), text, INK, font, anchor="lm")
             x += 30 * unit + draw.textlength(text, font)
 
@@ -177,11 +176,13 @@ class Film:
         )
         draw.text((left, top + side + 4), "compression", DIM, _font(round(0.1 * side)))
 
-    def _scale(self, draw: ImageDraw, left: int, top: int, right: int, unit: float) -> None:
+    def _scale(
+        self, draw: ImageDraw, coloured: VertexColours, left: int, top: int, right: int, unit: float
+    ) -> None:
         ramp = shades(np.linspace(0.0, 1.0, right - left), 1.0)
         for x, colour in enumerate(ramp.tolist(), left):
             draw.line([(x, top), (x, top + 14 * unit)], tuple(colour))
-        most, what = f"{1e3 * self.top:g} mm and over", "distance from the truth"
+        most, what = f"{1e3 * coloured.top:g} mm and over", SCALARS[coloured.name]
         font = _fitting(draw, [f"0  {most}", what], right - left, round(12 * unit))
         draw.text((left, top + 20 * unit), "0", INK, font)
         draw.text((right, top + 20 * unit), most, INK, font, anchor="ra")

@@ -19,34 +19,28 @@ from typing import Any
 import numpy as np
 
 from palpate.launch import charts
-from palpate.launch.colours import COLOURS
 from palpate.launch.cost_chart import draw_panels
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.printing import millimetres
 from palpate.launch.run_directory import versions_text
 from palpate.launch.summary_text import headline_facts
+from palpate.tools.drawables import LAYERS, SCALARS
 from palpate.tools.graph_drawing import draw_svg
 from palpate.tools.report.run_facts import (
     MOST_PLACES,
-    UNTOUCHED,
     Place,
     RunFacts,
     ratio_rows,
     read_run,
 )
-from palpate.tools.report.view_data import DEVIATION, PLAIN, UNCERTAINTY, view_data
+from palpate.tools.report.view_data import PLAIN, view_data
 from palpate.tools.surfaces import css_ramp
 from palpate.tools.view.picture import png_bytes, still
 
 REPORT = "report.html"
 STILL = (720, 520)  # Pixels
 HERE = Path(__file__).parent
-SURFACES = {
-    PLAIN: "plain",
-    DEVIATION: "distance from the truth, mm",
-    UNCERTAINTY: "stated standard deviation, mm",
-}
-SHOWN_AT_FIRST = ("solid", "contour", "untouched")
+HIDDEN_AT_FIRST = ("touched", "finger")  # They would hide the solid at the end, which is shown
 TILES = {
     "rms error": "rms_m",
     "error bound": "rms_bound_95_m",
@@ -172,10 +166,6 @@ def _view(run: RunFacts, number: int) -> Html:
         return
     data = view_data(run.line, run.places)
     picture = base64.b64encode(png_bytes(still(run.line, *STILL))).decode()
-    colourings = [one for one in SURFACES if one in (*data.tops, PLAIN)]
-    shown = {"solid": "solid", "contours": "contour", "touches": "touch"}
-    shown |= {"truth": "truth"} if run.line.truth is not None else {}
-    shown |= {UNTOUCHED: "untouched"} if any(one.kind == UNTOUCHED for one in run.places) else {}
     yield f'<div class="view3d" id="view{number}">\n<div class="stage">'
     yield f'<img class="still" alt="{_alt(run)}" src="data:image/png;base64,{picture}">'
     yield "</div>"
@@ -186,15 +176,15 @@ def _view(run: RunFacts, number: int) -> Html:
         '<input type="range" min="0" max="1" step="0.001" value="1" data-control="time" '
         'aria-label="Time of the run">'
     )
-    for name, quantity in shown.items():
-        checked = " checked" if quantity in SHOWN_AT_FIRST else ""
-        control = "untouched" if name == UNTOUCHED else name
+    for name in data.layers:
+        layer = LAYERS[name]
+        checked = " checked" if layer.shown and name not in HIDDEN_AT_FIRST else ""
         yield (
-            f'<label><input type="checkbox" data-control="{control}"{checked}> '
-            f'<i class="swatch" style="background: {COLOURS[quantity]}"></i> {name}</label>'
+            f'<label title="{layer.hint}"><input type="checkbox" data-control="{name}"{checked}> '
+            f'<i class="swatch" style="background: {layer.colour}"></i> {layer.label}</label>'
         )
     yield '<label>colour <select data-control="colour">'
-    yield from (f'<option value="{one}">{one}</option>' for one in colourings)
+    yield from (f'<option value="{one}">{one}</option>' for one in (PLAIN, *data.tops))
     yield "</select></label>"
     yield '<button data-control="home">Reset view</button>'
     yield '<output class="fallback" data-control="readout" aria-live="polite"></output>\n</div>'
@@ -215,7 +205,7 @@ def _scale(tops: dict[str, float]) -> Html:
         yield (
             f'<div data-colouring="{name}"><div class="ramp" style="background: {ramp}">'
             f'</div><div class="ends"><span>0</span>'
-            f"<span>{1e3 * top:g} and over</span></div><div>{SURFACES[name]}</div></div>"
+            f"<span>{1e3 * top:g} and over</span></div><div>{SCALARS[name]}, mm</div></div>"
         )
     yield "</div>"
 

@@ -1,6 +1,6 @@
 """Runs to look at: what happened in robot time, drawn into images, films and the browser.
 
-`timeline` is the one place that knows which messages are drawn; `rasteriser` draws without a
-screen, `browser` in one. A picture never changes what a graph does. Rests on tools.bag and
-tools.introspection.
+`timeline` keeps what happened, and tells what is to be seen at a time as `tools.drawables` has it;
+`rasteriser` draws without a screen, `browser` in one. A picture never changes what a graph does.
+Rests on tools.bag and tools.introspection.
 """

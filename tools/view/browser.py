@@ -6,7 +6,7 @@ changes with every touch (its patch, the contour that grows) is small, and is se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -15,31 +15,27 @@ import viser
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
-from palpate.core.touch import Pad
-from palpate.launch.colours import rgb
-from palpate.launch.files.mesh_file import uncertainties
-from palpate.messages.types import ShapeModel
-from palpate.tools.surfaces import scale_top, shades, thinned
-from palpate.tools.view.drawn import (
-    LIGHT,
+from palpate.tools.drawables import (
+    CONTACT_RADIUS,
+    LAYERS,
+    TAXEL_RADIUS,
+    Drawable,
     Faces,
-    boundary,
-    contour_segments,
-    growing,
-    lattice_lines,
-    lifted,
+    Finger,
+    Lines,
+    Mesh,
+    Points,
     pad_body,
-    shaded,
-    unlit_glb,
 )
-from palpate.tools.view.timeline import Moment, Timeline, Touch
+from palpate.tools.surfaces import scale_top, shades, thinned
+from palpate.tools.view.glb import LIGHT, shaded, unlit_glb
+from palpate.tools.view.timeline import Moment, Timeline
 
 Colouring = Literal["plain", "deviation", "uncertainty"]
 MOST_TRIANGLES = 20_000  # Of one surface: drawn in software, more are slower than 5 frames a second
 MOST_SOLIDS = 48  # Kept in the browser
 CHUNK, EVERY = 32, 2  # Touches whose points are one node, and of which every second is drawn
-POINT, CONTACT, VOXEL = 0.0004, 0.0009, 0.0006  # Radii of points, m
-LATTICE = (74, 74, 74)
+LINE_WIDTH, THIN = 4.0, 2.0  # Pixels; thin: of a contour that grows, and the lattice
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # They take long
 AXIS = 0.03  # Length of the pad's axis, m
 GRID, GRID_CELL = 0.4, 0.01  # Side of the floor and of its cells, m
@@ -59,11 +55,7 @@ class Wishes(NamedTuple):
     """What is wanted to be seen."""
 
     colouring: Colouring = "plain"
-    points: bool = True
-    truth: bool = False
-    lattice: bool = False
-    free: bool = False
-    unknown: bool = False
+    layers: frozenset[str] = frozenset()
 
 
 @dataclass(slots=True)
@@ -77,9 +69,8 @@ class Scene:
     _nodes: dict[str, Any] = field(default_factory=dict)  # By name
     _visible: set[str] = field(default_factory=set)
     _scales: dict[str, Scale | None] = field(default_factory=dict)  # By name of a solid
-    _thinned: dict[int, tuple[NDArray[np.intp], Faces]] = field(default_factory=dict)
-    _chunks: dict[str, list[int]] = field(default_factory=dict)  # Identities of touches
-    _drawn: Sequence[Touch] = ()  # Last touches of the fingers that are shown
+    _thinned: dict[object, tuple[NDArray[np.intp], Faces]] = field(default_factory=dict)
+    _made: dict[str, Any] = field(default_factory=dict)  # Of what each node was made, by name
     _aimed: bool = False
 
     def __post_init__(self) -> None:
@@ -92,27 +83,21 @@ class Scene:
     def show(self, moment: Moment, wishes: Wishes) -> None:
         """Show what there was at a moment."""
         self._aim()
-        wishes = self._possible(wishes)
         with self.server.atomic():
-            wanted = {*self._contours(moment), *self._points(moment, wishes)}
-            wanted |= {*self._fingers(moment), *self._space(moment, wishes)}
-            wanted |= {*self._solid(moment, wishes), *self._references(wishes)}
+            wanted = {*self._drawn(moment, wishes), *self._patch(moment)}
             for name in self._visible ^ wanted:
                 self._nodes[name].visible = name in wanted
         self._visible = wanted
 
     def prepare(self, wishes: Wishes) -> bool:
         """Make one solid that a jump may ask for; false if all are there."""
-        wishes = self._possible(wishes)
         for model in self.line.models[-MOST_SOLIDS:]:
-            if _solid_name(model, wishes.colouring) not in self._nodes:
-                self._make_solid(model, wishes.colouring)
+            shapes = (one.shape for one in self.line.of(model))
+            mesh = next(one for one in shapes if isinstance(one, Mesh))
+            if _solid_name(model.number, mesh, wishes.colouring) not in self._nodes:
+                self._make_solid(model.number, mesh, wishes.colouring)
                 return True
         return False
-
-    def _possible(self, wishes: Wishes) -> Wishes:
-        unknown = wishes.colouring == "deviation" and self.line.truth is None
-        return wishes._replace(colouring="plain") if unknown else wishes
 
     def _put(self, name: str, make: Callable[..., Any], *what: Any, **how: Any) -> str:
         self._nodes[name] = make(name, *what, visible=name in self._visible, **how)
@@ -125,14 +110,14 @@ class Scene:
     def _put_glb(self, name: str, body: bytes) -> str:
         return self._put(name, self.server.scene.add_glb, body, **NO_SHADOW)
 
-    def _put_points(self, name: str, points: Floats, colour: Any, radius: float) -> str:
+    def _put_points(self, name: str, points: Floats, radius: float, colour: Any) -> str:
         return self._put(
             name,
             self.server.scene.add_point_cloud,
             points,
             colour,
             point_size=radius,
-            point_shape="square" if radius == POINT else "circle",  # many, and small
+            point_shape="square" if radius == TAXEL_RADIUS else "circle",  # many, and small
             point_shading="flat",
             precision="float32",
         )
@@ -180,99 +165,94 @@ class Scene:
         camera.fov, camera.near = OPENING, 0.002
         camera.position, camera.look_at = position, target
 
-    def _contours(self, moment: Moment) -> Iterator[str]:
-        """Contours, and the one that grows."""
-        known = self.line.contours
-        for contour in known:
-            name = f"/contours/{contour.id}"
-            if name not in self._nodes:
-                self._put_lines(name, contour_segments(contour), rgb("contour"), 4.0)
-        yield from (f"/contours/{one.id}" for one in known[: moment.contours])
-        done = {one.id for one in known[: moment.contours]}
-        past = self.line.touches[: moment.touches]
-        for finger in {one.finger for one in past}:
-            way = growing([one for one in past if one.finger == finger], done)
-            if len(way) > 1:
-                pieces = np.stack([way[:-1], way[1:]], axis=1)
-                yield self._put_lines(f"/growing/{finger}", pieces, rgb("contour"), 2.0)
+    def _drawn(self, moment: Moment, wishes: Wishes) -> Iterator[str]:
+        """The nodes of a moment, of which those that are new are made."""
+        self.scale, self.triangles, taxels = None, (0, 0), list[Points]()
+        for one in self.line.drawn(moment, wishes.layers):
+            match one.shape:
+                case Points(radius=radius) as points if radius == TAXEL_RADIUS:
+                    taxels.append(points)
+                case Finger(pad=pad) as finger if pad is not None:
+                    yield self._finger(f"/{one.path}", finger)
+                case Mesh() as mesh if one.layer == "solid":
+                    yield self._solid(one.facts["number"], mesh, wishes.colouring)
+                case Mesh() | Lines() | Points() as shape:
+                    name = f"/{one.path}" if one.time is None else f"/{one.path}/{one.time}"
+                    if self._made.get(name) is not shape:
+                        self._made[name] = shape
+                        self._make(name, one)
+                    yield name
+        for first in range(0, len(taxels), CHUNK):
+            yield self._chunk(f"/touched/taxels/{first}", taxels[first : first + CHUNK])
 
-    def _points(self, moment: Moment, wishes: Wishes) -> Iterator[str]:
-        """Touched points: chunks that are whole, and what is left over."""
-        if not wishes.points:
-            return
-        for number, grasp in enumerate(self.line.grasps[: moment.grasps]):
-            name = f"/points/grasp/{number}"
-            if name not in self._nodes and len(grasp.points):
-                self._put_points(name, grasp.points, rgb("touch"), CONTACT)
-            if name in self._nodes:
-                yield name
-        whole = moment.touches // CHUNK
-        for number in range(whole):
-            yield self._chunk(f"/points/{number}", slice(number * CHUNK, (number + 1) * CHUNK))
-        if whole * CHUNK < moment.touches:
-            yield self._chunk("/points/rest", slice(whole * CHUNK, moment.touches))
+    def _make(self, name: str, one: Drawable) -> None:
+        layer = LAYERS[one.layer]
+        match one.shape:
+            case Points() as points:
+                self._put_points(name, points.lifted(), points.radius, layer.rgb)
+            case Lines() as lines:
+                thin = one.layer == "lattice" or "growing" in one.path
+                self._put_lines(name, lines.pieces(), layer.rgb, THIN if thin else LINE_WIDTH)
+            case Mesh() as mesh:
+                kept, faces = thinned(mesh.vertices, mesh.faces, MOST_TRIANGLES)
+                how = {"color": layer.rgb, "opacity": layer.opacity}
+                self._put_mesh(name, mesh.vertices[kept], faces, **how)
 
-    def _chunk(self, name: str, which: slice) -> str:
-        touches = self.line.touches[which]
-        known = [id(one) for one in touches]
-        if self._chunks.get(name) != known:
-            self._chunks[name] = known
-            points = np.concatenate([lifted(one)[::EVERY] for one in touches])
-            self._put_points(name, points, rgb("touch"), POINT)
+    def _chunk(self, name: str, taxels: list[Points]) -> str:
+        """Touched points of several touches."""
+        made = [id(one.points) for one in taxels]
+        if self._made.get(name) != made:
+            self._made[name] = made
+            points = np.concatenate([one.lifted()[::EVERY] for one in taxels])
+            self._put_points(name, points, TAXEL_RADIUS, LAYERS["touched"].rgb)
         return name
 
-    def _fingers(self, moment: Moment) -> Iterator[str]:
-        """Pad and patch of the last touch of each finger."""
+    def _patch(self, moment: Moment) -> Iterator[str]:
+        """What the last touch of each finger felt."""
         past = self.line.touches[: moment.touches]
-        last = [*{one.finger: one for one in past}.values()]
-        for one in last if self.line.pad is not None else ():
-            name = f"/pad/{one.finger}"
-            if name not in self._nodes:
-                self._make_pad(name, self.line.pad)
-            self._nodes[name].position = one.pose[:3]
-            self._nodes[name].wxyz = np.roll(one.pose[3:], 1)
-            yield name
-        if [*map(id, last)] != [*map(id, self._drawn)] and last:
-            self._drawn = last
-            touched = np.concatenate([lifted(one) for one in last])
-            self._put_points("/patch", touched, rgb("touch"), CONTACT)
+        last = [one.touched() for one in {one.finger: one for one in past}.values()]
+        made = [id(one.points) for one in last]
+        if made and self._made.get("/patch") != made:
+            self._made["/patch"] = made
+            points = np.concatenate([one.lifted() for one in last])
+            self._put_points("/patch", points, CONTACT_RADIUS, LAYERS["touched"].rgb)
         if last:
             yield "/patch"
 
-    def _make_pad(self, name: str, pad: Pad | None) -> None:
-        """A pad in its own frame, with the axis along which it presses."""
-        assert pad is not None
-        self._put_mesh(name, *pad_body(pad), color=rgb("finger"), opacity=0.55, side="double")
-        self.server.scene.add_line_segments(
-            f"{name}/axis",
-            np.array([[[0.0, 0.0, -AXIS], [0.0, 0.0, -pad.thickness]]]),
-            rgb("finger"),
-            thickness=4.0,
-            thickness_units="screen",
-        )
+    def _finger(self, name: str, finger: Finger) -> str:
+        """A pad in its pose, with the axis along which it presses."""
+        if name not in self._nodes and finger.pad is not None:
+            colour, opacity = LAYERS["finger"].rgb, LAYERS["finger"].opacity
+            body = pad_body(finger.pad)
+            self._put_mesh(name, *body, color=colour, opacity=opacity, side="double")
+            self.server.scene.add_line_segments(
+                f"{name}/axis",
+                np.array([[[0.0, 0.0, -AXIS], [0.0, 0.0, -finger.pad.thickness]]]),
+                colour,
+                thickness=LINE_WIDTH,
+                thickness_units="screen",
+            )
+        self._nodes[name].position = finger.pose[:3]
+        self._nodes[name].wxyz = np.roll(finger.pose[3:], 1)
+        return name
 
-    def _solid(self, moment: Moment, wishes: Wishes) -> Iterator[str]:
-        self.scale, self.triangles = None, (0, 0)
-        if moment.models:
-            model = self.line.models[moment.models - 1]
-            name = _solid_name(model, wishes.colouring)
-            if name not in self._nodes:
-                self._make_solid(model, wishes.colouring)
-            self.scale = self._scales[name]
-            self.triangles = len(self._thinned[model.number][1]), len(model.faces)
-            yield name
+    def _solid(self, number: object, mesh: Mesh, colouring: Colouring) -> str:
+        name = _solid_name(number, mesh, colouring)
+        if name not in self._nodes:
+            self._make_solid(number, mesh, colouring)
+        self.scale = self._scales[name]
+        self.triangles = len(self._thinned[number][1]), len(mesh.faces)
+        return name
 
-    def _make_solid(self, model: ShapeModel, colouring: Colouring) -> None:
-        name = _solid_name(model, colouring)
-        if model.number not in self._thinned:
-            self._thinned[model.number] = thinned(model.vertices, model.faces, MOST_TRIANGLES)
-        kept, faces = self._thinned[model.number]
-        values = self._values(model, kept, colouring)
+    def _make_solid(self, number: object, mesh: Mesh, colouring: Colouring) -> None:
+        name = _solid_name(number, mesh, colouring)
+        if number not in self._thinned:
+            self._thinned[number] = thinned(mesh.vertices, mesh.faces, MOST_TRIANGLES)
+        kept, faces = self._thinned[number]
+        values = None if colouring == "plain" else mesh.scalars(colouring, kept).get(colouring)
         self._scales[name] = None if values is None else Scale(colouring, scale_top(values))
-        places = model.vertices[kept]
-        if values is None:
-            colours = np.array(rgb("solid"), np.uint8)
-        else:
+        places, colours = mesh.vertices[kept], np.array(LAYERS["solid"].rgb, np.uint8)
+        if values is not None:
             colours = shades(values, scale_top(values))
         self._put_glb(name, unlit_glb(places, faces, shaded(places, faces, colours)))
         old = [one for one in self._scales if one not in self._visible and one != name]
@@ -280,47 +260,7 @@ class Scene:
             self._nodes.pop(one).remove()
             del self._scales[one]
 
-    def _values(
-        self, model: ShapeModel, kept: NDArray[np.intp], colouring: Colouring
-    ) -> Floats | None:
-        """What is told of the vertices that are kept, m; None where nothing is."""
-        if colouring == "uncertainty":
-            return uncertainties(model)[kept]
-        if colouring == "plain":
-            return None
-        assert self.line.surface is not None
-        return self.line.surface.deviations(model.vertices[kept])
 
-    def _references(self, wishes: Wishes) -> Iterator[str]:
-        """The true solid, and the control lattice of the last model that has one."""
-        truth = self.line.truth
-        if wishes.truth and truth is not None:
-            if "/truth" not in self._nodes:
-                vertices, faces = truth.floor_vertices, truth.floor_faces  # the coarser ones
-                kept, faces = thinned(vertices, faces, MOST_TRIANGLES)
-                self._put_mesh("/truth", vertices[kept], faces, color=rgb("truth"), opacity=0.4)
-            yield "/truth"
-        control = next((x.control for x in reversed(self.line.models) if x.control.size), None)
-        if wishes.lattice and control is not None:
-            if "/lattice" not in self._nodes:
-                points, pairs = lattice_lines(control)
-                colours = np.tile(np.array(LATTICE, np.uint8), (len(points), 1))
-                self._put_glb("/lattice", unlit_glb(points, pairs, colours))
-            yield "/lattice"
-
-    def _space(self, moment: Moment, wishes: Wishes) -> Iterator[str]:
-        """Boundaries of what is known to be free, and of what nobody knows."""
-        space = self.line.space_at(moment)
-        if space is None:
-            return
-        for kind, wanted, colour in (("free", wishes.free, rgb("finger")),
-                                     ("unknown", wishes.unknown, rgb("untouched"))):  # fmt: skip
-            name = f"/space/{kind}/{space.number}"
-            if wanted and name not in self._nodes:
-                self._put_points(name, boundary(space, free=kind == "free"), colour, VOXEL)
-            if wanted:
-                yield name
-
-
-def _solid_name(model: ShapeModel, colouring: Colouring) -> str:
-    return f"/solid/{colouring}/{model.number}"
+def _solid_name(number: object, mesh: Mesh, colouring: Colouring) -> str:
+    """Name of a node; a mesh of which nothing is known of what is asked for is drawn plain."""
+    return f"/solid/{colouring if colouring in mesh.known else 'plain'}/{number}"

@@ -134,7 +134,7 @@ class View:
         with self._lock:
             moment, wishes = self.line.at(self.when), self.panel.wishes()
             known = len(self.line.touches), len(self.line.scores), len(self.line.estimates)
-            what = (moment, wishes, known, self.line.truth is None, self.line.pad is None)
+            what = (moment, wishes, known, self.line.truth is None, self.line.known.pad is None)
             if what != self._drawn:
                 self._drawn = what
                 self.scene.show(moment, wishes)

@@ -13,6 +13,7 @@ import viser
 
 from palpate.core.arrays import Floats
 from palpate.launch.colours import COLOURS
+from palpate.tools.drawables import LAYERS, SCALARS
 from palpate.tools.surfaces import css_ramp, scale_top, viridis
 from palpate.tools.view.browser import Scale, Scene, Wishes
 from palpate.tools.view.picture import png_bytes
@@ -26,18 +27,12 @@ UNTOUCHED = 236  # Grey of a taxel that touches nothing
 PLOT_INTERVAL, MOST_PLOTTED = 0.5, 800  # Least time between two drawings, s; points of a plot
 PALE, STRONG = "#c3c8d0", "#59636e"
 AXIS: Any = {"ticks": {"show": False}, "grid": {"stroke": "#eceef1", "width": 1}}
-Series = tuple[Floats, ...]
-KEY = {
-    "solid": "solid", "contour": "contours", "touch": "touched", "finger": "finger, swept space",
-    "truth": "true solid", "untouched": "unknown space",
-}  # fmt: skip
-HINTS = {
-    "points": "Touched taxels, larger those of the last touch, and contacts of the hand.",
-    "truth": "The solid that is touched, where it is known.",
-    "lattice": "Control points of the final solid, if it is a deformed prism.",
-    "free": "Boundary of what fingers have swept without touching anything.",
-    "unknown": "Boundary of what nothing is known of.",
+UNKNOWN = {  # Why a solid has no colours
+    "plain": "",
+    "deviation": "the true solid is not known",
+    "uncertainty": "the model states none",
 }
+Series = tuple[Floats, ...]
 
 
 @dataclass(slots=True)
@@ -100,16 +95,9 @@ class Panel:
         colourings = ("plain", "deviation", "uncertainty")
         self._wishes = {"colouring": gui.add_dropdown("colour", colourings)}
         self._legend = gui.add_html("")
-        for key, label in (
-            ("points", "touched"),
-            ("truth", "true solid"),
-            ("lattice", "lattice"),
-            ("free", "free space"),
-            ("unknown", "unknown space"),
-        ):
-            wanted = getattr(Wishes(), key)
-            self._wishes[key] = gui.add_checkbox(label, wanted, hint=HINTS[key])
         gui.add_html(_key_html())
+        for name, layer in LAYERS.items():
+            self._wishes[name] = gui.add_checkbox(layer.label, layer.shown, hint=layer.hint)
 
     def _add_plot(self, title: str, colours: tuple[str, ...], *, log: bool = False) -> Any:
         lines: Any = [{"stroke": one, "width": 2, "points": {"show": False}} for one in colours]
@@ -127,7 +115,8 @@ class Panel:
 
     def wishes(self) -> Wishes:
         """What is wanted to be seen."""
-        return Wishes(**{key: one.value for key, one in self._wishes.items()})
+        layers = frozenset(name for name in LAYERS if self._wishes[name].value)
+        return Wishes(self._wishes["colouring"].value, layers)
 
     def on_wish(self, act: Callable[[Any], None]) -> None:
         """Have something done when another thing is wanted to be seen."""
@@ -239,8 +228,8 @@ def _key_html() -> str:
     """Which colour is what."""
     box = "display:inline-block;width:0.8em;height:0.8em;border:1px solid #8c959f;background:"
     parts = (
-        f'<span style="white-space:nowrap"><i style="{box}{COLOURS[quantity]}"></i> {text}</span>'
-        for quantity, text in KEY.items()
+        f'<span style="white-space:nowrap"><i style="{box}{layer.colour}"></i> {layer.label}</span>'
+        for layer in LAYERS.values()
     )
     return _html(" ".join(parts))
 
@@ -249,10 +238,11 @@ def _legend_html(wishes: Wishes, scale: Scale | None, triangles: tuple[int, int]
     shown, whole = triangles
     coarse = f"drawn with {shown:,} of its {whole:,} triangles" if shown < whole else ""
     if scale is None:
-        why = "the true solid is not known" if wishes.colouring == "deviation" and whole else ""
+        why = UNKNOWN[wishes.colouring] if whole else ""
         return _html(why, coarse)
-    what = {"deviation": "from the true solid", "uncertainty": "standard deviation"}[scale.name]
-    return _html(_bar(f"{what}, mm: 0 to {1e3 * scale.top:g}", of_surface=True), coarse)
+    return _html(
+        _bar(f"{SCALARS[scale.name]}, mm: 0 to {1e3 * scale.top:g}", of_surface=True), coarse
+    )
 
 
 def _bar(text: str, *, of_surface: bool) -> str:

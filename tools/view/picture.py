@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import transform_points
-from palpate.launch.colours import rgb
+from palpate.tools.drawables import LAYERS, Lines, Mesh, Points
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
 from palpate.tools.view.timeline import Moment, Timeline
 
-SOLID, CONTOUR, TOUCHED, FINGER = (
-    np.array(rgb(one), np.float64) for one in ("solid", "contour", "touch", "finger")
-)
-LINE_WIDTH = 2.2  # Pixels
+# All that is shown at first but the finger, which a film draws as it moves.
+DRAWN_LAYERS = frozenset(name for name, layer in LAYERS.items() if layer.shown) - {"finger"}
+LINE_WIDTH, TOUCHED_PIXELS, RECENT_PIXELS, PLACE_PIXELS = 2.2, 1.5, 1.0, 3.0
 FINGER_SIDES = 24
 # Radii of the drawn finger, and how far behind its tip, m.
 FINGER_RINGS = ((0.006, 0.03), (0.006, 0.004), (0.0048, 0.0015), (0.0027, 0.0003))
@@ -29,17 +28,31 @@ def still(line: Timeline, width: int, height: int) -> Pixels:
     return canvas.image()
 
 
-def draw_moment(canvas: Canvas, line: Timeline, moment: Moment, colours: Floats = SOLID) -> None:
-    """Draw the solid of a moment, with a colour or one for each vertex, contours and touches."""
+def draw_moment(
+    canvas: Canvas, line: Timeline, moment: Moment, colours: Floats | None = None, recent: int = 0
+) -> None:
+    """Draw what there is at a moment, the solid in the colours of its vertices if they are given.
+
+    All touched points are drawn while there is no solid, and the last `recent` ones when there is.
+    """
+    touched = [np.zeros((0, 3))]
+    for one in line.drawn(moment, DRAWN_LAYERS):
+        colour = np.array(LAYERS[one.layer].rgb, np.float64)
+        match one.shape:
+            case Mesh() as mesh:
+                solid = colour if colours is None else colours
+                canvas.draw_mesh(mesh.vertices, mesh.faces, solid)
+            case Lines() as lines:
+                for strip in lines.strips:
+                    canvas.draw_line(strip, colour, LINE_WIDTH)
+            case Points() as places if one.layer == "touched":
+                touched.append(places.points)
+            case Points() as places:
+                canvas.draw_points(places.lifted(), colour, PLACE_PIXELS)
+    points, radius = np.concatenate(touched), TOUCHED_PIXELS
     if moment.models:
-        model = line.models[moment.models - 1]
-        canvas.draw_mesh(model.vertices, model.faces, colours)
-    else:
-        points = [one.points for one in line.touches[: moment.touches]]
-        points += [one.points for one in line.grasps[: moment.grasps]]
-        canvas.draw_points(np.concatenate([np.zeros((0, 3)), *points]), TOUCHED, 1.5)
-    for one in line.contours[: moment.contours]:
-        canvas.draw_line(one.points, CONTOUR, LINE_WIDTH, closed=one.status == "closed")
+        points, radius = points[max(0, len(points) - recent) :], RECENT_PIXELS
+    canvas.draw_points(points, np.array(LAYERS["touched"].rgb, np.float64), radius)
 
 
 def finger_mesh(pose: Floats) -> tuple[Floats, NDArray[np.int32]]:

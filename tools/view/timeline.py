@@ -7,7 +7,7 @@ what there was at a time.
 from __future__ import annotations
 
 from bisect import bisect_right, insort
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,11 +15,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.poses import transform_points
 from palpate.core.touch import Pad
 from palpate.messages import types
-from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.decoding import open_decoded
+from palpate.tools.drawables import (
+    LAYERS,
+    TAXEL_RADIUS,
+    Drawable,
+    Finger,
+    Known,
+    Lines,
+    Points,
+    drawables,
+)
 from palpate.tools.surfaces import TruthSurface
 
 TRACED = ("closed", "occluded")  # How a contour ends that is of use
@@ -41,6 +49,14 @@ class Touch(NamedTuple):
     residual: float  # Of the local fit, m
     compression: Floats  # Under each taxel (rows, cols), m; (0, 0) where no image was published
     force: float  # On all taxels together, N; NaN where it cannot be told
+
+    def touched(self) -> Points:
+        """The points as they are drawn."""
+        return Points(self.points, TAXEL_RADIUS, self.normal)
+
+    def placed(self, pad: Pad | None) -> Drawable:
+        """The finger as it is drawn."""
+        return Drawable(f"finger/{self.finger}", Finger(self.finger, self.pose, pad), self.time)
 
 
 class Moment(NamedTuple):
@@ -67,16 +83,17 @@ class Timeline:
     truth: types.Truth | None = None
     world: types.World | None = None
     done: types.PlanDone | None = None
-    _surface: TruthSurface | None = None
-    pad: Pad | None = None  # Of the fingertip
+    known: Known = field(default_factory=Known)  # Sensor and true surface
     deepest: float = 0.0  # Largest compression of a taxel, m
-    _sensor: types.SensorInfo | None = None
+    # Each message, and what is drawn of it, by its identity
+    _drawables: dict[int, tuple[Any, list[Drawable]]] = field(default_factory=dict)
     _images: dict[tuple[int, int, int], Floats] = field(default_factory=dict)
     _blind: dict[tuple[int, int, int], Touch] = field(default_factory=dict)  # Without an image yet
     _early: list[types.SurfacePatch] = field(default_factory=list)  # Before the sensor was known
 
     def add(self, message: Any) -> None:
         """Take a message; types that nobody draws are passed over."""
+        self.known.take(message)
         take = _TAKEN.get(type(message))
         if take is not None:
             take(self, message)
@@ -104,9 +121,36 @@ class Timeline:
     @property
     def surface(self) -> TruthSurface | None:
         """The true surface, to measure distances from; None where nobody knows it."""
-        if self._surface is None and self.truth is not None:
-            self._surface = TruthSurface(self.truth)
-        return self._surface
+        return self.known.surface
+
+    def of(self, message: Any) -> list[Drawable]:
+        """The drawables of a message that is kept, made once."""
+        if id(message) not in self._drawables:
+            self._drawables[id(message)] = message, drawables(message, self.known)
+        return self._drawables[id(message)][1]
+
+    def drawn(self, moment: Moment, layers: Collection[str] = LAYERS) -> Iterator[Drawable]:
+        """What is to be seen at a moment in these layers.
+
+        A solid stays until the next that has triangles; unknown places are seen at the end.
+        """
+        messages: list[Any] = [self.truth, *self.models[: moment.models][-1:]]
+        if {"free", "unknown"} & {*layers}:
+            messages.append(self.space_at(moment))
+        if moment == self.at(np.inf):
+            messages.append(self.done)
+        messages += [*self.contours[: moment.contours], *self.grasps[: moment.grasps]]
+        for message in messages:
+            found = [] if message is None else self.of(message)
+            yield from (one for one in found if one.layer in layers)
+        past = self.touches[: moment.touches]
+        if "contours" in layers:
+            yield from growing(past, {one.id for one in self.contours[: moment.contours]})
+        if "touched" in layers:
+            yield from (Drawable("touched", one.touched(), one.time) for one in past)
+        if "finger" in layers:
+            last = {one.finger: one for one in past}.values()
+            yield from (one.placed(self.known.pad) for one in last)
 
     def bounds(self) -> tuple[Floats, Floats]:
         """The corners, (3,) each, of the box about all that is solid; a cube without anything."""
@@ -126,11 +170,14 @@ class Timeline:
         before = np.searchsorted(times, times - window, side="right")
         return times, (np.arange(1, len(times) + 1) - before) / np.minimum(window, times + 1e-9)
 
-    def _take_sensor(self, info: types.SensorInfo) -> None:
-        self._sensor, self.pad = info, pad_of_info(info)
+    def _take_sensor(self, _: types.SensorInfo) -> None:
         for patch in self._early:
             self._take_patch(patch)
         self._early.clear()
+
+    def _take_truth(self, truth: types.Truth) -> None:
+        self.truth = truth
+        self._drawables.clear()  # models deviate from it
 
     def _take_image(self, image: types.TactileImage) -> None:
         pressed = np.where(image.mask, image.compression, 0.0)
@@ -144,12 +191,11 @@ class Timeline:
             self.touches[place] = self._with_image(touch, pressed)
 
     def _with_image(self, touch: Touch, pressed: Floats) -> Touch:
-        assert self._sensor is not None
-        force = float(pressed.sum()) * self._sensor.taxel_stiffness
+        force = float(pressed.sum()) * self.known.taxel_stiffness
         return touch._replace(compression=pressed, force=force)
 
     def _take_patch(self, patch: types.SurfacePatch) -> None:
-        if self.pad is None:
+        if self.known.pad is None:
             self._early.append(patch)
             return
         key = patch.finger, patch.goal, patch.touch
@@ -161,7 +207,7 @@ class Timeline:
             patch.pose,
             patch.outcome,
             patch.kind,
-            patch_points(patch, self.pad),
+            self._touched(patch),
             patch.normal,
             patch.residual,
             np.zeros((0, 0)),
@@ -172,6 +218,12 @@ class Timeline:
         else:
             self._blind[key] = touch
         insort(self.touches, touch, key=_rank)
+
+    def _touched(self, patch: types.SurfacePatch) -> Floats:
+        """Touched taxels (n, 3), of many some that are spread evenly [m]."""
+        shapes = (one.shape for one in drawables(patch, self.known))
+        points = [np.zeros((0, 3)), *(one.points for one in shapes if isinstance(one, Points))][-1]
+        return points[:: max(1, -(-len(points) // MOST_POINTS))]
 
     def _take_model(self, model: types.ShapeModel) -> None:
         if len(model.faces):
@@ -190,12 +242,16 @@ def _rank(one: Any) -> tuple[float, int, int]:
     return one.robot_time, one.id if hasattr(one, "id") else one.number, 0
 
 
-def patch_points(patch: types.SurfacePatch, pad: Pad) -> Floats:
-    """Touched taxels of a patch in the world (n, 3), of many some that are spread evenly."""
-    x, y = pad.grid()
-    local = np.column_stack((x[patch.mask], y[patch.mask], patch.height[patch.mask]))
-    every = max(1, -(-len(local) // MOST_POINTS))
-    return transform_points(patch.pose, local[::every])
+def growing(touches: Sequence[Touch], done: set[int]) -> Iterator[Drawable]:
+    """The contour that each finger traces: a line through the middles of its contacts."""
+    for finger, last in {one.finger: one for one in touches}.items():
+        if last.goal not in done:
+            of_goal = (one for one in touches if (one.finger, one.goal) == (finger, last.goal))
+            points = [one.touched().lifted() for one in of_goal if len(one.points)]
+            away = (np.linalg.norm(some - some.mean(axis=0), axis=1) for some in points)
+            middles = [some[np.argmin(far)] for some, far in zip(points, away, strict=True)]
+            if len(middles) > 1:
+                yield Drawable(f"contours/growing/{finger}", Lines((np.array(middles),)))
 
 
 _TAKEN: Mapping[type, Callable[[Timeline, Any], None]] = {
@@ -209,7 +265,7 @@ _TAKEN: Mapping[type, Callable[[Timeline, Any], None]] = {
     types.SpaceMap: lambda line, one: line.spaces.__setitem__(one.number, one),
     types.Score: lambda line, one: line.scores.__setitem__(one.number, one),
     types.PlanEstimate: lambda line, one: line.estimates.__setitem__(one.number, one),
-    types.Truth: lambda line, one: setattr(line, "truth", one),
+    types.Truth: Timeline._take_truth,
     types.World: lambda line, one: setattr(line, "world", one),
     types.PlanDone: lambda line, one: setattr(line, "done", one),
 }

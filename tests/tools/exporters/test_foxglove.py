@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from palpate.messages.types import Truth
-from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.bag.export import export_bag
+from palpate.tools.drawables import LAYERS, Known, drawables
+
+CLOUDS = ("/touched", "/free", "/unknown", "/untouched")
 
 
 class Shown(NamedTuple):
@@ -81,8 +82,8 @@ def faults(value: Any, schema: dict[str, Any], place: str = "") -> list[str]:
     return found
 
 
-def test_every_message_follows_the_schema_foxglove_knows(explored):
-    found = export(explored)
+def test_every_message_follows_the_schema_foxglove_knows(record, every_drawn_message):
+    found = export(record(every_drawn_message))
     wrong = [
         f"{topic} {fault}"
         for topic, messages in found.items()
@@ -90,102 +91,127 @@ def test_every_message_follows_the_schema_foxglove_knows(explored):
         for fault in faults(one.content, one.schema)
     ]
     assert wrong == []
-    assert {topic: messages[0].kind for topic, messages in found.items()} == {
-        "/truth": "foxglove.SceneUpdate",
-        "/touch/info": "SensorInfo",
-        "/touch/raw": "TactileFrame",
-        "/touch/raw/pose": "foxglove.PoseInFrame",
-        "/tf": "foxglove.FrameTransforms",
-        "/touch/patch": "SurfacePatch",
-        "/touch/patch/points": "foxglove.PointCloud",
-        "/contour/traced": "Contour",
-        "/contour/traced/lines": "foxglove.SceneUpdate",
-        "/model/shape": "foxglove.SceneUpdate",
-        "/score": "Score",
-        "/log": "foxglove.Log",
-        "/plan/done": "PlanDone",
+    shown = {topic: (messages[0].kind, len(messages)) for topic, messages in found.items()}
+    assert shown == {
+        "/world": ("World", 1),
+        "/truth": ("foxglove.SceneUpdate", 1),
+        "/touch/info": ("SensorInfo", 1),
+        "/hand/contacts": ("GraspContacts", 1),
+        "/hand/contacts/touched": ("foxglove.PointCloud", 1),
+        "/touch/raw": ("TactileFrame", 1),
+        "/touch/raw/pose": ("foxglove.PoseInFrame", 1),
+        "/touch/raw/finger": ("foxglove.SceneUpdate", 1),
+        "/tf": ("foxglove.FrameTransforms", 1),
+        "/touch/image": ("TactileImage", 1),
+        "/touch/image/compression": ("foxglove.RawImage", 1),
+        "/touch/patch": ("SurfacePatch", 1),
+        "/touch/patch/touched": ("foxglove.PointCloud", 1),
+        "/contour/traced": ("Contour", 3),
+        "/contour/traced/contours": ("foxglove.SceneUpdate", 3),
+        "/model/shape": ("foxglove.SceneUpdate", 4),
+        "/model/space": ("SpaceMap", 1),
+        "/model/space/free": ("foxglove.PointCloud", 1),
+        "/model/space/unknown": ("foxglove.PointCloud", 1),
+        "/score": ("Score", 1),
+        "/plan/estimate": ("PlanEstimate", 2),
+        "/log": ("foxglove.Log", 1),
+        "/plan/done": ("PlanDone", 1),
+        "/plan/done/untouched": ("foxglove.PointCloud", 1),
     }
+    entities = [one["id"] for shown in found["/model/shape"] for one in shown.content["entities"]]
+    gone = [one["id"] for shown in found["/model/shape"] for one in shown.content["deletions"]]
+    assert entities == gone == ["solid", "lattice"]
 
 
-def test_model_is_a_mesh_with_its_triangles(explored, tetrahedron):
-    shown = export(explored)["/model/shape"][0]
-    (entity,) = shown.content["entities"]
-    (mesh,) = entity["triangles"]
-    assert mesh["indices"] == tetrahedron.faces.ravel().tolist()
-    assert [list(one.values()) for one in mesh["points"]] == tetrahedron.vertices.tolist()
-    assert entity["frame_id"] == "world"
-    assert entity["timestamp"]["sec"] * 10**9 + entity["timestamp"]["nsec"] == shown.time
-    assert {"key": "touches", "value": "40"} in entity["metadata"]
+def primitive(shown, kind):
+    """The only primitive of a kind in a scene."""
+    ((one,),) = (entity[kind] for entity in shown.content["entities"])
+    return one
 
 
-def colours_of(update):
-    (entity,) = update["entities"]
-    metadata = {one["key"]: one["value"] for one in entity["metadata"]}
-    colours = entity["triangles"][0]["colors"]
-    return metadata, [[round(255 * one[name]) for name in "rgb"] for one in colours]
+def test_layers_have_their_colours(record, every_drawn_message):
+    found = export(record(every_drawn_message))
+    clouds = {topic: found[topic][0].content for topic in found if topic.endswith(CLOUDS)}
+    assert len(clouds) == 5
+    for topic, cloud in clouds.items():
+        cells = np.frombuffer(base64.b64decode(cloud["data"], validate=True), np.uint8)
+        colours = cells.reshape(-1, cloud["point_stride"])[:, 12:]
+        assert len(colours) and (colours == (*LAYERS[topic.rpartition("/")[2]].rgb, 255)).all()
+    for topic, kind, layer in (
+        ("/contour/traced/contours", "lines", "contours"),
+        ("/touch/raw/finger", "cubes", "finger"),
+        ("/truth", "triangles", "truth"),
+    ):
+        colour = [*primitive(found[topic][0], kind)["color"].values()]
+        wanted = [*(one / 255.0 for one in LAYERS[layer].rgb), LAYERS[layer].opacity]
+        assert colour == pytest.approx(wanted, abs=1e-4)
 
 
 @pytest.mark.parametrize("topics", [(), ["/model/shape"]])
-def test_model_has_the_colours_of_its_deviation(record, tetrahedron, topics):
-    moved = tetrahedron.vertices + np.array([0.0, 0.0, -0.001])
-    faces = {"faces": tetrahedron.faces, "floor_faces": tetrahedron.faces}
-    truth = Truth(vertices=moved, floor_vertices=moved, **faces, height=0.03)
-    found = export(record([("/truth", truth), ("/model/shape", tetrahedron)]), topics)
+def test_model_is_a_mesh_coloured_by_what_is_known(
+    topics, record, every_drawn_message, tetrahedron
+):
+    found = export(record(every_drawn_message), topics)
     assert ("/truth" in found) == (not topics)  # the truth counts even where it is not exported
-    metadata, colours = colours_of(found["/model/shape"][0].content)
-    assert metadata["coloured_by"] == "deviation"
-    assert float(metadata["colours_end_m"]) == pytest.approx(0.001, rel=0.1)
-    # One corner lies on an edge of the truth, the last sticks out by nearly 1 mm.
-    assert (colours[0], colours[3]) == ([0xFD, 0xE7, 0x25], [0x44, 0x01, 0x54])
+    shown = found["/model/shape"][0]
+    mesh, (entity,) = primitive(shown, "triangles"), shown.content["entities"]
+    assert mesh["indices"] == tetrahedron.faces.ravel().tolist()
+    assert [list(one.values()) for one in mesh["points"]] == tetrahedron.vertices.tolist()
+    assert entity["timestamp"]["sec"] * 10**9 + entity["timestamp"]["nsec"] == shown.time
+    facts = {one["key"]: one["value"] for one in entity["metadata"]}
+    assert (entity["frame_id"], facts["touches"], facts["coloured_by"]) == (
+        *("world", "40", "deviation"),
+    )
+    assert float(facts["colours_end_m"]) == pytest.approx(0.001, rel=0.1)
+    colours = [[round(255 * one[name]) for name in "rgb"] for one in mesh["colors"]]
+    # The truth begins 1 mm beside the first corner; on it lies the second.
+    assert colours[:2] == [[0x44, 0x01, 0x54], [0xFD, 0xE7, 0x25]]
 
 
 def test_model_without_truth_has_the_colours_of_its_uncertainty(record, tetrahedron):
     silent = replace(tetrahedron, uncertainty=np.zeros(0), uncertainty_height=np.zeros(0))
-    models = export(record([("/m", tetrahedron), ("/m", silent)]))["/m"]
-    metadata, colours = colours_of(models[0].content)
-    assert metadata["coloured_by"] == "uncertainty" and colours == [[0x44, 0x01, 0x54]] * 4
-    assert "coloured_by" not in colours_of(models[1].content)[0]
+    stated, _, plain, _ = export(record([("/m", tetrahedron), ("/m", silent)]))["/m"]
+    colours = [[*one.values()] for one in primitive(stated, "triangles")["colors"]]
+    assert colours == [pytest.approx([0x44 / 255, 0x01 / 255, 0x54 / 255, 1.0], abs=1e-4)] * 4
+    facts = stated.content["entities"][0]["metadata"]
+    assert {"key": "coloured_by", "value": "uncertainty"} in facts
+    assert primitive(plain, "triangles")["colors"] == []
 
 
-def test_patch_is_a_cloud_of_the_touching_taxels(explored, sensor, patch):
-    found = export(explored)
-    (cloud,) = (one.content for one in found["/touch/patch/points"])
-    data = base64.b64decode(cloud["data"], validate=True)
+def test_clouds_images_lines_and_poses_hold_what_was_measured(
+    record, every_drawn_message, sensor, patch
+):
+    found = export(record(every_drawn_message))
+    (cloud,) = (one.content for one in found["/touch/patch/touched"])
     fields = [(one["name"], one["offset"], one["type"]) for one in cloud["fields"]]
-    assert fields == [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
-    assert len(data) == 4 * cloud["point_stride"]
-    x, y = pad_of_info(sensor).grid()
-    wanted = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
-    # Single precision of millimetres.
-    assert np.frombuffer(data, "<f4").reshape(-1, 3) == pytest.approx(wanted, abs=1e-9)
-    assert cloud["pose"]["position"] == {"x": 0.01, "y": 0.02, "z": 0.03}
-    assert export(explored, ["/touch/patch"]).keys() == {"/touch/patch", "/touch/patch/points"}
-
-
-@pytest.mark.parametrize("field", ["mask", "height"])
-def test_patch_of_another_sensor_is_no_cloud(record, sensor, patch, field):
-    other = replace(patch, **{field: np.zeros((3, 3), getattr(patch, field).dtype)})
-    messages = [("/touch/patch", patch), ("/touch/info", sensor), ("/touch/patch", other)]
-    assert export(record(messages)).keys() == {"/touch/patch", "/touch/info"}
-
-
-def test_contours_fingers_and_log_are_drawn(explored, contour):
-    found = export(explored)
-    lines = [one.content["entities"][0]["lines"][0] for one in found["/contour/traced/lines"]]
-    assert [list(one.values()) for one in lines[-1]["points"]] == [
-        [0.0, 1.0, 2.0],
-        [3.0, 4.0, 5.0],
-        [6.0, 7.0, 8.0],
-    ]
-    assert lines[-1]["type"] == 0  # an open strip: the contour is occluded
-    poses = [one.content["pose"] for one in found["/touch/raw/pose"]]
-    assert [pose["position"]["x"] for pose in poses] == [0.01, 0.011, 0.012]
-    (transform,) = found["/tf"][2].content["transforms"]
+    colours = [("red", 12, 1), ("green", 13, 1), ("blue", 14, 1), ("alpha", 15, 1)]
+    assert fields == [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), *colours]
+    known = Known()
+    known.take(sensor)
+    message = dict(every_drawn_message)["/touch/patch"]
+    data = np.frombuffer(base64.b64decode(cloud["data"], validate=True), "<f4").reshape(-1, 4)
+    # Single precision of centimetres.
+    assert data[:, :3] == pytest.approx(drawables(message, known)[0].shape.points, abs=1e-8)
+    lines = [primitive(one, "lines")["points"] for one in found["/contour/traced/contours"][1:]]
+    assert [[*one.values()] for one in lines[0]] == np.arange(9.0).reshape(3, 3).tolist()
+    assert [len(one) for one in lines] == [3, 4]  # an open one, and a closed one
+    (placed,) = (one.content for one in found["/touch/raw/pose"])
+    assert placed["pose"]["position"] == {"x": 0.01, "y": 0.02, "z": 0.03}
+    (transform,) = found["/tf"][0].content["transforms"]
     assert (transform["parent_frame_id"], transform["child_frame_id"]) == ("world", "finger_2")
-    assert transform["translation"] == poses[2]["position"]
-    assert transform["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    assert transform["translation"] == placed["pose"]["position"]
+    assert transform["rotation"] == placed["pose"]["orientation"]
+    plate = primitive(found["/touch/raw/finger"][0], "cubes")
+    assert plate["size"] == {"x": 0.003, "y": 0.002, "z": 0.003}
+    (image,) = (one.content for one in found["/touch/image/compression"])
+    pressed = np.frombuffer(base64.b64decode(image["data"]), "<f4")
+    assert pressed.reshape(image["height"], image["width"])[0] == pytest.approx([0.0, 1e-4, 1e-4])
     (line,) = (one.content for one in found["/log"])
     assert (line["level"], line["name"], line["message"]) == (3, "filter", "a, b\n=c")
+
+
+def test_patch_is_exported_with_its_cloud_alone(explored):
+    assert export(explored, ["/touch/patch"]).keys() == {"/touch/patch", "/touch/patch/touched"}
 
 
 def test_other_messages_are_json_with_nested_lists(explored):

@@ -55,7 +55,7 @@ def test_last_frames_show_the_colours_of_deviation(frames):
 
 def test_no_word_of_a_film_reaches_its_edge(line, tmp_path):
     scores, estimates = line.scores, line.estimates
-    long = Timeline(pad=line.pad, grasps=200 * line.grasps, scores=scores, estimates=estimates)
+    long = Timeline(known=line.known, grasps=200 * line.grasps, scores=scores, estimates=estimates)
     long.touches = [one._replace(time=1e4 * one.time) for one in line.touches]
     make_film(long, tmp_path / "long.gif", seconds=0.4, say=silent)
     for picture in frames_of(tmp_path / "long.gif"):

@@ -17,6 +17,7 @@ from palpate.launch.files.mesh_file import uncertainties
 from palpate.launch.files.source_map import InputError
 from palpate.messages.types import Contour, ShapeModel, SurfacePatch
 from palpate.tools.bag.decoding import open_decoded
+from palpate.tools.drawables import LAYERS, Lines, Mesh, Points
 from palpate.tools.report.page import write_report
 from palpate.tools.view.timeline import read_timeline
 from tests.tools.recordings import write_recording
@@ -84,7 +85,12 @@ class Packed:
         self.step = self.described["step"]
 
     def array(self, place):
-        kinds = {"u1": np.uint8, "u2": np.dtype("<u2"), "u4": np.dtype("<u4")}
+        kinds = {
+            "u1": np.uint8,
+            "u2": np.dtype("<u2"),
+            "u4": np.dtype("<u4"),
+            "f4": np.dtype("<f4"),
+        }
         return np.frombuffer(self._data, kinds[place[0]], place[2], place[1])
 
     def points(self, place):
@@ -95,22 +101,33 @@ def test_packed_view_holds_the_run_to_half_a_step(text, run_folder):
     line, packed = read_timeline(run_folder), Packed(text)
     shown, step = packed.described, packed.step
     assert len(shown["models"]) == len(line.models) and step < 1e-5  # [m]
-    model, last = shown["models"][-1], line.models[-1]
-    assert (packed.array(model["faces"]).reshape(-1, 3) == last.faces).all()
-    assert np.abs(packed.points(model["vertices"]) - last.vertices).max() <= 0.5001 * step
-    truth = packed.points(shown["truth"]["vertices"])
-    assert np.abs(truth - line.truth.floor_vertices).max() < step
-    for one, contour in zip(shown["contours"], line.contours, strict=True):
-        assert np.abs(packed.points(one["points"]) - contour.points).max() <= 0.5001 * step
-        assert one["time"] == contour.robot_time
-    touched = np.concatenate([one.points for one in line.touches])
-    assert np.abs(packed.points(shown["touches"]["points"]) - touched).max() <= 0.5001 * step
-    assert shown["touches"]["ends"][-1] == len(touched)
+    assert {name: one["colour"] for name, one in shown["layers"].items()} == {
+        name: layer.colour for name, layer in LAYERS.items()
+    }
+    wanted = {(one.path, one.time or 0.0): one.shape for one in line.drawn(line.at(line.end))}
+    found = {(one["path"], one["time"]): one for one in shown["drawables"]}
+    kinds = {Mesh: "vertices", Lines: "pieces", Points: "points"}
+    for key, shape in wanted.items():
+        if key[0] == "touched":
+            continue
+        if key[0].startswith("finger"):
+            assert found[key]["pose"] == pytest.approx(shape.pose.tolist(), abs=1e-6)
+            continue
+        kind = kinds[type(shape)]
+        exact = shape.pieces(0.0).reshape(-1, 3) if kind == "pieces" else getattr(shape, kind)
+        assert np.abs(packed.points(found[key][kind]) - exact).max() <= 0.5001 * step
+    last = found["solid", line.models[-1].robot_time]
+    assert (packed.array(last["faces"]).reshape(-1, 3) == line.models[-1].faces).all()
+    touched, touches = np.concatenate([one.points for one in line.touches]), shown["touches"]
+    assert np.abs(packed.points(touches["points"]) - touched).max() <= 0.5001 * step
+    assert touches["ends"][-1] == len(touched)
+    for name in {one["layer"] for one in shown["drawables"]} | {"touched"}:
+        assert f'background: {LAYERS[name].colour}"></i> {LAYERS[name].label}</label>' in text
 
 
 def test_packed_colours_are_deviation_and_uncertainty(text, run_folder):
     line, packed = read_timeline(run_folder), Packed(text)
-    model = packed.described["models"][-1]
+    model = [one for one in packed.described["drawables"] if one["layer"] == "solid"][-1]
     truth = {
         "deviation": line.surface.deviations(line.models[-1].vertices),
         "uncertainty": uncertainties(line.models[-1]),
@@ -268,7 +285,6 @@ def test_diagnostics_lead_to_places_and_times(folder):
     assert by_text["1: the widest"] == {
         "time": line.end,
         "point": [0.01, 0, 0.02],
-        "untouched": True,
     }
     assert "a pad touched nothing there" in by_text
     for number, words in ((3, "residual 1000"), (5, "insufficient"), (7, "bottomed")):

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 from palpate.launch.files.source_map import InputError
+from palpate.tools.drawables import LAYERS
 from palpate.tools.view.live import View, address_of, serving, view_run
 from palpate.tools.view.timeline import Timeline, read_timeline
 
@@ -102,35 +103,30 @@ def test_only_what_exists_at_a_time_is_shown(view, seen):
     assert seen.names() == set()
     view.seek(view.line.end)
     kinds = [name.split("/")[1] for name in seen.names()]
-    assert {*kinds} == {"contours", "patch", "pad", "points", "solid"}
+    assert {*kinds} == {"contours", "patch", "finger", "touched", "solid", "untouched"}
     assert kinds.count("contours") == len(view.line.contours)
-    pad = trimesh.Trimesh(*next(one for name, one in seen.given.items() if "pad" in name)[:2])
-    assert pad.is_watertight and pad.volume > 0.0
-    segments = [one[0] for name, one in seen.given.items() if "/contours/" in name]
-    for contour, pieces in zip(view.line.contours, segments, strict=True):
-        assert len(pieces) == len(contour.points) - (contour.status != "closed")
+    moment = view.line.at(view.line.end)
+    drawn = {f"/{one.path}/{one.time}": one.shape for one in view.line.drawn(moment)}
+    for name in (name for name in seen.names() if name.startswith("/contours/")):
+        pieces, colour = seen.given[name][:2]
+        np.testing.assert_array_equal(pieces, drawn[name].pieces())
+        assert colour == LAYERS["contours"].rgb
 
 
-@pytest.mark.parametrize("label", ["true solid", "free space", "unknown space", "touched"])
-def test_toggles_show_and_hide(label, view, seen):
+def test_each_layer_can_be_chosen_by_its_name(view, seen):
     view.seek(view.line.end)
-    before = seen.names()
-    value = seen.controls[label].value
-    choose(view, seen, label, not value)
-    assert seen.names() != before
-    choose(view, seen, label, value)
-    assert seen.names() == before
+    for name, layer in LAYERS.items():
+        assert seen.controls[layer.label].value == layer.shown
+        choose(view, seen, layer.label, True)
+        shown = {one.split("/")[1] for one in seen.names()}
+        assert (name in shown) == (name in {one.layer for one in drawn_at_end(view.line)})
+        assert f'{layer.colour}"></i> {layer.label}' in seen.text()
+        choose(view, seen, layer.label, False)
+    assert {one.split("/")[1] for one in seen.names()} == {"patch"}
 
 
-def test_free_and_unknown_space_have_their_boundaries(view, seen):
-    view.seek(view.line.end)
-    space = view.line.space_at(view.line.at(view.line.end))
-    for label, state in (("free space", 1), ("unknown space", 0)):
-        choose(view, seen, label, True)
-        kind = label.partition(" ")[0]
-        (points, *_) = next(one for name, one in seen.given.items() if f"/space/{kind}/" in name)
-        places = np.rint((points - space.low) / space.step).astype(int)
-        assert len(places) and (space.states[tuple(places.T)] == state).all()
+def drawn_at_end(line):
+    return line.drawn(line.at(line.end))
 
 
 def body_of(seen):
@@ -158,7 +154,8 @@ def test_colours_tell_deviation_or_uncertainty(view, seen, server, run_folder):
         assert scale.name == colouring and scale.top > 0.0
         assert f"{1e3 * scale.top:g}</span>" in seen.text()
         assert len(body_of(seen)) == len(body) and body_of(seen) != body
-    view.line.truth = None
+    view.line.known.surface = None
+    view.line._take_truth(view.line.truth)
     choose(view, seen, "colour", "deviation")
     view.seek(view.line.end)
     assert view.scene.scale is None and "the true solid is not known" in seen.text()
@@ -204,7 +201,7 @@ def test_moved_slider_is_not_moved_back(view):
 
 def test_running_graph_is_followed_until_one_looks_back(server, run_folder):
     past = read_timeline(run_folder)
-    line = Timeline(pad=past.pad)
+    line = Timeline(known=past.known)
     view = View(server, line, recorded=False)
     for one in past.touches[:20]:
         line.touches.append(one)

@@ -1,4 +1,4 @@
-// The three-dimensional view of a report: solids, truth, contours and touches through a run.
+// The three-dimensional view of a report: the layers of a run as they were at each time.
 //
 // Draws only when something has changed. Every surface is lit from beside the eye, so that its shape
 // is seen: a colour is that of the legend or the scale, times a brightness from AMBIENT to 1. Nothing
@@ -28,7 +28,7 @@ import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js
 
 ColorManagement.enabled = false;
 const views = [];
-const KINDS = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
+const KINDS = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array, f4: Float32Array };
 const AMBIENT = 0.5; // Brightness of a surface that turns away from the light
 
 // The arrays of a payload: base64 of gzip, with an index of name to [kind, offset, length].
@@ -64,34 +64,40 @@ class View {
     this.home();
   }
 
-  // What there is to show; what is shown when is decided by `update`, which makes models and truth
-  // when they are first wanted, so that the first picture does not wait for all of them.
+  // What there is to show; what is shown when is decided by `update`, which makes each drawable
+  // when it is first wanted, so that the first picture does not wait for all of them.
   build() {
-    const { told } = this;
-    this.models = told.models.map(() => null);
-    this.contours = told.contours.map((one) => this.line(one));
-    const points = this.places(told.touches.points);
-    const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(points, 3));
-    const size = 2.5 * this.renderer.getPixelRatio();
-    const dots = new PointsMaterial({ color: told.colours.touch, size, sizeAttenuation: false });
-    this.touches = new Points(geometry, dots);
-    const mark = new BufferGeometry();
-    mark.setAttribute("position", new BufferAttribute(new Float32Array(3), 3));
-    this.mark = new Points(mark, this.spots(14));
+    const { touches } = this.told;
+    this.drawables = this.told.drawables.map((one) => ({ ...one, object: null }));
+    this.touched = this.points({ ...touches, layer: "touched" });
+    this.mark = new Points(this.positions(new Float32Array(3)), this.spots(14));
     this.mark.material.depthTest = false;
     this.mark.visible = false;
-    const untouched = new BufferGeometry();
-    const middles = told.places.filter((one) => one.untouched).flatMap((one) => one.point);
-    untouched.setAttribute("position", new BufferAttribute(new Float32Array(middles), 3));
-    this.untouched = new Points(untouched, this.spots(9));
-    this.scene.add(this.touches, this.mark, this.untouched);
+    this.scene.add(this.touched, this.mark);
+  }
+
+  positions(values) {
+    return new BufferGeometry().setAttribute("position", new BufferAttribute(values, 3));
+  }
+
+  make(one) {
+    const make = { faces: "mesh", pieces: "line", pose: "finger", points: "points" };
+    const object = this[make[Object.keys(make).find((key) => one[key])]](one);
+    this.scene.add(object);
+    return object;
+  }
+
+  points(one) {
+    const color = this.told.layers[one.layer].colour;
+    const size = (2 * one.radius) / Math.tan((this.camera.fov * Math.PI) / 360);
+    const material = one.layer === "untouched" ? this.spots(9) : new PointsMaterial({ color, size });
+    return new Points(this.positions(this.places(one.points)), material);
   }
 
   // Round marks of a size in pixels. They lie on the surface, or a little under it, and are drawn
   // as if they were nearer to the eye.
   spots(size) {
-    const color = this.told.colours.untouched;
+    const color = this.told.layers.untouched.colour;
     const scaled = size * this.renderer.getPixelRatio();
     const material = new PointsMaterial({ color, size: scaled, sizeAttenuation: false });
     const lift = (0.05 * this.told.size).toExponential();
@@ -114,58 +120,50 @@ class View {
     return found;
   }
 
-  geometry(one) {
-    const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(this.places(one.vertices), 3));
-    geometry.setIndex(new BufferAttribute(this.arrays(one.faces), 1));
-    return geometry;
-  }
-
-  makeTruth() {
-    const material = { color: this.told.colours.truth, transparent: true, opacity: 0.45, depthWrite: false };
-    this.truth = new Mesh(
-      this.geometry(this.told.truth), new MeshLambertMaterial({ ...material, side: DoubleSide }));
-    this.truth.geometry.computeVertexNormals();
-    this.scene.add(this.truth);
-    return this.truth;
-  }
-
   mesh(one) {
+    const { colour: color, opacity } = this.told.layers[one.layer];
+    const geometry = this.positions(this.places(one.vertices));
+    geometry.setIndex(new BufferAttribute(this.arrays(one.faces), 1));
+    if (opacity < 1) return this.pane(geometry, color, opacity);
     const offset = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 };
-    const geometry = this.geometry(one);
     const colours = new BufferAttribute(new Uint8Array(geometry.attributes.position.count * 3), 3, true);
     geometry.setAttribute("color", colours);
     geometry.computeVertexNormals();
     const mesh = new Mesh(geometry);
     mesh.userData = {
-      plain: new MeshLambertMaterial({ color: this.told.colours.solid, side: DoubleSide, ...offset }),
+      plain: new MeshLambertMaterial({ color, side: DoubleSide, ...offset }),
       valued: new MeshLambertMaterial({ vertexColors: true, side: DoubleSide, ...offset }),
       values: Object.fromEntries(
         Object.entries(one.values).map(([name, place]) => [name, this.arrays(place)])),
     };
-    this.scene.add(mesh);
     return mesh;
   }
 
+  pane(geometry, color, opacity) {
+    geometry.computeVertexNormals();
+    const clear = { color, opacity, transparent: true, depthWrite: false, side: DoubleSide };
+    return new Mesh(geometry, new MeshLambertMaterial(clear));
+  }
+
   line(one) {
-    const points = this.places(one.points);
-    const count = points.length / 3;
-    const ends = new Float32Array(6 * Math.max(one.closed ? count : count - 1, 0));
-    for (let k = 0; k < ends.length / 6; k++) {
-      ends.set(points.subarray(3 * k, 3 * k + 3), 6 * k);
-      const next = (k + 1) % count;
-      ends.set(points.subarray(3 * next, 3 * next + 3), 6 * k + 3);
-    }
-    const geometry = new LineSegmentsGeometry().setPositions(ends);
-    const material = new LineMaterial({ color: this.told.colours.contour, linewidth: 3 });
-    const line = new LineSegments2(geometry, material);
-    this.scene.add(line);
-    return line;
+    const geometry = new LineSegmentsGeometry().setPositions(this.places(one.pieces));
+    const linewidth = one.layer === "contours" ? 3 : 1;
+    return new LineSegments2(geometry, new LineMaterial({ color: this.told.layers[one.layer].colour, linewidth }));
+  }
+
+  finger({ pose }) {
+    const { pad, layers: { finger } } = this.told;
+    this.pad ??= this.positions(this.arrays(pad.vertices)).setIndex(new BufferAttribute(this.arrays(pad.faces), 1));
+    const mesh = this.pane(this.pad, finger.colour, finger.opacity);
+    mesh.position.fromArray(pose);
+    mesh.quaternion.fromArray(pose, 3);
+    return mesh;
   }
 
   // Colours of the values that are chosen, of one model when it is first shown.
   paint(mesh) {
     const { plain, valued, values, painted } = mesh.userData;
+    if (!values) return;
     const chosen = values[this.colouring];
     mesh.material = chosen ? valued : plain;
     if (!chosen || painted === this.colouring) return;
@@ -179,7 +177,7 @@ class View {
     const find = (name) => this.root.querySelector(`[data-control=${name}]`);
     this.slider = find("time");
     this.readout = find("readout");
-    this.showing = Object.fromEntries(["solid", "truth", "contours", "touches", "untouched"].map((name) => {
+    this.showing = Object.fromEntries(Object.keys(this.told.layers).map((name) => {
       const box = find(name);
       box?.addEventListener("change", () => this.update());
       return [name, () => box?.checked ?? false];
@@ -253,22 +251,22 @@ class View {
     const time = this.told.end * Number(this.slider.value);
     const by = (times) => times.filter((one) => one <= time + 1e-9).length;
     const model = by(this.told.models.map((one) => one.time)) - 1;
-    for (const mesh of this.models) if (mesh) mesh.visible = false;
-    if (model >= 0 && this.showing.solid()) {
-      const mesh = (this.models[model] ??= this.mesh(this.told.models[model]));
-      mesh.visible = true;
-      this.paint(mesh);
+    const last = new Map(); // of what shares a path, unless its layer accumulates
+    const { layers } = this.told;
+    for (const one of this.drawables) {
+      if (one.time <= time + 1e-9) last.set(layers[one.layer].accumulates ? one : one.path, one);
     }
-    const contours = by(this.told.contours.map((one) => one.time));
-    this.contours.forEach((line, i) => (line.visible = i < contours && this.showing.contours()));
+    const current = new Set(last.values());
+    for (const one of this.drawables) {
+      const visible = current.has(one) && this.showing[one.layer]();
+      if (visible) this.paint((one.object ??= this.make(one)));
+      if (one.object) one.object.visible = visible;
+    }
     const touches = by(this.told.touches.times);
-    this.touches.geometry.setDrawRange(0, touches ? this.told.touches.ends[touches - 1] : 0);
-    this.touches.visible = this.showing.touches();
-    this.untouched.visible = this.showing.untouched() && time >= this.told.end - 1e-9;
-    if (this.truth || this.showing.truth()) (this.truth ?? this.makeTruth()).visible = this.showing.truth();
+    this.touched.geometry.setDrawRange(0, touches ? this.told.touches.ends[touches - 1] : 0);
+    this.touched.visible = this.showing.touched();
     const told = model < 0 ? "no model yet" : this.told.models[model].told;
-    const traced = this.told.contours.slice(0, contours).filter((one) => one.traced).length;
-    const counts = `${counted(touches, "touch", "es")}, ${counted(traced, "contour", "s")}`;
+    const counts = `${counted(touches, "touch", "es")}, ${counted(by(this.told.contours), "contour", "s")}`;
     // What holds at the end stands on the page already.
     const ended = Number(this.slider.value) >= 1;
     this.readout.textContent = ended ? "end of the run" : `${time.toFixed(1)} s, ${counts}: ${told}`;

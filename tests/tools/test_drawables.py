@@ -1,0 +1,156 @@
+"""What is drawn of messages: the laws that every view, page, film and export rests on."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.core.poses import transform_points
+from palpate.launch.colours import rgb
+from palpate.messages import types
+from palpate.nodes.runtime.testing import example
+from palpate.nodes.specs.sensors import pad_of_info
+from palpate.tools.drawables import (
+    LAYERS,
+    TYPES_DRAWN,
+    Finger,
+    Image,
+    Known,
+    Lines,
+    Mesh,
+    Nothing,
+    Number,
+    Points,
+    Text,
+    drawables,
+    pad_body,
+)
+from tests.tools.recordings import WORLD, frame
+
+TURNED = np.array([0.01, 0.02, 0.03, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
+
+
+@pytest.fixture
+def messages(every_drawn_message):
+    """A message of each drawn type, by its type."""
+    return {type(one): one for _, one in reversed(every_drawn_message)}
+
+
+@pytest.fixture
+def drawn(every_drawn_message):
+    """The drawables of all of them, in the order in which they come."""
+    known, found = Known(), []
+    for _, message in every_drawn_message:
+        known.take(message)
+        found += drawables(message, known)
+    return found
+
+
+def test_each_message_gives_its_shapes_at_its_robot_time(drawn):
+    assert [(one.path, type(one.shape), one.time) for one in drawn] == [
+        ("truth", Mesh, None),
+        ("touched", Points, 0.25),
+        ("finger/2", Finger, 0.5),
+        ("compression/2", Image, 0.5),
+        ("force_N/2", Number, 0.5),
+        ("touched", Points, 0.5),
+        ("contours/0", Lines, 15.0),
+        ("contours/7", Lines, 16.0),
+        ("contours/7", Lines, 17.0),
+        ("solid", Mesh, 20.0),
+        ("lattice", Lines, 20.0),
+        ("free", Points, 20.0),  # the time of its model
+        ("unknown", Points, 20.0),
+        ("solid", Nothing, 30.0),
+        ("lattice", Nothing, 30.0),
+        ("error_mm/rms", Number, 20.0),
+        ("error_mm/bound_95", Number, 21.0),
+        ("log/filter", Text, 1.0),
+        ("untouched", Points, 31.0),
+    ]
+    assert {*LAYERS} <= {one.layer for one in drawn}
+
+
+def test_values_are_in_the_units_of_their_paths(drawn):
+    by_path = {one.path: one for one in drawn}
+    assert by_path["error_mm/rms"].shape == Number(pytest.approx(0.4), rgb("error"))
+    assert by_path["error_mm/bound_95"].shape == Number(pytest.approx(0.5), rgb("bound"))
+    image = by_path["compression/2"].shape.values
+    assert image.tolist() == [[0.0, 1e-4, 1e-4]] * 2
+    assert by_path["force_N/2"].shape.value == pytest.approx(100.0 * image.sum())
+    assert by_path["log/filter"].shape == Text("a, b\n=c", "warning", "filter")
+
+
+def test_touched_taxels_lie_in_the_world(drawn, sensor, patch):
+    contacts, taxels = (one.shape for one in drawn if one.path == "touched")
+    x, y = pad_of_info(sensor).grid()
+    cells = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
+    np.testing.assert_allclose(taxels.points, transform_points(TURNED, cells), atol=1e-12)
+    assert contacts.radius > taxels.radius and LAYERS["touched"].accumulates
+    body = trimesh.Trimesh(*pad_body(pad_of_info(sensor)))
+    assert body.is_watertight and body.volume > 0.0
+
+
+def test_contours_are_strips_between_their_gaps(contour):
+    points = np.arange(15.0).reshape(5, 3)
+    whole = {"points": points, "normals": np.zeros((5, 3)), "curvature": np.zeros(5)}
+    gap = {"gap_starts": points[1:2], "gap_ends": points[2:3], "gap_reasons": ("missed",)}
+    none = {"gap_starts": points[:0], "gap_ends": points[:0], "gap_reasons": ()}
+    for status, gaps, lengths in (
+        ("closed", none, [6]),
+        ("closed", gap, [2, 4]),
+        ("occluded", none, [5]),
+        ("occluded", gap, [2, 3]),
+    ):
+        (one,) = drawables(replace(contour, **whole, **gaps, status=status), Known())
+        assert [len(strip) for strip in one.shape.strips] == lengths
+        assert len(one.shape.pieces()) == sum(lengths) - len(lengths)
+    (one,) = drawables(replace(contour, **whole, **none, status="closed"), Known())
+    assert one.shape.strips[0][-1].tolist() == points[0].tolist()
+
+
+def test_lattice_is_its_outside(messages):
+    control = np.arange(3.0 * 4 * 5 * 3).reshape(3, 4, 5, 3)
+    model = replace(messages[types.ShapeModel], control=control)
+    strips = drawables(model, Known())[1].shape.strips
+    assert Counter(map(len, strips)) == {3: 14, 4: 12, 5: 10}  # around each of three blocks
+
+
+def test_mesh_knows_deviation_before_uncertainty(messages):
+    model, known = messages[types.ShapeModel], Known()
+    stated = drawables(model, known)[0].shape
+    assert [*stated.scalars()] == ["uncertainty"] == [*stated.known]
+    silent = replace(model, uncertainty=np.zeros(0), uncertainty_height=np.zeros(0))
+    assert drawables(silent, known)[0].shape.scalars() == {}
+    known.take(messages[types.Truth])
+    both = drawables(model, known)[0].shape
+    assert [*both.scalars()] == ["deviation", "uncertainty"] == [*both.known]
+    beside, on = both.scalars("deviation", [0, 1])["deviation"]  # the truth begins 1 mm beside
+    assert (beside, on) == (pytest.approx(0.001), pytest.approx(0.0, abs=1e-9))
+
+
+def test_space_has_its_boundaries(messages, drawn):
+    space = messages[types.SpaceMap]
+    for path, state in (("free", 1), ("unknown", 0)):
+        points = next(one.shape.points for one in drawn if one.path == path)
+        places = np.rint((points - space.low) / space.step).astype(int)
+        assert len(places) and (space.states[tuple(places.T)] == state).all()
+
+
+def test_what_cannot_be_drawn_is_left_out(messages, patch, sensor):
+    known = Known()
+    assert drawables(patch, known) == []  # without its sensor it has no size
+    assert [one.shape.pad for one in drawables(frame(0), known)] == [None]
+    assert [one.path for one in drawables(messages[types.TactileImage], known)] == ["compression/2"]
+    known.take(sensor)
+    for field in ("mask", "height"):  # of another sensor
+        other = {field: np.zeros((3, 3), getattr(patch, field).dtype)}
+        assert drawables(replace(patch, **other), known) == []
+    empty = {"points": np.zeros((0, 3)), "normals": np.zeros((0, 3))}
+    grasp = replace(messages[types.GraspContacts], **empty, fingers=np.zeros(0, np.int32))
+    estimate = example(types.PlanEstimate, rms_bound_95=None)
+    done = replace(messages[types.PlanDone], open_places=np.zeros((0, 3)))
+    assert [drawables(one, known) for one in (grasp, estimate, done, WORLD, sensor)] == [[]] * 5
+    assert {type(one).__name__ for one in messages.values()} == TYPES_DRAWN | {"World"}
