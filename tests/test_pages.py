@@ -1,13 +1,8 @@
 from __future__ import annotations
 
 import doctest
-import os
 import re
 import shlex
-import shutil
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import click
@@ -147,109 +142,3 @@ def test_commands_that_do_not_exist_are_noticed():
     for words in (["ruin", "vase"], ["run", "vase", "--tolerence", "1mm"], ["run", "a", "b"]):
         with pytest.raises(click.UsageError):
             parse(words)
-
-
-@pytest.fixture
-def at_a_prompt(tmp_path, monkeypatch):
-    """A folder of a user's own, in which ``palpate`` and ``python`` are those of this checkout."""
-    (tmp_path / "bin").mkdir()
-    program = tmp_path / "bin" / "palpate"
-    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m palpate "$@"\n')
-    program.chmod(0o755)
-    path = [str(tmp_path / "bin"), str(Path(sys.executable).parent), os.environ["PATH"]]
-    monkeypatch.setenv("PATH", os.pathsep.join(path))
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    for name in ("TMPDIR", "XDG_RUNTIME_DIR"):  # Where running graphs are looked for
-        monkeypatch.setenv(name, str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def start(block: str) -> subprocess.Popen[str]:
-    """What is pasted into a terminal."""
-    command = ["python", "-c", block] if block.startswith("import") else ["sh", "-ec", block]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-
-
-def finish(running: subprocess.Popen[str], block: str) -> str:
-    """What it printed; it must end well."""
-    printed, _ = running.communicate(timeout=400)
-    assert running.returncode == 0, f"{block}\n{printed}"
-    return printed
-
-
-def look(block: str) -> str:
-    """What a second terminal prints beside a graph, as soon as there is one."""
-    while subprocess.run(["palpate", "topic", "list"], capture_output=True).returncode != 0:
-        time.sleep(0.2)
-    return finish(start(block), block)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-def test_the_tutorial_works_as_it_is_pasted(at_a_prompt):
-    pasted = [
-        block
-        for block in blocks(DOCS / "tutorial.md", r"(?:sh|python)")
-        if not block.startswith("git clone")
-    ]
-    printed = {}
-    for block, following in zip(pasted, [*pasted[1:], ""], strict=True):
-        if block.startswith("palpate topic"):
-            continue
-        running = start(block)
-        if following.startswith("palpate topic"):
-            printed[following] = look(following)
-        printed[block] = finish(running, block)
-    assert set(printed) == set(pasted)
-    assert "curvature: 4" in printed[next(one for one in pasted if "topic echo" in one)]
-    assert "bends: identical, 6 on /bends" in printed[pasted[-1]]
-    assert (at_a_prompt / "tables" / "bends.csv").read_text().count("\n") == 7
-
-
-# What needs another terminal, another machine or hours; two pages have tests of their own
-ELSEWHERE = re.compile(
-    r"palpate (topic|keys|host|launch (lab|bends|mine|driver)|bench|run .*--view|.* --scheduler)"
-    r"|git clone|python "
-)
-# Pages that name runs of a reader's own, running graphs or shells.
-PARTLY = {"tutorial.md", "own_node.md", "machines.md", "bag.md", "launch.md", "report.md"}
-PASTED = sorted({page for page, _ in COMMANDS} - PARTLY)
-
-
-@pytest.fixture
-def in_a_checkout(at_a_prompt):
-    """A folder with the files that ship, a run, and those that the pages show."""
-    for name in ("scenes", "examples"):
-        (at_a_prompt / name).symlink_to(ROOT / name)
-    run = ["palpate", "run", "vase", "--tolerance", "1mm", "--composed", "--quiet"]
-    subprocess.run(run, check=True, timeout=100)
-    for name in ("one", "other"):
-        shutil.copytree("runs/latest", f"runs/{name}")
-    for page, language, name in (
-        ("sweep", "yaml", "two.yaml"),
-        ("procedures", "python", "poke.py"),
-    ):
-        Path(name).write_text(blocks(DOCS / f"{page}.md", language)[0])
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.usefixtures("in_a_checkout")
-@pytest.mark.parametrize("name", PASTED)
-def test_the_commands_of_a_page_work_as_they_are_pasted(name):
-    page = ROOT / name if name == "README.md" else DOCS / name
-    for line in "".join(blocks(page, "sh")).replace("\\\n", "").splitlines():
-        line = line.replace("./go", "palpate")
-        if not line.startswith("palpate ") or ELSEWHERE.match(line):
-            continue
-        ran = subprocess.run(line, shell=True, capture_output=True, text=True, timeout=300)
-        # These may end without their tolerance, which then is said
-        missed = line.startswith(("palpate run", "palpate sweep", "palpate recognise"))
-        assert ran.returncode in range(1 + missed), f"{line}\n{ran.stdout}\n{ran.stderr}"
-
-
-@pytest.mark.slow
-def test_the_python_of_the_readme_works_as_it_is_pasted(at_a_prompt):
-    [block] = blocks(ROOT / "README.md", "python")
-    assert "error bound" in finish(start(block), block)

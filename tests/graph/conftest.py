@@ -98,11 +98,11 @@ def wait_for(what: Callable[[], Any]) -> Any:
     return found
 
 
-def handled(card: RunCard, node: str) -> int:
-    """Messages that a node of a running graph has handled so far, by its next status."""
+def handled(card: RunCard, node: str, count: str = "messages") -> int:
+    """Messages that a node of a running graph has handled or sent so far, by its next status."""
     with TapSubscription(card, [Topic(STATUS_TOPIC, "NodeStatus", (node,), ())]) as taps:
         received = taps.take(WITHIN)
-    return decode(NodeStatus, received[-1].body).messages if received else 0
+    return getattr(decode(NodeStatus, received[-1].body), count) if received else 0
 
 
 class Recorder(Watcher):
@@ -139,19 +139,16 @@ def watcher() -> Recorder:
 
 
 @pytest.fixture
-def run(
-    watcher: Recorder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Ending]:
+def run(watcher: Recorder, runtime: Path) -> Callable[..., Ending]:
     """Launches a graph that ends with its last node, and sees that nothing of it is left."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # where tools find it, and no other
 
     def do(wirings: Sequence[Wiring], ends: str = "", **more: Any) -> Ending:
         options = {"watch": (), "watcher": watcher, **more}
-        ending = launch_launch(wirings, ends=ends or wirings[-1].name, **options)
-        assert multiprocessing.active_children() == []
-        kept = (".txt", ".mcap", ".json")
-        assert [path for path in tmp_path.iterdir() if path.suffix not in kept] == []
-        return ending
+        try:
+            return launch_launch(wirings, ends=ends or wirings[-1].name, **options)
+        finally:
+            assert multiprocessing.active_children() == []
+            assert list(runtime.iterdir()) == []
 
     return do
 

@@ -186,7 +186,7 @@ def test_replay_of_every_node_is_identical(fingers, explored):
 @pytest.mark.slow
 def test_whole_exploration_of_two_fingers_is_the_same_in_one_process(tmp_path):
     args = {"scene": "sphere", "fingers": 2}
-    settings = {**FEW, "planner.settings.count": 2, "planner.most_touches": 60}
+    settings = {**FEW, "planner.settings.count": 2, "planner.most_touches": 100}
     found = []
     for number in (False, True):
         out = tmp_path / f"run_{number}"

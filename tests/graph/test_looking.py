@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 
@@ -32,7 +33,7 @@ def launched(folder):
     """A ring of two nodes and a sink that runs for ever, up and turning."""
     with started("run_graph.py", "ring", folder, WORK, start_new_session=True) as process:
         try:
-            card = wait_for(lambda: cards(folder).get(process.pid))
+            card = wait_for(lambda: cards().get(process.pid))
             wait_for(lambda: handled(card, "source") > 0)
             yield process
         finally:
@@ -42,9 +43,9 @@ def launched(folder):
             process.kill()
 
 
-def cards(folder):
+def cards():
     """The graphs that run, by the number of their launcher's process."""
-    return {card.pid: card for card in running_graphs(folder)}
+    return {card.pid: card for card in running_graphs()}
 
 
 def nodes_of(card):
@@ -52,17 +53,12 @@ def nodes_of(card):
 
 
 @pytest.fixture(scope="module")
-def ring(tmp_path_factory):
-    """The run-time folder, in which one graph runs."""
-    folder = tmp_path_factory.mktemp("ring")
-    with launched(folder):
-        yield folder
-
-
-@pytest.fixture(autouse=True)
-def _runtime(request, monkeypatch):
-    folder = "ring" if "ring" in request.fixturenames else "tmp_path"
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(request.getfixturevalue(folder)))
+def ring():
+    """The only graph that runs."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", folder)
+        with launched(folder):
+            yield running_graphs()[0]
 
 
 def output(words, *more):
@@ -108,10 +104,9 @@ def test_rate_bandwidth_and_delay_are_measured(ring):
 
 
 def test_sequence_numbers_agree_with_the_publishers_own_count(ring):
-    [card] = running_graphs(ring)
     beats: list[tuple[int, int]] = []
     frames: list[tuple[int, int]] = []
-    with TapSubscription(card, find_topics(card, ["/relay", STATUS_TOPIC])) as taps:
+    with TapSubscription(ring, find_topics(ring, ["/relay", STATUS_TOPIC])) as taps:
         for batch in taps.batches(WITHIN):
             for message in batch:
                 header = message.header
@@ -128,7 +123,6 @@ def test_sequence_numbers_agree_with_the_publishers_own_count(ring):
 
 @pytest.mark.slow
 def test_stopped_unread_killed_and_interrupted_tools_leave_the_graph_untouched(ring):
-    [card] = running_graphs(ring)
     echo = ("topic", "echo", "/relay", "--field", "touch")
     with (
         started(*echo) as stopped,
@@ -144,17 +138,17 @@ def test_stopped_unread_killed_and_interrupted_tools_leave_the_graph_untouched(r
         interrupted.send_signal(signal.SIGINT)
         _, err = interrupted.communicate(timeout=WITHIN)
         assert (interrupted.returncode, err) == (0, "")
-        before = handled(card, "source")
-        wait_for(lambda: handled(card, "source") > before + MORE)
+        before = handled(ring, "source")
+        wait_for(lambda: handled(ring, "source") > before + MORE)
         assert unread.poll() is None
         stopped.send_signal(signal.SIGCONT)
         assert "messages lost on the way here" in first_report(stopped)
         for one in tools:
             one.kill()
-    assert {name: about["restarts"] for name, about in nodes_of(card).items()} == {
+    assert {name: about["restarts"] for name, about in nodes_of(ring).items()} == {
         "source": 0, "relay": 0, "sink": 0,
     }  # fmt: skip
-    with TapSubscription(card, find_topics(card, [STATUS_TOPIC])) as taps:
+    with TapSubscription(ring, find_topics(ring, [STATUS_TOPIC])) as taps:
         statuses = [decode(NodeStatus, one.body) for one in taps.take(WITHIN)]
     assert statuses and all(status.gaps == 0 for status in statuses)
 
@@ -175,16 +169,17 @@ ALL_TOOLS = (
 )
 
 
-def test_without_a_graph_every_tool_says_so_in_one_sentence(tmp_path):
+@pytest.mark.usefixtures("runtime")
+def test_without_a_graph_every_tool_says_so_in_one_sentence():
     for words in ALL_TOOLS.split(", "):
         assert palpate(*words.split()) == (2, "", NONE)
     assert "ok   no graph of yours is running\n" in output("doctor")
 
 
 @pytest.mark.slow
-def test_one_of_several_graphs_is_selected_and_its_end_ends_the_tool(tmp_path, monkeypatch):
-    with launched(tmp_path) as first, launched(tmp_path) as second:
-        found = cards(tmp_path)
+def test_one_of_several_graphs_is_selected_and_its_end_ends_the_tool(runtime, monkeypatch):
+    with launched(runtime) as first, launched(runtime) as second:
+        found = cards()
         done = palpate("topic", "list", "-c")
         assert done.code == 2
         assert all(found[one.pid].run[:4] in done.err for one in (first, second))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import socket
 import threading
 from pathlib import Path
@@ -120,30 +121,32 @@ def test_own_driver_ends_with_a_solid_and_its_bound(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "shown"), [("node", r"^curvature: \d"), ("driver", r"^k1: ")])
-def test_commands_that_init_prints_show_the_running_graph(kind, shown, tmp_path, monkeypatch):
+def test_commands_that_init_prints_show_the_running_graph(kind, shown, tmp_path):
     work, elsewhere = tmp_path / "work", tmp_path / "elsewhere"
     work.mkdir()
     elsewhere.mkdir()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(elsewhere))
     told = palpate("init", kind, f"live_{kind}", folder=work).out
     launch, echo = re.findall(r"palpate ((?:launch|topic) .+)", told)
     with started(*launch.split(), "--quiet", folder=work) as graph:
-        wait_for(lambda: running_graphs(elsewhere))
-        assert re.search(shown, palpate(*echo.split(), folder=elsewhere).out, re.MULTILINE)
+        wait_for(running_graphs)
+        assert re.search(
+            shown, palpate(*echo.split(), "--once", folder=elsewhere).out, re.MULTILINE
+        )
         if kind == "node":
             name = palpate("interface", "show", "LiveNode", folder=elsewhere).out
             about = palpate("topic", "info", "-v", "/live_node", folder=elsewhere).out
             for text in (name, about):
                 assert re.search(r"^ +curvature +number +1/m$", text, re.MULTILINE)
-        graph.communicate(timeout=4 * WITHIN)
-    assert graph.returncode in (0, 1)
+        graph.send_signal(signal.SIGINT)
+        graph.communicate(timeout=WITHIN)
+    assert graph.returncode == 130
 
 
 @pytest.mark.slow
 def test_example_frames_become_a_ring_whose_gaps_are_found(tmp_path):
     example = Path(__file__).parents[2] / "examples" / "frames.csv"
     words = (f"path:={example}", "scale:=0.001", "platform:=0", "at_once:=true")
-    run = launched(tmp_path, "driver.yaml", *words)
+    run = launched(tmp_path, "driver.yaml", *words, code=0)
     found = read_summary(run)
     places, normals = np.array(found["open_places_m"]), np.array(found["open_normals"])
     assert found["touches"] == 200 and 0.05 < found["open_share"] < 0.12 and len(places) > 2
@@ -161,7 +164,7 @@ object:
   superquadric: {size: [0.03, 0.026, 0.04], exponents: [0.8, 0.9]}
   pose: {position: [0.0, 0.0, 0.04]}
 seed: 5
-explore: {planner: uniform, settings: {count: 2}}
+explore: {planner: uniform, settings: {count: 3}}
 """
 DISTURBED = """effects:
   - hum:Hum: {size: 2.0e-6}
@@ -195,7 +198,7 @@ def explored(folder: Path, out: str, *flags: object) -> dict[str, Any]:
     draft = ("--set", "reconstructor.quality=draft")
     words = ("run", "scene.yaml", "--quiet", "--out", out, *draft, *flags)
     done = palpate(*words, folder=folder)
-    assert done.code == 1, done.err  # two slices do not reach the tolerance
+    assert done.code == 1, done.err  # three slices do not reach the tolerance
     return read_summary(folder / out) | {"stderr": done.err}
 
 
@@ -206,7 +209,7 @@ def test_disturbed_run_is_the_same_in_one_process_and_is_replayed(tmp_path):
     many, one = explored(tmp_path, "many"), explored(tmp_path, "one", "--composed", "--no-record")
     assert many["mesh_sha256"] == one["mesh_sha256"]
     assert (many["status"], many["gaps"]) == ("finished", 0)
-    assert many["chamfer_m"] < 0.02 * many["size_m"]
+    assert many["chamfer_m"] < 0.01 * many["size_m"]
     nodes = ("--nodes", "simulator,filter,curvature")
     replayed = palpate("replay", "many/topics.mcap", *nodes, folder=tmp_path)
     assert replayed.code == 0 and replayed.out.count("identical") == 3

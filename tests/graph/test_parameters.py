@@ -44,31 +44,29 @@ def tuned(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("tuned")
     out, outside = folder / "run", folder / "o.mcap"
     draft = ("--set", "reconstructor.quality=draft", "--quiet", "--out", out)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        with started("run", "vase", "--tolerance", "0.1mm", *draft) as process:
-            try:
-                card = wait_for(lambda: next(iter(running_graphs(folder)), None))
-                wait_for(lambda: handled(card, "filter") > 10)
-                done = set_parameter(card, "filter", "contact", "1.0e-4")
-                assert done.endswith("5.0e-05 -> 0.0001")
-                given = {"times": 2, "run": str(out), "echo": lambda _: None}
-                publish("/filter/parameter_events", SAID, rate=20.0, **given)
-                publish("plan/estimate", ESTIMATE, rate=1.0, **{**given, "times": 1})
-                os.kill(about(card)["pid"], signal.SIGKILL)
-                wait_for(lambda: about(card)["restarts"] == 1)
-                set_parameter(card, "filter", "order", "median")
-                recorder = started("bag", "record", "-o", outside)
-                for param, value, words in REFUSED:
-                    with pytest.raises(ValueError, match=words):
-                        set_parameter(card, "planner", param, value)
-                done = set_parameter(card, "planner", "tolerance", "0.3mm")
-                assert done == "planner.tolerance: 0.0001 -> 0.0003"
-                set_parameter(card, "planner", "most_seconds", "2h")
-                assert process.wait(4 * WITHIN) in (0, 1)
-                recorder.communicate(timeout=WITHIN)
-            finally:
-                process.kill()
+    with started("run", "vase", "--tolerance", "0.1mm", *draft) as process:
+        try:
+            card = wait_for(running_graphs)[0]
+            wait_for(lambda: handled(card, "filter") > 10)
+            done = set_parameter(card, "filter", "contact", "1.0e-4")
+            assert done.endswith("5.0e-05 -> 0.0001")
+            given = {"times": 2, "run": str(out), "echo": lambda _: None}
+            publish("/filter/parameter_events", SAID, rate=20.0, **given)
+            publish("plan/estimate", ESTIMATE, rate=1.0, **{**given, "times": 1})
+            os.kill(about(card)["pid"], signal.SIGKILL)
+            wait_for(lambda: about(card)["restarts"] == 1)
+            set_parameter(card, "filter", "order", "median")
+            recorder = started("bag", "record", "-o", outside)
+            for param, value, words in REFUSED:
+                with pytest.raises(ValueError, match=words):
+                    set_parameter(card, "planner", param, value)
+            done = set_parameter(card, "planner", "tolerance", "0.3mm")
+            assert done == "planner.tolerance: 0.0001 -> 0.0003"
+            set_parameter(card, "planner", "most_seconds", "2h")
+            assert process.wait(4 * WITHIN) in (0, 1)
+            recorder.communicate(timeout=WITHIN)
+        finally:
+            process.kill()
     return out
 
 

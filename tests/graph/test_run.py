@@ -43,12 +43,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Explored:
         add=lambda messages: [seen.add(one) for one in messages], pass_time=lambda _: None
     )
     command = ("run", "sphere", *settings, "--quiet", "--out", "run")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        with started(*command, folder=folder) as process:
-            card = wait_for(lambda: next(iter(running_graphs(folder)), None))
-            assert show_graph(view, card, lambda: False)
-            _, err = process.communicate()
+    with started(*command, folder=folder) as process:
+        card = wait_for(running_graphs)[0]
+        assert show_graph(view, card, lambda: False)
+        _, err = process.communicate()
     assert process.returncode == MISSED, err
     return Explored(folder / "run", read_summary(folder / "run"), err, seen)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import time
+from subprocess import PIPE, Popen
 
 import pytest
 from palpate_toy import frame, toy, wiring
@@ -16,7 +18,7 @@ from palpate.messages.recording import RecordingWriter
 from palpate.messages.types import TactileFrame
 from palpate.nodes import console, player
 from palpate.tools.introspection.requests import control_player, publish, request
-from tests.graph.conftest import Harm, wait_for
+from tests.graph.conftest import WITHIN, Harm, handled, wait_for
 
 pytestmark = pytest.mark.graph
 
@@ -99,6 +101,24 @@ def test_player_pauses_steps_and_resumes(run, watcher, tmp_path):
     ending = run([playing(bag(tmp_path / "a.mcap", 50), paused=True)], watch=["/player"])
     assert (aside.failure, ending.status) == (None, "finished")
     assert received == [4] and len(watcher.messages) == 50
+
+
+IN_TERMINAL = "import os, pty, sys; sys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))"
+
+
+@pytest.mark.usefixtures("runtime")
+def test_keys_step_pause_and_resume_a_recording_in_a_terminal(stack, tmp_path):
+    play = ("-m", "palpate", "bag", "play", bag(tmp_path / "a.mcap", 50), "--start-paused")
+    command = (sys.executable, "-c", IN_TERMINAL, sys.executable, *play)
+    terminal = stack.enter_context(Popen(command, stdin=PIPE, stdout=PIPE, bufsize=0))
+    stack.callback(terminal.kill)
+    assert terminal.stdout.readline().endswith(b": 1 topics, 1 x, paused\r\n")
+    terminal.stdin.write(b"\x1b[C\x1b[C")  # the right arrow
+    wait_for(lambda: handled(running_graphs()[0], "player", "sent") == 1 + 2)
+    terminal.stdin.write(b"   ")
+    lines = terminal.stdout.readlines()
+    assert lines == [b"goes on\r\n", b"paused\r\n", b"goes on\r\n", b"played 50 messages\r\n"]
+    assert terminal.wait(WITHIN) == 0
 
 
 def test_source_that_is_quiet_for_long_has_not_stalled(run, tmp_path, monkeypatch):

@@ -51,7 +51,7 @@ def test_stopped_view_changes_nothing_for_the_graph(explored, tmp_path):
         free = sockets(pid)
         words = ("launch", FINGERS, "fingers:=2", "--quiet", "--out", tmp_path / "run")
         with started(*words) as run:
-            card = wait_for(lambda: next(iter(running_graphs()), None))
+            card = wait_for(running_graphs)[0]
             wait_for(lambda: sockets(pid) > free + len(card.nodes))  # it has attached
             os.kill(pid, signal.SIGSTOP)
             run.communicate(timeout=WITHIN)

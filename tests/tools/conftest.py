@@ -1,6 +1,5 @@
 """The command line called in process, and a recording with a message of most kinds."""
 
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -172,14 +171,6 @@ def every_drawn_message(explored_messages, patch, contour, tetrahedron) -> list[
         ("/log", replace(known["/log"], robot_time=1.0)),
         ("/plan/done", replace(known["/plan/done"], open_places=np.eye(3), robot_time=31.0)),
     ]
-
-
-@pytest.fixture
-def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty folder for running graphs; its path is short, as paths of sockets must be."""
-    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
-        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
-        yield Path(folder)
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
     # The array: rows, columns, distance between taxels in m, and the pad over them.
     sensor: SensorSpec = SensorSpec(rows=16, cols=16, pitch=0.001, pad=PadSpec(radius=None))
     frames: Annotated[int, Meta(ge=1)] = 60  # Frames until it ends
-    rate: Annotated[float, Meta(gt=0)] = 50.0  # Frames per second, Hz
+    rate: Annotated[float, Meta(gt=0)] = 5.0  # Frames per second, Hz
     radius: Annotated[float, Meta(gt=0)] = 0.02  # Of the ball, m
 
 
