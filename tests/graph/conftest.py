@@ -12,12 +12,13 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout, suppress
 from functools import cache
 from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import psutil
 import pytest
 
 import palpate as package
@@ -221,28 +222,14 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
     return of
 
 
-def processes(select: Callable[[int, int, int], bool]) -> list[int]:
-    """Living processes, selected by their own number, their parent's and their group's."""
+def in_group(group: int) -> list[psutil.Process]:
+    """The living processes of a group."""
     found = []
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdecimal():
-            try:
-                fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-            if fields[0] != "Z" and select(int(folder.name), int(fields[1]), int(fields[2])):
-                found.append(int(folder.name))
+    for one in psutil.process_iter(["status"]):
+        with suppress(ProcessLookupError):
+            if os.getpgid(one.pid) == group and one.info["status"] != psutil.STATUS_ZOMBIE:
+                found.append(one)
     return found
-
-
-def group_ends(group: int, seconds: float) -> bool:
-    """Whether the last living process of a group ends in time."""
-    deadline = time.monotonic() + seconds
-    while processes(lambda _, __, its_group: its_group == group):
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
 
 
 @pytest.fixture

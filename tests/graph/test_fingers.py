@@ -26,7 +26,8 @@ from palpate.tools.replay.rerun import past_differences, plan_resume, replay
 from tests.graph.conftest import FEW, FINGERS, Harm, finished
 
 pytestmark = pytest.mark.graph
-KINDS = (simulator, filter, curvature, tracer)
+SENSING = (simulator, filter, curvature, tracer)
+TYPES = {local: kind for one in SENSING for local, kind in one.NODE.outputs.items()}
 EACH = ("/touch/raw", "/touch/image", "/touch/patch", "/finger/goal", "/finger/clock")
 Bodies = dict[str, list[bytes]]
 
@@ -40,8 +41,7 @@ def messages_in(run: Path) -> Bodies:
 
 
 def of_topic(bodies, topic):
-    kinds = {local: kind for one in KINDS for local, kind in one.NODE.outputs.items()}
-    kind = kinds["/" + topic.split("/", 2)[-1] if topic.startswith("/finger_") else topic]
+    kind = TYPES["/" + topic.split("/", 2)[-1] if topic.startswith("/finger_") else topic]
     return [decode(kind, body) for body in bodies[topic]]
 
 
@@ -251,7 +251,6 @@ def test_recording_that_was_never_closed_is_resumed(explored, tmp_path):
 
 def assert_cause_before_effect(run: Path) -> None:
     """Each touch is first sent as a frame, then as an image, then as a patch; no message twice."""
-    kinds = {local: kind for one in KINDS for local, kind in one.NODE.outputs.items()}
     numbers: dict[str, list[int]] = {}
     sent: dict[tuple[str, int, int], dict[str, int]] = {}
     for kept in open_recording(run / "topics.mcap").messages():
@@ -259,7 +258,7 @@ def assert_cause_before_effect(run: Path) -> None:
         _, finger, *rest = kept.topic.split("/", 2)
         topic = "/" + "".join(rest)
         if topic.startswith("/touch/"):
-            message = decode(kinds[topic], kept.body)
+            message = decode(TYPES[topic], kept.body)
             times = sent.setdefault((finger, message.goal, message.touch), {})
             times.setdefault(topic, kept.sent_ns)
     assert all(found == list(range(len(found))) for found in numbers.values())

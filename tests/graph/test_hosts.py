@@ -9,6 +9,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import psutil
 import pytest
 import zmq
 from palpate_toy import toy
@@ -16,7 +17,7 @@ from palpate_toy import toy
 from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts.addresses import free_endpoints, key_file, read_host
 from palpate.messages.bus import ControlClient, SocketContext, bind, make_key
-from tests.graph.conftest import processes, started, wait_for
+from tests.graph.conftest import started, wait_for
 
 pytestmark = [
     pytest.mark.graph,
@@ -59,8 +60,7 @@ def ring(where, work=0.0):
 
 def lent_nodes(lender) -> list[int]:
     """Processes that the fork server of the other machine has started."""
-    children = processes(lambda _, parent, __: parent == lender)
-    return processes(lambda _, parent, group: parent in children and group == lender)
+    return [node.pid for one in psutil.Process(lender).children() for node in one.children()]
 
 
 def test_node_killed_on_another_machine_loses_nothing(away, run, watcher):

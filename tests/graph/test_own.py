@@ -146,7 +146,8 @@ def test_commands_that_init_prints_show_the_running_graph(kind, shown, tmp_path)
 def test_example_frames_become_a_ring_whose_gaps_are_found(tmp_path):
     example = Path(__file__).parents[2] / "examples" / "frames.csv"
     words = (f"path:={example}", "scale:=0.001", "platform:=0", "at_once:=true")
-    run = launched(tmp_path, "driver.yaml", *words, code=0)
+    draft = ("--set", "reconstructor.quality=draft")
+    run = launched(tmp_path, "driver.yaml", *words, *draft, code=0)
     found = read_summary(run)
     places, normals = np.array(found["open_places_m"]), np.array(found["open_normals"])
     assert found["touches"] == 200 and 0.05 < found["open_share"] < 0.12 and len(places) > 2

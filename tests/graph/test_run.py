@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from palpate.launch.scene import SHIPPED_SCENES
 from palpate.messages.recording import open_recording
 from palpate.tools.view.live import show_graph
 from palpate.tools.view.timeline import Timeline, read_timeline
-from tests.graph.conftest import FEW, Harm, finished, group_ends, palpate, started, wait_for
+from tests.graph.conftest import FEW, Harm, finished, in_group, palpate, started, wait_for
 
 pytestmark = pytest.mark.graph
 MISSED = 1  # Exit code of a run that leaves most of the object untouched
@@ -138,7 +139,7 @@ def test_ctrl_c_ends_run_and_leaves_readable_recording(words, scores, tmp_path):
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=10.0)
     assert process.returncode == 130
-    assert group_ends(process.pid, 1.0)
+    wait_for(lambda: not in_group(process.pid))
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
     with (out / "topics.mcap").open("rb") as file:
         assert make_reader(file).get_summary() is not None
@@ -161,10 +162,11 @@ def test_scene_file_of_run_gives_its_solid_again_unrecorded(scene, tmp_path):
         assert not (tmp_path / name / "topics.mcap").exists()
         return [done.summary[key] for key in ("mesh_sha256", "seed", "touches")]
 
-    first = solid("first", {"scene": scene, "seed": 11}, FEW)
+    draft = {"reconstructor.quality": "draft"}
+    three = {"planner.planner": "uniform", "planner.settings.count": 3, **draft}
+    first = solid("first", {"scene": scene, "seed": 11}, three)
     assert first[0] is not None
     moved = (tmp_path / "first").rename(tmp_path / "moved") / "scene.yaml"
-    draft = {"reconstructor.quality": "draft"}
     assert solid("again", {"scene": str(moved)}, draft) == first
 
 
@@ -182,15 +184,18 @@ def test_meshes_and_modules_of_ones_own_go_with_the_run(tmp_path):
     (work / "elsewhere" / "mesh.ply").write_bytes(mesh)
     (work / "scenes" / "s.yaml").write_text(OWN_SCENE)
 
+    own = {"mesh.ply", "my_effect.py", "my_helper.py", "my_planner.py"}
+
     def solid(folder, *words, into):
-        with started(*words, "--quiet", folder=folder) as process:
-            _, err = process.communicate()
-        assert process.returncode in (0, 1), err
+        for name in own:  # as in a process of its own
+            sys.modules.pop(name.removesuffix(".py"), None)
+        done = palpate(*words, "--quiet", folder=folder)
+        assert done.code in (0, 1), done.err
         return read_summary(folder / into)["mesh_sha256"]
 
-    first = solid(work, "run", "scenes/s.yaml", "--touches", 24, "--out", "../run", into="../run")
+    few = ("--touches", 60, "--set", "reconstructor.quality=draft")
+    first = solid(work, "run", "scenes/s.yaml", *few, "--out", "../run", into="../run")
     assert first is not None
-    own = {"mesh.ply", "my_effect.py", "my_helper.py", "my_planner.py"}
     assert {one.name for one in (out / "inputs").iterdir()} == own
     assert not re.search(r"work|elsewhere", (out / "scene.yaml").read_text())
     work.rename(tmp_path / "gone")

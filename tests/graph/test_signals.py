@@ -10,10 +10,9 @@ from contextlib import suppress
 
 import pytest
 
-from tests.graph.conftest import group_ends, started
+from tests.graph.conftest import WITHIN, in_group, started, wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
-GONE_WITHIN = 10.0  # A healthy graph takes 2.5 s at most, on a machine without other work [s]
 
 
 @pytest.fixture
@@ -38,7 +37,7 @@ def let_run(process, moment):
 
 
 def assert_nothing_left(process, folder):
-    assert group_ends(process.pid, GONE_WITHIN)
+    wait_for(lambda: not in_group(process.pid))
     lines = folder / "lines.txt"
     assert not lines.exists() or lines.read_text().endswith("closed\n")
 
@@ -68,7 +67,7 @@ def test_signal_ends_the_graph_as_interrupted(
             os.killpg(launcher.pid, number)
         else:
             launcher.send_signal(number)
-    out, err = launcher.communicate(timeout=GONE_WITHIN)
+    out, err = launcher.communicate(timeout=WITHIN)
     told = f"interrupted - {number.name} was received\nthe environment is unchanged: True\n"
     assert (out.removeprefix("ready\n"), err, launcher.returncode) == (told, "", 0)
     assert_nothing_left(launcher, tmp_path)
@@ -79,5 +78,5 @@ def test_signal_ends_the_graph_as_interrupted(
 def test_no_node_outlives_a_killed_launcher(moment, launcher, tmp_path):
     let_run(launcher, moment)
     launcher.kill()
-    launcher.wait(GONE_WITHIN)
+    launcher.wait(WITHIN)
     assert_nothing_left(launcher, tmp_path)

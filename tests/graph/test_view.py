@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
-from contextlib import suppress
-from pathlib import Path
 
+import psutil
 import pytest
 
 from palpate.launch.processes.registry import running_graphs
 from palpate.tools.view.beside import ViewProcess
-from tests.graph.conftest import FINGERS, WITHIN, palpate, processes, started, wait_for
+from tests.graph.conftest import FINGERS, WITHIN, in_group, palpate, started, wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
 BESIDE = """
@@ -28,35 +26,22 @@ with ViewProcess(Path(sys.argv[1]), told.append) as beside:
 """
 
 
-def children(parent: int) -> list[int]:
-    return processes(lambda _, its_parent, __: its_parent == parent)
-
-
-def sockets(pid: int) -> int:
-    """Number of sockets that a process has open."""
-    found = 0
-    for one in Path(f"/proc/{pid}/fd").iterdir():
-        with suppress(FileNotFoundError):  # closed meanwhile
-            found += "socket:" in os.readlink(one)
-    return found
-
-
 @pytest.mark.slow
 def test_stopped_view_changes_nothing_for_the_graph(explored, tmp_path):
     lines: list[str] = []
-    before = {*children(os.getpid())}
+    before = psutil.Process().children()
     with ViewProcess(tmp_path / "run", lines.append):
         assert lines[0].startswith("view  http://127.0.0.1:")
-        [pid] = {*children(os.getpid())} - before
-        free = sockets(pid)
+        [view] = {*psutil.Process().children()} - {*before}
+        files = view.num_fds()
         words = ("launch", FINGERS, "fingers:=2", "--quiet", "--out", tmp_path / "run")
         with started(*words) as run:
             card = wait_for(running_graphs)[0]
-            wait_for(lambda: sockets(pid) > free + len(card.nodes))  # it has attached
-            os.kill(pid, signal.SIGSTOP)
+            wait_for(lambda: view.num_fds() > files + len(card.nodes))  # it has attached
+            view.suspend()
             run.communicate(timeout=WITHIN)
     assert run.returncode == 0
-    assert pid not in children(os.getpid())
+    assert view not in psutil.Process().children()
     difference = palpate("bag", "diff", explored(2), tmp_path / "run")
     assert difference.code == 0, difference.out
 
@@ -69,10 +54,10 @@ def test_view_beside_run_ends_with_the_process_that_started_it(number, tmp_path)
         assert parent.stdout is not None
         address, stays = (parent.stdout.readline().rstrip() for _ in range(2))
         assert stays == f"view stays at {address.removeprefix('view  ')}; Ctrl-C ends it"
-        [pid] = children(parent.pid)
+        [view] = psutil.Process(parent.pid).children()
         parent.send_signal(number)
         assert parent.wait(WITHIN) == (0 if number == signal.SIGINT else -number)
-    wait_for(lambda: not processes(lambda one, _, __: one == pid))
+    wait_for(lambda: not in_group(view.pid))  # of its own
 
 
 @pytest.mark.slow
