@@ -57,6 +57,7 @@ def tuned(tmp_path_factory) -> Path:
             wait_for(lambda: about(card)["restarts"] == 1)
             set_parameter(card, "filter", "order", "median")
             recorder = started("bag", "record", "-o", outside)
+            assert recorder.stdout is not None and recorder.stdout.readline()  # it records
             for param, value, words in REFUSED:
                 with pytest.raises(ValueError, match=words):
                     set_parameter(card, "planner", param, value)
