@@ -13,6 +13,7 @@ import pytest
 from tests.graph.conftest import WITHIN, in_group, started, wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")]
+OTHERS = (signal.SIGTERM, signal.SIGHUP)
 
 
 @pytest.fixture
@@ -42,20 +43,12 @@ def assert_nothing_left(process, folder):
     assert not lines.exists() or lines.read_text().endswith("closed\n")
 
 
-def slow(*case):
-    return pytest.param(*case, marks=pytest.mark.slow)
-
-
 @pytest.mark.parametrize(
     ("number", "whole_group", "times", "moment"),
     [
-        (signal.SIGINT, True, 1, None),
-        slow(signal.SIGINT, True, 2, 0.3),
-        *(slow(signal.SIGINT, True, 1, moment) for moment in (0.05, 0.2, 0.4)),
-        slow(signal.SIGTERM, True, 1, None),
-        slow(signal.SIGTERM, False, 1, None),
-        slow(signal.SIGHUP, True, 1, None),
-        slow(signal.SIGHUP, False, 1, None),
+        *((signal.SIGINT, True, 1, moment) for moment in (None, 0.05, 0.2, 0.4)),
+        (signal.SIGINT, True, 2, 0.3),
+        *((number, whole, 1, None) for number in OTHERS for whole in (True, False)),
     ],
 )
 def test_signal_ends_the_graph_as_interrupted(
@@ -74,7 +67,7 @@ def test_signal_ends_the_graph_as_interrupted(
     assert [one.name for one in tmp_path.iterdir() if one.name != "lines.txt"] == []
 
 
-@pytest.mark.parametrize("moment", [None, slow(0.05), slow(0.3)])
+@pytest.mark.parametrize("moment", [None, 0.05, 0.3])
 def test_no_node_outlives_a_killed_launcher(moment, launcher, tmp_path):
     let_run(launcher, moment)
     launcher.kill()
