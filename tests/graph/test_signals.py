@@ -17,9 +17,9 @@ OTHERS = (signal.SIGTERM, signal.SIGHUP)
 
 
 @pytest.fixture
-def launcher(tmp_path):
+def launcher(runtime):
     """A launcher of a graph without an end, in a process group of its own, before its launch."""
-    with started("run_graph.py", "ring", tmp_path, 0.0, start_new_session=True) as process:
+    with started("run_graph.py", "ring", runtime, 0.0, start_new_session=True) as process:
         try:
             assert process.stdout is not None
             assert process.stdout.readline() == "launching\n"
@@ -52,7 +52,7 @@ def assert_nothing_left(process, folder):
     ],
 )
 def test_signal_ends_the_graph_as_interrupted(
-    number, whole_group, times, moment, launcher, tmp_path
+    number, whole_group, times, moment, launcher, runtime
 ):
     let_run(launcher, moment)
     for _ in range(times):
@@ -63,13 +63,13 @@ def test_signal_ends_the_graph_as_interrupted(
     out, err = launcher.communicate(timeout=WITHIN)
     told = f"interrupted - {number.name} was received\nthe environment is unchanged: True\n"
     assert (out.removeprefix("ready\n"), err, launcher.returncode) == (told, "", 0)
-    assert_nothing_left(launcher, tmp_path)
-    assert [one.name for one in tmp_path.iterdir() if one.name != "lines.txt"] == []
+    assert_nothing_left(launcher, runtime)
+    assert [one.name for one in runtime.iterdir() if one.name != "lines.txt"] == []
 
 
 @pytest.mark.parametrize("moment", [None, 0.05, 0.3])
-def test_no_node_outlives_a_killed_launcher(moment, launcher, tmp_path):
+def test_no_node_outlives_a_killed_launcher(moment, launcher, runtime):
     let_run(launcher, moment)
     launcher.kill()
     launcher.wait(WITHIN)
-    assert_nothing_left(launcher, tmp_path)
+    assert_nothing_left(launcher, runtime)
