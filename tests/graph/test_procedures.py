@@ -102,11 +102,11 @@ def poke(setting, times=1):
 """
 
 
-def test_own_procedure_is_named_by_module_and_function(tmp_path):
-    (tmp_path / "poke.py").write_text(OWN)
+def test_own_procedure_is_named_by_module_and_function(here):
+    (here / "poke.py").write_text(OWN)
     settings = ["procedure.procedure=poke:poke", "procedure.settings.times=2"]
     arguments = [text for one in settings for text in ("--set", one)]
     words = ("run", "sphere", "--procedure", "planar", "--composed", "--out", "here", *arguments)
-    done = palpate(*words, folder=tmp_path)
+    done = palpate(*words, folder=here)
     assert done.code == 0 and "done: met it at 0.080 m" in done.out
-    assert np.load(tmp_path / "here" / "model.npz")["touches"] == 2
+    assert np.load(here / "here" / "model.npz")["touches"] == 2

@@ -171,8 +171,8 @@ def test_scene_file_of_run_gives_its_solid_again_unrecorded(scene, tmp_path):
 
 
 @pytest.mark.slow
-def test_meshes_and_modules_of_ones_own_go_with_the_run(tmp_path):
-    work, other, out = (tmp_path / name for name in ("work", "other", "run"))
+def test_meshes_and_modules_of_ones_own_go_with_the_run(here):
+    work, other, out = (here / name for name in ("work", "other", "run"))
     for folder in (work / "scenes", work / "elsewhere", other / "runs"):
         folder.mkdir(parents=True)
     for what in ("effect", "planner"):
@@ -198,7 +198,7 @@ def test_meshes_and_modules_of_ones_own_go_with_the_run(tmp_path):
     assert first is not None
     assert {one.name for one in (out / "inputs").iterdir()} == own
     assert not re.search(r"work|elsewhere", (out / "scene.yaml").read_text())
-    work.rename(tmp_path / "gone")
+    work.rename(here / "gone")
     assert solid(other, "launch", "../run/launch.yaml", "--out", "b", into="b") == first
     out.rename(other / "runs" / "first")
     os.symlink("first", other / "runs" / "latest")  # which is the new run's meanwhile
