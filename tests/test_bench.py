@@ -1,7 +1,5 @@
 """``palpate bench``: every group can be called, options are checked, results are compared."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import islice

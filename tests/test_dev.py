@@ -1,7 +1,5 @@
 """Developers' tools: damaged input is refused in one sentence, and damage is noticed."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 

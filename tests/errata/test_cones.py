@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
 from palpate.core.cones import (
     Feature,
     InsufficientFeaturesError,
@@ -17,98 +16,15 @@ from palpate.core.cones import (
     solve_origin,
 )
 from palpate.core.cones.tables import DROPPED_ROWS, FEE_ROWS, FFE_ROWS
-
-# Which chords touches with one name meet, in turn: no line lies in a face that is touched.
-ORDER = {"F_S": (0, 1, 2), "E_T": (3, 4), "E_B": (4, 5), "E_m": (5, 2), "P_m": (3, 4)}
-
-
-@dataclass
-class Cone:
-    """An ellipse with six chords, drawn out to an apex and cut square to its axis."""
-
-    rotation: Floats  # object axes as columns; the last points to the apex
-    apex: Floats
-    depths: dict[str, float]  # of top and bottom below the apex [m]
-    middle: Floats  # of the section at unit depth
-    semi_axes: Floats
-    turns: Floats  # where chords begin and end, (6, 2) [rad]
-
-    @property
-    def axis(self) -> Floats:
-        return self.rotation[:, 2]
-
-    def ray(self, turn: float) -> Floats:
-        """From the apex, of unit depth."""
-        x, y = self.middle + self.semi_axes * [np.cos(turn), np.sin(turn)]
-        return self.rotation @ [x, y, -1.0]
-
-    def outward(self, one: Floats, other: Floats) -> Floats:
-        """Outward unit normal of the plane of two directions."""
-        normal = np.cross(one, other)
-        return (
-            -np.sign(normal @ self.rotation @ [*self.middle, -1.0])
-            * normal
-            / np.linalg.norm(normal)
-        )
-
-    def feature(self, name: str, index: int = 0, share: float = 0.4, place: bool = True) -> Feature:
-        """A touch; `share`: where along the edge or between the ends it lies."""
-        group, at = name.split("_")
-        index = ORDER.get(name, (0, 2, 4))[index] % 6
-        depth = self.depths.get(at, self.depths["T"] * (1 - share) + self.depths["B"] * share)
-        start, end = (self.ray(turn) for turn in self.turns[index])
-        side, known = self.outward(start, end), {"place": at.upper()} if place else {}
-        cap = -self.axis if at == "B" else self.axis
-        if group == "P":  # in the middle of an arc between two chords
-            before, after = self.turns[index, 1], self.turns[(index + 1) % 6, 0]
-            turn = before + 0.5 * np.mod(after - before, 2 * np.pi)
-            x, y = self.semi_axes * [-np.sin(turn), np.cos(turn)]
-            start = self.ray(turn)
-            known |= {"normals": self.outward(start, self.rotation @ [x, y, 0.0])[None]}
-            known |= {"curvature": 1.0 / (depth * self.semi_axes.min())}
-        if group == "P" or at == "m":
-            direction = start / np.linalg.norm(start)
-            return Feature(
-                group=group, point=self.apex + depth * start, direction=direction, **known
-            )
-        if group == "F" and at != "S":
-            end = self.rotation @ [*self.middle, -1.0]
-        known |= {"normals": side[None] if at == "S" else cap[None]}
-        if group == "E":
-            along = (end - start) / np.linalg.norm(end - start)
-            known |= {"normals": np.stack([cap, side]), "direction": along}
-        point = self.apex + depth * (start + share * (end - start))
-        return Feature(group=group, point=point, **known)
-
-    def features(self, *names: str, place: bool = True) -> list[Feature]:
-        """Different features with these names, anywhere on the cone."""
-        seen: Counter[str] = Counter()
-        found = []
-        for name in names:
-            share = 0.3 + 0.15 * len(found)
-            found.append(self.feature(name, seen[name], share, place))
-            seen[name] += 1
-        return found
-
-    def finds_apex(self, touched: list[Feature]) -> bool:
-        off = np.linalg.norm(solve_origin(touched).point - self.apex)
-        return bool(off < 1e-9 * self.depths["B"])
-
-
-def draw_cone(rng: np.random.Generator) -> Cone:
-    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    rotation[:, 0] *= np.linalg.det(rotation)
-    turns = np.arange(6)[:, None] * (np.pi / 3) + rng.uniform(0.1, 0.3)
-    middle = rng.uniform(0.0, 0.1) * np.array([np.cos(away := rng.uniform(0, 6.28)), np.sin(away)])
-    depths = {"T": rng.uniform(0.03, 0.05), "B": rng.uniform(0.08, 0.12)}
-    turns = turns + [0.0, 0.6] + rng.uniform(-0.08, 0.08, (6, 2))
-    return Cone(
-        rotation, rng.uniform(-0.2, 0.2, 3), depths, middle, rng.uniform(0.4, 0.7, 2), turns
-    )
-
+from tests.core.cones.drawing import Cone, draw_cone
 
 RNG = np.random.default_rng(21)
 CONES = [draw_cone(RNG) for _ in range(20)]
+
+
+def finds_apex(cone: Cone, touched: list[Feature]) -> bool:
+    off = np.linalg.norm(solve_origin(touched).point - cone.apex)
+    return bool(off < 1e-9 * cone.size)
 
 
 def faces_that_stand(touched: list[Feature]) -> set[str]:
@@ -134,14 +50,14 @@ def test_two_contacts_on_the_top_are_one_plane_and_give_no_apex():
         with pytest.raises(InsufficientFeaturesError, match="anywhere on one meridian"):
             solve_origin(printed)
         assert solve_orientation(printed).redundancy == 3  # the second contact is left over
-        assert cone.finds_apex(cone.features("F_T", "F_S", "E_m"))
+        assert finds_apex(cone, cone.features(["F_T", "F_S", "E_m"]))
 
 
 def test_an_edge_of_the_bottom_and_a_parabolic_point_are_a_row_that_is_there_already():
     (row,) = (one for one in FEE_ROWS if one.printed == "F_S E_B P")
     assert row.combination == "E_B E_T F_S"
     for cone in CONES[:5]:
-        touched = cone.features("F_S", "E_B", "P_m", place=False)
+        touched = cone.features(["F_S", "E_B", "P_m"], place=False)
         (found,) = (one for one in interpretations(touched) if one.name == "F_S E_B P_m")
         assert found.stands and found.row.combination == "E_B E_m F_S"  # two rows above
     # All pairs of places of two edges beside a side.
@@ -152,7 +68,7 @@ def test_an_edge_of_one_end_is_parallel_to_the_other():
     for row in (row for row in FFE_ROWS if row.kind == "i"):
         assert row.printed == "E . n is not 0"
         for cone in CONES:
-            edge, *faces = cone.features(*row.features)
+            edge, *faces = cone.features(row.features)
             (end,) = (one for one in faces if one.place != "S")
             assert abs(edge.direction @ end.normals[0]) < 1e-12
             assert abs(cone.feature("E_m").direction @ end.normals[0]) > 0.5
@@ -161,7 +77,7 @@ def test_an_edge_of_one_end_is_parallel_to_the_other():
 def test_where_meridians_meet_outside_a_face_it_is_no_base():
     for cone in CONES[:10]:
         for end in "TB":
-            touched = cone.features(f"F_{end}", "E_m", "E_m", place=False)
+            touched = cone.features([f"F_{end}", "E_m", "E_m"], place=False)
             assert faces_that_stand(touched) == {end, "S"}
 
 
@@ -179,39 +95,38 @@ def test_a_face_beside_edges_of_one_end_may_be_the_top():
 
 def touch_edge(cone: Cone, end: str, chord: int) -> Feature:
     """A touch in the middle of an edge of an end, of unknown place."""
-    start, stop = (cone.ray(turn) for turn in cone.turns[chord])
-    normals = np.stack([cone.axis if end == "T" else -cone.axis, cone.outward(start, stop)])
-    along = (stop - start) / np.linalg.norm(stop - start)
-    point = cone.apex + cone.depths[end] * (start + stop) / 2.0
+    start, stop, along, side = cone.chord(chord)
+    normals = np.stack([cone.axis if end == "T" else -cone.axis, side])
+    point = cone.apex + cone.depths["TB".index(end)] * (start + stop) / 2.0
     return Feature(group="E", point=point, direction=along, normals=normals)
 
 
 def touch_side(cone: Cone, chord: int) -> Feature:
     """A touch in the middle of a side, of unknown place."""
-    start, stop = (cone.ray(turn) for turn in cone.turns[chord])
-    point = cone.apex + 0.7 * cone.depths["B"] * (start + stop) / 2.0
-    return Feature(group="F", point=point, normals=cone.outward(start, stop)[None])
+    start, stop, _, side = cone.chord(chord)
+    point = cone.apex + 0.7 * cone.size * (start + stop) / 2.0
+    return Feature(group="F", point=point, normals=side[None])
 
 
 def test_an_apex_is_on_the_plane_of_neither_end():
     for rows in (FEE_ROWS, FFE_ROWS):
         (row,) = (row for row in rows if row.kind == "ii")
         for cone in CONES[:5]:
-            found = interpretations(cone.features(*row.features, place=False))
+            found = interpretations(cone.features(row.features, place=False))
             assert not any(one.stands for one in found if {"E_m", "F_B"} <= set(one.name.split()))
 
 
 def test_an_end_need_not_be_touched_on_its_face():
     for cone in CONES:
-        touched = cone.features("E_T", "E_B", "E_m", "E_m")
+        touched = cone.features(["E_T", "E_B", "E_m", "E_m"])
         assert np.linalg.norm(solve_orientation(touched).axis - cone.axis) < 1e-9
-        assert cone.finds_apex(touched)
+        assert finds_apex(cone, touched)
         with pytest.raises(InsufficientFeaturesError, match="nothing of top or bottom"):
             solve_orientation(touched[2:])
 
 
 def test_an_edge_and_a_parabolic_point_are_a_row_of_the_second_table():
     for cone in CONES:
-        assert cone.finds_apex(cone.features("P_m", "E_m"))
-        three = [*cone.features("P_m", "P_m"), cone.feature("E_T")]  # P E P as printed
+        assert finds_apex(cone, cone.features(["P_m", "E_m"]))
+        three = [*cone.features(["P_m", "P_m"]), cone.feature("E_T")]  # P E P as printed
         assert solve_origin(three).redundancy == solve_origin(three[:2]).redundancy

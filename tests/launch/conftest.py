@@ -1,7 +1,5 @@
 """Nodes that do nothing, YAML with its places, and a machine that is the same everywhere."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 

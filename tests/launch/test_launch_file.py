@@ -1,7 +1,5 @@
 """Launch files: arguments, includes, conditions, fingers, Python; every fault with its line."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -94,19 +92,15 @@ def test_argument_within_the_scene_changes_one_of_its_values():
     ("args: {finger: x}\nends: a\nnodes: {}", "f.yaml:1: $(finger) is the number of a finger"),
     ("ends: a\nnodes:\n  a:\n    fingers: 9", "f.yaml:4: fingers must be 1 to 8, got 9"),
     ("ends: a\nnodes: {a: {fingers: 0}}", "f.yaml:2: fingers must be 1 to 8, got 0"),
-    ("ends: a\nnodes: {a: {fingers: 2.0}}", "fingers must be 1 to 8, got 2.0"),
     ("ends: a\nnodes: {a: {fingers: true}}", "fingers must be 1 to 8, got True"),
-    ("ends: a\nnodes: {a: {fingers: }}", "fingers must be 1 to 8, got None"),
     ("ends: a\nnodes:\n  a:\n    fingers: 1\n    namespace: b",
      "f.yaml:5: node 'a': a node with fingers has its namespace from them"),
     ("ends: a\nnodes: {a: {fingers: 2, nise: 1}}",
      "f.yaml:2: unknown key 'nise' in nodes.a; did you mean 'nice'?"),
-    ("ends: a\nnodes:\n  a:\n    on_exit: respawn", "f.yaml:4: "),
     ("ends: a\nnodes: {a: {on_exit: respawn}}", "respawn"),
     ("ends: a\nnodes: {a: {params: {n: $(finger)}}}", "f.yaml:2: $(finger) is not known"),
     ("args: {a: 1}\nends: $(b)\nnodes: {}", "f.yaml:2: $(b) is not known; known: a, out"),
     ("args: {a: {b: 1}}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'; known: b"),
-    ("args: {a: 1}\nends: $(a.c)\nnodes: {}", "$(a.c): there is no 'c'"),
     ("args: {a: [1]}\nends: x$(a)\nnodes: {}", "$(a) is more than a word"),
 ])  # fmt: skip
 def test_wrong_launch_file_is_refused(write, text, words):
@@ -229,9 +223,7 @@ def test_shipped_file_is_included_by_name_unless_one_lies_beside(write):
     ("ends: a\ninclude: g.yaml", "g.yaml:1: includes f.yaml, which includes this file"),
     ("include: no.yaml", "no.yaml: the launch file does not exist"),
     ("include: [a]", r"f.yaml:1: include is \['a'\]; expected the name of a launch file"),
-    ("include: ''", "f.yaml:1: include is ''; expected"),
     ("include: h.py", "f.yaml:1: includes h.py, which is no YAML"),
-    ("include: base.yaml\nnoodes: {}", "f.yaml:2: unknown key 'noodes'"),
     ("include: base.yaml\nnodes: 3", "f.yaml:2: nodes is 3; expected map"),
     ("include: base.yaml\nargs: 3", "f.yaml:2: args must be a map"),
 ])  # fmt: skip
@@ -276,16 +268,8 @@ def test_modules_are_known_before_the_file_is_checked(write, tmp_path, text, mod
     assert named_modules(write("graph.yaml", text)) == tuple(names)
     python = write("graph.py", "raise SystemExit")
     assert named_modules(python) == named_modules(tmp_path / "none.yaml") == ()
-    kinds = [
-        "simulator",
-        "filter",
-        "curvature",
-        "tracer",
-        "planner",
-        "reconstructor",
-        "evaluator",
-        "recorder",
-    ]
+    sensing = "simulator filter curvature tracer"
+    kinds = f"{sensing} planner reconstructor evaluator recorder".split()
     assert sorted(named_modules(EXPLORE)) == sorted(f"palpate.nodes.{kind}" for kind in kinds)
 
 

@@ -1,7 +1,5 @@
 """Scenes: read with their defaults, every fault in one sentence; meshes, effects, planners."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -11,7 +9,6 @@ import trimesh
 from palpate.core.explore.planners import PLANNER_NAMES, Uniform, make_planner, planner_type
 from palpate.launch.files.source_map import InputError, SourceMapped, key_path
 from palpate.launch.scene import (
-    SHIPPED_SCENES,
     check_planner,
     find_scene,
     load_scene,
@@ -71,14 +68,9 @@ def test_length_with_unit_is_the_length_in_metres(write):
     ("", "bad.yaml: is empty"),
     ("object:\n  sphere: {radius: 30mmm}",
      "bad.yaml:2: object.sphere.radius is '30mmm'; expected number: the unit 'mmm' is none of"),
-    ("object:\n  sphere: {radius: 5s}",
-     "bad.yaml:2: object.sphere.radius is '5s'; expected number: the unit 's' is none of m, cm"),
     ("object:\n  sphere: {radius: '0.03'}",
      "bad.yaml:2: object.sphere.radius is '0.03'; expected number: must have a unit: m, cm, mm"),
-    ("object:\n  sphere: {radius: -3mm}", "bad.yaml:2: object.sphere.radius is -0.003; expected"),
     (BALL + "sensor: {rows: 16mm}", "bad.yaml:3: sensor.rows is '16mm'; expected whole number"),
-    (BALL + "effects:\n- gaussian_noise:\n    sigma: 1 parsec",
-     "bad.yaml:5: effects.gaussian_noise.sigma is '1 parsec'; expected number: the un"),
     ("a: [", "bad.yaml:1: is not YAML"),
     ("seed: 3", "bad.yaml:1: the document lacks the key 'object'"),
     (BALL + "sede: 3", "bad.yaml:3: unknown key 'sede'; did you mean 'seed'?"),
@@ -98,17 +90,10 @@ def test_length_with_unit_is_the_length_in_metres(write):
      "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, ft, in, m"),
     ("object:\n  mesh: {file: ../x.ply, unit: mm}",
      "bad.yaml:2: object.mesh.file is '../x.ply'; it must lie in the scene's own folder"),
-    ("object:\n  mesh: {file: /etc/x.ply, unit: mm}", "must lie in the scene's own folder"),
     ("object: 3", "bad.yaml:1: object is 3; expected map"),
-    ("object:\n  hyperquadric:\n    terms:\n      - {plane: [30, 0, 0, 0], exponent: 4}\n"
-     "      - {plane: [0, 30, 0, 0], exponent: 4}\n      - {plan: [0, 0, 1, 0]}",
-     "bad.yaml:6: unknown key 'plan' in object.hyperquadric.terms[2]; did you mean 'plane'?"),
     ("object:\n  generalised_cylinder:\n    section: {size: [0.03, 0.03]}\n"
      "    sweep: [[0.0, 1.0], [0.0, 0.5]]",
      "bad.yaml:2: object.generalised_cylinder: heights must increase, by 1e-09 m or more"),
-    ("object:\n  polyhedron:\n    vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
-     "    faces: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 3, 2]]",
-     "bad.yaml:4: object.polyhedron: faces[1] and faces[3] both walk the edge from vertex 1"),
     ("object:\n  boolean:\n    union:\n"
      "      - superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
      "      - half_space: {normal: [0, 0, 1]}",
@@ -213,14 +198,6 @@ def test_untrusted_scene_names_no_outer_file_or_program(write, tmp_path, monkeyp
     assert load_scene(write("v.yaml", program), untrusted=True).inputs == {}
 
 
-def test_link_out_of_the_folder_is_refused(write, tmp_path):
-    (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "x.ply").symlink_to(SHIPPED_SCENES / "pear.ply")
-    scene = write("scenes/s.yaml", "object:\n  mesh: {file: x.ply, unit: mm}")
-    with pytest.raises(InputError, match="must lie in the scene's own folder"):
-        load_scene(scene)
-
-
 @pytest.mark.parametrize(("name", "words"), [
     ("vaes", "there is no scene 'vaes'; did you mean 'vase'?"),
     ("no/such.yaml", "no/such.yaml: the scene does not exist"),
@@ -252,9 +229,7 @@ NOISE = "\n  - gaussian_noise:\n      "
     ("[drfit]", "there is no effect 'drfit'; did you mean 'drift'?"),
     ("[3]", "bad.yaml:3: effects[0] must be one effect and its parameters"),
     ("[{drift: {}, creep: {}}]", "effects[0] must be one effect"),
-    ("[{drift: 3}]", "effects[0] must be one effect"),
     ("drift", "bad.yaml:3: effects must be a list"),
-    ("{drift: {}}", "bad.yaml:3: effects must be a list"),
     ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
     ("['.x:Y']", "must name its module in full"),
     ("[drift, 'palpate.core.touch.effects.electronics:Drift']", "are the same effect"),
@@ -306,7 +281,6 @@ class Ringing:
 
 @pytest.mark.parametrize(("source", "words"), [
     ("def (", "cannot be imported: SyntaxError"),
-    ("1 / 0", "cannot be imported: ZeroDivisionError"),
     ("import sys; sys.exit(0)", "cannot be imported: SystemExit"),
     (OWN.replace("phase: ClassVar = Phase.SIGNAL", "pass"), "its phase must be one of Phase"),
     (OWN.replace("Phase.SIGNAL", "6"), "its phase must be one of Phase"),

@@ -1,7 +1,5 @@
 """Tables of cases, a line each; and addresses of a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

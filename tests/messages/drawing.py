@@ -1,7 +1,5 @@
 """Messages of any type, every field of which is drawn at random within its schema."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

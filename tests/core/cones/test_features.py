@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -177,35 +176,6 @@ def press(
         principal_error=patch.principal_error,
         principal_direction=axes @ patch.principal_direction,
     ).feature
-
-
-def test_presses_of_a_pad_give_axis_and_apex():
-    flat = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
-    places = ((0.3, 0.02), (2.0, 0.03), (4.0, 0.035))
-    round_ = [press(flat, 1.0, height, azimuth) for azimuth, height in places]
-    assert [one.group for one in round_] == ["P", "P", "P"]
-    found = cones.solve_origin([replace(one, place="M") for one in round_])
-    # A jet's curvature lies between its rows.
-    assert np.linalg.norm(found.point - [0.0, 0.0, APEX]) < 3e-4 and found.residual_sigma < 1.0
-    flank, lean = math.sqrt(0.5), math.radians(50.0)  # Of the middle of a rhombus's side
-    pyramid = [
-        press(flat, 2.0, 0.03, QUARTER, flank),
-        press(flat, 2.0, 0.03, 3 * QUARTER, flank),
-        press(flat, 2.0, 0.03, 0.0),
-        press(flat, 2.0, 0.03, math.pi),
-        press(flat, 2.0, 0.06, -QUARTER, flank, lean),
-        press(flat, 2.0, 0.06, 2 * QUARTER, tilt=lean),
-    ]
-    assert [one.group for one in pyramid] == ["F", "F", "E", "E", "E", "V"]
-    placed = [replace(one, place=place) for one, place in zip(pyramid, "SSMMTT", strict=True)]
-    axis, apex = cones.solve_orientation(placed), cones.solve_origin(placed)
-    assert np.linalg.norm(axis.axis - UP) < EXACT
-    assert np.linalg.norm(apex.point - APEX * UP) < EXACT * APEX
-    assert cones.residual_sigma(axis, apex) < EXACT
-    found = cones.interpretations([pyramid[0], *pyramid[2:5]])
-    standing = {one.name for one in found if one.stands}
-    assert "F_S E_m E_m E_T" in standing
-    assert not any(name.startswith("F_T") for name in standing)
 
 
 def feature(**changes: object) -> Feature:

@@ -1,26 +1,15 @@
 """A finger and a hand in this process, for procedures, and the solids that they are tried on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import shapes
+from palpate.core import procedures, shapes
 from palpate.core.explore import spanned_places
 from palpate.core.explore.grasp import Closing, close_hand
 from palpate.core.poses import Pose
-from palpate.core.procedures import (
-    Contact,
-    Findings,
-    FingerMove,
-    HandContacts,
-    HandMove,
-    TouchSetting,
-    procedure_of,
-)
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch import CONTACT, HITS, Pipeline, SimulatedTouch, clean, fit_patch
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline
@@ -36,7 +25,7 @@ FAR = Pose(np.array([1.0, 0.0, 0.046]), np.eye(3))  # a pose out of reach
 class Driven(NamedTuple):
     """What a procedure came to."""
 
-    findings: Findings
+    findings: procedures.Findings
     touches: int
 
 
@@ -51,17 +40,19 @@ def drive(
     palm = [build_pipeline(SensorSpec(), effects, robot, 1001 + n, seed) for n in range(6)]
     states, held = [tip.begin() for tip in tips], tuple(one.begin() for one in palm)
     platform = float(shape.bounds()[0, 2])
-    setting = TouchSetting(tips[0].finger.pad, tips[0].noise, platform, 0.12, fingers)
-    running, met, touches = procedure_of(name, settings)(setting), None, 0
+    setting = procedures.TouchSetting(tips[0].finger.pad, tips[0].noise, platform, 0.12, fingers)
+    running, met, touches = procedures.procedure_of(name, settings)(setting), None, 0
     for closings in range(1500):
         try:
             move = next(running) if met is None else running.send(met)
         except StopIteration as end:
             return Driven(end.value, touches)
-        if isinstance(move, HandMove):
+        if isinstance(move, procedures.HandMove):
             when = Closing(closings, 0.0, 0.0)
             grasp, held = close_hand(shape, palm, held, move.hand, move.pose, platform, when)
-            met = HandContacts(grasp.points, grasp.normals, np.array(grasp.fingers, np.int32), 0.0)
+            met = procedures.HandContacts(
+                grasp.points, grasp.normals, np.array(grasp.fingers, np.int32), 0.0
+            )
             continue
         contacts = []
         for number, one in enumerate(move):
@@ -76,8 +67,8 @@ def drive(
 
 
 def touched(
-    tip: Pipeline, state: Any, shape: shapes.Shape, move: FingerMove, number: int
-) -> tuple[Any, Contact]:
+    tip: Pipeline, state: Any, shape: shapes.Shape, move: procedures.FingerMove, number: int
+) -> tuple[Any, procedures.Contact]:
     """One touch, and what filter and curvature estimator make of it."""
     times = {"begun": float(number), "previous": float(number) - 1.0}
     made = SimulatedTouch(shape, number, move.pose, move.pose, move.reach, move.depth, **times)
@@ -89,7 +80,7 @@ def touched(
     x, y = pad.grid()
     local = np.column_stack([x[image.touched], y[image.touched], surface[image.touched]])
     nothing, met = np.zeros((0, 3)), made.outcome in HITS
-    return state, Contact(
+    return state, procedures.Contact(
         outcome=made.outcome,
         pose=made.believed,
         points=local @ axes.T + position if met else nothing,

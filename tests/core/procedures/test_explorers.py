@@ -1,7 +1,5 @@
 """Procedures on solids that they serve, and on solids that they must refuse."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Sessions of procedures, and the planes and cones that are fitted to touches."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -9,21 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.core import procedures
 from palpate.core.arrays import Floats
-from palpate.core.procedures import (
-    PROCEDURE_NAMES,
-    Findings,
-    HandContacts,
-    Session,
-    TouchSetting,
-    begin_procedure,
-    fit_cone,
-)
 from palpate.core.procedures.polyhedron import Plane, corners_of, fit_plane, polyhedron_of
 from palpate.core.touch import Pad
 
-SETTING = TouchSetting(Pad(16, 16, 1e-3, 3e-3, 66.0, 0.8), 0.0, 0.0, 0.12)
-MET = HandContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int32), 0.0)
+SETTING = procedures.TouchSetting(Pad(16, 16, 1e-3, 3e-3, 66.0, 0.8), 0.0, 0.0, 0.12)
+MET = procedures.HandContacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int32), 0.0)
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -35,14 +25,14 @@ def counting() -> tuple[Callable[[], Any], list[int]]:
         begun.append(1)
         for number in range(3):
             _ = yield number
-        return Findings(status="done", reason="counted")
+        return procedures.Findings(status="done", reason="counted")
 
     return procedure, begun
 
 
 def test_a_session_is_a_function_of_the_results():
     procedure, begun = counting()
-    session = Session(procedure)
+    session = procedures.Session(procedure)
     assert [session.after((MET,) * n) for n in range(3)] == [0, 1, 2]
     assert session.after((MET,) * 3).reason == "counted" and len(begun) == 1
     # Results that do not go on where the last ones ended begin it anew.
@@ -50,9 +40,9 @@ def test_a_session_is_a_function_of_the_results():
     assert len(begun) == 4
 
 
-@pytest.mark.parametrize("name", PROCEDURE_NAMES)
+@pytest.mark.parametrize("name", procedures.PROCEDURE_NAMES)
 def test_every_procedure_is_found_by_its_name(name):
-    assert begin_procedure(name, {}, SETTING).after(()) is not None
+    assert procedures.begin_procedure(name, {}, SETTING).after(()) is not None
 
 
 def patches(rng: np.random.Generator, offsets: Floats) -> list[Floats]:
@@ -101,7 +91,7 @@ def test_a_cone_is_fitted_exactly_from_an_axis_that_is_off():
         touches.append(np.column_stack([*ring, heights]))
     start = np.array([0.05, -0.03, 1.0]) / np.linalg.norm([0.05, -0.03, 1.0])
     for kind in ("revolution", "linear"):
-        cone = fit_cone(touches, kind, np.array([1e-3, -2e-3, 0.0]), start, 1e-4)
+        cone = procedures.fit_cone(touches, kind, np.array([1e-3, -2e-3, 0.0]), start, 1e-4)
         assert cone.rms < 1e-7
         assert kind == "linear" or np.linalg.norm(cone.axis[:2]) < 2e-5
 
@@ -115,7 +105,7 @@ def test_the_stated_error_of_an_axis_is_its_scatter():
             heights = 0.08 * number / 23 + rng.uniform(-5e-3, 5e-3, 40)
             ring = 0.025 * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
             touches.append(np.column_stack([ring, heights]) + rng.normal(0.0, 1e-4, 3))
-        cone = fit_cone(touches, "linear", np.zeros(3), UP, 1e-4, 0)
+        cone = procedures.fit_cone(touches, "linear", np.zeros(3), UP, 1e-4, 0)
         leans.append(np.linalg.norm(cone.axis[:2]))
         stated.append(cone.axis_error)
     assert np.sqrt(np.mean(np.square(leans))) == pytest.approx(np.mean(stated), rel=0.3)
@@ -132,4 +122,4 @@ def test_a_plane_of_too_few_points_is_refused(touches, words):
     with pytest.raises(ValueError, match=words):
         fit_plane(touches, UP, 0.0, 1e-4, 1e-3)
     with pytest.raises(ValueError, match="4 touches, got 3"):
-        fit_cone([np.zeros((5, 3))] * 3, "linear", np.zeros(3), UP, 1e-4)
+        procedures.fit_cone([np.zeros((5, 3))] * 3, "linear", np.zeros(3), UP, 1e-4)

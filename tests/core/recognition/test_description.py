@@ -1,6 +1,5 @@
 """Laws of the description of a closed surface, and of how it scatters over noisy copies."""
 
-import time
 from functools import cache
 
 import numpy as np
@@ -168,15 +167,6 @@ def test_noise_of_tenths_of_a_millimetre_moves_little(name: str):
     assert noisy.voids.holes == plain.voids.holes
     assert noisy.faces.certainty.sum() == pytest.approx(plain.faces.certainty.sum(), abs=0.5)
     assert noisy.sections.areas == pytest.approx(plain.sections.areas, rel=0.08)
-
-
-@pytest.mark.slow
-def test_forty_thousand_triangles_take_about_a_second():
-    mesh = still(mesh_of("cup", 5), 3.5e-3)
-    assert len(mesh.faces) > 35_000
-    begin = time.process_time()
-    describe(*mesh)
-    assert time.process_time() - begin < 2.0  # of a processor that others use as well
 
 
 OCTAHEDRON = shapes.Mesh(

@@ -1,7 +1,5 @@
 """Solids beside their definitions in extended precision, and slow casts to compare with."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Laws that all kinds of solids obey: casts, spans, functions and meshes agree with definitions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Generalised cylinders and their sections: known solids, meshes, bounds of sections, refusals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,44 +7,13 @@ import pytest
 
 from palpate.core import shapes
 from palpate.core.geometry import solidity
-from palpate.core.shapes import INSIDE, MISS
-from tests.core.shapes.definitions import DOWN
 
 RADII = np.array([0.03, 0.022, 0.031, 0.025, 0.028])
 HEIGHTS, SCALES = np.array([0.0, 0.03, 0.05, 0.09]), np.array([1.0, 1.3, 0.5, 0.7])
 ROUND = shapes.SuperellipseSection(np.array([0.03, 0.03]), 1.0)
-SIDEWAYS = np.array([-1.0, 0.0, 0.0])
 CYLINDER = shapes.GeneralisedCylinder(ROUND, np.array([0.0, 0.1]), np.ones(2))
 CONE = shapes.GeneralisedCylinder(ROUND, np.array([0.0, 0.09]), np.array([1.0, 0.0]))
 VASE = shapes.GeneralisedCylinder(shapes.SplineSection(RADII), HEIGHTS, SCALES, smooth=True)
-
-
-def test_cylinder_and_cone_are_met_where_formulas_say():
-    origins = np.array([[0.1, 0.0, 0.05], [0.1, 0.018, 0.05], [0.1, 0.0, 0.0], [0.1, 0.0, 0.1]])
-    found = CYLINDER.cast(origins, SIDEWAYS, 1.0)
-    assert np.allclose(found, [0.07, 0.076, 0.07, 0.07], rtol=0, atol=1e-15)
-    assert CYLINDER.cast(origins[:1], SIDEWAYS, 0.0699)[0] == MISS
-    heights = np.array([0.0, 0.03, 0.06, 0.089999])
-    origins = np.column_stack([np.full(4, 0.1), np.zeros(4), heights])
-    wanted = 0.1 - 0.03 * (1 - heights / 0.09)
-    assert np.allclose(CONE.cast(origins, SIDEWAYS, 1.0), wanted, rtol=0, atol=1e-15)
-    below = np.column_stack([np.array([0.0, 0.01, 0.02999, 0.03001]), np.zeros(4), np.full(4, 0.2)])
-    found = CONE.cast(below, DOWN, 1.0)
-    assert np.allclose(found[:3], [0.11, 0.14, 0.2 - 0.03e-3], rtol=0, atol=1e-9)
-    past = np.array([[0.1, 1e-7, 0.09 - 1e-9], [0.1, 0.0, 0.09 + 1e-9]])
-    assert found[3] == MISS and (CONE.cast(past, SIDEWAYS, 1.0) == MISS).all()
-    for solid, top in ((CYLINDER, 0.1), (CONE, 0.09), (VASE, 0.09)):  # along the axis
-        found = solid.cast(np.array([[0.0, 0.0, 0.2]]), DOWN, 1.0)
-        assert found[0] == pytest.approx(0.2 - top, abs=1e-11)
-    # The plane ends are met and left.
-    origins = np.array([[0.01, 0.0, 0.2], [0.0299999, 0.0, 0.2], [0.0300001, 0.0, 0.2]])
-    found = CYLINDER.cast(origins, DOWN, 1.0)
-    assert np.allclose(found[:2], 0.1, rtol=0, atol=1e-13) and found[2] == MISS
-    assert np.allclose(CYLINDER.cast(-origins, -DOWN, 1.0)[:2], 0.2, rtol=0, atol=1e-13)
-    within = np.array([[0.0, 0.0, 0.05], [0.0, 0.0, -0.001]])
-    assert CYLINDER.cast(within, DOWN, 1.0).tolist() == [INSIDE, MISS]
-    points = np.array([[0.0, 0, 0.11], [0.0, 0, -0.01], [0.0, 0, 0.1], [0.0, 0, 0.05]])
-    assert np.sign(CYLINDER.inside_out(points, 0 * points)[0]).tolist() == [1, 1, 0, -1]
 
 
 def test_convexity_is_known():

@@ -1,7 +1,5 @@
 """Meshes with every fault that is mended, and those that are refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -10,40 +8,32 @@ import trimesh
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import join_rings, solidity
-from palpate.core.shapes import mend_mesh
+from palpate.core.shapes import Mesh, mend_mesh
+from tests.core.geometry.bodies import SPHERE, TORUS, ball, joined, moved
 
 RADIUS = 0.04
-Arrays = tuple[Floats, Ints]
 
 
-def arrays(mesh: Any) -> Arrays:
-    return np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32)
+def arrays(mesh: Any) -> Mesh:
+    return Mesh(np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32))
 
 
-BALL = arrays(trimesh.creation.icosphere(3, RADIUS))
-RING = arrays(trimesh.creation.torus(0.03, 0.01, 32, 16))
+BALL, RING = SPHERE, moved(TORUS, 0.0, 0.01)
 
 
-def joined(*parts: Arrays) -> Arrays:
-    """Meshes in one, by numbers only: nothing is united."""
-    begin = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
-    faces = [faces + at for (_, faces), at in zip(parts, begin, strict=True)]
-    return np.concatenate([part[0] for part in parts]), np.concatenate(faces).astype(np.int32)
+def shifted(mesh: Mesh, x: float, scale: float = 1.0) -> Mesh:
+    return moved(mesh, [x, 0.0, 0.0], scale)
 
 
-def moved(mesh: Arrays, x: float, scale: float = 1.0) -> Arrays:
-    return scale * mesh[0] + [x, 0.0, 0.0], mesh[1]
+def turned(mesh: Mesh) -> Mesh:
+    return Mesh(mesh[0], mesh[1][:, ::-1])
 
 
-def turned(mesh: Arrays) -> Arrays:
-    return mesh[0], mesh[1][:, ::-1]
-
-
-def volume_of(mesh: Arrays) -> float:
+def volume_of(mesh: Mesh) -> float:
     return float(solidity(*mesh).volume)
 
 
-def mends_of(mesh: Arrays, volume: float, genus: int = 0, within: float = 1e-9) -> str:
+def mends_of(mesh: Mesh, volume: float, genus: int = 0, within: float = 1e-9) -> str:
     """What was mended, if the result is one solid in which nothing is left to mend."""
     found = mend_mesh(*mesh)
     body = solidity(found.vertices, found.faces)
@@ -101,7 +91,7 @@ def test_faces_are_turned_like_their_neighbours_and_outwards():
     some[::17] = some[::17, ::-1]
     assert mends_of((vertices, some), volume_of(BALL)) == "76 faces turned like the others"
     assert mends_of(turned(BALL), volume_of(BALL)) == "turned outwards"
-    both = joined(BALL, turned(moved(BALL, 0.02)))
+    both = joined(BALL, turned(shifted(BALL, 0.02)))
     lens = np.pi * (4 * RADIUS + 0.02) * (2 * RADIUS - 0.02) ** 2 / 12
     words = mends_of(both, 2 * volume_of(BALL) - lens, within=5e-3)  # of facets
     assert words.startswith("1 piece turned outwards; 2 pieces united; ")
@@ -119,18 +109,18 @@ def test_doubled_faces_fins_and_inner_faces_are_left_out():
 
 
 def test_pieces_that_overlap_are_united():
-    half = joined(BALL, moved(BALL, 0.0, 0.5))
+    half = joined(BALL, shifted(BALL, 0.0, 0.5))
     assert mends_of(half, volume_of(BALL)) == "2 pieces united"
-    words = mends_of(joined(RING, moved(RING, 0.03)), 2 * volume_of(RING), 3, within=0.2)
+    words = mends_of(joined(RING, shifted(RING, 0.03)), 2 * volume_of(RING), 3, within=0.2)
     assert words.startswith("2 pieces united; ") and words.endswith("; 3 handles kept")
 
 
 def test_hollows_are_filled_and_specks_left_out():
-    hollow, volume = joined(BALL, turned(moved(BALL, 0.0, 0.5))), volume_of(BALL)
+    hollow, volume = joined(BALL, turned(shifted(BALL, 0.0, 0.5))), volume_of(BALL)
     filled = "1 closed hollow of 33 cm3 in all filled"
     assert mends_of(hollow, volume) == filled
     assert mends_of(turned(hollow), volume).startswith("turned outwards; 1 closed hollow of 33")
-    dusty = joined(BALL, *(moved(BALL, 0.041 + 1e-3 * i, 0.005) for i in range(3)))
+    dusty = joined(BALL, *(shifted(BALL, 0.041 + 1e-3 * i, 0.005) for i in range(3)))
     assert mends_of(dusty, volume) == "3 specks of up to 0.4 mm left out"
     # A hollow that a lid closes over a bowl.
     room, lid = trimesh.creation.box([0.07, 0.07, 0.05]), trimesh.creation.box([0.09, 0.09, 0.01])
@@ -163,7 +153,7 @@ def sheet(start: Floats, along: Floats, across: Floats, rows: int, columns: int)
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
-def block_with(walls: list[Floats], counts: Any) -> Arrays:
+def block_with(walls: list[Floats], counts: Any) -> Mesh:
     """A cube of 40 mm whose sides have these rows and columns, and walls."""
     none = 0 * X
     sides = [(none, Y, X), (Z, X, Y), (none, X, Z), (Y, Z, X), (none, Z, Y), (X, Y, Z)]
@@ -204,7 +194,7 @@ def test_faces_without_common_corners_are_stitched():
     assert words == f"{len(soup) - len(vertices)} corners on open edges stitched to others"
 
 
-def moebius_strip() -> Arrays:
+def moebius_strip() -> Mesh:
     turns = 2.0 * np.pi * np.arange(40) / 40
     out = np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns])
     half = np.cos(turns / 2)[:, None] * out + np.sin(turns / 2)[:, None] * [[0.0, 0.0, 1.0]]
@@ -214,8 +204,8 @@ def moebius_strip() -> Arrays:
     return strip, np.array(faces, np.int32)
 
 
-CRUMPLED = arrays(trimesh.creation.icosphere(2, RADIUS))
-CRUMPLED[0][:] += np.random.default_rng(0).normal(size=CRUMPLED[0].shape) * 6e-3
+FLAWS = np.random.default_rng(0).normal(size=(162, 3)) * 6e-3
+CRUMPLED = moved(ball(RADIUS, 2), FLAWS)
 NEAR = (BALL[0] @ BALL[0][0]) > RADIUS**2 * np.cos(0.15)
 OPEN = BALL[1][~NEAR[BALL[1]].any(axis=1)]
 FAN = 0.03 * np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], np.float64)
@@ -228,8 +218,11 @@ FLAT = 0.04 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
     [
         ((BALL[0], OPEN), r"is open: it has a hole of 2\d.* mm, and no more than 10%"),
         ((FAN, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32)), "is open: it has a hole of"),
-        (joined(BALL, moved(BALL, 0.1)), "is made of 2 pieces that do not touch; an object is one"),
-        (joined(*(moved(BALL, 0.1 * i, 1e-3) for i in range(3))), "is made of 3 pieces that do"),
+        (
+            joined(BALL, shifted(BALL, 0.1)),
+            "is made of 2 pieces that do not touch; an object",
+        ),
+        (joined(*(shifted(BALL, 0.1 * i, 1e-3) for i in range(3))), "is made of 3 pieces that do"),
         (CRUMPLED, r"crosses itself over \d+.* mm, and no more than 10%"),
         (moebius_strip(), "has one side only, like a Moebius strip"),
         ((FLAT, SHEET), "bounds no solid: its faces enclose nothing"),

@@ -1,7 +1,5 @@
 """Polyhedra and the cutting of their faces: distances, winding, winged edges, refusals."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Refusals of bad numbers, shapes and trees: one sentence that names what is wrong, and where."""
 
-from __future__ import annotations
-
 from math import inf, nan
 from typing import Any
 
@@ -65,10 +63,8 @@ def cylinder(**words: Any) -> GeneralisedCylinder:
         (lambda: Superquadric(ONE, ONE), r"size must have shape \(3\), got \(2,\)"),
         (lambda: Superquadric([1, 1, nan], ONE), "size must be finite"),
         (lambda: Superquadric(THREE, [0.019, 1]), r"must lie between 0.02 and 2.0, got \[0.019"),
-        (lambda: Superquadric(THREE, [1.0, 2.001]), "exponents must lie between"),
         (lambda: Superquadric(THREE, [1.0]), r"exponents must have shape \(2\)"),
         (lambda: UNIT.mesh(-1), "level must be between 0 and 8, got -1"),
-        (lambda: UNIT.mesh(9), "level must be between 0 and 8, got 9"),
         (lambda: inside_outside([THREE], [0.0, 1]), r"must be above 0 and up to 2, got \["),
         (lambda: inside_outside([THREE], [1.0, 2.1]), "exponents must be above 0 and up to 2"),
         (lambda: inside_outside([THREE], [1.0]), r"exponents must have shape \(2\)"),
@@ -81,8 +77,6 @@ def cylinder(**words: Any) -> GeneralisedCylinder:
         (lambda: superquadric_moments(UNIT, [1, 0]), "taper must lie between -1 and 1"),
         (lambda: sampled_surface(UNIT, STRAIGHT, Bend(1.5)), "all that is bent must be nearer"),
         (lambda: Taper(1.0, 0.0, 1.0), r"taper must lie between -1 and 1, got \[1.0, 0.0\]"),
-        (lambda: Taper(0.0, -1.5, 1.0), r"taper must lie between -1 and 1, got \[0.0, -1.5\]"),
-        (lambda: Taper(nan, 0.0, 1.0), "taper must lie between"),
         (lambda: Bend(nan), "finite curvature and direction, got nan 1/m and 0.0 rad"),
         (lambda: Bend(1.0, inf), "finite curvature and direction, got 1.0 1/m and inf rad"),
         (lambda: Bend(0.5)(np.array([[2.5, 0, 0]])), "centre 2 m from the axis: .* got 2.5 m"),
@@ -90,7 +84,6 @@ def cylinder(**words: Any) -> GeneralisedCylinder:
         (lambda: Bend(-0.5)(np.array([[0, 0, -6.3]])), "circle 6.28 m above and .* got 6.3 m"),
         (lambda: bent([1, 0], 0.0), "taper must lie between -1 and 1"),
         (lambda: bent([0, 0], 32.7), "between -32.67 and 32.67 1/m, or this solid folds, got 32.7"),
-        (lambda: bent([0, 0], -32.7), "solid folds, got -32.7"),
         (lambda: Hyperquadric(AXES[:2], ONE), "must face in three independent directions"),
         (lambda: Hyperquadric(AXES[[0, 0, 1]], THREE), "or the solid is unbounded"),
         (
@@ -108,7 +101,6 @@ def cylinder(**words: Any) -> GeneralisedCylinder:
         (lambda: Dent(1.0, np.zeros((0, 4)), []), "planes must be at least one, got none"),
         (lambda: Dent(1.0, FORMS[:2], [2]), r"exponents must have shape \(2\)"),
         (lambda: Dent(1.0, FORMS[:2], [2, 0.05]), "exponents must lie between 0.1 and 100"),
-        (lambda: Dent(1.0, FORMS[:2], [2, 101]), "exponents must lie between 0.1 and 100"),
         (lambda: Dent(1.0, np.full((2, 4), inf), ONE), "planes must be finite"),
         (lambda: Dent(1.0, FORMS[:2] * [[1], [0]], ONE), r"planes\[1\] must .* long, got 0"),
         (lambda: Dent(1.0, FORMS[:2] * [[1e-300], [1]], ONE), r"planes\[0\] must face somewhere"),
@@ -120,19 +112,13 @@ def cylinder(**words: Any) -> GeneralisedCylinder:
         (lambda: cylinder(heights=[0.0], scales=[1.0]), "heights must be 2 to 64, got 1"),
         (lambda: cylinder(heights=[0.0, 0.1, 0.1]), "heights must increase"),
         (lambda: cylinder(scales=[1, 0, 1]), "scales must be positive, but for 0 at an end"),
-        (lambda: cylinder(scales=[0.0, 1.0, -0.1]), "scales must be positive"),
-        (lambda: cylinder(heights=[0, 0.1], scales=[0, 0]), "scales must be positive"),
         (lambda: cylinder(scales=[1, 0.01, 1e-3], smooth=True), "curve through them down to -.* m"),
         (lambda: cylinder(tilt=1.4), "tilt must be at most 75 degrees, got 80.2"),
-        (lambda: cylinder(tilt=nan), "tilt must be at most 75 degrees"),
         (lambda: cylinder(tilt_direction=inf), "tilt_direction must be finite"),
         (lambda: SplineSection([0.03] * 2), "radii must be 3 to 64, got 2"),
-        (lambda: SplineSection([0.03] * 65), "radii must be 3 to 64, got 65"),
-        (lambda: SplineSection([0.03, 0.0, 0.03]), "radii must be positive"),
         (lambda: SplineSection([1e-320] * 3), "radii must be positive, 1e-09 m or more"),
         (lambda: SplineSection([0.03, inf, 0.03]), "radii must be finite"),
         (lambda: SplineSection([1, 1, 1e-3, 1e-3, 1e-3, 1]), "curve through them reaches the axis"),
-        (lambda: SuperellipseSection([0.03, 0.0], 1.0), "size must be positive"),
         (
             lambda: SuperellipseSection([0.03, 1e-320], 1.0),
             "size must be positive, 1e-09 m or more",
@@ -170,10 +156,8 @@ for _ in range(2000):
         (Union((BALL, Union((BALL, NOT_BALL)))), r"complement that is union\[1\] of union\[1\] of"),
         (difference(UPPER, BALL), "the intersection that is the tree is unbounded"),
         (Intersection((BALL, FAR)), "the tree leaves nothing"),
-        (Intersection((BALL, ball(0.05, 0.05).solid)), "the tree leaves nothing"),
         (difference(BALL, LARGE), "the tree leaves nothing"),
         (Intersection((UPPER, LOWER, ABOVE, BALL)), "the tree leaves nothing"),
-        (Union((BALL,) * 64), "the tree must have at most 64 parts in all"),
         (Union((Union((BALL, BALL)),) * 22), "the tree must have at most 64 parts in all"),
         (DEEP, "the tree must have at most 64 parts in all"),
         (Union((PIERCED, BALL)), "a leaf's tessellation is not closed"),

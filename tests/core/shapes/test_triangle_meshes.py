@@ -1,7 +1,5 @@
 """Triangle meshes: both ray tracers, inside and outside, thin walls under a pad, tessellations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.util import find_spec
 
@@ -11,7 +9,6 @@ import trimesh
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry import is_closed, solidity
-from palpate.core.poses import Pose
 from palpate.core.shapes import (
     INSIDE,
     MISS,
@@ -20,7 +17,6 @@ from palpate.core.shapes import (
     grid_surface,
     isosurface,
 )
-from palpate.core.touch import Pad, guarded_move
 from tests.core.shapes.definitions import DOWN, block, boolean, without
 
 NO_EMBREE = find_spec("embreex") is None
@@ -149,23 +145,6 @@ def test_thin_walls_and_openings_are_met_as_by_exact_casts(embree):
             met = np.isfinite(wanted)
             assert np.array_equal(found[~met], wanted[~met])
             assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-12)
-    # A pad feels a thin wall like a thick one from the side; over a slit its taxels stay free.
-    pad = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.6)
-    down, to_x = np.array([1.0, 0, 0, 0]), np.array([0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)])
-    side, level = np.array([-0.01, 0.03, 0.02]), np.array([0.03, 0.03, 0.05])
-    thin, thick = (
-        guarded_move(one, pad, Pose.from_array(np.append(side, to_x)), 0.05, 1.5e-3)
-        for one in facets
-    )
-    assert thin.outcome == "hit" and thin.advance == pytest.approx(0.0115, abs=1e-9)
-    assert thin.compression == pytest.approx(thick.compression, abs=1e-9)
-    over = guarded_move(facets[1], pad, Pose.from_array(np.append(level, down)), 0.05, 1.5e-3)
-    free = over.compression == 0.0
-    assert free.sum() == 4 * 16 and over.compression[~free] == pytest.approx(1.5e-3, abs=1e-9)
-    assert over.indentation[free] == pytest.approx(1.5e-3 - 0.03, abs=1e-8)
-    deep = Pose.from_array(np.append(level - [0, 0, 0.018], down))
-    begun = guarded_move(facets[1], pad, deep, 0.05, 1.5e-3)
-    assert begun.outcome == "inside"
 
 
 def test_superquadric_meshes_split_faces_in_four_and_have_no_slivers():

@@ -85,16 +85,6 @@ def test_frame_coordinates_are_affine_at_any_size(size: float):
         assert Parallelepiped(CORNER, EDGES[::-1]).volume < 0.0
 
 
-def test_control_points_of_a_frame_deform_nothing():
-    even = FRAME.even_control((3, 2, 5))
-    assert even.shape == (3, 2, 5, 3)
-    assert np.allclose(even[1, 1, 3], CORNER + EDGES.T @ [0.5, 1.0, 0.75])
-    volume = SplineVolume(FRAME.greville_control(BASES), BASES)
-    assert np.allclose(volume.at(AT), FRAME.points(AT), rtol=0, atol=1e-14)
-    bases = clamped_basis(4, 3), clamped_basis(3, 2), clamped_basis(5, 4)
-    assert np.allclose(FRAME.greville_control(bases), FRAME.even_control((4, 3, 5)), atol=1e-15)
-
-
 def test_arrays_of_volumes_and_frames_are_private_copies():
     edges, control = EDGES.copy(), CONTROL.copy()
     frame, volume = Parallelepiped(CORNER, edges), SplineVolume(control, BASES, WEIGHTS)
@@ -272,12 +262,6 @@ def test_points_outside_get_the_nearest_point():
     found = inverted(skewed, np.insert(beyond, 1, SKEWED.points(PLACES[:1]), axis=0))
     assert found.converged.tolist() == [False, True, False]
     assert found.residual[0] < 0.999 * np.linalg.norm(clipped - beyond[0])
-
-
-def test_no_points_have_no_parameters():
-    even = SplineVolume(CUBE.even_control((7, 7, 9)), FINE)
-    for volume in (noisy(0.1), SplineVolume(CUBE.greville_control(FINE), FINE), even):
-        assert [len(part) for part in invert_points(volume, np.zeros((0, 3)))] == [0] * 5
 
 
 def volume(control=CONTROL, bases=BASES, weights=None):

@@ -1,7 +1,5 @@
 """Sound files of an ellipsoid in every mesh format, written by hand [mm]."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

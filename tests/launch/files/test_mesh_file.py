@@ -1,7 +1,5 @@
 """Mesh files: read in metres and checked whole; written for other programs."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields, replace
 
@@ -12,16 +10,9 @@ import trimesh
 import palpate
 from palpate.core.archive import tree_to_bytes
 from palpate.core.geometry import solidity
-from palpate.launch.files.mesh_file import (
-    export_model,
-    mesh_sha256,
-    read_mesh,
-    uncertainties,
-    write_mesh,
-)
+from palpate.launch.files import mesh_file
 from palpate.launch.files.source_map import InputError
 from palpate.launch.files.units import METRES_PER_UNIT
-from palpate.launch.scene import SHIPPED_SCENES
 from palpate.messages import decode, encode
 from palpate.messages.types import ShapeModel
 
@@ -53,13 +44,13 @@ UNUSED = np.array([*CORNERS, (99, 99, 99)])
 @pytest.mark.parametrize(("unit", "metres"), METRES_PER_UNIT.items())
 def test_closed_mesh_is_read_in_metres_with_each_corner_once(write, unit, metres):
     file = write("x.off", off(UNUSED * 1e-3 / metres))
-    vertices, faces, told = read_mesh(file, unit)
+    vertices, faces, told = mesh_file.read_mesh(file, unit)
     assert (told, vertices.shape, faces.shape, faces.dtype) == ("", (4, 3), (4, 3), np.int32)
     assert vertices.max() == pytest.approx(0.01)
-    by_size, same, told = read_mesh(file, size=0.01)
+    by_size, same, told = mesh_file.read_mesh(file, size=0.01)
     assert by_size == pytest.approx(vertices) and np.array_equal(same, faces)
     assert told.endswith("to 10 x 10 x 10 mm")
-    facets, _, _ = read_mesh(write("x.stl", STL), "mm")
+    facets, _, _ = mesh_file.read_mesh(write("x.stl", STL), "mm")
     assert np.unique(facets, axis=0) == pytest.approx(np.unique(vertices, axis=0))
 
 
@@ -84,7 +75,7 @@ def test_closed_mesh_is_read_in_metres_with_each_corner_once(write, unit, metres
 ])  # fmt: skip
 def test_bad_mesh_is_refused_in_one_sentence(write, name, text, words):
     with pytest.raises(InputError, match=re.escape(words)) as caught:
-        read_mesh(write(name, text), "mm")
+        mesh_file.read_mesh(write(name, text), "mm")
     assert "\n" not in str(caught.value)
 
 
@@ -94,9 +85,9 @@ def test_bad_mesh_is_refused_in_one_sentence(write, name, text, words):
 def test_mesh_too_large_missing_or_too_fine_is_refused(write, tmp_path, monkeypatch, limit, words):
     monkeypatch.setattr(f"palpate.launch.files.mesh_file.{limit}", 3)
     with pytest.raises(InputError, match=words):
-        read_mesh(write("x.off", off()), "mm")
+        mesh_file.read_mesh(write("x.off", off()), "mm")
     with pytest.raises(InputError, match="the mesh cannot be read: No such file"):
-        read_mesh(tmp_path / "none.ply", "mm")
+        mesh_file.read_mesh(tmp_path / "none.ply", "mm")
 
 
 @pytest.mark.parametrize(("faces", "words"), [
@@ -105,7 +96,7 @@ def test_mesh_too_large_missing_or_too_fine_is_refused(write, tmp_path, monkeypa
     ([FACES[0][::-1], *FACES[1:]], "x.off: 1 face turned like the others"),
 ])  # fmt: skip
 def test_mended_mesh_is_sound_and_said_to_be_mended(write, faces, words):
-    vertices, mended, told = read_mesh(write("x.off", off(faces=faces)), "mm")
+    vertices, mended, told = mesh_file.read_mesh(write("x.off", off(faces=faces)), "mm")
     assert told == words
     assert solidity(vertices, mended).volume == pytest.approx(1e-6 / 6)
 
@@ -116,12 +107,12 @@ def test_mended_mesh_is_sound_and_said_to_be_mended(write, faces, words):
 def test_unit_is_guessed_where_one_alone_is_likely(write, scale, unit):
     file = write("x.off", off(scale * CORNERS))
     if unit:
-        vertices, _, told = read_mesh(file)
+        vertices, _, told = mesh_file.read_mesh(file)
         assert told == f"x.off: taken to be in {unit}, 100 x 100 x 100 mm"
         assert vertices.max() == pytest.approx(0.1)
     else:
         with pytest.raises(InputError, match="cannot be guessed; give the unit: m, cm, mm, um"):
-            read_mesh(file)
+            mesh_file.read_mesh(file)
 
 
 def test_glb_has_its_own_unit_and_y_up(tmp_path):
@@ -129,7 +120,7 @@ def test_glb_has_its_own_unit_and_y_up(tmp_path):
     upright.apply_translation([0.0, 10.0, 0.0])
     upright.export(tmp_path / "x.glb")
     for unit, scale in (("mm", 1e-3), (None, 1.0)):
-        vertices, *_ = read_mesh(tmp_path / "x.glb", unit)
+        vertices, *_ = mesh_file.read_mesh(tmp_path / "x.glb", unit)
         assert vertices.min(axis=0) == pytest.approx(np.array([-0.5, -1.0, 8.5]) * scale)
         assert vertices.max(axis=0) == pytest.approx(np.array([0.5, 1.0, 11.5]) * scale)
 
@@ -139,56 +130,19 @@ def test_glb_has_its_own_unit_and_y_up(tmp_path):
     [("z", 2, 1), ("-z", 2, -1), ("y", 1, 1), ("-y", 1, -1), ("x", 0, 1), ("-x", 0, -1)],
 )
 def test_named_axis_points_up_and_nothing_is_mirrored(write, up, axis, sign):
-    plain, faces, _ = read_mesh(write("x.off", off(SKEW)), "m")
-    turned, same, _ = read_mesh(write("x.off", off(SKEW)), "m", up)
+    plain, faces, _ = mesh_file.read_mesh(write("x.off", off(SKEW)), "m")
+    turned, same, _ = mesh_file.read_mesh(write("x.off", off(SKEW)), "m", up)
     np.testing.assert_array_equal(faces, same)
     np.testing.assert_allclose(turned[:, 2], sign * plain[:, axis])
     volumes = [np.linalg.det(one[faces]).sum() for one in (plain, turned)]
     assert volumes[0] == pytest.approx(volumes[1]) and volumes[0] > 0.0
 
 
-def test_mesh_with_a_hole_through_it_keeps_it(tmp_path):
-    trimesh.creation.torus(30.0, 10.0, 12, 12).export(tmp_path / "ring.off")
-    vertices, mesh, told = read_mesh(tmp_path / "ring.off", "mm")
-    assert (solidity(vertices, mesh).genus, told) == (1, "")
-
-
-def test_damaged_ply_is_refused_or_gives_a_sound_mesh(tmp_path):
-    data = (SHIPPED_SCENES / "pear.ply").read_bytes()
-    rng = np.random.default_rng(5)
-    refused, path = 0, tmp_path / "x.ply"
-    for number in range(30):
-        hurt = bytearray(data[: rng.integers(1, len(data))] if number % 2 else data)
-        for place in rng.integers(0, min(len(hurt), 2000), 3):
-            hurt[place] = int(rng.integers(256))
-        path.write_bytes(hurt)
-        try:
-            vertices, faces, _ = read_mesh(path, "mm")
-        except InputError:
-            refused += 1
-        else:
-            assert np.isfinite(vertices).all() and faces.max() < len(vertices)
-    assert refused >= 15
-
-
-def test_shipped_pear_has_five_lobes_by_its_formula():
-    vertices, faces, _ = read_mesh(SHIPPED_SCENES / "pear.ply", "mm")
-    body = solidity(vertices, faces)
-    assert body.watertight and body.genus == 0 and body.volume > 0.0
-    share = vertices[:, 2] / 0.1
-    sine = np.sin(np.arccos(np.clip(1.0 - 2.0 * share, -1.0, 1.0)))
-    radius = 0.03 * sine**0.8 * (1.15 - 0.75 * share**1.5)
-    lobes = 1.0 + 0.08 * sine**2 * np.cos(5.0 * np.arctan2(vertices[:, 1], vertices[:, 0]))
-    # The file is of single precision, which near the poles the power of the sine enlarges.
-    away = np.hypot(vertices[:, 0], vertices[:, 1])
-    assert away == pytest.approx(radius * lobes, abs=5e-6)
-
-
 def test_written_meshes_keep_volume_and_unit(tetrahedron, tmp_path):
-    names = export_model(tetrahedron, tmp_path)
+    names = mesh_file.export_model(tetrahedron, tmp_path)
     assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
     for name in ("mesh.obj", "mesh.3mf"):
-        write_mesh(tmp_path / name, tetrahedron.vertices, tetrahedron.faces)
+        mesh_file.write_mesh(tmp_path / name, tetrahedron.vertices, tetrahedron.faces)
     scales = dict.fromkeys(("mesh.ply", "mesh.glb", "mesh.obj"), 1.0)
     for name, scale in (scales | {"mesh.stl": 1e3, "mesh.3mf": 1e3}).items():
         mesh = trimesh.load(tmp_path / name, force="mesh")
@@ -209,21 +163,21 @@ def test_uncertainty_is_stated_by_height_or_vertex_and_written(tetrahedron, tmp_
     heights, errors = np.array([-0.01, 0.0]), np.array([0.001, 0.003])
     sliced = replace(tetrahedron, frame=upside_down, uncertainty_height=heights, uncertainty=errors)
     general = replace(sliced, vertex_errors=np.array([0.001, 0.002, 0.003, 0.004]))
-    assert uncertainties(silent).tolist() == [0.0] * 4
-    assert uncertainties(sliced).tolist() == [0.003, 0.003, 0.003, 0.001]
-    assert uncertainties(general).tolist() == [0.001, 0.002, 0.003, 0.004]
-    export_model(general, tmp_path)
+    assert mesh_file.uncertainties(silent).tolist() == [0.0] * 4
+    assert mesh_file.uncertainties(sliced).tolist() == [0.003, 0.003, 0.003, 0.001]
+    assert mesh_file.uncertainties(general).tolist() == [0.001, 0.002, 0.003, 0.004]
+    mesh_file.export_model(general, tmp_path)
     raw = trimesh.load(tmp_path / "mesh.ply", process=False).metadata["_ply_raw"]
     found = raw["vertex"]["data"]["uncertainty"]
-    assert found == pytest.approx(uncertainties(general))
-    vertices, *_ = read_mesh(tmp_path / "mesh.ply", "m")
+    assert found == pytest.approx(mesh_file.uncertainties(general))
+    vertices, *_ = mesh_file.read_mesh(tmp_path / "mesh.ply", "m")
     np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.01, 0.02, 0.03], rtol=1e-6)
-    export_model(silent, tmp_path)
+    mesh_file.export_model(silent, tmp_path)
     assert b"uncertainty" not in (tmp_path / "mesh.ply").read_bytes()
 
 
 def test_arrays_of_model_are_read_without_pickle(tetrahedron, tmp_path):
-    export_model(tetrahedron, tmp_path)
+    mesh_file.export_model(tetrahedron, tmp_path)
     with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
         arrays = dict(found)
     np.testing.assert_array_equal(arrays["vertices"], tetrahedron.vertices)
@@ -246,7 +200,7 @@ def test_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
     rings = [np.column_stack([np.cos(turn), np.sin(turn), 0 * turn + z]) for z in range(5)]
     solid = palpate.reconstruct(rings, method="skin")
     sent = replace(tetrahedron, archive=tree_to_bytes(solid))
-    export_model(decode(ShapeModel, encode(sent)), tmp_path)
+    mesh_file.export_model(decode(ShapeModel, encode(sent)), tmp_path)
     again = palpate.load(tmp_path / "model.npz")
     np.testing.assert_array_equal(tree_to_bytes(again), tree_to_bytes(solid))
     with np.load(tmp_path / "model.npz", allow_pickle=False) as arrays:
@@ -255,7 +209,7 @@ def test_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
 
 def test_model_without_a_surface_leaves_no_mesh(tetrahedron, tmp_path):
     empty = replace(tetrahedron, vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int32))
-    assert export_model(empty, tmp_path) == ("model.npz",)
+    assert mesh_file.export_model(empty, tmp_path) == ("model.npz",)
     assert [path.name for path in tmp_path.iterdir()] == ["model.npz"]
 
 
@@ -263,6 +217,6 @@ def test_fingerprint_sees_every_bit_of_the_surface_alone(tetrahedron):
     moved = tetrahedron.vertices.copy()
     moved[0, 0] = np.nextafter(moved[0, 0], 1.0)
     others = [{"vertices": moved}, {"faces": tetrahedron.faces[::-1].copy()}]
-    prints = {mesh_sha256(replace(tetrahedron, **one)) for one in ({}, *others)}
+    prints = {mesh_file.mesh_sha256(replace(tetrahedron, **one)) for one in ({}, *others)}
     assert len(prints) == 3
-    assert mesh_sha256(replace(tetrahedron, number=9)) in prints
+    assert mesh_file.mesh_sha256(replace(tetrahedron, number=9)) in prints

@@ -1,7 +1,5 @@
 """Readers of mesh formats: the surface that was written, and refusal of what is damaged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Points of users: tables, arrays, clouds and recordings become contours."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any

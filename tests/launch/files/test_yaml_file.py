@@ -1,7 +1,5 @@
 """YAML of users: plain, bounded, and every complaint with its place."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import pytest
@@ -22,9 +20,7 @@ def test_numbers_are_yaml_1_2_and_values_have_lines():
 
 @pytest.mark.parametrize(("text", "words"), [
     ("a: &x 1\nb: *x\n", "f.yaml:1: anchors and aliases"),
-    ("a: 1\nb: *x\n", "f.yaml:2: anchors and aliases"),
     ("a: !!python/object:os.system 1\n", "f.yaml:1: the tag"),
-    ("a: 1\nb: [\n", "f.yaml:3: is not YAML"),
     ("a: 1\na: 2\n", "f.yaml:2: the key 'a' is given twice"),
     ("? [1]\n: 2\n", "f.yaml:1: a key must be a word"),
     ("--- 1\n--- 2\n", "f.yaml:2: is not YAML"),
@@ -41,7 +37,6 @@ def test_yaml_that_is_not_plain_is_refused_with_its_line(text, words):
 
 @pytest.mark.parametrize(("text", "words"), [
     ("", "is empty"),
-    ("# nothing\n", "is empty"),
     ("[1, 2]", "must be a map of keys to values, got a list"),
     ("word", "must be a map of keys to values, got 'word'"),
     ("#" * 200_001, "is larger than 195 kB"),
@@ -55,13 +50,9 @@ def test_file_must_hold_one_small_map(write, text, words):
 @pytest.mark.parametrize(("text", "words"), [
     ("a: [" + "1," * 13_000 + "]", "f.yaml:1: has more than 12500 values"),
     ("".join(f"k{i}: 1\n" for i in range(7000)), "f.yaml:6250: has more than 12500 values"),
-    ("a: 0x" + "f" * 20_000, "f.yaml:1: has a number of more than 1024 bits"),
     ("a: " + "9" * 4000, "f.yaml:1: has a number of more than 1024 bits"),
     ("a: " + "9" * 5000, "f.yaml: is not YAML: Exceeds the limit"),
-    ("- " * 3000, "f.yaml:1: is nested deeper than 16"),
     ("a: &a [*a]", "f.yaml:1: anchors and aliases"),
-    ("&k a: 1", "f.yaml:1: anchors and aliases"),
-    ("? !x a\n: 1", "f.yaml:1: the tag"),
     ('"' + "k" * 900 + '": 1\n"' + "k" * 900 + '": 2', "f.yaml:2: the key 'kkk"),
 ])  # fmt: skip
 def test_yaml_that_would_take_long_is_refused(text, words):
@@ -98,11 +89,6 @@ class Yard(Struct, frozen=True, kw_only=True):
     count: int = 0
 
 
-def test_document_becomes_a_struct(typed):
-    found = convert(typed("block: {size: [1, 5e-2]}\npile: [{size: [2, 3]}]\n"), Yard)
-    assert found == Yard(block=Block(size=(1.0, 0.05)), pile=(Block(size=(2.0, 3.0)),))
-
-
 @pytest.mark.parametrize(("text", "sentence"), [
     ("count: 1\ncuont: 2", "f.yaml:2: unknown key 'cuont'; did you mean 'count'?"),
     ("block:\n  size: [1, 2]\n  nmae: x",
@@ -112,7 +98,6 @@ def test_document_becomes_a_struct(typed):
     ("named:\n  x: {size: 1}", "f.yaml:1: named is a map of x; expected list, got whole number"),
     ("block:\n  size:\n  - 1\n  - -2", "f.yaml:4: block.size[1] is -2; expected number > 0.0"),
     ("block:\n  size: [1, .inf]", "f.yaml:2: block.size[1] is inf; a number must be finite"),
-    ("block:\n  size: [.nan, 1]", "f.yaml:2: block.size[0] is nan; a number must be finite"),
     ("block: {size: [1]}", "f.yaml:1: block.size is [1]; expected list of length 2, got 1"),
     ("count: x", "f.yaml:1: count is 'x'; expected whole number, got text"),
     ("count: 1.5", "f.yaml:1: count is 1.5; expected whole number, got number"),

@@ -1,7 +1,5 @@
 """The server from which nodes are forked, and the signals that reach a launcher and no node."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Which graphs run: private folders, the cards in them, and what killed launchers leave."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -11,39 +9,32 @@ from pathlib import Path
 
 import pytest
 
+from palpate.launch.processes import registry
 from palpate.launch.processes.node_status import check_open_files
-from palpate.launch.processes.registry import (
-    Announcement,
-    RunCard,
-    addresses_of,
-    find_run,
-    private_folder,
-    remove_stale_folders,
-    running_graphs,
-    stale_folders,
-)
 
 OLD = 7 * 24 * 3600.0  # Age of what nothing can be still about to announce [s]
 
 
 def card(run, name="vase", folder="", started_in=""):
     texts = {"began": f"2026-01-01T00:00:{run[-2:]}", "tools": "", "started_in": started_in}
-    return RunCard(run=run, name=name, folder=folder, pid=1, ends="a", nodes=(), taps={}, **texts)
+    return registry.RunCard(
+        run=run, name=name, folder=folder, pid=1, ends="a", nodes=(), taps={}, **texts
+    )
 
 
 def announce(folder, made):
-    Announcement(folder, made)
+    registry.Announcement(folder, made)
 
 
 def test_graph_runs_while_its_lock_is_held_and_card_readable(tmp_path):
-    with private_folder(tmp_path) as folder:
-        assert running_graphs(tmp_path) == []
+    with registry.private_folder(tmp_path) as folder:
+        assert registry.running_graphs(tmp_path) == []
         announce(folder, card("ab01"))
-        assert [one.run for one in running_graphs(tmp_path)] == ["ab01"]
-    assert running_graphs(tmp_path) == []
-    with private_folder(tmp_path) as folder:
+        assert [one.run for one in registry.running_graphs(tmp_path)] == ["ab01"]
+    assert registry.running_graphs(tmp_path) == []
+    with registry.private_folder(tmp_path) as folder:
         (folder / "run.json").write_text("{")
-        assert running_graphs(tmp_path) == []
+        assert registry.running_graphs(tmp_path) == []
 
 
 SWEPT = [  # Name, age [s], files, whether its card was written; whether nothing is left of it
@@ -69,11 +60,11 @@ def test_only_remains_of_killed_launchers_are_swept(name, age, files, announced,
         announce(folder, card("dead", folder=str(run)))
     for path in (*folder.iterdir(), folder):
         os.utime(path, (time.time() - age,) * 2)
-    assert running_graphs(tmp_path) == []
-    with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
+    assert registry.running_graphs(tmp_path) == []
+    with registry.private_folder(tmp_path) as one, registry.private_folder(tmp_path) as other:
         announce(one, card("ab01"))
-        assert stale_folders(tmp_path) == [] and one.is_dir() and other.is_dir()
-    remove_stale_folders(tmp_path)
+        assert registry.stale_folders(tmp_path) == [] and one.is_dir() and other.is_dir()
+    registry.remove_stale_folders(tmp_path)
     assert folder.exists() != swept
     assert (run / ".published").exists() != (swept and announced)
 
@@ -81,14 +72,14 @@ def test_only_remains_of_killed_launchers_are_swept(name, age, files, announced,
 def found(asked, folder):
     """Number of the graph that is found, or why none is."""
     try:
-        return find_run(asked, folder).run
+        return registry.find_run(asked, folder).run
     except ValueError as error:
         return str(error)
 
 
 def test_run_is_found_by_number_or_name(tmp_path):
     assert "no graph of yours is running" in found(None, tmp_path)
-    with private_folder(tmp_path) as one, private_folder(tmp_path) as other:
+    with registry.private_folder(tmp_path) as one, registry.private_folder(tmp_path) as other:
         announce(one, card("ab01"))
         assert found(None, tmp_path) == "ab01"
         announce(other, card("ac02", "egg"))
@@ -114,7 +105,7 @@ def test_graph_of_working_directory_is_preferred(tmp_path, monkeypatch):
     ]
     with ExitStack() as stack:
         for one in graphs:
-            announce(stack.enter_context(private_folder(tmp_path)), one)
+            announce(stack.enter_context(registry.private_folder(tmp_path)), one)
         meant = ((here, "ac02"), (here / "runs" / "1_vase", "ac02"), (tmp_path, "ad03"))
         for folder, number in (*meant, (there, "2 graphs run of this folder.*ab01.*ac02")):
             monkeypatch.chdir(folder)
@@ -131,11 +122,11 @@ def test_graph_of_working_directory_is_preferred(tmp_path, monkeypatch):
 
 
 def test_private_folder_vanishes_with_its_content(tmp_path):
-    with private_folder(tmp_path) as folder:
+    with registry.private_folder(tmp_path) as folder:
         assert folder.stat().st_mode & 0o777 == 0o700
         (folder / "n0").touch()
     assert list(tmp_path.iterdir()) == []
-    with private_folder(tmp_path) as folder:
+    with registry.private_folder(tmp_path) as folder:
         shutil.rmtree(folder)  # somebody else has tidied up
 
 
@@ -149,7 +140,7 @@ def test_runtime_folder_of_user_is_preferred_if_short_enough(tmp_path, monkeypat
     ):
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
         monkeypatch.setattr("tempfile.tempdir", str(temporary))
-        with private_folder(None) as folder:
+        with registry.private_folder(None) as folder:
             assert folder.parent == parent
     assert list(deep.iterdir()) == []
 
@@ -170,7 +161,7 @@ def test_open_files_are_allowed_as_needed_or_refused(limits, allowed, monkeypatc
 
 
 def test_nodes_have_distinct_addresses(tmp_path):
-    place = addresses_of(tmp_path, ["finger_1/filter", "x" * 200], depth=7, past=tmp_path)
+    place = registry.addresses_of(tmp_path, ["finger_1/filter", "x" * 200], depth=7, past=tmp_path)
     addresses = [*place.endpoints.values(), *place.taps.values(), place.control, place.tools]
     assert len(set(addresses)) == 6
     assert all(address.startswith(f"ipc://{tmp_path}/") for address in addresses)

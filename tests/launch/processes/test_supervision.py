@@ -1,7 +1,5 @@
 """Who is started again, who hangs, when a graph is done, and what tools may set."""
 
-from __future__ import annotations
-
 import json
 import time
 from types import SimpleNamespace
@@ -17,13 +15,6 @@ from palpate.launch.processes.node_status import (
     NodeStatusTable,
     TerminationDetector,
 )
-from palpate.launch.processes.process_table import (
-    KilledNodes,
-    ProcessState,
-    RestartPolicy,
-    Watchdog,
-    exit_text,
-)
 from palpate.launch.processes.registry import Announcement, RunCard
 from palpate.launch.processes.supervisor import ToolServer
 from palpate.messages import encode
@@ -36,7 +27,7 @@ KILLED = "was killed by SIGKILL"
 
 
 def test_node_is_restarted_but_not_in_a_storm():
-    restarts = RestartPolicy({"a": "restart", "b": "restart", "c": "stop"})
+    restarts = process_table.RestartPolicy({"a": "restart", "b": "restart", "c": "stop"})
     answers = [restarts.refusal("a", KILLED, False, now) for now in (0.0, 1.0, 2.0, 9.0, 10.5)]
     storm = f"a {KILLED}, after it had been started again 3 times in 10 s"
     assert answers == [None, None, None, storm, None]
@@ -46,7 +37,7 @@ def test_node_is_restarted_but_not_in_a_storm():
 
 
 def test_node_that_fails_twice_of_the_same_is_not_restarted():
-    restarts = RestartPolicy({"a": "restart"})
+    restarts = process_table.RestartPolicy({"a": "restart"})
     told = "failed while handling /in {} from b: ValueError: no"
     answers = [restarts.refusal("a", told.format(n), True, 40.0 * n) for n in (7, 8)]
     assert answers == [None, None]
@@ -64,7 +55,7 @@ def test_death_for_memory_is_counted_or_repeated_at_one_place(
     system = iter(counts)
     monkeypatch.setattr(process_table, "memory_kills", lambda: next(system))
     path = tmp_path / "journal"
-    kills, found = KilledNodes({"a": str(path)}), []
+    kills, found = process_table.KilledNodes({"a": str(path)}), []
     for death in range(len(deaths)):
         kills.begun("a", 100.0 * death)
         path.write_bytes(bytes(journal or death))  # it has come further, or no further
@@ -74,9 +65,9 @@ def test_death_for_memory_is_counted_or_repeated_at_one_place(
 
 def hung_at(monkeypatch, state, used, timeout, *, signs=True, ticks=range(1, 51)):
     """When a node is found to hang [s after its last sign], at which it had used 2 s."""
-    does = None if state is None else ProcessState(state, used)
+    does = None if state is None else process_table.ProcessState(state, used)
     monkeypatch.setattr(process_table, "process_state", lambda pid: does)
-    watchdog = Watchdog({"node": timeout})
+    watchdog = process_table.Watchdog({"node": timeout})
     watchdog.hung(10.0, {"node": 1})
     watchdog.sign("node", 10.0, 2.0)
     if not signs:
@@ -118,7 +109,7 @@ def test_silence_while_the_launcher_did_not_run_is_forgiven(monkeypatch):
     (-9, KILLED), (-11, "was killed by SIGSEGV"), (3, "ended by itself with exit code 3"),
 ])  # fmt: skip
 def test_exit_code_is_put_into_words(code, words):
-    assert exit_text(code) == words
+    assert process_table.exit_text(code) == words
 
 
 STATUS = example(NodeStatus, node="filter", messages=3, state="ending")

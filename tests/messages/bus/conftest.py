@@ -1,7 +1,5 @@
 """Publishers and subscribers in one thread, each turned by hand."""
 
-from __future__ import annotations
-
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The sockets of one node: control line, tap for tools, one place to wait, and keys."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Files made to burst: each is refused with its reason, in little time and memory."""
 
-from __future__ import annotations
-
 import json
 import struct
 import subprocess

@@ -1,7 +1,5 @@
 """Recordings: what is written is read back; cut, damaged, full disk, in parts, from elsewhere."""
 
-from __future__ import annotations
-
 import json
 import random
 import resource
@@ -25,7 +23,6 @@ from palpate.messages import (
     recording as recordings,
     schema,
     schema_hash,
-    type_of_schema,
 )
 from palpate.messages.recording import RecordingWriter, open_recording, part_path, parts_of
 from palpate.messages.types import LogRecord, World
@@ -193,18 +190,6 @@ def test_recording_that_cannot_be_made_is_refused(tmp_path: Path):
     assert not (tmp_path / "a").exists()
     with pytest.raises(OSError, match=r"recording .*nowhere/a cannot be made: No such file"):
         made(tmp_path / "nowhere" / "a")
-
-
-def test_type_of_ones_own_is_recorded_with_its_schema(path: Path):
-    own = json.dumps({**schema(World), "title": "Own"})
-    hash_ = schema_hash(type_of_schema(own))
-    writer = RecordingWriter(path, {"/own": "Own"}, {}, {}, schemas={"Own": own})
-    writer.write("/own", world_header()._replace(schema=hash_), body(5))
-    writer.close()
-    recording = open_recording(path)
-    assert recording.types == {"/own": ("Own", hash_)} and recording.schemas == {"Own": own}
-    (kept,) = recording.messages()
-    assert decode(recording.type_of("/own", kept.schema), kept.body).seed == 5
 
 
 def test_large_regular_messages_are_read_back_and_copied(tmp_path: Path, path: Path):
