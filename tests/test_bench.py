@@ -29,15 +29,12 @@ def test_a_group_measures_something(name, group):
     assert any(getattr(line, "figures", ()) for line in lines)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["speeed"], "there is no bench 'speeed'; did you mean 'speed'?"),
-        (["speed", "--only", "scene"], "there are touches, messages, splines, scenes, runs"),
-        (["effects", "--cost", "robot"], "--cost: nothing that is measured here takes it"),
-        (["speed", "--compare", "absent.json"], "absent.json"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["speeed"], "there is no bench 'speeed'; did you mean 'speed'?"),
+    (["speed", "--only", "scene"], "there are touches, messages, splines, scenes, runs"),
+    (["effects", "--cost", "robot"], "--cost: nothing that is measured here takes it"),
+    (["speed", "--compare", "absent.json"], "absent.json"),
+])  # fmt: skip
 def test_wrong_arguments_are_refused(arguments, message, capsys):
     assert run(["bench", *arguments]) == 2
     assert message in capsys.readouterr().err
@@ -84,16 +81,13 @@ def test_failing_group_does_not_end_the_others(capsys):
     assert "time of a hop" in printed
 
 
-@pytest.mark.parametrize(
-    ("new", "moved"),
-    [
-        (figure("time of a hop", 9.0, unit=" ms", repeats=(8.9, 9.1)), True),
-        (figure("time of a hop", 5.15, unit=" ms", repeats=(5.05, 5.25)), False),
-        (Row("count", "8"), True),
-        (at_most("error", 0.305, 0.2, unit=" mm"), False),
-        (at_most("error", 0.36, 0.2, unit=" mm"), True),
-    ],
-)
+@pytest.mark.parametrize(("new", "moved"), [
+    (figure("time of a hop", 9.0, unit=" ms", repeats=(8.9, 9.1)), True),
+    (figure("time of a hop", 5.15, unit=" ms", repeats=(5.05, 5.25)), False),
+    (Row("count", "8"), True),
+    (at_most("error", 0.305, 0.2, unit=" mm"), False),
+    (at_most("error", 0.36, 0.2, unit=" mm"), True),
+])  # fmt: skip
 def test_only_changes_beyond_the_repeats_are_named(tmp_path, monkeypatch, new, moved):
     measure(tmp_path, monkeypatch)
     path = tmp_path / "results.json"

@@ -27,15 +27,12 @@ def test_damaged_input_is_valid_or_refused_in_one_sentence(name, tmp_path):
     assert {one.verdict for one in outcomes} == {"accepted", "refused"}
 
 
-@pytest.mark.parametrize(
-    ("error", "verdict"),
-    [
-        (InputError("a.ply: is empty"), "refused"),
-        (InputError("two\nlines"), "defect"),
-        (KeyError("a"), "defect"),
-        (MemoryError(), "defect"),
-    ],
-)
+@pytest.mark.parametrize(("error", "verdict"), [
+    (InputError("a.ply: is empty"), "refused"),
+    (InputError("two\nlines"), "defect"),
+    (KeyError("a"), "defect"),
+    (MemoryError(), "defect"),
+])  # fmt: skip
 def test_fuzzing_notices_errors_that_are_no_refusal(error, verdict, tmp_path):
     def attempt(*_: object) -> None:
         raise error

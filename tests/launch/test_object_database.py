@@ -93,34 +93,28 @@ def test_mesh_file_may_be_an_object(write, tmp_path):
         object_database.load_objects(write("mine.yaml", text.replace("part.ply", "other.ply")))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("0.03, 0.03]", "-0.03, 0.03]", r"f.yaml:4: objects.ball.object.superquadric.size\[1\]"),
-        ("title: a ball", "titel: a ball", r"f.yaml:3: unknown key 'titel' .*'title'"),
-        ("    title: a ball\n", "", r"f.yaml:\d: objects.ball lacks the key 'title'"),
-        ("superquadric: {size: [0.02", "ball: {size: [0.02", r"f.yaml:7: unknown key 'ball'"),
-        ("objects:", "things:", r"f.yaml:1: must be a map named objects"),
-        ("  block:", "  none of them:", r"f.yaml:5: no object can be named 'none of them'"),
-        ("  block:", "  ball:", r"f.yaml:5: the key 'ball' is given twice"),
-        (TWO, "objects: {}", r"f.yaml:1: objects must hold at least one object"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("0.03, 0.03]", "-0.03, 0.03]", r"f.yaml:4: objects.ball.object.superquadric.size\[1\]"),
+    ("title: a ball", "titel: a ball", r"f.yaml:3: unknown key 'titel' .*'title'"),
+    ("    title: a ball\n", "", r"f.yaml:\d: objects.ball lacks the key 'title'"),
+    ("superquadric: {size: [0.02", "ball: {size: [0.02", r"f.yaml:7: unknown key 'ball'"),
+    ("objects:", "things:", r"f.yaml:1: must be a map named objects"),
+    ("  block:", "  none of them:", r"f.yaml:5: no object can be named 'none of them'"),
+    ("  block:", "  ball:", r"f.yaml:5: the key 'ball' is given twice"),
+    (TWO, "objects: {}", r"f.yaml:1: objects must hold at least one object"),
+])  # fmt: skip
 def test_faults_are_refused_with_file_and_line(write, old, new, words):
     assert old in TWO
     with pytest.raises(InputError, match=words):
         object_database.load_objects(write("f.yaml", TWO.replace(old, new, 1)))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("freedom: ", "freedom: -", "freedom"),
-        ("  box:", "  bax:", "is damaged; remove it, and it is learned again"),
-        ("means: ", "means: 1.0 ", "is damaged"),
-        ("correlation:\n", "correlation:\n  - '1.0 1.0'\n", "is damaged"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("freedom: ", "freedom: -", "freedom"),
+    ("  box:", "  bax:", "is damaged; remove it, and it is learned again"),
+    ("means: ", "means: 1.0 ", "is damaged"),
+    ("correlation:\n", "correlation:\n  - '1.0 1.0'\n", "is damaged"),
+])  # fmt: skip
 def test_damaged_models_are_refused(tmp_path, old, new, words):
     path = tmp_path / "objects.yaml"
     shutil.copy(object_database.OBJECTS, path)

@@ -112,24 +112,21 @@ FLAT = roof(UP)
 ROUGH = FLAT + 1e-6 * np.random.default_rng(4).normal(size=FLAT.shape)
 
 
-@pytest.mark.parametrize(
-    ("found", "words"),
-    [
-        (bulge(60.0, 50.0), "curved both ways, by 60 and 50 1/m"),
-        (bulge(60.0, -50.0), "curved both ways"),
-        (bulge(0.1, -40.0), "concave, by -40 1/m"),
-        (feature_of_contact("miss", np.empty((0, 3)), UP), "the touch is called miss"),
-        (feature_of_contact("invalid", np.empty((0, 3)), UP), "the touch is called invalid"),
-        (feature_of_contact("insufficient", FLAT, UP), "the touch is called insufficient"),
-        (feature_of_contact("edge", FLAT, UP), "the touched points do not lie on two faces"),
-        (feature_of_contact("edge", ROUGH, UP, noise=1e-6), "the faces meet at 0.0"),
-        (feature_of_contact("edge", WEDGE * [1, 1, -1], UP), "the edge is hollow: a cone is conv"),
-        (feature_of_contact("edge", np.outer(np.arange(9.0), [1, 0, 0]), UP), "the touched points"),
-        # One row of a face
-        (feature_of_contact("edge", STEEP[STEEP[:, 0] > -1.5e-3], UP), "the touched points do not"),
-        (feature_of_contact("corner", WEDGE[:3], UP), "the touched points span no plane"),
-    ],
-)
+@pytest.mark.parametrize(("found", "words"), [
+    (bulge(60.0, 50.0), "curved both ways, by 60 and 50 1/m"),
+    (bulge(60.0, -50.0), "curved both ways"),
+    (bulge(0.1, -40.0), "concave, by -40 1/m"),
+    (feature_of_contact("miss", np.empty((0, 3)), UP), "the touch is called miss"),
+    (feature_of_contact("invalid", np.empty((0, 3)), UP), "the touch is called invalid"),
+    (feature_of_contact("insufficient", FLAT, UP), "the touch is called insufficient"),
+    (feature_of_contact("edge", FLAT, UP), "the touched points do not lie on two faces"),
+    (feature_of_contact("edge", ROUGH, UP, noise=1e-6), "the faces meet at 0.0"),
+    (feature_of_contact("edge", WEDGE * [1, 1, -1], UP), "the edge is hollow: a cone is conv"),
+    (feature_of_contact("edge", np.outer(np.arange(9.0), [1, 0, 0]), UP), "the touched points"),
+    # One row of a face
+    (feature_of_contact("edge", STEEP[STEEP[:, 0] > -1.5e-3], UP), "the touched points do not"),
+    (feature_of_contact("corner", WEDGE[:3], UP), "the touched points span no plane"),
+])  # fmt: skip
 def test_touches_without_a_feature_say_why(found: cones.ContactFeature, words: str):
     assert found.feature is None and found.reason.startswith(words)
 
@@ -183,25 +180,22 @@ def feature(**changes: object) -> Feature:
     return Feature(**{**good, **changes})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: feature(group="X"), "group must be V, E, F or P, got 'X'"),
-        (lambda: feature(place="S"), "place of E must be T, B, M or None, got 'S'"),
-        (lambda: feature(point=np.zeros(2)), r"point must have shape \(3\), got \(2,\)"),
-        (lambda: feature(point=np.full(3, np.nan)), "point must be finite"),
-        (lambda: feature(direction=None), "direction must be given for E and P alone, group is E"),
-        (lambda: feature(group="V"), "direction must be given for E and P alone, group is V"),
-        (lambda: feature(direction=2 * UP), r"direction must be of length 1, got \[2.0\]"),
-        (lambda: feature(normals=UP[None]), r"E has \(0, 2\) normals, got 1"),
-        (lambda: feature(normals=[UP, 2 * UP]), r"normals must be of length 1, got \[1.0, 2.0\]"),
-        (lambda: feature(curvature=1.0), "curvature must be positive for P and 0 otherwise, got 1"),
-        (lambda: feature(group="P"), "curvature must be positive for P and 0 otherwise, got 0.0"),
-        (lambda: feature_of_contact("round", FLAT, UP), "kind must be one of"),
-        (lambda: feature_of_contact("edge", FLAT, UP, noise=-1.0), "noise must be 0 or more and"),
-        (lambda: feature_of_contact("edge", FLAT, 2 * UP), "normal must be of length 1"),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: feature(group="X"), "group must be V, E, F or P, got 'X'"),
+    (lambda: feature(place="S"), "place of E must be T, B, M or None, got 'S'"),
+    (lambda: feature(point=np.zeros(2)), r"point must have shape \(3\), got \(2,\)"),
+    (lambda: feature(point=np.full(3, np.nan)), "point must be finite"),
+    (lambda: feature(direction=None), "direction must be given for E and P alone, group is E"),
+    (lambda: feature(group="V"), "direction must be given for E and P alone, group is V"),
+    (lambda: feature(direction=2 * UP), r"direction must be of length 1, got \[2.0\]"),
+    (lambda: feature(normals=UP[None]), r"E has \(0, 2\) normals, got 1"),
+    (lambda: feature(normals=[UP, 2 * UP]), r"normals must be of length 1, got \[1.0, 2.0\]"),
+    (lambda: feature(curvature=1.0), "curvature must be positive for P and 0 otherwise, got 1"),
+    (lambda: feature(group="P"), "curvature must be positive for P and 0 otherwise, got 0.0"),
+    (lambda: feature_of_contact("round", FLAT, UP), "kind must be one of"),
+    (lambda: feature_of_contact("edge", FLAT, UP, noise=-1.0), "noise must be 0 or more and"),
+    (lambda: feature_of_contact("edge", FLAT, 2 * UP), "normal must be of length 1"),
+])  # fmt: skip
 def test_bad_input_is_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

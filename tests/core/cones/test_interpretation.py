@@ -220,16 +220,13 @@ def test_an_uncertain_apex_refuses_nothing():
     assert found.refusals == () and found.origin is None
 
 
-@pytest.mark.parametrize(
-    ("times", "options", "words"),
-    [
-        (0, {}, "features must be 1 to 6, got 0"),
-        (4, {}, "features must be 1 to 6, got 8"),
-        (1, {"tolerance": 0.0}, "tolerance must be positive and finite, got 0"),
-        (1, {"angle_noise": -1.0}, "angle_noise must be positive"),
-        (1, {"position_noise": math.inf}, "position_noise must be positive"),
-    ],
-)
+@pytest.mark.parametrize(("times", "options", "words"), [
+    (0, {}, "features must be 1 to 6, got 0"),
+    (4, {}, "features must be 1 to 6, got 8"),
+    (1, {"tolerance": 0.0}, "tolerance must be positive and finite, got 0"),
+    (1, {"angle_noise": -1.0}, "angle_noise must be positive"),
+    (1, {"position_noise": math.inf}, "position_noise must be positive"),
+])  # fmt: skip
 def test_bad_input_is_refused(times: int, options: dict, words: str):
     with pytest.raises(ValueError, match=words):
         interpretations(cones()[0].features(["F_T", "E_m"]) * times, **options)

@@ -178,21 +178,18 @@ def degenerate(cone: Cone) -> dict[str, list[Feature]]:
     }
 
 
-@pytest.mark.parametrize(
-    ("solve", "names", "words"),
-    [
-        (AXIS, "E_m E_m P_m F_S F_S", "the axis is free: nothing of top or bottom was touched"),
-        (AXIS, "E_T E_m", "the axis is free: one edge or vertex of an end"),
-        (AXIS, "V_T", "the axis is free: one edge or vertex of an end"),
-        (AXIS, "V_T V_T", "the axis is free: two vertices"),
-        (AXIS, "V_T E_B", "the axis is free: two vertices, or an edge and a vertex"),
-        *((AXIS, None, words) for words in list(degenerate(drawing.cones()[0]))[:4]),
-        (APEX, "F_T F_B E_T V_B", "the apex is free: nothing of the sides was touched"),
-        (APEX, "E_m F_T", "the apex is free: it may be anywhere on one meridian"),
-        (APEX, "F_S F_S", "the apex is free: it may be anywhere on a plane"),
-        *((APEX, None, words) for words in list(degenerate(drawing.cones()[0]))[4:]),
-    ],
-)
+@pytest.mark.parametrize(("solve", "names", "words"), [
+    (AXIS, "E_m E_m P_m F_S F_S", "the axis is free: nothing of top or bottom was touched"),
+    (AXIS, "E_T E_m", "the axis is free: one edge or vertex of an end"),
+    (AXIS, "V_T", "the axis is free: one edge or vertex of an end"),
+    (AXIS, "V_T V_T", "the axis is free: two vertices"),
+    (AXIS, "V_T E_B", "the axis is free: two vertices, or an edge and a vertex"),
+    *((AXIS, None, words) for words in list(degenerate(drawing.cones()[0]))[:4]),
+    (APEX, "F_T F_B E_T V_B", "the apex is free: nothing of the sides was touched"),
+    (APEX, "E_m F_T", "the apex is free: it may be anywhere on one meridian"),
+    (APEX, "F_S F_S", "the apex is free: it may be anywhere on a plane"),
+    *((APEX, None, words) for words in list(degenerate(drawing.cones()[0]))[4:]),
+])  # fmt: skip
 def test_insufficient_features_are_refused_with_the_reason(solve, names: str | None, words: str):
     for cone in drawing.cones():
         features = cone.features(names.split()) if names else degenerate(cone)[words]
@@ -211,15 +208,12 @@ def test_nearly_degenerate_features_are_refused_by_their_noise():
         cones.solve_orientation(edges, angle_noise=drawing.ANGLE)
 
 
-@pytest.mark.parametrize(
-    ("solve", "options", "words"),
-    [
-        (cones.solve_orientation, {"place": False}, r"feature 0 \(F\) must have a place, got None"),
-        (cones.solve_origin, {"place": False}, r"feature 0 \(F\) must have a place, got None"),
-        (cones.solve_orientation, {"angle_noise": 0.0}, "angle_noise must be positive and finite"),
-        (cones.solve_origin, {"position_noise": math.nan}, "position_noise must be positive and"),
-    ],
-)
+@pytest.mark.parametrize(("solve", "options", "words"), [
+    (cones.solve_orientation, {"place": False}, r"feature 0 \(F\) must have a place, got None"),
+    (cones.solve_origin, {"place": False}, r"feature 0 \(F\) must have a place, got None"),
+    (cones.solve_orientation, {"angle_noise": 0.0}, "angle_noise must be positive and finite"),
+    (cones.solve_origin, {"position_noise": math.nan}, "position_noise must be positive and"),
+])  # fmt: skip
 def test_bad_input_is_refused(solve, options: dict, words: str):
     place = options.pop("place", True)
     with pytest.raises(ValueError, match=words):

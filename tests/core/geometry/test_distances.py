@@ -215,14 +215,11 @@ def displaced(points: Floats, vector: ArrayLike, shift: ArrayLike) -> Floats:
     return np.asarray(points @ Rotation.from_rotvec(vector).as_matrix().T + np.asarray(shift))
 
 
-@pytest.mark.parametrize(
-    ("vector", "unit", "least", "noise"),
-    [
-        pytest.param([0, 0, 0], 1.0, -1.0, 0.0, marks=pytest.mark.slow),
-        ([np.pi, 0, 0], 1e-3, -0.01, 0.0),  # only the part above a plane
-        ([0.3, 2.5, -0.7], 1e3, -1.0, 1e-4),
-    ],
-)
+@pytest.mark.parametrize(("vector", "unit", "least", "noise"), [
+    pytest.param([0, 0, 0], 1.0, -1.0, 0.0, marks=pytest.mark.slow),
+    ([np.pi, 0, 0], 1e-3, -0.01, 0.0),  # only the part above a plane
+    ([0.3, 2.5, -0.7], 1e3, -1.0, 1e-4),
+])  # fmt: skip
 def test_alignment_undoes_a_motion(vector: list[float], unit: float, least: float, noise: float):
     surface, rng = lopsided(unit), np.random.default_rng(4)
     points = surface.samples.points[::40]
@@ -248,15 +245,12 @@ def test_symmetric_surfaces_are_ambiguous_and_turned_least():
     assert 2.0 * np.arcsin(np.linalg.norm(found.pose[3:6])) == pytest.approx(0.2, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
-        (np.zeros((5, 3)), "points must be at least 6, got 5"),
-        (np.ones((9, 3)), "points must not lie all in one place, got 9"),
-        (np.full((9, 3), np.nan), "points must be finite"),
-        (np.zeros((9, 2)), r"points must have shape \(any, 3\)"),
-    ],
-)
+@pytest.mark.parametrize(("points", "words"), [
+    (np.zeros((5, 3)), "points must be at least 6, got 5"),
+    (np.ones((9, 3)), "points must not lie all in one place, got 9"),
+    (np.full((9, 3), np.nan), "points must be finite"),
+    (np.zeros((9, 2)), r"points must have shape \(any, 3\)"),
+])  # fmt: skip
 def test_points_that_cannot_be_aligned_are_refused(points: Floats, words: str):
     with pytest.raises(ValueError, match=words):
         align(points, lopsided())

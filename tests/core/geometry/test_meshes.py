@@ -40,25 +40,22 @@ SECTION = 20 / 2 * np.sin(2 * np.pi / 20)  # Area of the torus's section
 FACES = BOX.faces
 
 
-@pytest.mark.parametrize(
-    ("mesh", "watertight", "components", "genus", "volume"),
-    [
-        (BOX, True, 1, 0, 1.0),
-        (moved(BOX, 1e6), True, 1, 0, 1.0),
-        (Mesh(BOX.vertices, FACES[:, ::-1]), True, 1, 0, -1.0),
-        (Mesh(np.vstack([BOX.vertices, [9.0] * 3]), FACES), True, 1, 0, 1.0),
-        (TORUS, True, 1, 1, 2 * np.pi * 3 * SECTION),
-        (Mesh(TORUS.vertices, np.random.default_rng(0).permutation(TORUS.faces)), True, 1, 1, None),
-        (joined(TORUS, moved(TORUS, 10.0), BOX), True, 3, 2, None),
-        (common_vertex(), True, 2, 0, 2.0),
-        (Mesh(BOX.vertices, FACES[1:]), False, 1, None, None),
-        (joined(Mesh(BOX.vertices, FACES[1:]), moved(TORUS, 9.0), BOX), False, 3, None, None),
-        (Mesh(BOX.vertices, flipped(3)), False, 1, None, None),
-        (Mesh(BOX.vertices, np.concatenate([FACES, FACES[:1]])), False, 1, None, None),
-        (doubled_edge(), False, 1, None, 2.0),
-        (Mesh(np.eye(3), np.array([[0, 1, 1], [1, 0, 0]])), False, 1, None, 0.0),
-    ],
-)
+@pytest.mark.parametrize(("mesh", "watertight", "components", "genus", "volume"), [
+    (BOX, True, 1, 0, 1.0),
+    (moved(BOX, 1e6), True, 1, 0, 1.0),
+    (Mesh(BOX.vertices, FACES[:, ::-1]), True, 1, 0, -1.0),
+    (Mesh(np.vstack([BOX.vertices, [9.0] * 3]), FACES), True, 1, 0, 1.0),
+    (TORUS, True, 1, 1, 2 * np.pi * 3 * SECTION),
+    (Mesh(TORUS.vertices, np.random.default_rng(0).permutation(TORUS.faces)), True, 1, 1, None),
+    (joined(TORUS, moved(TORUS, 10.0), BOX), True, 3, 2, None),
+    (common_vertex(), True, 2, 0, 2.0),
+    (Mesh(BOX.vertices, FACES[1:]), False, 1, None, None),
+    (joined(Mesh(BOX.vertices, FACES[1:]), moved(TORUS, 9.0), BOX), False, 3, None, None),
+    (Mesh(BOX.vertices, flipped(3)), False, 1, None, None),
+    (Mesh(BOX.vertices, np.concatenate([FACES, FACES[:1]])), False, 1, None, None),
+    (doubled_edge(), False, 1, None, 2.0),
+    (Mesh(np.eye(3), np.array([[0, 1, 1], [1, 0, 0]])), False, 1, None, 0.0),
+])  # fmt: skip
 def test_solidity_of_known_meshes(mesh, watertight: bool, components: int, genus, volume):
     found = geometry.solidity(*mesh)
     assert found[:3] == (watertight, components, genus)
@@ -231,23 +228,20 @@ def folded_base() -> Mesh:
     )
 
 
-@pytest.mark.parametrize(
-    ("mesh", "crosses"),
-    [
-        (SPHERE, False),
-        (TORUS, False),
-        (Mesh((TORUS.vertices + 0.3).astype(np.float32), TORUS.faces), False),
-        (BOX, False),
-        (TORN, False),  # vertices in one place are one
-        (folded_base(), False),
-        (Mesh(PLATES, np.array([[0, 1, 2], [3, 4, 5]])), False),  # a face without area
-        (Mesh(FAN, np.array([[0, 1, 2], [0, 3, 4]])), True),  # beyond their common vertex
-        (Mesh(FAN, np.array([[0, 1, 2], [0, 5, 6]])), False),
-        *((joined(BOX, moved(BOX, by)), False) for by in ([1, 0, 0], [1, 1, 0], [0.3, 0.2, 1])),
-        (joined(BOX, moved(BOX, [0.25, 0.25, -1.0], [0.5, 0.5, 3.0])), True),
-        (dented(), True),
-    ],
-)
+@pytest.mark.parametrize(("mesh", "crosses"), [
+    (SPHERE, False),
+    (TORUS, False),
+    (Mesh((TORUS.vertices + 0.3).astype(np.float32), TORUS.faces), False),
+    (BOX, False),
+    (TORN, False),  # vertices in one place are one
+    (folded_base(), False),
+    (Mesh(PLATES, np.array([[0, 1, 2], [3, 4, 5]])), False),  # a face without area
+    (Mesh(FAN, np.array([[0, 1, 2], [0, 3, 4]])), True),  # beyond their common vertex
+    (Mesh(FAN, np.array([[0, 1, 2], [0, 5, 6]])), False),
+    *((joined(BOX, moved(BOX, by)), False) for by in ([1, 0, 0], [1, 1, 0], [0.3, 0.2, 1])),
+    (joined(BOX, moved(BOX, [0.25, 0.25, -1.0], [0.5, 0.5, 3.0])), True),
+    (dented(), True),
+])  # fmt: skip
 def test_only_what_passes_through_itself_crosses(mesh: Mesh, crosses: bool):
     assert (geometry.self_intersection(*mesh).count > 0) == crosses
 
@@ -258,33 +252,27 @@ TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 @pytest.mark.parametrize(
     "examine", [geometry.triangle_corners, geometry.solidity, geometry.self_intersection]
 )
-@pytest.mark.parametrize(
-    ("vertices", "faces", "words"),
-    [
-        (TRIANGLE[:, :2], [[0, 1, 2]], r"vertices must have shape \(any, 3\), got \(3, 2\)"),
-        (TRIANGLE * np.nan, [[0, 1, 2]], "vertices must be finite"),
-        (TRIANGLE, np.empty((0, 3), int), "at least one row, got int64 of shape"),
-        (TRIANGLE, [0, 1, 2], "faces must be integers of shape"),
-        (TRIANGLE, [[0, 1, 2, 0]], "faces must be integers of shape"),
-        (TRIANGLE, [[0.0, 1.0, 2.0]], "faces must be integers of shape .* got float64"),
-        (TRIANGLE, [[0, 1, 3]], "faces must name vertices from 0 to 2, got 3"),
-        (TRIANGLE, [[0, -1, 2]], "faces must name vertices from 0 to 2, got -1"),
-    ],
-)
+@pytest.mark.parametrize(("vertices", "faces", "words"), [
+    (TRIANGLE[:, :2], [[0, 1, 2]], r"vertices must have shape \(any, 3\), got \(3, 2\)"),
+    (TRIANGLE * np.nan, [[0, 1, 2]], "vertices must be finite"),
+    (TRIANGLE, np.empty((0, 3), int), "at least one row, got int64 of shape"),
+    (TRIANGLE, [0, 1, 2], "faces must be integers of shape"),
+    (TRIANGLE, [[0, 1, 2, 0]], "faces must be integers of shape"),
+    (TRIANGLE, [[0.0, 1.0, 2.0]], "faces must be integers of shape .* got float64"),
+    (TRIANGLE, [[0, 1, 3]], "faces must name vertices from 0 to 2, got 3"),
+    (TRIANGLE, [[0, -1, 2]], "faces must name vertices from 0 to 2, got -1"),
+])  # fmt: skip
 def test_bad_meshes_are_refused(examine: Callable, vertices: Floats, faces: list, words: str):
     with pytest.raises(ValueError, match=words):
         examine(vertices, faces)
 
 
-@pytest.mark.parametrize(
-    ("sizes", "words"),
-    [
-        ([], "sizes must be at least one ring of 3 points"),
-        ([8, 2], "sizes must be at least one ring of 3 points"),
-        ([8, 6], "sizes of neighbours must be equal, half or twice, got 8 and 6"),
-        ([8, 32], "sizes of neighbours must be equal, half or twice"),
-    ],
-)
+@pytest.mark.parametrize(("sizes", "words"), [
+    ([], "sizes must be at least one ring of 3 points"),
+    ([8, 2], "sizes must be at least one ring of 3 points"),
+    ([8, 6], "sizes of neighbours must be equal, half or twice, got 8 and 6"),
+    ([8, 32], "sizes of neighbours must be equal, half or twice"),
+])  # fmt: skip
 def test_rings_that_do_not_fit_are_refused(sizes: list[int], words: str):
     with pytest.raises(ValueError, match=words):
         geometry.join_rings(np.array(sizes))

@@ -166,20 +166,17 @@ def test_touches_cross_and_repeated_vertices_do_not(scale: float):
     assert not self_intersects(np.zeros((9, 2)))
 
 
-@pytest.mark.parametrize(
-    ("polygon", "middle", "radius"),
-    [
-        (SQUARE, [0.5, 0.5], 0.5),
-        (1e-9 * SQUARE + 1e-3, [1e-3 + 0.5e-9] * 2, 0.5e-9),
-        (1e9 * SQUARE, [0.5e9, 0.5e9], 0.5e9),
-        (np.array([[0, 0], [4, 0], [0, 3.0]]), [1.0, 1.0], 1.0),
-        # It touches two sides of a corner and the corner opposite: (1 - r) sqrt 2 = r.
-        (U_SHAPE, None, 2 - math.sqrt(2)),
-        (SQUARE * [10, 1], None, 0.5),
-        (np.tile([1.0, 2.0], (5, 1)), None, 0.0),
-        (np.array([[0, 0], [1, 1], [2, 2.0]]), None, 0.0),
-    ],
-)
+@pytest.mark.parametrize(("polygon", "middle", "radius"), [
+    (SQUARE, [0.5, 0.5], 0.5),
+    (1e-9 * SQUARE + 1e-3, [1e-3 + 0.5e-9] * 2, 0.5e-9),
+    (1e9 * SQUARE, [0.5e9, 0.5e9], 0.5e9),
+    (np.array([[0, 0], [4, 0], [0, 3.0]]), [1.0, 1.0], 1.0),
+    # It touches two sides of a corner and the corner opposite: (1 - r) sqrt 2 = r.
+    (U_SHAPE, None, 2 - math.sqrt(2)),
+    (SQUARE * [10, 1], None, 0.5),
+    (np.tile([1.0, 2.0], (5, 1)), None, 0.0),
+    (np.array([[0, 0], [1, 1], [2, 2.0]]), None, 0.0),
+])  # fmt: skip
 def test_known_inscribed_circles(polygon: Floats, middle: list[float] | None, radius: float):
     found = inscribed_circle(polygon)
     assert found.radius == pytest.approx(radius, rel=1e-6)
@@ -232,7 +229,9 @@ def test_kernel_points_see_the_whole_polygon(scale: float):
 
 
 NONE, NAN, ORIGIN = np.zeros((0, 2)), np.full((3, 2), math.nan), np.zeros((1, 2))
-REFUSED: list[tuple[Callable[[], object], str]] = [
+
+
+@pytest.mark.parametrize(("call", "words"), [
     (lambda: signed_area(NONE), "polygon must have at least 1 vertex, got 0"),
     (lambda: area_centroid(NONE), "polygon must have at least 1 vertex, got 0"),
     (lambda: edge_distance(NONE, ORIGIN), "polygon must have at least 1 vertex, got 0"),
@@ -247,10 +246,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: azimuth_match(SQUARE[:2], ORIGIN[0], AZIMUTHS), "at least 3 vertices, got 2"),
     (lambda: azimuth_match(SQUARE, ORIGIN[0], NAN[:, 0]), "azimuths must be finite"),
     (lambda: azimuth_match(SQUARE, NAN[0], AZIMUTHS), "middle must be finite"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), REFUSED)
+])  # fmt: skip
 def test_bad_input_is_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

@@ -281,7 +281,9 @@ BORED = without(turned([[0, 1], [60, 1]]), turned([[-10, 1], [70, 1]], (5, 5)))
 SLOPE = shapes.HalfSpace(np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0), 0.05)
 SLANTED = shapes.BooleanShape(shapes.Intersection([turned([[0, 1], [60, 1]]), SLOPE]))
 NO_CONE = "no generalised cone fits: residuals in mm rms are revolution"
-REFUSED: list[Any] = [
+
+
+@pytest.mark.parametrize(("name", "solid", "fingers", "status", "words"), [
     # procedure, solid, fingers, status, words of the reason
     ("planar", SPHERE, 1, "unsuited", "curved"),
     (
@@ -318,10 +320,7 @@ REFUSED: list[Any] = [
     ("fearing", REVOLVED["cylinder"], 3, "unsuited", ""),
     pytest.param("fearing", prism(4, 0.04, 0.06), 3, "unsuited", "", marks=SLOW),
     ("fearing", ROUND, 2, "unsuited", ""),
-]
-
-
-@pytest.mark.parametrize(("name", "solid", "fingers", "status", "words"), REFUSED)
+])  # fmt: skip
 def test_what_a_procedure_cannot_serve_is_refused(name, solid, fingers, status, words):
     noise = "exact" if solid is SLANTED else "noise"  # under noise its end seems hollow
     found, touches = drive(name, solid, noise, fingers=fingers)
@@ -338,29 +337,23 @@ def test_what_a_procedure_cannot_serve_is_refused(name, solid, fingers, status, 
         assert touches == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "settings", "words"),
-    [
-        ("containment", {"contacts": 29}, "contacts must be from 30 to 100, got 29"),
-        ("containment", {"contacts": 101}, "contacts must be from 30 to 100, got 101"),
-        ("openings", {"pitch": 1.5}, r"pitch must be from 0.3 to 1, got 1.5"),
-    ],
-)
+@pytest.mark.parametrize(("name", "settings", "words"), [
+    ("containment", {"contacts": 29}, "contacts must be from 30 to 100, got 29"),
+    ("containment", {"contacts": 101}, "contacts must be from 30 to 100, got 101"),
+    ("openings", {"pitch": 1.5}, r"pitch must be from 0.3 to 1, got 1.5"),
+])  # fmt: skip
 def test_settings_out_of_range_are_refused(name, settings, words):
     with pytest.raises(ValueError, match=words):
         drive(name, block(), **settings)
 
 
-@pytest.mark.parametrize(
-    ("name", "settings", "error", "words"),
-    [
-        ("planer", {}, LookupError, "no procedure 'planer'; there are containment, planar"),
-        ("planar", {"steps": 3}, ValueError, "'planar' has no setting 'steps'; it has none"),
-        ("openings", {"step": 3}, ValueError, "'openings' has no setting 'step'; it has pitch"),
-        ("no_such_module:explore", {}, ValueError, "cannot be imported"),
-        ("math:pi", {}, ValueError, "is no function"),
-    ],
-)
+@pytest.mark.parametrize(("name", "settings", "error", "words"), [
+    ("planer", {}, LookupError, "no procedure 'planer'; there are containment, planar"),
+    ("planar", {"steps": 3}, ValueError, "'planar' has no setting 'steps'; it has none"),
+    ("openings", {"step": 3}, ValueError, "'openings' has no setting 'step'; it has pitch"),
+    ("no_such_module:explore", {}, ValueError, "cannot be imported"),
+    ("math:pi", {}, ValueError, "is no function"),
+])  # fmt: skip
 def test_unknown_procedures_and_settings_are_refused(name, settings, error, words):
     with pytest.raises(error, match=words):
         procedure_of(name, settings)

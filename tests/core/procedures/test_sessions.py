@@ -9,7 +9,7 @@ import pytest
 
 from palpate.core import procedures
 from palpate.core.arrays import Floats
-from palpate.core.procedures.polyhedron import Plane, corners_of, fit_plane, polyhedron_of
+from palpate.core.procedures.polyhedron import fit_plane
 from palpate.core.touch import Pad
 
 SETTING = procedures.TouchSetting(Pad(16, 16, 1e-3, 3e-3, 66.0, 0.8), 0.0, 0.0, 0.12)
@@ -66,23 +66,6 @@ def test_a_plane_and_its_error_are_found_from_touches():
     assert spreads[0] == pytest.approx(spreads[1], rel=0.2)
 
 
-BOX = [Plane(sign * axis, 1.0) for axis in np.eye(3) for sign in (1.0, -1.0)]
-
-
-def test_planes_meet_in_the_corners_of_a_polyhedron():
-    corners = corners_of([*BOX, Plane(np.array([1.0, 0, 0]), 3.0)], 10.0)
-    assert corners is not None and corners.faces[-1] == ()  # it touches nothing of the rest
-    assert sorted(map(len, corners.faces)) == [0] + [4] * 6
-    solid, numbers = polyhedron_of(corners)
-    assert solid.volume == pytest.approx(8.0) and numbers == list(range(6))
-    slopes = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
-    roof = [Plane(np.array(slope) / math.sqrt(2.0), 1.0 / math.sqrt(2.0)) for slope in slopes]
-    pyramid = corners_of([*roof, Plane(-UP, 0.0)], 10.0)
-    assert pyramid is not None and len(pyramid.places) == 5  # four planes meet in one
-    for left_out in range(6):
-        assert corners_of(BOX[:left_out] + BOX[left_out + 1 :], 10.0) is None
-
-
 def test_a_cone_is_fitted_exactly_from_an_axis_that_is_off():
     rng, touches = np.random.default_rng(1), []
     for height in np.linspace(0.0, 0.08, 12):
@@ -111,13 +94,10 @@ def test_the_stated_error_of_an_axis_is_its_scatter():
     assert np.sqrt(np.mean(np.square(leans))) == pytest.approx(np.mean(stated), rel=0.3)
 
 
-@pytest.mark.parametrize(
-    ("touches", "words"),
-    [
-        ([np.zeros((2, 3))], "a plane needs 3 points, got 2"),
-        ([np.outer(np.arange(9.0), [1.0, 0, 0])], "on a line"),
-    ],
-)
+@pytest.mark.parametrize(("touches", "words"), [
+    ([np.zeros((2, 3))], "a plane needs 3 points, got 2"),
+    ([np.outer(np.arange(9.0), [1.0, 0, 0])], "on a line"),
+])  # fmt: skip
 def test_a_plane_of_too_few_points_is_refused(touches, words):
     with pytest.raises(ValueError, match=words):
         fit_plane(touches, UP, 0.0, 1e-4, 1e-3)

@@ -234,17 +234,14 @@ def egg(vertices: Floats | float = 1.0, skip: int = 0, step: int = 1, name: int 
     return describe(mesh.vertices * vertices, mesh.faces[skip:, ::step] + name)
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: egg(skip=1), "must be closed"),
-        (lambda: egg(step=-1), "must be closed, and its normals must point outwards"),
-        (lambda: egg(np.nan), "vertices must be finite"),
-        (lambda: egg(name=1000), "faces must name vertices"),
-        (lambda: egg(np.array([1.0, 1.0, 0.0])), "must enclose a volume"),
-        (lambda: describe(np.zeros((9, 2)), [[0, 1, 2]]), "vertices must have shape"),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: egg(skip=1), "must be closed"),
+    (lambda: egg(step=-1), "must be closed, and its normals must point outwards"),
+    (lambda: egg(np.nan), "vertices must be finite"),
+    (lambda: egg(name=1000), "faces must name vertices"),
+    (lambda: egg(np.array([1.0, 1.0, 0.0])), "must enclose a volume"),
+    (lambda: describe(np.zeros((9, 2)), [[0, 1, 2]]), "vertices must have shape"),
+])  # fmt: skip
 def test_surfaces_without_a_solid_are_refused(call, words: str):
     with pytest.raises(ValueError, match=words):
         call()

@@ -119,16 +119,13 @@ def test_differences_come_largest_first():
     )
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: object_models({}), "there must be an object, and 4 copies of each"),
-        (lambda: object_models(scatters(copies=3)), "4 copies of each"),
-        (lambda: recognise(MODELS.means[0], MODELS, -1.0), "uncertainty must be 0 or more"),
-        (lambda: recognise(MODELS.means[0], MODELS, np.inf), "uncertainty must be 0 or more"),
-        (lambda: differences(MODELS.means[0], MODELS, "pot"), "tuple"),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: object_models({}), "there must be an object, and 4 copies of each"),
+    (lambda: object_models(scatters(copies=3)), "4 copies of each"),
+    (lambda: recognise(MODELS.means[0], MODELS, -1.0), "uncertainty must be 0 or more"),
+    (lambda: recognise(MODELS.means[0], MODELS, np.inf), "uncertainty must be 0 or more"),
+    (lambda: differences(MODELS.means[0], MODELS, "pot"), "tuple"),
+])  # fmt: skip
 def test_bad_input_is_refused(call, words: str):
     with pytest.raises(ValueError, match=words):
         call()

@@ -54,17 +54,14 @@ def test_meshes_converge_with_a_ring_in_each_kink():
     assert np.array_equal(leaning.faces, meshes[0].faces)
 
 
-SECTIONS: list[tuple[shapes.Section, bool]] = [
+@pytest.mark.parametrize(("section", "convex"), [
     (shapes.SplineSection(np.full(5, 0.03)), True),
     (shapes.SplineSection(np.array([0.03, 0.02, 0.03, 0.02])), False),
     (shapes.SplineSection(np.array([0.03, 0.022, 0.035, 0.021, 0.027, 0.031])), False),
     (shapes.SuperellipseSection(np.array([0.03, 0.02]), 0.1), True),
     (shapes.SuperellipseSection(np.array([0.02, 0.03]), 1.0), True),
     (shapes.SuperellipseSection(np.array([0.03, 0.02]), 1.7), True),
-]
-
-
-@pytest.mark.parametrize(("section", "convex"), SECTIONS)
+])  # fmt: skip
 def test_gauge_is_1_on_the_outline_and_its_bounds_hold(section, convex):
     points = section.outline(64)
     for share in (0.3, 1.0, 2.0):

@@ -166,16 +166,13 @@ def block_with(walls: list[Floats], counts: Any) -> Mesh:
 X, Y, Z = 0.04 * np.eye(3)
 
 
-@pytest.mark.parametrize(
-    ("walls", "words"),
-    [
-        ([sheet(0.25 * Z, X, Y, 4, 4), sheet(0.5 * Z, Y, X, 4, 4)], "64 faces of walls within it"),
-        ([sheet(0.5 * Z, X, Y, 4, 4), sheet(0.5 * X, Y, Z, 4, 4)], "64 faces of walls within it"),
-        ([sheet(0.5 * Z, X, 0.5 * Y, 4, 2)], "16 faces of walls within it"),
-        ([sheet(0.3 * Z, X, Y, 1, 1)], "2 faces of loose walls within it"),
-        ([sheet(0.5 * Z, -X, Y, 4, 4)], "32 faces of sheets on it"),
-    ],
-)
+@pytest.mark.parametrize(("walls", "words"), [
+    ([sheet(0.25 * Z, X, Y, 4, 4), sheet(0.5 * Z, Y, X, 4, 4)], "64 faces of walls within it"),
+    ([sheet(0.5 * Z, X, Y, 4, 4), sheet(0.5 * X, Y, Z, 4, 4)], "64 faces of walls within it"),
+    ([sheet(0.5 * Z, X, 0.5 * Y, 4, 2)], "16 faces of walls within it"),
+    ([sheet(0.3 * Z, X, Y, 1, 1)], "2 faces of loose walls within it"),
+    ([sheet(0.5 * Z, -X, Y, 4, 4)], "32 faces of sheets on it"),
+])  # fmt: skip
 def test_walls_and_sheets_of_a_closed_block_are_left_out(walls, words):
     mesh = block_with(walls, [(4, 4)] * 6)
     assert mends_of(mesh, 0.04**3, within=1e-6) == f"{words} left out"
@@ -213,21 +210,15 @@ SHEET = np.array([[0, 1, 2], [0, 2, 3], [1, 0, 3], [1, 3, 2]], np.int32)
 FLAT = 0.04 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
 
 
-@pytest.mark.parametrize(
-    ("mesh", "sentence"),
-    [
-        ((BALL[0], OPEN), r"is open: it has a hole of 2\d.* mm, and no more than 10%"),
-        ((FAN, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32)), "is open: it has a hole of"),
-        (
-            joined(BALL, shifted(BALL, 0.1)),
-            "is made of 2 pieces that do not touch; an object",
-        ),
-        (joined(*(shifted(BALL, 0.1 * i, 1e-3) for i in range(3))), "is made of 3 pieces that do"),
-        (CRUMPLED, r"crosses itself over \d+.* mm, and no more than 10%"),
-        (moebius_strip(), "has one side only, like a Moebius strip"),
-        ((FLAT, SHEET), "bounds no solid: its faces enclose nothing"),
-    ],
-)
+@pytest.mark.parametrize(("mesh", "sentence"), [
+    ((BALL[0], OPEN), r"is open: it has a hole of 2\d.* mm, and no more than 10%"),
+    ((FAN, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32)), "is open: it has a hole of"),
+    (joined(BALL, shifted(BALL, 0.1)), "is made of 2 pieces that do not touch; an object"),
+    (joined(*(shifted(BALL, 0.1 * i, 1e-3) for i in range(3))), "is made of 3 pieces that do"),
+    (CRUMPLED, r"crosses itself over \d+.* mm, and no more than 10%"),
+    (moebius_strip(), "has one side only, like a Moebius strip"),
+    ((FLAT, SHEET), "bounds no solid: its faces enclose nothing"),
+])  # fmt: skip
 def test_what_bounds_no_single_solid_is_refused(mesh, sentence):
     with pytest.raises(ValueError, match=sentence):
         mend_mesh(*mesh)

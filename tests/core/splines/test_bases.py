@@ -189,7 +189,9 @@ def inserted(new: list[float], count: int = 6, value: float = 0.0) -> object:
 
 SIX = clamped_basis(6).greville().tolist()
 HOLED = np.where(np.arange(4) == 0, np.nan, CONTROL)
-REFUSED: list[tuple[Callable[[], object], str]] = [
+
+
+@pytest.mark.parametrize(("call", "words"), [
     (lambda: Basis(np.arange(4.0), 0), "degree must be at least 1, got 0"),
     (lambda: Basis(np.array([0, 0, math.nan, 1, 1]), 1), "knots must be finite"),
     (lambda: Basis(np.array([[0, 0, 1, 1.0]]), 1), r"knots must have shape \(any\)"),
@@ -227,10 +229,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: inserted([0.5] * 5), "knots may repeat 4 times at degree 3"),
     (lambda: inserted([0.5], count=5), "control must have 6 coefficients, got 5"),
     (lambda: inserted([0.5], value=math.nan), "control must be finite"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), REFUSED)
+])  # fmt: skip
 def test_bad_input_is_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

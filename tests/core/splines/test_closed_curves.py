@@ -357,7 +357,7 @@ def fit(points: Floats | None = None, **options: object) -> ClosedCurve:
     return fit_closed_curve(points, **options)  # type: ignore[arg-type]
 
 
-REFUSED: list[tuple[Callable[[], object], str]] = [
+@pytest.mark.parametrize(("call", "words"), [
     (lambda: fit(np.zeros((20, 4))), r"points must have shape .*, got \(20, 4\)"),
     (lambda: fit(np.full((2, 2), np.nan)), "points must have at least one finite row, got 2 rows"),
     (lambda: fit(1e308 * (2 * CORNERS - 1)), r"points must spread less than 1\.79769e\+308 m"),
@@ -368,10 +368,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: fit(parameters="x"), r"parameters must be one of auto, chord, .*, got 'x'"),
     (lambda: fit().at([0.0, np.nan]), "x must be finite"),
     (lambda: fit().at(0.0, -1), "derivatives must be 0 or more, got -1"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), REFUSED)
+])  # fmt: skip
 def test_bad_input_is_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

@@ -89,14 +89,11 @@ def contours_of(count: int, size=(1.0, 0.8, 1.2), exponent=1.0, begin: int = 0) 
     return found
 
 
-@pytest.mark.parametrize(
-    ("size", "exponent", "order"),
-    [
-        ((1.0, 1.0, 1.0), 1.0, 4.0),  # contours at even distances on the surface
-        ((1.0, 0.8, 1.2), 1.0, 3.0),
-        ((1.0, 0.8, 1.2), 0.9, 3.0),
-    ],
-)
+@pytest.mark.parametrize(("size", "exponent", "order"), [
+    ((1.0, 1.0, 1.0), 1.0, 4.0),  # contours at even distances on the surface
+    ((1.0, 0.8, 1.2), 1.0, 3.0),
+    ((1.0, 0.8, 1.2), 0.9, 3.0),
+])  # fmt: skip
 def test_error_between_contours_has_its_order(size: tuple, exponent: float, order: float):
     errors = []
     for count in (9, 17):
@@ -137,16 +134,13 @@ def test_the_surface_is_smooth_across_contours_and_meridians():
 SQUARE = boundaries(np.stack([*np.meshgrid(U, V), np.zeros((7, 9))], axis=-1))
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({0: np.zeros((1, 3)), 1: np.zeros((1, 3))}, "low and high must have as many"),
-        ({2: np.zeros((4, 3))}, "left and right must have as many points, 2 at least"),
-        ({3: np.zeros((7, 3))}, "low and right must meet at a corner, but are 1 m apart"),
-        ({0: np.full((9, 3), np.nan)}, "low must be finite"),
-        ({1: np.zeros((9, 2))}, "high must have shape"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({0: np.zeros((1, 3)), 1: np.zeros((1, 3))}, "low and high must have as many"),
+    ({2: np.zeros((4, 3))}, "left and right must have as many points, 2 at least"),
+    ({3: np.zeros((7, 3))}, "low and right must meet at a corner, but are 1 m apart"),
+    ({0: np.full((9, 3), np.nan)}, "low must be finite"),
+    ({1: np.zeros((9, 2))}, "high must have shape"),
+])  # fmt: skip
 def test_curves_that_do_not_fit_are_refused(changes: dict[int, Floats], words: str):
     curves = [changes.get(i, curve) for i, curve in enumerate(SQUARE)]
     with pytest.raises(ValueError, match=words):
@@ -155,15 +149,12 @@ def test_curves_that_do_not_fit_are_refused(changes: dict[int, Floats], words: s
         hermite_patch(*SQUARE, slopes_of(0.0, 1.0)._replace(high=np.zeros((3, 3))))
 
 
-@pytest.mark.parametrize(
-    ("contours", "meridians", "words"),
-    [
-        (contours_of(2), 12, "3 contours and 3 meridians at least, got 2 and 12"),
-        (contours_of(5), 2, "got 5 and 2"),
-        ([*contours_of(3), np.zeros((5, 3))], 12, r"contours\[3\] must enclose"),
-        ([*contours_of(3), np.zeros((5, 2))], 12, r"contours\[3\] must have shape"),
-    ],
-)
+@pytest.mark.parametrize(("contours", "meridians", "words"), [
+    (contours_of(2), 12, "3 contours and 3 meridians at least, got 2 and 12"),
+    (contours_of(5), 2, "got 5 and 2"),
+    ([*contours_of(3), np.zeros((5, 3))], 12, r"contours\[3\] must enclose"),
+    ([*contours_of(3), np.zeros((5, 2))], 12, r"contours\[3\] must have shape"),
+])  # fmt: skip
 def test_contours_without_a_surface_are_refused(contours: list, meridians: int, words: str):
     with pytest.raises(ValueError, match=words):
         coons_surface(contours, meridians)

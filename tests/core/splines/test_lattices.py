@@ -311,7 +311,9 @@ def test_the_folded_share_is_that_of_the_points_given():
 CUBE = box_lattice(np.zeros(3), np.ones(3), (4, 4, 4))
 ONE = np.full((1, 3), 0.5)
 OUTSIDE = np.concatenate([POINTS[:3], LOW + EXTENT * np.array([[1.5, 0.5, 0.5], [0.5, -1, 0]])])
-REFUSED: list[tuple[Callable[[], object], str]] = [
+
+
+@pytest.mark.parametrize(("call", "words"), [
     (lambda: BENT.deform(OUTSIDE), r"2 of 5 .* worst \(0.15, -0.05, 0.3\) m by 1 of an edge"),
     (lambda: wedge().deform(3 * ONE), r"1 of 1 outside, the worst \(1.5, 1.5, 1.5\) m by 1.\d+ m"),
     (lambda: BENT.deform(np.full((1, 3), math.nan)), "points must be finite"),
@@ -331,10 +333,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: pull_points(CUBE, ONE, ONE * math.nan), "targets must be finite"),
     (lambda: pull_points(CUBE, ONE + 1.0, ONE), "points must lie in the lattice"),
     (lambda: fold_report(CUBE, ONE + 1.0), "points must lie in the lattice"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), REFUSED)
+])  # fmt: skip
 def test_bad_input_is_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

@@ -269,7 +269,9 @@ def volume(control=CONTROL, bases=BASES, weights=None):
 
 
 LONGER = Basis(2.0 * clamped_basis(6).knots, 3)
-REFUSED = [
+
+
+@pytest.mark.parametrize(("call", "words"), [
     (lambda: volume(CONTROL[:5]), r"control must have shape \(6, 3, 5, 3\), got \(5, 3, 5, 3\)"),
     (lambda: volume(CONTROL * math.nan), "control must be finite"),
     (lambda: volume(weights=WEIGHTS[:, :, :4]), r"weights must have shape \(6, 3, 5\)"),
@@ -291,10 +293,7 @@ REFUSED = [
     (lambda: FRAME.even_control((2, 1, 2)), r"must be at least 2 along each edge, got \(2, 1"),
     (lambda: invert_points(noisy(0.1), np.zeros(3)), r"points must have shape \(any, 3\)"),
     (lambda: invert_points(noisy(0.1), np.full((2, 3), math.nan)), "points must be finite"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), REFUSED)
+])  # fmt: skip
 def test_bad_input_is_refused(call, words: str):
     with pytest.raises(ValueError, match=words):
         call()
