@@ -96,11 +96,8 @@ TOUCHING = np.concatenate([CORNERS, -CORNERS[1:]])
     (bent(7, math.nan, 0, 0), CUBE, "vertices must be finite"),
     (bent(7, 0, 0, 0.01), CUBE, r"faces\[1\] is not plane: vertex \d lies 0.00.* m beside it"),
     (bent(7, 0, 0, -0.06), CUBE, r"vertices\[3\] and vertices\[7\] are an edge without"),
-    (
-        np.concatenate([CORNERS, CORNERS + 1]),
-        CUBE + [[c + 8 for c in face] for face in CUBE],
-        "faces must form one surface, got 2 that do not touch",
-    ),
+    (np.concatenate([CORNERS, CORNERS + 1]), CUBE + [[c + 8 for c in face] for face in CUBE],
+     "faces must form one surface, got 2 that do not touch"),
     (*prism([[0, 0], [0.04, 0.03], [0.04, 0], [0, 0.04]]), r"faces\[0\] crosses itself"),
     (*prism([[0, 0], [0.02, 0], [0.04, 0]]), r"faces\[0\] has no area"),
     (SHEET, [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], "faces enclose nothing"),
@@ -111,16 +108,10 @@ TOUCHING = np.concatenate([CORNERS, -CORNERS[1:]])
     (NINE, CUBE, r"vertices\[8\] belongs to no face"),
     (CORNERS, CUBE[1:], r"faces\[1\] has no neighbour at the edge from vertex 0 to 1"),
     (CORNERS, CUBE[:5], "the surface must be closed"),
-    (
-        CORNERS,
-        [CUBE[0][::-1], *CUBE[1:]],
-        r"faces\[0\] and faces\[2\] both walk the edge from vertex 0 to 1 in this direction",
-    ),
-    (
-        TOUCHING,
-        [*CUBE, *[[c and c + 7 for c in face[::-1]] for face in CUBE]],
-        r"vertices\[0\] joins 2 parts of the surface that only touch there",
-    ),
+    (CORNERS, [CUBE[0][::-1], *CUBE[1:]],
+     r"faces\[0\] and faces\[2\] both walk the edge from vertex 0 to 1 in this direction"),
+    (TOUCHING, [*CUBE, *[[c and c + 7 for c in face[::-1]] for face in CUBE]],
+     r"vertices\[0\] joins 2 parts of the surface that only touch there"),
 ])  # fmt: skip
 def test_bad_polyhedra_are_refused(vertices, faces, sentence):
     with pytest.raises(ValueError, match=sentence):
