@@ -1,4 +1,4 @@
-"""Boolean combinations: analytic ranges and volumes, R-functions, enclosures, refusals."""
+"""Boolean combinations: sharp edges, facets, enclosures, R-functions."""
 
 import math
 from typing import Any

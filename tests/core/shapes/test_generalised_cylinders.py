@@ -1,4 +1,4 @@
-"""Generalised cylinders and their sections: known solids, meshes, bounds of sections, refusals."""
+"""Generalised cylinders and their sections: convexity, meshes, gauges and their bounds."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Hyperquadrics and half-spaces: known solids, enclosures, rays at special places, refusals."""
+"""Hyperquadrics and half-spaces: enclosures, tips and bumps, signed distances."""
 
 import math
 

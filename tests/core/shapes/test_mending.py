@@ -160,7 +160,7 @@ def block_with(walls: list[Floats], counts: Any) -> Mesh:
     parts = [sheet(*side, *count) for side, count in zip(sides, counts, strict=True)]
     corners = np.concatenate([*parts, *walls]).reshape(-1, 3).round(9)
     vertices, names = np.unique(corners, axis=0, return_inverse=True)
-    return vertices, names.reshape(-1, 3).astype(np.int32)
+    return Mesh(vertices, names.reshape(-1, 3).astype(np.int32))
 
 
 X, Y, Z = 0.04 * np.eye(3)
@@ -198,7 +198,7 @@ def moebius_strip() -> Mesh:
     quads = [(i, i + 1, i + 40, i + 41) if i < 39 else (39, 40, 79, 0) for i in range(40)]
     faces = [face for a, b, c, d in quads for face in ((a, b, c), (b, d, c))]
     strip = np.concatenate([0.04 * out - 0.01 * half, 0.04 * out + 0.01 * half])
-    return strip, np.array(faces, np.int32)
+    return Mesh(strip, np.array(faces, np.int32))
 
 
 FLAWS = np.random.default_rng(0).normal(size=(162, 3)) * 6e-3

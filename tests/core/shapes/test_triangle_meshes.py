@@ -1,4 +1,4 @@
-"""Triangle meshes: both ray tracers, inside and outside, thin walls under a pad, tessellations."""
+"""Triangle meshes: both ray tracers, inside and outside, thin walls, tessellations."""
 
 from collections.abc import Iterator
 from importlib.util import find_spec
