@@ -14,7 +14,7 @@ from palpate.messages import Header, encode, schema_hash
 from palpate.messages.recording import RecordingWriter
 from palpate.messages.types import Contour, PlanDone, Probe, SurfacePatch, World
 from palpate.nodes.reconstructor import NODE
-from palpate.nodes.specs.sensors import SensorSpec, info_of, pad_of_info
+from palpate.nodes.specs.sensors import SensorSpec, info_of
 from palpate.testing import example
 from tests.launch.files.samples import MESHES, ply_head
 
@@ -252,9 +252,11 @@ def probe(number, outcome="hit"):
     return example(Probe, id=number, outcome=outcome, point=point, normal=normal)
 
 
-def patch(touch, height, jet):
-    mask, face = np.ones(height.shape, bool), {"pose": IDENTITY_POSE, "jet_scale": 1e-3}
-    return example(SurfacePatch, goal=1, touch=touch, height=height, mask=mask, jet=jet, **face)
+def patch(goal, touch, points):
+    """What a touch met, of normals upwards."""
+    normals, mask = np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.ones((1, len(points)), bool)
+    about = {"mask": mask, "height": np.zeros(mask.shape), "points": points, "normals": normals}
+    return example(SurfacePatch, goal=goal, touch=touch, **about)
 
 
 def test_recording_gives_the_contours_that_the_plan_ended_with(tmp_path):
@@ -299,13 +301,12 @@ def test_probes_touch_the_ends_and_the_frame_is_scaled(tmp_path):
     assert found.scaled(1000.0).frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])
 
 
-def test_taxels_have_normals_of_the_jet_or_else_of_the_pad(tmp_path):
+def test_recording_gives_the_taxels_of_the_touches_of_its_contours(tmp_path):
+    points = np.random.default_rng(0).normal(size=(3, 5, 3))
+    patches = [patch(1, 4, points[0]), patch(2, 0, points[2]), patch(1, 7, points[1])]
     sensor = info_of(SensorSpec(), 1e-5)
-    x, _ = pad_of_info(sensor).grid()
-    jets = {0: (), 1: (0.0, 1e-4, 0.0, 0.0, 0.0, 0.0)}
-    patches = [patch(touch, 0.1 * x, np.array(jet)) for touch, jet in jets.items()]
-    found = recorded(tmp_path, contour(1), sensor, *patches)
-    of_pad, of_jet = (found.taxels.normals[found.taxels.touch == touch] for touch in jets)
-    assert len(of_pad) == x.size and np.allclose(np.abs(of_pad[:, 2]), 1.0)
-    assert np.allclose(np.abs(of_jet[:, 0] / of_jet[:, 2]), 0.1)
-    assert f"{2 * x.size} taxels of 2 touches" in found.notes
+    found = recorded(tmp_path, contour(1), contour(2, "stuck"), sensor, *patches)
+    assert found.taxels.touch.tolist() == [0] * 5 + [1] * 5
+    assert np.array_equal(found.taxels.points, points[:2].reshape(-1, 3))
+    assert np.array_equal(found.taxels.normals, np.tile([0.0, 0.0, 1.0], (10, 1)))
+    assert "10 taxels of 2 touches" in found.notes
