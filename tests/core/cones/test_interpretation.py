@@ -29,12 +29,6 @@ def adds_something(names: Sequence[str]) -> bool:
 
 
 ROWS = [row_of(names) for names in TRIPLES if adds_something(names)]
-# Places of the face beside two edges, by what the table says of it
-SHARED = {
-    "the face may be side or top": {"S", "T"},
-    "the face may be side or bottom": {"S", "B"},
-    "the lines of an edge of the top and one of the bottom never meet: the face is a side": {"S"},
-}
 APEX_OFF_ENDS = "the apex is not on the plane of an end face"
 MERIDIAN_SLOPES = "a meridian is not parallel to an end face"
 NOT_PARALLEL = "end and side planes are not parallel"
@@ -80,8 +74,6 @@ def test_each_row_stands_where_it_is_true(row):
         if number == 1:
             continue
         stand = [one for one in found if one.stands]
-        if row.table == "1.3" and row.constraint in SHARED and row.combination != "E_B E_m F_S":
-            assert {one.features[2].place for one in stand} == SHARED[row.constraint]
         if row.constraint == APEX_OFF_ENDS:  # A face through the apex is no end
             assert not any("E_m" in one.name and "F_S" not in one.name for one in stand)
             twin = named(found, row.combination.replace("F_S", "F_T", 1))
