@@ -70,6 +70,7 @@ def test_length_with_unit_is_the_length_in_metres(write):
      "bad.yaml:2: object.sphere.radius is '30mmm'; expected number: the unit 'mmm' is none of"),
     ("object:\n  sphere: {radius: '0.03'}",
      "bad.yaml:2: object.sphere.radius is '0.03'; expected number: must have a unit: m, cm, mm"),
+    (BALL + "sensor: {rows: 16mm}", "bad.yaml:3: sensor.rows is '16mm'; expected whole number"),
     ("a: [", "bad.yaml:1: is not YAML"),
     ("seed: 3", "bad.yaml:1: the document lacks the key 'object'"),
     (BALL + "sede: 3", "bad.yaml:3: unknown key 'sede'; did you mean 'seed'?"),

@@ -139,6 +139,8 @@ def stl(old, new):
     ("ply", lambda: ply(b"vertex 162", b"vertex 9999999"), "states 9999999 vertices"),
     ("ply", lambda: ply(b"face 320", b"face 2000000000"), "states 2000000000 faces"),
     ("ply", lambda: ply(b"face 320", b"face 321"), "is cut short: it has not the 321 of 'face'"),
+    ("ply", lambda: MESHES["little.ply"][:900], "is cut short"),
+    ("ply", lambda: MESHES["mixed.ply"][:-2], "is cut short"),
     ("ply", lambda: ply(b"face 320", b"face 319"), "has more in it than its header states"),
     ("ply", lambda: ply(b"face 320", b"face 321", "big.ply"), "is cut short"),
     ("ply", lambda: ply(b"float z", b"float w"), "has vertices without z"),
