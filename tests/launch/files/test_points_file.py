@@ -25,26 +25,21 @@ def ring(z, radius=3.0):
     return np.column_stack([radius * np.cos(TURN), radius * np.sin(TURN), np.full(24, z)])
 
 
-def write(folder, name, text):
-    (folder / name).write_text(text, encoding="utf-8")
-    return folder / name
-
-
 @pytest.mark.parametrize("mark", [",", ";", "\t", " "], ids=["comma", "semicolon", "tab", "blank"])
-def test_table_gives_its_contours_in_order(tmp_path, mark):
+def test_table_gives_its_contours_in_order(write, mark):
     rows = [[1, 2, 3, 7], [4, 5, 6, 7], [7, 8, 9, 2], [1, 1, 1, 7]]
     lines = [mark.join(map(str, row)) for row in [["z", "y", "X", "contour"], *rows]]
     text = "\n".join(["# a comment", *lines])
-    found = read_points(write(tmp_path, "a.csv", f"{text}  # the last\n\n"))
+    found = read_points(write("a.csv", f"{text}  # the last\n\n"))
     expected = [[[3, 2, 1], [6, 5, 4], [1, 1, 1]], [[9, 8, 7]]]
     assert [one.tolist() for one in found.contours] == expected
     assert found.places == ("contour 7 (lines 3 to 6)", "contour 2 (lines 5 to 5)")
     assert found.normals is None and found.taxels is None
 
 
-def test_normals_and_touches_are_read_among_other_columns(tmp_path):
+def test_normals_and_touches_are_read_among_other_columns(write):
     text = "x,y,z,contour,colour,nx,ny,nz,touch\n0,1,2,0,red,1,0,0,4\n3,4,5,0,blue,0,1,0,5\n"
-    found = read_points(write(tmp_path, "a.csv", text))
+    found = read_points(write("a.csv", text))
     assert found.normals is not None and found.taxels is not None
     assert found.normals[0].tolist() == [[1, 0, 0], [0, 1, 0]]
     assert found.taxels.touch.tolist() == [0, 1]
@@ -52,9 +47,9 @@ def test_normals_and_touches_are_read_among_other_columns(tmp_path):
     assert found.scaled(0.1).taxels.points.max() == pytest.approx(0.5)  # type: ignore[union-attr]
 
 
-def test_points_not_finite_are_left_out_by_line(tmp_path):
+def test_points_not_finite_are_left_out_by_line(write):
     lines = ["x,y,z,contour"] + [f"{i},nan,0,0" if i % 3 else f"{i},1,0,0" for i in range(12)]
-    found = read_points(write(tmp_path, "a.csv", "\n".join(lines)))
+    found = read_points(write("a.csv", "\n".join(lines)))
     assert len(found.contours[0]) == 4
     assert found.notes == ("left out 8 points not finite, lines 3, 4, 6, 7, 9, 10 and 2 more",)
 
@@ -74,9 +69,9 @@ def test_points_not_finite_are_left_out_by_line(tmp_path):
     ("x,y,z,contour\nnan,2,3,1\n", "a.csv: holds no points"),
     ("x,y,z\n1,2,3\n", "a.csv: holds 1 points; at least 6 are needed"),
 ])  # fmt: skip
-def test_bad_table_is_refused_with_its_line(tmp_path, text, words):
+def test_bad_table_is_refused_with_its_line(write, text, words):
     with pytest.raises(InputError, match=re.escape(words)):
-        read_points(write(tmp_path, "a.csv", text))
+        read_points(write("a.csv", text))
 
 
 def test_file_without_text_or_points_is_refused(tmp_path):
@@ -210,11 +205,11 @@ def test_cloud_without_repeated_heights_is_refused(z, tmp_path):
         read_cloud(tmp_path, np.column_stack([places, z]))
 
 
-def test_tops_are_read_from_a_table(tmp_path):
-    found = read_tops(write(tmp_path, "t.csv", "0 0 5\n0 0 -1\n"))
+def test_tops_are_read_from_a_table(write):
+    found = read_tops(write("t.csv", "0 0 5\n0 0 -1\n"))
     assert found.tolist() == [[0, 0, 5], [0, 0, -1]]
     with pytest.raises(InputError, match="holds no points that are finite"):
-        read_tops(write(tmp_path, "u.csv", "0 0 nan\n"))
+        read_tops(write("u.csv", "0 0 nan\n"))
 
 
 TOPICS = {
