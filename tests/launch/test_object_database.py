@@ -66,7 +66,7 @@ def test_learning_again_gives_what_is_stored():
 
 
 def test_own_database_is_learned_and_round_trips(write, monkeypatch):
-    monkeypatch.setattr("palpate.tools.recognition.object_database.COPIES", 5)
+    monkeypatch.setattr("palpate.tools.recognition.object_database.COPIES", 4)
     monkeypatch.setattr("palpate.tools.recognition.object_database.LEVELS", (2, 3))
     database, told = object_database.load_objects(write("mine.yaml", TWO)), []
     assert object_database.load_models(database) is None
