@@ -87,6 +87,19 @@ def test_largest_curvature_leaves_the_inner_side_some_length():
     assert found == pytest.approx(0.98 / reach)
 
 
+def test_bend_and_taper_of_next_to_nothing_leave_the_base():
+    base, rng = shapes.Superquadric(SIZE, np.array([0.4, 0.7])), np.random.default_rng(0)
+    origins, left = rng.uniform(-0.04, 0.04, (200, 3)) + [0.2, 0.0, 0.0], np.array([-1.0, 0.0, 0.0])
+    wanted = base.cast(origins, left, 1.0)
+    met = np.isfinite(wanted)
+    assert met.sum() > 50
+    for curvature in (0.0, 1e-300, -1e-300, 1e-201, 1e-150, 1e-16, -1e-16, 1e-12):
+        solid = deformed((0.4, 0.7), (0.0, 0.0), shapes.Bend(curvature, 2.0))
+        found = solid.cast(origins, left, 1.0)
+        assert np.array_equal(np.isfinite(found), met)
+        assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("azimuth", [0.0, 0.7, math.pi / 2, 4.0])
 def test_enclosure_is_near_the_bounds_and_bends_keep_the_volume(azimuth):
     volumes = []
