@@ -67,11 +67,7 @@ def test_shipped_launch_file_takes_everything_from_the_scene(write):
 
 
 def test_argument_within_the_scene_changes_one_of_its_values():
-    args = {
-        "scene.sensor.pitch": SourceMapped(1.2e-3, "typed"),
-        "scene": SourceMapped("sphere", ""),
-    }
-    found = describe(EXPLORE, args, Path("out"))
+    found = described(EXPLORE, scene="sphere", **{"scene.sensor.pitch": 1.2e-3})
     (simulator,) = (one for one in found.graph.entries if one.name == "simulator")
     assert simulator.params["sensor"]["pitch"] == 1.2e-3
     assert found.scene is not None and "pitch: 0.0012" in found.scene.text

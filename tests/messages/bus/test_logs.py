@@ -126,22 +126,6 @@ def test_promised_frame_is_made_once_and_only_if_asked_for(tmp_path: Path):
     past.close()
 
 
-@pytest.mark.parametrize("memory", [250, 1 << 20])
-def test_persistent_log_goes_on_with_new_epoch(tmp_path: Path, memory: int):
-    past = log(tmp_path, memory=memory, persistent=True)
-    for seq in range(5):
-        past.add("/talk", frame(seq))
-        past.add("/mute", frame(seq, topic="/mute"))
-    past.close()
-    again = log(tmp_path, epoch=3, persistent=True)
-    assert again.counts == {"/talk": 5, "/more": 0, "/mute": 5} and again.latest_ns == 4
-    headers = [split_frame(one)[1] for one in again.since("/talk", 0)]
-    assert [(one.seq, one.epoch) for one in headers] == [(seq, 3) for seq in range(5)]
-    again.add("/talk", frame(5))
-    assert again.counts["/talk"] == 6 and bodies(again) == list(range(6))
-    again.close()
-
-
 def test_log_cut_anywhere_keeps_whole_records_and_goes_on(tmp_path: Path):
     past, path = log(tmp_path, persistent=True), tmp_path / "past"
     ends = []
