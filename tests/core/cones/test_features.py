@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.core import cones, poses, touch
+from palpate.core import cones
 from palpate.core.arrays import Floats
 from palpate.core.cones import Feature, feature_of_contact
-from palpate.core.shapes import GeneralisedCylinder, SuperellipseSection
 
 PITCH, ACROSS = 1e-3, 15  # 15 by 15 taxels
 DEPTH = 2.5e-3  # Of the press [m]
@@ -145,34 +144,6 @@ def test_noise_does_not_make_features():
         x, _, z = edge.point
         errors.append([math.hypot(x, z), math.hypot(edge.direction[0], edge.direction[2])])
     assert (np.median(errors, axis=0) < [1.5e-5, np.radians(0.08)]).all()
-
-
-RADIUS, APEX = 0.03, 0.1  # Of the pressed cones [m]
-SLOPE, QUARTER = math.atan(RADIUS / APEX), 0.25 * math.pi
-
-
-def press(
-    pad: touch.Pad, exponent: float, height: float, azimuth: float, share=1.0, tilt=SLOPE
-) -> Feature:
-    """What a pad reads where it presses a cone's side; `share`: of the round cone's radius."""
-    section = SuperellipseSection(np.full(2, RADIUS), exponent)
-    cone = GeneralisedCylinder(section, np.array([0.0, 0.06]), np.array([1.0, 0.4]))
-    radius, axes = share * RADIUS * (1.0 - height / APEX), poses.pad_rotation(azimuth, tilt)
-    place = np.array([radius * math.cos(azimuth), radius * math.sin(azimuth), height])
-    end = touch.guarded_move(cone, pad, poses.Pose(place - 0.02 * axes[:, 2], axes), 0.03, 2e-3)
-    touched = end.compression > 0.05e-3
-    surface = pad.surface(end.compression, touched)
-    patch = touch.fit_patch(pad, surface, touched, np.array([0.0, 1.0, 0.0]), 0.0)
-    rows, cols = np.nonzero(touched)
-    across, up = (cols - (pad.cols - 1) / 2) * pad.pitch, (rows - (pad.rows - 1) / 2) * pad.pitch
-    return feature_of_contact(
-        patch.kind,
-        end.pose.to_outer(np.column_stack([across, up, surface[touched]])),
-        axes @ patch.normal,
-        principal=patch.principal,
-        principal_error=patch.principal_error,
-        principal_direction=axes @ patch.principal_direction,
-    ).feature
 
 
 def feature(**changes: object) -> Feature:
