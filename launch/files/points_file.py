@@ -482,7 +482,7 @@ def _touches(
         return {}
     found: dict[int, list[ContactPoints]] = {}
     for patch in sorted(recorded[SurfacePatch], key=lambda patch: (patch.goal, patch.touch)):
-        if patch.goal in goals and patch.mask.any():
+        if patch.goal in goals and len(patch.points):
             points = ContactPoints.of_touch(patch.points, patch.normals)
             found.setdefault(patch.goal, []).append(points)
     return found
