@@ -115,7 +115,7 @@ PARTS = (
     Part(
         "ends",
         {
-            f"{_NODES}.planning.phases:next_probe": _always(None),
+            "palpate.core.explore.probing:next_probe": _always(None),
             f"{_NODES}.rebuilding.fitting:touched_ends": _always(None),
             f"{_REBUILD}.closed_sides:touched_end": _always(None),
         },

@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.messages.types import Superquadric
 from palpate.nodes import planner
-from palpate.nodes.planning.phases import fitted_superquadric
+from palpate.nodes.planning.knowledge import fitted_superquadric
 
 ELLIPSOID_POWER = 1.6075  # Of Thomsen's formula for the area, within 1.1 %
 COARSE_LEVEL = 4  # Of the icosphere by which the coarse model's area is measured

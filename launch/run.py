@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import to_builtins
 
 from palpate.core.archive import arrays_from_bytes
-from palpate.core.explore import APART
+from palpate.core.explore import FINGER_SPACING, GraspSettings
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.core.geometry import areas_and_normals
 from palpate.core.robot_time import ROBOT_PRESETS
@@ -53,7 +53,6 @@ from palpate.launch.run_directory import (
 from palpate.launch.summary_text import details_text, headline_text, run_lines
 from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, simulator
-from palpate.nodes.planning.budget import shortest_grasp
 from palpate.nodes.runtime.composed import Ending
 from palpate.nodes.runtime.node import RECORDER, Wiring, with_description
 from palpate.nodes.specs.objects import EXTENT_LEVEL, build_shape
@@ -213,7 +212,7 @@ def _check_budget(asked: planner.Params, place: Entry, hand: simulator.Params) -
     """Refuse a robot time in which the hand cannot even close twice."""
     if asked.most_seconds is None:
         return
-    least = shortest_grasp(ROBOT_PRESETS[hand.robot], hand.reach_of_finger)
+    least = GraspSettings().least_seconds(ROBOT_PRESETS[hand.robot], hand.reach_of_finger)
     if asked.most_seconds < least:
         raise place.settings.error(
             ("most_seconds",),
@@ -254,7 +253,7 @@ def _check_room(asked: planner.Params, place: Entry, hand: simulator.Params, fin
             "to do: ask for more slices or take fewer fingers",
         )
     low, high = build_shape(hand.object).bounds()
-    apart = APART * hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
+    apart = FINGER_SPACING * hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
     room = int((high[2] - low[2]) / apart) + 1
     if fingers > room:
         raise place.error(

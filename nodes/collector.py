@@ -17,7 +17,6 @@ from palpate.core.arrays import Floats
 from palpate.core.explore import FEATURE_SHARE
 from palpate.core.explore.planners import Findings, Limits
 from palpate.core.touch import HITS
-from palpate.messages import derive
 from palpate.messages.types import (
     ModelGoal,
     PlanDone,
@@ -131,8 +130,17 @@ def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[Stat
 
 def _probe(goal: int, entry: tuple[int, int, SurfacePatch]) -> tuple[str, Probe]:
     count, _, last = entry
-    told = {"outcome": last.outcome, "point": last.pose[:3], "normal": last.normal}
-    return "/probe/traced", derive(Probe, last, id=goal, touches=count, **told)
+    probe = Probe(
+        id=goal,
+        finger=last.finger,
+        outcome=last.outcome,
+        point=last.pose[:3],
+        normal=last.normal,
+        touches=count,
+        fault=last.fault,
+        robot_time=last.robot_time,
+    )
+    return "/probe/traced", probe
 
 
 def _world(params: Params, state: State) -> World:

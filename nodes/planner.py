@@ -1,85 +1,28 @@
-"""Planner node: grasps the object, fixes the slicing frame, hands out slices and probes.
+"""Planner node: what it receives becomes an `Exploration`, and goals become messages.
 
-What is decided, and why, stands in `palpate.core.explore`; here it is turned into goals.
+What is decided, and why, stands in `palpate.core.explore`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core import explore
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners import (
-    Choice,
-    Estimate,
-    Findings,
-    Height,
-    Observation,
-    ObservedSurface,
-    Planner,
-    Stop,
-    Touch,
-    Wait,
-    WrongChoiceError,
-    check_choice,
-    estimate_error,
-    make_planner,
-    settled_height,
-    untraceable_height,
-)
-from palpate.core.touch import FAULTS
-from palpate.messages import derive
-from palpate.messages.types import (
-    Contour,
-    ContourGoal,
-    FingerClock,
-    GraspContacts,
-    GraspGoal,
-    ModelGoal,
-    ParameterEvent,
-    PlanDone,
-    PlanEstimate,
-    Probe,
-    ProbeGoal,
-    SensorInfo,
-    ShapeModel,
-    Superquadric,
-    World,
-)
-from palpate.nodes.planning.budget import allowance, fits_contour
-from palpate.nodes.planning.knowledge import observed_surface, plan_done
-from palpate.nodes.planning.phases import (
-    State,
-    Task,
-    contour_goal,
-    contour_limit,
-    grasp_goal,
-    model_goal,
-    next_touch,
-    probe_goal,
-    traced_of,
-    with_coarse,
-    with_contacts,
-    with_probe,
-    with_single,
-)
+from palpate.core.explore import planners
+from palpate.core.poses import Pose
+from palpate.core.robot_time import RobotPreset
+from palpate.messages import types
+from palpate.nodes.planning.knowledge import fitted_superquadric, observed_surface, plan_done
 from palpate.nodes.runtime.node import Deferred, Node, NotReadyError, Outputs
-from palpate.nodes.specs.sensors import pad_of_info, resolution_of_info
-
-if TYPE_CHECKING:
-    from palpate.core.explore import Demand
-    from palpate.nodes.planning.budget import Allowance
+from palpate.nodes.specs.sensors import CONTACT_ERROR, pad_of_info, resolution_of_info
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
-
-
-MAX_FAULTS = 3  # Single touches in succession that no sensor that works can have felt
-MOST_GOALS = 4000  # A message lists no more than `messages.fields.MAX_ITEMS` of their results
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -108,9 +51,9 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError(error.args[0]) from None
 
     @property
-    def rule(self) -> Planner:
+    def rule(self) -> planners.Planner:
         """The rule that chooses slices."""
-        made: Planner = make_planner(self.planner, self.settings)
+        made: planners.Planner = planners.make_planner(self.planner, self.settings)
         return made
 
     @property
@@ -127,7 +70,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return np.asarray(axis / np.linalg.norm(axis))
 
     @property
-    def demand(self) -> Demand:
+    def demand(self) -> explore.Demand:
         """What is asked of the exploration."""
         return explore.Demand(
             tolerance=self.tolerance,
@@ -137,13 +80,53 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         )
 
 
-def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
-    """Remember the finger's width and what it tells; ValueError if the tolerance is below that."""
-    resolution = resolution_of_info(info)
-    _check_tolerance(state.demand.tolerance, resolution)
-    width = info.pitch * max(info.rows, info.cols)
-    pad = pad_of_info(info)
-    return replace(state, pad_width=width, resolution=resolution, pad=pad), []
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """What the planner has received."""
+
+    demand: explore.Demand  # as of the last model
+    rule: planners.Planner
+    world: types.World | None = None
+    info: types.SensorInfo | None = None
+    known: explore.Exploration | None = None  # once both are known
+
+    @property
+    def explored(self) -> explore.Exploration:
+        """What is known since the exploration began."""
+        assert self.known is not None
+        return self.known
+
+
+def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
+    """Remember the sensor; ValueError if the tolerance is below what it tells."""
+    _check_tolerance(state.demand.tolerance, resolution_of_info(info))
+    return _begun(params, replace(state, info=info))
+
+
+def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
+    """Remember where the object stands."""
+    return _begun(params, replace(state, world=world))
+
+
+def _begun(params: Params, state: State) -> tuple[State, Outputs]:
+    """Close the hand for the first time, as soon as the world and the sensor are known."""
+    world, info = state.world, state.info
+    if world is None or info is None:
+        return state, []
+    setup = explore.Setup(
+        platform=world.platform,
+        reach=world.reach,
+        robot=RobotPreset.of_array(world.robot) if len(world.robot) else None,
+        pad_width=info.pitch * max(info.rows, info.cols),
+        resolution=resolution_of_info(info),
+        contact_error=CONTACT_ERROR,
+    )
+    known = explore.Exploration(
+        setup=setup,
+        fingers=dict.fromkeys(range(1, world.fingers + 1), explore.Finger()),
+        model=explore.ModelStatus(general=params.makes_single_touches),
+    )
+    return _act(state, known)
 
 
 def _check_tolerance(tolerance: float, resolution: float) -> None:
@@ -156,61 +139,81 @@ def _check_tolerance(tolerance: float, resolution: float) -> None:
 
 def check_demand(params: Params, state: State) -> None:
     """Refuse, by a ValueError, a demand that cannot be met any more."""
-    if not state.resolution:
+    known = state.known
+    if known is None:
         raise NotReadyError("the planner does not know its sensor yet")
-    _check_tolerance(params.tolerance, state.resolution)
+    _check_tolerance(params.tolerance, known.setup.resolution)
     demand = params.demand
-    if demand.most_touches < state.touches:
+    if demand.most_touches < known.touches:
         raise ValueError(
-            f"most_touches is {params.most_touches}; {state.touches} touches are made already"
+            f"most_touches is {params.most_touches}; {known.touches} touches are made already"
         )
-    if demand.most_seconds < state.clock:
+    if demand.most_seconds < known.seconds:
         raise ValueError(
-            f"most_seconds is {params.most_seconds:g} s; {state.clock:.1f} s have passed already"
+            f"most_seconds is {params.most_seconds:g} s; {known.seconds:.1f} s have passed already"
         )
 
 
-def know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
-    """Begin: close the hand for the first time."""
-    alone = params.makes_single_touches
-    return _grasp_on(params, replace(state, world=world, general=alone))
+def take_contacts(
+    params: Params, state: State, contacts: types.GraspContacts
+) -> tuple[State, Outputs]:
+    """Remember what the hand met."""
+    points, normals = contacts.points, contacts.normals
+    return _act(state, explore.with_contacts(state.explored, points, normals, contacts.robot_time))
 
 
-def take_contacts(params: Params, state: State, contacts: GraspContacts) -> tuple[State, Outputs]:
-    """Close the hand again, or ask for the coarse model."""
-    return _grasp_on(params, with_contacts(state, contacts))
+def take_coarse(params: Params, state: State, coarse: types.Superquadric) -> tuple[State, Outputs]:
+    """Fix the slicing frame."""
+    fit = fitted_superquadric(coarse)
+    return _act(state, explore.with_coarse(state.explored, fit, params.direction))
 
 
-def _grasp_on(params: Params, state: State) -> tuple[State, Outputs]:
-    """The next closing; or, after the last one, the coarse model, or the end."""
-    goal = grasp_goal(state.demand, state)
-    if goal is not None:
-        return replace(state, closing=goal), [("/hand/goal", goal)]
-    if not len(state.grasped.points):
-        within = "reach" if math.isinf(state.demand.most_seconds) else "reach and robot time"
-        return done(state.demand, state, f"the hand closed on nothing within {within}")
-    state = replace(state, models=state.models + 1)
-    return state, [("/model/goal", model_goal(state))]
-
-
-def take_coarse(params: Params, state: State, coarse: Superquadric) -> tuple[State, Outputs]:
-    """Fix the slicing frame and begin with the slices."""
-    return decide(state.demand, params.rule, with_coarse(state, coarse, params.direction))
-
-
-def take_clock(params: Params, state: State, clock: FingerClock) -> tuple[State, Outputs]:
+def take_clock(params: Params, state: State, clock: types.FingerClock) -> tuple[State, Outputs]:
     """Remember how far a finger has come: an earlier result may be free to be taken up."""
-    clocks = {**state.clocks, clock.finger: clock.robot_time}
-    return take_up(state.demand, params.rule, replace(state, clocks=clocks))
+    known = state.explored
+    finger = known.fingers[clock.finger]._replace(clock=clock.robot_time)
+    return _take_up(state, known.with_finger(clock.finger, finger))
 
 
-def take_result(params: Params, state: State, result: Contour | Probe) -> tuple[State, Outputs]:
-    """Take up what a finger has finished, when its turn has come."""
-    pending = {**state.pending, result.finger: result}
-    return take_up(state.demand, params.rule, replace(state, pending=pending))
+def take_result(
+    params: Params, state: State, message: types.Contour | types.Probe
+) -> tuple[State, Outputs]:
+    """Remember what a finger has finished, until its turn comes."""
+    known = state.explored
+    finger = known.fingers[message.finger]
+    assert finger.task is not None
+    result = explore.Result(
+        robot_time=message.robot_time,
+        touches=message.touches,
+        fault=message.fault,
+        found=_traced(message, finger.task)
+        if isinstance(message, types.Contour)
+        else explore.TouchFound(message.outcome, message.point, message.normal),
+    )
+    return _take_up(state, known.with_finger(message.finger, finger._replace(result=result)))
 
 
-def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
+def _traced(contour: types.Contour, task: explore.Task) -> explore.TracedContour:
+    """A contour in the slicing frame."""
+    frame = Pose.from_array(contour.frame)
+    gaps = contour.gap_ends - contour.gap_starts
+    return explore.TracedContour(
+        height=contour.height,
+        status=contour.status,
+        points=frame.to_local(contour.points),
+        normals=contour.normals @ frame.axes,
+        across=contour.curvature,
+        contact_low=contour.contact_low,
+        contact_high=contour.contact_high,
+        missing=float(np.linalg.norm(gaps, axis=1).sum()),
+        touches=contour.touches,
+        seconds=max(contour.robot_time - task.start, 0.0),
+        number=contour.id,
+        max_touches=task.work.max_touches if isinstance(task.work, explore.TraceSlice) else 0,
+    )
+
+
+def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[State, Outputs]:
     """Decide what comes next, now that the model with the last result is known.
 
     Until the next model, what is asked is what was asked last when this one came.
@@ -218,56 +221,23 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     if model.final:
         return state, []
     state = replace(state, demand=params.demand)
-    assert state.survey is not None
-    dropped = set(model.dropped)
-    pairs = zip(state.contours, state.survey.traced, strict=True)
-    survey = replace(
-        state.survey,
-        traced=tuple(
-            one if one.dropped == (number in dropped) else replace(one, dropped=number in dropped)
-            for number, one in pairs
-        ),
+    known = explore.with_model(
+        state.explored,
+        dropped=frozenset(model.dropped),
         uncertainty=_uncertainty(model) if len(model.faces) else None,
-    )
-    state = replace(
-        state,
-        survey=survey,
-        asked=False,
-        surface=_surface(params, state, model),
+        surface=_surface(state, model),
         general=model.method == "general",
-        aimed=(),
     )
-    observation = _observation(state.demand, state)
-    state, outputs = decide(state.demand, params.rule, state)
+    observation = known.observation(state.demand)
+    state, outputs = _act(state, known)
     # Nobody waits for what is said of it.
-    told = Deferred(PlanEstimate, lambda step: _estimate(model, estimate_error(observation)))
-    return state, [*outputs, ("/plan/estimate", told)]
-
-
-def _surface(params: Params, state: State, model: ShapeModel) -> ObservedSurface | None:
-    """The model as planners of single touches are told of it; None if nothing tells of errors."""
-    assert state.world is not None and state.pad is not None
-    earlier = state.surface.progress if state.surface is not None and state.general else ()
-    refused = np.reshape(state.refused, (-1, 3))
-    distance = params.demand.limits.unknown_distance
-    return observed_surface(model, state.pad, state.world, distance, refused, earlier)
-
-
-def _estimate(model: ShapeModel | PlanDone, estimate: Estimate) -> PlanEstimate:
-    halving = estimate.halving
-    return derive(
-        PlanEstimate,
-        model,
-        estimate,
-        contours=len(model.contours),
-        halving_touches=halving and halving.touches,
-        halving_seconds=halving and halving.seconds,
-        open_share=estimate.open_area and estimate.open_area.share,
-        open_width=estimate.open_area and estimate.open_area.width,
+    estimate = Deferred(
+        types.PlanEstimate, lambda step: _estimate(model, planners.estimate_error(observation))
     )
+    return state, [*outputs, ("/plan/estimate", estimate)]
 
 
-def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
+def _uncertainty(model: types.ShapeModel) -> explore.ModelUncertainty:
     return explore.ModelUncertainty(
         heights=model.uncertainty_height,
         deviations=model.uncertainty,
@@ -278,237 +248,167 @@ def _uncertainty(model: ShapeModel) -> explore.ModelUncertainty:
     )
 
 
-def take_up(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
-    """Take up the result whose turn it is, and go on; wait while it is nobody's."""
-    if state.asked:
-        return state, []
-    times = {finger: result.robot_time for finger, result in state.pending.items()}
-    finger = explore.next_finished(times, state.tasks.keys(), state.clocks)
+def _surface(state: State, model: types.ShapeModel) -> planners.ObservedSurface | None:
+    """The model as planners of single touches are told of it; None if nothing tells of errors."""
+    assert state.world is not None and state.info is not None
+    known, before = state.explored, state.explored.model
+    earlier = before.surface.progress if before.surface is not None and before.general else ()
+    distance = state.demand.limits.unknown_distance
+    pad = pad_of_info(state.info)
+    return observed_surface(model, pad, state.world, distance, known.refused, earlier)
+
+
+def _take_up(state: State, known: explore.Exploration) -> tuple[State, Outputs]:
+    """Take up the result whose turn it is, and act on it; wait while it is nobody's."""
+    finger = known.next_finger
     if finger is None:
-        return state, []
-    result, task = state.pending[finger], state.tasks[finger]
-    faults = 0 if result.fault == "none" else state.faults + 1
-    state = replace(
-        state,
-        pending={other: one for other, one in state.pending.items() if other != finger},
-        tasks={other: one for other, one in state.tasks.items() if other != finger},
-        clocks={**state.clocks, finger: result.robot_time},
-        touches=state.touches + result.touches,
-        clock=max(state.clock, result.robot_time),
-        cut=state.cut or not result.touches,
-        faults=faults,
-        broken=_broken(state, result, faults),
-    )
-    if not result.touches:
-        return decide(demand, rule, state)
-    if task.touch is not None:
-        assert isinstance(result, Probe)
-        return decide(demand, rule, with_single(state, task, result))
-    if isinstance(result, Probe):
-        return decide(demand, rule, with_probe(state, task, result))
-    assert state.survey is not None
-    traced = explore.widened(traced_of(result, task.begun), demand.feature)
-    survey = state.survey.with_slice(traced)
-    state = replace(state, survey=survey, contours=(*state.contours, result.id))
-    if not traced.usable:
-        cut = result.status == "budget" and result.touches < task.limit
-        failed = state.failed or not cut
-        state = replace(state, arcs=(*state.arcs, result.id), failed=failed)
-    return decide(demand, rule, state)
+        return replace(state, known=known), []
+    return _act(state, explore.with_result(known, finger, state.demand.feature))
 
 
-def _broken(state: State, result: Contour | Probe, faults: int) -> str:
-    """Why a sensor is not to be used any more, if it is so."""
-    gives_up = isinstance(result, Contour) or faults >= MAX_FAULTS
-    if state.broken or result.fault == "none" or not gives_up:
-        return state.broken
-    return f"the sensor of finger {result.finger} failed: {FAULTS[result.fault]}"
-
-
-def decide(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
-    """Give every idle finger something to do; end when there is nothing left."""
-    assert state.world is not None
+def _act(state: State, known: explore.Exploration) -> tuple[State, Outputs]:
+    """Send the goals that follow from what is known, and from each result that waited for them."""
     outputs: Outputs = []
-    for finger in range(1, state.world.fingers + 1):
-        if finger in state.tasks or state.broken:
-            continue
-        state, given = _assign(demand, rule, state, finger)
-        outputs += given
-    if not state.tasks and not state.asked:
-        if state.broken:
-            return done(demand, state, state.broken, _observation(demand, state))
-        return _finish(demand, rule, state)
-    # A result may have waited for this decision.
-    state, more = take_up(demand, rule, state)
-    return state, outputs + more
+    while True:
+        for goal in explore.goals(known, state.demand, state.rule):
+            known = known.after(goal)
+            outputs += _messages(goal, known, state.demand)
+        finger = known.next_finger
+        if finger is None:
+            return replace(state, known=known), outputs
+        known = explore.with_result(known, finger, state.demand.feature)
 
 
-def _assign(demand: Demand, rule: Planner, state: State, finger: int) -> tuple[State, Outputs]:
-    """Something to do for an idle finger, if there is anything; or a model, to decide by.
-
-    While a model is in the making, that is a slice in which no model has a say.
-    """
-    allowed = allowance(demand, state)
-    touch = None
-    if state.again is not None and allowed and not state.cut and not state.asked:
-        return _touched(state, finger, state.again, allowed)
-    if allowed and not state.cut and not state.general and not state.asked:
-        last = bool(state.usable) and not fits_contour(demand, state)
-        touch = next_touch(state, demand.tolerance, last=last)
-    if touch is None:
-        if state.is_searching:
-            return state, []
-        asked: Outputs = []
-        if state.is_stale and not state.asked:  # ask for a model of all that there is
-            state, asked = _ask(state)
-        observation = _observation(demand, state, finger)
-        choice = _answer(rule, state, observation)
-        if isinstance(choice, Stop) and state.is_beyond_model and not observation.budget.spent:
-            return _ask(state)
-        if isinstance(choice, Touch) and allowed:
-            task = Task(state.goals, state.clock, _height(state, choice), allowed, touch=choice)
-            return _touched(state, finger, task, allowed)
-        if isinstance(choice, Height) and allowed:
-            limit = contour_limit(state)
-            task = Task(state.goals, state.clock, choice.height, allowed, limit=limit)
-            goal = contour_goal(state, finger, choice, demand.feature, task)
-            return _with_task(state, finger, task), [*asked, ("/contour/goal", goal)]
-        if state.asked:
-            return state, asked
-        stops = isinstance(choice, Stop) and not state.tasks and not observation.budget.spent
-        if stops and not state.general:  # whose ends are surface: the planner knows of them
-            touch = next_touch(state, demand.tolerance, last=True)
-    if touch is None or allowed is None:
-        return state, []
-    allowed = allowed._replace(most_touches=1)
-    task = Task(state.goals, state.clock, touch.height, allowed, (touch.end, touch.probing))
-    probe = probe_goal(state, finger, touch.probing, allowed)
-    return _with_task(state, finger, task), [("/probe/goal", probe)]
+def _messages(goal: explore.Goal, known: explore.Exploration, demand: explore.Demand) -> Outputs:
+    """Topics and messages of a goal that was given out."""
+    match goal:
+        case explore.CloseHand():
+            return [("/hand/goal", _grasp_goal(goal, known))]
+        case explore.MakeModel():
+            return [("/model/goal", _model_goal(known))]
+        case explore.Done():
+            return _last_words(goal.reason, known, demand)
+        case explore.Task(work=explore.TraceSlice() as work):
+            return [("/contour/goal", _contour_goal(goal, work, known.surveyed.frame.pose))]
+        case explore.Task(work=explore.TouchEnd() as work):
+            pose = known.surveyed.frame.pose @ work.command.pose
+            return [("/probe/goal", _probe_goal(goal, pose, work.command.reach))]
+        case explore.Task(work=explore.SingleTouch() as work):
+            return [("/probe/goal", _probe_goal(goal, work.touch.pose, work.touch.reach))]
+    raise TypeError(f"{goal!r:.60} is no goal")
 
 
-def _ask(state: State) -> tuple[State, Outputs]:
-    state = replace(
-        state,
-        models=state.models + 1,
-        modelled=state.evidence,
-        modelled_touches=state.touches,
-        asked=True,
-    )
-    return state, [("/model/goal", model_goal(state))]
-
-
-def _answer(rule: Planner, state: State, observation: Observation) -> Choice:
-    """What the rule answers; what nobody can act on ends the exploration with what there is.
-
-    While a model is in the making, it is asked only for what no model has a say in.
-    """
-    if state.goals >= MOST_GOALS:
-        return Stop("a model can list no more contours and single touches")
-    settled = settled_height(rule, observation)
-    if settled is not None:
-        return settled
-    if state.asked:
-        return Wait("a model is in the making")
-    try:
-        return check_choice(rule, observation)
-    except WrongChoiceError as error:
-        return Stop(str(error))
-
-
-def _height(state: State, touch: Touch) -> float:
-    """Of a touch's target, in the slicing frame, m."""
-    assert state.frame is not None
-    return float(state.frame.pose.to_local(touch.target)[2])
-
-
-def _touched(state: State, finger: int, task: Task, allowed: Allowance) -> tuple[State, Outputs]:
-    """A single touch is asked for."""
-    assert task.touch is not None
-    touch = task.touch
-    allowed = allowed._replace(most_touches=1)
-    task = task._replace(goal=state.goals, begun=state.clock, allowed=allowed)
-    goal = probe_goal(state, finger, touch, allowed)
-    return _with_task(replace(state, again=None), finger, task), [("/probe/goal", goal)]
-
-
-def _with_task(state: State, finger: int, task: Task) -> State:
-    return replace(state, tasks={**state.tasks, finger: task}, goals=state.goals + 1)
-
-
-def _finish(demand: Demand, rule: Planner, state: State) -> tuple[State, Outputs]:
-    """The end, with what the rule says of it."""
-    observation = _observation(demand, state)
-    stop = _answer(rule, state, observation)
-    if not isinstance(stop, Stop):
-        raise ValueError(f"nothing is under way, and the planner neither stops nor goes on: {stop}")
-    return done(demand, state, stop.reason + _shape(state), observation)
-
-
-def _observation(demand: Demand, state: State, finger: int = 1) -> Observation:
-    assert state.survey is not None
-    return state.survey.observation(
-        demand,
-        touches=state.touches,
-        seconds=state.clock,
-        busy_heights=tuple(task.height for task in state.tasks.values()),
-        cut=state.cut,
-        surface=state.surface,
-        general=state.general,
-        tried=state.aimed,
-        resting=state.resting.get(finger),
+def _grasp_goal(goal: explore.CloseHand, known: explore.Exploration) -> types.GraspGoal:
+    return types.GraspGoal(
+        number=known.hand.closings,
+        pose=goal.pose.array,
+        fingers=goal.hand.fingers,
+        opening=goal.hand.opening,
+        reach=goal.hand.reach,
+        advanced=np.array(goal.hand.advanced),
+        not_before=known.seconds,
     )
 
 
-def done(
-    demand: Demand, state: State, reason: str, observation: Observation | None = None
-) -> tuple[State, Outputs]:
-    """Say that it is over, and how good the solid is."""
-    state = replace(state, models=state.models + 1)
-    goal = model_goal(state)
-    if observation is None:
-        return state, [("/plan/done", plan_done(goal, reason, Findings(), demand.limits))]
-    estimate = estimate_error(observation)
-    found = estimate.findings
-    if not state.general:  # single touches of a general solid have no heights
-        found = replace(found, untraced_height=untraceable_height(observation))
-    over = plan_done(goal, reason, found, observation.limits, estimate.open_area)
-    return state, [("/plan/estimate", _estimate(over, estimate)), ("/plan/done", over)]
+def _contour_goal(task: explore.Task, work: explore.TraceSlice, frame: Pose) -> types.ContourGoal:
+    return types.ContourGoal(
+        id=task.number,
+        finger=task.finger,
+        frame=frame.array,
+        height=task.height,
+        centre=work.centre,
+        radius=work.radius,
+        gap=work.gap,
+        not_before=task.start,
+        most_touches=int(min(work.max_touches, task.max_touches)),
+        not_after=None if math.isinf(task.not_after) else task.not_after,
+        reason=work.reason,
+    )
 
 
-def _shape(state: State) -> str:
-    """What is to be said of slices that are not star-shaped."""
-    assert state.survey is not None
-    known = state.survey.uncertainty
-    if not state.usable or (known is not None and known.starlike):
-        return ""
-    if known is None:
-        return "; no solid could be rebuilt from its slices"
-    return "; its slices are not star-shaped: it is rebuilt from contours alone"
+def _probe_goal(task: explore.Task, pose: Pose, reach: float) -> types.ProbeGoal:
+    return types.ProbeGoal(
+        id=task.number,
+        finger=task.finger,
+        pose=pose.array,
+        reach=reach,
+        not_before=task.start,
+        not_after=None if math.isinf(task.not_after) else task.not_after,
+    )
+
+
+def _model_goal(known: explore.Exploration) -> types.ModelGoal:
+    """A model of all that there is."""
+    survey = known.survey
+    return types.ModelGoal(
+        number=known.model.number,
+        contours=() if survey is None else survey.contours,
+        probes=known.probes,
+        arcs=() if survey is None else survey.arcs,
+        failed=survey is not None and survey.failed,
+        missed=tuple(one.number for one in known.singles if one.outcome == "miss"),
+        general=known.model.general,
+        closings=known.hand.closings,
+        touches=known.touches,
+        robot_time=known.seconds,
+    )
+
+
+def _last_words(reason: str, known: explore.Exploration, demand: explore.Demand) -> Outputs:
+    """That it is over, and how good the solid is."""
+    goal = _model_goal(known)
+    if known.survey is None:
+        return [("/plan/done", plan_done(goal, reason, planners.Findings(), demand.limits))]
+    observation = known.observation(demand)
+    estimate = planners.estimate_error(observation)
+    findings = estimate.findings
+    if not known.model.general:  # single touches of a general solid have no heights
+        findings = replace(findings, untraced_height=planners.untraceable_height(observation))
+    done = plan_done(goal, reason, findings, observation.limits, estimate.open_area)
+    return [("/plan/estimate", _estimate(done, estimate)), ("/plan/done", done)]
+
+
+def _estimate(
+    model: types.ShapeModel | types.PlanDone, estimate: planners.Estimate
+) -> types.PlanEstimate:
+    halving, open_area = estimate.halving, estimate.open_area
+    return types.PlanEstimate(
+        number=model.number,
+        contours=len(model.contours),
+        touches=model.touches,
+        robot_time=model.robot_time,
+        rms_bound_95=estimate.rms_bound_95,
+        largest_untouched=estimate.largest_untouched,
+        halving_touches=halving and halving.touches,
+        halving_seconds=halving and halving.seconds,
+        open_share=open_area and open_area.share,
+        open_width=open_area and open_area.width,
+    )
 
 
 NODE = Node(
     params=Params,
-    start=lambda params: (State(params.demand), []),
+    start=lambda params: (State(params.demand, params.rule), []),
     handler_timeout=20.0,
     step="planning",
     inputs={
-        "/world": (World, know_world),
-        "/touch/info": (SensorInfo, know_sensor),
-        "/hand/contacts": (GraspContacts, take_contacts),
-        "/model/coarse": (Superquadric, take_coarse),
-        "/finger/clock": (FingerClock, take_clock),
-        "/contour/traced": (Contour, take_result),
-        "/probe/traced": (Probe, take_result),
-        "/model/shape": (ShapeModel, take_model),
+        "/world": (types.World, know_world),
+        "/touch/info": (types.SensorInfo, know_sensor),
+        "/hand/contacts": (types.GraspContacts, take_contacts),
+        "/model/coarse": (types.Superquadric, take_coarse),
+        "/finger/clock": (types.FingerClock, take_clock),
+        "/contour/traced": (types.Contour, take_result),
+        "/probe/traced": (types.Probe, take_result),
+        "/model/shape": (types.ShapeModel, take_model),
     },
     outputs={
-        "/hand/goal": GraspGoal,
-        "/contour/goal": ContourGoal,
-        "/probe/goal": ProbeGoal,
-        "/model/goal": ModelGoal,
-        "/plan/estimate": PlanEstimate,
-        "/plan/done": PlanDone,
-        "/planner/parameter_events": ParameterEvent,
+        "/hand/goal": types.GraspGoal,
+        "/contour/goal": types.ContourGoal,
+        "/probe/goal": types.ProbeGoal,
+        "/model/goal": types.ModelGoal,
+        "/plan/estimate": types.PlanEstimate,
+        "/plan/done": types.PlanDone,
+        "/planner/parameter_events": types.ParameterEvent,
     },
     settable=dict.fromkeys(("tolerance", "most_touches", "most_seconds"), "/model/shape"),
     check_set=check_demand,

@@ -1,10 +1,33 @@
 """Where to touch next.
 
-What an exploration has found so far, as one value, from which planners are told. The rooms below
-grasp an object, trace its slices, plan them and probe its ends; all are pure functions of values,
-so that a recorded run can be explored again. It rests on core touch, shapes and geometry.
+An `Exploration` is all that is known so far, as one value; `goals` says what follows from it. The
+rooms below grasp an object, trace its slices, plan them and probe its ends; all are pure functions
+of values, so that a recorded run can be explored again. It rests on core touch and geometry.
 """
 
+from palpate.core.explore.decision import goals as goals
+from palpate.core.explore.exploration import (
+    CloseHand as CloseHand,
+    Done as Done,
+    Exploration as Exploration,
+    Finger as Finger,
+    Goal as Goal,
+    GoalSettings as GoalSettings,
+    GraspSettings as GraspSettings,
+    MakeModel as MakeModel,
+    ModelStatus as ModelStatus,
+    Result as Result,
+    Setup as Setup,
+    SingleTouch as SingleTouch,
+    Task as Task,
+    TouchEnd as TouchEnd,
+    TouchFound as TouchFound,
+    TraceSlice as TraceSlice,
+    with_coarse as with_coarse,
+    with_contacts as with_contacts,
+    with_model as with_model,
+    with_result as with_result,
+)
 from palpate.core.explore.free_space import (
     TOUCHED as TOUCHED,
     VOXEL as VOXEL,
@@ -15,8 +38,8 @@ from palpate.core.explore.free_space import (
     swept_places as swept_places,
 )
 from palpate.core.explore.survey import (
-    APART as APART,
     FEATURE_SHARE as FEATURE_SHARE,
+    FINGER_SPACING as FINGER_SPACING,
     Demand as Demand,
     ModelUncertainty as ModelUncertainty,
     Survey as Survey,

@@ -1,7 +1,7 @@
 """Everything that an exploration has found so far, in the slicing frame, as a value.
 
-The planner node keeps one; a planner is told of it as an `Observation`: radii about one axis,
-slopes, curvatures, bands of contact. That axis is the straight line through the middles of the
+A planner is told of it as an `Observation`: radii about one axis, slopes, curvatures, bands of
+contact. That axis is the straight line through the middles of the
 contours. Where one of them does not surround it, as in a banana, each contour is seen from its own
 middle, and the slopes are corrected for how that moves. Results of several fingers are taken up in
 the order of robot time, whatever the order in which they arrived.
@@ -10,29 +10,27 @@ the order of robot time, whatever the order in which they arrived.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore.grasp import ObjectFrame
 from palpate.core.explore.planners import (
-    LEAST_FEATURE,
-    Budget,
     Limits,
-    Observation,
     ObservedSlice,
-    ObservedSurface,
     SliceOutcome,
     slice_without_contour,
 )
+from palpate.core.explore.probing import End, ProbeResult
 from palpate.core.geometry import area_centroid, winding_number
 
 # Largest height that may stay untouched, over the tolerance, where nobody says how large: an arc so
 # long bows by the tolerance where it turns by 4.6 degrees.
 FEATURE_SHARE = 100.0
-APART = 1.5  # Height between the slices of two fingers, in widths of a pad
+FINGER_SPACING = 1.5  # height between the slices of two fingers [pad widths]
 AZIMUTHS = 48  # At which a contour is seen
 LEAST_POINTS = 8  # A contour of fewer points is of no use
 MOST_MISSING = 0.35  # Nor is one of whose length more than this share could not be touched
@@ -71,76 +69,44 @@ class ModelUncertainty(NamedTuple):
 class Survey:
     """What is known of an object."""
 
+    frame: ObjectFrame  # The slicing frame, and what the grasp lets expect
     low: float  # Where it begins along the slicing axis, m
     high: float  # Where it ends, m
     low_deviation: float  # Standard deviation of `low`, m; 0 once it was touched
     high_deviation: float  # Of `high`
-    radius: float  # Largest distance of its surface from the axis, as first contacts let expect, m
-    pad_width: float  # Of a finger, m
-    resolution: float  # Smallest difference that the sensor tells, m
     standing: bool  # Whether it stands on its lower end, so that this is known
     reached: tuple[float, float]  # Lowest and highest height at which anything was touched, m
     traced: tuple[TracedContour, ...] = ()  # Slices in the order in which they were taken up
+    # Touches of each end, slicing frame.
+    ends: Mapping[End, tuple[ProbeResult, ...]] = field(default_factory=dict)
     tips: tuple[Floats, ...] = ()  # Where ends were touched, the farthest place of each, (3,), m
     uncertainty: ModelUncertainty | None = None  # Of the last model
 
-    def observation(
-        self,
-        demand: Demand,
-        *,
-        touches: int,
-        seconds: float,
-        busy_heights: tuple[float, ...] = (),
-        cut: bool = False,
-        surface: ObservedSurface | None = None,
-        general: bool = False,
-        tried: Sequence[Floats] = (),
-        resting: Floats | None = None,
-    ) -> Observation:
-        """What a rule is told.
-
-        `touches`, `seconds`: what is spent; robot time in s. `busy_heights`: of fingers at work, m.
-        `cut`: whether no further touch fits into what is left. Others as in `Observation`.
-        """
-        budget = Budget(
-            most_touches=demand.most_touches,
-            most_seconds=demand.most_seconds,
-            touches=touches,
-            seconds=seconds,
-            cut=cut,
-        )
-        return Observation(
-            low=self.low,
-            high=self.high,
-            low_deviation=self.low_deviation,
-            high_deviation=self.high_deviation,
-            tolerance=demand.tolerance,
-            resolution=self.resolution,
-            feature=max(demand.feature, LEAST_FEATURE * (self.high - self.low)),
-            budget=budget,
-            slices=observed_slices(self.traced, self._deviations()),
-            busy_heights=busy_heights,
-            finger_spacing=self.finger_spacing,
-            all_taxels=True,
-            deviation=None if self.uncertainty is None else self.uncertainty.whole,
-            ends_deviation=0.0 if self.uncertainty is None else self.uncertainty.ends,
-            pose_deviation=0.0 if self.uncertainty is None else self.uncertainty.pose,
-            surface=surface,
-            general=general,
-            tried=np.reshape(tried, (-1, 3)),
-            resting=resting,
-        )
+    @property
+    def slices(self) -> tuple[ObservedSlice, ...]:
+        """Slices as a planner takes them, in the same order."""
+        return observed_slices(self.traced, self._deviations())
 
     @property
-    def finger_spacing(self) -> float:
-        """Height that two fingers keep between them, m."""
-        return APART * self.pad_width
+    def contours(self) -> tuple[int, ...]:
+        """Numbers of the contours that a model is fitted to."""
+        return tuple(one.number for one in self.traced if one.tells)
+
+    @property
+    def arcs(self) -> tuple[int, ...]:
+        """Numbers of those that are of no use themselves: what their touches met counts."""
+        return tuple(one.number for one in self.traced if not one.tells)
+
+    @property
+    def failed(self) -> bool:
+        """Whether a slice could not be traced, for another reason than a spent budget."""
+        return any(not (one.tells or one.ran_out) for one in self.traced)
 
     def approach(self, height: float) -> tuple[Floats, float]:
         """Where the middle of a slice is expected, (2,), and from how far to come, m."""
         contours = [one for one in self.traced if one.usable]
         if not contours:
-            return np.zeros(2), self.radius + APPROACH
+            return np.zeros(2), self.frame.radius + APPROACH
         heights, points = [one.height for one in contours], [one.points for one in contours]
         return expected_approach(height, heights, points, self.tips)
 
@@ -161,6 +127,27 @@ class Survey:
         low, high = min(low, self.reached[0]), max(high, self.reached[1])
         below = self.low if self.standing else min(self.low, low)
         return replace(self, reached=(low, high), low=below, high=max(self.high, high))
+
+    def with_dropped(self, numbers: Collection[int]) -> Survey:
+        """With exactly these contours marked as of no use to the model."""
+        traced = tuple(
+            one if one.dropped == (one.number in numbers) else replace(one, dropped=not one.dropped)
+            for one in self.traced
+        )
+        return replace(self, traced=traced)
+
+    def with_end_touch(self, end: End, touch: ProbeResult) -> Survey:
+        """With one touch more of an end."""
+        touches = (*self.ends.get(end, ()), touch)
+        survey = replace(self, ends={**self.ends, end: touches})
+        if touch.touched:
+            survey = survey.reaching(float(touch.point[2]), float(touch.point[2]))
+        faces = [one.point for one in touches if one.touched and one.probing.reason != "edge"]
+        if not faces:
+            return survey
+        upper = end == "upper"
+        tip = (max if upper else min)(faces, key=lambda point: point[2])
+        return survey.ended(tip, upper=upper)
 
     def ended(self, tip: Floats, *, upper: bool) -> Survey:
         """With an end that was touched in this place, (3,); touches beyond still count."""
@@ -287,6 +274,8 @@ class TracedContour:
     missing: float  # Length of its gaps, as the crow flies, m
     touches: int  # That it took
     seconds: float  # Robot time that it took, s
+    number: int = 0  # Of the goal
+    max_touches: int = 0  # It was to be given up after so many
     dropped: bool = False  # Whether the model had no use for it
 
     @property
@@ -298,6 +287,11 @@ class TracedContour:
     def tells(self) -> bool:
         """Whether it tells where the surface is, whatever use a model had for it."""
         return self.ended in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
+
+    @property
+    def ran_out(self) -> bool:
+        """Whether the budget ended it."""
+        return self.status == "budget" and self.touches < self.max_touches
 
     @cached_property
     def ended(self) -> SliceOutcome:

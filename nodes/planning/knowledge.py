@@ -1,8 +1,6 @@
-"""What a model says of itself and of what was not touched, to planners and in messages."""
+"""What messages say of models, as values of the core; and the last word of an exploration."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +13,23 @@ from palpate.core.explore.planners import (
     Progress,
     judge,
 )
-from palpate.core.shapes import Mesh
+from palpate.core.shapes import Bend, FittedSuperquadric, Mesh
 from palpate.core.touch import Pad
-from palpate.messages import derive
-from palpate.messages.types import ModelGoal, PlanDone, ShapeModel, World
+from palpate.messages.types import ModelGoal, PlanDone, ShapeModel, Superquadric, World
+
+
+def fitted_superquadric(coarse: Superquadric) -> FittedSuperquadric:
+    """The coarse model as a solid."""
+    return FittedSuperquadric(
+        size=coarse.size,
+        exponents=coarse.exponents,
+        pose=coarse.pose,
+        taper=coarse.taper,
+        bend=Bend(coarse.bend, coarse.bend_direction if coarse.bend else 0.0),
+        residuals=coarse.residuals,
+        rms=coarse.residual,
+        warnings=coarse.warnings,
+    )
 
 
 def observed_surface(
@@ -57,29 +68,30 @@ def plan_done(
     unknown: OpenArea | None = None,  # Where nothing was touched; None if nobody looked
 ) -> PlanDone:
     """The message at the end of an exploration."""
-    places = {} if unknown is None else _describe_open(unknown)
-    gap = places.get("open_width") if found.untouched_gap is None else found.untouched_gap
-    return derive(
-        PlanDone,
-        goal,
+    width = None if unknown is None else unknown.width
+    nowhere = np.zeros((0, 3))
+    return PlanDone(
+        number=goal.number,
+        contours=goal.contours,
+        probes=goal.probes,
+        arcs=goal.arcs,
+        failed=goal.failed,
+        missed=goal.missed,
+        general=goal.general,
+        closings=goal.closings,
+        touches=goal.touches,
+        robot_time=goal.robot_time,
         reason=reason,
         reached=judge(found, limits).reached,
         rms_bound_95=found.error_bound,
-        largest_untouched=gap,
+        largest_untouched=width if found.untouched_gap is None else found.untouched_gap,
         uncovered=found.untraced_height or 0.0,
         findings=found.stated(),
         limits=limits.stated(),
-        **places,
+        open_share=None if unknown is None else unknown.share,
+        open_width=width,
+        open_places=nowhere if unknown is None else unknown.places,
+        open_normals=nowhere if unknown is None else unknown.normals,
+        open_touches=None if unknown is None else unknown.touches,
+        under_share=None if unknown is None else unknown.under,
     )
-
-
-def _describe_open(unknown: OpenArea) -> dict[str, Any]:
-    """What was not touched, by the names of a message's fields."""
-    return {
-        "open_share": unknown.share,
-        "open_width": unknown.width,
-        "open_places": unknown.places,
-        "open_normals": unknown.normals,
-        "open_touches": unknown.touches,
-        "under_share": unknown.under,
-    }

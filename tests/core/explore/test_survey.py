@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from palpate.core import explore
+from palpate.core.explore.grasp import ObjectFrame
 from palpate.core.explore.planners import Limits, SliceOutcome
 from palpate.core.poses import FACING_DOWN, Pose
 from palpate.core.touch import Pad
 
 ENDS = {"low": 0.0, "high": 0.09, "low_deviation": 1e-3, "high_deviation": 1e-3}
-FINGER = {"radius": 0.03, "pad_width": 0.016, "resolution": 1e-5}
-SURVEY = explore.Survey(**ENDS, **FINGER, standing=False, reached=(0.01, 0.08))
+FRAME = ObjectFrame(Pose(np.zeros(3), np.eye(3)), 0.0, 0.09, 0.03, "given", 0.0, 0.0, 1e-3)
+SETUP = explore.Setup(0.0, 0.15, None, pad_width=0.016, resolution=1e-5, contact_error=1e-4)
+SURVEY = explore.Survey(frame=FRAME, **ENDS, standing=False, reached=(0.01, 0.08))
 DEMAND = explore.Demand(tolerance=2e-4, feature=2.5e-3, most_touches=100.0, most_seconds=60.0)
 COUNT = 240
 TURN = 2.0 * math.pi * np.arange(COUNT) / COUNT
@@ -39,8 +41,10 @@ def cone(height: float, lean: Any = (0.0, 0.0), **changes: Any) -> explore.Trace
     return explore.TracedContour(height=height, **(given | fields | changes))
 
 
-def observed(survey: explore.Survey):
-    return survey.observation(DEMAND, touches=7, seconds=3.0)
+def observed(survey: explore.Survey, demand: explore.Demand = DEMAND):
+    idle = {1: explore.Finger()}
+    known = explore.Exploration(setup=SETUP, fingers=idle, survey=survey, touches=7, seconds=3.0)
+    return known.observation(demand)
 
 
 def surveyed(*contours: explore.TracedContour, **changes: Any) -> explore.Survey:
@@ -100,7 +104,7 @@ def test_planner_sees_radii_and_slopes_about_leaning_axis(lean):
     assert observation.limits == DEMAND.limits == Limits(tolerance=2e-4, feature=2.5e-3)
     assert observed(SURVEY).deviation is None
     fine, lifted = DEMAND._replace(feature=1e-9), replace(SURVEY, low=0.05)
-    least = lifted.observation(fine, touches=0, seconds=0.0).feature  # of the height
+    least = observed(lifted, fine).feature  # of the height
     assert least == pytest.approx(1e-4 * (0.09 - 0.05))
 
 

@@ -1,0 +1,289 @@
+"""What to do next: one pure function from what is known to a list of goals.
+
+Before there is a slicing frame the hand closes. Then each idle finger in turn is given a touch of
+an end, a slice, a single touch, or nothing; a model is asked for as soon as there is enough that
+the last one does not know. When nothing is under way any more, the exploration is done.
+
+Every task carries what it may take: so many touches, and a robot time by which the last of them has
+ended even if it meets nothing on its way. The tracer makes no touch beyond that, and a task that
+comes back without a touch says that nothing more can be done. Where a whole contour no longer fits,
+ends that are due come first, then as much of one as fits: its touches count.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.core.explore import grasp, planners, probing
+from palpate.core.explore.exploration import (
+    CloseHand,
+    Done,
+    Exploration,
+    Goal,
+    MakeModel,
+    SingleTouch,
+    Task,
+    TouchEnd,
+    TraceSlice,
+    Work,
+)
+from palpate.core.explore.survey import Demand
+from palpate.core.robot_time import longest_seconds, move_between
+
+ENDS: tuple[probing.End, ...] = ("upper", "lower")
+
+
+def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Goal]:
+    """What is to be done now, in order; nothing while all fingers and models are under way."""
+    if known.survey is None:
+        return [_grasp_goal(known, demand)]
+    given: list[Goal] = []
+    for finger, at in known.fingers.items():
+        if at.task is not None or known.broken:
+            continue
+        for goal in _finger_goals(known, demand, rule, finger):
+            given.append(goal)
+            known = known.after(goal)
+    if given or known.tasks or known.model.is_pending:
+        return given
+    return [Done(_reason(known, demand, rule))]
+
+
+def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
+    """The next closing; after the last one the coarse model, or the end."""
+    closing = _next_closing(known)
+    if closing is not None and _fits_closing(known, demand, closing):
+        return closing
+    if len(known.hand.points):
+        return MakeModel()
+    limits = "reach" if math.isinf(demand.most_seconds) else "reach and robot time"
+    return Done(f"the hand closed on nothing within {limits}")
+
+
+def _next_closing(known: Exploration) -> CloseHand | None:
+    """None once the hand has touched enough, or looked everywhere."""
+    met, setup, settings = known.hand, known.setup, known.setup.grasp
+    if len(met.points) >= settings.enough_contacts or met.grips >= settings.max_grips:
+        return None
+    opening = settings.opening * setup.reach
+    hand = grasp.Hand(opening=opening, reach=opening)
+    if len(met.points):
+        touched = met.points, met.normals, setup.platform
+        pose = grasp.next_pose(hand, *touched)
+        return CloseHand(pose, grasp.brought_near(hand, pose, *touched))
+    places = grasp.search_places(setup.reach, settings.search_spacing)
+    search = grasp.search_pose(places, met.closings, setup.platform)
+    return None if search is None else CloseHand(search, hand)
+
+
+def _fits_closing(known: Exploration, demand: Demand, closing: CloseHand) -> bool:
+    """Whether it fits into the robot time that the hand may take."""
+    settings = known.setup.grasp
+    is_enough = len(known.hand.points) >= settings.fit_contacts
+    limit = demand.most_seconds * (settings.time_share if is_enough else 1.0)
+    if math.isinf(limit) or known.setup.robot is None:
+        return known.seconds < limit
+    last, advanced = known.hand.last, closing.hand.advanced
+    travel, turn = move_between(None if last is None else last.pose, closing.pose)
+    before = () if last is None else last.hand.advanced
+    travel += max(before, default=0.0) + max(advanced, default=0.0)
+    reach = closing.hand.reach - min(advanced, default=0.0)
+    return known.seconds + longest_seconds(known.setup.robot, travel, turn, reach) <= limit
+
+
+def _finger_goals(
+    known: Exploration, demand: Demand, rule: planners.Planner, finger: int
+) -> list[Goal]:
+    """What one idle finger is to do, in order of precedence; or a model, to decide by.
+
+    While a model is in the making, that is a slice in which no model has a say.
+    """
+    touches = _touches_left(known, demand)
+    if touches > 0.0 and not (known.is_cut or known.model.is_pending):
+        if known.retry is not None:
+            return [_single_task(known, demand, finger, known.retry)]
+        is_last = bool(known.surveyed.contours) and not _fits_contour(known, demand, touches)
+        due = _end_task(known, demand, finger, is_last=is_last)
+        if due is not None:
+            return [due]
+    if not known.surveyed.traced and _is_touching_end(known):
+        return []  # it looks for the end: nobody knows yet where slices should be
+    asked: list[Goal] = [MakeModel()] if _is_model_due(known) else []
+    if asked:
+        known = known.after(MakeModel())
+    observation = known.observation(demand, finger)
+    match _choice(known, rule, observation):
+        case planners.Height() as slice_ if touches > 0.0:
+            return [*asked, _slice_task(known, demand, finger, slice_, touches)]
+        case planners.Touch() as touch if touches > 0.0:
+            return [_single_task(known, demand, finger, SingleTouch(touch))]
+        case planners.Stop() if not (known.model.is_pending or observation.budget.spent):
+            if known.counts != known.model.counts or known.targets:
+                return [MakeModel()]
+            if not known.tasks and touches > 0.0:
+                end = _end_task(known, demand, finger, is_last=True)
+                return [] if end is None else [end]
+    return asked
+
+
+def _touches_left(known: Exploration, demand: Demand) -> float:
+    """Touches that an idle finger may make; none if others at work may make all that are left."""
+    left = demand.most_touches
+    if math.isinf(left):
+        return left
+    left -= known.touches + sum(task.max_touches for task in known.tasks)
+    if len(known.fingers) > 1:
+        share = known.setup.goals.max_contour_share * _contour_touches(known)
+        left = min(left, math.ceil(share))
+    return left
+
+
+def _contour_touches(known: Exploration) -> float:
+    touches = [one.touches for one in known.surveyed.traced]
+    return float(np.mean(touches)) if touches else known.setup.goals.first_contour_touches
+
+
+def _fits_contour(known: Exploration, demand: Demand, touches: float) -> bool:
+    """Whether a whole contour is expected to fit into what is left."""
+    seconds = [one.seconds for one in known.surveyed.traced]
+    end = known.seconds + (float(np.mean(seconds)) if seconds else 0.0)
+    return _contour_touches(known) <= touches and end <= demand.most_seconds
+
+
+def _is_touching_end(known: Exploration) -> bool:
+    return any(isinstance(task.work, TouchEnd) for task in known.tasks)
+
+
+def _end_task(known: Exploration, demand: Demand, finger: int, *, is_last: bool) -> Task | None:
+    """The next touch of an end, if one is due.
+
+    At first each end is found; it is touched all over when there is a contour near to it, or when
+    no slices follow. One finger at a time, and away from the others. Ends of a general solid are
+    surface: the rule knows of them.
+    """
+    if known.model.general or _is_touching_end(known):
+        return None
+    survey = known.surveyed
+    for end in ENDS:
+        height = survey.high if end == "upper" else survey.low
+        if any(abs(task.height - height) < known.setup.finger_spacing for task in known.tasks):
+            continue
+        command = probing.next_probe(
+            end, _end_observation(known, end, demand.tolerance, is_last=is_last)
+        )
+        if isinstance(command, probing.ProbeCommand):
+            return _task(known, demand, finger, height, 1.0, TouchEnd(end, command))
+    return None
+
+
+def _end_observation(
+    known: Exploration, end: probing.End, tolerance: float, *, is_last: bool
+) -> probing.EndObservation:
+    survey, is_upper = known.surveyed, end == "upper"
+    height, other = (survey.high, survey.low) if is_upper else (survey.low, survey.high)
+    contour = survey.outermost(upper=is_upper)
+    near = known.setup.goals.end_nearness * (survey.high - survey.low)
+    is_due = contour is not None and (is_last or abs(contour.height - height) < near)
+    return probing.EndObservation(
+        height=height,
+        deviation=survey.high_deviation if is_upper else survey.low_deviation,
+        other=other,
+        radius=survey.frame.radius,
+        width=known.setup.pad_width,
+        tolerance=tolerance,
+        noise=0.0 if survey.uncertainty is None else survey.uncertainty.pose,
+        standing=survey.standing and not is_upper,
+        contour=probing.SideContour(
+            contour.points, contour.normals, contour.contact_low, contour.contact_high
+        )
+        if contour is not None and is_due
+        else None,
+        probes=survey.ends.get(end, ()),
+    )
+
+
+def _is_model_due(known: Exploration) -> bool:
+    """Whether there is more than the last model knows, and enough for another."""
+    settings = known.setup.goals
+    counts, last, touches = known.counts, known.model.counts, known.touches
+    if known.model.is_pending or not (counts.contours or counts.arcs):
+        return False
+    if counts != last:
+        many = touches - known.model.touches >= settings.contour_share * touches
+        if many or counts.end_touches != last.end_touches:
+            return True
+    batch = max(settings.single_batch, int(settings.single_share * touches))
+    return len(known.targets) >= batch
+
+
+def _choice(
+    known: Exploration, rule: planners.Planner, observation: planners.Observation
+) -> planners.Choice:
+    """What the rule answers; what nobody can act on ends the exploration with what there is.
+
+    While a model is in the making, it is asked only for what no model has a say in.
+    """
+    if known.goals >= known.setup.goals.max_goals:
+        return planners.Stop("a model can list no more contours and single touches")
+    settled = planners.settled_height(rule, observation)
+    if settled is not None:
+        return settled
+    if known.model.is_pending:
+        return planners.Wait("a model is in the making")
+    try:
+        return planners.check_choice(rule, observation)
+    except planners.WrongChoiceError as error:
+        return planners.Stop(str(error))
+
+
+def _slice_task(
+    known: Exploration, demand: Demand, finger: int, chosen: planners.Height, touches: float
+) -> Task:
+    survey, width, settings = known.surveyed, known.setup.pad_width, known.setup.goals
+    centre, radius = survey.approach(chosen.height)
+    gap = settings.max_gap * max(1.0 - settings.dense_feature * width / demand.feature, 0.0) * width
+    # A contour that takes much longer than the longest so far goes elsewhere than around.
+    perimeters = [one.perimeter for one in survey.traced if one.usable]
+    longest = max(perimeters, default=2.0 * math.pi * survey.frame.radius)
+    turns = math.ceil(settings.contour_turns * longest / (settings.touch_advance * width))
+    max_touches = settings.min_contour_touches + turns
+    work = TraceSlice(centre, radius, gap, max_touches, chosen.reason)
+    return _task(known, demand, finger, chosen.height, touches, work)
+
+
+def _single_task(known: Exploration, demand: Demand, finger: int, single: SingleTouch) -> Task:
+    height = float(known.surveyed.frame.pose.to_local(single.touch.target)[2])
+    return _task(known, demand, finger, height, 1.0, single)
+
+
+def _task(
+    known: Exploration, demand: Demand, finger: int, height: float, touches: float, work: Work
+) -> Task:
+    return Task(
+        number=known.goals,
+        finger=finger,
+        start=known.seconds,
+        height=height,
+        max_touches=touches,
+        not_after=demand.most_seconds,
+        work=work,
+    )
+
+
+def _reason(known: Exploration, demand: Demand, rule: planners.Planner) -> str:
+    """Why nothing more is done, and what is to be said of slices that are not star-shaped."""
+    if known.broken:
+        return known.broken
+    choice = _choice(known, rule, known.observation(demand))
+    if not isinstance(choice, planners.Stop):
+        raise ValueError(
+            f"nothing is under way, and the planner neither stops nor goes on: {choice}"
+        )
+    uncertainty = known.surveyed.uncertainty
+    if not known.surveyed.contours or (uncertainty is not None and uncertainty.starlike):
+        return choice.reason
+    if uncertainty is None:
+        return f"{choice.reason}; no solid could be rebuilt from its slices"
+    return f"{choice.reason}; its slices are not star-shaped: it is rebuilt from contours alone"
