@@ -37,9 +37,19 @@ if TYPE_CHECKING:
     from palpate.core.explore.planners import ObservedSurface
     from palpate.core.touch import Pad
 
-MOST_REACH = 0.6  # Of all touches about their middle, m: the map of space has room for no more
-TOLD_DISTANCE = 5.0e-3  # From every touch, beyond which places are told where nothing is asked, m
-MARGIN = 0.02  # About all that was touched, m: nothing of the object lies farther off
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CollectorSettings:
+    """What is taken for granted of touches that somebody else has chosen."""
+
+    max_reach: float = 0.6  # of all touches about their middle [m]: space is mapped no farther
+    named_distance: float = (
+        5e-3  # from every touch; what lies farther is named if none is asked [m]
+    )
+    margin: float = 0.02  # nothing of the object lies farther from all that was touched [m]
+
+
+COLLECTING = CollectorSettings()
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -115,12 +125,12 @@ def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[Stat
     outputs = [*outputs, *(_probe(goal, one) for goal, one in rest)]
     world = _world(params, state)
     why = "" if met else f"none of the {frames} frames shows a contact"
-    if world.reach > MOST_REACH:
+    if world.reach > COLLECTING.max_reach:
         why = (
-            f"the touches reach {world.reach:.3g} m from their middle, more than {MOST_REACH:g} m: "
-            "are the poses in m, and the platform?"
+            f"the touches reach {world.reach:.3g} m from their middle, more than "
+            f"{COLLECTING.max_reach:g} m: are the poses in m, and the platform?"
         )
-        world = replace(world, reach=MOST_REACH)
+        world = replace(world, reach=COLLECTING.max_reach)
     state = replace(state, world=world, over=bool(why))
     outputs.append(("/world", world))
     if why:
@@ -145,15 +155,15 @@ def _probe(goal: int, entry: tuple[int, int, SurfacePatch]) -> tuple[str, Probe]
 
 def _world(params: Params, state: State) -> World:
     """The room about what was touched, upright on the platform, or lowest where that is unknown."""
-    low, high = state.low - MARGIN, state.high + MARGIN
+    low, high = state.low - COLLECTING.margin, state.high + COLLECTING.margin
     if not np.isfinite(low).all():
-        low, high = np.zeros(3), np.full(3, MARGIN)
+        low, high = np.zeros(3), np.full(3, COLLECTING.margin)
     platform = float(low[2]) if params.platform is None else params.platform
     sides = 0.5 * np.linalg.norm(high[:2] - low[:2]), high[2] - platform
     return World(
         platform=platform,
         held=params.platform is None,
-        reach=max(*map(float, sides), MARGIN),
+        reach=max(*map(float, sides), COLLECTING.margin),
         centre=0.5 * (low[:2] + high[:2]),
         fingers=1,
         seed=0,
@@ -183,7 +193,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     assert state.pad is not None and state.world is not None
     frames, met = state.touches
     asked = params.limits
-    distance = TOLD_DISTANCE if asked.feature is None else asked.unknown_distance
+    distance = COLLECTING.named_distance if asked.feature is None else asked.unknown_distance
     surface = observed_surface(model, state.pad, state.world, distance)
     if surface is None:
         why = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"

@@ -39,7 +39,7 @@ from palpate.core.explore.free_space import (
 )
 from palpate.core.explore.survey import (
     FEATURE_SHARE as FEATURE_SHARE,
-    FINGER_SPACING as FINGER_SPACING,
+    SURVEYING as SURVEYING,
     Demand as Demand,
     ModelUncertainty as ModelUncertainty,
     Survey as Survey,

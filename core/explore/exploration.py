@@ -16,7 +16,7 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore import grasp, planners, probing
 from palpate.core.explore.survey import (
-    FINGER_SPACING,
+    SURVEYING,
     Demand,
     ModelUncertainty,
     Survey,
@@ -100,7 +100,7 @@ class Setup(NamedTuple):
     @property
     def finger_spacing(self) -> float:
         """Height that two fingers keep between them [m]."""
-        return FINGER_SPACING * self.pad_width
+        return SURVEYING.finger_spacing * self.pad_width
 
 
 class CloseHand(NamedTuple):

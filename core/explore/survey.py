@@ -30,13 +30,22 @@ from palpate.core.geometry import area_centroid, winding_number
 # Largest height that may stay untouched, over the tolerance, where nobody says how large: an arc so
 # long bows by the tolerance where it turns by 4.6 degrees.
 FEATURE_SHARE = 100.0
-FINGER_SPACING = 1.5  # height between the slices of two fingers [pad widths]
-AZIMUTHS = 48  # At which a contour is seen
-LEAST_POINTS = 8  # A contour of fewer points is of no use
-MOST_MISSING = 0.35  # Nor is one of whose length more than this share could not be touched
-MOST_ASIDE = 6  # Neighbours to each side at which a band is looked for
-LEAST_FACING = 0.15  # A normal that faces away from the axis by less has no slope: taken for this
-APPROACH = 30.0e-3  # The pad approaches a slice from this far outside the widest contour so far, m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveySettings:
+    """Which contours are of use, and how planners see them."""
+
+    finger_spacing: float = 1.5  # height between the slices of two fingers [pad widths]
+    n_azimuths: int = 48
+    min_points: int = 8
+    max_missing: float = 0.35  # fraction of a contour's length that could not be touched
+    max_band_shift: int = 6  # neighbours to each side at which a band is looked for
+    min_facing: float = 0.15  # outward part of a normal; a wall that is nearly level counts as this
+    approach_distance: float = 30e-3  # of the pad, outside the widest contour so far [m]
+
+
+SURVEYING = SurveySettings()
 
 
 class Demand(NamedTuple):
@@ -106,7 +115,7 @@ class Survey:
         """Where the middle of a slice is expected, (2,), and from how far to come, m."""
         contours = [one for one in self.traced if one.usable]
         if not contours:
-            return np.zeros(2), self.frame.radius + APPROACH
+            return np.zeros(2), self.frame.radius + SURVEYING.approach_distance
         heights, points = [one.height for one in contours], [one.points for one in contours]
         return expected_approach(height, heights, points, self.tips)
 
@@ -213,7 +222,7 @@ def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> 
     away = one.points[:, :2] - place
     radii = np.linalg.norm(away, axis=1)
     outward = away / np.maximum(radii, np.finfo(float).tiny)[:, None]
-    facing = np.maximum((one.normals[:, :2] * outward).sum(axis=1), LEAST_FACING)
+    facing = np.maximum((one.normals[:, :2] * outward).sum(axis=1), SURVEYING.min_facing)
     moved = one.normals[:, 2] + one.normals[:, :2] @ lean
     around = _by_azimuth(np.arctan2(away[:, 1], away[:, 0]))
     return ObservedSlice(
@@ -233,7 +242,7 @@ def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> 
 def _by_azimuth(turns: Floats) -> Callable[[Floats], Floats]:
     """Interpolates values (n,) at azimuths (n,), rad, at those at which contours are seen."""
     whole = 2.0 * np.pi
-    at, turns = whole * np.arange(AZIMUTHS) / AZIMUTHS, turns % whole
+    at, turns = whole * np.arange(SURVEYING.n_azimuths) / SURVEYING.n_azimuths, turns % whole
     order = np.argsort(turns)
     closed = np.concatenate([order[-1:], order, order[:1]])
     known = turns[closed] + np.concatenate([[-whole], np.zeros(len(order)), [whole]])
@@ -247,7 +256,7 @@ def expected_approach(
     nearest = int(np.argmin([abs(one - height) for one in heights]))
     middle = _leant(height, heights[nearest], contours[nearest], tips)
     widest = max(float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) for points in contours)
-    return middle, widest + APPROACH
+    return middle, widest + SURVEYING.approach_distance
 
 
 def _leant(height: float, nearest: float, contour: Floats, tips: Sequence[Floats]) -> Floats:
@@ -302,7 +311,8 @@ class TracedContour:
             return SliceOutcome.CUT
         if self.status not in ("closed", "occluded"):
             return SliceOutcome.FAILED
-        if len(self.points) < LEAST_POINTS or self.missing > MOST_MISSING * self.perimeter:
+        gaps = SURVEYING.max_missing * self.perimeter
+        if len(self.points) < SURVEYING.min_points or self.missing > gaps:
             return SliceOutcome.FAILED
         return SliceOutcome.CLOSED if self.status == "closed" else SliceOutcome.OCCLUDED
 
@@ -326,7 +336,7 @@ class TracedContour:
 def widened(one: TracedContour, feature: float) -> TracedContour:
     """A contour whose bands count half a feature aside: what is narrower may stay untouched."""
     low, high = one.contact_low, one.contact_high
-    for shift in range(1, MOST_ASIDE + 1):
+    for shift in range(1, SURVEYING.max_band_shift + 1):
         for step in (shift, -shift):
             away = np.linalg.norm(one.points - np.roll(one.points, step, axis=0), axis=1)
             near = away <= 0.5 * feature

@@ -1,6 +1,5 @@
-"""What the planner node remembers.
+"""What messages say of models, for the nodes that decide when an exploration ends.
 
-And what closings of the hand and probes of the ends add to it. To be tuned: number of contacts
-and grips, spacing of the search, nearness of an end, on top of `phases`. Rests on
-`palpate.core.explore`, which holds every rule; used by the planner node alone.
+Used by the planner and the collector, and by the launcher's forecast. What is known while an object
+is explored, and what follows from it, stands in `palpate.core.explore`.
 """
