@@ -90,7 +90,7 @@ def untouched_spans(observation: Observation) -> list[Span]:
     count = max(int(np.ceil(ROWS * (top - bottom) / observation.spacing)), 1)
     edges = np.linspace(bottom, top, count + 1)
     rows = 0.5 * (edges[:-1] + edges[1:])[:, None]
-    usable = [one for one in observation.slices if one.usable]
+    usable = observation.usable_slices
     if not usable:
         return [Span(bottom, top)]
     touched = np.zeros((count, len(usable[0].radii)), dtype=bool)
@@ -113,7 +113,7 @@ def even_heights(observation: Observation, span: Span) -> list[float]:
 
     Where only contours count, what is touched beside them tells nothing: it takes the middle.
     """
-    if not observation.all_taxels or not any(one.usable for one in observation.slices):
+    if not observation.all_taxels or not observation.usable_slices:
         return [span.middle]
     heights = np.linspace(span.low, span.high, FINE)
     bands = _expected_bands(observation, heights)
@@ -132,7 +132,7 @@ def _expected_bands(observation: Observation, heights: Floats) -> Floats:
 
     Along the surface a pad touches as much as its neighbours' did: less height if it leans.
     """
-    usable = sorted((one for one in observation.slices if one.usable), key=lambda one: one.height)
+    usable = sorted(observation.usable_slices, key=lambda one: one.height)
     touched = [np.quantile(one.contact_high - one.contact_low, OPEN) for one in usable]
     long = [float(np.sqrt(1.0 + (one.slopes**2).mean())) for one in usable]
     along = np.interp(heights, [one.height for one in usable], np.multiply(touched, long))
@@ -188,7 +188,7 @@ class Profile(NamedTuple):
 
 def profile_of(observation: Observation) -> Profile:
     """The usable slices of what is known."""
-    slices = sorted((one for one in observation.slices if one.usable), key=lambda one: one.height)
+    slices = sorted(observation.usable_slices, key=lambda one: one.height)
     return stack_slices(slices, observation.low, observation.extent)
 
 
@@ -343,7 +343,7 @@ def prediction_of(observation: Observation) -> ErrorPrediction | None:
 
 def halving_cost(observation: Observation, prediction: ErrorPrediction) -> Cost | None:
     """Of as many slices as those so far, on average, as are predicted to halve the error."""
-    usable = [one for one in observation.slices if one.usable]
+    usable = observation.usable_slices
     count = prediction.slices_to(0.5 * prediction.rms_bound_95, len(usable))
     if count is None:
         return None
@@ -450,7 +450,7 @@ def _noise(observation: Observation, indicators: ErrorIndicators, shares: Floats
     if not observation.all_taxels or observation.deviation is None:
         noise = NOISE * math.sqrt(float((shares * indicators.noise**2).sum()))
         return Noise(*[math.hypot(noise, resolution)] * 4)
-    deviations = [one.deviation for one in observation.slices if one.usable]
+    deviations = [one.deviation for one in observation.usable_slices]
     band = math.sqrt(float(np.mean(np.square(deviations))))
     # What the surface misses of its taxels by more than their places err is no noise.
     band = min(band, math.hypot(observation.pose_deviation, observation.resolution))

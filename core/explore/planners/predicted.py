@@ -96,7 +96,7 @@ class Predicted:
 
     def settled(self, observation: Observation) -> Height | None:
         """The next slice of the coarse cover, in which no model has a say; None after the last."""
-        failed = sum(not one.usable for one in observation.slices)
+        failed = len(observation.slices) - len(observation.usable_slices)
         if observation.surface is None or failed < 2:
             height = self._covering(observation)
             return None if height is None else Height(height, COVERING)
@@ -114,7 +114,7 @@ class Predicted:
         height = _untouched_height(observation, spans)
         if height is not None:
             return Height(height, UNTOUCHED)
-        usable = sum(one.usable for one in observation.slices)
+        usable = len(observation.usable_slices)
         room = max(int(observation.extent / (ROOM * observation.spacing)), usable)
         if observation.all_taxels and prediction.wants_averaging(tolerance, usable, room):
             height = _widest_free(observation)
@@ -131,7 +131,7 @@ class Predicted:
         heights = np.linspace(low, high, self.cover).tolist()
         reach = min(COVER_REACH * observation.extent, 0.4 * (high - low) / (self.cover - 1))
         parts = [Span(max(low, one - reach), min(high, one + reach)) for one in heights]
-        there = [one.height for one in observation.slices if one.usable]
+        there = [one.height for one in observation.usable_slices]
         there += observation.busy_heights
         failed = [one.height for one in observation.slices if not one.usable]
         middle = self.cover // 2

@@ -178,7 +178,7 @@ class Observation:
             not_negative(name, getattr(self, name), "m")
         if self.deviation is not None:
             not_negative("deviation", self.deviation, "m")
-        counts = {len(one.radii) for one in self.slices if one.usable}
+        counts = {len(one.radii) for one in self.usable_slices}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
 
@@ -186,6 +186,11 @@ class Observation:
     def limits(self) -> Limits:
         """What is asked of the solid."""
         return Limits(tolerance=self.tolerance, feature=self.feature)
+
+    @property
+    def usable_slices(self) -> tuple[ObservedSlice, ...]:
+        """Those that tell where the surface is, in the order in which they were asked for."""
+        return tuple(one for one in self.slices if one.usable)
 
     @property
     def extent(self) -> float:
