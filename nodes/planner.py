@@ -288,14 +288,18 @@ def _messages(goal: explore.Goal, known: explore.Exploration, demand: explore.De
             return [("/model/goal", _model_goal(known))]
         case explore.Done():
             return _last_words(goal.reason, known, demand)
-        case explore.Task(work=explore.TraceSlice() as work):
-            return [("/contour/goal", _contour_goal(goal, work, known.surveyed.frame.pose))]
-        case explore.Task(work=explore.TouchEnd() as work):
-            pose = known.surveyed.frame.pose @ work.command.pose
-            return [("/probe/goal", _probe_goal(goal, pose, work.command.reach))]
-        case explore.Task(work=explore.SingleTouch() as work):
-            return [("/probe/goal", _probe_goal(goal, work.touch.pose, work.touch.reach))]
-    raise TypeError(f"{goal!r:.60} is no goal")
+        case explore.Task():
+            return [_task_goal(goal, known.surveyed.frame.pose)]
+
+
+def _task_goal(task: explore.Task, frame: Pose) -> tuple[str, object]:
+    match task.work:
+        case explore.TraceSlice() as work:
+            return "/contour/goal", _contour_goal(task, work, frame)
+        case explore.TouchEnd(_, command):
+            return "/probe/goal", _probe_goal(task, frame @ command.pose, command.reach)
+        case explore.SingleTouch(touch):
+            return "/probe/goal", _probe_goal(task, touch.pose, touch.reach)
 
 
 def _grasp_goal(goal: explore.CloseHand, known: explore.Exploration) -> types.GraspGoal:

@@ -424,14 +424,11 @@ def with_result(known: Exploration, finger: int, feature: float) -> Exploration:
     )
     if not result.touches:
         return known
-    match task.work, result.found:
-        case TraceSlice(), TracedContour() as contour:
-            return replace(known, survey=known.surveyed.with_slice(widened(contour, feature)))
-        case TouchEnd() as work, TouchFound() as found:
-            return _with_end_touch(known, task.number, work, found)
-        case SingleTouch() as single, TouchFound() as found:
-            return _with_single(known, task, single, found)
-    raise ValueError(f"finger {finger} was asked for something else than {result.found!r:.60}")
+    if isinstance(result.found, TracedContour):
+        return replace(known, survey=known.surveyed.with_slice(widened(result.found, feature)))
+    if isinstance(task.work, TouchEnd):
+        return _with_end_touch(known, task.number, task.work, result.found)
+    return _with_single(known, task, result.found)
 
 
 def _with_end_touch(
@@ -460,15 +457,14 @@ def _end_axis(known: Exploration, end: probing.End, face: Floats) -> Floats | No
     return grasp.end_face_axis(survey.frame.pose.axes[:, 2], face, known.hand.normals)
 
 
-def _with_single(
-    known: Exploration, task: Task, single: SingleTouch, found: TouchFound
-) -> Exploration:
-    settings = known.setup.results
-    touch, finger = single.touch, known.fingers[task.finger]
-    known = known.with_finger(task.finger, finger._replace(resting=touch.pose.position))
-    if found.outcome == "inside" and single.retries < settings.max_retries:
+def _with_single(known: Exploration, task: Task, found: TouchFound) -> Exploration:
+    assert isinstance(task.work, SingleTouch)
+    settings, touch = known.setup.results, task.work.touch
+    finger = known.fingers[task.finger]._replace(resting=touch.pose.position)
+    known = known.with_finger(task.finger, finger)
+    if found.outcome == "inside" and task.work.retries < settings.max_retries:
         pose, reach = touch.pose.advanced(-settings.retreat), touch.reach + settings.retreat
-        farther = SingleTouch(touch._replace(pose=pose, reach=reach), single.retries + 1)
+        farther = SingleTouch(touch._replace(pose=pose, reach=reach), task.work.retries + 1)
         return replace(known, retry=farther)
     hit = found.outcome in HITS
     distance = float(np.linalg.norm(found.point - touch.target))

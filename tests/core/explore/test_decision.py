@@ -31,6 +31,7 @@ SURVEY = explore.Survey(
     reached=(0.01, 0.09),
 ).with_end_touch("upper", probing.ProbeResult(SEARCH, "hit", TOP * UP, UP))
 DEMAND = explore.Demand(2e-4, 0.02, most_touches=math.inf, most_seconds=math.inf)
+RULE = planners.Uniform(count=5)
 SINGLE = explore.SingleTouch(planners.Touch(ABOVE, 0.05, TOP * UP, "why not"))
 
 
@@ -41,12 +42,10 @@ def exploration(fingers: int = 1, **changes: Any) -> explore.Exploration:
 
 
 def acted(
-    known: explore.Exploration,
-    demand: explore.Demand = DEMAND,
-    rule: planners.Planner | None = None,
+    known: explore.Exploration, demand: explore.Demand = DEMAND, rule: planners.Planner = RULE
 ) -> tuple[explore.Exploration, list[explore.Goal]]:
     """What is known after the goals that follow, and these."""
-    goals = explore.goals(known, demand, rule or planners.Uniform(count=5))
+    goals = explore.goals(known, demand, rule)
     for goal in goals:
         known = known.after(goal)
     return known, goals
@@ -84,9 +83,8 @@ def taken_up(known: explore.Exploration) -> explore.Exploration:
     return explore.with_result(known, finger, DEMAND.feature)
 
 
-def modelled(known: explore.Exploration, **changes: Any) -> explore.Exploration:
-    told = {"dropped": (), "uncertainty": None, "surface": None, "general": False} | changes
-    return explore.with_model(known, **told)
+def modelled(known: explore.Exploration) -> explore.Exploration:
+    return explore.with_model(known, frozenset(), uncertainty=None, surface=None, general=False)
 
 
 def test_hand_closes_until_it_has_touched_enough_or_looked_everywhere():
@@ -200,18 +198,22 @@ def test_touch_that_began_inside_is_begun_twice_from_farther_off():
 
 
 @dataclass(frozen=True)
-class Lost:
-    """Goes nowhere."""
+class Stubborn:
+    """Answers the same whatever it is told."""
+
+    height: float
 
     def next(self, observation: planners.Observation) -> planners.Choice:
-        """A height that no object reaches."""
-        return planners.Height(5.0, "why not")
+        return planners.Height(self.height, "why not")
 
 
 def test_answer_that_cannot_be_acted_on_ends_with_what_there_is():
-    [done] = acted(exploration(survey=SURVEY), rule=Lost())[1]
-    words = "the planner Lost gave no answer to act on: a height must lie"
+    known = exploration(survey=SURVEY, touches=20)
+    [done] = acted(known, rule=Stubborn(5.0))[1]
+    words = "the planner Stubborn gave no answer to act on: a height must lie"
     assert isinstance(done, explore.Done) and done.reason.startswith(words)
+    with pytest.raises(ValueError, match="nothing is under way, and the planner neither stops"):
+        acted(known, DEMAND._replace(most_touches=20), Stubborn(0.05))
 
 
 def test_general_solid_has_no_ends_to_be_touched():
