@@ -111,7 +111,7 @@ def know_world(params: Params, state: State, world: types.World) -> tuple[State,
 def _begun(params: Params, state: State) -> tuple[State, Outputs]:
     """Close the hand for the first time, as soon as the world and the sensor are known."""
     world, info = state.world, state.info
-    if world is None or info is None:
+    if world is None or info is None or state.known is not None:
         return state, []
     setup = explore.Setup(
         platform=world.platform,
