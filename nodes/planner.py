@@ -224,7 +224,7 @@ def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[S
     known = explore.with_model(
         state.explored,
         dropped=frozenset(model.dropped),
-        uncertainty=_uncertainty(model) if len(model.faces) else None,
+        uncertainty=_uncertainty(model),
         surface=_surface(state, model),
         general=model.method == "general",
     )
@@ -238,6 +238,8 @@ def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[S
 
 
 def _uncertainty(model: types.ShapeModel) -> explore.ModelUncertainty:
+    if not len(model.faces):
+        return explore.ModelUncertainty()
     return explore.ModelUncertainty(
         heights=model.uncertainty_height,
         deviations=model.uncertainty,

@@ -120,7 +120,7 @@ def _finger_goals(
         case planners.Touch() as touch if touches > 0.0:
             return [_single_task(known, demand, finger, SingleTouch(touch))]
         case planners.Stop() if not (known.model.is_pending or observation.budget.spent):
-            if known.counts != known.model.counts or known.targets:
+            if _has_news(known) or known.targets:
                 return [MakeModel()]
             if not known.tasks and touches > 0.0:
                 end = _end_task(known, demand, finger, is_last=True)
@@ -193,7 +193,7 @@ def _end_observation(
         radius=survey.frame.radius,
         width=known.setup.pad_width,
         tolerance=tolerance,
-        noise=0.0 if survey.uncertainty is None else survey.uncertainty.pose,
+        noise=survey.uncertainty.pose,
         standing=survey.standing and not is_upper,
         contour=probing.SideContour(
             contour.points, contour.normals, contour.contact_low, contour.contact_high
@@ -206,16 +206,19 @@ def _end_observation(
 
 def _is_model_due(known: Exploration) -> bool:
     """Whether there is more than the last model knows, and enough for another."""
-    settings = known.setup.goals
-    counts, last, touches = known.counts, known.model.counts, known.touches
-    if known.model.is_pending or not (counts.contours or counts.arcs):
+    settings, model, touches = known.setup.goals, known.model, known.touches
+    if model.is_pending or not known.surveyed.traced:
         return False
-    if counts != last:
-        many = touches - known.model.touches >= settings.contour_share * touches
-        if many or counts.end_touches != last.end_touches:
-            return True
-    batch = max(settings.single_batch, int(settings.single_share * touches))
-    return len(known.targets) >= batch
+    many = touches - model.touches >= settings.contour_share * touches
+    if known.end_touches != model.end_touches or (many and _has_news(known)):
+        return True
+    return len(known.targets) >= max(settings.single_batch, int(settings.single_share * touches))
+
+
+def _has_news(known: Exploration) -> bool:
+    """Whether there are slices or touches of ends that the last model does not know."""
+    slices, model = len(known.surveyed.traced), known.model
+    return (slices, known.end_touches) != (model.slices, model.end_touches)
 
 
 def _choice(
@@ -282,8 +285,8 @@ def _reason(known: Exploration, demand: Demand, rule: planners.Planner) -> str:
             f"nothing is under way, and the planner neither stops nor goes on: {choice}"
         )
     uncertainty = known.surveyed.uncertainty
-    if not known.surveyed.contours or (uncertainty is not None and uncertainty.starlike):
+    if not known.surveyed.contours or uncertainty.starlike:
         return choice.reason
-    if uncertainty is None:
+    if uncertainty.whole is None:
         return f"{choice.reason}; no solid could be rebuilt from its slices"
     return f"{choice.reason}; its slices are not star-shaped: it is rebuilt from contours alone"

@@ -209,21 +209,14 @@ class SingleResult(NamedTuple):
     in_vain: bool  # whether it touched nothing near to its target
 
 
-class EvidenceCounts(NamedTuple):
-    """How much there is to fit a model to, single touches apart."""
-
-    contours: int = 0
-    end_touches: int = 0
-    arcs: int = 0
-
-
 class ModelStatus(NamedTuple):
     """What was asked for, and what the last model said."""
 
     number: int = 0  # of the last that was asked for
     is_pending: bool = False  # whether that is still in the making
-    counts: EvidenceCounts = EvidenceCounts()  # what it was asked of
-    touches: int = 0  # touches that were made when it was asked for
+    slices: int = 0  # slices that were traced when it was asked for
+    end_touches: int = 0  # touches of ends that had hit by then
+    touches: int = 0  # touches that were made by then
     singles: int = 0  # single touches that the last finished model knows
     surface: planners.ObservedSurface | None = None  # of the last finished model
     general: bool = False  # whether that is a general solid
@@ -260,13 +253,9 @@ class Exploration:
         return tuple(one.task for one in self.fingers.values() if one.task is not None)
 
     @property
-    def counts(self) -> EvidenceCounts:
-        """How much there is to fit a model to, single touches apart."""
-        if self.survey is None:
-            return EvidenceCounts()
-        hits = sum(one.outcome in HITS for one in self.singles)
-        contours, arcs = len(self.survey.contours), len(self.survey.arcs)
-        return EvidenceCounts(contours, len(self.probes) - hits, arcs)
+    def end_touches(self) -> int:
+        """Touches of ends that hit."""
+        return len(self.probes) - sum(one.outcome in HITS for one in self.singles)
 
     @property
     def targets(self) -> tuple[Floats, ...]:
@@ -291,7 +280,6 @@ class Exploration:
     def observation(self, demand: Demand, finger: int = 1) -> planners.Observation:
         """What a rule is told when a finger is idle."""
         survey, setup = self.surveyed, self.setup
-        uncertainty = survey.uncertainty
         return planners.Observation(
             low=survey.low,
             high=survey.high,
@@ -311,9 +299,9 @@ class Exploration:
             busy_heights=tuple(task.height for task in self.tasks),
             finger_spacing=setup.finger_spacing,
             all_taxels=True,
-            deviation=None if uncertainty is None else uncertainty.whole,
-            ends_deviation=0.0 if uncertainty is None else uncertainty.ends,
-            pose_deviation=0.0 if uncertainty is None else uncertainty.pose,
+            deviation=survey.uncertainty.whole,
+            ends_deviation=survey.uncertainty.ends,
+            pose_deviation=survey.uncertainty.pose,
             surface=self.model.surface,
             general=self.model.general,
             tried=np.reshape(self.targets, (-1, 3)),
@@ -338,7 +326,8 @@ class Exploration:
                 model = self.model._replace(
                     number=self.model.number + 1,
                     is_pending=True,
-                    counts=self.counts,
+                    slices=0 if self.survey is None else len(self.survey.traced),
+                    end_touches=self.end_touches,
                     touches=self.touches,
                 )
                 return replace(self, model=model)
@@ -391,7 +380,7 @@ def _with_axis(known: Exploration, axis: Floats | None) -> Exploration:
 def with_model(
     known: Exploration,
     dropped: frozenset[int],  # numbers of contours that it had no use for
-    uncertainty: ModelUncertainty | None,
+    uncertainty: ModelUncertainty,
     surface: planners.ObservedSurface | None,
     *,
     general: bool,  # whether it is a general solid

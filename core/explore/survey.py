@@ -65,13 +65,13 @@ class Demand(NamedTuple):
 class ModelUncertainty(NamedTuple):
     """What the last model says of its own errors."""
 
-    heights: Floats  # (n,), m
-    deviations: Floats  # Standard deviation of the side there, (n,), m
-    whole: float  # Of the whole surface, ends included, m
+    heights: Floats = np.zeros(0)  # (n,), m
+    deviations: Floats = np.zeros(0)  # Standard deviation of the side there, (n,), m
+    whole: float | None = None  # Of the whole surface, ends included, m; None without a solid
     ends: float = 0.0  # Of it, the part that the ends make, m
     pose: float = 0.0  # Standard deviation of a touch's place, m
     # False if it had to be rebuilt from contours alone, for its slices are not star-shaped.
-    starlike: bool = True
+    starlike: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -89,7 +89,7 @@ class Survey:
     # Touches of each end, slicing frame.
     ends: Mapping[End, tuple[ProbeResult, ...]] = field(default_factory=dict)
     tips: tuple[Floats, ...] = ()  # Where ends were touched, the farthest place of each, (3,), m
-    uncertainty: ModelUncertainty | None = None  # Of the last model
+    uncertainty: ModelUncertainty = field(default_factory=ModelUncertainty)  # Of the last model
 
     @property
     def slices(self) -> tuple[ObservedSlice, ...]:
@@ -169,7 +169,7 @@ class Survey:
         return replace(survey, low=min(height, self.reached[0]), low_deviation=0.0)
 
     def _deviations(self) -> tuple[float, ...]:
-        if self.uncertainty is None or not len(self.uncertainty.heights):
+        if not len(self.uncertainty.heights):
             return (0.0,) * len(self.traced)
         at = [one.height for one in self.traced]
         return tuple(np.interp(at, self.uncertainty.heights, self.uncertainty.deviations).tolist())

@@ -84,7 +84,8 @@ def taken_up(known: explore.Exploration) -> explore.Exploration:
 
 
 def modelled(known: explore.Exploration) -> explore.Exploration:
-    return explore.with_model(known, frozenset(), uncertainty=None, surface=None, general=False)
+    none = explore.ModelUncertainty()
+    return explore.with_model(known, frozenset(), none, surface=None, general=False)
 
 
 def test_hand_closes_until_it_has_touched_enough_or_looked_everywhere():
