@@ -186,9 +186,9 @@ def take_result(
         robot_time=message.robot_time,
         touches=message.touches,
         fault=message.fault,
-        found=_traced(message, finger.task)
+        measured=_traced(message, finger.task)
         if isinstance(message, types.Contour)
-        else explore.TouchFound(message.outcome, message.point, message.normal),
+        else explore.ProbedPoint(message.outcome, message.point, message.normal),
     )
     return _take_up(state, known.with_finger(message.finger, finger._replace(result=result)))
 

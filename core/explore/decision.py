@@ -40,10 +40,10 @@ def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Go
     if known.survey is None:
         return [_grasp_goal(known, demand)]
     given: list[Goal] = []
-    for finger, at in known.fingers.items():
-        if at.task is not None or known.broken:
+    for number, finger in known.fingers.items():
+        if finger.task is not None or known.broken:
             continue
-        for goal in _finger_goals(known, demand, rule, finger):
+        for goal in _finger_goals(known, demand, rule, number):
             given.append(goal)
             known = known.after(goal)
     if given or known.tasks or known.model.is_pending:
@@ -64,17 +64,17 @@ def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
 
 def _next_closing(known: Exploration) -> CloseHand | None:
     """None once the hand has touched enough, or looked everywhere."""
-    met, setup, settings = known.hand, known.setup, known.setup.grasp
-    if len(met.points) >= settings.enough_contacts or met.grips >= settings.max_grips:
+    contacts, setup, settings = known.hand, known.setup, known.setup.grasp
+    if len(contacts.points) >= settings.enough_contacts or contacts.grips >= settings.max_grips:
         return None
     opening = settings.opening * setup.reach
     hand = grasp.Hand(opening=opening, reach=opening)
-    if len(met.points):
-        touched = met.points, met.normals, setup.platform
+    if len(contacts.points):
+        touched = contacts.points, contacts.normals, setup.platform
         pose = grasp.next_pose(hand, *touched)
         return CloseHand(pose, grasp.brought_near(hand, pose, *touched))
     places = grasp.search_places(setup.reach, settings.search_spacing)
-    search = grasp.search_pose(places, met.closings, setup.platform)
+    search = grasp.search_pose(places, contacts.closings, setup.platform)
     return None if search is None else CloseHand(search, hand)
 
 
@@ -115,8 +115,8 @@ def _finger_goals(
         known = known.after(MakeModel())
     observation = known.observation(demand, finger)
     match _choice(known, rule, observation):
-        case planners.Height() as slice_ if touches > 0.0:
-            return [*asked, _slice_task(known, demand, finger, slice_, touches)]
+        case planners.Height() as chosen if touches > 0.0:
+            return [*asked, _slice_task(known, demand, finger, chosen, touches)]
         case planners.Touch() as touch if touches > 0.0:
             return [_single_task(known, demand, finger, SingleTouch(touch))]
         case planners.Stop() if not (known.model.is_pending or observation.budget.spent):
@@ -184,8 +184,8 @@ def _end_observation(
     survey, is_upper = known.surveyed, end == "upper"
     height, other = (survey.high, survey.low) if is_upper else (survey.low, survey.high)
     contour = survey.outermost(upper=is_upper)
-    near = known.setup.goals.end_nearness * (survey.high - survey.low)
-    is_due = contour is not None and (is_last or abs(contour.height - height) < near)
+    max_distance = known.setup.goals.end_nearness * (survey.high - survey.low)
+    is_due = contour is not None and (is_last or abs(contour.height - height) < max_distance)
     return probing.EndObservation(
         height=height,
         deviation=survey.high_deviation if is_upper else survey.low_deviation,
@@ -209,8 +209,8 @@ def _is_model_due(known: Exploration) -> bool:
     settings, model, touches = known.setup.goals, known.model, known.touches
     if model.is_pending or not known.surveyed.traced:
         return False
-    many = touches - model.touches >= settings.contour_share * touches
-    if known.end_touches != model.end_touches or (many and _has_news(known)):
+    is_much = touches - model.touches >= settings.contour_share * touches
+    if known.end_touches != model.end_touches or (is_much and _has_news(known)):
         return True
     return len(known.targets) >= max(settings.single_batch, int(settings.single_share * touches))
 

@@ -162,8 +162,8 @@ class Done(NamedTuple):
 Goal = CloseHand | Task | MakeModel | Done
 
 
-class TouchFound(NamedTuple):
-    """What one touch has found."""
+class ProbedPoint(NamedTuple):
+    """What one touch measured."""
 
     outcome: TouchOutcome
     point: Floats  # deepest point touched, world frame, (3,) [m]
@@ -176,7 +176,7 @@ class Result(NamedTuple):
     robot_time: float  # of its last touch [s]
     touches: int  # 0: what is left of the budget is too little for one
     fault: FrameFault  # of the sensor, if it ended the work
-    found: TracedContour | TouchFound
+    measured: TracedContour | ProbedPoint
 
 
 class Finger(NamedTuple):
@@ -355,7 +355,7 @@ def with_coarse(known: Exploration, fit: FittedSuperquadric, axis: Floats | None
 
 
 def _with_axis(known: Exploration, axis: Floats | None) -> Exploration:
-    """At the beginning of the slices, along a given axis or along one that is found."""
+    """At the beginning of the slices, along a given axis or along one that is probed."""
     hand, setup = known.hand, known.setup
     assert hand.fit is not None
     frame = grasp.fit_object_frame(
@@ -399,7 +399,9 @@ def with_result(known: Exploration, finger: int, feature: float) -> Exploration:
     task, result = busy.task, busy.result
     assert task is not None and result is not None
     faults = 0 if result.fault == "none" else known.faults + 1
-    gives_up = isinstance(result.found, TracedContour) or faults >= known.setup.results.max_faults
+    gives_up = (
+        isinstance(result.measured, TracedContour) or faults >= known.setup.results.max_faults
+    )
     broken = known.broken
     if faults and gives_up and not broken:
         broken = f"the sensor of finger {finger} failed: {FAULTS[result.fault]}"
@@ -413,25 +415,25 @@ def with_result(known: Exploration, finger: int, feature: float) -> Exploration:
     )
     if not result.touches:
         return known
-    if isinstance(result.found, TracedContour):
-        return replace(known, survey=known.surveyed.with_slice(widened(result.found, feature)))
+    if isinstance(result.measured, TracedContour):
+        return replace(known, survey=known.surveyed.with_slice(widened(result.measured, feature)))
     if isinstance(task.work, TouchEnd):
-        return _with_end_touch(known, task.number, task.work, result.found)
-    return _with_single(known, task, result.found)
+        return _with_end_touch(known, task.number, task.work, result.measured)
+    return _with_single(known, task, result.measured)
 
 
 def _with_end_touch(
-    known: Exploration, number: int, work: TouchEnd, found: TouchFound
+    known: Exploration, number: int, work: TouchEnd, probed: ProbedPoint
 ) -> Exploration:
     survey = known.surveyed
-    if found.outcome in HITS:
+    if probed.outcome in HITS:
         known = replace(known, probes=(*known.probes, number))
-        axis = _end_axis(known, work.end, found.normal)
+        axis = _end_axis(known, work.end, probed.normal)
         if axis is not None:
             return _with_axis(known, axis)
     pose = survey.frame.pose
-    point, normal = pose.to_local(found.point), found.normal @ pose.axes
-    touch = probing.ProbeResult(work.command, found.outcome, point, normal)
+    point, normal = pose.to_local(probed.point), probed.normal @ pose.axes
+    touch = probing.ProbeResult(work.command, probed.outcome, point, normal)
     return replace(known, survey=survey.with_end_touch(work.end, touch))
 
 
@@ -446,18 +448,18 @@ def _end_axis(known: Exploration, end: probing.End, face: Floats) -> Floats | No
     return grasp.end_face_axis(survey.frame.pose.axes[:, 2], face, known.hand.normals)
 
 
-def _with_single(known: Exploration, task: Task, found: TouchFound) -> Exploration:
+def _with_single(known: Exploration, task: Task, probed: ProbedPoint) -> Exploration:
     assert isinstance(task.work, SingleTouch)
     settings, touch = known.setup.results, task.work.touch
     finger = known.fingers[task.finger]._replace(resting=touch.pose.position)
     known = known.with_finger(task.finger, finger)
-    if found.outcome == "inside" and task.work.retries < settings.max_retries:
+    if probed.outcome == "inside" and task.work.retries < settings.max_retries:
         pose, reach = touch.pose.advanced(-settings.retreat), touch.reach + settings.retreat
         farther = SingleTouch(touch._replace(pose=pose, reach=reach), task.work.retries + 1)
         return replace(known, retry=farther)
-    hit = found.outcome in HITS
-    distance = float(np.linalg.norm(found.point - touch.target))
+    hit = probed.outcome in HITS
+    distance = float(np.linalg.norm(probed.point - touch.target))
     in_vain = not hit or distance > settings.max_target_distance
-    result = SingleResult(task.number, touch.target, found.outcome, in_vain)
+    result = SingleResult(task.number, touch.target, probed.outcome, in_vain)
     probes = (*known.probes, task.number) if hit else known.probes
     return replace(known, singles=(*known.singles, result), probes=probes, retry=None)

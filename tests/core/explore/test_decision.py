@@ -71,9 +71,9 @@ def finished(
         number=task.number,
     )
     is_slice = isinstance(task.work, explore.TraceSlice)
-    found = traced if is_slice else explore.TouchFound("hit", TOP * UP, UP)
-    told = {"touches": 20 if is_slice else 1, "fault": "none", "found": found} | changes
-    result = explore.Result(robot_time=robot_time, **told)
+    measured = traced if is_slice else explore.ProbedPoint("hit", TOP * UP, UP)
+    fields = {"touches": 20 if is_slice else 1, "fault": "none", "measured": measured} | changes
+    result = explore.Result(robot_time=robot_time, **fields)
     return known.with_finger(finger, known.fingers[finger]._replace(result=result))
 
 
@@ -180,11 +180,11 @@ def test_sensor_is_given_up_after_one_contour_or_three_touches():
 
 def test_touch_that_began_inside_is_begun_twice_from_farther_off():
     known, away = exploration(survey=SURVEY, retry=SINGLE), []
-    inside = explore.TouchFound("inside", TOP * UP, UP)
+    inside = explore.ProbedPoint("inside", TOP * UP, UP)
     while known.retry is not None:
         known, [task] = acted(known)
         away.append((float(task.work.touch.pose.position[2]), task.work.touch.reach))
-        known = taken_up(finished(known, 1, 1.0, found=inside))
+        known = taken_up(finished(known, 1, 1.0, measured=inside))
     assert np.array(away) == pytest.approx(np.array([[0.12, 0.05], [0.135, 0.065], [0.15, 0.08]]))
     assert known.probes == () and known.refused == pytest.approx(TOP * UP[None])
     for outcome, point, probes, refused in (
@@ -193,7 +193,7 @@ def test_touch_that_began_inside_is_begun_twice_from_farther_off():
         ("miss", TOP * UP, (), 1),
     ):
         known, _ = acted(exploration(survey=SURVEY, retry=SINGLE))
-        known = taken_up(finished(known, 1, 1.0, found=explore.TouchFound(outcome, point, UP)))
+        known = taken_up(finished(known, 1, 1.0, measured=explore.ProbedPoint(outcome, point, UP)))
         assert (known.probes, len(known.refused), len(known.targets)) == (probes, refused, 1)
         assert modelled(known).targets == ()
 
