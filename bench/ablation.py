@@ -107,7 +107,7 @@ PARTS = (
         "cross-validation",
         {
             f"{_REBUILD}.side.fitting:smooth": _with(noise=0.0),
-            f"{_REBUILD}.side.shifts:stiffened": lambda _: lambda contacts, spline: spline,
+            f"{_REBUILD}.side.radial:stiffened": lambda _: lambda contacts, spline: spline,
         },
         ROUGH,
     ),
@@ -117,10 +117,10 @@ PARTS = (
         {
             "palpate.core.explore.probing:next_probe": _always(None),
             f"{_NODES}.rebuilding.fitting:touched_ends": _always(None),
-            f"{_REBUILD}.closed_sides:touched_end": _always(None),
+            f"{_REBUILD}.reconstruction:touched_end": _always(None),
         },
     ),
-    Part("pose offsets", {f"{_REBUILD}.side.shifts:FEWEST_TOUCHES": lambda _: 10**9}, FAR_OFF),
+    Part("pose offsets", {f"{_REBUILD}.side.radial:FEWEST_TOUCHES": lambda _: 10**9}, FAR_OFF),
     Part("predicted planner, not even slices", {}, uniform=True),
 )
 

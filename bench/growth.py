@@ -181,9 +181,9 @@ def _rebuilt(name: str, what: str, taxels: bool, quick: bool) -> Growth:
         given = _evidence(shapes[0], what, size, taxels, 0)
         calls[size] = partial(reconstruct, **given)
         if what == "lattice":  # it alone is timed, not the skin that it follows
-            closed = reconstruct(given["contours"], method="skin").closed
-            assert closed is not None
-            calls[size] = partial(fit_lattice, closed.loft.surface, size=given["size"])
+            side = reconstruct(given["contours"], method="skin").side
+            assert side is not None
+            calls[size] = partial(fit_lattice, side.patch, size=given["size"])
     floor = 100.0 * float(np.mean([truth_of(one).floor for one in shapes])) / SHAPE_HEIGHT
     return Growth(name, sizes, errors, {"processor, ms": _turned(calls, 1e3)}, floor)
 

@@ -11,6 +11,9 @@ from palpate.core.rebuild.general import (
     GeneralSolid as GeneralSolid,
     rebuild_general as rebuild_general,
 )
+from palpate.core.rebuild.models import (
+    fit_coarse as fit_coarse,
+)
 from palpate.core.rebuild.protocol import (
     HasTriangles as HasTriangles,
     MeshSolid as MeshSolid,
@@ -19,7 +22,6 @@ from palpate.core.rebuild.protocol import (
     SolidMeasures as SolidMeasures,
 )
 from palpate.core.rebuild.reconstruction import (
-    fit_coarse as fit_coarse,
     reconstruct as reconstruct,
 )
 from palpate.core.rebuild.solid import (

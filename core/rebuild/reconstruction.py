@@ -1,62 +1,71 @@
-"""From contacts to a closed solid, by one of five methods: lattice, skin, draft, thesis, coarse.
+"""From contacts to a closed solid: evidence, the side, its ends, the surface.
 
-The last two stand at the end: one superquadric, tapered and bent where its points ask for it
-(Schwarz's criterion, 1978), and the solid of `palpate.core.thesis` as a closed surface.
+Of all that was touched the side is a radial spline between the heights that were touched all
+around, as it was fitted; its ends are set onto it. Else the contours alone are lofted. A control
+lattice is fitted to the side where the method asks for one, and does not change the surface.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats, finite_array, positive
-from palpate.core.geometry import signed_area
-from palpate.core.poses import compose_poses, inverse_pose, split_pose
-from palpate.core.rebuild.closed_sides import (
-    ContourSolid,
-    close_contours,
-    close_radial,
-    lattice_of,
-    radial_rows,
-)
+from palpate.core.arrays import finite_array, positive
+from palpate.core.geometry import area_centroids
+from palpate.core.poses import compose_poses, inverse_pose
 from palpate.core.rebuild.contours import (
     ContactPoints,
     checked_contacts,
     contacts_into_frame,
     contour_curves,
-    drop_reasons,
     into_frame,
     normals_as_points,
     slicing_pose,
     stack_points,
 )
-from palpate.core.rebuild.ends import StraightCurve
-from palpate.core.rebuild.evidence import Evidence, gather_curves
-from palpate.core.rebuild.lattice import LatticeFit
-from palpate.core.rebuild.recovery import Recovery, recover
-from palpate.core.rebuild.solid import LatticeSolid, Method
-from palpate.core.rebuild.surface import (
-    EndPatch,
-    Patch,
-    SampledPatch,
-    Surface,
-    closed_surface,
-    placed,
-    sampled_patch,
+from palpate.core.rebuild.ends import (
+    End,
+    Shear,
+    end_from_contacts,
+    on_end,
+    only_given,
+    shear_between,
+    touched_end,
+    with_relief,
 )
-from palpate.core.shapes import Superquadric, Taper, regular_points
+from palpate.core.rebuild.evidence import Evidence, gather_curves
+from palpate.core.rebuild.lattice import fit_lattice
+from palpate.core.rebuild.lofted_sides import lofted_side
+from palpate.core.rebuild.models import coarse_solid, thesis_solid
+from palpate.core.rebuild.recovery import Recovery
+from palpate.core.rebuild.side import (
+    ContourLoft,
+    Coverage,
+    RadialSide,
+    RadialSpline,
+    bridged,
+    coverage_of,
+    fit_axis_curve,
+    fit_shifted_spline,
+    fit_side_spline,
+    looks_inward,
+    radial_side,
+    with_normals,
+)
+from palpate.core.rebuild.solid import LatticeSolid, Method, RebuildOptions
+from palpate.core.rebuild.surface import close_surface, placed
 from palpate.core.steps import Steps, no_steps
-from palpate.core.thesis import ThesisSolid, rebuild_thesis
 
 LEAST, WIDEST = 4, 64  # Control points of a lattice: the fewest each way, and the most across
-MOST_POINTS = 600  # More are thinned out: a superquadric has 15 parameters
-WARPS = ((False, False), (True, False), (True, True))  # Neither tapered nor bent, tapered, both
-USELESS = frozenset({"folded", "not converged"})  # Warnings of fits that are a last resort
+TURNS = 160  # Places of a side's rim
+NEAREST = 2e-3  # Of the height: a side comes no nearer to an end, where it may turn level
+FEWEST = 200  # Points on the side: with fewer the contours alone say more
+LEAST_SIDE = 0.05  # Least height of the side, as a share of the object's
+MISFIT = 0.1  # Of the side's own uncertainty: what a lattice may leave it by
 
 
 def reconstruct(
@@ -130,7 +139,7 @@ def reconstruct(
             touched = into_frame(pose, finite_array("tops", tops, (None, 3)))
         curves = contour_curves(contours, heights, 0, pose)
         evidence = gather_curves(curves, touched, contacts, noise, pose)
-    return Rebuilder(method, size, grasp, faithful)(evidence, step)
+    return rebuilt(evidence, method, RebuildOptions(size, grasp, faithful), step)
 
 
 def _is_size(size: tuple[int, int]) -> bool:
@@ -138,159 +147,134 @@ def _is_size(size: tuple[int, int]) -> bool:
     return whole and len(size) == 2 and min(size) >= LEAST and size[0] <= WIDEST >= size[1] // 8
 
 
-@dataclass(frozen=True, slots=True)
-class Rebuilder:
-    """How a solid is rebuilt: a value, so that a solid can be kept in a file."""
-
-    method: Method
-    size: tuple[int, int] | None
-    grasp: Recovery | None
-    faithful: bool
-
-    def __call__(self, evidence: Evidence, step: Steps = no_steps) -> LatticeSolid:
-        """The solid that evidence tells of, which can be made again from more of it."""
-        if self.method == "coarse":
-            points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
-            found = fit_coarse(points, evidence.noise)
-            if not found.fitted:
-                raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
-            surface = closed_surface((coarse_patch(found),))
-            solid = LatticeSolid(surface=surface, method="coarse", evidence=evidence, model=found)
-        elif self.method == "thesis":
-            solid = _thesis(evidence, self.faithful)
+def rebuilt(
+    evidence: Evidence, method: Method, options: RebuildOptions, step: Steps = no_steps
+) -> LatticeSolid:
+    """The solid that evidence tells of, which can be made again from more of it."""
+    if method == "coarse":
+        return replace(coarse_solid(evidence), options=options)
+    if method == "thesis":
+        return replace(thesis_solid(evidence, options.faithful), options=options)
+    shear: Shear | None = None
+    side: RadialSide | ContourLoft | None = None
+    if evidence.contacts is not None:
+        touched = _radial(evidence, evidence.contacts, step, method == "draft")
+        if touched is not None:
+            side, ends, shear = touched
         else:
-            evidence, closed = _close(evidence, step, self.method == "draft")
-            made: tuple[Surface, LatticeFit | None] = closed.surface, None
-            if self.method == "lattice":
-                with step("lattice"):
-                    made = lattice_of(closed, self.size, self.grasp)
-            solid = LatticeSolid(
-                surface=made[0],
-                method=self.method,
-                evidence=evidence,
-                closed=closed,
-                lattice=made[1],
-            )
-        shear = None if solid.closed is None else solid.closed.shear
-        return replace(solid, surface=placed(solid.surface, evidence.frame, shear), rebuilder=self)
+            with step("contours"):
+                known = evidence.given, evidence.tops, None, evidence.noise, evidence.frame
+                evidence = gather_curves(*known)._replace(contacts=evidence.contacts)
+    if side is None:
+        side, ends = lofted_side(evidence, step)
+    surface = close_surface(side.patch, *(None if end.round else end for end in ends))
+    lattice = None
+    if method == "lattice":
+        with step("lattice"):
+            tolerance = MISFIT * side.uncertainty().rms
+            lattice = fit_lattice(side.patch, tolerance, size=options.size, grasp=options.grasp)
+    return LatticeSolid(
+        surface=placed(surface, evidence.frame, shear),
+        method=method,
+        evidence=evidence,
+        options=options,
+        side=side,
+        ends=ends,
+        shear=shear,
+        lattice=lattice,
+    )
 
 
-def coarse_patch(recovery: Recovery) -> SampledPatch:
-    """Its surface, from the lower end of its own axis to the upper one."""
-    base = Superquadric(recovery.size, recovery.exponents)
-    taper = Taper(float(recovery.taper[0]), float(recovery.taper[1]), float(recovery.size[2]))
-    position, axes = split_pose(recovery.pose)
+def _radial(
+    evidence: Evidence, contacts: ContactPoints, step: Steps, draft: bool
+) -> tuple[RadialSide, tuple[End, End], Shear | None] | None:
+    """The side of all contact points over the heights that were touched, its ends, their shear.
 
-    def grid(v: Floats, turns: Floats) -> Floats:
-        eta, omega = np.meshgrid(np.pi * (v - 0.5), np.pi * (2.0 * turns - 1.0), indexing="ij")
-        points = regular_points(base, eta.ravel(), omega.ravel()).points
-        points = recovery.bend(taper(points)) @ axes.T + position
-        return points.reshape(*eta.shape, 3)
-
-    return sampled_patch(grid)
-
-
-def _thesis(evidence: Evidence, faithful: bool) -> LatticeSolid:
-    slices = evidence.slices
-    count = evidence.correspondence.grid.shape[1]
-    turns = np.arange(count) / count
-    rings = slices.points if faithful else [curve.at(turns) for curve in slices.curves]
-    found = rebuild_thesis(_raised(rings, slices.heights), faithful=faithful)
-    surface = closed_surface(thesis_patches(found))
-    return LatticeSolid(surface=surface, method="thesis", evidence=evidence, model=found)
-
-
-def _raised(rings: Sequence[Floats], heights: Floats) -> list[Floats]:
-    """Rings (n, 2) at their heights, (n, 3) each."""
-    pairs = zip(rings, heights, strict=True)
-    return [np.column_stack([ring, np.full(len(ring), height)]) for ring, height in pairs]
-
-
-def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
-    """Its surface, upwards and counter-clockwise; the points that close it there are cones here."""
-    middle = solid.surface(np.array([0.5]), np.linspace(0.0, 1.0, 65))[0, :-1]
-    mirrored = signed_area(middle[:, :2]) < 0.0
-
-    def grid(v: Floats, turns: Floats) -> Floats:
-        return solid.surface(v, 1.0 - turns if mirrored else turns)
-
-    side = sampled_patch(grid)
-    if solid.cap is None:
-        return (side,)
-    turns = np.arange(side.control.shape[1]) / side.control.shape[1]
-    tips = []
-    for v, way in ((0.0, -1.0), (1.0, 1.0)):
-        ring = side.at(np.full(len(turns), v), turns)
-        tips.append((ring.mean(axis=0) + np.array([0.0, 0.0, way * solid.cap]), way))
-    cone = StraightCurve((0.0, 1.0), (0.0, 0.0))  # towards the tip, which stands for its middle
-    below, above = (EndPatch(side, cone, tip, tip, way > 0.0) for tip, way in tips)
-    return below, side, above
-
-
-def _close(evidence: Evidence, step: Steps, draft: bool) -> tuple[Evidence, ContourSolid]:
-    """The loft and its ends: of all that was touched where that can be, else of the contours."""
-    if evidence.contacts is None:
-        return evidence, _close_contours(evidence, step)
-    ends = evidence.bottom, evidence.top
-    rows = radial_rows(evidence.slices, evidence.contacts, *ends, step, draft)
-    if rows is not None:
-        with step("loft"):
-            return evidence, close_radial(rows)
-    with step("contours"):
-        alone = gather_curves(evidence.given, evidence.tops, None, evidence.noise, evidence.frame)
-    return alone._replace(contacts=evidence.contacts), _close_contours(alone, step)
-
-
-def _close_contours(evidence: Evidence, step: Steps) -> ContourSolid:
-    slices = evidence.slices
-    touched = evidence.bottom is not None and evidence.top is not None
-    if len(slices.heights) < 2 and not touched:
-        why = f" ({drop_reasons(slices.dropped)})" if slices.dropped else ""
-        raise ValueError(
-            "contours must leave at least 2 to rebuild from, or 1 with tops that touched both "
-            f"ends, got 1{why}"
-        )
-    ends = {"bottom": evidence.bottom, "top": evidence.top}
-    grid = evidence.correspondence.grid
-    return close_contours(slices.heights, grid, **ends, noise=evidence.noise, step=step)
-
-
-def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
-    """The superquadric that explains points (n, 3) on it best for its number of parameters.
-
-    Contacts of a hand, or points of contours; `noise` is the standard deviation of a coordinate, if
-    it is known: what is less explains nothing. Tapered and bent where that pays; of points too few,
-    or all in a plane, an ellipsoid in their extents, which says so in its warnings. Raises
-    ValueError if points are not finite, or the noise not positive. Fung, 1999, 3.2.2, step 1, with
-    pose, taper, bend and free exponents; Schwarz, *Estimating the dimension of a model*, 1978.
+    None where the contours tell more alone: where sections are not star-shaped about the axis, or
+    hardly anything was touched, or not all around. A draft has fewer coefficients around, where
+    these do about as well, and no condition number.
     """
-    places = finite_array("points", points, (None, 3))
-    if noise is not None:
-        positive("noise", noise, "in the unit of the points")
-    if len(places) > MOST_POINTS:
-        places = places[np.linspace(0, len(places) - 1, MOST_POINTS).round().astype(int)]
-    count = len(places)
+    slices, bottom, top = evidence.slices, evidence.bottom, evidence.top
+    levels = np.column_stack([area_centroids(slices.fine), slices.heights])
+    axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
+    normals = contacts.normals is not None  # Surer than curves, which noise may turn back
+    starlike = not looks_inward(contacts, axis_curve) if normals else slices.star.all()
+    if not starlike or len(contacts.points) < FEWEST:
+        return None
+    shear = None
+    if normals:
+        shear = shear_between(contacts, levels[:, :2].mean(axis=0), (bottom, top))
+    if shear is not None:
+        # Other ends were touched by taxels, which say where they are in the straight space.
+        bottom = bottom if only_given(contacts, -1.0, bottom) else None
+        top = top if only_given(contacts, 1.0, top) else None
+        contacts, levels = shear.levelled_contacts(contacts), shear.levelled(levels)
+        axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
+    # All contact points lie between them, but for what seems to lie beyond an end that is known
+    # from elsewhere, as a platform is.
+    first, last = (float(height) for height in levels[[0, -1], 2])
+    low = _reached(contacts, first, -1.0, bottom)
+    high = _reached(contacts, last, 1.0, top)
+    with step("radial spline"):
+        contacts = with_normals(contacts, axis_curve, low, high)
+        plain = fit_side_spline(contacts, axis_curve, low, high, draft)
+        seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
+        if len(plain.rows.heights) < FEWEST or seen is None:
+            return None
+        spline, pose = fit_shifted_spline(contacts, bridged(contacts, plain), step)
+    with step("ends"):
+        bottom = touched_end(contacts, first, -1.0, pose, bottom)
+        top = touched_end(contacts, last, 1.0, pose, top)
+        bottom = None if bottom is None else min(bottom, first)
+        top = None if top is None else max(top, last)
+        reach, stretched = _reach(spline, seen, (first, last), (bottom, top))
+        spacing = (last - first) / max(len(levels) - 1, 1)
+        below = _end(contacts, spline, reach, bottom, pose, spacing)
+        above = _end(contacts, spline, reach[::-1], top, pose, spacing)
+    with step("bound"):
+        side = radial_side(spline, seen, pose, reach, stretched, draft)
+    return side, (below, above), shear
 
-    def penalty(missed: float, parameters: int) -> float:
-        """Schwarz's criterion: smaller is better."""
-        return 2.0 * count * math.log(missed) + parameters * math.log(count)
 
-    def information(fit: Recovery) -> float:
-        rounding = max(np.finfo(float).eps * float(fit.size.max()), np.finfo(float).tiny)
-        return penalty(max(math.hypot(fit.rms, noise or 0.0), rounding), len(fit.names))
-
-    fits: list[Recovery] = []
-    for taper, bend in WARPS:
-        if noise is not None and (sound := _sound(fits)):
-            best = min(map(information, sound))
-            # As many parameters more as this would have pay for no fit, however well it does.
-            if best <= penalty(noise, len(fits[-1].names) + 2):
-                break
-        fits.append(recover(places, taper=taper, bend=bend, noise=noise))
-    sound = _sound(fits)
-    fitted = [fit for fit in fits if fit.fitted]
-    return min(sound, key=information) if sound else (fitted or fits)[0]
+def _reached(contacts: ContactPoints, last: float, way: float, end: float | None) -> float:
+    heights = [way * last] if end is None else [way * last, way * end]
+    if end is None or on_end(contacts, last, way).any():
+        heights.append(float((way * contacts.points[:, 2]).max()))
+    return way * max(heights)
 
 
-def _sound(fits: Sequence[Recovery]) -> list[Recovery]:
-    return [fit for fit in fits if fit.fitted and not USELESS.intersection(fit.warnings)]
+def _reach(
+    spline: RadialSpline,
+    seen: Coverage,
+    levels: tuple[float, float],
+    ends: tuple[float | None, float | None],
+) -> tuple[tuple[float, float], bool]:
+    """Heights between which the spline is the side, m, and whether that is more than was touched.
+
+    By the lowest and the highest contour's level, and heights of ends that were touched, m.
+    """
+    bottom = spline.low if ends[0] is None else ends[0]
+    top = spline.high if ends[1] is None else ends[1]
+    low, high = min(seen.low, levels[0]), max(seen.high, levels[1])
+    extent = top - bottom
+    low, high = max(low, bottom + NEAREST * extent), min(high, top - NEAREST * extent)
+    missing = max(0.5 * (LEAST_SIDE * extent - (high - low)), 0.0)
+    reach = max(low - missing, 0.5 * (low + bottom)), min(high + missing, 0.5 * (high + top))
+    return reach, missing > 0.0
+
+
+def _end(
+    contacts: ContactPoints,
+    spline: RadialSpline,
+    reach: tuple[float, float],  # Heights from this end's rim to the other's, m
+    height: float | None,  # At which it was touched, m
+    pose: float | None,
+    spacing: float,  # Of the contours, m
+) -> End:
+    """How a side goes on; where nobody touched it, it may do so as far as contours are apart."""
+    turns, noise = np.arange(TURNS) / TURNS, float(np.hypot(spline.sigma, pose or 0.0))
+    rim, inwards = reach[0], reach[1] - reach[0]
+    end = end_from_contacts(contacts, spline, turns, rim, inwards, height, noise)
+    if end.kind == "fan":
+        return replace(end, uncovered=spacing)
+    return with_relief(end, contacts, spline.rings(np.array([rim]), turns)[0], pose)

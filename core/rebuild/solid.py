@@ -1,18 +1,20 @@
-"""A rebuilt solid: an exact closed surface, how it came about, and how far to trust it.
+"""A solid by slices: an exact closed surface, its side and ends, and how far to trust it.
 
-Its control lattice is carried along by the slicing frame, deformed and undeformed control points
-alike. The shear of its ends moves the deformed ones alone, for it is part of the deformation: exact
-where both ends are parallel, else as near as the knots are close together. The deviation of the
-whole is that of the side, how much farther than by their noise taxels lie off it, and where it was
-not touched, what may bulge there. An end adds what nobody has touched of it: the edge beyond the
-last height that was touched, the end's own height, how far what touched it lies off it, and, where
-nobody touched, by how much the object may go on.
+Its control lattice, if it has one, is fitted to the side and says how far it leaves it; the surface
+of the solid is the side's own. The lattice is carried along by the slicing frame, deformed and
+undeformed control points alike. The shear of its ends moves the deformed ones alone, for it is part
+of the deformation: exact where both ends are parallel, else as near as the knots are close
+together.
+
+The deviation of the whole is that of the side, how much farther than by their noise taxels lie off
+it, and where it was not touched, what may bulge there. An end adds what nobody has touched of it:
+the edge beyond the last height that was touched, the end's own height, how far what touched it lies
+off it, and, where nobody touched, by how much the object may go on.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -20,16 +22,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats, finite_array
+from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.poses import split_pose, transform_points
-from palpate.core.rebuild.closed_sides import ContourSolid, refine_solid
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
 from palpate.core.rebuild.ends import End, Shear, end_ways, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
-from palpate.core.rebuild.lattice import LatticeFit
+from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, refine_lattice
 from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import POSE_LEFT, SidePatch, Uncertainty
+from palpate.core.rebuild.side import POSE_LEFT, ContourLoft, RadialSide, Side, Uncertainty
 from palpate.core.rebuild.surface import (
     DEFAULT_TOLERANCE,
     EndPatch,
@@ -38,6 +39,7 @@ from palpate.core.rebuild.surface import (
     Surface,
     SurfaceMesh,
     SurfaceSearch,
+    close_surface,
     measure_surface,
     mesh_surface,
     placed,
@@ -68,23 +70,31 @@ def rms_of(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+class RebuildOptions(NamedTuple):
+    """How a method is to rebuild: see `reconstruct`."""
+
+    size: tuple[int, int] | None = None
+    grasp: Recovery | None = None
+    faithful: bool = False
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LatticeSolid(Solid):
     """A closed solid, and how it came about; lengths in the unit of the contours.
 
     It answers in the world, but heights count along the z axis of the slicing frame; where ends are
-    sheared, over its middle. How it came about is seen from that frame: evidence, loft, lattice.
+    sheared, over its middle. How it came about is seen from that frame: evidence, side, lattice.
     """
 
     surface: Surface  # Exact everywhere: points, normals, curvatures. In the world.
     method: Method  # How it was rebuilt
     evidence: Evidence  # From what
-    closed: ContourSolid | None = None  # Skin and ends; none with "thesis" and "coarse"
+    options: RebuildOptions | None = None  # And how; none if it was not made by `reconstruct`
+    side: RadialSide | ContourLoft | None = None  # None with "thesis" and "coarse"
+    ends: tuple[End, End] | None = None  # Below and above; likewise
+    shear: Shear | None = None  # All this is seen where both ends are level, if they are not
     lattice: LatticeFit | None = None  # With the method "lattice"; see `control_lattice`
     model: ThesisSolid | Recovery | None = None  # What the methods "thesis" and "coarse" found
-    rebuilder: Callable[[Evidence], LatticeSolid] | None = (
-        None  # In the same way, from other evidence
-    )
 
     @property
     def slices(self) -> Slices:
@@ -100,8 +110,7 @@ class LatticeSolid(Solid):
     def control_lattice(self) -> Lattice | None:
         """The control lattice in the world; None but with the method "lattice"."""
         part = self.model if isinstance(self.model, ThesisSolid) else self.lattice
-        shear = None if self.closed is None else self.closed.shear
-        return None if part is None else moved_lattice(part.lattice, self.frame, shear)
+        return None if part is None else moved_lattice(part.lattice, self.frame, self.shear)
 
     def update(self, contour: ArrayLike, *, height: float | None = None) -> LatticeSolid:
         """The solid with one contour more: that of all contours at once, in any order.
@@ -110,14 +119,16 @@ class LatticeSolid(Solid):
         as for `reconstruct`, in the world: (n, 3), or (n, 2) with `height` if there is no slicing
         frame. Raises ValueError as `reconstruct` does; or if the solid was not made by it.
         """
-        if self.rebuilder is None:
+        from palpate.core.rebuild.reconstruction import rebuilt  # Which makes such solids
+
+        if self.options is None:
             raise ValueError("solid must be rebuilt by reconstruct to be updated, got another")
-        return self.rebuilder(self.evidence.more(contour, height))
+        return rebuilt(self.evidence.more(contour, height), self.method, self.options)
 
     def mesh(self, tolerance: float | None = None) -> SurfaceMesh:
         """Triangles that leave the surface by a tolerance, or as noise lets: `mesh_surface`."""
-        if tolerance is None and self.closed is not None:
-            noise = NOISE_SHARE * self.closed.loft.health.sigma
+        if tolerance is None and self.side is not None:
+            noise = NOISE_SHARE * self.side.sigma
             tolerance = max(DEFAULT_TOLERANCE * self.surface.size, noise)
         return mesh_surface(self.surface, tolerance)
 
@@ -156,23 +167,36 @@ class LatticeSolid(Solid):
         """The solid after its control lattice was changed so that the side passes points.
 
         They are further points (n, 3) of the object, in the world; those nearest to an end are
-        counted, not passed. With their standard deviation `sigma` the side is drawn only as near as
-        that lets it; `weights` lets weights of control points change, too. Raises ValueError if the
-        method was not "lattice", `sigma` is not positive, a point is not finite, or so far aside of
-        sloping ends that these would have met before.
+        counted, not passed. The surface is then that of the lattice, of no points, too. With their
+        standard deviation `sigma` the side is drawn only as near as that lets it; `weights` lets
+        weights of control points change, too. Raises ValueError if the method was not "lattice",
+        `sigma` is not positive, a point is not finite, or so far aside of sloping ends that these
+        would have met before.
         """
-        if self.lattice is None or self.closed is None:
+        if self.lattice is None or self.ends is None:
             raise ValueError(f"method must be lattice for a solid to be refined, got {self.method}")
         seen = into_frame(self.frame, finite_array("points", points, (None, 3)))
-        shear = self.closed.shear
-        if shear is not None:
-            if not shear.reaches(seen).all():
+        if self.shear is not None:
+            if not self.shear.reaches(seen).all():
                 raise ValueError("points must lie beside the object, got one far aside of it")
-            seen = shear.levelled(seen)
-        surface, lattice = refine_solid(
-            self.lattice, self.closed, seen, sigma=sigma, weights=weights
-        )
-        return replace(self, surface=placed(surface, self.frame, shear), lattice=lattice)
+            seen = self.shear.levelled(seen)
+        if sigma is not None:
+            positive("sigma", sigma, "m")
+        caps = [None if end.round else end for end in self.ends]
+        surface = close_surface(self.lattice.side, *caps)
+        nearest = search_surface(surface).nearest(seen)
+        number = next(i for i, piece in enumerate(surface.pieces) if isinstance(piece, LatticeSide))
+        low, high = surface.seams[number : number + 2]
+        on_side = (nearest.v >= low) & (nearest.v <= high)
+        places = np.column_stack([(nearest.v - low) / (high - low), nearest.turns])[on_side]
+        each = None if sigma is None else np.full(int(on_side.sum()), sigma)
+        places = np.clip(places, 0.0, 1.0)
+        found = refine_lattice(self.lattice, seen[on_side], places, sigma=each, weights=weights)
+        assert found.refinement is not None
+        beyond = int(np.count_nonzero(~on_side))
+        found = replace(found, refinement=found.refinement._replace(beyond=beyond))
+        surface = placed(close_surface(found.side, *caps), self.frame, self.shear)
+        return replace(self, surface=surface, lattice=found)
 
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats | None:
         """Standard deviation of the side along its normal, on a grid (a, b), without the ends.
@@ -180,20 +204,20 @@ class LatticeSolid(Solid):
         At heights (a,) along the z axis of the slicing frame and turns (b,), a whole one being 1.
         None with the methods "thesis" and "coarse". Raises ValueError if a number is not finite.
         """
-        if self.closed is None:
+        if self.side is None:
             return None
-        return self.closed.deviation(
-            finite_array("heights", heights, (None,)), finite_array("turns", turns, (None,))
-        )
+        places = finite_array("heights", heights, (None,)), finite_array("turns", turns, (None,))
+        return self.side.deviation(*places)
 
     def uncertainty(self) -> Uncertainty | None:
-        """See `ContourSolid.uncertainty`; None with the methods "thesis" and "coarse".
+        """What the error of the side stays below, and what is narrower than could be seen.
 
-        No less than by how much points of contours that are not level lie off the solid.
+        None with the methods "thesis" and "coarse". No less than by how much points of contours
+        that are not level lie off the solid.
         """
-        if self.closed is None:
+        if self.side is None:
             return None
-        known = self.closed.uncertainty()
+        known = self.side.uncertainty()
         missed = self._missed_by_tilt(known.rms)
         if not len(missed):
             return known
@@ -202,9 +226,11 @@ class LatticeSolid(Solid):
 
     def whole_deviation(self) -> Deviation | None:
         """Deviation of the whole surface; None with the methods "thesis" and "coarse"."""
-        if self.closed is None:
+        if self.side is None or self.ends is None:
             return None
-        found = whole_deviation(self.closed, self.evidence.contacts)
+        contacts = self.evidence.contacts
+        contacts = None if contacts is None else levelled(self.shear, contacts)
+        found = whole_deviation(self.surface.pieces, self.side, self.ends, contacts)
         missed = self._missed_by_tilt(found.whole)
         if not len(missed):
             return found
@@ -231,20 +257,20 @@ class LatticeSolid(Solid):
     @property
     def uncovered(self) -> tuple[float, float]:
         """By how much it may go on below and above, along the slicing axis: nobody can know."""
-        if self.closed is None:
+        if self.ends is None:
             return 0.0, 0.0
-        return self.closed.bottom.uncovered, self.closed.top.uncovered
+        return self.ends[0].uncovered, self.ends[1].uncovered
 
     @property
     def overshoot(self) -> float:
         """How far the side leaves the box of its contours, over its width: hundredths are wild."""
-        if self.closed is None:
+        if self.side is None:
             return 0.0
         fine = self.slices.fine
         low, high = fine.min(axis=(0, 1)), fine.max(axis=(0, 1))
         heights = np.linspace(self.slices.heights[0], self.slices.heights[-1], OVERSHOOT_ROWS)
         turns = np.arange(OVERSHOOT_TURNS) / OVERSHOOT_TURNS
-        side = self.closed.loft.surface.rings(heights, turns)
+        side = self.side.rings(heights, turns)
         beyond = np.maximum(low - side, side - high).max()
         return float(max(beyond, 0.0) / (high - low).max())
 
@@ -275,16 +301,16 @@ class LatticeSolid(Solid):
         lattice and of the other methods: see `LatticeFit`, `Recovery`, `ThesisSolid`.
         """
         found = self.evidence.health() | {"uncovered_below": 0.0, "uncovered_above": 0.0}
-        if self.closed is not None:
-            outliers = found["outlying_points"]
-            found |= _of_side(self.closed)
-            found["outlying_points"] += outliers
+        if self.side is not None and self.ends is not None:
+            found |= self.side.figures
+            if isinstance(self.side, ContourLoft):
+                found["outlying_points"] += self.side.health.outlying
             if self.evidence.contacts is not None:
-                radial = self.closed.radial
-                found["radial_unused"] = float(radial is None)
-                if radial is not None:
-                    found |= radial.figures | {"sigma": radial.sigma}
-                    found["condition"] = found.get("radial_condition", found["condition"])
+                found["radial_unused"] = float(isinstance(self.side, ContourLoft))
+            for name, end in zip(("below", "above"), self.ends, strict=True):
+                told = {what: getattr(end, what) for what in ("uncovered", "unseen", "apart")}
+                told["slope"] = 0.0 if self.shear is None else self.shear.steepness(end.height)
+                found |= {f"{what}_{name}": float(value) for what, value in told.items()}
         if self.lattice is not None:
             names = ("rms", "most", "condition", "folded")
             health = self.lattice.health
@@ -354,29 +380,30 @@ class Deviation(NamedTuple):
     ends: float  # Of the whole, the part that its ends make
 
 
-def whole_deviation(closed: ContourSolid, contacts: ContactPoints | None) -> Deviation:
-    """Standard deviation of the surface along its normal, root mean square over its area, m.
+def whole_deviation(
+    pieces: tuple[Patch, ...], side: Side, ends: tuple[End, End], contacts: ContactPoints | None
+) -> Deviation:
+    """Standard deviation of a surface along its normal, root mean square over its area, m.
 
     Of noise, and of what untouched edges of the ends may hide; what untouched stretches of the side
     may hide is predicted from slopes and curvatures beside them (`palpate.planning`).
     """
-    contacts = None if contacts is None else levelled(closed.shear, contacts)
-    pieces = closed.surface.pieces
-    side = next(i for i, piece in enumerate(pieces) if isinstance(piece, SidePatch))
-    cells = _cells(pieces[side], SIDE_ROWS)
-    low, high = closed.bottom.rim, closed.top.rim
-    inside = (cells.heights > low) & (cells.heights < high)
+    number = next(i for i, piece in enumerate(pieces) if not isinstance(piece, EndPatch))
+    cells = _cells(pieces[number], SIDE_ROWS)
+    bottom, top = ends
+    inside = (cells.heights > bottom.rim) & (cells.heights < top.rim)
     area = float(cells.areas[inside].sum())
-    total = float((cells.areas * np.square(_side_deviation(closed, cells)))[inside].sum())
-    ends = (
-        (closed.bottom, -1.0, pieces[:side], cells.heights <= low),
-        (closed.top, 1.0, pieces[side + 1 :], cells.heights >= high),
+    deviation = side.normal_deviation(cells.heights, np.arange(TURNS) / TURNS, cells.steep)
+    total = float((cells.areas * np.square(deviation))[inside].sum())
+    parts = (
+        (bottom, False, pieces[:number], cells.heights <= bottom.rim),
+        (top, True, pieces[number + 1 :], cells.heights >= top.rim),
     )
     of_ends = 0.0
-    for end, way, beyond, rounded in ends:
+    for end, upper, beyond, rounded in parts:
         covered = float(cells.areas[rounded].sum())
         covered += sum(float(_cells(piece, END_ROWS).areas.sum()) for piece in beyond)
-        square, more = _of_end(closed, end, way, covered, contacts)
+        square, more = _of_end(side, end, upper, covered, contacts)
         area, of_ends = area + covered + more, of_ends + square
     return Deviation(math.sqrt((total + of_ends) / area), math.sqrt(of_ends / area))
 
@@ -390,38 +417,21 @@ def _cells(piece: Patch, count: int) -> _Cells:
     return _Cells(heights, lengths / lengths.size, steep)
 
 
-def _side_deviation(closed: ContourSolid, cells: _Cells) -> Floats:
-    """Along the normals at the cells, (a, b), m."""
-    deviation = closed.deviation(cells.heights, np.arange(TURNS) / TURNS)
-    if closed.radial is None:
-        return deviation
-    # What was touched is told across the axis; where the side turns level, the poses are left.
-    left = np.maximum(cells.steep * deviation, POSE_LEFT * closed.radial.pose_sigma)
-    # Taxels that lie farther off than their noise lets them say how far the surface is wrong.
-    off = max(closed.radial.rms**2 - closed.radial.sigma**2, 0.0)
-    return np.asarray(np.sqrt(left**2 + off))
-
-
 def _of_end(
-    closed: ContourSolid, end: End, way: float, area: float, contacts: ContactPoints | None
+    side: Side, end: End, upper: bool, area: float, contacts: ContactPoints | None
 ) -> tuple[float, float]:
     """Squared deviation times area, m^4, and area that the object may have besides, m^2."""
-    ring = closed.loft.at(end.rim, np.arange(RING) / RING)
+    ring = side.rings(np.array([end.rim]), np.arange(RING) / RING)[0]
     around = float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum())
     if end.uncovered > 0.0:
         more = 0.5 * around * end.uncovered
         return (area + more) * end.uncovered**2 / 3.0, more
-    untouched = np.array([end.unseen])
-    scatter = closed.loft.health.sigma
-    if closed.radial is not None:
-        reached = closed.radial.lows if way < 0.0 else closed.radial.highs
-        pitch = 0.0 if contacts is None else taxel_pitch(contacts)
-        untouched = np.maximum(way * (end.height - reached), 0.0)
-        untouched = widest_untouched(untouched, around, pitch)
-        scatter = float(np.hypot(closed.radial.sigma, closed.radial.pose_sigma))
+    way, pitch = 1.0 if upper else -1.0, 0.0 if contacts is None else taxel_pitch(contacts)
+    untouched = np.maximum(way * (end.height - side.reached(end.rim, upper)), 0.0)
+    untouched = widest_untouched(untouched, around, pitch)
     hidden = around * float(np.mean(2.0 * untouched * np.square(HIDES * untouched)))
-    off = 0.0 if contacts is None or end.round else _misfit(end, way, ring, contacts)
-    level = (POSE_LEFT * scatter) ** 2 + max(off**2 - scatter**2, 0.0)
+    off = 0.0 if contacts is None or end.pointed else _misfit(end, way, ring, contacts)
+    level = (POSE_LEFT * side.scatter) ** 2 + max(off**2 - side.scatter**2, 0.0)
     level += 0.0 if end.relief is None else end.relief.deviation**2
     return hidden + area * level, 0.0
 
@@ -451,23 +461,6 @@ def _misfit(end: End, way: float, ring: Floats, contacts: ContactPoints) -> floa
     if end.relief is not None:
         heights += ways * end.relief.at(points[:, :2])
     return float(np.sqrt(np.mean((points[:, 2] - heights) ** 2)))
-
-
-def _of_side(closed: ContourSolid) -> dict[str, float]:
-    loft, shear = closed.loft.health, closed.shear
-    ends = (("below", closed.bottom), ("above", closed.top))
-    told = ("uncovered", "unseen", "apart")
-    found = {f"{what}_{name}": float(getattr(end, what)) for what in told for name, end in ends}
-    for name, end in ends:
-        found[f"slope_{name}"] = 0.0 if shear is None else shear.steepness(end.height)
-    return found | {
-        "outlying_points": float(loft.outlying),
-        "sigma": loft.sigma,
-        "degrees_of_freedom": loft.freedom,
-        "condition": loft.condition,
-        "swing": loft.swing,
-        "reparametrised": float(closed.loft.surface.axial_parameter.reparametrisation is not None),
-    }
 
 
 class _Cells(NamedTuple):

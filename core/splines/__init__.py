@@ -14,6 +14,8 @@ from palpate.core.splines.bases import (
     Basis as Basis,
     PeriodicBasis as PeriodicBasis,
     averaged_knots as averaged_knots,
+    bending_along as bending_along,
+    bending_around as bending_around,
     clamped_basis as clamped_basis,
     evaluate_grid as evaluate_grid,
     evaluate_scattered as evaluate_scattered,

@@ -435,3 +435,24 @@ def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
             f"got {np.count_nonzero(outside)} outside, the worst {worst:g}"
         )
     return np.clip(x, low, high)
+
+
+def bending_along(basis: Basis, order: int = 2) -> Floats:
+    """Root (r, count) of the integral of a spline's squared derivative of an order, 1 or 2."""
+    nodes, weights = np.polynomial.legendre.leggauss(2)  # Exact for squared second derivatives
+    breaks = np.unique(basis.knots)
+    half = 0.5 * np.diff(breaks)
+    places = ((breaks[:-1] + half)[:, None] + half[:, None] * nodes).ravel()
+    roots = np.sqrt((half[:, None] * weights).ravel())
+    return np.asarray(roots[:, None] * basis.matrix(places, order).toarray())
+
+
+def bending_around(count: int) -> Floats:
+    """Root (count, count) of the bending of a closed curve, beyond that of an ellipse.
+
+    Constants and the first harmonic cost nothing: a smoothed circle keeps its size.
+    """
+    unit = np.eye(count)
+    before, after = np.roll(unit, 1, axis=1), np.roll(unit, -1, axis=1)
+    beyond = before - 2.0 * np.cos(2.0 * np.pi / count) * unit + after
+    return np.asarray((before - 2.0 * unit + after) @ beyond)

@@ -21,7 +21,7 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
 from palpate.core.shapes import Mesh
 from palpate.core.steps import Steps, no_steps
-from palpate.messages import derive, types
+from palpate.messages import types
 from palpate.nodes.rebuilding.soundness import missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
 from palpate.nodes.specs.sensors import CONTACT_ERROR
@@ -37,7 +37,6 @@ MUCH = 0.5  # Of the slices' error: what a general solid's must be below
 _NONE = np.zeros(0)
 Goal = types.ModelGoal | types.PlanDone
 
-BANDS, BAND_TURNS = 25, 8  # Heights of the uncertainty, and turns over which it is averaged
 HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
 NO_ARCHIVE = np.zeros(0, np.uint8)
 
@@ -158,9 +157,12 @@ def shape_model(
     if solid is not None and solid is candidates.general:
         with step("bound"):
             missing = missing_error(volume, candidates.touched)
-    return derive(
-        types.ShapeModel,
-        goal,
+    return types.ShapeModel(
+        number=goal.number,
+        contours=goal.contours,
+        probes=goal.probes,
+        touches=goal.touches,
+        robot_time=goal.robot_time,
         method="lattice" if solid is candidates.sliced else "general",
         predicted={name: float(np.sqrt(found.mean())) for name, found in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
@@ -243,30 +245,26 @@ def _parts(
             lattice = {"control": grid.control, "undeformed": grid.undeformed}
             lattice |= dict(zip(names, grid.knots, strict=True))
     with step("bound"):
-        heights, deviation = _band(solid)
+        assert solid.side is not None
+        heights, deviation = solid.side.band()
         told = {"uncertainty_height": heights, "uncertainty": deviation}
     shape = {"vertices": mesh.vertices, "faces": mesh.faces, "health": _rounded(solid.health())}
     return lattice | told | shape
 
 
-def _band(solid: LatticeSolid) -> tuple[Floats, Floats]:
-    """Heights along the slicing axis, and the side's standard deviation there."""
-    assert solid.closed is not None
-    if solid.closed.radial is not None:
-        return solid.closed.radial.band_heights, solid.closed.radial.band
-    heights = np.linspace(*solid.closed.loft.surface.reach, BANDS)
-    deviation = solid.closed.loft.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
-    return heights, np.sqrt(np.mean(deviation**2, axis=1))
-
-
 def coarse_model(number: int, contacts: Floats) -> types.Superquadric:
     """The message for the superquadric through contacts (n, 3), m."""
     found = fit_coarse(contacts, CONTACT_ERROR)
-    return derive(
-        types.Superquadric,
-        found,
+    return types.Superquadric(
         number=number,
+        size=found.size,
+        exponents=found.exponents,
+        pose=found.pose,
+        taper=found.taper,
         bend=found.bend.curvature,
         bend_direction=found.bend.direction,
+        warnings=found.warnings,
         residual=found.rms,
+        residuals=found.residuals,
+        rank=found.rank,
     )

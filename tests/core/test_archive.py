@@ -146,8 +146,8 @@ DEEP = '{"tuple":[' * 900 + "1" + "]}" * 900
 REFUSED: list[tuple[Callable[[], object], str]] = [
     *((lambda data=data: archive.arrays_from_bytes(np.frombuffer(data, np.uint8)), ".")
       for data in (b"", b"nothing", b"PK\x03\x04 and no more")),
-    (lambda: kept(replace(solid_by("skin"), rebuilder=lambda evidence: None)),
-     "solid/rebuilder cannot be kept: it is a function"),
+    (lambda: kept(replace(solid_by("skin"), options=lambda evidence: None)),
+     "solid/options cannot be kept: it is a function"),
     (lambda: kept((0, {"x": {1, 2}})), "solid/1/x cannot be kept: it is a set"),
     (lambda: kept({1: 2}), "solid must have texts as keys"),
     (lambda: kept(np.array([None])), "solid must be an array of numbers, got object"),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -93,8 +93,8 @@ class End:
     # Whether the last contour is seen whole from its middle; where it is not, an end that is drawn
     # from the rim to the middle folds over itself.
     starlike: bool
-    # Whether it is a piece of its own though it closes in a point, for the side would have run
-    # through its own axis on the way there.
+    # Whether it is a piece of its own though it closes in a point: what closes a radial side, or
+    # where a loft would have run through its own axis on the way there.
     apart: bool = False
     relief: Relief | None = None  # What it rises over its profile, if its face is not level
 
@@ -104,9 +104,14 @@ class End:
         return abs(self.height - self.rim)
 
     @property
+    def pointed(self) -> bool:
+        """Whether it closes in a point, as a conic does."""
+        return self.kind in ("conic", "pole")
+
+    @property
     def round(self) -> bool:
         """Whether the side itself should run on to a point at `height` and `middle`."""
-        return self.kind in ("conic", "pole") and not self.apart
+        return self.pointed and not self.apart
 
 
 def close_ends(
@@ -140,9 +145,11 @@ def close_rows(
     """The upper or lower end of rows of a surface, however close together: see `close_ends`.
 
     It was touched at a height, and `beyond` says what was touched between the last row and that.
+    One that closes in a point is a piece of its own.
     """
     stack = _stack(heights, grid, noise, upper=upper)
-    return _end("top" if upper else "bottom", stack, touched, True, beyond)
+    end = _end("top" if upper else "bottom", stack, touched, True, beyond)
+    return replace(end, apart=end.pointed)
 
 
 def _stack(heights: Floats, grid: Floats, noise: float, *, upper: bool) -> _Stack:

@@ -57,7 +57,7 @@ def with_relief(
     `pose` is the standard deviation of a touch's height, m; None without noise to be seen.
     """
     points_on = on_end(contacts, end.rim, 1.0 if end.height > end.rim else -1.0)
-    if end.round or end.height == end.rim or not points_on.any():
+    if end.pointed or end.height == end.rim or not points_on.any():
         return end
     points, touch = contacts.points[points_on], contacts.touch[points_on]
     ways, shares = end_ways(end, row, points, settings)

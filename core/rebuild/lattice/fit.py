@@ -1,6 +1,6 @@
-"""A control lattice around a prism, such that the prism's side becomes a given lofted surface.
+"""A control lattice around a prism, such that the prism's side becomes a given side.
 
-Along the axis the lattice has the loft's own knots, so that only sections are solved for: all
+Along the axis the lattice has the side's own knots, so that only sections are solved for: all
 layers at once, by one small system. Heights are the same all over a layer, so that the change of
 volume is the change of area within a layer times the rise from layer to layer. Refinement moves
 control points, and changes weights, until the side passes given points: of all changes that do it
@@ -32,7 +32,7 @@ from palpate.core.rebuild.lattice.section import (
     solve_section,
 )
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import ContourSurface
+from palpate.core.rebuild.side import SidePatch
 from palpate.reprs import readable
 
 SIDES = (7, 9, 11, 13, 17, 21)  # Control points across a section each way that are tried
@@ -108,18 +108,18 @@ class LatticeFit:
 
 
 def fit_lattice(
-    surface: ContourSurface,
+    patch: SidePatch,
     tolerance: float = 0.0,
     *,
     size: tuple[int, int] | None = None,
     grasp: Recovery | None = None,
 ) -> LatticeFit:
-    """Solve for the lattice that makes of a prism's side the loft.
+    """Solve for the lattice that makes of a prism's side another.
 
-    `tolerance` is a misfit, m, that is small against what is known of the loft. `size` is the
-    number of control points across a section each way, and of layers: otherwise the least side with
-    which the loft is met to within the tolerance, and the loft's own layers. `grasp` is a
-    superquadric whose section the prism shall have, otherwise the one that the loft's own sections
+    `tolerance` is a misfit, m, that is small against what is known of it. `size` is the number
+    of control points across a section each way, and of layers: otherwise the fewest with which the
+    patch is met to within the tolerance, and its own layers. `grasp` is a
+    superquadric whose section the prism shall have, otherwise the one that the patch's sections
     resemble. Raises ValueError if a number of control points is less than 4.
 
     Fung, 1999, (4.25), for the displacement from the undeformed lattice: the system of the control
@@ -127,7 +127,7 @@ def fit_lattice(
     """
     if size is not None and min(size) <= splines.CUBIC:
         raise ValueError(f"size must be at least {splines.CUBIC + 1} each way, got {size}")
-    layers = layers_of(surface, None if size is None else size[1])
+    layers = layers_of(patch, None if size is None else size[1])
     count = max(LEAST_TURNS, TURNS_EACH * layers.curves.shape[1])
     turns = np.arange(count) / count
     around = splines.PeriodicBasis(layers.curves.shape[1])
@@ -135,17 +135,17 @@ def fit_lattice(
     section = fit_section(curves, grasp)
     half = float(section.half_extent.max())
     enough = float(np.clip(tolerance, PRECISE * half, POOR * half))
-    check = _Check(surface, section, layers, turns, curves)
+    check = _Check(patch, section, layers, turns, curves)
     best = _best(check, SIDES if size is None else (size[0],), enough)
     side = best.control.shape[0]
     bases = splines.clamped_basis(side), splines.clamped_basis(side), layers.basis
     volume = splines.SplineVolume(best.control, bases)
-    lattice = splines.Lattice(volume, section.frame(*surface.reach))
+    lattice = splines.Lattice(volume, section.frame(*layers.heights[[0, -1]]))
     return LatticeFit(lattice, section, best.health)
 
 
 def _best(check: _Check, sides: tuple[int, ...], enough: float) -> _Trial:
-    """The smallest lattice that meets the loft and does not fold; else the nearest to that."""
+    """The smallest lattice that meets the patch and does not fold; else the nearest to that."""
     trials: list[_Trial] = []
     met = 0
     for side in sides:
@@ -189,17 +189,15 @@ def _tried(check: _Check, system: SectionSystem, fill: SectionFill) -> _Trial:
 
 
 def _off(check: _Check, control: Floats) -> Floats:
-    """Distances across the sections between the deformed side and the loft, (n, k)."""
+    """Distances across the sections between the deformed side and the patch, (n, k)."""
     side, layers = control.shape[0], check.layers
     seen = section_matrix(splines.clamped_basis(side), check.section.rim(check.turns))
     flat: Floats = seen @ control[..., :2].reshape(side**2, -1)
     reached = flat.reshape(len(check.turns), -1, 2).transpose(1, 0, 2)
     shares = layers.basis.greville()
     along = layers.basis.matrix(shares).toarray()
-    low, high = check.surface.along.domain
-    latitudes = low + (high - low) * shares
-    wanted = check.surface.on_grid(latitudes, check.turns)
-    slope = check.surface.on_grid(latitudes, check.turns, (0, 1))
+    wanted = check.patch.on_grid(shares, check.turns)[..., :2]
+    slope = check.patch.on_grid(shares, check.turns, (0, 1))
     off = np.tensordot(along, reached, 1) - wanted
     length = np.hypot(slope[..., 0], slope[..., 1])
     across = off[..., 0] * slope[..., 1] - off[..., 1] * slope[..., 0]
@@ -238,7 +236,7 @@ class _Trial(NamedTuple):
 class _Check(NamedTuple):
     """What a trial is made of and judged by."""
 
-    surface: ContourSurface
+    patch: SidePatch
     section: Section
     layers: Layers
     turns: Floats

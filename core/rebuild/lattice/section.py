@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import ContourSurface
+from palpate.core.rebuild.side import SidePatch
 from palpate.core.splines import (
     CUBIC,
     Basis,
     Parallelepiped,
     PeriodicBasis,
     clamped_basis,
-    insert_knots,
 )
 
 ENOUGH = 1e-6  # Of the height between the ends: how closely heights are followed
 MOST_LAYERS = 400
+POINT = 1e-12  # Of the width: a layer that is narrower is a point
 STEPS = 4  # Places between knots at which the height is compared
 SAMPLES = 3  # Places for each layer to which a given number of layers is fitted
 # What settles the inside: bending alone; rings on which lobes fade with the square of the way to
@@ -66,7 +66,7 @@ RADIAL, ANGULAR = 7, 48  # Places of integrals over the section, at least
 
 
 class Layers(NamedTuple):
-    """Layers of a loft, from its lowest to its highest."""
+    """Layers of a side, from its lowest to its highest."""
 
     basis: Basis  # Along the axis, from 0 to 1; cubic
     curves: Floats  # Coefficients of each layer's closed spline (l, k, 2) in the plane, m
@@ -74,61 +74,53 @@ class Layers(NamedTuple):
     pinned: tuple[bool, bool]  # Whether the first and the last layer are points
 
 
-def layers_of(surface: ContourSurface, count: int | None = None) -> Layers:
-    """As many layers as a loft has, and more for the height, or `count`: ValueError if below 4."""
+def layers_of(patch: SidePatch, count: int | None = None) -> Layers:
+    """As many layers as a side has, and more for the height, or `count`: ValueError if below 4."""
     if count is not None and count <= CUBIC:
         raise ValueError(f"layers must be at least {CUBIC + 1}, got {count}")
-    control = surface.control + surface.middle
-    low, high = surface.along.domain
-    own = Basis((surface.along.knots - low) / (high - low), surface.along.degree)
-    size = float(np.ptp(control, axis=(0, 1)).max())
-    widths = [float(np.ptp(control[end], axis=0).max()) for end in (0, -1)]
-    pinned = widths[0] <= 1e-12 * size, widths[1] <= 1e-12 * size
+    basis = _for_heights(patch) if count is None else clamped_basis(count)
+    places = basis.greville()
+    if count is not None:
+        places = np.linspace(0.0, 1.0, SAMPLES * max(count, patch.along.count))
+    turns = np.arange(patch.around) / patch.around
+    grid = patch.on_grid(places, turns)
+    size = float(np.ptp(grid[..., :2], axis=(0, 1)).max())
+    widths = [float(np.ptp(grid[end, :, :2], axis=0).max()) for end in (0, -1)]
+    pinned = widths[0] <= POINT * size, widths[1] <= POINT * size
+    circle = PeriodicBasis(patch.around).matrix(turns).toarray()
+    around = np.linalg.solve(circle, grid[..., :2]).reshape(len(places), -1)
+    values, matrix = np.column_stack([around, grid[:, 0, 2]]), basis.matrix(places).toarray()
     if count is None:
-        basis, curves = own, control
-        if own.degree != CUBIC:  # of few contours, without inner knots
-            basis = clamped_basis(CUBIC + 1)
-            values = own.matrix(basis.greville()) @ control.reshape(own.count, -1)
-            curves = _interpolated(basis, values).reshape(CUBIC + 1, -1, 2)
-        basis, curves = _for_heights(surface, basis, curves)
-        heights = _interpolated(basis, _height(surface, basis.greville()))
+        found = np.linalg.solve(matrix, values)
     else:
-        basis = clamped_basis(count)
-        places = np.linspace(0.0, 1.0, SAMPLES * max(count, own.count))
-        values = (own.matrix(places) @ control.reshape(own.count, -1)).reshape(len(places), -1)
-        values = np.column_stack([values, _height(surface, places)])
-        matrix = basis.matrix(places).toarray()
-        ends = matrix[:, [0, -1]] @ values[[0, -1]]
-        inner = np.linalg.lstsq(matrix[:, 1:-1], values - ends, rcond=None)[0]
+        rest = values - matrix[:, [0, -1]] @ values[[0, -1]]
+        inner = np.linalg.lstsq(matrix[:, 1:-1], rest, rcond=None)[0]
         found = np.concatenate([values[:1], inner, values[-1:]])  # the ends are taken as they are
-        curves, heights = found[:, :-1].reshape(count, -1, 2), found[:, -1]
-    return Layers(basis, curves, heights, pinned)
+    curves = found[:, :-1].reshape(basis.count, -1, 2)
+    return Layers(basis, curves, found[:, -1], pinned)
 
 
-def _for_heights(surface: ContourSurface, basis: Basis, curves: Floats) -> tuple[Basis, Floats]:
+def _for_heights(patch: SidePatch) -> Basis:
     """With a knot in the middle of each interval in which the height is not yet followed."""
-    extent = surface.axial_parameter.high - surface.axial_parameter.low
+    basis = patch.along
+    low, high = _height(patch, np.array([0.0, 1.0]))
     while basis.count < MOST_LAYERS:
-        heights = _interpolated(basis, _height(surface, basis.greville()))
+        sites = basis.greville()
+        heights = np.linalg.solve(basis.matrix(sites).toarray(), _height(patch, sites))
         breaks = np.unique(basis.knots)
         shares = (np.arange(STEPS) + 0.5) / STEPS
         places = breaks[:-1, None] + np.diff(breaks)[:, None] * shares
-        off = basis.matrix(places.ravel()) @ heights - _height(surface, places.ravel())
-        wrong = np.abs(off).reshape(places.shape).max(axis=1) > ENOUGH * extent
+        off = basis.matrix(places.ravel()) @ heights - _height(patch, places.ravel())
+        wrong = np.abs(off).reshape(places.shape).max(axis=1) > ENOUGH * (high - low)
         if not wrong.any():
             break
-        basis, curves = insert_knots(basis, curves, 0.5 * (breaks[:-1] + breaks[1:])[wrong])
-    return basis, curves
+        middles = 0.5 * (breaks[:-1] + breaks[1:])[wrong]
+        basis = Basis(np.sort(np.concatenate([basis.knots, middles])), CUBIC)
+    return basis
 
 
-def _interpolated(basis: Basis, values: Floats) -> Floats:
-    """Coefficients with values at the Greville abscissae."""
-    return np.asarray(np.linalg.solve(basis.matrix(basis.greville()).toarray(), values))
-
-
-def _height(surface: ContourSurface, shares: Floats) -> Floats:
-    low, high = surface.along.domain
-    return surface.axial_parameter.height(low + (high - low) * shares)
+def _height(patch: SidePatch, shares: Floats) -> Floats:
+    return np.asarray(patch.on_grid(shares, np.zeros(1))[:, 0, 2])
 
 
 class SectionSystem(NamedTuple):

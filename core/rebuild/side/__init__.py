@@ -1,9 +1,11 @@
-"""The side surface: through contours that correspond (a loft), and as a radial spline.
+"""The side surface: a radial spline of all that was touched, or a loft of contours alone.
 
-The loft is smoothed by cross-validation, and tells how far it can be trusted between contours. The
-radial spline is fitted to every touched taxel at once, with a shift of each touch where poses err;
-its numbers of spans and coefficients and strengths of bending may be tuned: they were set together
-on the shipped scenes. Both rest on `palpate.core.rebuild.contours` and on `palpate.core.splines`.
+The radial spline is fitted to every touched taxel at once, with a shift of each touch where poses
+err, and is the surface itself; its numbers of spans and coefficients and strengths of bending may
+be tuned: they were set together on the shipped scenes. Where nothing but contours is known, or
+sections are not star-shaped, a loft goes through them, smoothed by cross-validation. Both are a
+`Side`: a patch, and how far it can be trusted. They rest on `palpate.core.rebuild.contours` and on
+`palpate.core.splines`.
 """
 
 from palpate.core.rebuild.side.equations import (
@@ -13,26 +15,29 @@ from palpate.core.rebuild.side.equations import (
 )
 from palpate.core.rebuild.side.lofting import (
     ContourLoft as ContourLoft,
-    Uncertainty as Uncertainty,
     fit_contour_loft as fit_contour_loft,
     noise_of as noise_of,
 )
 from palpate.core.rebuild.side.radial import (
     POSE_LEFT as POSE_LEFT,
-    Coverage as Coverage,
-    RadialFit as RadialFit,
     RadialSpline as RadialSpline,
     bridged as bridged,
-    coverage_of as coverage_of,
-    fit_draft as fit_draft,
     fit_radial_spline as fit_radial_spline,
-    radial_fit as radial_fit,
+    fit_shifted_spline as fit_shifted_spline,
+    fit_side_spline as fit_side_spline,
     with_normals as with_normals,
 )
-from palpate.core.rebuild.side.shifts import (
-    fit_shifted_spline as fit_shifted_spline,
+from palpate.core.rebuild.side.side import (
+    Coverage as Coverage,
+    RadialSide as RadialSide,
+    Side as Side,
+    SidePatch as SidePatch,
+    Uncertainty as Uncertainty,
+    coverage_of as coverage_of,
+    radial_patch as radial_patch,
+    radial_side as radial_side,
 )
 from palpate.core.rebuild.side.surfaces import (
     ContourSurface as ContourSurface,
-    SidePatch as SidePatch,
+    LoftPatch as LoftPatch,
 )

@@ -7,20 +7,17 @@ Coefficients are numbered around first: each row of the equations ends within fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.side.smoothing import bending_around
-from palpate.core.splines import CUBIC, Basis, PeriodicBasis
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
+from palpate.core.splines import CUBIC, Basis, PeriodicBasis, bending_around
 
 LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
 LEAST_FACING = 0.05  # Least radial part of a normal: level faces tell nothing of the distance
@@ -260,47 +257,42 @@ def _width(around: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisCurve:
-    """x and y of the axis as polynomials of the height, or as cubic splines of it."""
+    """x and y of the axis as pieces of a polynomial of the height; beyond them it is upright."""
 
-    coefficients: Floats  # (degree + 1, 2), highest power first, of the height mapped to -1 .. 1.
-    low: float  # Height below which the axis is straight and upright, m
-    high: float  # Height above which it is
-    bent: CubicSpline | None = None  # Takes the polynomials' place, of the height in m
+    breaks: Floats  # Heights (m + 1,) between which the pieces lie, rising, m
+    coefficients: Floats  # (degree + 1, m, 2), highest power first, of the height over its break
 
-    def at(self, heights: Floats) -> Floats:
-        """Places (n, 2) of the axis at heights (n,), m."""
-        if self.bent is not None:
-            return np.asarray(self.bent(np.clip(heights, self.low, self.high)))
-        half = max(0.5 * (self.high - self.low), np.finfo(float).tiny)
-        local = (np.clip(heights, self.low, self.high) - 0.5 * (self.low + self.high)) / half
-        return np.stack([np.polyval(column, local) for column in self.coefficients.T], axis=-1)
-
-    def slope(self, heights: Floats) -> Floats:
-        """Derivatives (n, 2) of those places by the height; 0 where the axis is upright."""
-        half = max(0.5 * (self.high - self.low), np.finfo(float).tiny)
-        local = (heights - 0.5 * (self.low + self.high)) / half
-        inside = np.abs(local) <= 1.0
-        if self.bent is not None:
-            return np.where(inside[:, None], self.bent(heights, 1), 0.0)
-        slopes = [np.polyval(np.polyder(column), local) for column in self.coefficients.T]
-        return np.where(inside[:, None], np.stack(slopes, axis=-1) / half, 0.0)
+    def at(self, heights: Floats, derivative: int = 0) -> Floats:
+        """Places (n, 2) of the axis at heights (n,), m, or a derivative of them by the height."""
+        low, high = self.breaks[[0, -1]]
+        piece = np.searchsorted(self.breaks[1:-1], heights, side="right")
+        above = (np.clip(heights, low, high) - self.breaks[piece])[:, None]
+        found = np.zeros((len(heights), 2))
+        powers = range(len(self.coefficients) - 1, derivative - 1, -1)
+        for power, coefficient in zip(powers, self.coefficients, strict=False):
+            found = found * above + math.perm(power, derivative) * coefficient[piece]
+        if derivative:
+            found[(heights < low) | (heights > high)] = 0.0
+        return found
 
 
 def fit_axis_curve(heights: Floats, middles: Floats) -> AxisCurve:
     """Axis through middles (n, 2) of contours at heights (n,), m, of degree 3 or less.
 
-    What is bent more than that, as the stem of a banana, has a spline for its axis.
+    What is bent more than that, as the stem of a banana, has a natural cubic spline for its axis.
     """
     low, high = float(heights.min()), float(heights.max())
-    half = max(0.5 * (high - low), np.finfo(float).tiny)
-    local = (heights - 0.5 * (low + high)) / half
-    degree = min(MOST_DEGREE, len(np.unique(heights)) - 1)
-    coefficients = np.linalg.lstsq(np.vander(local, degree + 1), middles, rcond=None)[0]
-    axis_curve = AxisCurve(np.asarray(coefficients, np.float64), low, high)
-    missed = float(np.linalg.norm(axis_curve.at(heights) - middles, axis=1).max())
     levels, first = np.unique(heights, return_index=True)
+    degree = min(MOST_DEGREE, len(levels) - 1)
+    extent = high - low if degree else 1.0
+    powers = np.vander((heights - low) / extent, degree + 1)
+    shares = np.linalg.lstsq(powers, middles, rcond=None)[0]
+    scales = extent ** np.arange(degree, -1, -1.0)
+    axis_curve = AxisCurve(np.array([low, high]), (shares / scales[:, None])[:, None])
+    missed = float(np.linalg.norm(axis_curve.at(heights) - middles, axis=1).max())
     if missed <= MISSES * (high - low) or len(levels) <= MOST_DEGREE + 1:
         return axis_curve
     from scipy.interpolate import CubicSpline  # Seldom, and slow to import
 
-    return replace(axis_curve, bent=CubicSpline(levels, middles[first], bc_type="natural"))
+    bent = CubicSpline(levels, middles[first], bc_type="natural")
+    return AxisCurve(levels, np.asarray(bent.c))

@@ -15,8 +15,6 @@ from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.side.smoothing import (
     Smoothed,
     SmoothingAxis,
-    bending_along,
-    bending_around,
     smooth,
     smoothing_axis,
 )
@@ -25,7 +23,7 @@ from palpate.core.rebuild.side.surfaces import (
     basis_along,
     reparametrisation_through,
 )
-from palpate.core.splines import Basis, PeriodicBasis
+from palpate.core.splines import Basis, PeriodicBasis, bending_along, bending_around
 
 MOST_AROUND = 128  # Coefficients around
 LEAST_ROWS = 5  # With fewer rows and poles only ends with a pole can be round

@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.rebuild.contours import CUBIC_GAIN
 from palpate.core.rebuild.side import fitting
+from palpate.core.rebuild.side.side import SAFE_MOST, SAFE_RMS, Uncertainty
 from palpate.core.rebuild.side.smoothing import BetweenContours, Smoothed, between_contours
-from palpate.core.rebuild.side.surfaces import ContourSurface
+from palpate.core.rebuild.side.surfaces import ContourSurface, LoftPatch
 from palpate.core.splines import PeriodicBasis
+from palpate.reprs import readable
 
-# Times the deviation: what root mean square and largest error stay below on nine of ten objects
-# without features narrower than the contours' spacing.
-SAFE_RMS, SAFE_MOST = 1.5, 4.0
+BANDS, BAND_TURNS = 25, 8  # Heights of the deviation's band, and turns of its average
 STEPS_ALONG, STEPS_AROUND = 8, 48  # Places between contours, and around, of the mean deviation
 SUSPECT = 1.5  # Residuals over the noise between neighbours from which on points are suspected
 STICKING = 5.0  # Deviations from which on a point sticks out of its neighbourhood
@@ -52,17 +52,10 @@ class LoftHealth(NamedTuple):
     swing: float  # How far the surface leaves the middle between contours, over their difference
 
 
-class Uncertainty(NamedTuple):
-    """The whole object in three numbers, m, if nothing on it is narrower than the spacing."""
-
-    rms: float  # What the root mean square error of the side stays below
-    most: float  # What the largest error stays below
-    resolution: float  # Half the largest spacing of the contours: narrower things may be missed
-
-
+@readable
 @dataclass(frozen=True, slots=True, eq=False)
 class ContourLoft:
-    """The surface."""
+    """The surface: a `Side`."""
 
     surface: ContourSurface  # Where it is
     size: float  # Half the width of the contours, m
@@ -86,6 +79,51 @@ class ContourLoft:
         heights = finite_array("heights", heights, (None,))
         parameters = self.surface.axial_parameter.of(heights)
         return self._deviation(parameters, finite_array("turns", turns, (None,)))[0]
+
+    @property
+    def patch(self) -> LoftPatch:
+        """See `Side.patch`."""
+        return LoftPatch(self.surface)
+
+    @property
+    def sigma(self) -> float:
+        """See `Side.sigma`."""
+        return self.health.sigma
+
+    @property
+    def scatter(self) -> float:
+        """See `Side.scatter`: contours tell nothing of poses."""
+        return self.health.sigma
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """See `Side.figures`."""
+        health = self.health
+        return {
+            "sigma": health.sigma,
+            "degrees_of_freedom": health.freedom,
+            "condition": health.condition,
+            "swing": health.swing,
+            "reparametrised": float(self.surface.axial_parameter.reparametrisation is not None),
+        }
+
+    def rings(self, heights: Floats, turns: Floats) -> Floats:
+        """See `Side.rings`."""
+        return self.surface.rings(heights, turns)
+
+    def normal_deviation(self, heights: Floats, turns: Floats, steep: Floats) -> Floats:
+        """See `Side.normal_deviation`: it is told along normals."""
+        return self.deviation(heights, turns)
+
+    def band(self) -> tuple[Floats, Floats]:
+        """See `Side.band`."""
+        heights = np.linspace(*self.surface.reach, BANDS)
+        deviation = self.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
+        return heights, np.sqrt(np.mean(deviation**2, axis=1))
+
+    def reached(self, rim: float, upper: bool) -> Floats:
+        """See `Side.reached`."""
+        return np.array([rim])
 
     def uncertainty(self) -> Uncertainty:
         """One number for the whole side, and what it does not tell."""

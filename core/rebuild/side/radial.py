@@ -3,15 +3,19 @@
 The squared distance q from the axis is a tensor product of a spline along the height and a periodic
 one around: squared, because q of an ellipsoid is a parabola with finite slope at the poles, where
 the distance itself rises with an infinite one. Along the height spans are even and halved towards
-both ends, where q too may rise with an infinite slope. Where whole touches err by their poses, so
-does the surface between them: its deviation holds both, and is taken all around.
+both ends, where q too may rise with an infinite slope.
+
+A pose that is believed a tenth of a millimetre off moves a whole patch. Neighbouring patches
+overlap, so that the surface and one small shift of each touch can be found in one system: least
+squares with a block of correlated errors for each touch. How large shifts are believed to be is
+told by themselves, and how surely by what the surface leaves of the taxels: without noise, or where
+the surface does not follow edges, the one falls and the other rises until no shift is left.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -26,22 +30,17 @@ from palpate.core.rebuild.side.equations import (
     side_system,
     tensor_rows,
 )
-from palpate.core.rebuild.side.lofting import SAFE_MOST, SAFE_RMS, Uncertainty
-from palpate.core.rebuild.side.smoothing import bending_along
-from palpate.core.splines import CUBIC, Basis, PeriodicBasis
+from palpate.core.splines import CUBIC, Basis, PeriodicBasis, bending_along
+from palpate.core.steps import Steps, no_steps
 
-# Heights at which the deviation is given, and turns of its average: half a step on at every other.
-BANDS, BAND_TURNS = 25, 12
-GAP_ROWS = 4  # Rows about each of those heights in which gaps are looked for
 # Of the touches' pose error: what it leaves at least where the side turns level, and in ends.
 POSE_LEFT = 0.4
 FEWEST_TAXELS = 12  # Taxels of a touch: of fewer in half of them, they tell no shifts and no gaps
 SECTORS = 24  # Parts of a turn, each of which is looked at by itself
-FINE_SECTORS = 360  # Those in which the outermost heights are told
-AROUND, FEW_AROUND = 96, 48  # Coefficients around, and of a draft
-# Of the height: what a draft may miss of its points; where all coefficients would leave less than
-# this share of what it misses, it has all of them.
-DRAFT_MISSES, FAR_LESS = 5e-5, 0.6
+AROUND, FEW_AROUND = 96, 48  # Coefficients around, and of a side that has no need of them
+# Where all coefficients would leave less than this share of what few of them miss, a side has them
+# all, and a draft: more of them follow noise. A draft may miss a share of the height anyhow.
+LESS, FAR_LESS, DRAFT_MISSES = 0.85, 0.6, 5e-5
 # Strength of bending along, where the side was touched all around and where it was not: there so
 # strong that what lies farther off bridges the gap, not the last points before it alone.
 TOUCHED, UNTOUCHED = 1e-3, 1e-2
@@ -61,104 +60,18 @@ HALVED = 4  # Times that the first and the last of them are halved
 # Power of a span's width by which its bending counts: a root that begins there bends each half of a
 # span more than the whole, and is not flattened.
 WIDTHS = 3
-
-
-class RadialFit(NamedTuple):
-    """A fit of the side to contact points; lengths in m."""
-
-    points: int  # Points on the side
-    rms: float  # Root mean square distance of the points from the spline along their normals
-    sigma: float  # Standard deviation of a point, from the median distance
-    pose_blocks: bool  # Whether a shift of each touch was estimated with the spline
-    pose_sigma: float  # Standard deviation of those shifts along the normals; 0 without
-    condition: float | None  # Estimate of the system's condition number; of a draft none
-    untouched_gap: float  # The highest stretch of the side that was not touched on some azimuth
-    stretched: bool  # Whether the side had to be drawn higher than it was touched
-    # Lowest height that was touched in each of 360 even sectors, (360,); infinity if nothing was.
-    lows: Floats
-    highs: Floats  # Highest one, (360,); -infinity likewise
-    band_heights: Floats  # (25,)
-    band: Floats  # Standard deviation of the surface at those heights, (25,)
-
-    @property
-    def figures(self) -> dict[str, float]:
-        """Figures of the fit, by name."""
-        numbers = self._asdict().items()
-        single = {name: value for name, value in numbers if not isinstance(value, np.ndarray)}
-        told = {name: value for name, value in single.items() if value is not None}
-        return {f"radial_{name}": float(value) for name, value in told.items()}
-
-    def uncertainty(self) -> Uncertainty:
-        """The whole side in three numbers."""
-        extent = float(self.band_heights[-1] - self.band_heights[0])
-        narrow = max(self.untouched_gap, extent / SPANS)
-        rms = float(np.sqrt(np.mean(self.band**2)))
-        return Uncertainty(SAFE_RMS * rms, SAFE_MOST * float(self.band.max()), 0.5 * narrow)
-
-
-def radial_fit(
-    spline: RadialSpline,
-    seen: Coverage,
-    pose: float | None,
-    reach: tuple[float, float],
-    stretched: bool,
-    draft: bool = False,
-) -> RadialFit:
-    """What is kept of a spline between two heights, the `reach`, m."""
-    heights = np.linspace(*reach, BANDS)
-    deviation = np.empty((BANDS, BAND_TURNS))
-    for first in range(2):
-        turns = (np.arange(BAND_TURNS) + 0.5 * first) / BAND_TURNS
-        deviation[first::2] = spline.deviation(heights[first::2], turns)
-    # No gap may lie between places: those of the gaps are closer together than a gap is wide.
-    beside = (heights[1] - heights[0]) * (np.arange(GAP_ROWS) + 0.5 - 0.5 * GAP_ROWS) / GAP_ROWS
-    rows = np.clip((heights[:, None] + beside).ravel(), *reach)
-    gaps = gap_widths(spline, rows, np.arange(spline.around) / spline.around).reshape(BANDS, -1)
-    return RadialFit(
-        points=len(spline.rows.touch),
-        rms=float(np.sqrt(np.mean(spline.misfits**2))),
-        sigma=spline.sigma,
-        pose_blocks=pose is not None,
-        pose_sigma=0.0 if pose is None else pose,
-        condition=None if draft else spline.system.condition,
-        untouched_gap=seen.gap,
-        stretched=stretched,
-        lows=seen.lows,
-        highs=seen.highs,
-        band_heights=heights,
-        band=np.sqrt(np.mean(deviation**2, axis=1) + np.mean(gaps**2, axis=1)),
-    )
-
-
-class Coverage(NamedTuple):
-    """Of the side, m."""
-
-    low: float  # Height from which on it was touched all around
-    high: float  # Height up to which it was
-    gap: float  # The highest stretch between them in which nothing was touched on some azimuth
-    lows: Floats  # Lowest height that was touched in each fine sector, (360,), or infinity
-    highs: Floats  # Highest one, (360,), or -infinity
-
-
-def coverage_of(heights: Floats, turns: Floats) -> Coverage | None:
-    """Coverage of points at heights (n,) and turns (n,); None if a sector has no point."""
-    turns = np.mod(turns, 1.0)
-    sector = (turns * SECTORS).astype(np.int32) % SECTORS
-    if len(np.unique(sector)) < SECTORS:
-        return None
-    order = np.lexsort((heights, sector))
-    same = np.diff(sector[order]) == 0
-    gap = float(np.diff(heights[order])[same].max(initial=0.0))
-    low, high = (float(one.max()) for one in (_lowest(heights, sector), _lowest(-heights, sector)))
-    fine = (turns * FINE_SECTORS).astype(np.int32) % FINE_SECTORS
-    lows, highs = _lowest(heights, fine, FINE_SECTORS), -_lowest(-heights, fine, FINE_SECTORS)
-    return Coverage(low, -high, gap, lows, highs)
-
-
-def _lowest(heights: Floats, sector: Ints, count: int = SECTORS) -> Floats:
-    lowest = np.full(count, np.inf)
-    np.minimum.at(lowest, sector, heights)
-    return lowest
+# Of the shifts of touches.
+SWEEPS = 3  # Fits, each about the points as the shifts before have moved them
+# How many taxels weigh as much as the belief that a touch is not shifted: at first, and as many
+# times their squared misfit over that of the poses. By their own noise alone each would count by
+# itself; but what a smooth surface leaves, neighbours share.
+STRICTNESS, TOGETHER = 0.1, 8.0
+# Of the height: less noise, or smaller shifts, are not looked into; nothing is smoothed for them.
+WORTHWHILE = 6e-5
+FEWEST_TOUCHES = 8  # Fewer tell no shifts
+ITERATIONS, ENOUGH = 35, 1e-3  # Of the conjugate gradients, and the residual at which they end
+STIFFER, MOST_STIFFER = 10.0, 5  # Steps of stiffness where there is noise, and their number
+MOST_WHOLE = 400  # Touches whose drift is told in all directions; of more, along their normals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -308,17 +221,17 @@ def fit_radial_spline(
     return RadialSpline(axis_curve, low, high, found, rows.middle, rows, system, stiffness, tension)
 
 
-def fit_draft(
-    contacts: ContactPoints, axis_curve: AxisCurve, low: float, high: float
+def fit_side_spline(
+    contacts: ContactPoints, axis_curve: AxisCurve, low: float, high: float, draft: bool = False
 ) -> RadialSpline:
-    """The same with fewer coefficients around, where these do about as well."""
-    where = axis_curve, low, high
-    few = fit_radial_spline(contacts, *where, around=FEW_AROUND)
+    """The same with half as many coefficients around, where these do about as well."""
+    few = fit_radial_spline(contacts, axis_curve, low, high, around=FEW_AROUND)
     missed = float(np.sqrt(np.mean(few.misfits**2)))
-    if missed <= DRAFT_MISSES * (high - low):
+    if draft and missed <= DRAFT_MISSES * (high - low):
         return few
-    whole = fit_radial_spline(contacts, *where)
-    return whole if np.sqrt(np.mean(whole.misfits**2)) < FAR_LESS * missed else few
+    whole = fit_radial_spline(contacts, axis_curve, low, high)
+    left = float(np.sqrt(np.mean(whole.misfits**2)))
+    return whole if left < (FAR_LESS if draft else LESS) * missed else few
 
 
 def _solved(
@@ -462,7 +375,7 @@ def _gradient_normals(spline: RadialSpline, points: Floats) -> Floats:
     out = away / distance
     beside = np.stack([-out[:, 1], out[:, 0]], axis=-1)
     level = 2.0 * distance * out - by_turn[:, None] / distance * beside
-    leaning = np.einsum("ni,ni->n", away, spline.axis_curve.slope(points[:, 2]))
+    leaning = np.einsum("ni,ni->n", away, spline.axis_curve.at(points[:, 2], 1))
     gradient = np.column_stack([level, -2.0 * leaning - by_height])
     return np.asarray(gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
 
@@ -474,3 +387,103 @@ def along_basis() -> Basis:
     nearer = even[1] * 0.5 ** np.arange(HALVED, 0, -1)
     breaks = np.concatenate([even[:1], nearer, even[1:-1], 1.0 - nearer[::-1], even[-1:]])
     return Basis(np.concatenate([np.zeros(CUBIC), breaks, np.ones(CUBIC)]), CUBIC)
+
+
+def fit_shifted_spline(
+    contacts: ContactPoints, plain: RadialSpline, step: Steps = no_steps
+) -> tuple[RadialSpline, float | None]:
+    """The plain spline's contacts fitted again with a shift of each touch.
+
+    And the poses' standard deviation along the normals, from the median shift, m; None without.
+    """
+    used = np.unique(plain.rows.touch, return_counts=True)[1]
+    least = WORTHWHILE * (plain.high - plain.low)
+    if not plain.sigma > least:
+        return plain, None
+    few = len(used) < FEWEST_TOUCHES or np.median(used) < FEWEST_TAXELS
+    shifts = np.zeros((int(contacts.touch.max()) + 1, 3))
+    spline, moved, strictness, pose = plain, contacts, STRICTNESS, 0.0
+    for _ in range(0 if few else SWEEPS):
+        shifts += _more_shifts(spline, shifts, strictness)
+        moved = contacts._replace(points=contacts.points - shifts[contacts.touch])
+        spline = plain.refitted(moved)
+        by_row = shifts[spline.rows.touch]
+        pose = probable_error_sigma(np.einsum("ni,ni->n", spline.rows.normals, by_row))
+        if not pose > least:
+            break
+        strictness = TOGETHER * spline.square / pose**2
+    with step("cross-validation"):
+        if not pose > least:
+            return stiffened(plain), None
+        spline = stiffened(spline)
+    return replace(spline, drift=_drift(spline, len(shifts), strictness, pose)), pose
+
+
+def stiffened(spline: RadialSpline) -> RadialSpline:
+    """The spline as stiff as its points ask for: at least as stiff as it is."""
+    for _ in range(MOST_STIFFER):
+        stiffer = spline.stiffer(STIFFER)
+        if not stiffer.score < spline.score:
+            break
+        spline = stiffer
+    return spline
+
+
+def _more_shifts(spline: RadialSpline, believed: Floats, strictness: float) -> Floats:
+    """Shifts (k, 3) on top of those believed, whose points have been moved back by them."""
+    rows, count = spline.rows, len(believed)
+    blocks = _blocks(spline, np.broadcast_to(np.eye(3), (count, 3, 3)))
+    own = np.zeros((count, 3, 3))  # Each touch's block of the system
+    np.add.at(own, rows.touch, rows.normals[:, :, None] * rows.normals[:, None, :])
+    own += strictness * np.eye(3)
+    inverse = np.linalg.inv(own)
+    # What a shift does to the surface's equations, summed over its taxels once.
+    told = scipy.sparse.csr_array(blocks.T @ rows.matrix)
+    told_by = scipy.sparse.csr_array(told.T)
+
+    def system(shifts: Floats) -> Floats:
+        smooth = told @ spline.system.solve(told_by @ shifts.ravel())
+        return np.asarray(np.einsum("kij,kj->ki", own, shifts) - smooth.reshape(-1, 3))
+
+    right = (blocks.T @ spline.misfits).reshape(-1, 3) - strictness * believed
+    found = np.zeros_like(right)
+    rest = right
+    ahead = direction = np.einsum("kij,kj->ki", inverse, rest)
+    size = start = float(np.vdot(rest, ahead))
+    for _ in range(ITERATIONS):
+        if not size > ENOUGH**2 * start:
+            break
+        image = system(direction)
+        step = size / float(np.vdot(direction, image))
+        found, rest = found + step * direction, rest - step * image
+        ahead = np.einsum("kij,kj->ki", inverse, rest)
+        size, before = float(np.vdot(rest, ahead)), size
+        direction = ahead + size / before * direction
+    return found
+
+
+def _blocks(spline: RadialSpline, directions: Floats) -> scipy.sparse.csr_array:
+    """From shifts (k d,) along directions (k, d, 3) of the touches to distances along normals."""
+    rows, (count, each) = spline.rows, directions.shape[:2]
+    along = np.einsum("ndi,ni->nd", directions[rows.touch], rows.normals)
+    columns = (each * rows.touch[:, None] + np.arange(each)).ravel()
+    pointers = each * np.arange(len(rows.touch) + 1)
+    return scipy.sparse.csr_array(
+        (along.ravel(), columns, pointers), shape=(len(along), each * count)
+    )
+
+
+def _drift(spline: RadialSpline, count: int, strictness: float, pose: float) -> Drift:
+    """Of the shifts of so many touches, of a deviation in m, by the Schur complement."""
+    rows = spline.rows
+    directions = np.broadcast_to(np.eye(3), (count, 3, 3))
+    if count > MOST_WHOLE:
+        means = np.zeros((count, 3))
+        np.add.at(means, rows.touch, rows.normals)
+        length = np.linalg.norm(means, axis=1, keepdims=True)
+        directions = (means / np.maximum(length, np.finfo(float).tiny))[:, None]
+    blocks = _blocks(spline, directions)
+    along = spline.system.half((blocks.T @ rows.matrix).toarray())
+    own = (blocks.T @ blocks).toarray() + strictness * np.eye(blocks.shape[1])
+    factor = scipy.linalg.cholesky(own - along @ along.T, lower=True, check_finite=False)
+    return Drift(float(np.sqrt(strictness)) * pose, along, np.asarray(factor))

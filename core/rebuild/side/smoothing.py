@@ -17,7 +17,7 @@ import scipy
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.rebuild.contours import neighbour_weights
-from palpate.core.splines import Basis, Modes, demmler_reinsch
+from palpate.core.splines import Modes, demmler_reinsch
 
 STRENGTHS = 61  # Strengths that are tried along each axis
 # Times the stiffness of the stiffest mode, and of the most yielding one: from leaving values as
@@ -25,7 +25,6 @@ STRENGTHS = 61  # Strengths that are tried along each axis
 WEAKEST, STRONGEST = 1e-6, 1e4
 LEAST_SPARE = 1e-9  # Share of freedom left where caution allows none: never the best score
 FLAT = 1e-12  # Stiffness, over the mean, of what does not bend
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(2)  # Exact for squared second derivatives
 NEAR = 0.2  # Width around a contour over which its misses are averaged, rad
 DECAYING = 9  # Contours from which on the decay with the spacing is measured
 DECAY, LEAST_DECAY, MOST_DECAY = 0.4, 0.1, 0.7  # Of a miss at half the spacing: by default, limits
@@ -191,26 +190,6 @@ def _trials(along: SmoothingAxis, around: SmoothingAxis, squares: Floats) -> tup
     residual += a**2 @ squares @ (q**2).T
     spare = p.sum(axis=1)[:, None] * b.shape[1] + a.sum(axis=1)[:, None] * q.sum(axis=1)
     return residual, spare
-
-
-def bending_along(basis: Basis, order: int = 2) -> Floats:
-    """Root (r, count) of the integral of a spline's squared derivative of an order, 1 or 2."""
-    breaks = np.unique(basis.knots)
-    half = 0.5 * np.diff(breaks)
-    places = ((breaks[:-1] + half)[:, None] + half[:, None] * NODES).ravel()
-    weights = (half[:, None] * WEIGHTS).ravel()
-    return np.asarray(np.sqrt(weights)[:, None] * basis.matrix(places, order).toarray())
-
-
-def bending_around(count: int) -> Floats:
-    """Root (count, count) of the bending of a closed curve, beyond that of an ellipse.
-
-    Constants and the first harmonic cost nothing: a smoothed circle keeps its size.
-    """
-    unit = np.eye(count)
-    before, after = np.roll(unit, 1, axis=1), np.roll(unit, -1, axis=1)
-    beyond = before - 2.0 * np.cos(2.0 * np.pi / count) * unit + after
-    return np.asarray((before - 2.0 * unit + after) @ beyond)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,6 +18,7 @@ from palpate.core.splines import (
     CUBIC,
     Basis,
     averaged_knots,
+    clamped_basis,
     evaluate_grid,
     evaluate_scattered,
     wound_basis,
@@ -91,10 +92,23 @@ class ContourSurface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SidePatch:
+class LoftPatch:
     """The same from 0 at its lower end to 1 at its upper one, evenly in the parameter."""
 
     surface: ContourSurface  # The surface
+
+    @property
+    def along(self) -> Basis:
+        """Its splines along; cubic ones if it has others, of few contours."""
+        low, high = self.surface.along.domain
+        if self.surface.along.degree != CUBIC:
+            return clamped_basis(CUBIC + 1)
+        return Basis((self.surface.along.knots - low) / (high - low), CUBIC)
+
+    @property
+    def around(self) -> int:
+        """Number of its coefficients around."""
+        return int(self.surface.control.shape[1])
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at shares v and turns (n,), or derivatives by them."""

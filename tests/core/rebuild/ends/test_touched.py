@@ -242,7 +242,7 @@ def test_round_end_leans_as_it_was_touched(lean):
     spline = fit_radial_spline(touched, axis, 0.0, 0.09)
     turns = np.arange(48) / 48
     found = caps.end_from_contacts(touched, spline, turns, 0.062, -0.06, 0.09, 1e-6)
-    assert (found.height, found.round) == (0.09, True)
+    assert (found.height, found.pointed, found.round) == (0.09, True, False)
     assert found.middle - place == pytest.approx(lean, abs=0.6e-3)
     free = caps.end_from_contacts(touched, spline, turns, 0.062, -0.06, None, 1e-6)
     assert free.height >= 0.062

@@ -11,7 +11,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import LatticeSolid, reconstruct
 from palpate.core.rebuild.lattice import LatticeFit, fit_lattice, lattice_grid, refine_lattice
-from palpate.core.rebuild.side import ContourLoft, SidePatch, fit_contour_loft
+from palpate.core.rebuild.side import ContourLoft, fit_contour_loft
 from palpate.core.splines import Basis, Lattice, SplineVolume, box_lattice
 from tests.core.rebuild import objects
 from tests.core.rebuild.objects import at_height, circle, slow
@@ -41,20 +41,20 @@ def places(count: int, seed: int = 0) -> Floats:
 )
 def test_lattice_is_as_near_as_loft_without_folds(name, noise):
     skin = loft(name, noise=noise)
-    fit = fit_lattice(skin.surface, 0.1 * skin.uncertainty().rms)
+    fit = fit_lattice(skin.patch, 0.1 * skin.uncertainty().rms)
     assert fit.health.folded == 0.0
     assert fit.health.rms < max(0.1 * skin.uncertainty().rms, 1e-5)
     v, turns = np.random.default_rng(1).uniform(0.05, 0.95, (2, 400))
-    sides = (side.at(v, turns) for side in (fit.side, SidePatch(skin.surface)))
+    sides = (side.at(v, turns) for side in (fit.side, skin.patch))
     errors = [float(objects.section_distances(name, side).mean()) for side in sides]
     assert errors[0] < 1.05 * errors[1] + 1e-5
 
 
 def test_side_is_deformed_prism():
     skin = loft("lobed")
-    fit = fit_lattice(skin.surface)
+    fit = fit_lattice(skin.patch)
     v, turns = places(300)
-    side, there = fit.side.at(v, turns), SidePatch(skin.surface).at(v, turns)
+    side, there = fit.side.at(v, turns), skin.patch.at(v, turns)
     local = np.column_stack([fit.section.rim(turns), v])
     assert np.allclose(fit.lattice.deform(fit.prism.points(local)), side, rtol=0, atol=1e-12)
     assert np.linalg.norm(side - there, axis=1).max() < 3e-3
@@ -64,7 +64,7 @@ def test_side_is_deformed_prism():
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_derivatives_of_side_are_those_of_differences(weighted):
-    fit = fit_lattice(loft("lobed", 9, 40).surface, 1e-4)
+    fit = fit_lattice(loft("lobed", 9, 40).patch, 1e-4)
     if weighted:
         weights = np.random.default_rng(1).uniform(0.5, 2.0, fit.lattice.control.shape[:3])
         fit = replace(fit, lattice=fit.lattice.with_control(fit.lattice.control, weights))
@@ -73,12 +73,12 @@ def test_derivatives_of_side_are_those_of_differences(weighted):
 
 
 def test_sound_lattices_are_proved_and_folds_told():
-    sound = fit_lattice(loft("bent tube", 9, 24).surface, size=(4, 5))
+    sound = fit_lattice(loft("bent tube", 9, 24).patch, size=(4, 5))
     assert sound.folds().verdict == "sound"
     angle = 2 * np.pi * np.arange(80) / 80
     bend, width = 1.9 * np.sin(angle), 0.52 + 0.16 * np.cos(angle)
     plane = width[:, None] * np.column_stack([np.cos(bend), np.sin(bend)])
-    kidney = fit_lattice(prism(plane).surface, 1e-3)
+    kidney = fit_lattice(prism(plane).patch, 1e-3)
     assert 0.0 < kidney.health.folded < 0.4
     assert kidney.health.rms < 1e-3
     steps = np.diff(np.unwrap(np.arctan2(*(kidney.section.rim(TURNS) - 0.5).T)))
@@ -89,14 +89,14 @@ def test_sound_lattices_are_proved_and_folds_told():
 def test_prism_has_section_of_sides_or_of_grasp(exponent):
     c, s = np.cos(0.6), np.sin(0.6)
     plane = objects.superellipse(TURNS, exponent, 0.5, 0.3) @ np.array([[c, s], [-s, c]])
-    section = fit_lattice(prism(plane + [0.1, -0.2]).surface, 1e-3).section
+    section = fit_lattice(prism(plane + [0.1, -0.2]).patch, 1e-3).section
     assert section.exponent == pytest.approx(exponent, abs=0.15)
     assert np.sort(section.half_extent) == pytest.approx([0.3, 0.5], rel=0.05)
     assert section.middle == pytest.approx([0.1, -0.2], abs=5e-3)
     pose = np.array([0.1, 0.2, 0.3, 0.0, 0.0, np.sin(0.2), np.cos(0.2)])
     size, exponents = np.array([0.5, 0.3, 0.7]), np.array([0.4, exponent])
     grasp: Any = SimpleNamespace(size=size, exponents=exponents, pose=pose)
-    taken = fit_lattice(prism(0.4 * circle(60)).surface, 1e-2, grasp=grasp).section
+    taken = fit_lattice(prism(0.4 * circle(60)).patch, 1e-2, grasp=grasp).section
     assert (taken.exponent, *taken.half_extent) == pytest.approx((exponent, 0.5, 0.3))
     assert taken.middle == pytest.approx([0.1, 0.2])
     assert np.arctan2(taken.axes[0, 1], taken.axes[0, 0]) == pytest.approx(0.4)
@@ -104,13 +104,13 @@ def test_prism_has_section_of_sides_or_of_grasp(exponent):
 
 @pytest.mark.parametrize(("size", "off"), [((4, 4), 0.1), ((6, 9), 1e-2), ((9, 60), 1e-2)])
 def test_size_is_as_asked_and_more_points_come_nearer(size, off):
-    fit = fit_lattice(loft("bent tube").surface, size=size)
+    fit = fit_lattice(loft("bent tube").patch, size=size)
     assert fit.lattice.control.shape == (size[0], size[0], size[1], 3)
     assert fit.health.rms < off
-    misses = [fit_lattice(loft("star").surface, size=(n, 27)).health.rms for n in (5, 9, 17)]
+    misses = [fit_lattice(loft("star").patch, size=(n, 27)).health.rms for n in (5, 9, 17)]
     assert misses[2] < 0.5 * misses[1] < 0.25 * misses[0]
     with pytest.raises(ValueError, match="size must be at least 4 each way, got"):
-        fit_lattice(loft("star").surface, size=(size[0], 3))
+        fit_lattice(loft("star").patch, size=(size[0], 3))
 
 
 def test_grid_holds_whole_lattice():
@@ -167,7 +167,8 @@ def test_pulled_point_is_passed_and_far_places_stay(weights):
     far = np.linalg.norm(before - ball().surface.at(0.55, 0.2), axis=1) > 70.0
     assert moved.max() > 0.5
     assert far.sum() > 100 and moved[far].max() < 3e-4
-    on_surface = ball().surface.at([0.3, 0.5, 0.7], [0.1, 0.4, 0.9])
+    own = ball().refined(np.zeros((0, 3))).surface  # The lattice's
+    on_surface = own.at([0.3, 0.5, 0.7], [0.1, 0.4, 0.9])
     same = lattice_of(ball().refined(on_surface, weights=weights))
     assert same.refinement.steps == 0
     assert np.array_equal(same.lattice.control, lattice_of(ball()).lattice.control)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.side import ContourLoft, SidePatch, fit_contour_loft, noise_of
+from palpate.core.rebuild.side import ContourLoft, LoftPatch, fit_contour_loft, noise_of
 from tests.core.rebuild.objects import assert_derivatives, circle, rms
 
 HEIGHT, POLE = 2.0, float(np.sqrt(1.04))
@@ -250,7 +250,7 @@ def surface(kind: str, over: bool = False) -> Any:
 @pytest.mark.parametrize("kind", ["ball", "step"])
 def test_surface_has_its_derivatives_by_either_parameter(kind):
     found = surface(kind)
-    side, heights = SidePatch(found), np.linspace(-0.99, 0.89, 21)
+    side, heights = LoftPatch(found), np.linspace(-0.99, 0.89, 21)
     v, turns = np.linspace(0.03, 0.97, 21), np.linspace(0.0, 2.1, 21)
     assert_derivatives(side.at, v, turns, 1e-5, 0.8, side.on_grid)  # But for knots
     assert side.at(np.array([0.0, 1.0]), np.zeros(2))[:, 2] == pytest.approx([-1.0, 0.9])
@@ -263,7 +263,7 @@ def test_surface_has_its_derivatives_by_either_parameter(kind):
     assert np.array_equal(found.at(0.97, turns), found.at(0.9, turns))  # Carried on
     assert not found.at(0.97, turns, (1, 0)).any()
     if kind == "step":  # Upside down it is the same
-        mirrored = SidePatch(surface(kind, over=True)).at(1.0 - v, turns) * [1.0, 1.0, -1.0]
+        mirrored = LoftPatch(surface(kind, over=True)).at(1.0 - v, turns) * [1.0, 1.0, -1.0]
         assert mirrored == pytest.approx(side.at(v, turns), abs=1e-9)
         rims = np.linalg.norm(found.at([-0.5, 0.0, 0.02, 0.5], np.full(4, 0.3)), axis=-1)
         assert rims == pytest.approx([1.0, 1.0, 0.6, 0.6], abs=1e-3)

@@ -40,7 +40,7 @@ def radius_of(heights: Floats, a: float = 0.03, b: float = 0.03) -> Floats:
     return np.asarray(np.sqrt(level[:, None] / across))
 
 
-@pytest.mark.parametrize("fit", [sides.fit_radial_spline, sides.fit_draft])
+@pytest.mark.parametrize("fit", [sides.fit_radial_spline, sides.fit_side_spline])
 def test_spline_of_ellipsoid_is_ellipsoid(fit):
     spline = fit(everywhere(EGG), UP, 0.0, HEIGHT)
     heights = np.linspace(0.003, 0.057, 40)
@@ -147,7 +147,7 @@ def with_gap(width: float, height: float = 0.03, turn: float = 0.02) -> ContactP
 def kept_of(spline: RadialSpline, pose: float | None = None, reach: float = 0.004) -> Any:
     seen = coverage_of(spline.rows.heights, spline.rows.places[:, 1])
     assert seen is not None
-    return sides.radial_fit(spline, seen, pose, (reach, HEIGHT - reach), False)
+    return sides.radial_side(spline, seen, pose, (reach, HEIGHT - reach), False)
 
 
 @pytest.mark.parametrize(("height", "turn"), [(0.0313, 0.479), slow(0.02, 0.6)])
@@ -156,7 +156,7 @@ def test_gap_has_deviation_of_its_size(height, turn):
     for width in (0.0, 0.012):
         touched = with_gap(width, height, turn)
         fit = kept_of(bridged(touched, fitted(touched)))
-        told.append(np.sqrt(np.interp(height, fit.band_heights, fit.band**2)))
+        told.append(np.sqrt(np.interp(height, fit.band_heights, fit.deviations**2)))
     # The share of the ring that it takes, and what a cone of its width has on average across.
     ring = 2 * np.pi * np.sqrt(0.03**2 - (height - 0.03) ** 2)
     assert told[0] < 1e-5
@@ -253,11 +253,11 @@ def test_stated_errors_hold_what_shifts_leave():
     fit = kept_of(found, sigma, 0.008)
     wanted = radius_of(fit.band_heights)
     off = (np.sqrt(found.squared(fit.band_heights, TURNS)) - wanted) * wanted / 0.03
-    assert 0.9 < np.mean(np.abs(off) < 1.96 * fit.band[:, None]) <= 1.0
+    assert 0.9 < np.mean(np.abs(off) < 1.96 * fit.deviations[:, None]) <= 1.0
     figures = fit.figures
     assert figures["radial_pose_sigma"] == sigma and figures["radial_pose_blocks"] == 1.0
     whole = fit.uncertainty()
-    assert rms(fit.band) < whole.rms < whole.most
+    assert rms(fit.deviations) < whole.rms < whole.most
     assert whole.rms > rms(off) and whole.most > np.abs(off).max()
 
 
@@ -286,8 +286,8 @@ def test_axis_bends_with_middles_but_not_with_noise():
     assert np.allclose(axis.at(heights), middles, rtol=0, atol=1e-15)
     between = np.array([0.033, 0.095])
     slope = (axis.at(between + step) - axis.at(between - step)) / (2 * step)
-    assert np.allclose(axis.slope(between), slope, rtol=0, atol=1e-6)
-    assert not axis.slope(np.array([-0.01, 0.11])).any()
+    assert np.allclose(axis.at(between, 1), slope, rtol=0, atol=1e-6)
+    assert not axis.at(np.array([-0.01, 0.11]), 1).any()
     noise = 1e-4 * np.random.default_rng(0).normal(size=(9, 2))
     assert rms(sides.fit_axis_curve(heights, noise).at(heights)) < 0.8 * rms(noise)
     repeated = sides.fit_axis_curve(np.full(3, 0.02), np.array([[0.0, 0], [0.003, 0], [0, 0.003]]))

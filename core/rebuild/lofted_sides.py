@@ -1,0 +1,90 @@
+"""A side through contours alone, and its ends: where nothing else was touched, or is of use.
+
+A loft that would run through its own axis before it closes in a point ends at its last contour
+instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.geometry import area_centroids
+from palpate.core.rebuild.contours import are_star_shaped, drop_reasons
+from palpate.core.rebuild.ends import End, close_ends
+from palpate.core.rebuild.evidence import Evidence
+from palpate.core.rebuild.side import ContourLoft, ContourSurface, fit_contour_loft, noise_of
+from palpate.core.steps import Steps
+
+POINT = 1e-9  # Of the widest contour: one that is narrower is a point
+SECTIONS, SECTION_TURNS = 16, 64
+LAST = 1e-3  # Of the way to the point: how near to it sections are looked at
+
+
+def lofted_side(evidence: Evidence, step: Steps) -> tuple[ContourLoft, tuple[End, End]]:
+    """The loft of the contours, and its ends.
+
+    A first or last contour that is but a point counts as a touch of the end. Raises ValueError as
+    `close_ends` and `fit_contour_loft` do; or if there is but one contour, and both ends have not
+    been touched.
+    """
+    slices, bottom, top = evidence.slices, evidence.bottom, evidence.top
+    heights, grid = slices.heights, evidence.correspondence.grid
+    width = np.ptp(grid, axis=1).max(axis=1)
+    wide = np.flatnonzero(width > POINT * width.max())
+    first, last = (int(wide[0]), int(wide[-1])) if len(wide) else (0, len(heights) - 1)
+    if first > 0 and bottom is None:
+        bottom = float(heights[0])
+    if last < len(heights) - 1 and top is None:
+        top = float(heights[-1])
+    heights, grid = heights[first : last + 1], grid[first : last + 1]
+    if len(heights) < 2 and (bottom is None or top is None):
+        why = f" ({drop_reasons(slices.dropped)})" if slices.dropped else ""
+        raise ValueError(
+            "contours must leave at least 2 to rebuild from, or 1 with tops that touched both "
+            f"ends, got 1{why}"
+        )
+    with step("cross-validation"):  # it smooths the loft, too
+        known = evidence.noise  # An end can be told from contours only as far as their noise allows
+        if known is None:
+            known = noise_of(heights, grid) if len(heights) > 1 else 0.0
+        with step("ends"):
+            ends = close_ends(heights, grid, bottom=bottom, top=top, noise=known)
+        return _between_ends(heights, grid, ends, evidence.noise)
+
+
+def _between_ends(
+    heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
+) -> tuple[ContourLoft, tuple[End, End]]:
+    """The loft runs on to a point where an end is round, else ends at its last contour."""
+
+    def lofted() -> ContourLoft:
+        low, high = (end.rim if end.apart else end.height for end in ends)
+        pole = [end.middle if end.round else False for end in ends]
+        return fit_contour_loft(heights, grid, low=low, high=high, pole=pole, noise=noise)
+
+    loft = lofted()
+    through = [end.round and runs_through_axis(loft.surface, end.rim, end.height) for end in ends]
+    if any(through):
+        below, above = (
+            replace(end, apart=end.apart or crossed)
+            for end, crossed in zip(ends, through, strict=True)
+        )
+        ends = below, above
+        loft = lofted()
+    return loft, ends
+
+
+def runs_through_axis(surface: ContourSurface, rim: float, end: float) -> bool:
+    """Whether a section between the last contour, at `rim`, and the point is inside out."""
+    ways = 1.0 - np.geomspace(1.0, LAST, SECTIONS)
+    turns = np.arange(SECTION_TURNS) / SECTION_TURNS
+    sections = surface.rings(rim + ways * (end - rim), turns)
+    away = sections - area_centroids(sections)[:, None]
+    along = np.einsum("ski,ki->s", away, away[0])
+    if not (along > 0.0).all():
+        return True
+    star = are_star_shaped(away)
+    return bool(star[0] and not star.all())

@@ -1,0 +1,138 @@
+"""Solids of whole models: one superquadric, and the thesis's shell and core, as closed surfaces.
+
+The superquadric is tapered and bent where its points ask for it (Schwarz's criterion, 1978).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core.arrays import Floats, finite_array, positive
+from palpate.core.geometry import signed_area
+from palpate.core.poses import split_pose
+from palpate.core.rebuild.ends import StraightCurve
+from palpate.core.rebuild.evidence import Evidence
+from palpate.core.rebuild.recovery import Recovery, recover
+from palpate.core.rebuild.solid import LatticeSolid
+from palpate.core.rebuild.surface import (
+    EndPatch,
+    Patch,
+    SampledPatch,
+    closed_surface,
+    placed,
+    sampled_patch,
+)
+from palpate.core.shapes import Superquadric, Taper, regular_points
+from palpate.core.thesis import ThesisSolid, rebuild_thesis
+
+MOST_POINTS = 600  # More are thinned out: a superquadric has 15 parameters
+WARPS = ((False, False), (True, False), (True, True))  # Neither tapered nor bent, tapered, both
+USELESS = frozenset({"folded", "not converged"})  # Warnings of fits that are a last resort
+
+
+def coarse_solid(evidence: Evidence) -> LatticeSolid:
+    """The superquadric of contours; ValueError if they determine none."""
+    points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
+    found = fit_coarse(points, evidence.noise)
+    if not found.fitted:
+        raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
+    surface = placed(closed_surface((coarse_patch(found),)), evidence.frame)
+    return LatticeSolid(surface=surface, method="coarse", evidence=evidence, model=found)
+
+
+def coarse_patch(recovery: Recovery) -> SampledPatch:
+    """Its surface, from the lower end of its own axis to the upper one."""
+    base = Superquadric(recovery.size, recovery.exponents)
+    taper = Taper(float(recovery.taper[0]), float(recovery.taper[1]), float(recovery.size[2]))
+    position, axes = split_pose(recovery.pose)
+
+    def grid(v: Floats, turns: Floats) -> Floats:
+        eta, omega = np.meshgrid(np.pi * (v - 0.5), np.pi * (2.0 * turns - 1.0), indexing="ij")
+        points = regular_points(base, eta.ravel(), omega.ravel()).points
+        points = recovery.bend(taper(points)) @ axes.T + position
+        return points.reshape(*eta.shape, 3)
+
+    return sampled_patch(grid)
+
+
+def thesis_solid(evidence: Evidence, faithful: bool) -> LatticeSolid:
+    """Shell and core of contours, as corrected or as printed."""
+    slices = evidence.slices
+    count = evidence.correspondence.grid.shape[1]
+    turns = np.arange(count) / count
+    rings = slices.points if faithful else [curve.at(turns) for curve in slices.curves]
+    found = rebuild_thesis(_raised(rings, slices.heights), faithful=faithful)
+    surface = placed(closed_surface(thesis_patches(found)), evidence.frame)
+    return LatticeSolid(surface=surface, method="thesis", evidence=evidence, model=found)
+
+
+def _raised(rings: Sequence[Floats], heights: Floats) -> list[Floats]:
+    """Rings (n, 2) at their heights, (n, 3) each."""
+    pairs = zip(rings, heights, strict=True)
+    return [np.column_stack([ring, np.full(len(ring), height)]) for ring, height in pairs]
+
+
+def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
+    """Its surface, upwards and counter-clockwise; the points that close it there are cones here."""
+    middle = solid.surface(np.array([0.5]), np.linspace(0.0, 1.0, 65))[0, :-1]
+    mirrored = signed_area(middle[:, :2]) < 0.0
+
+    def grid(v: Floats, turns: Floats) -> Floats:
+        return solid.surface(v, 1.0 - turns if mirrored else turns)
+
+    side = sampled_patch(grid)
+    if solid.cap is None:
+        return (side,)
+    turns = np.arange(side.control.shape[1]) / side.control.shape[1]
+    tips = []
+    for v, way in ((0.0, -1.0), (1.0, 1.0)):
+        ring = side.at(np.full(len(turns), v), turns)
+        tips.append((ring.mean(axis=0) + np.array([0.0, 0.0, way * solid.cap]), way))
+    cone = StraightCurve((0.0, 1.0), (0.0, 0.0))  # towards the tip, which stands for its middle
+    below, above = (EndPatch(side, cone, tip, tip, way > 0.0) for tip, way in tips)
+    return below, side, above
+
+
+def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
+    """The superquadric that explains points (n, 3) on it best for its number of parameters.
+
+    Contacts of a hand, or points of contours; `noise` is the standard deviation of a coordinate, if
+    it is known: what is less explains nothing. Tapered and bent where that pays; of points too few,
+    or all in a plane, an ellipsoid in their extents, which says so in its warnings. Raises
+    ValueError if points are not finite, or the noise not positive. Fung, 1999, 3.2.2, step 1, with
+    pose, taper, bend and free exponents; Schwarz, *Estimating the dimension of a model*, 1978.
+    """
+    places = finite_array("points", points, (None, 3))
+    if noise is not None:
+        positive("noise", noise, "in the unit of the points")
+    if len(places) > MOST_POINTS:
+        places = places[np.linspace(0, len(places) - 1, MOST_POINTS).round().astype(int)]
+    count = len(places)
+
+    def penalty(missed: float, parameters: int) -> float:
+        """Schwarz's criterion: smaller is better."""
+        return 2.0 * count * math.log(missed) + parameters * math.log(count)
+
+    def information(fit: Recovery) -> float:
+        rounding = max(np.finfo(float).eps * float(fit.size.max()), np.finfo(float).tiny)
+        return penalty(max(math.hypot(fit.rms, noise or 0.0), rounding), len(fit.names))
+
+    fits: list[Recovery] = []
+    for taper, bend in WARPS:
+        if noise is not None and (sound := _sound(fits)):
+            best = min(map(information, sound))
+            # As many parameters more as this would have pay for no fit, however well it does.
+            if best <= penalty(noise, len(fits[-1].names) + 2):
+                break
+        fits.append(recover(places, taper=taper, bend=bend, noise=noise))
+    sound = _sound(fits)
+    fitted = [fit for fit in fits if fit.fitted]
+    return min(sound, key=information) if sound else (fitted or fits)[0]
+
+
+def _sound(fits: Sequence[Recovery]) -> list[Recovery]:
+    return [fit for fit in fits if fit.fitted and not USELESS.intersection(fit.warnings)]
