@@ -54,6 +54,7 @@ from palpate.core.geometry.polygons import (
     azimuth_match as azimuth_match,
     edge_distance as edge_distance,
     inscribed_circle as inscribed_circle,
+    is_simple_ring as is_simple_ring,
     kernel_point as kernel_point,
     self_intersects as self_intersects,
     signed_area as signed_area,

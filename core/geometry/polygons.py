@@ -310,3 +310,12 @@ CORNERS.setflags(write=False)
 
 
 AROUND.setflags(write=False)
+
+
+def is_simple_ring(points: Floats) -> bool:
+    """Whether a closed polygon (n, 2) goes around once and crosses itself nowhere."""
+    away = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
+    rises = turn_between(away, np.roll(away, -1, axis=0))
+    if (rises > 0.0).all() or (rises < 0.0).all():
+        return abs(float(rises.sum())) < 3.0 * np.pi
+    return not self_intersects(points)

@@ -28,12 +28,10 @@ from palpate.core.splines.closed_curves import (
     FLAT_SPREAD as FLAT_SPREAD,
     LEAST_POINTS as LEAST_POINTS,
     ClosedCurve as ClosedCurve,
-    ClosedPoints as ClosedPoints,
     CurveFlags as CurveFlags,
     closed_curve_of as closed_curve_of,
     fit_closed_curve as fit_closed_curve,
     local_noise as local_noise,
-    order_closed_points as order_closed_points,
 )
 from palpate.core.splines.coons import (
     Slopes as Slopes,
@@ -44,6 +42,7 @@ from palpate.core.splines.coons import (
 from palpate.core.splines.curve_fits import (
     LEAST_SMOOTHING as LEAST_SMOOTHING,
     UNEVEN_GAP_RATIO as UNEVEN_GAP_RATIO,
+    ClosedPoints as ClosedPoints,
     CurveFit as CurveFit,
     Modes as Modes,
     are_even_chords as are_even_chords,
@@ -55,6 +54,7 @@ from palpate.core.splines.curve_fits import (
     fit_closed_least_squares as fit_closed_least_squares,
     gap_ratio as gap_ratio,
     interpolate_closed as interpolate_closed,
+    order_closed_points as order_closed_points,
 )
 from palpate.core.splines.inversion import (
     Inversion as Inversion,

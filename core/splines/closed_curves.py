@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, probable_error_sigma
 from palpate.core.geometry import self_intersects
@@ -22,9 +22,6 @@ from palpate.reprs import readable
 FLAT_SPREAD = 1e-9  # Width of the points over their length from which on they are not on a line
 FINE = 4  # Chords for each knot interval in which a curve is tested for meeting itself
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
-SAME = 1e-12  # Points nearer to each other, as a share of the curve's size, are one
-ROUNDING = 64 * float(np.finfo(float).eps)  # Of the coordinates: points that spread less are one
-LARGEST = float(np.finfo(float).max)
 # With fewer points noise and shape cannot be told apart: each of a square's corners shows in five
 # of them.
 LEAST_POINTS = 25
@@ -85,7 +82,7 @@ class ClosedCurve:
         vector = 0.5 * weights @ np.cross(places, slopes)
         area = float(np.linalg.norm(vector))
         off = float(np.abs((self.control - middle) @ vector).max()) / size
-        rounding = ROUNDING * float(np.abs(self.control).max()) / size
+        rounding = curve_fits.ROUNDING * float(np.abs(self.control).max()) / size
         return area * size * size if off <= (FLAT_SPREAD + rounding) * area else None
 
     @property
@@ -126,7 +123,7 @@ def fit_closed_curve(
     those above.
     """
     _check(count, parameters, smoothing)
-    ring = order_closed_points(np.asarray(points, np.float64))
+    ring = curve_fits.order_closed_points(np.asarray(points, np.float64))
     if len(ring.points) < 2:
         return _point(ring)
     turns = curve_fits.curve_parameters(ring.points, parameters)
@@ -150,7 +147,7 @@ def _check(
         raise ValueError(f"smoothing must be 0 or more and finite, got {smoothing}")
 
 
-def _point(ring: ClosedPoints) -> ClosedCurve:
+def _point(ring: curve_fits.ClosedPoints) -> ClosedCurve:
     return ClosedCurve(
         control=np.repeat(ring.middle[None], curve_fits.LEAST_CONTROL, axis=0),
         knots=periodic_knots(curve_fits.LEAST_CONTROL),
@@ -196,7 +193,9 @@ def _cubic_weights(away: Floats) -> Floats:
     return np.asarray((others / between).prod(axis=2))
 
 
-def closed_curve_of(ring: ClosedPoints, fit: curve_fits.CurveFit, noise: float) -> ClosedCurve:
+def closed_curve_of(
+    ring: curve_fits.ClosedPoints, fit: curve_fits.CurveFit, noise: float
+) -> ClosedCurve:
     """The fit in the points' own place and scale, with all that is reported of it."""
     count = len(ring.points)
     off = ring.points - curve_fits.closed_curve_points(fit.control, fit.knots, fit.parameters)
@@ -228,81 +227,3 @@ def closed_curve_of(ring: ClosedPoints, fit: curve_fits.CurveFit, noise: float) 
         smoothing=fit.smoothing,
         flags=flags,
     )
-
-
-class ClosedPoints(NamedTuple):
-    """Points around a closed curve, each different from the next."""
-
-    points: Floats  # (m, d), about the middle and over the size, so that all lie within 1/2 of 0
-    rows: Ints  # (m,): which of the given points they are
-    middle: Floats  # (d,), m
-    size: float  # Longest side of the box around the points, m; 0 where they are one point
-    dropped: int  # Rows that were not finite
-
-
-def order_closed_points(points: Floats) -> ClosedPoints:
-    """Drop what is not finite or comes twice, centre, scale, and put in order.
-
-    From the point that comes last in alphabetical order, counter-clockwise (seen along that axis
-    from which the curve is broadest): begun anywhere, either way, the same to the last bit. Raises
-    ValueError if no row is finite, or they spread farther than a number can say.
-    """
-    if points.ndim != 2 or points.shape[1] not in (2, 3):
-        raise ValueError(f"points must have shape (any, 2) or (any, 3), got {points.shape}")
-    rows = np.flatnonzero(np.isfinite(points).all(axis=1)).astype(np.int32)
-    dropped = len(points) - len(rows)
-    if not len(rows):
-        raise ValueError(f"points must have at least one finite row, got {len(points)} rows")
-    found = points[rows]
-    low, high = found.min(axis=0), found.max(axis=0)
-    middle = 0.5 * low + 0.5 * high  # Of the box: a mean would round otherwise in another order
-    size = 2.0 * float(np.max(0.5 * high - 0.5 * low))
-    if size == np.inf:
-        raise ValueError(f"points must spread less than {LARGEST:g} m, got {low} to {high} m")
-    if size <= ROUNDING * float(np.abs(found).max()):
-        return ClosedPoints(np.zeros((1, points.shape[1])), rows[:1], middle, 0.0, dropped)
-    scaled = (found - middle) / size
-    order = np.flatnonzero((scaled != np.roll(scaled, 1, axis=0)).any(axis=1))
-    order = order[_canonical(scaled[order])]
-    ahead = np.linalg.norm(scaled[order] - np.roll(scaled[order], -1, axis=0), axis=1)
-    order = order[ahead > SAME]
-    return ClosedPoints(scaled[order], rows[order], middle, size, dropped)
-
-
-def _canonical(points: Floats) -> Ints:
-    """Order (m,) that is the same however the points were begun and whichever way they run."""
-    count = len(points)
-    around = np.arange(count)
-    order = np.lexsort(points.T[::-1])
-    other = (points[order[1:]] != points[order[:-1]]).any(axis=1)
-    rank = np.zeros(count, np.int64)
-    rank[order[1:]] = np.cumsum(other)
-    onwards = (_begin(rank) + around) % count
-    backwards = (count - 1 - _begin(rank[::-1]) - around) % count
-    best = max(onwards, backwards, key=lambda way: rank[way].tolist())
-    normal = area_vector(points[best])
-    if normal[np.argmax(np.abs(normal))] < 0.0:
-        best = best[-around]
-    return best.astype(np.int32)
-
-
-def _begin(rank: NDArray[np.int64]) -> int:
-    """Where to begin so that the ranks (m,), read around, come last in alphabetical order.
-
-    Where several places may do, what follows decides, and twice as much of it each time.
-    """
-    reach = 1
-    while reach < len(rank) and np.count_nonzero(rank == rank.max()) > 1:
-        rank = rank * len(rank) + np.roll(rank, -reach)
-        rank = np.unique(rank, return_inverse=True)[1]
-        reach *= 2
-    return int(rank.argmax())
-
-
-def area_vector(points: Floats) -> Floats:
-    """Normal of a closed polygon (m, d) as long as its area: (1,) in 2 dimensions, (3,) in 3."""
-    following = np.roll(points, -1, axis=0)
-    if points.shape[1] == 2:
-        twice = points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0]
-        return np.array([0.5 * twice.sum()])
-    return np.asarray(0.5 * np.cross(points, following).sum(axis=0))

@@ -27,20 +27,20 @@ from palpate.core.rebuild.contours.curves import (
     quadric_terms as quadric_terms,
     refitted_curve as refitted_curve,
 )
+from palpate.core.rebuild.contours.neighbours import (
+    FeatureCandidate as FeatureCandidate,
+    inconsistent_contours as inconsistent_contours,
+    interpolation_errors as interpolation_errors,
+    look_like_features as look_like_features,
+    neighbour_misfits as neighbour_misfits,
+    neighbour_weights as neighbour_weights,
+    slid_grid as slid_grid,
+)
 from palpate.core.rebuild.contours.ordering import (
     order_points as order_points,
 )
 from palpate.core.rebuild.contours.outliers import (
-    FeatureCandidate as FeatureCandidate,
-    inconsistent_contours as inconsistent_contours,
-    look_like_features as look_like_features,
-    neighbour_misfits as neighbour_misfits,
     point_outliers as point_outliers,
-)
-from palpate.core.rebuild.contours.prediction import (
-    interpolation_errors as interpolation_errors,
-    neighbour_weights as neighbour_weights,
-    slid_grid as slid_grid,
 )
 from palpate.core.rebuild.contours.slices import (
     Correspondence as Correspondence,

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.geometry import point_tree
 from palpate.core.poses import IDENTITY_POSE, rotation_matrix, split_pose
 from palpate.reprs import readable
 
@@ -42,7 +42,7 @@ def taxel_pitch(contacts: ContactPoints) -> float:
     points = contacts.points[contacts.touch == most]
     if len(points) < 2:
         return 0.0
-    distances, _ = point_tree(points).query(points, k=2)
+    distances, _ = scipy.spatial.cKDTree(points).query(points, k=2)
     return float(np.median(np.asarray(distances)[:, 1]))
 
 

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from palpate.core import splines
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
-from palpate.core.geometry import area_centroid, self_intersects, turn_between
+from palpate.core.geometry import area_centroid, is_simple_ring, self_intersects, turn_between
 from palpate.core.rebuild.contours.contacts import into_frame
-from palpate.core.rebuild.contours.ordering import FoundOrder, found_order, is_simple_ring
+from palpate.core.rebuild.contours.ordering import FoundOrder, found_order
 
 REACH = 4  # Points on either side; half of them may be wrong
 CLEARLY = 6.0  # Deviations from which on a point is away from the median of those beside it,
@@ -397,7 +397,8 @@ def curve_places(curves: Sequence[splines.ClosedCurve], turns: Floats) -> Floats
         found[even] = _even_places(together, turns[even])
     for row, (curve, one) in enumerate(zip(curves, even, strict=True)):
         if not one:
-            found[row] = curve.at(turns[row])
+            inside = np.mod(turns[row], 1.0)
+            found[row] = splines.closed_curve_points(curve.control, curve.knots, inside)
     return found
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.geometry import self_intersects, turn_between
+from palpate.core.geometry import is_simple_ring, self_intersects, turn_between
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,15 +102,6 @@ def _nearest_neighbour_tour(points: Floats) -> Ints:
         away = np.where(left, np.linalg.norm(points - points[here], axis=1), np.inf)
         here = int(np.argmin(away))
     return tour
-
-
-def is_simple_ring(points: Floats) -> bool:
-    """Whether a closed polygon (n, 2) goes around once and crosses itself nowhere."""
-    away = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
-    rises = turn_between(away, np.roll(away, -1, axis=0))
-    if (rises > 0.0).all() or (rises < 0.0).all():
-        return abs(float(rises.sum())) < 3.0 * np.pi
-    return not self_intersects(points)
 
 
 class FoundOrder(NamedTuple):

@@ -25,7 +25,7 @@ from palpate.core.rebuild.contours.curves import (
     curve_places,
     drop_reasons,
 )
-from palpate.core.rebuild.contours.prediction import neighbour_weights
+from palpate.core.rebuild.contours.neighbours import neighbour_weights
 from palpate.core.splines import ClosedCurve
 from palpate.reprs import readable
 
