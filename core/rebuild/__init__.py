@@ -1,9 +1,9 @@
 """From contacts to a closed solid.
 
 `reconstruct` takes contours, normals and contact points and answers a `LatticeSolid`, exact at
-every place; `Solid` is what it has in common with all other solids. What may be tuned are the
-thresholds on top of each chapter (shares of a size, standard deviations, counts); each method may
-be replaced alone. It rests on the rooms below (contours, side, ends, surface, lattice, recovery)
+every place: from evidence to the side, its ends, the surface. `Solid` is what it has in common with
+all other solids. What may be tuned are the thresholds on top of each chapter (shares of a size,
+standard deviations, counts); each method may be replaced alone. It rests on the rooms below (contours, side, ends, surface, lattice, recovery)
 and on `palpate.core.thesis`.
 """
 

@@ -95,12 +95,13 @@ def reconstruct(
     nobody touched is closed where the contours say where, else level on the last contour; see
     `LatticeSolid.uncovered`.
 
-    Methods: "skin": a smooth surface through what was touched. "lattice": the same as a control
-    lattice that deforms a prism, which can be edited and refined; of `size` control points across a
+    Methods: "skin": a smooth surface through what was touched. "lattice": the same, and a
+    control lattice that deforms a prism whose side then follows it, which can be edited and
+    refined; of `size` control points across a
     section each way, from 4 to 64, and along the axis, from 4 to 512, as many as it takes if left
     out; put around the section of the superquadric that a `grasp` found, fitted to the contours if
-    left out. "draft": a skin to decide by while there is more to touch, of half as many
-    coefficients around where these do about as well. "thesis": the shell and core of Fung, 1999,
+    left out. "draft": a skin to decide by while there is more to touch, more often
+    of half as many coefficients around. "thesis": the shell and core of Fung, 1999,
     4.4, to compare with; `faithful`: as the program in its appendix has it, faults and all, of
     contours with as many points each (`rebuild_thesis`). "coarse": a superquadric, tapered, bent.
 

@@ -283,20 +283,20 @@ class LatticeSolid(Solid):
         `self_intersecting`; single points that were left out (`outlying_points`),
         and how many leave much of their way around untouched (`gaping`).
 
-        Of the side: the noise (`sigma`), `degrees_of_freedom`, `condition`, the `overshoot`, and
-        the `swing`: how far it leaves the middle between contours, over how far these differ; more
-        than a half is wild. `reparametrised` is 1 where its parameter follows the way along the
-        surface, for contours close together differ much.
+        Of the side: the noise (`sigma`), `degrees_of_freedom`, `condition`, the `overshoot`; of a
+        loft the `swing`: how far it leaves the middle between contours, over how far these differ;
+        more than a half is wild. `reparametrised` is 1 where its parameter follows the way along
+        the surface, for contours close together differ much.
 
         Of the ends, `..._below` and `..._above`: what nobody could know (`uncovered`); how high
         they are beyond what was touched (`unseen`); how much of a level end lies on itself, over
         its area (`folded`): more than 0 where no place sees the last contour whole, so that the
         mesh has faces on faces there, and the area is too large; whether it is a piece of its own
-        (`apart`), for the touched point lies so far out that the side would have run through its
-        own axis; how steep the space is in which the solid was fitted (`slope`), if ends are planes
-        but not level.
+        (`apart`) though it closes in a point: set onto a radial side, or where a loft would have
+        run through its own axis; how steep the space is in which the solid was fitted (`slope`), if
+        ends are planes but not level.
 
-        Of all contacts, if they were given: see `RadialFit`; `radial_unused` is 1 where sections
+        Of all contacts, if they were given: see `RadialSide`; `radial_unused` is 1 where sections
         cannot be told by one distance for each turn, so that the contours alone count. Of the
         lattice and of the other methods: see `LatticeFit`, `Recovery`, `ThesisSolid`.
         """

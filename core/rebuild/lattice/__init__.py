@@ -3,7 +3,7 @@
 Free-form deformation: Fung, 1999, 4.4.
 
 The sides that are tried and the strengths of what settles the inside may be tuned; the systems
-follow their formulas. It rests on volumes of `palpate.core.splines`, on the lofted surface, and
+follow their formulas. It rests on volumes of `palpate.core.splines`, on the side that it follows, and
 on a recovered superquadric as prior.
 """
 

@@ -1,8 +1,8 @@
 """Sections of a control lattice: of the undeformed prism, and the control points of each layer.
 
-The section is the superellipse that a loft's sections resemble. Which place of it becomes which
-place of the loft is free: it is walked by the azimuths that the loft's mean section has at the same
-turns, so that little is left to deform. The loft's knots along the axis are the lattice's; only the
+The section is the superellipse that a side's sections resemble. Which place of it becomes which
+place of the side is free: it is walked by the azimuths that the side's mean section has at the same
+turns, so that little is left to deform. The side's knots along the axis are the lattice's; only the
 height, which is no spline in that parameter, is followed with knots put in. The rim cannot see a
 whole section: what it leaves open is settled by the bending energy of the map, which costs nothing
 to move, turn, stretch or shear a layer; where that would fold the inside, rings between middle and
