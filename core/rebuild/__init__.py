@@ -3,8 +3,8 @@
 `reconstruct` takes contours, normals and contact points and answers a `LatticeSolid`, exact at
 every place: from evidence to the side, its ends, the surface. `Solid` is what it has in common with
 all other solids. What may be tuned are the thresholds on top of each chapter (shares of a size,
-standard deviations, counts); each method may be replaced alone. It rests on the rooms below (contours, side, ends, surface, lattice, recovery)
-and on `palpate.core.thesis`.
+standard deviations, counts); each method may be replaced alone. It rests on the rooms below
+(contours, side, ends, surface, lattice, recovery) and on `palpate.core.thesis`.
 """
 
 from palpate.core.rebuild.general import (

@@ -3,8 +3,8 @@
 Free-form deformation: Fung, 1999, 4.4.
 
 The sides that are tried and the strengths of what settles the inside may be tuned; the systems
-follow their formulas. It rests on volumes of `palpate.core.splines`, on the side that it follows, and
-on a recovered superquadric as prior.
+follow their formulas. It rests on volumes of `palpate.core.splines`, on the side that it follows,
+and on a recovered superquadric as prior.
 """
 
 from palpate.core.rebuild.lattice.fit import (
