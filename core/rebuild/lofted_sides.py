@@ -15,7 +15,7 @@ from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.contours import are_star_shaped, drop_reasons
 from palpate.core.rebuild.ends import End, close_ends
 from palpate.core.rebuild.evidence import Evidence
-from palpate.core.rebuild.side import ContourLoft, ContourSurface, fit_contour_loft, noise_of
+from palpate.core.rebuild.side import ContourLoft, LoftPatch, fit_contour_loft, noise_of
 from palpate.core.steps import Steps
 
 POINT = 1e-9  # Of the widest contour: one that is narrower is a point
@@ -66,7 +66,7 @@ def _between_ends(
         return fit_contour_loft(heights, grid, low=low, high=high, pole=pole, noise=noise)
 
     loft = lofted()
-    through = [end.round and runs_through_axis(loft.surface, end.rim, end.height) for end in ends]
+    through = [end.round and runs_through_axis(loft.patch, end.rim, end.height) for end in ends]
     if any(through):
         below, above = (
             replace(end, apart=end.apart or crossed)
@@ -77,11 +77,11 @@ def _between_ends(
     return loft, ends
 
 
-def runs_through_axis(surface: ContourSurface, rim: float, end: float) -> bool:
+def runs_through_axis(patch: LoftPatch, rim: float, end: float) -> bool:
     """Whether a section between the last contour, at `rim`, and the point is inside out."""
     ways = 1.0 - np.geomspace(1.0, LAST, SECTIONS)
     turns = np.arange(SECTION_TURNS) / SECTION_TURNS
-    sections = surface.rings(rim + ways * (end - rim), turns)
+    sections = patch.rings(rim + ways * (end - rim), turns)
     away = sections - area_centroids(sections)[:, None]
     along = np.einsum("ski,ki->s", away, away[0])
     if not (along > 0.0).all():

@@ -43,10 +43,10 @@ from palpate.core.rebuild.lofted_sides import lofted_side
 from palpate.core.rebuild.models import coarse_solid, thesis_solid
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import (
-    ContourLoft,
     Coverage,
     RadialSide,
     RadialSpline,
+    Side,
     bridged,
     coverage_of,
     fit_axis_curve,
@@ -157,7 +157,7 @@ def rebuilt(
     if method == "thesis":
         return replace(thesis_solid(evidence, options.faithful), options=options)
     shear: Shear | None = None
-    side: RadialSide | ContourLoft | None = None
+    side: Side | None = None
     if evidence.contacts is not None:
         touched = _radial(evidence, evidence.contacts, step, method == "draft")
         if touched is not None:

@@ -30,7 +30,7 @@ from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, refine_lattice
 from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import POSE_LEFT, ContourLoft, RadialSide, Side, Uncertainty
+from palpate.core.rebuild.side import POSE_LEFT, ContourLoft, Side, Uncertainty
 from palpate.core.rebuild.surface import (
     DEFAULT_TOLERANCE,
     EndPatch,
@@ -90,7 +90,7 @@ class LatticeSolid(Solid):
     method: Method  # How it was rebuilt
     evidence: Evidence  # From what
     options: RebuildOptions | None = None  # And how; none if it was not made by `reconstruct`
-    side: RadialSide | ContourLoft | None = None  # None with "thesis" and "coarse"
+    side: Side | None = None  # None with "thesis" and "coarse"
     ends: tuple[End, End] | None = None  # Below and above; likewise
     shear: Shear | None = None  # All this is seen where both ends are level, if they are not
     lattice: LatticeFit | None = None  # With the method "lattice"; see `control_lattice`

@@ -29,15 +29,15 @@ from palpate.core.rebuild.side.radial import (
 )
 from palpate.core.rebuild.side.side import (
     Coverage as Coverage,
+    RadialPatch as RadialPatch,
     RadialSide as RadialSide,
-    Side as Side,
-    SidePatch as SidePatch,
     Uncertainty as Uncertainty,
     coverage_of as coverage_of,
-    radial_patch as radial_patch,
     radial_side as radial_side,
 )
 from palpate.core.rebuild.side.surfaces import (
-    ContourSurface as ContourSurface,
     LoftPatch as LoftPatch,
 )
+
+Side = RadialSide | ContourLoft  # A patch, and how far it can be trusted
+SidePatch = RadialPatch | LoftPatch  # A side from 0 at its lower end to 1 at its upper one

@@ -21,7 +21,7 @@ from palpate.core.rebuild.contours import CUBIC_GAIN
 from palpate.core.rebuild.side import fitting
 from palpate.core.rebuild.side.side import SAFE_MOST, SAFE_RMS, Uncertainty
 from palpate.core.rebuild.side.smoothing import BetweenContours, Smoothed, between_contours
-from palpate.core.rebuild.side.surfaces import ContourSurface, LoftPatch
+from palpate.core.rebuild.side.surfaces import LoftPatch
 from palpate.core.splines import PeriodicBasis
 from palpate.reprs import readable
 
@@ -55,20 +55,16 @@ class LoftHealth(NamedTuple):
 @readable
 @dataclass(frozen=True, slots=True, eq=False)
 class ContourLoft:
-    """The surface: a `Side`."""
+    """The side through contours, and how far it can be trusted."""
 
-    surface: ContourSurface  # Where it is
+    patch: LoftPatch  # Where it is
     size: float  # Half the width of the contours, m
     smoothed: Smoothed  # The fit, over the size
     between: BetweenContours  # What it may miss between contours, over the size
     outlying: Bools  # (m, K): points that were not used, by rising contours, merged ones as one
     spacing: float  # Largest distance between contours, m
     health: LoftHealth  # How the fit came about
-    given: LoftInput  # From what
-
-    def at(self, heights: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Places in the plane (..., 2), m: see `ContourSurface.at`."""
-        return self.surface.at(heights, turns, by)
+    closed: tuple[bool, bool]  # Whether it closes in points below and above
 
     def deviation(self, heights: ArrayLike, turns: ArrayLike) -> Floats:
         """Standard deviation of the surface along its normal, m, at heights (a,) and turns (b,).
@@ -77,58 +73,53 @@ class ContourLoft:
         know, such as features between two contours, is not in it.
         """
         heights = finite_array("heights", heights, (None,))
-        parameters = self.surface.axial_parameter.of(heights)
+        parameters = self.patch.axial_parameter.of(heights)
         return self._deviation(parameters, finite_array("turns", turns, (None,)))[0]
 
     @property
-    def patch(self) -> LoftPatch:
-        """See `Side.patch`."""
-        return LoftPatch(self.surface)
-
-    @property
     def sigma(self) -> float:
-        """See `Side.sigma`."""
+        """Standard deviation of a point across the contours, m."""
         return self.health.sigma
 
     @property
     def scatter(self) -> float:
-        """See `Side.scatter`: contours tell nothing of poses."""
+        """The same: contours tell nothing of poses."""
         return self.health.sigma
 
     @property
     def figures(self) -> dict[str, float]:
-        """See `Side.figures`."""
+        """Figures of the fit, by name."""
         health = self.health
         return {
             "sigma": health.sigma,
             "degrees_of_freedom": health.freedom,
             "condition": health.condition,
             "swing": health.swing,
-            "reparametrised": float(self.surface.axial_parameter.reparametrisation is not None),
+            "reparametrised": float(self.patch.axial_parameter.reparametrisation is not None),
         }
 
     def rings(self, heights: Floats, turns: Floats) -> Floats:
-        """See `Side.rings`."""
-        return self.surface.rings(heights, turns)
+        """Places in the plane at heights (a,) and turns (b,), (a, b, 2), m."""
+        return self.patch.rings(heights, turns)
 
     def normal_deviation(self, heights: Floats, turns: Floats, steep: Floats) -> Floats:
-        """See `Side.normal_deviation`: it is told along normals."""
+        """The deviation (a, b), which is told along normals."""
         return self.deviation(heights, turns)
 
     def band(self) -> tuple[Floats, Floats]:
-        """See `Side.band`."""
-        heights = np.linspace(*self.surface.reach, BANDS)
+        """Heights (n,), and the root mean square of the deviation around at each."""
+        heights = np.linspace(*self.patch.reach, BANDS)
         deviation = self.deviation(heights, np.arange(BAND_TURNS) / BAND_TURNS)
         return heights, np.sqrt(np.mean(deviation**2, axis=1))
 
     def reached(self, rim: float, upper: bool) -> Floats:
-        """See `Side.reached`."""
+        """The height up to which it was touched: its last one, `rim`."""
         return np.array([rim])
 
     def uncertainty(self) -> Uncertainty:
         """One number for the whole side, and what it does not tell."""
-        sites, axial_parameter = self.between.sites, self.surface.axial_parameter
-        breaks = sites if len(sites) > 1 else np.array(self.surface.along.domain)
+        sites, axial_parameter = self.between.sites, self.patch.axial_parameter
+        breaks = sites if len(sites) > 1 else np.array(self.patch.basis.domain)
         shares = (np.arange(STEPS_ALONG) + 0.5) / STEPS_ALONG
         parameters = (breaks[:-1, None] + np.diff(breaks)[:, None] * shares).ravel()
         steps = np.repeat(np.diff(breaks), STEPS_ALONG)
@@ -141,31 +132,21 @@ class ContourLoft:
 
     def _deviation(self, parameters: Floats, turns: Floats) -> tuple[Floats, Floats]:
         """Along the normal, m, and the area per parameter, on a grid."""
-        surface = self.surface
-        inside = np.clip(parameters, *surface.along.domain)
-        below, above = (pole is not None for pole in self.given.places)
-        inner = slice(int(below), surface.along.count - int(above))
+        patch = self.patch
+        inside = np.clip(parameters, *patch.basis.domain)
+        below, above = self.closed
+        inner = slice(int(below), patch.basis.count - int(above))
         variance = np.square(self.health.sigma) * self.smoothed.variance(
-            surface.along.matrix(inside)[:, inner],
-            PeriodicBasis(surface.control.shape[1]).matrix(turns),
+            patch.basis.matrix(inside)[:, inner],
+            PeriodicBasis(patch.control.shape[1]).matrix(turns),
         )
         variance += np.square(self.size) * self.between.variance(parameters, turns)
-        up, round_ = surface.on_grid(inside, turns, (1, 0)), surface.on_grid(inside, turns, (0, 1))
-        rise = surface.axial_parameter.height(inside, 1)[:, None]
+        up, round_ = (patch.by_parameters(inside, turns, by) for by in ((1, 0), (0, 1)))
+        rise = patch.axial_parameter.height(inside, 1)[:, None]
         level = rise * np.hypot(round_[..., 0], round_[..., 1])
         area = np.hypot(level, up[..., 0] * round_[..., 1] - up[..., 1] * round_[..., 0])
         upright = np.divide(level, area, out=np.zeros_like(area), where=area > 0.0)
         return np.sqrt(variance) * upright, area
-
-
-class LoftInput(NamedTuple):
-    """What a loft was fitted to."""
-
-    heights: Floats  # (M,), m
-    grid: Floats  # (M, K, 2), m
-    pole: tuple[fitting.Pole, fitting.Pole]  # Whether it closes in points below and above
-    noise: float | None  # Standard deviation of a coordinate, m, if it was known
-    places: tuple[Floats | None, Floats | None]  # Places (2,) of those points
 
 
 def fit_contour_loft(
@@ -199,14 +180,7 @@ def fit_contour_loft(
         used, outlying = rows.grid, np.zeros(rows.grid.shape[:2], np.bool_)
     else:
         used, fit, outlying = without_outliers(rows.grid, fit, again, scaled or 0.0)
-    given = LoftInput(
-        finite_array("heights", heights, (None,)),
-        finite_array("grid", grid, (None, None, 2)),
-        (pole[0], pole[1]),
-        noise,
-        rows.poles,
-    )
-    return _loft(rows._replace(grid=used), fit, outlying, given)
+    return _loft(rows._replace(grid=used), fit, outlying, scaled)
 
 
 def without_outliers(
@@ -298,19 +272,17 @@ def _less_neighbours(off: Floats, outlying: Bools | None = None) -> Floats:
 
 
 def _loft(
-    rows: fitting.ContourRows, fit: fitting.ContourFit, outlying: Bools, given: LoftInput
+    rows: fitting.ContourRows, fit: fitting.ContourFit, outlying: Bools, noise: float | None
 ) -> ContourLoft:
     """A fit in the contours' own unit."""
     across = fit.across()
     spare = max(fit.smoothed.spare - float(outlying.sum()), 0.5 * fit.smoothed.spare)
-    sigma = _sigma(rows, fit, spare)
-    if given.noise is not None:
-        sigma = given.noise / rows.size
-    beside = tuple(int(pole is not None) for pole in rows.poles)
-    around = np.pad(across, (beside, (0, 0), (0, 0)))
+    sigma = _sigma(rows, fit, spare) if noise is None else noise
+    closed = rows.poles[0] is not None, rows.poles[1] is not None
+    around = np.pad(across, (closed, (0, 0), (0, 0)))
     smoothed, control = fit.smoothed, rows.size * fit.control
     return ContourLoft(
-        surface=ContourSurface(fit.axial_parameter, fit.along, control, rows.middle),
+        patch=LoftPatch(fit.axial_parameter, fit.along, control, rows.middle),
         size=rows.size,
         smoothed=smoothed,
         between=between_contours(fit.sites, rows.with_poles, around, sigma),
@@ -326,7 +298,7 @@ def _loft(
             outlying=int(outlying.sum()),
             swing=fit.swing(),
         ),
-        given=given,
+        closed=closed,
     )
 
 

@@ -1,4 +1,4 @@
-"""What a side of a solid answers, and the radial spline as a side, exact at every place.
+"""The radial spline as the side of a solid, exact at every place, and how far to trust it.
 
 The place is the axis at a height and the root of the squared distance from it on an azimuth:
 derivatives follow by the chain rule. Heights are walked by the sine of an angle, so that rows lie
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,24 +47,6 @@ ROWS, AROUND = 65, 128
 Orders = tuple[int, int]
 
 
-class SidePatch(Protocol):
-    """A side from 0 at its lower end to 1 at its upper one."""
-
-    @property
-    def along(self) -> Basis:
-        """Splines from 0 to 1 that follow it along."""
-
-    @property
-    def around(self) -> int:
-        """Number of coefficients of a closed spline that follows it around."""
-
-    def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
-        """Points (n, 3), m, at shares v and turns (n,), or derivatives by them, together to 2."""
-
-    def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
-        """The same at each pair of shares v (a,) and turns (b,): (a, b, 3), m."""
-
-
 class Uncertainty(NamedTuple):
     """The whole object in three numbers, m, if nothing on it is narrower than the spacing."""
 
@@ -73,48 +55,10 @@ class Uncertainty(NamedTuple):
     resolution: float  # Half the largest spacing of the contours: narrower things may be missed
 
 
-class Side(Protocol):
-    """A side, and how far it can be trusted; lengths in m."""
-
-    @property
-    def patch(self) -> SidePatch:
-        """Where it is."""
-
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of what it was fitted to."""
-
-    @property
-    def scatter(self) -> float:
-        """That of what touched, poses included."""
-
-    @property
-    def figures(self) -> dict[str, float]:
-        """Figures of the fit, by name."""
-
-    def rings(self, heights: Floats, turns: Floats) -> Floats:
-        """Places in the plane at heights (a,) and turns (b,), (a, b, 2)."""
-
-    def deviation(self, heights: Floats, turns: Floats) -> Floats:
-        """Standard deviation of the surface on a grid of heights (a,) and turns (b,)."""
-
-    def normal_deviation(self, heights: Floats, turns: Floats, steep: Floats) -> Floats:
-        """That along normals whose part across the axis is `steep`, all (a, b)."""
-
-    def band(self) -> tuple[Floats, Floats]:
-        """Heights (n,), and the root mean square of the deviation around at each."""
-
-    def reached(self, rim: float, upper: bool) -> Floats:
-        """Heights (n,) up to which it was touched, at even turns; `rim` is its last height."""
-
-    def uncertainty(self) -> Uncertainty:
-        """What its error stays below, and what is narrower than could be seen."""
-
-
 @readable
 @dataclass(frozen=True, slots=True, eq=False)
 class RadialPatch:
-    """A radial spline between two heights: see `SidePatch`."""
+    """A radial spline between two heights: from 0 at the lower one to 1 at the upper one."""
 
     axis_curve: AxisCurve  # Axis from which distances are taken
     extent: tuple[float, float]  # Heights between which the spline lies, m
@@ -124,16 +68,16 @@ class RadialPatch:
 
     @property
     def along(self) -> Basis:
-        """See `SidePatch.along`."""
+        """Splines from 0 to 1 that follow it closely along."""
         return clamped_basis(ROWS)
 
     @property
     def around(self) -> int:
-        """See `SidePatch.around`."""
+        """Number of coefficients of a closed spline that follows it closely around."""
         return AROUND
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
-        """See `SidePatch.at`."""
+        """Points (n, 3), m, at shares v and turns (n,), or derivatives by them, together to 2."""
         heights = self._heights(v, by[0])
         places = np.stack([self._local(heights[0]), np.mod(turns, 1.0)], axis=-1)
 
@@ -144,7 +88,7 @@ class RadialPatch:
         return self._points(squared, heights, turns, by)
 
     def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
-        """See `SidePatch.on_grid`."""
+        """The same at each pair of shares v (a,) and turns (b,): (a, b, 3), m."""
         heights = self._heights(v, by[0])
         axes = [self._local(heights[0]), np.mod(turns, 1.0)]
 
@@ -235,7 +179,7 @@ def _roots(squares: dict[Orders, Floats], least: float) -> dict[Orders, Floats]:
 @readable
 @dataclass(frozen=True, slots=True, eq=False)
 class RadialSide:
-    """The side of contact points, and how it was fitted: see `Side`."""
+    """The side of contact points, how it was fitted, and how far to trust it; lengths in m."""
 
     patch: RadialPatch  # Where it is
     points: int  # Points on the side
@@ -245,27 +189,17 @@ class RadialSide:
     pose_sigma: float  # Standard deviation of those shifts along the normals; 0 without
     freedom: float  # Degrees of freedom spent
     condition: float | None  # Estimate of the system's condition number; of a draft none
-    untouched_gap: float  # The highest stretch of the side that was not touched on some azimuth
+    seen: Coverage  # Where it was touched
     stretched: bool  # Whether the side had to be drawn higher than it was touched
-    # Lowest height that was touched in each of 360 even sectors, (360,); infinity if nothing was.
-    lows: Floats
-    highs: Floats  # Highest one, (360,); -infinity likewise
     band_heights: Floats  # (25,)
     deviations: Floats  # Standard deviation of the surface at those heights, (25,)
 
     @property
     def figures(self) -> dict[str, float]:
-        """See `Side.figures`."""
-        names = (
-            "points",
-            "rms",
-            "sigma",
-            "pose_blocks",
-            "pose_sigma",
-            "untouched_gap",
-            "stretched",
-        )
+        """Figures of the fit, by name."""
+        names = "points", "rms", "sigma", "pose_blocks", "pose_sigma", "stretched"
         found = {f"radial_{name}": float(getattr(self, name)) for name in names}
+        found["radial_untouched_gap"] = self.seen.gap
         found |= {"sigma": self.sigma, "degrees_of_freedom": self.freedom}
         if self.condition is not None:
             found |= {"condition": self.condition, "radial_condition": self.condition}
@@ -273,47 +207,41 @@ class RadialSide:
 
     @property
     def scatter(self) -> float:
-        """See `Side.scatter`."""
+        """Standard deviation of what touched, poses included."""
         return float(np.hypot(self.sigma, self.pose_sigma))
 
     def rings(self, heights: Floats, turns: Floats) -> Floats:
-        """See `Side.rings`."""
+        """Places in the plane at heights (a,) and turns (b,), (a, b, 2)."""
         return self.patch.rings(heights, turns)
 
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
-        """See `Side.deviation`: at each height the mean around, across the rings."""
+        """Standard deviation across the rings at heights (a,), the mean around: (a, b)."""
         levels = np.interp(heights, self.band_heights, self.deviations)
         return np.repeat(levels[:, None], len(turns), axis=1)
 
     def normal_deviation(self, heights: Floats, turns: Floats, steep: Floats) -> Floats:
-        """See `Side.normal_deviation`: where the side turns level, the poses are left.
+        """That along normals whose part across the axis is `steep`, all (a, b).
 
-        Taxels that lie farther off than their noise lets them say how far the surface is wrong.
+        Where the side turns level, the poses are left. Taxels that lie farther off than their noise
+        lets them say how far the surface is wrong.
         """
         left = np.maximum(steep * self.deviation(heights, turns), POSE_LEFT * self.pose_sigma)
         return np.asarray(np.sqrt(left**2 + max(self.rms**2 - self.sigma**2, 0.0)))
 
     def band(self) -> tuple[Floats, Floats]:
-        """See `Side.band`."""
+        """Heights (n,), and the root mean square of the deviation around at each."""
         return self.band_heights, self.deviations
 
     def reached(self, rim: float, upper: bool) -> Floats:
-        """See `Side.reached`."""
-        return self.highs if upper else self.lows
+        """Heights (n,) up to which it was touched, at even turns; `rim` is its last height."""
+        return self.seen.highs if upper else self.seen.lows
 
     def uncertainty(self) -> Uncertainty:
-        """See `Side.uncertainty`."""
+        """What its error stays below, and what is narrower than could be seen."""
         extent = float(self.band_heights[-1] - self.band_heights[0])
-        narrow = max(self.untouched_gap, extent / SPANS)
+        narrow = max(self.seen.gap, extent / SPANS)
         rms, most = float(np.sqrt(np.mean(self.deviations**2))), float(self.deviations.max())
         return Uncertainty(SAFE_RMS * rms, SAFE_MOST * most, 0.5 * narrow)
-
-
-def radial_patch(spline: RadialSpline, reach: tuple[float, float]) -> RadialPatch:
-    """A spline between two heights, m."""
-    least = LEAST * spline.middle**2
-    extent = spline.low, spline.high
-    return RadialPatch(spline.axis_curve, extent, spline.coefficients, least, reach)
 
 
 def radial_side(
@@ -334,8 +262,9 @@ def radial_side(
     beside = (heights[1] - heights[0]) * (np.arange(GAP_ROWS) + 0.5 - 0.5 * GAP_ROWS) / GAP_ROWS
     rows = np.clip((heights[:, None] + beside).ravel(), *reach)
     gaps = gap_widths(spline, rows, np.arange(spline.around) / spline.around).reshape(BANDS, -1)
+    extent, least = (spline.low, spline.high), LEAST * spline.middle**2
     return RadialSide(
-        patch=radial_patch(spline, reach),
+        patch=RadialPatch(spline.axis_curve, extent, spline.coefficients, least, reach),
         points=len(spline.rows.touch),
         rms=float(np.sqrt(np.mean(spline.misfits**2))),
         sigma=spline.sigma,
@@ -343,10 +272,8 @@ def radial_side(
         pose_sigma=0.0 if pose is None else pose,
         freedom=spline.freedom,
         condition=None if draft else spline.system.condition,
-        untouched_gap=seen.gap,
+        seen=seen,
         stretched=stretched,
-        lows=seen.lows,
-        highs=seen.highs,
         band_heights=heights,
         deviations=np.sqrt(np.mean(deviation**2, axis=1) + np.mean(gaps**2, axis=1)),
     )

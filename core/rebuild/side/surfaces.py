@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from palpate.core.arrays import Floats, finite_array
+from palpate.core.arrays import Floats
 from palpate.core.splines import (
     CUBIC,
     Basis,
@@ -28,105 +28,77 @@ MOST_SITES = 128  # Coefficients along the axis; of more contours some share a k
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ContourSurface:
-    """The surface, from its lowest contour or pole to its highest."""
+class LoftPatch:
+    """The surface, from 0 at its lowest contour or pole to 1 at its highest, by the parameter."""
 
     axial_parameter: AxialParameter  # Parameter along the axis
-    along: Basis  # Splines along it; the surface spans their domain
+    basis: Basis  # Splines along it; the surface spans their domain
     control: Floats  # Coefficients (n, k, 2) about `middle`, m
     middle: Floats  # (2,), m
 
     @property
     def reach(self) -> tuple[float, float]:
         """Heights at which it begins and ends, m."""
-        low, high = self.axial_parameter.height(np.array(self.along.domain))
+        low, high = self.axial_parameter.height(np.array(self.basis.domain))
         return float(low), float(high)
-
-    def at(self, heights: ArrayLike, turns: ArrayLike, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Places in the plane at heights, m, and turns, which are broadcast: (..., 2), m.
-
-        Beyond its reach its section is carried on. `by`: derivatives by the height, one at most,
-        and by the turn. At a round end the slope by the height grows without limit: see `places`.
-        Raises ValueError if a number is not finite, or a derivative is not offered.
-        """
-        if by[0] not in (0, 1):
-            raise ValueError(f"by must be 0 or 1 in the height, got {by[0]}")
-        heights, turns = np.broadcast_arrays(np.asarray(heights, float), np.asarray(turns, float))
-        flat = finite_array("heights", heights.ravel(), (None,))
-        parameters = self.within(flat)
-        plane = self.places(parameters, turns.ravel(), by)[:, :2]
-        if by[0]:
-            rise = np.maximum(self.axial_parameter.height(parameters, 1), np.finfo(float).tiny)
-            outside = (flat < self.reach[0]) | (flat > self.reach[1])
-            plane = np.where(outside, 0.0, 1.0 / rise)[:, None] * plane
-        return plane.reshape(*heights.shape, 2)
-
-    def rings(self, heights: Floats, turns: Floats) -> Floats:
-        """The same at each pair of heights (a,) and turns (b,): (a, b, 2), m."""
-        return self.on_grid(self.within(heights), turns)
-
-    def within(self, heights: Floats) -> Floats:
-        """Parameters (n,) of heights (n,), m; those beyond its reach are taken to its ends."""
-        low, high = self.along.domain
-        return np.clip(self.axial_parameter.of(heights), low, high)
-
-    def places(self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Points (n, 3), m, at parameters and turns (n,), or derivatives; errors as of `at`."""
-        at = np.stack([parameters, np.mod(finite_array("turns", turns, (None,)), 1.0)], axis=-1)
-        (plane,) = evaluate_scattered(self._bases, self._wound, at, [by])
-        rise = self.axial_parameter.height(parameters, by[0]) if by[1] == 0 else np.zeros(len(at))
-        return np.column_stack([plane + self.middle if by == (0, 0) else plane, rise])
-
-    def on_grid(self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Their first two coordinates at each pair of parameters (a,) and turns (b,): (a, b, 2)."""
-        plane = evaluate_grid(self._bases, self._wound, [parameters, np.mod(turns, 1.0)], by)
-        return plane + self.middle if by == (0, 0) else plane
-
-    @property
-    def _bases(self) -> tuple[Basis, Basis]:
-        return self.along, wound_basis(self.control.shape[1])
-
-    @property
-    def _wound(self) -> Floats:
-        return np.concatenate([self.control, self.control[:, :CUBIC]], axis=1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LoftPatch:
-    """The same from 0 at its lower end to 1 at its upper one, evenly in the parameter."""
-
-    surface: ContourSurface  # The surface
 
     @property
     def along(self) -> Basis:
-        """Its splines along; cubic ones if it has others, of few contours."""
-        low, high = self.surface.along.domain
-        if self.surface.along.degree != CUBIC:
+        """Its splines along, from 0 to 1; cubic ones if it has others, of few contours."""
+        low, high = self.basis.domain
+        if self.basis.degree != CUBIC:
             return clamped_basis(CUBIC + 1)
-        return Basis((self.surface.along.knots - low) / (high - low), CUBIC)
+        return Basis((self.basis.knots - low) / (high - low), CUBIC)
 
     @property
     def around(self) -> int:
         """Number of its coefficients around."""
-        return int(self.surface.control.shape[1])
+        return int(self.control.shape[1])
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """Points (n, 3), m, at shares v and turns (n,), or derivatives by them."""
         parameters, extent = self._parameters(v)
-        return extent ** by[0] * self.surface.places(parameters, turns, by)
+        places = np.stack([parameters, np.mod(turns, 1.0)], axis=-1)
+        (plane,) = evaluate_scattered(self._bases, self._wound, places, [by])
+        rise = self.axial_parameter.height(parameters, by[0]) if by[1] == 0 else np.zeros(len(v))
+        found = np.column_stack([plane + self.middle if by == (0, 0) else plane, rise])
+        return extent ** by[0] * found
 
     def on_grid(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
         """The same at each pair of shares v (a,) and turns (b,): (a, b, 3), m."""
         parameters, extent = self._parameters(v)
         found = np.zeros((len(v), len(turns), 3))
-        found[..., :2] = self.surface.on_grid(parameters, turns, by)
+        found[..., :2] = self.by_parameters(parameters, turns, by)
         if by[1] == 0:
-            found[..., 2] = self.surface.axial_parameter.height(parameters, by[0])[:, None]
+            found[..., 2] = self.axial_parameter.height(parameters, by[0])[:, None]
         return extent ** by[0] * found
 
+    def rings(self, heights: Floats, turns: Floats) -> Floats:
+        """Places in the plane (a, b, 2), m, at heights (a,), m, and turns (b,).
+
+        Beyond its reach its section is carried on.
+        """
+        parameters = np.clip(self.axial_parameter.of(heights), *self.basis.domain)
+        return self.by_parameters(parameters, turns)
+
+    def by_parameters(
+        self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)
+    ) -> Floats:
+        """The same, or derivatives, at parameters (a,) and turns (b,)."""
+        plane = evaluate_grid(self._bases, self._wound, [parameters, np.mod(turns, 1.0)], by)
+        return plane + self.middle if by == (0, 0) else plane
+
     def _parameters(self, v: Floats) -> tuple[Floats, float]:
-        low, high = self.surface.along.domain
+        low, high = self.basis.domain
         return np.clip(low + (high - low) * v, low, high), high - low
+
+    @property
+    def _bases(self) -> tuple[Basis, Basis]:
+        return self.basis, wound_basis(self.control.shape[1])
+
+    @property
+    def _wound(self) -> Floats:
+        return np.concatenate([self.control, self.control[:, :CUBIC]], axis=1)
 
 
 @dataclass(frozen=True, slots=True)

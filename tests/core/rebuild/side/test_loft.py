@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.side import ContourLoft, LoftPatch, fit_contour_loft, noise_of
+from palpate.core.rebuild.side import ContourLoft, fit_contour_loft, noise_of
 from tests.core.rebuild.objects import assert_derivatives, circle, rms
 
 HEIGHT, POLE = 2.0, float(np.sqrt(1.04))
@@ -33,7 +33,7 @@ def lofted(heights: Floats, grid: Floats, **more: Any) -> ContourLoft:
 def errors(loft: ContourLoft) -> Floats:
     """Normal distances, to first order, on a grid."""
     heights, step = np.linspace(-1.0, 1.0, 121)[:, None], 1e-6
-    places = loft.at(heights, (np.arange(120) + 0.3) / 120)
+    places = loft.rings(heights[:, 0], (np.arange(120) + 0.3) / 120)
     angle = np.arctan2(places[..., 1], places[..., 0])
     radius = wavy(heights, angle)
     inwards = np.clip(heights + np.array([-step, step])[:, None, None], -1.0, 1.0)
@@ -48,7 +48,7 @@ def test_clean_contours_with_poles_are_followed(heights):
     loft = lofted(heights, contours(heights, 80), low=-POLE, high=POLE, pole=BOTH)
     assert rms(errors(loft)) < 3e-4
     assert loft.health.condition < 1e3 and loft.health.outlying == 0
-    ends = loft.at(np.array([-POLE, POLE])[:, None], np.arange(9) / 9)
+    ends = loft.rings(np.array([-POLE, POLE]), np.arange(9) / 9)
     assert np.ptp(ends, axis=1).max() < 1e-12
 
 
@@ -80,7 +80,7 @@ def test_noise_shared_by_neighbours_is_not_followed():
         noise = (noise + 0.4 * np.roll(noise, 1, 1)) / np.sqrt(1.16)
         loft = lofted(heights, grid + noise)
         assert loft.health.freedom < 0.25 * grid[..., 0].size
-        assert rms(loft.at(heights[:, None], TURNS) - grid) < 0.012
+        assert rms(loft.rings(heights, TURNS) - grid) < 0.012
 
 
 def test_known_noise_chooses_what_errs_least():
@@ -99,16 +99,18 @@ def test_few_contours_are_passed_and_poles_close(count, pole):
     heights = np.linspace(-0.5, 0.4, count)
     grid = contours(heights, 24)
     loft = lofted(heights, grid, low=-1.0, high=1.0, pole=pole)
-    assert np.allclose(loft.at(heights[:, None], TURNS), grid, atol=1e-4)
+    assert np.allclose(loft.rings(heights, TURNS), grid, atol=1e-4)
     for end, closed in zip((-1.0, 1.0), pole, strict=True):
-        assert (float(np.ptp(loft.at(end, TURNS), axis=0).max()) < 1e-12) is closed
+        assert (
+            float(np.ptp(loft.rings(np.array([end]), TURNS)[0], axis=0).max()) < 1e-12
+        ) is closed
     assert np.isfinite(loft.deviation(np.linspace(-1.0, 1.0, 30), np.arange(9) / 9)).all()
     assert np.isfinite(loft.uncertainty()).all()
     line = lofted(heights, np.full((count, 12, 2), 2.0), pole=pole)  # All in one place
-    assert np.allclose(line.at([0.5, 0.8], [0.1, 0.2]), 2.0)
+    assert np.allclose(line.rings(np.array([0.5, 0.8]), np.array([0.1, 0.2])), 2.0)
     assert (line.deviation([0.5], [0.0]), *line.uncertainty()[:2]) == ([[0.0]], 0.0, 0.0)
     if (count, pole) == (1, (False, False)):  # A prism
-        assert np.allclose(loft.at(np.linspace(-1, 1, 9)[:, None], TURNS), grid, atol=1e-4)
+        assert np.allclose(loft.rings(np.linspace(-1, 1, 9), TURNS), grid, atol=1e-4)
         assert loft.uncertainty().resolution == pytest.approx(1.0)
 
 
@@ -121,7 +123,7 @@ def test_contours_at_one_height_are_averaged():
     assert np.allclose(errors(loft), errors(once), atol=2e-6)
     rims = np.array([1.0, 1.0, 2.0, 1.0, 3.0])[:, None, None] * circle(24)
     mean = lofted([0.0, 0.5, 0.5 + 1e-6, 1.0, 0.5], rims)
-    assert np.allclose(mean.at(0.5, TURNS), 2.0 * circle(24), atol=1e-4)
+    assert np.allclose(mean.rings(np.array([0.5]), TURNS)[0], 2.0 * circle(24), atol=1e-4)
 
 
 @pytest.mark.parametrize(("count", "around"), [(24, 40), (27, 80)])
@@ -166,9 +168,9 @@ def test_axis_leads_to_poles_unless_they_are_given():
     grid = np.sqrt(1.0 - heights**2)[:, None, None] * circle(24) + lean[:, None]
     loft = lofted(heights, grid, low=-1.0, high=1.0, pole=(np.array([-0.9, 0.45]), True))
     assert loft.health.round == BOTH
-    assert loft.at(-1.0, 0.0) == pytest.approx([-0.9, 0.45], abs=1e-12)
-    assert loft.at(1.0, 0.0) == pytest.approx([1.0, -0.5], abs=1e-6)
-    assert np.allclose(loft.at(heights[:, None], TURNS), grid, atol=1e-5)
+    assert loft.rings(np.array([-1.0]), np.zeros(1))[0, 0] == pytest.approx([-0.9, 0.45], abs=1e-12)
+    assert loft.rings(np.array([1.0]), np.zeros(1))[0, 0] == pytest.approx([1.0, -0.5], abs=1e-6)
+    assert np.allclose(loft.rings(heights, TURNS), grid, atol=1e-5)
     grid = grid + 1e-3 * np.random.default_rng(0).normal(size=grid.shape)
     grid[5, 3] += [0.1, 0.1]
     rough = lofted(heights, grid, low=-1.0, high=1.0, pole=BOTH)
@@ -195,7 +197,7 @@ def with_stray(outlying: Bools, seed: int, sigma: float = 4e-3) -> ContourLoft:
 
 
 def stray_error(loft: ContourLoft) -> float:
-    return rms(np.linalg.norm(loft.at(LEVELS[:, None], np.arange(80) / 80), axis=-1) - bumpy())
+    return rms(np.linalg.norm(loft.rings(LEVELS, np.arange(80) / 80), axis=-1) - bumpy())
 
 
 def test_stray_points_are_left_out_and_cost_tenth():
@@ -230,7 +232,7 @@ def test_ridges_edges_and_few_points_are_no_outliers():
     box = (1.0 - np.abs(heights / 50.0) ** 10)[:, None, None] ** 0.1 * ring
     loft = lofted(heights, box, low=-50.0, high=50.0)
     assert loft.health.outlying == 0
-    assert np.abs(loft.at(heights[:, None], np.arange(80) / 80) - box).max() < 0.5
+    assert np.abs(loft.rings(heights, np.arange(80) / 80) - box).max() < 0.5
 
 
 def surface(kind: str, over: bool = False) -> Any:
@@ -240,35 +242,30 @@ def surface(kind: str, over: bool = False) -> Any:
         radius = np.array([1.0, 1.0, 1.0, 0.6, 0.6, 0.6])
         heights, radius = (-heights[::-1], radius[::-1]) if over else (heights, radius)
         loft = lofted(heights, radius[:, None, None] * circle(40), low=-1.0, high=1.0)
-        assert loft.surface.axial_parameter.reparametrisation is not None
-        return loft.surface
+        assert loft.patch.axial_parameter.reparametrisation is not None
+        return loft.patch
     heights = np.linspace(-0.9, 0.9, 19)
     grid = np.sqrt(1.0 - heights**2)[:, None, None] * circle(40) + [3.0, -2.0]
-    return lofted(heights, grid, low=-1.0, high=1.0, pole=(True, False)).surface
+    return lofted(heights, grid, low=-1.0, high=1.0, pole=(True, False)).patch
 
 
 @pytest.mark.parametrize("kind", ["ball", "step"])
-def test_surface_has_its_derivatives_by_either_parameter(kind):
-    found = surface(kind)
-    side, heights = LoftPatch(found), np.linspace(-0.99, 0.89, 21)
+def test_patch_of_loft_has_its_derivatives(kind):
+    patch = surface(kind)
     v, turns = np.linspace(0.03, 0.97, 21), np.linspace(0.0, 2.1, 21)
-    assert_derivatives(side.at, v, turns, 1e-5, 0.8, side.on_grid)  # But for knots
-    assert side.at(np.array([0.0, 1.0]), np.zeros(2))[:, 2] == pytest.approx([-1.0, 0.9])
-    parameters = found.within(heights)
-    assert (np.diff(parameters) > 0.0).all()
-    points = found.places(parameters, turns)
-    assert points == pytest.approx(np.column_stack([found.at(heights, turns), heights]), abs=1e-9)
-    slopes = (found.at(heights + 1e-6, turns) - found.at(heights - 1e-6, turns)) / 2e-6
-    assert found.at(heights, turns, (1, 0)) == pytest.approx(slopes, rel=1e-3, abs=1e-3)
-    assert np.array_equal(found.at(0.97, turns), found.at(0.9, turns))  # Carried on
-    assert not found.at(0.97, turns, (1, 0)).any()
+    assert_derivatives(patch.at, v, turns, 1e-5, 0.8, patch.on_grid)  # But for knots
+    assert patch.at(np.array([0.0, 1.0]), np.zeros(2))[:, 2] == pytest.approx([-1.0, 0.9])
+    places = patch.at(v, turns)
+    rings = patch.rings(places[:, 2], turns)[np.arange(21), np.arange(21)]
+    assert rings == pytest.approx(places[:, :2], abs=1e-9)
+    assert np.array_equal(*patch.rings(np.array([0.97, 0.9]), turns))  # Carried on
     if kind == "step":  # Upside down it is the same
-        mirrored = LoftPatch(surface(kind, over=True)).at(1.0 - v, turns) * [1.0, 1.0, -1.0]
-        assert mirrored == pytest.approx(side.at(v, turns), abs=1e-9)
-        rims = np.linalg.norm(found.at([-0.5, 0.0, 0.02, 0.5], np.full(4, 0.3)), axis=-1)
-        assert rims == pytest.approx([1.0, 1.0, 0.6, 0.6], abs=1e-3)
+        mirrored = surface(kind, over=True).at(1.0 - v, turns) * [1.0, 1.0, -1.0]
+        assert mirrored == pytest.approx(places, abs=1e-9)
+        rims = np.linalg.norm(patch.rings(np.array([-0.5, 0.0, 0.02, 0.5]), turns[:1]), axis=-1)
+        assert rims[:, 0] == pytest.approx([1.0, 1.0, 0.6, 0.6], abs=1e-3)
     if kind == "ball":
-        ball = found.places(np.linspace(*found.along.domain, 100), np.linspace(0.0, 3.0, 100))
+        ball = patch.at(np.linspace(0.0, 1.0, 100), np.linspace(0.0, 3.0, 100))
         assert np.abs(np.linalg.norm(ball - [3.0, -2.0, 0.0], axis=1) - 1.0).max() < 1e-4
         assert ball[0] == pytest.approx([3.0, -2.0, -1.0], abs=1e-12)
 
@@ -289,9 +286,5 @@ def test_refusals_of_loft(change, words):
     grid = options.pop("grid", np.stack([circle(12)] * 2))
     with pytest.raises(ValueError, match=words):
         fit_contour_loft(grid=grid, **options)
-    with pytest.raises(ValueError, match="by must be 0 or 1 in the height, got 2"):
-        surface("ball").at(0.0, 0.0, (2, 0))
-    with pytest.raises(ValueError, match="turns must be finite"):
-        surface("ball").at(0.0, np.inf)
     with pytest.raises(ValueError, match="heights must be finite"):
         exact(LEVELS, np.ones(27)).deviation([np.nan], [0.0])

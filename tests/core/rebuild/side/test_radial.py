@@ -10,7 +10,15 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild import side as sides
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.side import RadialSpline, bridged, coverage_of
-from tests.core.rebuild.objects import Oracle, at_height, circle, contacts, rms, slow
+from tests.core.rebuild.objects import (
+    Oracle,
+    assert_derivatives,
+    at_height,
+    circle,
+    contacts,
+    rms,
+    slow,
+)
 
 HEIGHT = 0.06  # Of most objects here [m]
 TURNS = np.linspace(0.0, 1.0, 24, endpoint=False)
@@ -254,6 +262,8 @@ def test_stated_errors_hold_what_shifts_leave():
     wanted = radius_of(fit.band_heights)
     off = (np.sqrt(found.squared(fit.band_heights, TURNS)) - wanted) * wanted / 0.03
     assert 0.9 < np.mean(np.abs(off) < 1.96 * fit.deviations[:, None]) <= 1.0
+    v, turns = np.random.default_rng(0).uniform(0.02, 0.98, (2, 40))
+    assert_derivatives(fit.patch.at, v, turns, 1e-4, 1.0, fit.patch.on_grid)
     figures = fit.figures
     assert figures["radial_pose_sigma"] == sigma and figures["radial_pose_blocks"] == 1.0
     whole = fit.uncertainty()
