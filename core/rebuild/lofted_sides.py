@@ -62,8 +62,8 @@ def _between_ends(
 
     def lofted() -> ContourLoft:
         low, high = (end.rim if end.apart else end.height for end in ends)
-        pole = [end.middle if end.round else False for end in ends]
-        return fit_contour_loft(heights, grid, low=low, high=high, pole=pole, noise=noise)
+        below, above = (end.middle if end.round else None for end in ends)
+        return fit_contour_loft(heights, grid, low=low, high=high, pole=(below, above), noise=noise)
 
     loft = lofted()
     through = [end.round and runs_through_axis(loft.patch, end.rim, end.height) for end in ends]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -10,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.geometry import area_centroids
+from palpate.core.arrays import Floats, finite_array
 from palpate.core.rebuild.side.smoothing import (
     Smoothed,
     SmoothingAxis,
@@ -42,9 +40,7 @@ STILL = 1e-9  # Slope around, over the size, of a contour that is a point
 LEAST_PACED, FAR_BETTER = 8, 0.72
 PREDICTED = 0.01  # Of the size: rows that are predicted as well as this lie close enough together
 LEAST_TURNS = 4
-SAME_HEIGHT = 1e-3  # Of the mean spacing: rows at heights nearer to each other are one
-LEAN_ROWS = 3  # Outermost contours whose middles tell which way the axis leans
-Pole = bool | ArrayLike  # Whether a surface closes in a point where the axis leads, or at (2,), m
+Poles = tuple[Floats | None, Floats | None]  # Where a surface closes in a point, (2,), m
 
 
 class ContourFit(NamedTuple):
@@ -65,9 +61,9 @@ class ContourFit(NamedTuple):
     def across(self) -> Floats:
         """Unit vectors (m, k, 2) across the smoothed rows, outwards; 0 where a row is a point."""
         kept = self.smoothed.kept * self.smoothed.parts
-        rows = self.smoothed.along.modes.shapes @ kept / self.smoothed.along.roots[:, None]
+        rows = self.smoothed.along.modes.shapes @ kept
         around = self.smoothed.around
-        slopes = _periodic_slopes(len(around.roots)) @ around.modes.control
+        slopes = _periodic_slopes(len(around.modes.shapes)) @ around.modes.control
         x, y = rows @ slopes.T
         length = np.hypot(x, y)
         moving = length > STILL
@@ -205,7 +201,7 @@ def fit_axial_parameter(
     line = _line(along, below, above)
     smoothed = smooth(
         rows.grid - (matrix @ line)[:, None],
-        smoothing_axis(matrix[:, inner], root[:, inner], rows.weights),
+        smoothing_axis(matrix[:, inner], root[:, inner]),
         around_axis(rows.grid.shape[1]),
         noise=noise,
         caution=caution,
@@ -238,9 +234,7 @@ class ContourRows(NamedTuple):
 
     heights: Floats  # (M,), rising, m
     grid: Floats  # (M, K, 2), about `middle`, over `size`
-    weights: Floats  # (M,): of how many given contours each is the mean
-    owner: Ints  # The row of each given contour
-    poles: tuple[Floats | None, Floats | None]  # (2,) below and above, in the unit of the grid
+    poles: Poles  # Below and above, in the unit of the grid
     middle: Floats  # (2,), m
     size: float  # Largest coordinate about the middle, m
 
@@ -260,53 +254,30 @@ class ContourRows(NamedTuple):
 
 
 def contour_rows(
-    heights: ArrayLike, grid: ArrayLike, low: float, high: float, pole: Sequence[Pole]
+    heights: ArrayLike, grid: ArrayLike, low: float, high: float, pole: Poles
 ) -> ContourRows:
-    """Rows of a grid, sorted by height; those at one height are averaged.
+    """Rows of a grid at rising heights.
 
-    Raises ValueError if shapes do not fit, a number is not finite, or a contour lies outside `low`
-    to `high`, or at an end that is to be a pole.
+    Raises ValueError if shapes do not fit, a number is not finite, heights do not rise, or a
+    contour lies outside `low` to `high`, or at an end that is to be a pole.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
-    closed = tuple(np.ndim(one) > 0 or bool(one) for one in pole)
-    order = np.argsort(heights, kind="stable")
-    spacing = np.diff(heights[order])
-    mean = spacing.sum() / max(len(spacing), 1)
-    owner = np.empty(len(heights), np.int32)
-    owner[order] = np.concatenate([[0], np.cumsum(spacing > SAME_HEIGHT * mean)])
-    weights = np.bincount(owner).astype(np.float64)
-    merged = np.bincount(owner, heights) / weights
-    lowest, highest = float(merged[0]), float(merged[-1])
+    if not (np.diff(heights) > 0.0).all():
+        raise ValueError(f"heights must rise, got {heights.tolist()}")
+    lowest, highest = float(heights[0]), float(heights[-1])
     if lowest < low or highest > high:
         raise ValueError(
             f"heights must lie from low {low:g} to high {high:g} m, got {lowest:g} to {highest:g}"
         )
     gaps = (lowest - low, high - highest)
-    for shut, gap, name in zip(closed, gaps, ("low", "high"), strict=True):
-        if shut and not gap > 0.0:
+    for one, gap, name in zip(pole, gaps, ("low", "high"), strict=True):
+        if one is not None and not gap > 0.0:
             raise ValueError(f"a pole must lie beyond the last contour, got both at {name}")
     middle = 0.5 * (grid.min(axis=(0, 1)) + grid.max(axis=(0, 1)))
     size = float(np.abs(grid - middle).max()) or 1.0
-    rows = np.zeros((len(weights), *grid.shape[1:]))
-    np.add.at(rows, owner, (grid - middle) / size)
-    rows /= weights[:, None, None]
-    first, last = slice(None, LEAN_ROWS), slice(-LEAN_ROWS, None)
-    below = _pole(pole[0], low, merged[first], rows[first], middle, size)
-    above = _pole(pole[1], high, merged[last], rows[last], middle, size)
-    return ContourRows(merged, rows, weights, owner, (below, above), middle, size)
-
-
-def _pole(
-    pole: Pole, height: float, heights: Floats, rows: Floats, middle: Floats, size: float
-) -> Floats | None:
-    """Place of a pole: as given, or where the middles of the nearest contours lead."""
-    if np.ndim(pole):
-        return (finite_array("pole", pole, (2,)) - middle) / size
-    if not pole:
-        return None
-    middles = area_centroids(rows)
-    away = heights - heights.mean()
-    spread = float(away @ away)
-    lean = away @ (middles - middles.mean(axis=0)) / spread if spread > 0.0 else np.zeros(2)
-    return np.asarray(middles.mean(axis=0) + (height - heights.mean()) * lean)
+    rows = (grid - middle) / size
+    below, above = (
+        None if one is None else (finite_array("pole", one, (2,)) - middle) / size for one in pole
+    )
+    return ContourRows(heights, rows, (below, above), middle, size)

@@ -9,7 +9,7 @@ predicts of them and fitted again, until that no longer changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -47,7 +47,6 @@ class LoftHealth(NamedTuple):
     condition: float  # Condition number of the matrix from coefficients to points and bending
     strengths: tuple[float, float]  # Of smoothing along and around, over the points' mean weight
     round: tuple[bool, bool]  # Whether the ends below and above are run into as a sphere's
-    merged: int  # Contours that were averaged with one at the same height
     outlying: int  # Points that were not used, for they stick out
     swing: float  # How far the surface leaves the middle between contours, over their difference
 
@@ -61,7 +60,7 @@ class ContourLoft:
     size: float  # Half the width of the contours, m
     smoothed: Smoothed  # The fit, over the size
     between: BetweenContours  # What it may miss between contours, over the size
-    outlying: Bools  # (m, K): points that were not used, by rising contours, merged ones as one
+    outlying: Bools  # (m, K): points that were not used
     spacing: float  # Largest distance between contours, m
     health: LoftHealth  # How the fit came about
     closed: tuple[bool, bool]  # Whether it closes in points below and above
@@ -155,16 +154,15 @@ def fit_contour_loft(
     *,
     low: float,
     high: float,
-    pole: Sequence[fitting.Pole] = (False, False),
+    pole: fitting.Poles = (None, None),
     noise: float | None = None,
 ) -> ContourLoft:
     """Fit a surface through contours at heights (M,), grid (M, K, 2), m.
 
-    They may come in any order, those at one height are averaged; their points run
-    counter-clockwise, at least 4, and correspond: column j at the turn j / K. `low` and `high` are
-    the heights of the object's ends, m, or of what is to be taken as such, beyond the contours;
-    `pole` tells whether the surface closes in a point there, below and above: where the axis leads,
-    or at a place, m. `noise` is the standard deviation of a coordinate, m, if it is known;
+    They rise; their points run counter-clockwise, at least 4, and correspond: column j at the turn
+    j / K. `low` and `high` are the heights of the object's ends, m, or of what is to be taken as
+    such, beyond the contours; `pole` tells where the surface closes in a point there, below and
+    above, m, if it does. `noise` is the standard deviation of a coordinate, m, if it is known;
     otherwise it is estimated. Of 0, no point is left out. Raises ValueError if shapes do not fit, a
     number is not finite, there are too few points, a contour lies outside, or a pole on a contour.
     """
@@ -294,7 +292,6 @@ def _loft(
             condition=smoothed.condition,
             strengths=smoothed.strengths,
             round=fit.axial_parameter.round,
-            merged=len(rows.owner) - len(rows.heights),
             outlying=int(outlying.sum()),
             swing=fit.swing(),
         ),
@@ -305,7 +302,7 @@ def _loft(
 def noise_of(heights: Floats, grid: Floats) -> float:
     """Standard deviation across contours (M, K, 2), m, by a fit between the outer two."""
     low, high = float(heights.min()), float(heights.max())
-    rows = fitting.contour_rows(heights, grid, low, high, (False, False))
+    rows = fitting.contour_rows(heights, grid, low, high, (None, None))
     fit = fitting.fit_heights_or_round(rows, low, high)
     return rows.size * _sigma(rows, fit, fit.smoothed.spare)
 
@@ -313,4 +310,4 @@ def noise_of(heights: Floats, grid: Floats) -> float:
 def _sigma(rows: fitting.ContourRows, fit: fitting.ContourFit, spare: float) -> float:
     """Standard deviation of the rows across the fit, in their unit."""
     off = fit.off(rows.grid, fit.across())
-    return float(np.sqrt((rows.weights[:, None] * np.square(off)).sum() / spare))
+    return float(np.sqrt(np.square(off).sum() / spare))

@@ -40,7 +40,6 @@ class SmoothingAxis:
     """One way along a grid, prepared for any values."""
 
     modes: Modes  # Its modes
-    roots: Floats  # Roots of the weights of its lines, (m,)
     weight: Floats  # Quadratic form of the fit, over its mean diagonal, (n, n)
     bending: Floats  # Quadratic form of the penalty, in the same measure, (n, n)
     strengths: Floats  # Those that are tried, (s,), rising
@@ -75,8 +74,7 @@ class Smoothed:
     def fitted(self) -> Floats:
         """The smoothed values, (m, l, d)."""
         values = self.along.modes.shapes @ (self.kept * self.parts) @ self.around.modes.shapes.T
-        roots = self.along.roots[:, None] * self.around.roots
-        return np.ascontiguousarray((values / roots).transpose(1, 2, 0))
+        return np.ascontiguousarray(values.transpose(1, 2, 0))
 
     @property
     def condition(self) -> float:
@@ -91,7 +89,7 @@ class Smoothed:
         (held,) = self.around.modes.kept(np.array(self.strengths[1:]))
         shapes = self.along.modes.shapes
         residual = shapes @ (lost[:, None] * self.parts * held)
-        free = np.square(shapes) @ lost * self.along.roots
+        free = np.square(shapes) @ lost
         size = np.sqrt(np.square(residual).sum(axis=(0, 2)))
         return np.asarray(size / np.maximum(free, np.finfo(float).tiny))
 
@@ -106,19 +104,16 @@ class Smoothed:
         return np.asarray(rows @ self.kept @ columns.T)
 
 
-def smoothing_axis(basis: Floats, root: Floats, weights: Floats | None = None) -> SmoothingAxis:
+def smoothing_axis(basis: Floats, root: Floats) -> SmoothingAxis:
     """Prepare one axis of a grid.
 
-    By basis functions (m, n) at its lines, the root (r, n) of the penalty, and the lines' positive
-    weights (m,), 1 if left out.
+    By basis functions (m, n) at its lines, and the root (r, n) of the penalty.
     """
-    roots = np.ones(len(basis)) if weights is None else np.sqrt(weights)
-    weighted = roots[:, None] * basis
-    weight, bending = _measured(weighted), _measured(root)
-    modes = demmler_reinsch(weight, bending, weighted)
+    weight, bending = _measured(basis), _measured(root)
+    modes = demmler_reinsch(weight, bending, basis)
     stiff = modes.stiffness[modes.stiffness > FLAT]
     weakest, strongest = (WEAKEST / stiff.max(), STRONGEST / stiff.min()) if len(stiff) else (1, 1)
-    return SmoothingAxis(modes, roots, weight, bending, np.geomspace(weakest, strongest, STRENGTHS))
+    return SmoothingAxis(modes, weight, bending, np.geomspace(weakest, strongest, STRENGTHS))
 
 
 def _measured(root: Floats) -> Floats:
@@ -148,15 +143,15 @@ def smooth(
     are spent as there are values. Raises ValueError if the shape does not fit the axes, a value is
     not finite, the noise is negative or not finite, or the caution is below 1.
     """
-    lines = len(along.roots), len(around.roots)
+    lines = len(along.modes.shapes), len(around.modes.shapes)
     values = finite_array("values", values, (*lines, None))
     if noise is not None and not 0.0 <= noise < np.inf:
         raise ValueError(f"noise must be 0 or more and finite, got {noise}")
     if not 1.0 <= caution < np.inf:
         raise ValueError(f"caution must be at least 1 and finite, got {caution}")
-    weighted = along.roots[:, None] * around.roots * values.transpose(2, 0, 1)
-    parts = along.modes.shapes.T @ weighted @ around.modes.shapes
-    beyond = weighted - along.modes.shapes @ parts @ around.modes.shapes.T
+    grids = values.transpose(2, 0, 1)
+    parts = along.modes.shapes.T @ grids @ around.modes.shapes
+    beyond = grids - along.modes.shapes @ parts @ around.modes.shapes.T
     squares, spare = _trials(along, around, np.square(parts).sum(axis=0))
     squares += np.square(beyond).sum()
     spare += lines[0] * lines[1] - parts[0].size

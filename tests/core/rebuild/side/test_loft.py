@@ -11,7 +11,7 @@ from tests.core.rebuild.objects import assert_derivatives, circle, rms
 
 HEIGHT, POLE = 2.0, float(np.sqrt(1.04))
 LEVELS, TURNS = np.linspace(-1.0, 1.0, 27), np.arange(24) / 24
-BOTH = (True, True)
+AXIS = np.zeros(2)  # Where most solids here close
 
 
 def wavy(heights: Floats, angle: Floats) -> Floats:
@@ -45,7 +45,7 @@ def errors(loft: ContourLoft) -> Floats:
 
 @pytest.mark.parametrize("heights", [LEVELS, np.sin(0.5 * np.pi * LEVELS)], ids=["even", "uneven"])
 def test_clean_contours_with_poles_are_followed(heights):
-    loft = lofted(heights, contours(heights, 80), low=-POLE, high=POLE, pole=BOTH)
+    loft = lofted(heights, contours(heights, 80), low=-POLE, high=POLE, pole=(AXIS, AXIS))
     assert rms(errors(loft)) < 3e-4
     assert loft.health.condition < 1e3 and loft.health.outlying == 0
     ends = loft.rings(np.array([-POLE, POLE]), np.arange(9) / 9)
@@ -93,37 +93,25 @@ def test_known_noise_chooses_what_errs_least():
     assert [loft.health.sigma for loft in known.values()] == pytest.approx([2e-3, 0.05, 0.8])
 
 
-@pytest.mark.parametrize("pole", [(False, False), (True, False), (False, True), BOTH])
+@pytest.mark.parametrize("closed", [(False, False), (True, False), (False, True), (True, True)])
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_contours_are_passed_and_poles_close(count, pole):
+def test_few_contours_are_passed_and_poles_close(count, closed):
     heights = np.linspace(-0.5, 0.4, count)
     grid = contours(heights, 24)
+    pole = [AXIS if one else None for one in closed]
     loft = lofted(heights, grid, low=-1.0, high=1.0, pole=pole)
     assert np.allclose(loft.rings(heights, TURNS), grid, atol=1e-4)
-    for end, closed in zip((-1.0, 1.0), pole, strict=True):
-        assert (
-            float(np.ptp(loft.rings(np.array([end]), TURNS)[0], axis=0).max()) < 1e-12
-        ) is closed
+    ends = np.ptp(loft.rings(np.array([-1.0, 1.0]), TURNS), axis=1).max(axis=1)
+    assert tuple(ends < 1e-12) == closed
     assert np.isfinite(loft.deviation(np.linspace(-1.0, 1.0, 30), np.arange(9) / 9)).all()
     assert np.isfinite(loft.uncertainty()).all()
+    pole = [AXIS + 2.0 if one else None for one in closed]
     line = lofted(heights, np.full((count, 12, 2), 2.0), pole=pole)  # All in one place
     assert np.allclose(line.rings(np.array([0.5, 0.8]), np.array([0.1, 0.2])), 2.0)
     assert (line.deviation([0.5], [0.0]), *line.uncertainty()[:2]) == ([[0.0]], 0.0, 0.0)
-    if (count, pole) == (1, (False, False)):  # A prism
+    if (count, closed) == (1, (False, False)):  # A prism
         assert np.allclose(loft.rings(np.linspace(-1, 1, 9), TURNS), grid, atol=1e-4)
         assert loft.uncertainty().resolution == pytest.approx(1.0)
-
-
-def test_contours_at_one_height_are_averaged():
-    again = np.concatenate([LEVELS, LEVELS[10:12], LEVELS[5:6] + 1e-7])
-    options: dict[str, Any] = {"low": -POLE, "high": POLE, "pole": BOTH}
-    loft = lofted(again, contours(again, 80), **options)
-    assert loft.health.merged == 3
-    once = lofted(LEVELS, contours(LEVELS, 80), **options)
-    assert np.allclose(errors(loft), errors(once), atol=2e-6)
-    rims = np.array([1.0, 1.0, 2.0, 1.0, 3.0])[:, None, None] * circle(24)
-    mean = lofted([0.0, 0.5, 0.5 + 1e-6, 1.0, 0.5], rims)
-    assert np.allclose(mean.rings(np.array([0.5]), TURNS)[0], 2.0 * circle(24), atol=1e-4)
 
 
 @pytest.mark.parametrize(("count", "around"), [(24, 40), (27, 80)])
@@ -162,21 +150,22 @@ def test_doubt_lies_where_neighbours_mispredict():
     assert far == pytest.approx(2.0 * near, rel=0.05)  # Along the normal
 
 
-def test_axis_leads_to_poles_unless_they_are_given():
+def test_loft_closes_in_its_poles():
     heights = np.linspace(-0.9, 0.9, 12)
     lean = np.column_stack([heights, -0.5 * heights])
     grid = np.sqrt(1.0 - heights**2)[:, None, None] * circle(24) + lean[:, None]
-    loft = lofted(heights, grid, low=-1.0, high=1.0, pole=(np.array([-0.9, 0.45]), True))
-    assert loft.health.round == BOTH
-    assert loft.rings(np.array([-1.0]), np.zeros(1))[0, 0] == pytest.approx([-0.9, 0.45], abs=1e-12)
-    assert loft.rings(np.array([1.0]), np.zeros(1))[0, 0] == pytest.approx([1.0, -0.5], abs=1e-6)
+    poles = np.array([-0.9, 0.45]), np.array([1.0, -0.5])
+    loft = lofted(heights, grid, low=-1.0, high=1.0, pole=poles)
+    assert loft.health.round == (True, True)
+    ends = loft.rings(np.array([-1.0, 1.0]), np.zeros(1))[:, 0]
+    assert ends == pytest.approx(np.stack(poles), abs=1e-12)
     assert np.allclose(loft.rings(heights, TURNS), grid, atol=1e-5)
     grid = grid + 1e-3 * np.random.default_rng(0).normal(size=grid.shape)
     grid[5, 3] += [0.1, 0.1]
-    rough = lofted(heights, grid, low=-1.0, high=1.0, pole=BOTH)
+    rough = lofted(heights, grid, low=-1.0, high=1.0, pole=poles)
     assert rough.outlying[5, 3] and rough.outlying.sum() <= 2
     cone = (1.0 - heights)[:, None, None] * circle(24)
-    sharp = lofted(heights, cone, low=-1.0, high=1.0, pole=(False, True))
+    sharp = lofted(heights, cone, low=-1.0, high=1.0, pole=(None, AXIS))
     assert sharp.health.round == (False, False)
 
 
@@ -246,7 +235,7 @@ def surface(kind: str, over: bool = False) -> Any:
         return loft.patch
     heights = np.linspace(-0.9, 0.9, 19)
     grid = np.sqrt(1.0 - heights**2)[:, None, None] * circle(40) + [3.0, -2.0]
-    return lofted(heights, grid, low=-1.0, high=1.0, pole=(True, False)).patch
+    return lofted(heights, grid, low=-1.0, high=1.0, pole=([3.0, -2.0], None)).patch
 
 
 @pytest.mark.parametrize("kind", ["ball", "step"])
@@ -275,9 +264,10 @@ def test_patch_of_loft_has_its_derivatives(kind):
     [
         ({"heights": [0.0, np.inf]}, "heights must be finite"),
         ({"grid": np.ones((3, 12, 2))}, r"grid must have shape \(2, any, 2\), got \(3, 12, 2\)"),
+        ({"heights": [0.75, 0.25]}, "heights must rise, got"),
         ({"low": 0.3}, "heights must lie from low 0.3 to high 1 m, got 0.25 to 0.75"),
-        ({"high": 0.75, "pole": (False, True)}, "a pole must lie beyond the last contour"),
-        ({"pole": (np.ones(3), False)}, r"pole must have shape \(2\), got \(3,\)"),
+        ({"high": 0.75, "pole": (None, AXIS)}, "a pole must lie beyond the last contour"),
+        ({"pole": (np.ones(3), None)}, r"pole must have shape \(2\), got \(3,\)"),
         ({"noise": -1.0}, "noise must be 0 or more"),
     ],
 )
