@@ -270,7 +270,7 @@ class LatticeSolid(Solid):
         low, high = fine.min(axis=(0, 1)), fine.max(axis=(0, 1))
         heights = np.linspace(self.slices.heights[0], self.slices.heights[-1], OVERSHOOT_ROWS)
         turns = np.arange(OVERSHOOT_TURNS) / OVERSHOOT_TURNS
-        side = self.side.rings(heights, turns)
+        side = self.side.patch.rings(heights, turns)
         beyond = np.maximum(low - side, side - high).max()
         return float(max(beyond, 0.0) / (high - low).max())
 
@@ -421,7 +421,7 @@ def _of_end(
     side: Side, end: End, upper: bool, area: float, contacts: ContactPoints | None
 ) -> tuple[float, float]:
     """Squared deviation times area, m^4, and area that the object may have besides, m^2."""
-    ring = side.rings(np.array([end.rim]), np.arange(RING) / RING)[0]
+    ring = side.patch.rings(np.array([end.rim]), np.arange(RING) / RING)[0]
     around = float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum())
     if end.uncovered > 0.0:
         more = 0.5 * around * end.uncovered

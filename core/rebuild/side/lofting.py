@@ -97,10 +97,6 @@ class ContourLoft:
             "reparametrised": float(self.patch.axial_parameter.reparametrisation is not None),
         }
 
-    def rings(self, heights: Floats, turns: Floats) -> Floats:
-        """Places in the plane at heights (a,) and turns (b,), (a, b, 2), m."""
-        return self.patch.rings(heights, turns)
-
     def normal_deviation(self, heights: Floats, turns: Floats, steep: Floats) -> Floats:
         """The deviation (a, b), which is told along normals."""
         return self.deviation(heights, turns)

@@ -210,10 +210,6 @@ class RadialSide:
         """Standard deviation of what touched, poses included."""
         return float(np.hypot(self.sigma, self.pose_sigma))
 
-    def rings(self, heights: Floats, turns: Floats) -> Floats:
-        """Places in the plane at heights (a,) and turns (b,), (a, b, 2)."""
-        return self.patch.rings(heights, turns)
-
     def deviation(self, heights: Floats, turns: Floats) -> Floats:
         """Standard deviation across the rings at heights (a,), the mean around: (a, b)."""
         levels = np.interp(heights, self.band_heights, self.deviations)

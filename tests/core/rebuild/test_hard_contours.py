@@ -154,7 +154,7 @@ def test_step_between_close_contours_does_not_swing_out(noise):
         given.append(one + noise * rng.normal(size=one.shape))
     solid = skin(given)
     heights = np.linspace(-49, 49, 997)
-    radius = np.linalg.norm(solid.side.rings(heights, np.arange(60) / 60), axis=2)
+    radius = np.linalg.norm(solid.side.patch.rings(heights, np.arange(60) / 60), axis=2)
     assert radius.max() < 30.0 + 0.02 * 60.0
     assert radius.min() > 18.0 - 0.05 * 60.0
     health = solid.health()

@@ -33,7 +33,7 @@ def lofted(heights: Floats, grid: Floats, **more: Any) -> ContourLoft:
 def errors(loft: ContourLoft) -> Floats:
     """Normal distances, to first order, on a grid."""
     heights, step = np.linspace(-1.0, 1.0, 121)[:, None], 1e-6
-    places = loft.rings(heights[:, 0], (np.arange(120) + 0.3) / 120)
+    places = loft.patch.rings(heights[:, 0], (np.arange(120) + 0.3) / 120)
     angle = np.arctan2(places[..., 1], places[..., 0])
     radius = wavy(heights, angle)
     inwards = np.clip(heights + np.array([-step, step])[:, None, None], -1.0, 1.0)
@@ -48,7 +48,7 @@ def test_clean_contours_with_poles_are_followed(heights):
     loft = lofted(heights, contours(heights, 80), low=-POLE, high=POLE, pole=(AXIS, AXIS))
     assert rms(errors(loft)) < 3e-4
     assert loft.health.condition < 1e3 and loft.health.outlying == 0
-    ends = loft.rings(np.array([-POLE, POLE]), np.arange(9) / 9)
+    ends = loft.patch.rings(np.array([-POLE, POLE]), np.arange(9) / 9)
     assert np.ptp(ends, axis=1).max() < 1e-12
 
 
@@ -80,7 +80,7 @@ def test_noise_shared_by_neighbours_is_not_followed():
         noise = (noise + 0.4 * np.roll(noise, 1, 1)) / np.sqrt(1.16)
         loft = lofted(heights, grid + noise)
         assert loft.health.freedom < 0.25 * grid[..., 0].size
-        assert rms(loft.rings(heights, TURNS) - grid) < 0.012
+        assert rms(loft.patch.rings(heights, TURNS) - grid) < 0.012
 
 
 def test_known_noise_chooses_what_errs_least():
@@ -100,17 +100,17 @@ def test_few_contours_are_passed_and_poles_close(count, closed):
     grid = contours(heights, 24)
     pole = [AXIS if one else None for one in closed]
     loft = lofted(heights, grid, low=-1.0, high=1.0, pole=pole)
-    assert np.allclose(loft.rings(heights, TURNS), grid, atol=1e-4)
-    ends = np.ptp(loft.rings(np.array([-1.0, 1.0]), TURNS), axis=1).max(axis=1)
+    assert np.allclose(loft.patch.rings(heights, TURNS), grid, atol=1e-4)
+    ends = np.ptp(loft.patch.rings(np.array([-1.0, 1.0]), TURNS), axis=1).max(axis=1)
     assert tuple(ends < 1e-12) == closed
     assert np.isfinite(loft.deviation(np.linspace(-1.0, 1.0, 30), np.arange(9) / 9)).all()
     assert np.isfinite(loft.uncertainty()).all()
     pole = [AXIS + 2.0 if one else None for one in closed]
     line = lofted(heights, np.full((count, 12, 2), 2.0), pole=pole)  # All in one place
-    assert np.allclose(line.rings(np.array([0.5, 0.8]), np.array([0.1, 0.2])), 2.0)
+    assert np.allclose(line.patch.rings(np.array([0.5, 0.8]), np.array([0.1, 0.2])), 2.0)
     assert (line.deviation([0.5], [0.0]), *line.uncertainty()[:2]) == ([[0.0]], 0.0, 0.0)
     if (count, closed) == (1, (False, False)):  # A prism
-        assert np.allclose(loft.rings(np.linspace(-1, 1, 9), TURNS), grid, atol=1e-4)
+        assert np.allclose(loft.patch.rings(np.linspace(-1, 1, 9), TURNS), grid, atol=1e-4)
         assert loft.uncertainty().resolution == pytest.approx(1.0)
 
 
@@ -157,9 +157,9 @@ def test_loft_closes_in_its_poles():
     poles = np.array([-0.9, 0.45]), np.array([1.0, -0.5])
     loft = lofted(heights, grid, low=-1.0, high=1.0, pole=poles)
     assert loft.health.round == (True, True)
-    ends = loft.rings(np.array([-1.0, 1.0]), np.zeros(1))[:, 0]
+    ends = loft.patch.rings(np.array([-1.0, 1.0]), np.zeros(1))[:, 0]
     assert ends == pytest.approx(np.stack(poles), abs=1e-12)
-    assert np.allclose(loft.rings(heights, TURNS), grid, atol=1e-5)
+    assert np.allclose(loft.patch.rings(heights, TURNS), grid, atol=1e-5)
     grid = grid + 1e-3 * np.random.default_rng(0).normal(size=grid.shape)
     grid[5, 3] += [0.1, 0.1]
     rough = lofted(heights, grid, low=-1.0, high=1.0, pole=poles)
@@ -186,7 +186,7 @@ def with_stray(outlying: Bools, seed: int, sigma: float = 4e-3) -> ContourLoft:
 
 
 def stray_error(loft: ContourLoft) -> float:
-    return rms(np.linalg.norm(loft.rings(LEVELS, np.arange(80) / 80), axis=-1) - bumpy())
+    return rms(np.linalg.norm(loft.patch.rings(LEVELS, np.arange(80) / 80), axis=-1) - bumpy())
 
 
 def test_stray_points_are_left_out_and_cost_tenth():
@@ -221,7 +221,7 @@ def test_ridges_edges_and_few_points_are_no_outliers():
     box = (1.0 - np.abs(heights / 50.0) ** 10)[:, None, None] ** 0.1 * ring
     loft = lofted(heights, box, low=-50.0, high=50.0)
     assert loft.health.outlying == 0
-    assert np.abs(loft.rings(heights, np.arange(80) / 80) - box).max() < 0.5
+    assert np.abs(loft.patch.rings(heights, np.arange(80) / 80) - box).max() < 0.5
 
 
 def surface(kind: str, over: bool = False) -> Any:
