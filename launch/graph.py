@@ -21,7 +21,7 @@ from palpate.launch.files.source_map import InputError, SourceMapped, hint, key_
 from palpate.launch.files.yaml_file import convert, parse_yaml, yaml_text
 from palpate.launch.node_kinds import Entry, load_entry, search_current_folder
 from palpate.launch.printing import text_table
-from palpate.messages import CodecError, derive, schema, schema_hash
+from palpate.messages import CodecError, schema, schema_hash
 from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
 from palpate.nodes.runtime.node import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
@@ -56,10 +56,13 @@ class Graph:
         inputs = {one.entry.name: _inputs(one, published, placed) for one in placed}
         self._check_ends(placed)
         return tuple(
-            derive(
-                Wiring,
-                one.entry,
-                one.node,
+            Wiring(
+                name=one.entry.name,
+                module=one.entry.module,
+                host=one.entry.host,
+                nice=one.entry.nice,
+                on_exit=one.entry.on_exit,
+                handler_timeout=one.node.handler_timeout,
                 params=one.params,
                 inputs=inputs[one.entry.name],
                 outputs=dict(one.outputs),

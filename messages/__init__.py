@@ -10,7 +10,6 @@ from palpate.messages.codec import (
     Header as Header,
     codec_of as codec_of,
     decode as decode,
-    derive as derive,
     encode as encode,
     first_difference as first_difference,
     pack_frame as pack_frame,

@@ -235,18 +235,6 @@ def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     return topic, header, frame[end + 1 + HEADER_SIZE :]
 
 
-def derive(cls: type[Message], *sources: object, **fields: object) -> Message:
-    """A message whose fields, if not given, are those of the first source that has such a name.
-
-    Raises TypeError if nothing has a field that must be.
-    """
-    for field in dataclasses.fields(cls):  # type: ignore[arg-type]
-        for source in sources:
-            if field.name not in fields and hasattr(source, field.name):
-                fields[field.name] = getattr(source, field.name)
-    return cls(**fields)
-
-
 def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str] | None:
     """Where two bodies of the same type differ first; None if they are identical.
 

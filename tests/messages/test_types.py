@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate import messages
 from palpate.messages import Array, CodecError, Count, Seconds, decode, encode, schema, schema_hash
-from palpate.messages.types import TYPES, LogRecord, NodeStatus, Score, World
+from palpate.messages.types import TYPES
 from tests.messages.cases import cases
 from tests.messages.drawing import Rule, drawn
 
@@ -102,15 +102,6 @@ def test_message_is_shown_in_one_short_line(cls, tetrahedron):
     many = dict.fromkeys(map(str, range(30)), np.float64(1.0))
     shown = repr(replace(tetrahedron, health=many))
     assert "vertices=<float64 (4, 3)>" in shown and "<dict of 30>" in shown
-
-
-def test_derived_message_takes_fields_of_first_source_that_has_them(score):
-    other = replace(score, chamfer=7.0, number=9)
-    world = World(platform=0.0, reach=0.1, fingers=1, seed=0)
-    made = messages.derive(Score, world, score, other, rms=5.0)
-    assert encode(made) == encode(replace(score, rms=5.0))
-    with pytest.raises(TypeError, match="text"):
-        messages.derive(LogRecord, drawn(NodeStatus))
 
 
 @dataclass(frozen=True, kw_only=True)
