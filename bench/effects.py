@@ -13,7 +13,7 @@ import numpy as np
 from palpate.bench.loop import InProcessLoop, LoopNode, contour_goal, touching_nodes
 from palpate.bench.table import Row, figure_of, in_turns
 from palpate.core import shapes, touch
-from palpate.core.poses import Pose, pad_rotation, pose_of
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch.effects import EFFECT_NAMES
 from palpate.launch.scene import load_scene
@@ -38,7 +38,7 @@ def touch_goals(count: int) -> Iterable[TouchGoal]:
             goal=0,
             touch=number,
             finger=1,
-            pose=pose_of(axes @ np.array([0.0, 0.0, -0.08]), axes),
+            pose=Pose(axes @ np.array([0.0, 0.0, -0.08]), axes).array,
             reach=0.1,
             depth=1e-3,
             direction=np.array([0.0, 0.0, 1.0]),

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.bench.explored import EXPLORED_HEIGHT, ExploreObject, mesh_of_radius
 from palpate.core.arrays import Floats
-from palpate.core.poses import compose_poses, pose_of
+from palpate.core.poses import Pose
 from palpate.core.shapes import Mesh
 from palpate.launch.files.mesh_file import write_mesh
 from palpate.launch.files.source_map import SourceMapped
@@ -192,7 +192,7 @@ def write_scene(
         solid = dict(target)
     if moved is not None:
         place = solid.get("pose", {}).get("position", [0.0, 0.0, 0.0])
-        found = compose_poses(moved, pose_of(np.array(place), np.eye(3)))
+        found = (Pose.from_array(moved) @ Pose(np.array(place), np.eye(3))).array
         solid["pose"] = {"position": found[:3].tolist(), "rotation": found[3:].tolist()}
     scene = {"object": solid, "effects": list(noise), "explore": demand._asdict(), "seed": seed}
     path = folder / "scene.yaml"

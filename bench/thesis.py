@@ -34,7 +34,7 @@ from palpate.core import thesis
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners import EXTENT, PlannerTrial, Thesis, run_planner
 from palpate.core.geometry import nearest_points, prepare_surface, solidity
-from palpate.core.poses import transform_points
+from palpate.core.poses import Pose
 from palpate.core.rebuild import reconstruct
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.shapes import Mesh
@@ -293,7 +293,7 @@ def _recorded_thesis(found: MeasuredContours, *, faithful: bool) -> Mesh:
     mesh = _solid(np.concatenate([stack, stack[:, :1]], axis=1), faithful=faithful)
     if found.frame is None:
         return mesh
-    return Mesh(transform_points(found.frame, mesh.vertices), mesh.faces)
+    return Mesh(Pose.from_array(found.frame).to_outer(mesh.vertices), mesh.faces)
 
 
 RECORDED_WAYS: dict[str, Callable[[MeasuredContours], Mesh]] = {

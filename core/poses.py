@@ -89,11 +89,6 @@ def rotation_matrix(quaternion: Floats) -> Floats:
     )
 
 
-def pose_of(position: Floats, matrix: Floats) -> Floats:
-    """Pose (7,) from a position (3,) and a rotation matrix (3, 3)."""
-    return np.concatenate([position, quaternion_from_matrix(matrix)])
-
-
 def quaternion_from_matrix(matrix: Floats) -> Floats:
     """Quaternion x, y, z, w of a rotation matrix (3, 3), by its largest component.
 
@@ -109,39 +104,6 @@ def quaternion_from_matrix(matrix: Floats) -> Floats:
     ]
     best = np.array(columns[int(np.argmax(squares))])
     return best / math.sqrt(float(best @ best))
-
-
-def split_pose(pose: Floats) -> tuple[Floats, Floats]:
-    """Position (3,) and rotation matrix (3, 3) of a pose (7,)."""
-    return pose[:3], rotation_matrix(pose[3:])
-
-
-def compose_poses(outer: Floats, inner: Floats) -> Floats:
-    """Pose of `inner`, given in the frame `outer`, in the frame in which `outer` is given."""
-    position, matrix = split_pose(outer)
-    inner_position, inner_matrix = split_pose(inner)
-    return pose_of(position + matrix @ inner_position, matrix @ inner_matrix)
-
-
-def inverse_pose(pose: Floats) -> Floats:
-    """Pose of the outer frame, seen from the frame that `pose` describes."""
-    position, matrix = split_pose(pose)
-    return pose_of(-matrix.T @ position, matrix.T)
-
-
-def advanced_pose(pose: Floats, way: float) -> Floats:
-    """A pose (7,) moved along its own z axis, m."""
-    x, y, z, w = pose[3:].tolist()
-    axis = (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y))
-    moved = pose.copy()
-    moved[:3] += np.multiply(axis, way)
-    return moved
-
-
-def transform_points(pose: Floats, points: Floats) -> Floats:
-    """Points (n, 3) given in the frame `pose`, in the outer frame."""
-    position, matrix = split_pose(pose)
-    return points @ matrix.T + position
 
 
 def pad_rotation(heading: float, tilt: float) -> Floats:

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import transform_points
+from palpate.core.poses import Pose
 from palpate.core.touch import Pad
 from palpate.launch.colours import COLOURS, rgb
 from palpate.launch.files.mesh_file import uncertainties
@@ -274,7 +274,7 @@ def _patch(patch: types.SurfacePatch, known: Known) -> Iterable[Drawable]:
         return
     x, y = pad.grid()
     local = np.column_stack((x[patch.mask], y[patch.mask], patch.height[patch.mask]))
-    points = Points(transform_points(patch.pose, local), TAXEL_RADIUS, patch.normal)
+    points = Points(Pose.from_array(patch.pose).to_outer(local), TAXEL_RADIUS, patch.normal)
     yield Drawable("touched", points, patch.robot_time)
 
 

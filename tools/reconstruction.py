@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry import self_intersection, solidity
-from palpate.core.poses import transform_points
+from palpate.core.poses import Pose
 from palpate.core.rebuild import LatticeSolid, Method, Solid
 from palpate.core.rebuild.contours import into_frame
 from palpate.core.rebuild.recovery import Recovery
@@ -151,7 +151,9 @@ def _touched_ends(found: MeasuredContours, wanted: RebuildOptions, metres: float
     for height in (wanted.bottom, wanted.top):
         if height is not None:
             point = np.array([[0.0, 0.0, metres * height]])
-            parts.append(point if found.frame is None else transform_points(found.frame, point))
+            parts.append(
+                point if found.frame is None else Pose.from_array(found.frame).to_outer(point)
+            )
     return np.concatenate(parts) if parts else None
 
 

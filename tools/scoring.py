@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from palpate.core import geometry
 from palpate.core.archive import FORM_KEY
 from palpate.core.arrays import Floats
-from palpate.core.poses import inverse_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.mesh_file import MAX_MESH_BYTES, read_cloud, read_surface
 from palpate.launch.files.points_file import read_positions
@@ -164,7 +164,7 @@ def _against_surface(
     truth = _prepared(reference, wanted)
     found = geometry.align(surface.samples.points, truth) if aligned else None
     if found is not None:
-        moved = transform_points(found.pose, solid.vertices)
+        moved = Pose.from_array(found.pose).to_outer(solid.vertices)
         surface = geometry.prepare_surface(moved, solid.faces)
     distances = geometry.compare_surfaces(truth, surface)
     volumes = [geometry.solidity(one.vertices, one.faces) for one in (solid, wanted)]
@@ -192,10 +192,12 @@ def _against_points(
     surface: geometry.PreparedSurface, points: Floats, aligned: bool
 ) -> ScoreRecord:
     found = geometry.align(points, surface) if aligned else None
-    moved = points if found is None else transform_points(found.pose, points)
+    moved = points if found is None else Pose.from_array(found.pose).to_outer(points)
     distances = geometry.nearest_points(surface.search, moved).distances
     return {
-        **_alignment_figures(found, None if found is None else inverse_pose(found.pose)),
+        **_alignment_figures(
+            found, None if found is None else Pose.from_array(found.pose).inverse().array
+        ),
         "chamfer_m": None,
         "mean_m": float(distances.mean()),
         "rms_m": float(np.sqrt(np.mean(distances**2))),

@@ -30,7 +30,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from palpate.bench.loop import InProcessLoop, touching_nodes
 from palpate.core.arrays import Floats
 from palpate.core.explore.tracing import TOUCH_DEPTH
-from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.shapes import Mesh, isosurface
 from palpate.launch.scene import load_scene
@@ -175,7 +175,7 @@ class GuardedFinger:
             goal=len(self.touched),
             touch=0,
             finger=1,
-            pose=pose_of(place - standoff * axes[:, 2], axes),
+            pose=Pose(place - standoff * axes[:, 2], axes).array,
             reach=standoff + beyond,
             depth=TOUCH_DEPTH,
             direction=axes[:, 1],

@@ -22,7 +22,7 @@ from palpate.core.geometry.meshes import areas_and_normals, triangle_corners
 from palpate.core.geometry.nearest import NearestSearch, nearest_points, nearest_search
 from palpate.core.least_squares import Solutions, levenberg_marquardt
 from palpate.core.poses import (
-    pose_of,
+    Pose,
     principal_axes,
     right_jacobians,
     rotation_angle,
@@ -190,7 +190,7 @@ def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
     position = centre + size * fine.parameters[won, 3:] - rotations[won] @ middle
     apart = np.array([rotation_angle(rotations[won], one) for one in rotations]) > APART
     good = rms <= max(ALIKE * float(rms[won]), FLOOR * size)
-    pose = pose_of(position, rotations[won])
+    pose = Pose(position, rotations[won]).array
     pose[3:] *= np.copysign(1.0, pose[6])
     return Alignment(pose, float(rms[won]), bool(fine.converged[won]), bool((good & apart).any()))
 

@@ -23,7 +23,7 @@ from palpate.core.explore.grasp import (
     search_pose,
 )
 from palpate.core.geometry import nearest_points, nearest_search
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.core.procedures.protocol import (
     SEARCH_SPACING,
     UNSUITED,
@@ -202,7 +202,7 @@ def _beyond(found: FittedSuperquadric, points: Floats) -> float:
 
     Corners lie beyond contacts in the world, along no axis of the solid: there half as much counts.
     """
-    position, axes = split_pose(found.pose)
+    position, axes = Pose.from_array(found.pose)
     inner = (points - position) @ axes
     reached = np.stack([inner.max(axis=0), -inner.min(axis=0)])
     own = np.where(_downward(axes), 0.0, found.size - reached).max()
@@ -214,7 +214,7 @@ def _beyond(found: FittedSuperquadric, points: Floats) -> float:
 
 def _unmet(found: FittedSuperquadric, normals: Floats) -> int:
     """Sides of the solid, but that to the platform, that no contact's normal (n, 3) faces."""
-    axes = split_pose(found.pose)[1]
+    axes = Pose.from_array(found.pose).axes
     facing = normals @ axes
     met = np.stack([(facing > FACING).any(axis=0), (facing < -FACING).any(axis=0)])
     return int((~(met | _downward(axes))).sum())

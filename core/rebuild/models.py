@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.geometry import signed_area
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.core.rebuild.ends import StraightCurve
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.recovery import Recovery, recover
@@ -48,7 +48,7 @@ def coarse_patch(recovery: Recovery) -> SampledPatch:
     """Its surface, from the lower end of its own axis to the upper one."""
     base = Superquadric(recovery.size, recovery.exponents)
     taper = Taper(float(recovery.taper[0]), float(recovery.taper[1]), float(recovery.size[2]))
-    position, axes = split_pose(recovery.pose)
+    position, axes = Pose.from_array(recovery.pose)
 
     def grid(v: Floats, turns: Floats) -> Floats:
         eta, omega = np.meshgrid(np.pi * (v - 0.5), np.pi * (2.0 * turns - 1.0), indexing="ij")

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import finite_array, positive
 from palpate.core.geometry import area_centroids
-from palpate.core.poses import compose_poses, inverse_pose
+from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import (
     ContactPoints,
     checked_contacts,
@@ -128,7 +128,9 @@ def reconstruct(
         raise ValueError(f"faithful goes with the method 'thesis' alone, got {method!r}")
     pose = slicing_pose(frame)
     if grasp is not None and pose is not None:
-        grasp = replace(grasp, pose=compose_poses(inverse_pose(pose), grasp.pose))
+        grasp = replace(
+            grasp, pose=(Pose.from_array(pose).inverse() @ Pose.from_array(grasp.pose)).array
+        )
     with step("contours"):
         # Everything that was touched but the contours themselves, seen from the frame.
         parts = [] if patches is None else [contacts_into_frame(pose, checked_contacts(patches))]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, positive
-from palpate.core.poses import split_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
 from palpate.core.rebuild.ends import End, Shear, end_ways, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
@@ -251,7 +251,7 @@ class LatticeSolid(Solid):
         used = ~np.concatenate([loop.outlier | loop.off_height for loop in loops])
         places = np.column_stack([plane, heights + rises])[used]
         if self.frame is not None:
-            places = transform_points(self.frame, places)
+            places = Pose.from_array(self.frame).to_outer(places)
         return self.search().nearest(places).distances
 
     @property
@@ -349,7 +349,7 @@ def moved_lattice(lattice: Lattice, frame: Floats | None, shear: Shear | None = 
         lattice = Lattice(sheared_volume(lattice.volume, shear), lattice.undeformed)
     if frame is None:
         return lattice
-    position, axes = split_pose(frame)
+    position, axes = Pose.from_array(frame)
 
     def moved(volume: SplineVolume) -> SplineVolume:
         return SplineVolume(volume.control @ axes.T + position, volume.bases, volume.weights)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from palpate.core.archive import arrays_from_bytes
 from palpate.core.arrays import Floats
-from palpate.core.poses import inverse_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.core.shapes import mend_mesh
 from palpate.launch.files import glb, mesh_formats
 from palpate.launch.files.file_access import read_bounded
@@ -256,7 +256,7 @@ def uncertainties(model: ShapeModel) -> Floats:
         return model.vertex_errors
     if not len(model.uncertainty):
         return np.zeros(len(model.vertices))
-    heights = transform_points(inverse_pose(model.frame), model.vertices)[:, 2]
+    heights = Pose.from_array(model.frame).to_local(model.vertices)[:, 2]
     return np.interp(heights, model.uncertainty_height, model.uncertainty)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.poses import split_pose
+from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import (
     ContactPoints,
     stack_points,
@@ -459,7 +459,7 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
         frame = common_frame(closed)
         tops = touched_ends(closed, hits, touches, platform)
     if not is_upright(frame):
-        lean = np.degrees(np.arccos(np.clip(split_pose(frame)[1][2, 2], -1.0, 1.0)))
+        lean = np.degrees(np.arccos(np.clip(Pose.from_array(frame).axes[2, 2], -1.0, 1.0)))
         notes.append(f"sliced along an axis that leans by {lean:.1f} deg")
     elif platform is not None:
         notes.append("the object stands on its platform, which is a touch of its lower end")

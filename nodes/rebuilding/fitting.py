@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore import Longs, SpaceMap
-from palpate.core.poses import inverse_pose, split_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.core.rebuild import LatticeSolid, Method, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import touch_distances
@@ -207,7 +207,7 @@ def _between(state: State, goal: Goal, space: SpaceMap) -> Floats:
     """The places (n, 3) that fingers have swept between the outermost contours [m]."""
     contours = [state.contours[id_] for id_ in goal.contours]
     swept = space.free_places()
-    heights = transform_points(inverse_pose(common_frame(contours)), swept)[:, 2]
+    heights = Pose.from_array(common_frame(contours)).to_local(swept)[:, 2]
     levels = [contour.height for contour in contours]
     return swept[(heights > min(levels)) & (heights < max(levels))]
 
@@ -394,7 +394,7 @@ def common_frame(contours: Sequence[types.Contour]) -> Floats:
 
 def is_upright(frame: Floats) -> bool:
     """Whether heights in a frame are the world's, so that an object stands on its lower end."""
-    return bool(split_pose(frame)[1][2, 2] >= 1.0 - UPRIGHT_TOLERANCE)
+    return bool(Pose.from_array(frame).axes[2, 2] >= 1.0 - UPRIGHT_TOLERANCE)
 
 
 def touched_ends(
@@ -424,7 +424,7 @@ def _probed(
     frame: Floats,
 ) -> Iterator[Floats]:
     """Farthest point (3,) of each probe that touched an end: beyond the contours."""
-    position, axes = split_pose(frame)
+    position, axes = Pose.from_array(frame)
     levels = [contour.height for contour in contours]
     low, high = min(levels), max(levels)
     for probe in probes:

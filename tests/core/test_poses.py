@@ -11,20 +11,14 @@ from palpate.core.poses import (
     FACING_DOWN,
     IDENTITY_POSE,
     Pose,
-    advanced_pose,
     axes_along,
-    compose_poses,
-    inverse_pose,
     pad_rotation,
-    pose_of,
     principal_axes,
     quaternion_from_matrix,
     right_jacobians,
     rotation_angle,
     rotation_matrix,
     rotations_from_vectors,
-    split_pose,
-    transform_points,
 )
 
 ROUNDING = 4e-15
@@ -92,30 +86,29 @@ def test_jacobians_are_those_of_finite_differences(angle: float):
 def test_poses_compose_as_transformations():
     points = np.random.default_rng(1).normal(size=(20, 3))
     for number, (one, two) in enumerate(zip(RANDOM[:30], RANDOM[30:], strict=True)):
-        outer = pose_of(np.array([0.1, number, 0.3]), one.as_matrix())
-        inner = pose_of(np.array([-0.3, 0.0, 0.1]), two.as_matrix())
+        outer = Pose(np.array([0.1, number, 0.3]), one.as_matrix())
+        inner = Pose(np.array([-0.3, 0.0, 0.1]), two.as_matrix())
         assert np.allclose(
-            transform_points(outer, points), one.apply(points) + outer[:3], atol=1e-13
+            outer.to_outer(points), one.apply(points) + outer.position, rtol=0, atol=1e-13
         )
-        twice = transform_points(outer, transform_points(inner, points))
-        both = compose_poses(outer, inner)
-        assert np.allclose(transform_points(both, points), twice, rtol=0, atol=1e-13)
-        for back in (compose_poses(outer, inverse_pose(outer)),
-                     compose_poses(inverse_pose(outer), outer)):  # fmt: skip
-            place, axes = split_pose(back)
-            assert np.allclose(place, 0.0, atol=1e-13) and rotation_angle(axes, np.eye(3)) < 2e-15
-        ahead = compose_poses(outer, pose_of(np.array([0.0, 0.0, 0.02]), np.eye(3)))
-        assert np.allclose(advanced_pose(outer, 0.02)[:3], ahead[:3], rtol=0, atol=ROUNDING * 10)
-        assert np.array_equal(advanced_pose(outer, 0.02)[3:], outer[3:])
+        twice = outer.to_outer(inner.to_outer(points))
+        assert np.allclose((outer @ inner).to_outer(points), twice, rtol=0, atol=1e-13)
+        assert np.allclose(outer.to_local(outer.to_outer(points)), points, rtol=0, atol=1e-13)
+        for back in (outer @ outer.inverse(), outer.inverse() @ outer):
+            assert np.allclose(back.position, 0.0, rtol=0, atol=1e-13)
+            assert rotation_angle(back.axes, np.eye(3)) < 2e-15
+        again = Pose.from_array(outer.array)
+        assert np.array_equal(again.position, outer.position) and len(outer.array) == 7
+        assert np.allclose(again.axes, outer.axes, rtol=0, atol=ROUNDING * 4)
+        ahead = outer @ Pose(np.array([0.0, 0.0, 0.02]), np.eye(3))
+        assert np.allclose(outer.advanced(0.02).position, ahead.position, rtol=0, atol=1e-15)
+        assert np.array_equal(outer.advanced(0.02).axes, outer.axes)
         shift, turn = [0.01, -0.02, 0.03], 0.1 * number * UNITS[number]
-        pose = Pose.from_array(outer)
-        moved = pose @ Pose(np.array(shift), rotations_from_vectors(turn[None])[0])
-        found = pose.turned(shift, turn)
+        moved = outer @ Pose(np.array(shift), rotations_from_vectors(turn[None])[0])
+        found = outer.turned(shift, turn)
         assert np.allclose(found.position, moved.position, rtol=0, atol=1e-14)
         assert np.allclose(found.axes, moved.axes, rtol=0, atol=1e-15)
-        assert np.allclose(pose.to_local(pose.to_outer(points)), points, rtol=0, atol=1e-13)
-        assert np.allclose(abs(pose.array[3:] @ outer[3:]), 1.0, rtol=0, atol=ROUNDING)
-    assert np.array_equal(transform_points(IDENTITY_POSE, points), points)
+    assert np.array_equal(Pose.from_array(IDENTITY_POSE).to_outer(points), points)
     assert not IDENTITY_POSE.flags.writeable and not FACING_DOWN.flags.writeable
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.steps import no_steps
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs
@@ -27,7 +27,7 @@ def ball_spec(radius: float = RADIUS, middle: tuple[float, ...] | None = None) -
 
 def sideways(height: float) -> Floats:
     """Pose of a pad that faces the z axis from the +x side."""
-    return pose_of(np.array([0.1, 0.0, height]), pad_rotation(0.0, 0.0))
+    return Pose(np.array([0.1, 0.0, height]), pad_rotation(0.0, 0.0)).array
 
 
 class LoopNode(NamedTuple):

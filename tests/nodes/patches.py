@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.poses import Pose, pad_rotation
 from palpate.nodes import curvature, filter
 from palpate.nodes.runtime.testing import drive
 from palpate.nodes.specs.frames import SensorParams, sensor_info, tactile_frame
@@ -26,7 +26,7 @@ Patches = list[Any]
 def patches_at(places: Iterable[tuple[Floats, Floats]], image: Floats = IMPRINT) -> Patches:
     """Patches of frames at places, each with axes of the pad."""
     raw = [
-        ("/touch/raw", tactile_frame(SENSING, touch, 0.1 * touch, pose_of(place, axes), image))
+        ("/touch/raw", tactile_frame(SENSING, touch, 0.1 * touch, Pose(place, axes).array, image))
         for touch, (place, axes) in enumerate(places)
     ]
     return drive(curvature.NODE, [INFO, *drive(filter.NODE, [INFO, *raw])])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import Pose, pad_rotation, split_pose
+from palpate.core.poses import Pose, pad_rotation
 from palpate.core.touch import clean, guarded_move
 from palpate.launch.scene import load_scene
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileFrame, TactileImage
@@ -189,7 +189,7 @@ def test_patch_of_a_ball_has_its_curvature_and_outward_normal(info: SensorInfo):
     # A quartic leaves out the sixth order: (r / R)^4 of the curvature at the contact's rim.
     found = (patch.k1, patch.k2, patch.curvature_across)
     assert found == pytest.approx((1 / 0.03,) * 3, rel=2e-3)
-    assert patch.normal == pytest.approx(-split_pose(sideways(0.0))[1][:, 2], abs=1e-9)
+    assert patch.normal == pytest.approx(-Pose.from_array(sideways(0.0)).axes[:, 2], abs=1e-9)
     assert (
         len(patch.jet) and patch.jet_scale > 0.0 and np.array_equal(patch.mask, ball(0.03) > 5e-5)
     )

@@ -15,7 +15,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore import FEATURE_SHARE
-from palpate.core.poses import IDENTITY_POSE, Pose, transform_points
+from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.messages import encode, types
 from palpate.messages.types import Contour, ContourGoal, GraspContacts, GraspGoal, ModelGoal, World
@@ -89,7 +89,7 @@ class Cylinder:
         status, count = ("budget", 0) if left < TOUCHES else ("closed", 90)
         turn = 2.0 * np.pi * np.arange(count) / 90
         rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
-        points = transform_points(goal.frame, RADIUS * rim + [0.0, 0.0, goal.height])
+        points = Pose.from_array(goal.frame).to_outer(RADIUS * rim + [0.0, 0.0, goal.height])
         told = {name: getattr(goal, name) for name in ("id", "finger", "frame", "height")}
         told |= {"points": points, "normals": rim, "curvature": np.zeros(count), "status": status}
         told |= {"contact_low": np.full(count, goal.height - 4e-3), "touches": min(left, TOUCHES)}

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.core.archive import arrays_from_bytes, tree_from_arrays
 from palpate.core.arrays import Floats
-from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, compose_poses, pose_of
+from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, Pose
 from palpate.core.rebuild.side import radial
 from palpate.core.steps import no_steps
 from palpate.messages import encode, types
@@ -41,10 +41,15 @@ def felt(frame: Floats, low: float, high: float) -> Published:
     for number, height in enumerate(np.linspace(low + 0.006, high - 0.006, 3)):
         goal = {"id": number, "finger": 1, "frame": frame, "height": float(height), "radius": 0.1}
         published += loop.publish("/contour/goal", example(ContourGoal, **goal))
-    ends = [(pose_of(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN))]
-    ends += [pose_of(np.array([0.0, 0.001, low - 0.05]), np.eye(3))] if low < 0.0 else []
+    ends = [(Pose(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN).array)]
+    ends += [Pose(np.array([0.0, 0.001, low - 0.05]), np.eye(3)).array] if low < 0.0 else []
     for number, pose in enumerate(ends, 3):
-        goal = {"id": number, "finger": 1, "pose": compose_poses(frame, pose), "reach": 0.15}
+        goal = {
+            "id": number,
+            "finger": 1,
+            "pose": (Pose.from_array(frame) @ Pose.from_array(pose)).array,
+            "reach": 0.15,
+        }
         published += loop.publish("/probe/goal", example(types.ProbeGoal, **goal))
     return [one for one in published if one[0] in NODE.inputs]
 

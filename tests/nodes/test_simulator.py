@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import FACING_DOWN, pose_of
+from palpate.core.poses import FACING_DOWN, Pose
 from palpate.core.robot_time import ROBOT_PRESETS, MoveGeometry, move_durations
 from palpate.messages import encode
 from palpate.messages.types import GraspContacts, GraspGoal, TactileFrame, TouchGoal
@@ -24,7 +24,7 @@ from tests.messages.cases import cases
 from tests.nodes.loop import ball_spec, sideways
 
 BALL = ball_spec()
-MIDDLE = pose_of(np.array([0.0, 0.0, 0.03]), FACING_DOWN)
+MIDDLE = Pose(np.array([0.0, 0.0, 0.03]), FACING_DOWN).array
 
 
 def goal(height: float = 0.03, **changes: Any) -> TouchGoal:
@@ -190,7 +190,7 @@ def test_effects_of_link_arm_and_face_are_told_or_seen():
 
 def test_hand_tells_where_fingers_met_missed_or_were_blocked():
     beside, low = (
-        pose_of(np.array(at), FACING_DOWN) for at in ([0.5, 0.0, 0.03], [0.0, 0.0, 0.001])
+        Pose(np.array(at), FACING_DOWN).array for at in ([0.5, 0.0, 0.03], [0.0, 0.0, 0.001])
     )
     found = answers(Params(object=BALL), grasp(), grasp(pose=beside), grasp(pose=low))
     assert [(one.number, one.missed, one.blocked) for one in found] == [

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, pose_of, split_pose, transform_points
+from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.messages import encode, types
 from palpate.messages.types import ContourGoal, ProbeGoal, SensorInfo, SurfacePatch, World
@@ -22,7 +22,7 @@ from tests.nodes.loop import Published, ball_spec, touching
 
 BALL = ball_spec()
 MIDDLE = np.array([0.0, 0.0, 0.03])
-DOWN = pose_of(np.array([0.0, 0.0, 0.1]), FACING_DOWN)
+DOWN = Pose(np.array([0.0, 0.0, 0.1]), FACING_DOWN).array
 
 
 def contour_goal(**changes: Any) -> ContourGoal:
@@ -93,9 +93,9 @@ def test_frame_turned_with_the_object_changes_no_touch(axis: tuple[float, float,
         for pose in (IDENTITY_POSE, frame)
     )
     assert aligned.status == turned.status == "closed" and aligned.touches == turned.touches
-    axes = split_pose(frame)[1]
+    axes = Pose.from_array(frame).axes
     for one, other, off in (
-        (transform_points(frame, aligned.points), turned.points, 1e-9),
+        (Pose.from_array(frame).to_outer(aligned.points), turned.points, 1e-9),
         (aligned.normals @ axes.T, turned.normals, 1e-6),
         (aligned.contact_low, turned.contact_low, 1e-9),
         (aligned.contact_high, turned.contact_high, 1e-9),
@@ -140,7 +140,7 @@ def test_probe_finds_the_top_or_the_end_of_its_reach():
     # The taxels nearest to the pole lie half a pitch beside it, both ways.
     assert probe.point[2] == pytest.approx(0.06 - 0.5e-3**2 / 0.03, abs=1e-7)
     assert probe.normal == pytest.approx([0, 0, 1], abs=1e-6)
-    beside = traced(probe_goal(pose=pose_of(np.array([0.2, 0.0, 0.1]), FACING_DOWN)))
+    beside = traced(probe_goal(pose=Pose(np.array([0.2, 0.0, 0.1]), FACING_DOWN).array))
     assert beside.outcome == "miss" and beside.point == pytest.approx([0.2, 0.0, 0.0], abs=1e-12)
 
 

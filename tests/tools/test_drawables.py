@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.core.poses import transform_points
+from palpate.core.poses import Pose
 from palpate.launch.colours import rgb
 from palpate.messages import types
 from palpate.nodes.runtime.testing import example
@@ -87,7 +87,7 @@ def test_touched_taxels_lie_in_the_world(drawn, sensor, patch):
     contacts, taxels = (one.shape for one in drawn if one.path == "touched")
     x, y = pad_of_info(sensor).grid()
     cells = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
-    np.testing.assert_allclose(taxels.points, transform_points(TURNED, cells), atol=1e-12)
+    np.testing.assert_allclose(taxels.points, Pose.from_array(TURNED).to_outer(cells), atol=1e-12)
     assert contacts.radius > taxels.radius and LAYERS["touched"].accumulates
     body = trimesh.Trimesh(*pad_body(pad_of_info(sensor)))
     assert body.is_watertight and body.volume > 0.0

@@ -9,7 +9,7 @@ import trimesh
 
 import palpate
 from palpate.core.archive import tree_to_bytes
-from palpate.core.poses import inverse_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.point_clouds import MeasuredContours
 from palpate.launch.files.points_file import read_oriented
@@ -275,7 +275,7 @@ def test_several_files_are_written_together_or_not_at_all(home):
 def tilted(monkeypatch):
     """Pose of the tilted frame in which a recorded ellipsoid was sliced."""
     frame = np.array([0.01, 0.0, 0.05, 0.28, 0.0, 0.0, 0.96])
-    contours = tuple(transform_points(frame, ellipsoid(z, 1e-3)) for z in HEIGHTS)
+    contours = tuple(Pose.from_array(frame).to_outer(ellipsoid(z, 1e-3)) for z in HEIGHTS)
     places = tuple(f"contour {i}" for i in range(len(contours)))
     found = MeasuredContours(contours, places, frame=frame)
     monkeypatch.setattr("palpate.tools.reconstruction.read_points", lambda path: found)
@@ -289,7 +289,11 @@ def test_recording_in_a_tilted_frame_gives_a_solid_in_the_world(tilted, home, fi
     assert not any("touched at" in text for text in record["warnings"])
     solid = load(home / "a.npz")
     for points in (solid.mesh().vertices, read_mesh_or_points(home / "a.ply", "m").vertices):
-        local = transform_points(inverse_pose(tilted), points) / [0.03, 0.024, 0.05]
+        local = Pose.from_array(tilted).to_local(points) / [
+            0.03,
+            0.024,
+            0.05,
+        ]
         assert np.linalg.norm(local, axis=1) == pytest.approx(1.0, abs=1e-3)
     first = repr(float(solid.control_lattice.control[0, 0, 0, 0]))
     assert f"\n{first} " in (home / "a.vtk").read_text()

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import advanced_pose
+from palpate.core.poses import Pose
 from palpate.launch.colours import COLOURS
 from palpate.launch.files.file_access import check_new, write_new
 from palpate.launch.files.source_map import InputError
@@ -236,7 +236,7 @@ def finger_pose(line: Timeline, time: float) -> Floats:
     pose[3:] /= max(float(np.linalg.norm(pose[3:])), 1e-12)
     if not np.isfinite(pose).all() or not pose[3:].any():  # they face each other
         return after.pose
-    return advanced_pose(pose, -LIFT * math.sin(math.pi * share))
+    return Pose.from_array(pose).advanced(-LIFT * math.sin(math.pi * share)).array
 
 
 def _fitting(draw: ImageDraw, texts: Sequence[str], width: float, size: int) -> Any:

@@ -17,8 +17,9 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
+from palpate.core.poses import Pose
 from palpate.core.arrays import Floats
-from palpate.core.poses import pad_rotation, pose_of
+from palpate.core.poses import pad_rotation
 from palpate.messages.types import SequenceEnd
 from palpate.nodes import Finished, Source, Timed
 from palpate.nodes.specs.frames import (
@@ -55,7 +56,7 @@ def read_frame(params: Params, number: int) -> tuple[Floats, Floats] | None:
     # From all sides of the ball, evenly: down a spiral about its axis.
     heading, height = 2.4 * number, 1.0 - (2 * number + 1) / params.frames
     axes = pad_rotation(heading, float(np.arcsin(height)))
-    return np.maximum(depth - gap, 0.0), pose_of((depth - params.radius) * axes[:, 2], axes)
+    return np.maximum(depth - gap, 0.0), Pose((depth - params.radius) * axes[:, 2], axes).array
 
 
 def read(params: Params) -> Iterator[Timed | Finished | None]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import transform_points
+from palpate.core.poses import Pose
 from palpate.tools.drawables import LAYERS, Lines, Mesh, Points
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
 from palpate.tools.view.timeline import Moment, Timeline
@@ -69,7 +69,7 @@ def finger_mesh(pose: Floats) -> tuple[Floats, NDArray[np.int32]]:
         faces += [np.column_stack([a, b, a + n]), np.column_stack([b, b + n, a + n])]
     last = (levels - 1) * n
     faces.append(np.column_stack([here + last, there + last, np.full(n, levels * n + 1)]))
-    vertices = transform_points(pose, np.concatenate([*rings, ends]))
+    vertices = Pose.from_array(pose).to_outer(np.concatenate([*rings, ends]))
     return vertices, np.concatenate(faces).astype(np.int32)
 
 

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.poses import IDENTITY_POSE, rotation_matrix, split_pose
+from palpate.core.poses import IDENTITY_POSE, Pose, rotation_matrix
 from palpate.reprs import readable
 
 STEP = 0.02  # Of the mean distance of contours: how far above and below the further points lie
@@ -151,7 +151,7 @@ def into_frame(frame: Floats | None, points: Floats) -> Floats:
     """Points (n, 3) of the world as they are seen from a frame."""
     if frame is None:
         return points
-    position, axes = split_pose(frame)
+    position, axes = Pose.from_array(frame)
     return (points - position) @ axes
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.core import shapes
 from palpate.core.arrays import Bools, Floats
-from palpate.core.poses import pose_of, principal_axes, rotations_from_vectors
+from palpate.core.poses import Pose, principal_axes, rotations_from_vectors
 from palpate.core.rebuild.recovery.distances import RIGID, Warps, distances_alone, normal_distances
 from palpate.reprs import readable
 
@@ -113,7 +113,7 @@ def reported(
     return Recovery(
         size=unit * solid.size,
         exponents=solid.exponents,
-        pose=pose_of(middle + unit * place, solid.axes),
+        pose=Pose(middle + unit * place, solid.axes).array,
         taper=solid.taper,
         bend=bend_of(solid.bend / unit),
         residuals=unit * residuals,
@@ -311,7 +311,7 @@ def unfitted(points: Floats, warps: Warps, warning: RecoveryWarning) -> Recovery
     return Recovery(
         size=solid.size,
         exponents=solid.exponents,
-        pose=pose_of(middle, solid.axes),
+        pose=Pose(middle, solid.axes).array,
         taper=np.zeros(2),
         bend=shapes.Bend(0.0),
         residuals=residuals,

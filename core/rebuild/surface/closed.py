@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from palpate.core import splines
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import area_centroid, kernel_point, signed_area
-from palpate.core.poses import split_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import are_star_shaped
 from palpate.core.rebuild.ends import (
     End,
@@ -126,7 +126,7 @@ class Surface:
         """Points (n, 3) of a patch, or derivatives, where they are: by v, sheared and moved."""
         found = patch(by) if self.shear is None else self.shear.carried(patch, by)
         if self.frame is not None:
-            position, axes = split_pose(self.frame)
+            position, axes = Pose.from_array(self.frame)
             found = found @ axes.T
             found = found + position if by == (0, 0) else found
         extent = float(self.seams[piece + 1] - self.seams[piece])
@@ -239,7 +239,7 @@ def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -
         return surface
     middle = surface.middle[None] if shear is None else shear.sheared(surface.middle[None])
     if frame is not None:
-        middle = transform_points(frame, middle)
+        middle = Pose.from_array(frame).to_outer(middle)
     return replace(surface, middle=middle[0], frame=frame, shear=shear)
 
 

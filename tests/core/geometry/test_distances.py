@@ -21,7 +21,7 @@ from palpate.core.geometry import (
     sample_surface,
     triangle_corners,
 )
-from palpate.core.poses import transform_points
+from palpate.core.poses import Pose
 from tests.core.geometry.bodies import BOX, SPHERE, ball, moved
 
 RNG = np.random.Generator
@@ -228,7 +228,9 @@ def test_alignment_undoes_a_motion(vector: list[float], unit: float, least: floa
     away += noise * unit * rng.normal(size=away.shape)
     found = align(away, surface)
     limit = 6 * noise or 1e-8
-    assert np.allclose(transform_points(found.pose, away), points, rtol=0, atol=limit * unit)
+    assert np.allclose(
+        Pose.from_array(found.pose).to_outer(away), points, rtol=0, atol=limit * unit
+    )
     assert found.rms == pytest.approx(noise * unit, rel=0.15, abs=1e-9 * unit)
     assert found.converged and not found.ambiguous and found.pose[6] >= 0.0
 

@@ -13,7 +13,7 @@ import pytest
 from palpate.core.archive import tree_from_arrays, tree_to_arrays, tree_to_bytes
 from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
-from palpate.core.poses import IDENTITY_POSE, compose_poses, split_pose, transform_points
+from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.rebuild import LatticeSolid, Method, fit_coarse, reconstruct
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.recovery import Recovery
@@ -71,11 +71,11 @@ def tilted(method: Method = "lattice") -> LatticeSolid:
 
 
 def moved(points: Floats) -> Floats:
-    return transform_points(POSE, points)
+    return Pose.from_array(POSE).to_outer(points)
 
 
 def rotated(normals: Floats) -> Floats:
-    return normals @ split_pose(POSE)[1].T
+    return normals @ Pose.from_array(POSE).axes.T
 
 
 def places(solid: LatticeSolid) -> Floats:
@@ -202,7 +202,7 @@ def test_other_evidence_moves_with_frame(given):
         found = reconstruct(rings, method="coarse").model
         assert isinstance(found, Recovery)
         here |= {"grasp": found, "method": "lattice"}
-        pose = compose_poses(POSE, found.pose)
+        pose = (Pose.from_array(POSE) @ Pose.from_array(found.pose)).array
         there |= {"grasp": replace(found, pose=pose), "method": "lattice"}
     one = reconstruct(rings, **here)
     other = reconstruct([moved(each) for each in rings], **there)

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.core.archive import tree_from_arrays, tree_to_arrays, tree_to_bytes
 from palpate.core.arrays import Floats
-from palpate.core.poses import pose_of, rotations_from_vectors, transform_points
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild import LatticeSolid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from tests.core.rebuild.objects import Oracle, at_height, circle, contacts, is_closed, rms, slow
@@ -287,10 +287,10 @@ def test_oblique_column_keeps_its_top(change):
         assert np.abs(more.search().nearest(true).distances).max() < 2e-5
     elif change == "moved":
         turn = rotations_from_vectors(np.array([[0.3, -0.5, 0.2]]))[0]
-        pose = pose_of(np.array([0.1, -0.2, 0.3]), turn)
-        found = rebuilt_as(lambda points: transform_points(pose, points), turn, frame=pose)
+        pose = Pose(np.array([0.1, -0.2, 0.3]), turn).array
+        found = rebuilt_as(lambda points: Pose.from_array(pose).to_outer(points), turn, frame=pose)
         v, turns = np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 21)
-        expected = transform_points(pose, solid.surface.at(v, turns))
+        expected = Pose.from_array(pose).to_outer(solid.surface.at(v, turns))
         assert found.surface.at(v, turns) == pytest.approx(expected, abs=1e-9)
     else:  # A mirror image, whose upper end is known by its height alone
         mirror = np.diag([1.0, 1.0, -1.0])

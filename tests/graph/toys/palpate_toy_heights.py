@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from palpate.core.explore import next_finished
-from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, pose_of
+from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, Pose
 from palpate.messages.types import (
     Contour,
     ContourGoal,
@@ -41,7 +41,7 @@ class State:
 
 
 def _know_world(params: Params, state: State, world: World) -> tuple[State, Outputs]:
-    pose, hand = pose_of(np.array([0.0, 0.0, 0.03]), FACING_DOWN), {"opening": 0.1, "reach": 0.1}
+    pose, hand = Pose(np.array([0.0, 0.0, 0.03]), FACING_DOWN).array, {"opening": 0.1, "reach": 0.1}
     goal = GraspGoal(number=0, pose=pose, fingers=4, not_before=0.0, **hand)
     return State(world.fingers, params.heights), [("/hand/goal", goal)]
 

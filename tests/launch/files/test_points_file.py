@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.core.poses import IDENTITY_POSE, transform_points
+from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.launch.files.points_file import read_points, read_tops
 from palpate.launch.files.source_map import InputError
 from palpate.messages import Header, encode, schema_hash
@@ -289,7 +289,7 @@ def test_platform_is_a_touch_of_an_upright_object_alone(frame, tmp_path):
 
 def test_probes_touch_the_ends_and_the_frame_is_scaled(tmp_path):
     traced = [contour(1, frame=TILTED), contour(2, frame=TILTED)]
-    up, down = (transform_points(TILTED, np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
+    up, down = (Pose.from_array(TILTED).to_outer(np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
     probes = [replace(probe(i), point=one) for i, one in enumerate((up, down), 4)]
     found = recorded(tmp_path, *traced, *probes)
     assert found.tops is not None and found.tops == pytest.approx(np.array([up, down]))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import pose_of, split_pose, transform_points
+from palpate.core.poses import Pose
 from palpate.core.rebuild.recovery import Warps, distances_alone, normal_distances, recover
 from palpate.core.shapes import Bend, DeformedSuperquadric, Superquadric, Taper
 from tests.core.rebuild.objects import slow
@@ -41,18 +41,18 @@ def cloud(
     base, bending = Superquadric(np.array(size), np.array(exponents)), Bend(*bend)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     axes[:, 0] *= np.linalg.det(axes)
-    pose = pose_of(rng.normal(size=3), axes if turned else np.eye(3))
+    pose = Pose(rng.normal(size=3), axes if turned else np.eye(3)).array
     solid = DeformedSuperquadric(base, np.array(taper), bending)
     rays = rng.normal(size=(count, 3)) * base.size
     points = bending(Taper(*taper, size[2])(rays / base.gauge(rays)[:, None]))
     diameter = float(np.ptp(solid.mesh(3).vertices, axis=0).max())
     points = points + noise * diameter * rng.normal(size=points.shape)
-    return Cloud(transform_points(pose, points), solid, pose, diameter)
+    return Cloud(Pose.from_array(pose).to_outer(points), solid, pose, diameter)
 
 
 def error(found: Any, made: Cloud) -> float:
     """Mean distance of the found surface from the true one, to first order, over the diameter."""
-    position, axes = split_pose(made.pose)
+    position, axes = Pose.from_array(made.pose)
     local = (found.shape().mesh(3).vertices - position) @ axes
     gauge = made.truth.gauge
     slopes = [(gauge(local + step) - gauge(local - step)) / 2e-6 for step in 1e-6 * np.eye(3)]
@@ -146,7 +146,7 @@ def test_pose_unit_and_order_do_not_matter(kind, options, rotations):
     for which, turn in enumerate(rotations(3)):
         unit, shift = (1e-3, 1.0, 1e3)[which], np.array([1.0, -2.0, 3.0]) * which
         found = recover(unit * (made.points[::-1] @ turn.T + shift), **options)
-        position, axes = split_pose(found.pose)
+        position, axes = Pose.from_array(found.pose)
         there = (unit * (vertices @ turn.T + shift) - position) @ axes
         there[:, :2] /= 1.0 + np.outer(there[:, 2] / found.size[2], found.taper)
         gauge = Superquadric(found.size, found.exponents).gauge(there)
