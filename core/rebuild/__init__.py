@@ -4,15 +4,18 @@
 every place: from evidence to the side, its ends, the surface. `Solid` is what it has in common with
 all other solids. What may be tuned are the thresholds on top of each chapter (shares of a size,
 standard deviations, counts); each method may be replaced alone. It rests on the rooms below
-(contours, side, ends, surface, lattice, recovery) and on `palpate.core.thesis`.
+(contours, side, ends, surface, lattice, recovery); `palpate.core.thesis` adds a method.
 """
 
+from palpate.core.rebuild.coarse import (
+    fit_coarse as fit_coarse,
+)
+from palpate.core.rebuild.evidence import (
+    Evidence as Evidence,
+)
 from palpate.core.rebuild.general import (
     GeneralSolid as GeneralSolid,
     rebuild_general as rebuild_general,
-)
-from palpate.core.rebuild.models import (
-    fit_coarse as fit_coarse,
 )
 from palpate.core.rebuild.protocol import (
     HasTriangles as HasTriangles,

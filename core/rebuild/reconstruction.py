@@ -7,7 +7,7 @@ lattice is fitted to the side where the method asks for one, and does not change
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import finite_array, positive
 from palpate.core.geometry import area_centroids
+from palpate.core.plugins import entry_points_of
 from palpate.core.poses import Pose
+from palpate.core.rebuild.coarse import coarse_solid
 from palpate.core.rebuild.contours import (
     ContactPoints,
     checked_contacts,
@@ -40,7 +42,6 @@ from palpate.core.rebuild.ends import (
 from palpate.core.rebuild.evidence import Evidence, gather_curves
 from palpate.core.rebuild.lattice import fit_lattice
 from palpate.core.rebuild.lofted_sides import lofted_side
-from palpate.core.rebuild.models import coarse_solid, thesis_solid
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import (
     Coverage,
@@ -157,7 +158,7 @@ def rebuilt(
     if method == "coarse":
         return replace(coarse_solid(evidence), options=options)
     if method == "thesis":
-        return replace(thesis_solid(evidence, options.faithful), options=options)
+        return replace(_other_method(method)(evidence, options.faithful), options=options)
     shear: Shear | None = None
     side: Side | None = None
     if evidence.contacts is not None:
@@ -186,6 +187,15 @@ def rebuilt(
         shear=shear,
         lattice=lattice,
     )
+
+
+def _other_method(name: str) -> Callable[[Evidence, bool], LatticeSolid]:
+    """A method of a room that may have been left out; ValueError if it was."""
+    point = entry_points_of("palpate.rebuild_methods").get(name)
+    if point is None:
+        raise ValueError(f"the method {name!r} is not installed")
+    made: Callable[[Evidence, bool], LatticeSolid] = point.load()
+    return made
 
 
 def _radial(

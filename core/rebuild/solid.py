@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,7 +52,6 @@ from palpate.core.splines import (
     evaluate_grid,
     interpolate_grid,
 )
-from palpate.core.thesis import ThesisSolid
 
 Method = Literal["lattice", "skin", "draft", "thesis", "coarse"]
 OVERSHOOT_ROWS, OVERSHOOT_TURNS = 97, 160  # Places of the side where it may swing out
@@ -63,6 +62,18 @@ SIDE_ROWS, END_ROWS, TURNS = 32, 6, 16  # Of the side, and of each end piece: ar
 HIDES = 0.15
 RING = 128  # Points of a rim
 MIN_RISE = 0.1  # Of the error that is known: contours that rise by less count as level
+
+
+class WholeModel(Protocol):
+    """A model of the whole object, not of its side and ends."""
+
+    @property
+    def lattice(self) -> Lattice | None:
+        """Its control lattice, seen from the slicing frame; None if it has none."""
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """How good its fit is, by name."""
 
 
 def rms_of(values: Floats) -> float:
@@ -94,7 +105,7 @@ class LatticeSolid(Solid):
     ends: tuple[End, End] | None = None  # Below and above; likewise
     shear: Shear | None = None  # All this is seen where both ends are level, if they are not
     lattice: LatticeFit | None = None  # With the method "lattice"; see `control_lattice`
-    model: ThesisSolid | Recovery | None = None  # What the methods "thesis" and "coarse" found
+    model: WholeModel | None = None  # What the methods "thesis" and "coarse" found
 
     @property
     def slices(self) -> Slices:
@@ -109,8 +120,10 @@ class LatticeSolid(Solid):
     @property
     def control_lattice(self) -> Lattice | None:
         """The control lattice in the world; None but with the method "lattice"."""
-        part = self.model if isinstance(self.model, ThesisSolid) else self.lattice
-        return None if part is None else moved_lattice(part.lattice, self.frame, self.shear)
+        part = self.lattice or self.model
+        if part is None or part.lattice is None:
+            return None
+        return moved_lattice(part.lattice, self.frame, self.shear)
 
     def update(self, contour: ArrayLike, *, height: float | None = None) -> LatticeSolid:
         """The solid with one contour more: that of all contours at once, in any order.
@@ -319,20 +332,8 @@ class LatticeSolid(Solid):
                 moves = ("points", "beyond", "before", "after", "moved")
                 found |= {f"refined_{name}": float(getattr(refined, name)) for name in moves}
                 found["lattice_folded"] = refined.folded
-        if isinstance(self.model, Recovery):
-            names = ("rms", "rank", "condition", "looseness")
-            found |= {name: float(getattr(self.model, name)) for name in names}
-            found["uncovered_share"] = self.model.uncovered
-            found["warnings"] = float(len(self.model.warnings))
-        if isinstance(self.model, ThesisSolid):
-            fit = self.model.health
-            found |= {
-                "unmatched_contours": float((~fit.one_to_one).sum()),
-                "degenerate_contours": float(fit.degenerate.sum()),
-                "cores_moved": float(fit.cores_moved.sum()),
-                "core_points_outside": float(fit.cores_outside.sum()),
-                "widest_gap": float(fit.gaps.max()),
-            }
+        if self.model is not None:
+            found |= self.model.figures
         pieces = self.surface.pieces
         for name, upper in (("below", False), ("above", True)):
             ends = [one for one in pieces if isinstance(one, EndPatch) and one.upper == upper]

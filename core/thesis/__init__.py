@@ -2,7 +2,7 @@
 
 Kept to compare others with; nothing here is to be tuned: a superquadric in a control lattice, its
 shell the control polygons of contours, its core what fits inside, as corrected or printed. It rests
-on core splines, shapes and geometry; `palpate.core.rebuild` offers it as "thesis".
+on core splines, shapes, geometry and rebuild, which finds it by an entry point as "thesis".
 """
 
 from palpate.core.thesis.layers import (

@@ -264,6 +264,18 @@ class ThesisSolid:
     order: Ints  # (m,): which of the given contours each layer is
     health: ThesisHealth
 
+    @property
+    def figures(self) -> dict[str, float]:
+        """How good its fit is: contours and core points, and the widest gap between layers [m]."""
+        fit = self.health
+        return {
+            "unmatched_contours": float((~fit.one_to_one).sum()),
+            "degenerate_contours": float(fit.degenerate.sum()),
+            "cores_moved": float(fit.cores_moved.sum()),
+            "core_points_outside": float(fit.cores_outside.sum()),
+            "widest_gap": float(fit.gaps.max()),
+        }
+
     def surface(self, eta: Floats, nu: Floats) -> Floats:
         """Points of the surface on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3), m.
 

@@ -266,6 +266,20 @@ class Recovery(shapes.FittedSuperquadric):
     starts: int = 0  # Fits that were started
     steps: int = 0  # Steps of the one that was taken
 
+    @property
+    def lattice(self) -> None:
+        """It has no control lattice."""
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """How good the fit is, by name."""
+        names = ("rms", "rank", "condition", "looseness")
+        figures = {name: float(getattr(self, name)) for name in names}
+        return figures | {
+            "uncovered_share": self.uncovered,
+            "warnings": float(len(self.warnings)),
+        }
+
     def deviations(self) -> dict[str, float]:
         """Standard deviation of each parameter, by name."""
         return dict(zip(self.names, np.sqrt(np.diagonal(self.covariance)).tolist(), strict=True))

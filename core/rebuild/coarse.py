@@ -1,6 +1,6 @@
-"""Solids of whole models: one superquadric, and the thesis's shell and core, as closed surfaces.
+"""One superquadric as a closed solid.
 
-The superquadric is tapered and bent where its points ask for it (Schwarz's criterion, 1978).
+It is tapered and bent where its points ask for it (Schwarz's criterion, 1978).
 """
 
 from __future__ import annotations
@@ -12,22 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array, positive
-from palpate.core.geometry import signed_area
 from palpate.core.poses import Pose
-from palpate.core.rebuild.ends import StraightCurve
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.recovery import Recovery, recover
 from palpate.core.rebuild.solid import LatticeSolid
 from palpate.core.rebuild.surface import (
-    EndPatch,
-    Patch,
     SampledPatch,
     closed_surface,
     placed,
     sampled_patch,
 )
 from palpate.core.shapes import Superquadric, Taper, regular_points
-from palpate.core.thesis import ThesisSolid, rebuild_thesis
 
 MOST_POINTS = 600  # More are thinned out: a superquadric has 15 parameters
 WARPS = ((False, False), (True, False), (True, True))  # Neither tapered nor bent, tapered, both
@@ -59,42 +54,10 @@ def coarse_patch(recovery: Recovery) -> SampledPatch:
     return sampled_patch(grid)
 
 
-def thesis_solid(evidence: Evidence, faithful: bool) -> LatticeSolid:
-    """Shell and core of contours, as corrected or as printed."""
-    slices = evidence.slices
-    count = evidence.correspondence.grid.shape[1]
-    turns = np.arange(count) / count
-    rings = slices.points if faithful else [curve.at(turns) for curve in slices.curves]
-    found = rebuild_thesis(_raised(rings, slices.heights), faithful=faithful)
-    surface = placed(closed_surface(thesis_patches(found)), evidence.frame)
-    return LatticeSolid(surface=surface, method="thesis", evidence=evidence, model=found)
-
-
 def _raised(rings: Sequence[Floats], heights: Floats) -> list[Floats]:
     """Rings (n, 2) at their heights, (n, 3) each."""
     pairs = zip(rings, heights, strict=True)
     return [np.column_stack([ring, np.full(len(ring), height)]) for ring, height in pairs]
-
-
-def thesis_patches(solid: ThesisSolid) -> tuple[Patch, ...]:
-    """Its surface, upwards and counter-clockwise; the points that close it there are cones here."""
-    middle = solid.surface(np.array([0.5]), np.linspace(0.0, 1.0, 65))[0, :-1]
-    mirrored = signed_area(middle[:, :2]) < 0.0
-
-    def grid(v: Floats, turns: Floats) -> Floats:
-        return solid.surface(v, 1.0 - turns if mirrored else turns)
-
-    side = sampled_patch(grid)
-    if solid.cap is None:
-        return (side,)
-    turns = np.arange(side.control.shape[1]) / side.control.shape[1]
-    tips = []
-    for v, way in ((0.0, -1.0), (1.0, 1.0)):
-        ring = side.at(np.full(len(turns), v), turns)
-        tips.append((ring.mean(axis=0) + np.array([0.0, 0.0, way * solid.cap]), way))
-    cone = StraightCurve((0.0, 1.0), (0.0, 0.0))  # towards the tip, which stands for its middle
-    below, above = (EndPatch(side, cone, tip, tip, way > 0.0) for tip, way in tips)
-    return below, side, above
 
 
 def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
