@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from palpate.launch import charts
 from palpate.launch.colours import COLOURS
 from palpate.launch.exchange_rate import AXES, BOUND, ERROR, Chart, chart_of
-from palpate.launch.log_scale import log_scale
+from palpate.launch.log_scale import MIN_VALUE, log_scale
 
 TITLE = "What accuracy cost"
 MAX_BARS = 14
@@ -114,7 +114,8 @@ def _draw_errors(axes: Axes, chart: Chart, axis: str, errors: Sequence[float]) -
             x, y = zip(*points, strict=True)
             filled = charts.INK if key == ERROR else charts.PAGE
             shown = None if key else [1]  # the forecast starts at the mark of the last model
-            axes.plot(x, [1e3 * error for error in y], label=label, markersize=5.0,
+            heights = [1e3 * max(error, MIN_VALUE) for error in y]
+            axes.plot(x, heights, label=label, markersize=5.0,
                       markerfacecolor=filled, markevery=shown, clip_on=False, **look)  # fmt: skip
     if chart.floor is not None:
         level = 1e3 * chart.floor

@@ -361,6 +361,15 @@ def test_panels_have_a_mark_a_model_in_named_units():
     assert not [text for text in texts if "tolerance" in text]
 
 
+def test_error_of_rounding_alone_lies_within_its_panel():
+    found = summary([entry(86, 6.5e-17, None)])
+    for figure in (draw_cost(found), *draw_panels(found).values()):
+        for axes in figure.axes:
+            lowest, highest = sorted(axes.get_ylim())
+            for line in axes.lines:
+                assert lowest <= min(line.get_ydata()) <= max(line.get_ydata()) <= highest
+
+
 def test_forecast_leads_from_the_last_bound_to_its_half():
     for axes in draw_cost(summary()).axes[:2]:
         (x, y), (to_x, to_y) = lines_of(axes)["next halving of the bound"]
