@@ -285,6 +285,8 @@ def fits_type(value: object, hint: Any) -> bool:
         return isinstance(value, np.ndarray)
     if hint is None or hint is type(None):
         return value is None
-    if isinstance(hint, type) and not getattr(hint, "_is_protocol", False):
+    if isinstance(hint, type) and getattr(hint, "_is_protocol", False):
+        return _is_record(type(value))
+    if isinstance(hint, type):
         return isinstance(value, NUMBER_TYPES.get(hint, (hint,)))
     return value is not None

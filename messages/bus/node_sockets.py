@@ -58,9 +58,14 @@ class Tap:
         self.socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # The second who asks is late, too
         bind(self.socket, endpoint)
 
-    def refresh(self) -> None:
-        """Take note of who listens; who asks for what is latched gets it."""
+    def refresh(self) -> bool:
+        """Take note of who listens; who asks for what is latched gets it.
+
+        Returns whether anybody has begun to listen.
+        """
+        has_begun = False
         while (notice := received(self.socket)) is not None:
+            has_begun |= notice.startswith(b"\x01")
             if notice[1:].startswith(LATCHED_MARK):
                 for frame in self._latched.get(notice[2:], ()) if notice[0] else ():
                     self.socket.send(LATCHED_MARK + frame, zmq.DONTWAIT)
@@ -72,6 +77,7 @@ class Tap:
             change = self._wanted.add if notice.startswith(b"\x01") else self._wanted.discard
             change(notice[1:])
         self._mirroring = not self._wanted <= {_prefix(STATUS_TOPIC), _prefix(LOG_TOPIC)}
+        return has_begun
 
     def _send_past(self, topic: bytes, wanted: bytes) -> None:
         """Send messages of a topic from a number on once more, and a mark behind them."""

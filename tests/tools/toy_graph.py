@@ -102,10 +102,8 @@ class ToyGraph(threading.Thread):
         """Serve tools until the end."""
         tap = self.sockets.tap
         while not self._ended.wait(2e-3):
-            if tap.socket.poll(0):
-                tap.refresh()
-                for frame in self.copies:
-                    tap.socket.send(frame)
+            for frame in self.copies if tap.refresh() else ():
+                tap.socket.send(frame)
             self.status["cpu"] = self.status.get("cpu", 0.0) + 1e-3
             tap.publish(example(NodeStatus, **self.status))
             while (asked := self._tools.receive()) is not None:

@@ -17,9 +17,8 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from palpate.core.poses import Pose
 from palpate.core.arrays import Floats
-from palpate.core.poses import pad_rotation
+from palpate.core.poses import Pose, pad_rotation
 from palpate.messages.types import SequenceEnd
 from palpate.nodes import Finished, Source, Timed
 from palpate.nodes.specs.frames import (
