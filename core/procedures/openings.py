@@ -38,6 +38,7 @@ PITCH = 0.7  # Of the pad's width, between two places
 INSIDE = 5.0e-3  # Depth in the hull from which free space is an opening, m
 SKIN, MOUTH = 2.0e-3, 6.0e-3  # What is nearer to the hull tells nothing; so near is a mouth, m
 LEAST = 12  # Voxels of an opening
+N_SECTORS = 16  # Azimuths in which the rim of a mouth is looked for
 SAME_SIDE = 0.7  # Cosine between mouths that open to one side
 NEAR = 0.75  # Of the pad's width: places so near to each other mean one opening
 GROOVE = 0.6  # Length of a mouth's mean normal: what goes around the object is no opening
@@ -246,7 +247,7 @@ def openings_in(space: SpaceMap, points: Floats) -> tuple[Opening, ...]:
         if (of_it & (depth > INSIDE)).sum() < LEAST:
             continue
         mouth = _groups(space, places, of_it & (depth <= MOUTH), label, np.ones((3, 3, 3)))
-        mouths = _mouths(space, places, mouth, normals[nearest])
+        mouths = _mouths(places, mouth, normals[nearest], touched)
         if mouths:
             found.append(_opening(places[of_it], depth[of_it], mouths, touched))
     return tuple(sorted(found, key=lambda one: -one.width))
@@ -271,7 +272,7 @@ class _Mouth(NamedTuple):
     area: float  # m2
 
 
-def _mouths(space: SpaceMap, places: Floats, groups: Longs, normals: Floats) -> list[_Mouth]:
+def _mouths(places: Floats, groups: Longs, normals: Floats, touched: Floats) -> list[_Mouth]:
     """The mouths of an opening, that from above first, then the widest; none of a groove.
 
     What opens to one side is one mouth, though fingers have found it in pieces.
@@ -288,16 +289,34 @@ def _mouths(space: SpaceMap, places: Floats, groups: Longs, normals: Floats) -> 
                 break
         else:
             sides.append([piece])
-    found = [_mouth(space, places, normals, np.concatenate(side)) for side in sides]
+    found = [_mouth(places, normals, np.concatenate(side), touched) for side in sides]
     return sorted(found, key=lambda one: (-round(float(one.axis[2])), -one.area))
 
 
-def _mouth(space: SpaceMap, places: Floats, normals: Floats, members: Longs) -> _Mouth:
+def _mouth(places: Floats, normals: Floats, members: Longs, touched: Floats) -> _Mouth:
+    """The mouth of some of the free places (n, 3).
+
+    On each azimuth its rim is midway between what is free and what was touched (k, 3) about it:
+    only whole pads fall in, so that the free places alone make it too small.
+    """
     normal = normals[members].mean(axis=0)
     normal /= np.linalg.norm(normal)
-    flat = places[members] @ axes_along(normal)[:, :2]
-    cells = np.unique(np.round(flat / space.step).astype(int), axis=0)
-    return _Mouth(places[members].mean(axis=0), normal, len(cells) * space.step**2)
+    middle, across = places[members].mean(axis=0), axes_along(normal)[:, :2]
+    off = touched - middle
+    free, free_sectors = _polar((places[members] - middle) @ across)
+    rim, rim_sectors = _polar(off[np.abs(off @ normal) <= MOUTH] @ across)
+    inner, outer = np.zeros(N_SECTORS), np.full(N_SECTORS, math.inf)
+    np.maximum.at(inner, free_sectors, free)
+    beyond = rim > inner[rim_sectors]
+    np.minimum.at(outer, rim_sectors[beyond], rim[beyond])
+    radii = np.where(np.isfinite(outer), 0.5 * (inner + outer), inner)
+    return _Mouth(middle, normal, math.pi * float((radii**2).mean()))
+
+
+def _polar(flat: Floats) -> tuple[Floats, Longs]:
+    """Radius of places (n, 2), and in which of the sectors each lies."""
+    turns = np.arctan2(flat[:, 1], flat[:, 0]) / (2.0 * math.pi) % 1.0
+    return np.hypot(flat[:, 0], flat[:, 1]), (turns * N_SECTORS).astype(np.int64) % N_SECTORS
 
 
 def _opening(places: Floats, depth: Floats, mouths: list[_Mouth], touched: Floats) -> Opening:

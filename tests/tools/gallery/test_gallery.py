@@ -27,9 +27,11 @@ def pixels(png):
 def test_figure_is_drawn_as_it_is_kept(name):
     drawn, kept = pixels(draw_png(name)), pixels((KEPT / f"{name}.png").read_bytes())
     assert drawn.shape == kept.shape
-    if name != "cost":  # which shows processor times
-        # Of 255; another font makes a few.
-        assert np.abs(drawn.astype(float) - kept).mean() < 6.0
+    compared = np.s_[:]
+    if name == "cost":  # Of processor times all else is different each time
+        compared = np.s_[: drawn.shape[0] // 2, : 3 * drawn.shape[1] // 5]
+    # Of 255; another font makes a few.
+    assert np.abs(drawn[compared].astype(float) - kept[compared]).mean() < 6.0
     high, wide = (length // 4 for length in drawn.shape[:2])
     middle = drawn[high:-high, wide:-wide].reshape(-1, 3)
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) >= 8
