@@ -16,7 +16,6 @@ import scipy
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import Pose
 from palpate.core.touch import Pad
 from palpate.launch.colours import COLOURS, rgb
 from palpate.launch.files.mesh_file import uncertainties
@@ -268,14 +267,9 @@ def _contour(contour: types.Contour, known: Known) -> Iterable[Drawable]:
 
 
 def _patch(patch: types.SurfacePatch, known: Known) -> Iterable[Drawable]:
-    """Touched taxels; nothing of a patch whose sensor is another, or not known."""
-    pad = known.pad
-    if pad is None or not patch.mask.shape == patch.height.shape == (pad.rows, pad.cols):
-        return
-    x, y = pad.grid()
-    local = np.column_stack((x[patch.mask], y[patch.mask], patch.height[patch.mask]))
-    points = Points(Pose.from_array(patch.pose).to_outer(local), TAXEL_RADIUS, patch.normal)
-    yield Drawable("touched", points, patch.robot_time)
+    if len(patch.points):
+        points = Points(patch.points, TAXEL_RADIUS, patch.normals)
+        yield Drawable("touched", points, patch.robot_time)
 
 
 def _contacts(grasp: types.GraspContacts, known: Known) -> Iterable[Drawable]:

@@ -83,6 +83,7 @@ def patch() -> SurfacePatch:
     """A touch of which four taxels of six felt something."""
     fields = {"goal": 1, "finger": 2, "pose": POSE, "outcome": "hit", "kind": "smooth"}
     fields |= {"height": np.array([[0.0, 1e-4, 2e-4], [0.0, 3e-4, 4e-4]]), "umbilic": False}
+    fields |= {"points": 1e-3 * np.arange(12.0).reshape(4, 3), "normals": np.eye(4, 3)}
     mask = np.array([[False, True, True], [False, True, True]])
     return example(SurfacePatch, **fields, mask=mask, robot_time=0.5)
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.core.poses import Pose
 from palpate.launch.colours import rgb
 from palpate.messages import types
 from palpate.nodes.runtime.testing import example
@@ -28,8 +27,6 @@ from palpate.tools.drawables import (
     pad_body,
 )
 from tests.tools.recordings import WORLD, frame
-
-TURNED = np.array([0.01, 0.02, 0.03, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
 
 
 @pytest.fixture
@@ -85,9 +82,8 @@ def test_values_are_in_the_units_of_their_paths(drawn):
 
 def test_touched_taxels_lie_in_the_world(drawn, sensor, patch):
     contacts, taxels = (one.shape for one in drawn if one.path == "touched")
-    x, y = pad_of_info(sensor).grid()
-    cells = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
-    np.testing.assert_allclose(taxels.points, Pose.from_array(TURNED).to_outer(cells), atol=1e-12)
+    assert np.array_equal(taxels.points, patch.points)
+    assert np.array_equal(taxels.normals, patch.normals)
     assert contacts.radius > taxels.radius and LAYERS["touched"].accumulates
     body = trimesh.Trimesh(*pad_body(pad_of_info(sensor)))
     assert body.is_watertight and body.volume > 0.0
@@ -141,16 +137,14 @@ def test_space_has_its_boundaries(messages, drawn):
 
 def test_what_cannot_be_drawn_is_left_out(messages, patch, sensor):
     known = Known()
-    assert drawables(patch, known) == []  # without its sensor it has no size
     assert [one.shape.pad for one in drawables(frame(0), known)] == [None]
     assert [one.path for one in drawables(messages[types.TactileImage], known)] == ["compression/2"]
     known.take(sensor)
-    for field in ("mask", "height"):  # of another sensor
-        other = {field: np.zeros((3, 3), getattr(patch, field).dtype)}
-        assert drawables(replace(patch, **other), known) == []
     empty = {"points": np.zeros((0, 3)), "normals": np.zeros((0, 3))}
     grasp = replace(messages[types.GraspContacts], **empty, fingers=np.zeros(0, np.int32))
+    untouched = replace(patch, **empty)
     estimate = example(types.PlanEstimate, rms_bound_95=None)
     done = replace(messages[types.PlanDone], open_places=np.zeros((0, 3)))
-    assert [drawables(one, known) for one in (grasp, estimate, done, WORLD, sensor)] == [[]] * 5
+    assert [drawables(one, known) for one in (grasp, untouched, estimate, done)] == [[]] * 4
+    assert drawables(WORLD, known) == drawables(sensor, known) == []
     assert {type(one).__name__ for one in messages.values()} == TYPES_DRAWN | {"World"}

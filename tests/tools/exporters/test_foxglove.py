@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from palpate.tools.bag.export import export_bag
-from palpate.tools.drawables import LAYERS, Known, drawables
+from palpate.tools.drawables import LAYERS
 
 CLOUDS = ("/touched", "/free", "/unknown", "/untouched")
 
@@ -178,20 +178,15 @@ def test_model_without_truth_has_the_colours_of_its_uncertainty(record, tetrahed
     assert primitive(plain, "triangles")["colors"] == []
 
 
-def test_clouds_images_lines_and_poses_hold_what_was_measured(
-    record, every_drawn_message, sensor, patch
-):
+def test_clouds_images_lines_and_poses_hold_what_was_measured(record, every_drawn_message, patch):
     found = export(record(every_drawn_message))
     (cloud,) = (one.content for one in found["/touch/patch/touched"])
     fields = [(one["name"], one["offset"], one["type"]) for one in cloud["fields"]]
     colours = [("red", 12, 1), ("green", 13, 1), ("blue", 14, 1), ("alpha", 15, 1)]
     assert fields == [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), *colours]
-    known = Known()
-    known.take(sensor)
-    message = dict(every_drawn_message)["/touch/patch"]
     data = np.frombuffer(base64.b64decode(cloud["data"], validate=True), "<f4").reshape(-1, 4)
     # Single precision of centimetres.
-    assert data[:, :3] == pytest.approx(drawables(message, known)[0].shape.points, abs=1e-8)
+    assert data[:, :3] == pytest.approx(patch.points, abs=1e-8)
     lines = [primitive(one, "lines")["points"] for one in found["/contour/traced/contours"][1:]]
     assert [[*one.values()] for one in lines[0]] == np.arange(9.0).reshape(3, 3).tolist()
     assert [len(one) for one in lines] == [3, 4]  # an open one, and a closed one

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from palpate.launch.colours import rgb
-from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.drawables import LAYERS
 
 
@@ -121,7 +120,7 @@ def test_layers_have_their_colours(export, bag):
     assert logged["error_mm/rms"][0][1]["SeriesLines"].named == {"colors": rgb("error")}
 
 
-def test_pad_taxels_curves_and_log_hold_what_was_measured(export, bag, sensor, patch):
+def test_pad_taxels_curves_and_log_hold_what_was_measured(export, bag, patch):
     _, logged = export(bag)
     shown = logged["world/finger/2"][0][1]
     assert shown["Transform3D"].named["translation"].tolist() == [0.01, 0.02, 0.03]
@@ -130,11 +129,8 @@ def test_pad_taxels_curves_and_log_hold_what_was_measured(export, bag, sensor, p
     assert shown["Boxes3D"].named["half_sizes"][0] == pytest.approx([0.0015, 0.001, 0.0015])
     (image,) = logged["compression/2"][0][1]["DepthImage"].given
     assert image.tolist() == np.float32([[0.0, 1e-4, 1e-4]] * 2).tolist()
-    x, y = pad_of_info(sensor).grid()
-    cells = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
     (points,) = logged["world/touched"][1][1]["Points3D"].given
-    turned = np.column_stack([-cells[:, 1], cells[:, 0], cells[:, 2]]) + [0.01, 0.02, 0.03]
-    np.testing.assert_allclose(points, turned, atol=1e-12)
+    assert np.array_equal(points, patch.points)
     assert logged["error_mm/rms"][0][1]["Scalars"].given == pytest.approx((0.4,))
     assert logged["error_mm/bound_95"][0][1]["Scalars"].given == pytest.approx((0.5,))
     line = logged["log/filter"][0][1]["TextLog"]
@@ -160,8 +156,8 @@ def test_model_is_a_mesh_coloured_by_what_is_known(export, bag, record, patch, t
     _, logged = export(record([("/model/shape", unknown)]))
     plain = logged["world/solid"][0][1]["Mesh3D"].named
     assert (plain["vertex_colors"], plain["albedo_factor"]) == (None, (*rgb("solid"), 255))
-    _, logged = export(record([("/touch/patch", patch)]))  # without its sensor it has no size
-    assert {*logged} == {"world"}
+    _, logged = export(record([("/touch/patch", patch)]))
+    assert {*logged} == {"world", "world/touched"}
 
 
 def test_exports_that_cannot_be_are_refused(export, bag, refusal, monkeypatch):
