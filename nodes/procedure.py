@@ -152,12 +152,10 @@ def _probe(state: State, patch: types.SurfacePatch, contact: Contact) -> types.P
 def _contact(info: types.SensorInfo, patch: types.SurfacePatch) -> Contact:
     """What a finger met, world frame."""
     pad = pad_of_info(info)
-    x, y = pad.grid()
-    local = np.column_stack([x[patch.mask], y[patch.mask], patch.height[patch.mask]])
     points = hollow = np.zeros((0, 3))
     pose = Pose.from_array(patch.pose)
     if patch.outcome in HITS:
-        points = pose.to_outer(local)
+        points = patch.points
         hollow = spanned_places(pad, pose, patch.mask)
     return Contact(
         outcome=patch.outcome,

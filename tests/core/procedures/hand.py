@@ -11,7 +11,15 @@ from palpate.core.explore import spanned_places
 from palpate.core.explore.grasp import Closing, close_hand
 from palpate.core.poses import Pose
 from palpate.core.robot_time import ROBOT_PRESETS
-from palpate.core.touch import CONTACT, HITS, Pipeline, SimulatedTouch, clean, fit_patch
+from palpate.core.touch import (
+    CONTACT,
+    HITS,
+    Pipeline,
+    SimulatedTouch,
+    clean,
+    fit_patch,
+    surface_points,
+)
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline
 
 # A place that is off by 0.1 mm along each axis, taxels by 10 um.
@@ -73,17 +81,17 @@ def touched(
     times = {"begun": float(number), "previous": float(number) - 1.0}
     made = SimulatedTouch(shape, number, move.pose, move.pose, move.reach, move.depth, **times)
     state = tip.simulate(made, state)
-    pad, (position, axes) = tip.finger.pad, made.believed
+    pad, axes = tip.finger.pad, made.believed.axes
     image = clean(pad, made.reading, tip.noise, CONTACT, "auto")
     surface = pad.surface(image.compression, image.touched)
     patch = fit_patch(pad, surface, image.touched, np.array([0.0, 1.0, 0.0]), tip.noise)
-    x, y = pad.grid()
-    local = np.column_stack([x[image.touched], y[image.touched], surface[image.touched]])
     nothing, met = np.zeros((0, 3)), made.outcome in HITS
     return state, procedures.Contact(
         outcome=made.outcome,
         pose=made.believed,
-        points=local @ axes.T + position if met else nothing,
+        points=surface_points(pad, made.believed, surface, image.touched, patch.jet).points
+        if met
+        else nothing,
         kind=patch.kind,
         normal=axes @ patch.normal,
         normal_error=patch.normal_error,
