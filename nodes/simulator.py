@@ -159,17 +159,8 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
     late = max(done.time - starts - contact_seconds(robot, done.advance), 0.0)
     met = LastContact(goal.goal, done.believed.position) if done.outcome in HITS else None
     ways = (travel, turn, done.advance, _along(state.met, met))
-    frame = types.TactileFrame(
-        goal=goal.goal,
-        touch=goal.touch,
-        finger=goal.finger,
-        direction=goal.direction,
-        pose=done.believed.array,
-        outcome=done.outcome,
-        array=pipeline.finger.calibration.encode(done.reading),
-        move=np.array([begun - state.clock + late, *ways]),
-        robot_time=done.time,
-    )
+    array = pipeline.finger.calibration.encode(done.reading)
+    frame = _frame(goal, done, array, np.array([begun - state.clock + late, *ways]))
     state = replace(
         state,
         remembered=remembered,
@@ -179,6 +170,22 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
         met=met,
     )
     return state, [("/touch/raw", frame)] * done.copies
+
+
+def _frame(
+    goal: types.TouchGoal, done: SimulatedTouch, array: Floats, move: Floats
+) -> types.TactileFrame:
+    return types.TactileFrame(
+        goal=goal.goal,
+        touch=goal.touch,
+        finger=goal.finger,
+        direction=goal.direction,
+        pose=done.believed.array,
+        outcome=done.outcome,
+        array=array,
+        move=move,
+        robot_time=done.time,
+    )
 
 
 def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[State, Outputs]:

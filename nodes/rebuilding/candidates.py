@@ -137,11 +137,7 @@ def shape_model(
     rejected: tuple[str, ...] = (),  # Solids that were rejected instead, and why
 ) -> types.ShapeModel:
     """The message for the solid that predicts better."""
-    dropped: dict[int, str] = {}
-    if candidates.sliced is not None:
-        dropped = {one.which: one.why for one in candidates.sliced.slices.dropped}
-    elif candidates.why:
-        dropped = dict.fromkeys(range(len(goal.contours)), candidates.why)
+    dropped = _dropped(candidates, len(goal.contours))
     final, missing = is_final(goal), 0.0
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
     frame = IDENTITY_POSE
@@ -179,6 +175,13 @@ def shape_model(
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
     )
+
+
+def _dropped(candidates: Candidates, count: int) -> dict[int, str]:
+    """Which of so many contours were not used, and why."""
+    if candidates.sliced is not None:
+        return {one.which: one.why for one in candidates.sliced.slices.dropped}
+    return dict.fromkeys(range(count), candidates.why) if candidates.why else {}
 
 
 def _volume(parts: Mapping[str, Any], candidates: Candidates) -> MeshVolume:
