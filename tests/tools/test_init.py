@@ -216,14 +216,14 @@ def test_planner_of_single_touches_explores_without_slices(here, call):
     assert 5 < len(recorded(here / "out", "/probe/traced")) < 32
 
 
-def test_begun_effects_and_planners_are_found_by_name(write, here, monkeypatch):
+def test_begun_effects_and_planners_are_found_by_name(write, here):
     (path, _), listed = begin("effect", "mains_hum", here)
     assert (path, listed) == (here / "mains_hum.py", "mains_hum:MainsHum")
     scene = write("s.yaml", BALL + f"effects:\n  - {listed}: {{size: 2.0e-6}}\n")
     assert load_scene(scene).spec.effects == {listed: {"size": 2e-6}}
     assert effect_type(listed).__name__ == "MainsHum"
     _, named = begin("planner", "by_bow", here)
-    monkeypatch.syspath_prepend(str(here))
+    sys.path.insert(0, str(here))
     assert make_planner(named, {"most_bow": 2.0}).most_bow == 2.0
     with pytest.raises(ValueError, match=r"most_bow is 0; expected 0.1 to 100"):
         make_planner(named, {"most_bow": 0.0})
