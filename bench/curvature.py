@@ -14,12 +14,12 @@ from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
 from palpate.bench.surfaces import SURFACES, WALKS, FusionScore, draw_touch, score_fusion
 from palpate.bench.table import Row, at_least, at_most
-from palpate.bench.tactile_surface import fit_spline, spline_shape
-from palpate.core import touch
+from palpate.core import thesis, touch
 from palpate.core.arrays import Bools, Floats
 
 # Noise in pitches, and share of impulses.
@@ -276,10 +276,23 @@ def _curvatures(derivatives: Floats) -> Curvatures:
     return k1, k2, (0.0, 0.0)
 
 
-def _spline(frame: Floats, noise: float = 0.0) -> Curvatures:
-    shape = spline_shape(PAD, fit_spline(PAD, frame, noise), 0.0, 0.0)
-    k1, k2, *_ = touch.principal_curvatures(shape)
-    return k1, k2, (0.0, 0.0)
+def _spline(frame: Floats) -> Curvatures:
+    return _curvatures(thesis.fit_bspline(PAD, frame, ALL, 0.0).derivatives)
+
+
+def _smoothed(frame: Floats, noise: float) -> Curvatures:
+    """A bicubic spline whose sum of squared misfits is as large as the noise explains.
+
+    FITPACK gives up where that is far below what the frame holds; then it passes through all.
+    """
+    x, y = PAD.grid()
+    surface = partial(RectBivariateSpline, y[:, 0], x[0], frame)
+    try:
+        spline = surface(s=frame.size * noise**2)
+    except ValueError:  # "the maximal number of iterations ... has been reached"
+        spline = surface(s=0.0)
+    orders = ((0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
+    return _curvatures(np.array([spline(0.0, 0.0, *order)[0, 0] for order in orders]))
 
 
 @cache
@@ -348,7 +361,7 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "thesis: Wiener, median, B-spline": lambda f, s: _spline(_wiener_median(f)),
     "median, Wiener, B-spline": lambda f, s: _spline(_median_wiener(f)),
     "interpolating B-spline": lambda f, s: _spline(f),
-    "smoothing B-spline": _spline,
+    "smoothing B-spline": _smoothed,
     "quadric, 12 x 12": lambda f, s: _polynomial(f),
     "quartic, full pad": lambda f, s: _quartic(f),
     "Gaussian derivative": lambda f, s: _gaussian(f),

@@ -2,45 +2,74 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from msgspec import Struct
 
 from palpate.core import touch
+from palpate.core.plugins import class_by_name, entry_points_of
 from palpate.core.poses import Pose
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
+JET = "jet"  # The estimator that is not looked for
+
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """There is nothing to set."""
+    """What the launch file may set."""
+
+    # What normal and curvatures come from: jet, a polynomial fitted to the touched taxels; bspline,
+    # the thesis's interpolating surface; or one's own, ``module:function``.
+    estimator: str = JET
+
+    def __post_init__(self) -> None:
+        try:
+            estimator_of(self.estimator)
+        except LookupError as error:
+            raise ValueError(error.args[0]) from None
 
 
-class Sensor(NamedTuple):
-    """What the node remembers of the sensor."""
+def estimator_of(name: str) -> touch.Estimator:
+    """An estimator by its name; LookupError if there is none, ValueError if it is of no use."""
+    if name == JET:
+        return touch.fit_jet
+    found: object
+    others = {} if ":" in name else entry_points_of("palpate.curvature_estimators")
+    if name in others:
+        found = others[name].load()
+    else:
+        names = (JET, *others)
+        found = class_by_name(name, what="estimator of curvature", names=names, package="palpate")
+    if not callable(found):
+        raise ValueError(f"the estimator of curvature {name!r} must be a function, as fit_jet is")
+    return cast(touch.Estimator, found)
 
-    pad: touch.Pad  # The array
-    noise: float  # Standard deviation of one taxel, m
 
+class State(NamedTuple):
+    """What the node works with."""
 
-State = Sensor | None
+    estimator: touch.Estimator
+    pad: touch.Pad | None = None  # The array, once it is known
+    noise: float = 0.0  # Standard deviation of one taxel, m
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
-    return Sensor(pad_of_info(info), info.noise), []
+    return state._replace(pad=pad_of_info(info), noise=info.noise), []
 
 
-def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State, Outputs]:
+def on_image(params: Params, state: State, image: TactileImage) -> tuple[State, Outputs]:
     """Normal, curvatures and verdict of one touch."""
+    assert state.pad is not None
     pose = Pose.from_array(image.pose)
     axes = pose.axes
-    pad = sensor.pad
+    pad = state.pad
     surface = pad.surface(image.compression, image.mask)
     if image.fault == "none":
-        found = touch.fit_patch(pad, surface, image.mask, axes.T @ image.direction, sensor.noise)
+        along = axes.T @ image.direction
+        found = touch.fit_patch(pad, surface, image.mask, along, state.noise, state.estimator)
     else:
         found = touch.Patch("invalid", fault=image.fault)
     cut = np.zeros_like(image.mask) if found.cut is None else found.cut
@@ -76,13 +105,13 @@ def on_image(params: Params, sensor: Sensor, image: TactileImage) -> tuple[State
         confidence=found.confidence,
         residual=found.residual,
     )
-    return sensor, [("/touch/patch", patch)]
+    return state, [("/touch/patch", patch)]
 
 
 NODE = Node(
     params=Params,
     step="curvature",
-    start=lambda params: (None, []),
+    start=lambda params: (State(estimator_of(params.estimator)), []),
     inputs={"/touch/info": (SensorInfo, know_sensor), "/touch/image": (TactileImage, on_image)},
     outputs={"/touch/patch": SurfacePatch},
     needs=("/touch/info",),

@@ -39,6 +39,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     most_touches: Annotated[int, Meta(ge=1)] | None = None
     # Robot time that may pass, s; null for as long as it takes.
     most_seconds: Annotated[float, Meta(gt=0, description="s")] | None = None
+    # Whether single touches look for the object's ends; else slices and grasp alone tell of them.
+    touch_ends: bool = True
     # Along which the object is sliced, in the world, of any length; null for its own axis.
     axis: tuple[float, float, float] | None = None
 
@@ -120,6 +122,7 @@ def _begun(params: Params, state: State) -> tuple[State, Outputs]:
         pad_width=info.pitch * max(info.rows, info.cols),
         resolution=resolution_of_info(info),
         contact_error=CONTACT_ERROR,
+        goals=explore.GoalSettings(touch_ends=params.touch_ends),
     )
     known = explore.Exploration(
         setup=setup,
@@ -246,6 +249,7 @@ def _uncertainty(model: types.ShapeModel) -> explore.ModelUncertainty:
         whole=model.deviation,
         ends=model.ends_deviation,
         pose=model.health.get("radial_pose_sigma", 0.0),
+        bounded=model.deviation is not None,
         starlike=model.health.get("radial_unused", 0.0) == 0.0,
     )
 

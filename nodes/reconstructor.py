@@ -15,6 +15,7 @@ from msgspec import Struct
 
 from palpate.core.explore import empty_map, spanned_places, swept_places
 from palpate.core.poses import Pose
+from palpate.core.rebuild import other_method
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.steps import Steps
 from palpate.messages import types
@@ -23,6 +24,7 @@ from palpate.nodes.rebuilding.fitting import (
     TOUCHED_OUTCOMES,
     Goal,
     State,
+    Way,
     is_coarse,
     is_complete,
     known_space,
@@ -39,6 +41,16 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
     quality: Literal["draft", "normal", "fine"] = "normal"  # Of the final model's mesh
+    # best: a solid of the slices or a general one, whichever predicts touches better; thesis: the
+    # thesis's shell and core of the contours, with no bound of its error.
+    method: Way = "best"
+    # The coarse model: free, with exponents, taper and bend as contacts tell; or three, the best of
+    # the thesis's sphere, box and cylinder.
+    coarse: Literal["free", "three"] = "free"
+
+    def __post_init__(self) -> None:
+        if self.method != "best":
+            other_method(self.method)
 
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
@@ -119,7 +131,8 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
 def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquadric:
     contacts = [state.contacts[number].points for number in range(goal.closings)]
     with step("superquadric"):
-        return coarse_model(goal.number, np.concatenate([np.zeros((0, 3)), *contacts]))
+        met = np.concatenate([np.zeros((0, 3)), *contacts])
+        return coarse_model(goal.number, met, three_shapes=state.three_shapes)
 
 
 def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
@@ -146,10 +159,16 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
     )
 
 
+def _start(params: Params) -> tuple[State, Outputs]:
+    quality = QUALITIES[params.quality]
+    state = State(quality, method=params.method, three_shapes=params.coarse == "three")
+    return state, []
+
+
 NODE = Node(
     params=Params,
     step="contacts",
-    start=lambda params: (State(quality=QUALITIES[params.quality]), []),
+    start=_start,
     handler_timeout=120.0,
     inputs={
         "/world": (types.World, know_world),

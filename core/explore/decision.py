@@ -163,7 +163,7 @@ def _end_task(known: Exploration, demand: Demand, finger: int, *, is_last: bool)
     no slices follow. One finger at a time, and away from the others. Ends of a general solid are
     surface: the rule knows of them.
     """
-    if known.model.general or _is_touching_end(known):
+    if not known.setup.goals.touch_ends or known.model.general or _is_touching_end(known):
         return None
     survey = known.surveyed
     for end in ENDS:
@@ -285,8 +285,10 @@ def _reason(known: Exploration, demand: Demand, rule: planners.Planner) -> str:
             f"nothing is under way, and the planner neither stops nor goes on: {choice}"
         )
     uncertainty = known.surveyed.uncertainty
-    if not known.surveyed.contours or uncertainty.starlike:
+    if not known.surveyed.contours or (uncertainty.starlike and uncertainty.bounded):
         return choice.reason
+    if not uncertainty.bounded:
+        return f"{choice.reason}; nothing tells how far its solid is off"
     if uncertainty.whole is None:
         return f"{choice.reason}; no solid could be rebuilt from its slices"
     return f"{choice.reason}; its slices are not star-shaped: it is rebuilt from contours alone"

@@ -63,6 +63,7 @@ class GoalSettings:
     dense_feature: float = 0.7
     first_contour_touches: int = 30  # expected of a contour while none was traced
     max_contour_share: float = 2.0  # of its expected touches, for one of several fingers
+    touch_ends: bool = True  # single touches look for the ends; else slices and grasp alone do
     # An end is touched all over once a contour is so near to it, fraction of the object's extent.
     end_nearness: float = 0.07
     # A model is due after `single_batch` single touches, or `single_share` of all touches if that
@@ -302,6 +303,7 @@ class Exploration:
             deviation=survey.uncertainty.whole,
             ends_deviation=survey.uncertainty.ends,
             pose_deviation=survey.uncertainty.pose,
+            bounded=survey.uncertainty.bounded,
             surface=self.model.surface,
             general=self.model.general,
             tried=np.reshape(self.targets, (-1, 3)),

@@ -25,7 +25,11 @@ from palpate.core.rebuild.protocol import (
     SolidMeasures as SolidMeasures,
 )
 from palpate.core.rebuild.reconstruction import (
+    other_method as other_method,
     reconstruct as reconstruct,
+)
+from palpate.core.rebuild.recovery import (
+    recover as recover,
 )
 from palpate.core.rebuild.solid import (
     LatticeSolid as LatticeSolid,

@@ -158,7 +158,7 @@ def rebuilt(
     if method == "coarse":
         return replace(coarse_solid(evidence), options=options)
     if method == "thesis":
-        return replace(_other_method(method)(evidence, options.faithful), options=options)
+        return replace(other_method(method)(evidence, options.faithful), options=options)
     shear: Shear | None = None
     side: Side | None = None
     if evidence.contacts is not None:
@@ -189,7 +189,7 @@ def rebuilt(
     )
 
 
-def _other_method(name: str) -> Callable[[Evidence, bool], LatticeSolid]:
+def other_method(name: str) -> Callable[[Evidence, bool], LatticeSolid]:
     """A method of a room that may have been left out; ValueError if it was."""
     point = entry_points_of("palpate.rebuild_methods").get(name)
     if point is None:

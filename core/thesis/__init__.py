@@ -16,3 +16,6 @@ from palpate.core.thesis.rebuilding import (
     ray_azimuths as ray_azimuths,
     rebuild_thesis as rebuild_thesis,
 )
+from palpate.core.thesis.tactile_surface import (
+    fit_bspline as fit_bspline,
+)

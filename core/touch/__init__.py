@@ -7,6 +7,7 @@ sources. It rests on core arrays, frames and geometry, and on the protocol of sh
 """
 
 from palpate.core.touch.curvature import (
+    Estimator as Estimator,
     LocalCurvature as LocalCurvature,
     Patch as Patch,
     PatchKind as PatchKind,
@@ -39,6 +40,7 @@ from palpate.core.touch.forms import (
 )
 from palpate.core.touch.jet import (
     Jet as Jet,
+    JetFit as JetFit,
     fit_jet as fit_jet,
     fit_robust_jet as fit_robust_jet,
     monomials as monomials,

@@ -9,6 +9,7 @@ numbers that two touches share, however their pads were turned.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -32,6 +33,9 @@ from palpate.reprs import readable
 MAX_PITCH, MAX_THICKNESS, MAX_RADIUS, MAX_NOISE, MAX_CONTACT = 0.01, 0.05, 1.0, 1e-3, 1e-3
 ALONG_ROWS: Floats = np.array([1.0, 0.0, 0.0])  # The pad's x axis, along which `across` is told
 PatchKind = Literal["smooth", "edge", "corner", "insufficient", "miss", "invalid"]
+# Derivatives at the middle of the contact from pad, height, touched taxels and noise as `fit_patch`
+# has them; None if there are too few taxels.
+Estimator = Callable[[Pad, Floats, Bools, float], JetFit | None]
 CONFIDENT = 0.04  # In pitches: such a misfit, or 4 deviations of the noise, halves the confidence
 CONFIDENT_DEVIATIONS = 4.0
 ALONE = 0.5  # Of the touched taxels: if more stand alone, what lies between them is no surface
@@ -143,17 +147,26 @@ class Patch(NamedTuple):
     cut: Bools | None = None  # Touched taxels that were left out as cut off, (rows, cols)
 
 
-def fit_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise: float) -> Patch:
+def fit_patch(
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    direction: Floats,
+    noise: float,
+    estimator: Estimator = fit_jet,
+) -> Patch:
     """Normal and curvatures of the touched surface, each with its standard error.
 
     `height` (rows, cols): surface over the plane of the pad's face, m. `touched` (rows, cols) of
     bool: where the pad touches, impulses left out. `direction` (3,): direction in which `across` is
     wanted, pad frame; its part in the tangent plane counts. `noise`: standard deviation of one
-    taxel, m, as far as known. Errors are for the larger of this and what the misfit shows. Fung,
-    1999, section 3.5, with a jet in place of the interpolating spline, which turns taxels' noise
-    into curvature. Convex is positive, as (3.1) expects and (3.15) does not give. Taxels that all
-    read the same largest compression, as a saturated array does, are left out where the surface
-    goes on beyond it. Raises ValueError if `height` is not finite, or no image of this pad.
+    taxel, m, as far as known. Errors are for the larger of this and what the misfit shows.
+    `estimator`: what normal and curvatures of a smooth surface come from; that it is smooth is for
+    the jet to say. Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which
+    turns taxels' noise into curvature (`palpate.core.thesis.fit_bspline`). Convex is positive, as
+    (3.1) expects and (3.15) does not give. Taxels that all read the same largest compression, as a
+    saturated array does, are left out where the surface goes on beyond it. Raises ValueError if
+    `height` is not finite, or no image of this pad.
     """
     check_image(pad, "height", height)
     check_image(pad, "touched", touched)
@@ -164,16 +177,22 @@ def fit_patch(pad: Pad, height: Floats, touched: Bools, direction: Floats, noise
         return Patch("invalid", fault=fault)
     cut = cut_off_taxels(pad, height, touched, noise)
     if cut is not None:
-        return _fit_beside(pad, height, touched, cut, direction, noise)
-    return _fit_touched(pad, height, touched, direction, noise)
+        return _fit_beside(pad, height, touched, cut, direction, noise, estimator)
+    return _fit_touched(pad, height, touched, direction, noise, estimator)
 
 
 def _fit_beside(
-    pad: Pad, height: Floats, touched: Bools, cut: Bools, direction: Floats, noise: float
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    cut: Bools,
+    direction: Floats,
+    noise: float,
+    estimator: Estimator,
 ) -> Patch:
     """The patch of what is not cut off, its errors for what may be under the rest."""
     share = float(cut.sum() / touched.sum())
-    patch = _fit_touched(pad, height, touched & ~cut, direction, noise)
+    patch = _fit_touched(pad, height, touched & ~cut, direction, noise, estimator)
     patch = patch._replace(fault="saturated", cut=cut, confidence=patch.confidence * (1.0 - share))
     if patch.kind != "smooth" or patch.shape_covariance is None:
         return patch._replace(kind="insufficient", confidence=0.0)
@@ -191,12 +210,18 @@ def _fit_beside(
 
 
 def _fit_touched(
-    pad: Pad, height: Floats, touched: Bools, direction: Floats, noise: float
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    direction: Floats,
+    noise: float,
+    estimator: Estimator,
 ) -> Patch:
     """The patch of all taxels that are touched."""
     fit = fit_jet(pad, height, touched, noise)
     if fit is None:
         return Patch("insufficient")
+    used = touched
     kind, shape = _judged(pad, height, touched, fit, noise)
     single = None
     if kind in ("edge", "corner"):
@@ -207,7 +232,12 @@ def _fit_touched(
         if again is not None:
             called, there = _judged(pad, height, less, again, noise)
             if called == "smooth":
-                kind, shape, fit = called, there, again
+                kind, shape, fit, used = called, there, again, less
+    if kind == "smooth" and estimator is not fit_jet:
+        other = estimator(pad, height, used, noise)
+        if other is None:
+            return Patch("insufficient")
+        fit, shape = other, _shape(other)
     return _patch(pad, touched, direction, noise, kind, shape, fit)
 
 
@@ -215,12 +245,16 @@ def _judged(
     pad: Pad, height: Floats, used: Bools, fit: JetFit, noise: float
 ) -> tuple[PatchKind, forms.ShapeOperator]:
     """What a jet was fitted to, and the jet's shape operator at the middle of the contact."""
-    by_x, by_y, by_xx, by_xy, by_yy = fit.derivatives.tolist()
-    shape = forms.graph_shape_operator((by_x, by_y), (by_xx, by_xy, by_yy))
+    shape = _shape(fit)
     if fit.jet.degree < 2 or _alone(used) > ALONE:
         return "insufficient", shape
     k1, k2, *_ = forms.principal_curvatures(shape)
     return classify_surface(pad, height, used, fit, max(abs(k1), abs(k2)), noise), shape
+
+
+def _shape(fit: JetFit) -> forms.ShapeOperator:
+    by_x, by_y, by_xx, by_xy, by_yy = fit.derivatives.tolist()
+    return forms.graph_shape_operator((by_x, by_y), (by_xx, by_xy, by_yy))
 
 
 def _alone(touched: Bools) -> float:

@@ -151,13 +151,14 @@ class ShapeModel:
 
     A prism deformed by a B-spline control lattice, and its ends; or a general solid, where an
     implicit spline is negative: it has no lattice of columns, rows and layers, and no heights; or
-    what an exploratory procedure found, whose own model has a topic of its own.
+    the thesis's superquadric in a control lattice, which tells of no error; or what an exploratory
+    procedure found, whose own model has a topic of its own.
     """
 
     MAX_BYTES = MAX_MESSAGE_BYTES  # All that was touched is kept in it: 9,500 touches are 80 MB
 
     number: Count  # Number of the goal that asked for it
-    method: Literal["lattice", "general", "procedure"] = "lattice"  # What it is
+    method: Literal["lattice", "general", "thesis", "procedure"] = "lattice"  # What it is
     # By method, root mean square distance at which touches were predicted before they were used,
     # m; none where there was nothing to predict, or nothing to predict it by
     predicted: dict[str, float] = field(default_factory=dict)
@@ -194,8 +195,9 @@ class ShapeModel:
     # Places in the solid at which a pad touched nothing but what is beside them: it is hollow there
     openings: Points = field(default_factory=lambda: np.zeros((0, 3)))
     frame: Pose  # Slicing frame in the world, along whose z axis heights count
-    # Standard deviation of the surface, root mean square over all of it, ends included
-    deviation: Metres = 0.0
+    # Standard deviation of the surface, root mean square over all of it, ends included; null where
+    # its method tells of none
+    deviation: Metres | None = 0.0
     ends_deviation: Metres = 0.0  # Of it, the part that the ends make
     # Heights at which `uncertainty` is given
     uncertainty_height: Lengths = field(default_factory=lambda: np.zeros(0))

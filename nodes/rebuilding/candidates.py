@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from palpate.core.archive import tree_to_bytes
 from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import nearest_points, self_intersection, solidity
 from palpate.core.poses import IDENTITY_POSE
-from palpate.core.rebuild import LatticeSolid, fit_coarse, lattice as lattices, surface
+from palpate.core.rebuild import LatticeSolid, fit_coarse, lattice as lattices, recover, surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
 from palpate.core.shapes import Mesh
@@ -149,6 +149,7 @@ def shape_model(
             deviation = solid.whole_deviation()
     elif solid is not None:
         parts = _general_parts(solid, quality, step)
+    unknown = isinstance(solid, LatticeSolid) and deviation is None
     volume = _volume(parts, candidates)
     if solid is not None and solid is candidates.general:
         with step("bound"):
@@ -159,14 +160,14 @@ def shape_model(
         probes=goal.probes,
         touches=goal.touches,
         robot_time=goal.robot_time,
-        method="lattice" if solid is candidates.sliced else "general",
+        method=_method(solid, candidates),
         predicted={name: float(np.sqrt(found.mean())) for name, found in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         missing=missing,
         openings=openings(spanned, volume),
         frame=frame,
-        deviation=0.0 if deviation is None else deviation.whole,
+        deviation=None if unknown else 0.0 if deviation is None else deviation.whole,
         ends_deviation=0.0 if deviation is None else deviation.ends,
         **parts,
         **_errors(parts["vertices"], candidates, step),
@@ -175,6 +176,14 @@ def shape_model(
         final=final,
         archive=tree_to_bytes(solid) if solid is not None and final else NO_ARCHIVE,
     )
+
+
+def _method(
+    solid: AnySolid | None, candidates: Candidates
+) -> Literal["lattice", "general", "thesis"]:
+    if solid is not candidates.sliced:
+        return "general"
+    return "thesis" if isinstance(solid, LatticeSolid) and solid.method == "thesis" else "lattice"
 
 
 def _dropped(candidates: Candidates, count: int) -> dict[int, str]:
@@ -247,17 +256,25 @@ def _parts(
             names = "knots_columns", "knots_rows", "knots_layers"
             lattice = {"control": grid.control, "undeformed": grid.undeformed}
             lattice |= dict(zip(names, grid.knots, strict=True))
-    with step("bound"):
-        assert solid.side is not None
-        heights, deviation = solid.side.band()
-        told = {"uncertainty_height": heights, "uncertainty": deviation}
+    if solid.side is not None:
+        with step("bound"):
+            heights, deviation = solid.side.band()
+            lattice |= {"uncertainty_height": heights, "uncertainty": deviation}
     shape = {"vertices": mesh.vertices, "faces": mesh.faces, "health": _rounded(solid.health())}
-    return lattice | told | shape
+    return lattice | shape
 
 
-def coarse_model(number: int, contacts: Floats) -> types.Superquadric:
-    """The message for the superquadric through contacts (n, 3), m."""
-    found = fit_coarse(contacts, CONTACT_ERROR)
+def coarse_model(
+    number: int, contacts: Floats, *, three_shapes: bool = False
+) -> types.Superquadric:
+    """The message for the superquadric through contacts (n, 3), m.
+
+    `three_shapes`: the best of a sphere, a box and a cylinder, neither tapered nor bent.
+    """
+    if three_shapes:
+        found = recover(contacts, choice="thesis", noise=CONTACT_ERROR)
+    else:
+        found = fit_coarse(contacts, CONTACT_ERROR)
     return types.Superquadric(
         number=number,
         size=found.size,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -38,6 +38,7 @@ MORE = 1.25  # Times as many touches as a general solid was fitted to: then it i
 DRAFT = SoundnessSettings(max_contradicted=1.0)
 ON_THE_WAY = SoundnessSettings(max_contradicted=1.0, max_overhang=math.inf)
 Goal = types.ModelGoal | types.PlanDone
+Way = Literal["best", "thesis"]
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 HALF_OPENING = 1.5e-3  # From every touch: what pads spanned and lies farther is an opening, m
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
@@ -86,7 +87,13 @@ class Published(NamedTuple):
 
 
 def published_solid(state: State, goal: Goal, step: Steps) -> Published:
-    """The solid of a set that predicts better; the last one before it if that alone is sound."""
+    """The solid of a set that predicts better; the last one before it if that alone is sound.
+
+    With the method "thesis" its solid, whatever contradicts it.
+    """
+    if state.method == "thesis":
+        candidates = fitted_solids(state, goal, step)
+        return Published(candidates, candidates.sliced, {}, ())
     found = _chosen(state, goal, step)
     before = next((one for one in reversed(state.history) if one.number < goal.number), None)
     if found.solid is None:
@@ -155,6 +162,8 @@ def _draft(
 
 def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     touched = [one for one in touched_points(state, goal) if len(one.points)]
+    if state.method == "thesis":
+        return _by_thesis(state, goal, stack_points(touched), step)
     methods: tuple[Method, ...] = ("lattice", "draft") if is_final(goal) else ("draft",)
     alone = _sliced(state, goal, stack_points(touched), methods, step)
     if not touched or (alone.sliced is not None and not goal.failed):
@@ -201,6 +210,17 @@ def _sliced(
         told = tuple(f"the {method} of its slices: {fault}" for fault in faults)
         alone = replace(alone, why="; ".join(faults), rejected=(*alone.rejected, *told))
     return alone
+
+
+def _by_thesis(state: State, goal: Goal, touched: ContactPoints, step: Steps) -> Candidates:
+    """The thesis's solid of the contours; nobody asks touches whether they contradict it."""
+    if not goal.contours:
+        return Candidates(None, None, touched)
+    try:
+        return Candidates(_rebuild(state, goal, "thesis", step), None, touched)
+    except ValueError as error:
+        # Its first contours make no solid yet, and are none the worse for it.
+        return Candidates(None, None, touched, why=str(error) if is_final(goal) else "")
 
 
 def _between(state: State, goal: Goal, space: SpaceMap) -> Floats:
@@ -301,6 +321,8 @@ class State:
     """What has been received."""
 
     quality: Quality = QUALITIES["normal"]  # Of the final mesh
+    method: Way = "best"  # How solids are rebuilt
+    three_shapes: bool = False  # Whether the coarse model is a sphere, a box or a cylinder
     platform: float | None = 0.0  # Height on which the object stands, m; None if it is held
     pad: Pad | None = None  # The sensor's array
     # Every touch; goals are numbered for all fingers together.

@@ -316,10 +316,12 @@ def estimate_error(observation: Observation) -> Estimate:
     surface = observation.surface
     if surface is not None and observation.general:
         return Estimate(observation, surface.findings, None, surface.open_area)
-    prediction, spans = prediction_of(observation), untouched_spans(observation)
+    prediction = prediction_of(observation) if observation.bounded else None
+    spans = untouched_spans(observation)
     loose = END_DEVIATIONS * max(observation.low_deviation, observation.high_deviation)
     found = Findings(untouched_gap=max([span.length for span in spans] + [loose]))
-    if prediction is None:  # one slice tells how far its own band is off, and of nothing else
+    # One slice tells how far its own band is off, and of nothing else.
+    if prediction is None:
         return Estimate(observation, found, None)
     found = replace(found, error_bound=prediction.rms_bound_95 * observation.extent)
     if surface is None:
