@@ -292,7 +292,7 @@ def _smoothed(frame: Floats, noise: float) -> Curvatures:
     except ValueError:  # "the maximal number of iterations ... has been reached"
         spline = surface(s=0.0)
     orders = ((0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
-    return _curvatures(np.array([spline(0.0, 0.0, *order)[0, 0] for order in orders]))
+    return _curvatures(np.array([spline([0.0], [0.0], *order)[0, 0] for order in orders]))
 
 
 @cache

@@ -38,7 +38,7 @@ class NodeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # A module of palpate.nodes, ``module:NODE`` or a dotted module of one's own; the node's name if
     # left out.
     kind: str = ""
-    params: dict[str, Any] = {}  # Its parameters
+    params: dict[str, Any] = {}  # Its parameters; a list of maps in the file, later ones count
     remap: dict[str, str] = {}  # Topic as the node calls it, to the topic on the wire
     # One such node for each of so many fingers, whose number is ``$(finger)``.
     fingers: int | None = None
@@ -147,10 +147,30 @@ def _entries(name: str, given: SourceMapped, known: Mapping[str, SourceMapped]) 
 
 def _entry_unless_left_out(key: str, name: str, given: SourceMapped) -> list[Entry]:
     """The entry of a filled-in node, unless it is left out; the file has it under the key."""
+    given = _with_laid_params(given, key)
     spec = NodeSpec() if given.value is None else convert(given, NodeSpec, f"nodes.{key}")
     places = given.part(("params",)).places if spec.params else {}
     own = {key: value for key, value in asdict(spec).items() if key not in ("fingers", "wanted")}
     return [Entry(name=name, source=given.source, places=places, **own)] if spec.wanted else []
+
+
+def _with_laid_params(given: SourceMapped, key: str) -> SourceMapped:
+    """A node whose parameters are one map, where the file lists several: later ones count."""
+    listed = given.value.get("params") if isinstance(given.value, dict) else None
+    if not isinstance(listed, list):
+        return given
+    laid: dict[str, Any] = {}
+    places = {at: place for at, place in given.places.items() if at[:1] != ("params",)}
+    for number, params in enumerate(listed):
+        part = given.part(("params", number))
+        if not isinstance(params, dict):
+            raise part.error((), f"nodes.{key}.params has {params!r:.60}; expected a map")
+        laid |= params
+        places = {
+            at: place for at, place in places.items() if at[1:2] not in {(one,) for one in params}
+        }
+        places |= {("params", *at): place for at, place in part.places.items() if at}
+    return replace(given, value={**given.value, "params": laid}, places=places)
 
 
 def describe_python(path: Path, args: Mapping[str, SourceMapped], out: Path) -> Graph:

@@ -22,22 +22,24 @@ SHIPPED_LAUNCH_FILES = Path(__file__).parent  # Where the launch files lie that 
 EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # The one that explores a scene
 # Those that explore it by an exploratory procedure, by its name.
 PROCEDURES = ("containment", "planar", "follower", "fearing", "openings")
+SYSTEMS = {"palpate": "explore", "thesis": "thesis"}  # Whose parts explore it, and their file
 INCLUDE = "include"
 MERGE_DEPTH = 3  # Depth to which maps of nodes are laid over one another: nodes, a node, its params
 _REFERENCE = re.compile(r"\$\(([^()]*)\)")
 Places = Mapping[KeyPath, str]
 
 
-def find_exploration(procedure: str | None = None) -> Path:
-    """The launch file that explores a scene, by an exploratory procedure if one is named.
+def find_exploration(procedure: str | None = None, system: str | None = None) -> Path:
+    """The launch file that explores a scene, by an exploratory procedure or a system of parts.
 
-    Raises InputError if there is no such procedure.
+    Raises InputError if there is no such procedure or system, or both are named.
     """
-    if procedure is None:
-        return EXPLORE
-    if procedure not in PROCEDURES:
-        raise InputError(f"--procedure {procedure}: must be one of {', '.join(PROCEDURES)}")
-    return SHIPPED_LAUNCH_FILES / f"{procedure}.yaml"
+    for option, name, known in (("procedure", procedure, PROCEDURES), ("system", system, SYSTEMS)):
+        if name is not None and name not in known:
+            raise InputError(f"--{option} {name}: must be one of {', '.join(known)}")
+    if procedure is not None and system is not None:
+        raise InputError(f"--procedure {procedure} and --system {system} exclude each other")
+    return SHIPPED_LAUNCH_FILES / f"{procedure or SYSTEMS[system or 'palpate']}.yaml"
 
 
 def prestart_fork_server(path: Path) -> None:
@@ -120,6 +122,8 @@ def _merged_values(
     kept = below if isinstance(below, dict) and len(path) <= depth else {}
     if own is None and len(path) == 2 and path[0] == "nodes":
         own = {}  # a node that is only named stays as it is
+    if len(path) == MERGE_DEPTH and isinstance(own, dict) and isinstance(below, str):
+        return _listed(below, own, path, own_places, places)
     if not (isinstance(own, dict) and kept):
         for key in [key for key in places if key[: len(path)] == path]:
             del places[key]
@@ -132,6 +136,19 @@ def _merged_values(
         for key, one in own.items()
     }
     return {**kept, **laid}
+
+
+def _listed(
+    below: str, own: Any, path: KeyPath, own_places: Places, places: dict[KeyPath, str]
+) -> list[Any]:
+    """A map over a reference, whose value is not known yet: both, for later."""
+    if path in places:
+        places[*path, 0] = places[path]
+    depth = len(path)
+    places.update(
+        {(*path, 1, *at[depth:]): place for at, place in own_places.items() if at[:depth] == path}
+    )
+    return [below, own]
 
 
 def substitute(given: SourceMapped, known: Mapping[str, SourceMapped]) -> SourceMapped:

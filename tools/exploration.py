@@ -48,6 +48,7 @@ def explore(
     quality: Literal["draft", "normal", "fine"] | None = None,
     fingers: int | None = None,
     procedure: str | None = None,
+    system: str | None = None,
     unit: Literal["m", "cm", "mm", "um", "in", "ft"] | None = None,
     up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = None,
     size: str | float | None = None,
@@ -82,6 +83,8 @@ def explore(
     procedure : str, optional
         An exploratory procedure instead of slices: containment, planar, follower, fearing or
         openings.
+    system : str, optional
+        Whose parts explore: palpate, which is the default, or thesis.
     unit, up : str, optional
         Of a mesh: the unit of its coordinates (m, cm, mm, um, in, ft), and its axis that points up.
     size : str or float, optional
@@ -118,7 +121,7 @@ def explore(
         A ValueError of one sentence, in the words of the command line, if the scene or an option
         cannot be used; nothing has been started.
     """
-    file = find_exploration(procedure)
+    file = find_exploration(procedure, system)
     if not composed:
         prestart_fork_server(file)
     if quiet is None:
@@ -136,6 +139,7 @@ def explore(
             quality=quality,
             fingers=fingers,
             procedure=procedure,
+            system=system,
             unit=unit,
             up=up,
             size=_quantity(size, "m"),
@@ -159,6 +163,7 @@ def plan_exploration(
     touches: int | None = None,
     quality: str | None = None,
     procedure: str | None = None,
+    system: str | None = None,
     unit: str | None = None,
     up: str | None = None,
     size: str | None = None,
@@ -187,7 +192,7 @@ def plan_exploration(
             args[name] = SourceMapped(value, option)
     demand = read_demand(tolerance, feature, budget, touches, quality, procedure)
     return plan_run(
-        find_exploration(procedure),
+        find_exploration(procedure, system),
         args,
         {**settings, **demand},
         name=scene.stem,

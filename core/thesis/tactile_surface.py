@@ -60,7 +60,7 @@ def _rows(count: int, pitch: float, place: float) -> Floats:
 
 def _about_the_middle(x: float, y: float, scale: float) -> Floats:
     """What gives a jet's coefficients from value and derivatives (6,) at a place of the pad, m."""
-    shifted = np.array(
+    shifted: Floats = np.array(
         [
             [1.0, -x, -y, 0.5 * x * x, x * y, 0.5 * y * y],
             [0.0, 1.0, 0.0, -x, -y, 0.0],
@@ -70,4 +70,5 @@ def _about_the_middle(x: float, y: float, scale: float) -> Floats:
             [0.0, 0.0, 0.0, 0.0, 0.0, 0.5],
         ]
     )
-    return shifted * np.array([1.0, scale, scale, scale**2, scale**2, scale**2])[:, None]
+    units: Floats = np.array([1.0, scale, scale, scale**2, scale**2, scale**2])
+    return shifted * units[:, None]

@@ -10,6 +10,7 @@ import click
 from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.launch.launch_source import (
     PROCEDURES,
+    SYSTEMS,
     find_exploration,
     find_launch_file,
     prestart_fork_server,
@@ -38,6 +39,9 @@ PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
     type=click.Choice(PROCEDURES),
     help="An exploratory procedure instead of slices: docs/procedures.md.",
 )
+@click.option(
+    "--system", type=click.Choice([*SYSTEMS]), help="Whose parts explore: docs/thesis.md."
+)
 @click.option("--tolerance", metavar="LENGTH", help="Error asked for, as 0.2mm: rms of the solid.")
 @click.option("--feature", metavar="LENGTH", help="Largest height that may stay untouched, as 5mm.")
 @click.option("--budget", metavar="TIME", help="Robot time that may pass, grasp included, as 300s.")
@@ -57,7 +61,12 @@ PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
 @command_line.quiet_option()
 @command_line.VERBOSE
 def run_command(
-    scene: str, procedure: str | None, settings: tuple[str, ...], no_record: bool, **asked: Any
+    scene: str,
+    procedure: str | None,
+    system: str | None,
+    settings: tuple[str, ...],
+    no_record: bool,
+    **asked: Any,
 ) -> int:
     """Explore SCENE, a shipped scene's name, a YAML file or a mesh, and rebuild its object.
 
@@ -69,7 +78,7 @@ def run_command(
     from palpate.launch.scene import find_scene
 
     if not asked["composed"]:
-        prestart_fork_server(find_exploration(procedure))
+        prestart_fork_server(find_exploration(procedure, system))
     from palpate.tools.exploration import perform_and_print, plan_exploration
 
     performing = {key: asked.pop(key) for key in PERFORMING}
@@ -78,6 +87,7 @@ def run_command(
         settings=read_settings(settings),
         record=not no_record,
         procedure=procedure,
+        system=system,
         **asked,
     )
     return perform_and_print(plan, **performing)
