@@ -197,7 +197,7 @@ class ShapeModel:
     frame: Pose  # Slicing frame in the world, along whose z axis heights count
     # Standard deviation of the surface, root mean square over all of it, ends included; null where
     # its method tells of none
-    deviation: Metres | None = 0.0
+    deviation: Metres | None = None
     ends_deviation: Metres = 0.0  # Of it, the part that the ends make
     # Heights at which `uncertainty` is given
     uncertainty_height: Lengths = field(default_factory=lambda: np.zeros(0))

@@ -59,7 +59,10 @@ def _machine() -> Iterator[None]:
         for name in ("PALPATE_GRAPH", "FORCE_COLOR", "COLUMNS"):
             patch.delenv(name, raising=False)
         patch.setenv("TERM", "dumb")
-        path = [str(TOYS), str(Path(package.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+        before = filter(
+            None, [os.environ.get("PYTHONPATH")]
+        )  # an empty entry is the current folder
+        path = [str(TOYS), str(Path(package.__file__).parents[1]), *before]
         patch.setenv("PYTHONPATH", os.pathsep.join(path))
         start_fork_server(f"palpate.nodes.{kind}" for kind in list_kinds())
         yield

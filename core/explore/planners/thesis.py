@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated, Literal, NamedTuple, Protocol
 
@@ -168,7 +168,9 @@ def _onwards(
     usable = [start, *(one for one in way if one.usable)]
     last = usable[-1]
     failures = next((i for i, one in enumerate(reversed(way)) if one.usable), len(way))
-    bottom, top = protocol.first_and_last(observation)
+    # An end that nobody touched is where the grasp says: beyond it slices fail, and steps shrink.
+    sure = replace(observation, low_deviation=0.0, high_deviation=0.0)
+    bottom, top = protocol.first_and_last(sure)
     # The ends may have been moved since; where a slice lies beyond them, the way begins at them.
     here, end = min(max(last.height, bottom), top), top if direction > 0.0 else bottom
     if failures >= MOST_FAILURES or (end - here) * direction <= protocol.SAME * observation.extent:
