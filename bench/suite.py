@@ -45,11 +45,12 @@ BENCHES: Mapping[str, Bench] = {
         in_all=False,
     ),
     "thesis": Bench(
-        "the thesis against today: filters and curvature, its two examples, and recordings",
+        "the thesis against today: curvature, its two examples, recordings, and both systems",
         {
             "curvature": "curvature:curvature_rows",
             "examples": "thesis:thesis_rows",
             "recorded": "thesis:recorded_rows",
+            "systems": "systems:system_rows",
         },
         {"recorded": ("runs",)},
     ),
