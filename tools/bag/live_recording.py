@@ -134,17 +134,27 @@ class GraphMessages:
     def batches(
         self, duration: float | None = None, tick: float = TICK
     ) -> Iterator[list[tuple[str, Header, bytes]]]:
-        """What can be told by now, every `tick`, s; ends as `TapSubscription.batches` does."""
+        """What can be told by now, every `tick`, s; ends as `TapSubscription.batches` does.
+
+        What was published before a `duration`, s, began is waited for beyond its end.
+        """
         for batch in self._taps.batches(duration, tick):
             for one in batch:
                 self._orders[one.topic].put(one.header, one.body)
-            for requests in self._past:
-                requests.turn()
-            yield self._ready()
+            yield self._asked()
+        until = time.monotonic() + (0.0 if duration is None else PATIENCE)
+        while not self.whole and time.monotonic() < until:
+            time.sleep(tick)
+            yield self._asked()
         for order in self._orders.values():
             while order.held:
                 order.answered(0)
                 yield self._ready()
+
+    def _asked(self) -> list[tuple[str, Header, bytes]]:
+        for requests in self._past:
+            requests.turn()
+        return self._ready()
 
     def _ready(self) -> list[tuple[str, Header, bytes]]:
         return [(topic, *one) for topic, order in self._orders.items() for one in order.take()]

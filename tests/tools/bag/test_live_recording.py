@@ -19,7 +19,7 @@ def test_recording_holds_what_was_published_before_it_began(graph, call, tmp_pat
     graph.publish("/own", Bends(goal=1, curvature=2.0))
     graph.start()
     path = tmp_path / "a.mcap"
-    code, out, _ = call("bag record --duration 0.5 -o", path, "--topics", "/t,/own")
+    code, out, _ = call("bag record --duration 0.01 -o", path, "--topics", "/t,/own")
     first, last = out.splitlines()
     assert first == f"recording 2 topics of vase into {path}; Ctrl-C ends it"
     assert (code, last) == (0, f"{path}: 51 messages on 2 topics")
