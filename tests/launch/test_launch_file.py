@@ -338,3 +338,32 @@ def test_arguments_are_shown_with_default_and_comment(write, line, row):
 def test_arguments_of_wrong_file_are_refused(write, name, text, words):
     with pytest.raises(InputError, match=words):
         list_arguments(write(name, text))
+
+
+def test_listed_parameters_are_laid_over_each_other(write):
+    text = """args: {box: {a: 1, b: 2}}
+nodes:
+  a:
+    kind: t.a
+    params: [$(box), {b: 3, c: 4}]
+ends: a
+"""
+    path = write("listed.yaml", text)
+    found = entries(path)["a"]
+    assert found.params == {"a": 1, "b": 3, "c": 4}
+    assert (found.places["a",], found.places["b",]) == (f"{path}:1", f"{path}:5")
+    write("base.yaml", text.replace("[$(box), {b: 3, c: 4}]", "$(box)"))
+    path = write("f.yaml", "include: base.yaml\nnodes:\n  a:\n    params: {b: 5}\n")
+    found = entries(path, box={"a": 7, "b": 8})["a"]
+    assert found.params == {"a": 7, "b": 5} and found.places["b",] == f"{path}:4"
+    with pytest.raises(InputError, match=r"nodes\.a\.params has 1; expected a map"):
+        entries(write("f.yaml", text.replace("$(box)", "1")))
+
+
+def test_system_and_procedure_are_chosen_by_name():
+    assert find_exploration(system="thesis") == find_launch_file(Path("thesis"))
+    assert find_exploration(system="palpate") == EXPLORE
+    with pytest.raises(InputError, match="--system ours: must be one of palpate, thesis"):
+        find_exploration(system="ours")
+    with pytest.raises(InputError, match="--procedure planar and --system thesis exclude"):
+        find_exploration("planar", "thesis")
