@@ -5,7 +5,8 @@ measured before it is unpacked, and each value must be what its field is before 
 at, so that no input can ask for more memory than it brings. What is sent is read back first: there
 is one set of checks. No extension type, no pickle. On the wire: topic, zero byte, fixed header,
 body, in one part, since each further part of a multipart message costs as much as the message.
-Types are checked by msgspec, in one pass; it knows neither arrays nor units: these are ours.
+msgpack writes it, as any other msgpack can read it; msgspec reads it and checks types in the same
+pass. Neither knows arrays or units: these are ours.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
+import msgpack
 import msgspec
 import numpy as np
 
@@ -51,7 +53,6 @@ class Codec:
     cls: type
     names: tuple[str, ...]
     values: Callable[[Any], tuple[Any, ...]]
-    wire: type[msgspec.Struct]  # The message as it is on the wire: arrays packed
     read: Callable[[bytes], msgspec.Struct]  # Checks bytes, and all that is not in an array
     pack: tuple[tuple[int, Convert], ...]  # Of the fields that are arrays, by their places
     unpack: tuple[tuple[str, Convert], ...]
@@ -74,7 +75,7 @@ def encode(message: object) -> bytes:
     except CodecError as error:
         raise CodecError(f"not a {codec.cls.__name__}: {codec.names[place]} {error}") from None
     try:
-        body = _write(codec.wire(*values))
+        body = _write(dict(zip(codec.names, values, strict=True)))
     except (TypeError, ValueError, OverflowError):
         raise CodecError(f"not a {codec.cls.__name__}: {_unwritable(codec, values)}") from None
     _read(codec, body)
@@ -147,7 +148,9 @@ def _write_number(value: Any) -> Any:
     raise TypeError(f"a {type(value).__name__}")
 
 
-_write = msgspec.msgpack.Encoder(enc_hook=_write_number).encode
+def _write(value: Any) -> bytes:
+    body: bytes = msgpack.packb(value, default=_write_number)
+    return body
 
 
 def schema(cls: type) -> dict[str, Any]:
@@ -188,7 +191,6 @@ def codec_of(cls: type) -> Codec:
             cls=cls,
             names=names,
             values=attrgetter(*names) if len(names) > 1 else lambda one: (getattr(one, names[0]),),
-            wire=wire,
             read=msgspec.msgpack.Decoder(wire).decode,
             pack=tuple((place, pack) for place, pack in packed if pack),
             unpack=tuple((name, unpack) for name, unpack in unpacked if unpack),

@@ -85,12 +85,12 @@ def _array_rule(array: Array) -> FieldRule:
     fields: Any = ("dtype", Literal[array.dtype]), ("shape", tuple[lengths]), ("data", bytes)
     wire = msgspec.defstruct("Array", fields, forbid_unknown_fields=True, gc=False)
 
-    def pack(value: Any) -> msgspec.Struct:
+    def pack(value: Any) -> dict[str, Any]:
         if not isinstance(value, np.ndarray):
             raise CodecError(f"must be an array of {dtype}, got a {type(value).__name__}")
         if floating and not _is_finite(value):
             raise CodecError("must be finite")
-        return wire(value.dtype.str, value.shape, value.tobytes())
+        return {"dtype": value.dtype.str, "shape": value.shape, "data": value.tobytes()}
 
     def unpack(packed: Any) -> np.ndarray[Any, Any]:
         shape, data = packed.shape, packed.data

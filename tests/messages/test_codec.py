@@ -124,7 +124,8 @@ def test_length_beyond_limit_is_refused_at_both_ends(message, name, value, words
     (FRAME, {"pose": np.full(7, NAN)}, "pose must be finite$"),
     (LINE, {"text": "\ud800"}, "text cannot be written: 'utf-8'"),
     (LINE, {"text": 1j}, "text .*a complex"),
-    (LINE, {"text": {1}}, "text must be str, got array"),
+    (LINE, {"text": {1}}, "text cannot be written: a set"),
+    (LINE, {"text": [1]}, "text must be str, got array"),
     *((LINE, {"robot_time": n}, "robot_time cannot be") for n in (10**400, -(10**400))),
     (drawn(World), {"seed": 1 << 16000}, "seed cannot be written: "),
 )
