@@ -6,10 +6,19 @@ and the launcher is interrupted and killed. Each run must come to the same solid
 messages, and leave a recording that holds every message once; whoever is ended must leave nothing
 behind, and go on from its recording to the same end.
 
-Kinds: kill, stop, recorder, full, neighbours, flood, late, ctrl_c, launcher.
+Kinds: kill, stop: SIGKILL or SIGSTOP to a node, in any phase. neighbours: SIGKILL to two nodes, of
+which one subscribes to the other. recorder, full: SIGKILL to the recorder, whose file may not grow
+until it is started again. flood: a source publishes 100,000 messages as fast as it can. late: a
+tool joins by the taps and is stopped as soon as it has received something. ctrl_c, launcher: SIGINT
+to all processes, SIGKILL to the launcher. A run meets up to eight faults, at most three on one
+node, or one that ends it.
+
+Independent code (history.py) checks recordings: messages of a topic are numbered from 0 without a
+gap, nothing from before a restart is received after it, and each frame, patch, contour, model and
+score follows what it answers.
 
 Prints one line. Exits with 1 if anything did not survive; what it was, and the seed that repeats
-it with --minutes 0, is on standard error. docs/chaos.md says more.
+it with --minutes 0, is on standard error. docs/bus.md has counts.
 """
 
 from __future__ import annotations
