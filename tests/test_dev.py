@@ -10,6 +10,7 @@ from dev.mutation.sites import bodies_of, draw, find
 from palpate.launch.files.source_map import InputError
 
 ROOT = Path(__file__).parents[1]
+SLOW = pytest.mark.slow
 SAMPLES = {
     "messages": range(700),
     "recordings": range(80),
@@ -19,7 +20,9 @@ SAMPLES = {
 }
 
 
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("name", [
+    "messages", "recordings", *(pytest.param(one, marks=SLOW) for one in [*SAMPLES][2:])
+])  # fmt: skip
 def test_damaged_input_is_valid_or_refused_in_one_sentence(name, tmp_path):
     INPUT_KINDS[name].prepare(tmp_path)
     outcomes = [try_input(INPUT_KINDS[name], number, tmp_path) for number in SAMPLES[name]]
@@ -41,6 +44,7 @@ def test_fuzzing_notices_errors_that_are_no_refusal(error, verdict, tmp_path):
     assert try_input(kind, 1, tmp_path).verdict == verdict
 
 
+@pytest.mark.slow
 def test_mutation_sites_are_drawn_by_seed_and_found_again():
     bodies = bodies_of(ROOT)
     drawn = draw(bodies, 20, 1)

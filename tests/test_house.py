@@ -63,6 +63,7 @@ def installed(tmp_path_factory):
     return target
 
 
+@pytest.mark.slow
 def test_every_module_of_the_wheel_can_be_imported(installed):
     done = run(sys.executable, "-P", "-c", IMPORT_ALL, installed, PYTHONPATH=str(installed))
     assert done.returncode == 0, done.stderr

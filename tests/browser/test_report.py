@@ -227,6 +227,7 @@ def test_page_prints_with_its_picture(opened):
     assert len(opened.page.pdf()) > 50_000
 
 
+@pytest.mark.slow
 def test_two_runs_turn_together(open_page, run_folder, tmp_path):
     path = tmp_path / "two.html"
     write_report([run_folder, run_folder], path)

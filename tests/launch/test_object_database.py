@@ -65,6 +65,7 @@ def test_learning_again_gives_what_is_stored():
     assert np.abs(off).max() < 0.1  # other machines round otherwise, and thresholds turn it up
 
 
+@pytest.mark.slow
 def test_own_database_is_learned_and_round_trips(write, monkeypatch):
     monkeypatch.setattr("palpate.tools.recognition.object_database.COPIES", 4)
     monkeypatch.setattr("palpate.tools.recognition.object_database.LEVELS", (2, 3))

@@ -84,7 +84,8 @@ def meet(one, other):
     return (np.maximum(one[:2], other[:2]) < np.minimum(one[2:], other[2:]) - 0.1).all()
 
 
-SKETCHES = pytest.mark.parametrize("name", [-1, -3, *range(12)])
+LARGER = [pytest.param(name, marks=pytest.mark.slow) for name in range(4, 12)]
+SKETCHES = pytest.mark.parametrize("name", [-1, -3, *range(4), *LARGER])
 
 
 @SKETCHES

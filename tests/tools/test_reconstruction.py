@@ -117,6 +117,7 @@ def test_untouched_and_missed_ends_are_doubted(table, home, told):
     assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in text
 
 
+@pytest.mark.slow
 def test_coarse_figures_are_printed_as_json(table, figures, told):
     found = figures(table, "--unit", "cm", "--method", "coarse")
     known = {"method": "coarse", "contours": 10, "watertight": True, "error_rms_m": None}
@@ -341,6 +342,7 @@ def test_points_with_normals_are_read_from_every_format(home, suffix):
     np.testing.assert_allclose(one.normals, other.normals, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_points_in_no_order_become_a_solid_with_a_hole(home, figures):
     write_torus(home / "ring.csv", torus(700))
     found = figures("ring.csv", *GENERAL, "-o", "a.npz", "-o", "a.stl")

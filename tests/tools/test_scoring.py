@@ -52,6 +52,7 @@ def test_distances_grow_with_the_difference(saved):
     assert found["size_m"] == pytest.approx(0.06)
 
 
+@pytest.mark.slow
 def test_reference_is_read_in_its_unit(saved):
     found = score(saved("a.ply"), saved("b.ply", 100.0), reference_unit="cm")
     assert found["hausdorff_m"] < 1e-7 and found["reference_unit"] == "cm"
@@ -60,6 +61,7 @@ def test_reference_is_read_in_its_unit(saved):
     assert "warning    their sizes differ widely: see --unit" in score_text(wrong)
 
 
+@pytest.mark.slow
 def test_aligned_files_may_lie_anywhere(saved, tmp_path):
     found = score(saved("a.ply", 1.0, 0.7), saved("b.ply"), aligned=True)
     assert found["hausdorff_m"] < 1e-7 and found["alignment_rms_m"] < 1e-7

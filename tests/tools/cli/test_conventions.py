@@ -102,6 +102,7 @@ def test_output_has_80_columns_or_is_json(words, work, tmp_path, call, monkeypat
         assert [line for line in lines if max(map(len, line.split())) < LONG_PATH] == []
 
 
+@pytest.mark.slow
 def test_run_is_meant_by_its_directory_or_its_recording(work, call, monkeypatch):
     monkeypatch.chdir(work)
     for words in ("bag info", "cost", "replay --nodes filter", "score"):

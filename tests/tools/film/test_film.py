@@ -63,6 +63,7 @@ def test_no_word_of_a_film_reaches_its_edge(line, tmp_path):
         assert (picture[-2:, -640 // 3 :] == 255).all()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
 def test_mp4_has_its_length_and_rate(line, tmp_path):
     path = tmp_path / "run.mp4"

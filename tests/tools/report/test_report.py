@@ -156,6 +156,7 @@ def edited(path, pattern, replacement):
     path.write_text(changed)
 
 
+@pytest.mark.slow
 def test_missing_parts_leave_their_sections_out(folder):
     (folder / "launch.yaml").write_text("nodes: {a: {kind: gone.module}}\n")
     found = sections(report_of(folder))
@@ -167,6 +168,7 @@ def test_missing_parts_leave_their_sections_out(folder):
     assert {"What was found", "What accuracy cost"} <= sections(text).keys()
 
 
+@pytest.mark.slow
 def test_run_without_effects_says_that_none_was_simulated(folder):
     edited(folder / "launch.yaml", r"\n( +)effects:\n(?:\1 +.*\n)+", r"\n\1effects: {}\n")
     with_recording = sections(report_of(folder))["Effects"]
@@ -175,6 +177,7 @@ def test_run_without_effects_says_that_none_was_simulated(folder):
         assert "gaussian_noise" not in found and "cast" not in found
 
 
+@pytest.mark.slow
 def test_texts_of_users_are_no_markup_and_log_shows_warnings(folder):
     summary = json.loads((folder / "summary.json").read_text())
     summary |= {"scene": "<b>& \ud800 vase", "reason": "<script>alert(1)</script>"}
@@ -213,6 +216,7 @@ def test_folder_that_is_no_run_is_refused(folder, name, content, why):
     assert not (folder.parent / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_two_runs_stand_side_by_side_with_ratios(run_folder, folder):
     summary = json.loads((folder / "summary.json").read_text())
     changed = {"rms_m": 0.5 * summary["rms_m"], "touches": 3 * summary["touches"]}
@@ -263,6 +267,7 @@ def faulty(messages):
         yield topic, message
 
 
+@pytest.mark.slow
 def test_diagnostics_lead_to_places_and_times(folder):
     kept = open_decoded(folder)
     messages = [(one.topic, one.message) for one in kept.published()]

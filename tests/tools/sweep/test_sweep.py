@@ -194,6 +194,7 @@ def test_interrupted_sweep_keeps_what_is_finished(sweep, tmp_path):
         sweep(answer=lambda number: answers[number], out=tmp_path / "other")
 
 
+@pytest.mark.slow
 def test_another_file_keeps_the_runs_that_still_occur(sweep, tmp_path):
     sweep()
     said, out = [], tmp_path / "out"
@@ -204,6 +205,7 @@ def test_another_file_keeps_the_runs_that_still_occur(sweep, tmp_path):
     assert len([*(out / "runs").iterdir()]) == 5 and (out / "sweep.yaml").read_text() == more
 
 
+@pytest.mark.slow
 def test_runs_of_dead_workers_are_begun_again(sweep, tmp_path):
     done, workers = sweep(answer=lambda number: None if number in (0, 1) else RECORD)
     assert done.exit_code == 0 and len(workers.begun) == 6
@@ -213,6 +215,7 @@ def test_runs_of_dead_workers_are_begun_again(sweep, tmp_path):
     assert sweep(out=tmp_path / "other")[0].kept == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["{", "[]", '{"exit_code": 0}', "\xff"])
 def test_missed_goals_are_kept_and_damaged_records_are_not(sweep, tmp_path, text):
     done, _ = sweep(answer=lambda n: RECORD | {"exit_code": int(n == 1)})
@@ -221,6 +224,7 @@ def test_missed_goals_are_kept_and_damaged_records_are_not(sweep, tmp_path, text
     assert sweep()[0].kept == 3
 
 
+@pytest.mark.slow
 def test_folders_in_use_or_of_something_else_are_refused(sweep, tmp_path, monkeypatch):
     def second(number):
         with pytest.raises(InputError, match="out: another sweep is at work there"):

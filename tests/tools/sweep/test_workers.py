@@ -152,6 +152,7 @@ def test_impossible_sweeps_are_refused(swept, tmp_path, refusal, more, words):
     assert words in refusal(f"sweep {more}", tmp_path) and swept == []
 
 
+@pytest.mark.slow
 def test_reports_of_a_sweep_are_linked_from_its_page(run_folder, two, here, call):
     def finish(job):
         shutil.copytree(run_folder, job.folder)
