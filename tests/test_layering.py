@@ -26,7 +26,7 @@ LIBRARIES = {
     "palpate.core.shapes": {"numpy", "scipy", "trimesh", "embreex", "manifold3d"},
     "palpate.core.geometry": {"numpy", "scipy", "trimesh", "embreex"},
     "palpate.core.rebuild.protocol": {"numpy", "trimesh"},
-    "palpate.messages": {"numpy", "msgspec"},
+    "palpate.messages": {"numpy", "msgpack", "msgspec"},
     "palpate.messages.bus": {"numpy", "msgspec", "zmq"},
     "palpate.messages.recording": {"numpy", "msgspec", "mcap", "lz4", "zstandard"},
     "palpate.nodes": {"numpy", "msgspec", "lazy_loader"},

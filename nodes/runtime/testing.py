@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import sys
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -69,19 +69,56 @@ def drive(
     or a message is not of its type; ContractError if the node publishes what it does not declare.
     What its handlers raise is handed on.
     """
-    given = params_of(node, params)
     if isinstance(node, Source):
         if list(inputs):
             raise ValueError("a source subscribes to nothing; give it no inputs")
-        return list(_published_by(node, given, most))
-    edges = [Input("test", topic, topic, cls.__name__) for topic, (cls, _) in node.inputs.items()]
-    work = NodeWork(node, given, lone_wiring(given, edges, node.outputs))
+        return list(_published_by(node, params_of(node, params), most))
+    work = _work_of(node, params)
     counts = Counter[str]()
     published = work.begin()
     for topic, message in (one for one in inputs if not isinstance(one, Finished)):
         published += work.take(_arrival(node, topic, message, counts[topic]))
         counts[topic] += 1
     return decoded_outputs(node, published)
+
+
+def drive_together(
+    nodes: Iterable[tuple[Node, object]], inputs: Iterable[tuple[str, object] | Finished] = ()
+) -> Published:
+    """What several nodes publish, each message handed at once to those that subscribe to it.
+
+    `nodes` are pairs of a node and its parameters, as `drive` takes them; `inputs` come one after
+    the other, each once all that followed from the one before is done. Raises as `drive` does, but
+    for a topic that none of them subscribes to, which is only returned.
+    """
+    works = [(node, _work_of(node, params)) for node, params in nodes]
+    published: Published = []
+    counts = Counter[str]()
+
+    def hand_on(waiting: deque[tuple[str, object] | Finished]) -> None:
+        while waiting:
+            one = waiting.popleft()
+            published.append(one)
+            if isinstance(one, Finished):
+                continue
+            topic, message = one
+            for node, work in works:
+                if topic in node.inputs:
+                    arrival = _arrival(node, topic, message, counts[topic])
+                    waiting.extend(decoded_outputs(node, work.take(arrival)))
+            counts[topic] += 1
+
+    begun = [decoded_outputs(node, work.begin()) for node, work in works]
+    hand_on(deque(one for each in begun for one in each))
+    for given in inputs:
+        hand_on(deque([given]))
+    return published
+
+
+def _work_of(node: Node, params: object) -> NodeWork:
+    given = params_of(node, params)
+    edges = [Input("test", topic, topic, cls.__name__) for topic, (cls, _) in node.inputs.items()]
+    return NodeWork(node, given, lone_wiring(given, edges, node.outputs))
 
 
 def _published_by(
