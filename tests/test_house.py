@@ -75,6 +75,7 @@ def test_every_module_of_the_wheel_can_be_imported(installed):
     assert int(done.stdout) == here + public
 
 
+@pytest.mark.slow
 def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed):
     names = {path.name for path in (ROOT / "scenes").iterdir() if path.suffix in (".yaml", ".ply")}
     assert len(names) >= 7
@@ -84,6 +85,7 @@ def test_the_wheel_has_the_scenes_the_launch_file_and_the_type_marker(installed)
     assert (installed / "palpate/py.typed").is_file()
 
 
+@pytest.mark.slow
 def test_the_wheel_installs_nothing_but_palpate(installed):
     tops = {path.name for path in installed.iterdir()}
     assert {name for name in tops if not re.match(r"palpate|bin$", name)} == set()

@@ -8,6 +8,7 @@ sources. It rests on core arrays, frames and geometry, and on the protocol of sh
 
 from palpate.core.touch.curvature import (
     Estimator as Estimator,
+    FusedCurvature as FusedCurvature,
     LocalCurvature as LocalCurvature,
     Patch as Patch,
     PatchKind as PatchKind,
@@ -35,6 +36,7 @@ from palpate.core.touch.filters import (
 from palpate.core.touch.forms import (
     PrincipalCurvatures as PrincipalCurvatures,
     ShapeOperator as ShapeOperator,
+    curvature_along as curvature_along,
     graph_shape_operator as graph_shape_operator,
     principal_curvatures as principal_curvatures,
 )

@@ -128,6 +128,7 @@ def test_controls_change_what_is_seen_of_a_recording(view, open_page):
     assert (watched.errors, watched.outside()) == ([], [])
 
 
+@pytest.mark.slow
 def test_colours_of_the_solid_are_those_of_the_scale(view, controls, open_page):
     controls["touched"].value = False
     controls["colour"].value = "uncertainty"

@@ -100,6 +100,7 @@ def test_view_of_running_graph_sees_what_its_recording_holds(run):
     assert run.seen.truth is not None and run.seen.done is not None
 
 
+@pytest.mark.slow
 def test_launch_file_of_run_gives_its_solid_again_in_one_process(run, tmp_path):
     done = finished(run.folder / "launch.yaml", tmp_path / "run", {}, {}, composed=True)
     assert done.exit_code == MISSED

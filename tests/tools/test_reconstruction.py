@@ -99,6 +99,7 @@ def test_bad_points_and_contours_are_told(table, home, told):
     assert "warning contour 19 (lines 62 to 91)" in told(write_contours(home / "odd.csv", rings))
 
 
+@pytest.mark.slow
 def test_untouched_and_missed_ends_are_doubted(table, home, told):
     rings = {
         f"contour_{i}": np.column_stack([CIRCLE, np.full(30, 0.1 + 0.1 * i)]) for i in range(9)

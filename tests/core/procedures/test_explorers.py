@@ -143,7 +143,7 @@ CONTAINED = {
 }
 
 
-@with_both_noises(CONTAINED, "can")
+@with_both_noises(CONTAINED)
 def test_what_no_contact_determines_is_not_made_up(name, noise):
     solid = CONTAINED[name]
     found = drive("containment", solid, noise).findings
@@ -251,7 +251,7 @@ HOLLOW = {
 }
 
 
-@with_both_noises(HOLLOW, "cup")
+@with_both_noises(HOLLOW)
 def test_holes_and_cavities_are_told_apart_and_measured(name, noise):
     solid, kinds = HOLLOW[name]
     found = drive("openings", solid, noise).findings

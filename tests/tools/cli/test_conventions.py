@@ -79,7 +79,8 @@ def work(run_folder, tmp_path_factory):
 
 VERBS = (
     "bag info run", "bag diff run run", "bag recover run -o OUT", "cost run",
-    "score run run", "export run -o OUT/solid.3mf", "replay run --nodes filter",
+    pytest.param("score run run", marks=pytest.mark.slow), "export run -o OUT/solid.3mf",
+    "replay run --nodes filter",
     "replay run --set filter.contact=0.0004 --nodes filter,curvature", "rebuild points.csv",
     "scene list", "scene check sphere", "scene effects", "node kinds", "node kinds planner",
     "interface list", "interface show ShapeModel", "launch explore.yaml --show-args",

@@ -317,7 +317,7 @@ def test_report_verb_writes_into_the_folder_of_its_run(folder, call, monkeypatch
         ("", "Missing argument 'RUNS...'"),
         ("run run run", "at most two runs side by side, got 3"),
         ("nowhere", "nowhere: is no directory of a run"),
-        ("run -o nowhere/report.html", "nowhere"),
+        pytest.param("run -o nowhere/report.html", "nowhere", marks=pytest.mark.slow),
     ],
 )
 def test_report_verb_refuses_in_one_sentence(folder, refusal, monkeypatch, words, why):

@@ -179,6 +179,7 @@ def test_every_run_has_a_folder_and_a_row(sweep, tmp_path):
     assert [(out / name).read_text() for name in ("table.csv", "index.html")] == before
 
 
+@pytest.mark.slow
 def test_interrupted_sweep_keeps_what_is_finished(sweep, tmp_path):
     said, out = [], tmp_path / "out"
     answers = [RECORD, RECORD, KeyboardInterrupt()]
