@@ -13,6 +13,7 @@ from palpate.core.poses import Pose
 from palpate.core.touch import Jet
 from palpate.launch.files.source_map import SourceMapped
 from palpate.launch.launch_file import describe
+from palpate.launch.launch_source import find_launch_file
 from palpate.messages.types import SurfacePatch, TactileImage
 from palpate.nodes import curvature, fusion
 from palpate.nodes.runtime.testing import drive, example, messages_on
