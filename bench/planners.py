@@ -65,6 +65,7 @@ def planner_rows(quick: bool) -> Iterable[Row]:
     yield from count_rows()
     yield from _other_objects("held-out objects", HELD_OUT)
     yield from _other_objects("drawn objects", drawn_objects(DRAWN, SEED))
+    yield from step_rule_rows({**HELD_OUT, **drawn_objects(DRAWN, SEED)})
     yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
     trial, heights = (
         rules.PlannerTrial(rules.TUNED["bottle"]),
@@ -132,6 +133,25 @@ def _other_objects(title: str, objects: Mapping[str, rules.Radius]) -> Iterable[
         yield Row(f"{len(trials)} {title}: predicted over {name}", ratio)
     worst = max(predicted[name] - even[name] for name in trials)
     yield Row(f"{title}: predicted less uniform, worst", str(worst))
+
+
+def step_rule_rows(objects: Mapping[str, rules.Radius]) -> Iterable[Row]:
+    """Rules that step from slice to slice, on objects that none of them has seen."""
+    trials = _trials(objects)
+    found: dict[str, rules.Planner] = {
+        "thesis": rules.Thesis(),
+        "fuzzy": rules.Fuzzy(),
+        "learned": rules.Learned(),
+    }
+    for name, rule in found.items():
+        counts = np.array([plan_count(rule, one) for one in trials.values()])
+        good = counts[counts < rules.MOST_CONTOURS_PLANNED]
+        shown = f"{good.mean():.1f}, {len(counts) - len(good)} of {len(counts)} failed"
+        yield Row(f"steps by {name}: contours where they suffice", shown)
+    mean = float(np.mean(list(first_counts(rules.Predicted(), trials).values())))
+    yield figure("predicted, until the error is small enough", mean, ".1f")
+    mean = float(np.mean(list(even_counts(trials).values())))
+    yield figure("even, known afterwards", mean, ".1f")
 
 
 def even_counts(trials: Trials, *, slopes: bool = True) -> Counts:
@@ -300,7 +320,7 @@ def judge_rule(rule: rules.Thesis, trials: Trials) -> tuple[float, int]:
     return float(np.mean(counts)), counts.count(rules.MOST_CONTOURS_PLANNED)
 
 
-def plan_count(rule: rules.Thesis, trial: rules.PlannerTrial) -> int:
+def plan_count(rule: rules.Planner, trial: rules.PlannerTrial) -> int:
     """Contours of a plan, if at its end the side is good enough; else the most."""
     slices, stop = rules.run_planner(rule, trial, DEMAND)
     done = stop is not None and trial.rms(slices) <= DEMAND

@@ -10,13 +10,23 @@ from palpate.core.explore.planners.coverage import (
     Span as Span,
     estimate_error as estimate_error,
     free_height as free_height,
+    hermite as hermite,
     longest_first as longest_first,
     profile_of as profile_of,
+    stack_slices as stack_slices,
     untouched_spans as untouched_spans,
     untraceable_height as untraceable_height,
 )
 from palpate.core.explore.planners.fuzzy import (
     Fuzzy as Fuzzy,
+)
+from palpate.core.explore.planners.learned import (
+    LEAST_STEP as LEAST_STEP,
+    MOST_STEP as MOST_STEP,
+    Learned as Learned,
+    LearnedSteps as LearnedSteps,
+    StepNetwork as StepNetwork,
+    network_inputs as network_inputs,
 )
 from palpate.core.explore.planners.predicted import (
     COVERING as COVERING,
@@ -56,6 +66,7 @@ from palpate.core.explore.planners.surface import (
 from palpate.core.explore.planners.thesis import (
     TEMPLATES as TEMPLATES,
     Thesis as Thesis,
+    mean_profile_curvature as mean_profile_curvature,
     polyline_of as polyline_of,
 )
 from palpate.core.explore.planners.touches import (

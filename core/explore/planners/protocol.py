@@ -35,7 +35,14 @@ END_SHARE, NEAR_END_SHARE, END_TOLERANCES = 0.03, 0.02, 20.0
 END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
 SAME = 1e-9  # Of the height: heights that differ by less are one
 ALL_REACHED = "every limit is kept"  # Why a planner stops that has reached what was asked
-PLANNER_NAMES = ("predicted", "touches", "uniform", "thesis", "fuzzy")  # The default first
+PLANNER_NAMES = (
+    "predicted",
+    "touches",
+    "uniform",
+    "thesis",
+    "fuzzy",
+    "learned",
+)  # The default first
 
 
 class SliceOutcome(StrEnum):

@@ -14,6 +14,7 @@ from palpate.core.explore.planners import (
     PLANNER_NAMES as PLANNERS,
     Fuzzy,
     Height,
+    LearnedSteps,
     Predicted,
     Stop,
     Thesis,
@@ -157,6 +158,21 @@ def test_five_heuristics_of_step(rule, bend, change, beyond):
     for far in (1.0, 1e11):
         assert rule.least <= rule.later(bend * far, change * far, 1) <= rule.most
         assert rule.least <= rule.first(bend * far) <= 0.5
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(bend=curves, change=curves, beyond=more, tolerance=st.floats(3e-4, 5e-3))
+def test_learned_steps_are_longer_where_flatter_and_where_less_is_asked(
+    bend, change, beyond, tolerance
+):
+    def step(bend, tolerance):
+        return LearnedSteps(tolerance, 1.0).later(bend, change, 1)
+
+    assert step(bend + beyond, tolerance) < step(bend, tolerance) < step(bend, 2.0 * tolerance)
+    assert step(1e9 * beyond, tolerance) >= planners.LEAST_STEP
+    assert step(0.0, tolerance) <= planners.MOST_STEP
+    half, whole = (LearnedSteps(tolerance, scale).first(bend) for scale in (0.5, 1.0))
+    assert half == 0.5 * whole
 
 
 def test_thesis_steps_are_those_of_formulas():
