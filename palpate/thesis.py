@@ -2,6 +2,8 @@
 
 from palpate.core.thesis import (
     fit_closed_curve_thesis as fit_closed_curve_thesis,
+    fit_bspline as fit_bspline,
     invert_thesis as invert_thesis,
     rebuild_thesis as rebuild_thesis,
+    solve_control_points as solve_control_points,
 )

@@ -5,6 +5,10 @@ shell the control polygons of contours, its core what fits inside, as corrected 
 on core splines, shapes, geometry and rebuild, which finds it by an entry point as "thesis".
 """
 
+from palpate.core.thesis.control_system import (
+    ControlSolution as ControlSolution,
+    solve_control_points as solve_control_points,
+)
 from palpate.core.thesis.layers import (
     fit_closed_curve_thesis as fit_closed_curve_thesis,
     invert_thesis as invert_thesis,

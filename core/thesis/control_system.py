@@ -1,0 +1,67 @@
+"""The control points that pass given points: Fung, 1999, (4.23) to (4.26), as printed.
+
+Points of a surface lie on the rim of the parameter space, where most control points have no say:
+the system is then singular but for rounding, which is why the thesis builds shell and core instead.
+It is offered with its condition number, and refused where that leaves no digit.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.core import splines
+from palpate.core.arrays import finite_array
+
+MOST_CONDITION = 1e12  # Four digits are left of sixteen
+LEAST_COUNT = 4  # Control points along an axis that a cubic spline needs
+
+
+class ControlSolution(NamedTuple):
+    """Control points of a deformed lattice."""
+
+    volume: splines.SplineVolume  # Control points (l, m, n, 3) over clamped cubic bases
+    condition: float  # Of the system
+    rms: float  # Root mean square distance at which the points are missed, in their unit
+
+
+def solve_control_points(
+    points: ArrayLike, parameters: ArrayLike, shape: tuple[int, int, int]
+) -> ControlSolution:
+    """Least squares of (4.25): a lattice of `shape` (l, m, n) that passes points (k, 3).
+
+    `parameters` (k, 3) are their triples (s, t, u), from 0 to 1. Raises ValueError if an argument
+    is not so, there are fewer points than control points, or the condition number is so large that
+    no digit of a solution would mean anything.
+    """
+    wanted = finite_array("points", points, (None, 3))
+    triples = finite_array("parameters", parameters, (len(wanted), 3))
+    if triples.min(initial=0.0) < 0.0 or triples.max(initial=0.0) > 1.0:
+        raise ValueError("parameters must lie between 0 and 1")
+    if len(shape) != 3 or min(shape) < LEAST_COUNT:
+        raise ValueError(f"shape must be three numbers of at least {LEAST_COUNT}, got {shape}")
+    unknowns = int(np.prod(shape))
+    if len(wanted) < unknowns:
+        raise ValueError(
+            f"there must be at least as many points as control points, {unknowns}, "
+            f"got {len(wanted)}"
+        )
+    s, t, u = (splines.clamped_basis(count) for count in shape)
+    across, up, along = (
+        basis.matrix(triples[:, axis]).toarray() for axis, basis in enumerate((s, t, u))
+    )
+    system = np.einsum("pi,pj,pk->pijk", across, up, along).reshape(len(wanted), unknowns)
+    left, sizes, right = np.linalg.svd(system, full_matrices=False)
+    condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else float("inf")
+    if condition > MOST_CONDITION:
+        raise ValueError(
+            f"(4.25) has the condition number {condition:.0e} for {unknowns} control points, and "
+            f"at most {MOST_CONDITION:.0e} leaves digits that mean anything: such points do not "
+            "determine them; rebuild_thesis builds shell and core instead"
+        )
+    control = right.T @ ((left.T @ wanted) / sizes[:, None])
+    volume = splines.SplineVolume(control.reshape(*shape, 3), (s, t, u))
+    missed = volume.at(triples) - wanted
+    return ControlSolution(volume, condition, float(np.sqrt((missed**2).sum(axis=1).mean())))

@@ -1,0 +1,54 @@
+"""Laws of (4.25): solved where points determine the control points, refused where they do not."""
+
+import numpy as np
+import pytest
+
+from palpate.core.splines import SplineVolume, clamped_basis
+from palpate.core.thesis import rebuild_thesis, solve_control_points
+from tests.core.thesis.contours import vase
+
+SHAPE = (4, 5, 6)
+rng = np.random.default_rng(3)
+
+
+def deformed() -> SplineVolume:
+    bases = tuple(clamped_basis(count) for count in SHAPE)
+    return SplineVolume(rng.normal(size=(*SHAPE, 3)), bases)
+
+
+def test_points_within_a_lattice_give_it_back():
+    volume, triples = deformed(), rng.random((2000, 3))
+    found = solve_control_points(volume.at(triples), triples, SHAPE)
+    assert np.allclose(found.volume.control, volume.control, rtol=0, atol=1e-14 * found.condition)
+    assert found.condition < 1e5 and found.rms < 1e-12
+
+
+def test_noise_is_spread_by_no_more_than_the_condition():
+    volume, triples = deformed(), rng.random((4000, 3))
+    noise = 1e-6 * rng.normal(size=(4000, 3))
+    exact, noisy = (
+        solve_control_points(volume.at(triples) + add, triples, SHAPE) for add in (0.0, noise)
+    )
+    off = np.linalg.norm(noisy.volume.control - exact.volume.control)
+    assert off <= exact.condition * np.linalg.norm(noise)
+    assert noisy.rms == pytest.approx(np.sqrt(3.0) * 1e-6, rel=0.1)
+
+
+def test_points_of_a_surface_do_not_determine_what_is_within():
+    solid = rebuild_thesis(vase(9, 40))  # 5 by 5 by 9 control points, as in the thesis
+    triples = solid.parameters.reshape(-1, 3)
+    with pytest.raises(ValueError, match=r"condition number \S+ for 225 control points") as caught:
+        solve_control_points(vase(9, 40).reshape(-1, 3), triples, (5, 5, 9))
+    assert float(str(caught.value).split("number ")[1].split()[0]) > 1e15
+
+
+@pytest.mark.parametrize(("count", "shape", "words"), [
+    (100, (4, 4, 3), "at least 4, got"),
+    (60, (4, 4, 4), "as many points as control points, 64, got 60"),
+])  # fmt: skip
+def test_too_little_is_refused(count, shape, words):
+    points = rng.random((count, 3))
+    with pytest.raises(ValueError, match=words):
+        solve_control_points(points, points, shape)
+    with pytest.raises(ValueError, match="parameters must lie between 0 and 1"):
+        solve_control_points(points, 2.0 + points, (4, 4, 4))
