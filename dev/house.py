@@ -3,8 +3,8 @@
 Acts are watched from outside, by the calls that Python makes, through the public face and on the
 vase, each in a process of its own.
 
-    python tests/house.py           sizes, and what a frame, a rebuild and a plan run through
-    python tests/house.py --quick   the sizes alone
+    python -m dev.house           sizes, and what a frame, a rebuild and a plan run through
+    python -m dev.house --quick   the sizes alone
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ from typing import Any, NamedTuple
 import palpate
 from palpate.bench.table import Figure, Row, figure_of, run_groups
 
-FOLDERS = ("core", "messages", "nodes", "launch", "tools", "bench", "palpate", "tests")
+FOLDERS = (
+    *("core", "messages", "nodes", "launch", "tools", "bench", "palpate"),
+    *("dev", "examples", "tests"),
+)
 LONG, SHORT = 600, 60  # Lines from which a file is too long, and below which it is a scrap
 FRAME_NODES = ("simulator", "filter", "curvature", "tracer", "reconstructor")  # Of one frame
 REBUILT = 1000  # Calls in one visit of the reconstructor from which it rebuilds
