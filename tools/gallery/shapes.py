@@ -20,7 +20,7 @@ from palpate.launch import charts
 from palpate.tools.gallery import style
 
 CURVE_EXPONENTS = (0.15, 0.5, 1.0, 1.5, 2.0, 3.0)
-SOLID_EXPONENTS = (0.2, 1.0, 1.5, 2.0)  # Of rows, e1, and of columns, e2
+SOLID_EXPONENTS = (0.2, 1.0, 2.0, 3.0)  # Of rows, e1, and of columns, e2
 SOLID_ROWS, SOLID_COLUMNS = 65, 128  # Points of a drawn superquadric from pole to pole, and around
 CUBE = Superquadric(np.ones(3), np.array([0.1, 0.1]))
 DEGREE = 3  # Of the B-splines
@@ -41,8 +41,7 @@ def draw_superellipses() -> Figure:
     turn = np.linspace(0.0, 2.0 * np.pi, 1441)
     printed = turn <= 0.5 * np.pi
     for exponent, colour in zip(CURVE_EXPONENTS, charts.SERIES, strict=False):
-        # Up to 3, where it is no longer the curve of a solid that `Superquadric` takes.
-        x, y = (np.sign(one) * np.abs(one) ** exponent for one in (np.cos(turn), np.sin(turn)))
+        x, y = (_powered(one, exponent) for one in (np.cos(turn), np.sin(turn)))
         axes.plot(x, y, colour, linewidth=1.2, label=f"{exponent:g}")
         axes.plot(x[printed], y[printed], colour, linewidth=3.2)
     axes.set(xlabel="x / a", ylabel="y / b", xlim=(-1.08, 1.08), ylim=(-1.08, 1.08))
@@ -57,15 +56,28 @@ def draw_superquadrics() -> Figure:
     count = len(SOLID_EXPONENTS)
     figure = style.new_figure(6.6)
     panels = figure.subplots(count, count)
-    largest = solid_mesh(Superquadric(np.ones(3), np.full(2, SOLID_EXPONENTS[0]))).vertices
+    largest = _powered_mesh(SOLID_EXPONENTS[0], SOLID_EXPONENTS[0]).vertices
     for row, e1 in enumerate(SOLID_EXPONENTS):
         for column, e2 in enumerate(SOLID_EXPONENTS):
-            mesh = solid_mesh(Superquadric(np.ones(3), np.array([e1, e2])))
+            mesh = _powered_mesh(e1, e2)
             title = f"$\\epsilon_1$ = {e1:g}, $\\epsilon_2$ = {e2:g}"
             style.show_solid(
                 panels[row, column], style.shaded(mesh), largest, shape=(150, 175), title=title
             )
     return figure
+
+
+def _powered_mesh(e1: float, e2: float) -> Mesh:
+    """(2.1) with signed powers: above 2 no `Superquadric`, whose gauge is convex along rays."""
+    eta = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SOLID_ROWS)[:, None]
+    omega = np.linspace(-np.pi, np.pi, SOLID_COLUMNS + 1)[None, :]
+    level, up = _powered(np.cos(eta), e1), _powered(np.sin(eta), e1)
+    x, y = (level * _powered(one, e2) for one in (np.cos(omega), np.sin(omega)))
+    return style.grid_mesh(np.stack([x, y, np.broadcast_to(up, x.shape)], axis=-1))
+
+
+def _powered(values: Floats, exponent: float) -> Floats:
+    return np.asarray(np.sign(values) * np.abs(values) ** exponent)
 
 
 def solid_mesh(shape: Superquadric) -> Mesh:

@@ -46,7 +46,7 @@ FIGURES: dict[str, GalleryFigure] = {
     ),
     "superquadrics": GalleryFigure(
         _thesis(2, 2),
-        "Superquadrics of one size. Exponents over 2, which pinch them, are left out.",
+        "Superquadrics of one size. Exponents over 2, which no scene takes, pinch them.",
         shapes.draw_superquadrics,
     ),
     "parametrisations": GalleryFigure(
