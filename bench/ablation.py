@@ -92,7 +92,10 @@ def _unmasked(fit: Callable[..., Patch]) -> Callable[..., Patch]:
 
 _TOUCH, _REBUILD, _NODES = "palpate.core.touch", "palpate.core.rebuild", "palpate.nodes"
 _CLEAN, _STACK = f"{_NODES}.filter:clean", f"{_NODES}.rebuilding.fitting:stack_points"
-TAXELS = Part("all taxels, not contour points", {_STACK: _always(None)})
+TAXELS = Part(
+    "all taxels, not contour points",
+    {f"{_NODES}.rebuilding.fitting:reconstruct": _with(patches=None)},
+)
 _robust = {f"{_TOUCH}.{room}:fit_robust_jet": _plain for room in ("filters", "edges")}
 _whole_pad = _then(lambda one: one._replace(touched=one.touched | one.touched.any()))
 _none_bad = _then(lambda one: one._replace(bad=one.bad & False, off=0.0 * one.off))
@@ -107,7 +110,7 @@ PARTS = (
         "cross-validation",
         {
             f"{_REBUILD}.side.fitting:smooth": _with(noise=0.0),
-            f"{_REBUILD}.side.radial:stiffened": lambda _: lambda contacts, spline: spline,
+            f"{_REBUILD}.side.radial:stiffened": lambda _: lambda spline: spline,
         },
         ROUGH,
     ),
