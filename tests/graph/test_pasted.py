@@ -18,8 +18,10 @@ from tests.graph.conftest import palpate, wait_for
 from tests.test_pages import COMMANDS, DOCS, ROOT, blocks
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
-# What needs a browser, another terminal, another machine or hours.
-ELSEWHERE = re.compile(r"(topic|keys|host|bench|bag record|view) |.* --(view|scheduler) ")
+# What needs a browser, another terminal, another machine or hours, or is pasted from another page.
+ELSEWHERE = re.compile(
+    r"(topic|keys|host|bench|bag record|view) |.* --(view|scheduler) |film \S+ -o run.mp4 "
+)
 OWN_TESTS = ("tutorial.md", "own_node.md", "machines.md")
 PASTED: dict[str, list[list[str]]] = {}
 for page, words in COMMANDS:
@@ -57,8 +59,6 @@ def checkout(here, explored):
 @pytest.mark.parametrize("page", PASTED)
 def test_commands_of_page_work_as_pasted(page, checkout):
     for words in PASTED[page]:
-        if words[-1] == "run.mp4" and shutil.which("ffmpeg") is None:
-            continue
         done = palpate(*words, folder=checkout)
         # These may end without their tolerance, which is said.
         missed = words[0] in ("run", "sweep", "recognise")

@@ -65,7 +65,7 @@ def test_touches_are_read_by_its_spline(run):
 def test_recording_is_replayed_and_compared_with_ours(run):
     folder = run.parent
     assert palpate("replay", run, folder=folder).code == 0
-    words = ("run", "egg", "--noise", "low", "--touches", "60", "--composed", "--quiet")
+    words = ("run", "egg", "--noise", "low", "--tolerance", "2mm", "--composed", "--quiet")
     palpate(*words, "--out", folder / "ours", folder=folder)
     done = palpate("report", run, folder / "ours", "--out", folder / "both.html", folder=folder)
     assert done.code == 0, done.err
