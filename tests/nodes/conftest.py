@@ -1,4 +1,4 @@
-"""A ball, a world and a sensor that the tests of nodes share."""
+"""A world and a sensor that the tests of nodes share."""
 
 from __future__ import annotations
 
@@ -6,13 +6,6 @@ import pytest
 
 from palpate.messages.types import SensorInfo, World
 from palpate.nodes.specs.sensors import SensorSpec, info_of
-from tests.nodes.loop import ball_spec
-
-
-@pytest.fixture
-def ball():
-    """A ball of 60 mm that stands on height 0."""
-    return ball_spec()
 
 
 @pytest.fixture

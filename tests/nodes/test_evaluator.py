@@ -15,10 +15,10 @@ from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes import curvature, evaluator, filter, planner, reconstructor, simulator, tracer
 from palpate.nodes.evaluator import NODE
 from palpate.nodes.runtime.node import Finished
-from palpate.nodes.runtime.testing import drive, example
+from palpate.nodes.runtime.testing import drive, drive_together, example, messages_on
 from palpate.nodes.specs.objects import build_shape
 from tests.messages.cases import cases
-from tests.nodes.loop import Loop, LoopNode, ball_spec
+from tests.nodes.loop import ball_spec
 
 RADIUS = 0.04
 
@@ -115,14 +115,12 @@ def test_mesh_that_is_no_solid_or_surface_is_refused(told: list[Any], words: str
 @pytest.mark.slow
 def test_exploration_of_a_ball_by_all_nodes_ends_with_a_good_score():
     kinds = (filter, curvature, tracer, reconstructor, evaluator)
-    planned = planner.Params(planner="uniform", settings={"count": 3})
-    loop = Loop(
-        *(LoopNode(one.NODE, one.NODE.params()) for one in kinds),
-        LoopNode(planner.NODE, planned),
-        LoopNode(simulator.NODE, simulator.Params(object=ball_spec())),
-    )
-    contours = [m.status for topic, m in loop.begun if topic == "/contour/traced"]
-    *_, last = (m for topic, m in loop.begun if topic == "/score")
+    nodes = [(one.NODE, None) for one in kinds]
+    nodes += [(planner.NODE, {"planner": "uniform", "settings": {"count": 3}})]
+    nodes += [(simulator.NODE, simulator.Params(object=ball_spec()))]
+    published = drive_together(nodes)
+    contours = [one.status for one in messages_on(published, "/contour/traced")]
+    *_, last = messages_on(published, "/score")
     assert contours == ["closed"] * 3 and last.final and last.watertight and last.genus == 0
     # Three contours of a ball feel nearly all of it.
     assert last.chamfer < 2e-4 * last.size and last.sampling_floor > 0.0

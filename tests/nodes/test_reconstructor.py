@@ -34,13 +34,10 @@ UPRIGHT = np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 def felt(frame: Floats, low: float, high: float) -> Published:
     """Three slices of a ball along a frame's axis, and touches of its ends but a standing one."""
-    loop = touching(
-        Simulated(object=ball_spec(RADIUS, tuple(MIDDLE)), effects={"pose_error": {"sigma": 2e-5}})
-    )
-    published = list(loop.begun)
+    goals: Published = []
     for number, height in enumerate(np.linspace(low + 0.006, high - 0.006, 3)):
         goal = {"id": number, "finger": 1, "frame": frame, "height": float(height), "radius": 0.1}
-        published += loop.publish("/contour/goal", example(ContourGoal, **goal))
+        goals.append(("/contour/goal", example(ContourGoal, **goal)))
     ends = [(Pose(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN).array)]
     ends += [Pose(np.array([0.0, 0.001, low - 0.05]), np.eye(3)).array] if low < 0.0 else []
     for number, pose in enumerate(ends, 3):
@@ -50,7 +47,9 @@ def felt(frame: Floats, low: float, high: float) -> Published:
             "pose": (Pose.from_array(frame) @ Pose.from_array(pose)).array,
             "reach": 0.15,
         }
-        published += loop.publish("/probe/goal", example(types.ProbeGoal, **goal))
+        goals.append(("/probe/goal", example(types.ProbeGoal, **goal)))
+    ball = ball_spec(RADIUS, tuple(MIDDLE.tolist()))
+    published = touching(goals, Simulated(object=ball, effects={"pose_error": {"sigma": 2e-5}}))
     return [one for one in published if one[0] in NODE.inputs]
 
 

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.messages import encode, types
 from palpate.messages.types import ContourGoal, ProbeGoal, SensorInfo, SurfacePatch, World
-from palpate.nodes import tracer
-from palpate.nodes.runtime.testing import drive, example
+from palpate.nodes import simulator, tracer
+from palpate.nodes.runtime.testing import drive, example, messages_on
 from palpate.nodes.simulator import Params
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.specs.sensors import PadSpec, SensorSpec
@@ -35,14 +36,14 @@ def probe_goal(**changes: Any) -> ProbeGoal:
 
 
 def publish(goal: ContourGoal | ProbeGoal, **simulated: Any) -> Published:
-    """All that follows from a goal at a fresh loop."""
-    loop = touching(Params(**{"object": BALL, **simulated}))
-    return loop.publish("/contour/goal" if isinstance(goal, ContourGoal) else "/probe/goal", goal)
+    """All that follows from a goal at fresh nodes."""
+    topic = "/contour/goal" if isinstance(goal, ContourGoal) else "/probe/goal"
+    return touching([(topic, goal)], Params(**{"object": BALL, **simulated}))
 
 
 def traced(goal: ContourGoal | ProbeGoal, **simulated: Any) -> Any:
-    topics = ("/contour/traced", "/probe/traced")
-    [found] = [message for topic, message in publish(goal, **simulated) if topic in topics]
+    *_, (topic, found) = publish(goal, **simulated)
+    assert topic in ("/contour/traced", "/probe/traced")
     return found
 
 
@@ -67,10 +68,10 @@ def test_contour_of_a_ball_closes_on_the_ball():
 
 
 def test_touches_are_counted_through_and_turn_around_the_object():
-    goals = [m for topic, m in equator() if topic == "/finger/goal"]
-    [contour] = [m for topic, m in equator() if topic == "/contour/traced"]
+    goals, [contour] = (messages_on(equator(), one) for one in ("/finger/goal", "/contour/traced"))
     assert [goal.touch for goal in goals] == list(range(contour.touches))
-    assert contour.robot_time == max(m.robot_time for t, m in equator() if t == "/touch/raw")
+    frames = messages_on(equator(), "/touch/raw")
+    assert contour.robot_time == max(frame.robot_time for frame in frames)
     assert all(goal.direction == pytest.approx([0.0, 0.0, 1.0]) for goal in goals)
     waits = [goal.not_before for goal in goals]
     assert waits == sorted(waits)
@@ -103,14 +104,6 @@ def test_frame_turned_with_the_object_changes_no_touch(axis: tuple[float, float,
         assert np.allclose(one, other, rtol=0, atol=off)
 
 
-@pytest.mark.parametrize(
-    ("height", "status"), [(0.1, "no_contact"), (0.061, "pole"), (0.065, "pole")]
-)
-def test_slice_beside_the_object_has_no_points(height: float, status: str):
-    contour = traced(contour_goal(height=height))
-    assert (contour.status, len(contour.points)) == (status, 0)
-
-
 @pytest.mark.parametrize("most", [0, 7])
 def test_contour_takes_no_more_touches_than_its_goal_allows(most: int):
     cut = traced(contour_goal(most_touches=most))
@@ -127,7 +120,7 @@ def test_contour_ends_before_the_robot_time_that_its_goal_names():
 
 
 def test_gap_between_touches_saves_some_of_them():
-    [dense] = [m for topic, m in equator() if topic == "/contour/traced"]
+    [dense] = messages_on(equator(), "/contour/traced")
     sparse = traced(contour_goal(gap=4e-3))
     assert sparse.status == "closed" and sparse.touches < 0.85 * dense.touches
     step = np.linalg.norm(np.diff(sparse.points, axis=0), axis=1).max()
@@ -144,24 +137,17 @@ def test_probe_finds_the_top_or_the_end_of_its_reach():
     assert beside.outcome == "miss" and beside.point == pytest.approx([0.2, 0.0, 0.0], abs=1e-12)
 
 
-def test_contours_follow_each_other_in_time():
-    loop = touching(Params(object=BALL))
-    goals = [contour_goal(id=0, radius=0.05), contour_goal(id=1, height=0.04, radius=0.048)]
-    first, second = (loop.publish("/contour/goal", goal)[-1][1] for goal in goals)
-    assert (first.id, second.id) == (0, 1) and second.robot_time > first.robot_time
-
-
 def test_fingers_have_clocks_and_errors_of_their_own():
-    noisy = Params(object=BALL, effects={"pose_error": {}})
-    loop, alone = touching(noisy, fingers=2), touching(noisy)
-    goals = [contour_goal(id=number, finger=number + 1, radius=0.05) for number in range(2)]
-    published = [loop.publish("/contour/goal", goal) for goal in goals]
-    first, second = (next(m for topic, m in one if topic == "/contour/traced") for one in published)
+    one = Params(object=BALL, effects={"pose_error": {}}, fingers=2)
+    begun = drive(simulator.NODE, params=one)  # the first finger's tells of sensor and world
+    goals = [("/contour/goal", contour_goal(finger=number, radius=0.05)) for number in (1, 2)]
+    [first] = messages_on(touching(goals[:1], one), "/contour/traced")
+    published = touching([*begun, goals[1]], structs.replace(one, finger=2))
+    [second] = messages_on(published, "/contour/traced")
     assert [first.finger, second.finger] == [1, 2]
     assert second.robot_time == pytest.approx(first.robot_time, rel=0.2)
     assert first.points[0] != pytest.approx(second.points[0], abs=1e-6)
-    assert np.array_equal(alone.publish("/contour/goal", goals[0])[-1][1].points, first.points)
-    clocks = [m for topic, m in published[1] if topic == "/finger/clock"]
+    clocks = messages_on(published, "/finger/clock")
     assert [clock.finger for clock in clocks] == [2] * second.touches
     assert clocks[-1].robot_time == second.robot_time
 
@@ -189,8 +175,8 @@ def test_filter_saves_a_contour_from_impulses():
     salty = Params(object=BALL, effects={"salt_and_pepper": {"rate": 0.02}})
     errors = []
     for order in ("auto", "none"):
-        loop = touching(salty, order=order)
-        contour = loop.publish("/contour/goal", contour_goal(radius=0.05))[-1][1]
+        goal = ("/contour/goal", contour_goal(radius=0.05))
+        [contour] = messages_on(touching([goal], salty, order=order), "/contour/traced")
         off = np.linalg.norm(contour.points - MIDDLE, axis=1) - 0.03
         errors.append(np.sqrt(np.mean(off**2)))
     assert errors[0] < 0.1 * errors[1]
@@ -237,8 +223,8 @@ def test_frames_without_a_surface_end_a_contour(info, world, most: int, kind: st
 
 
 def test_contour_is_given_up_after_most_touches():
-    loop = touching(Params(object=BALL), most_touches=10)
-    contour = loop.publish("/contour/goal", contour_goal(most_touches=20))[-1][1]
+    goal = ("/contour/goal", contour_goal(most_touches=20))
+    *_, (_, contour) = touching([goal], Params(object=BALL), most_touches=10)
     assert contour.status == "budget" and 10 <= contour.touches <= 11
 
 
