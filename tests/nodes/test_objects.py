@@ -11,7 +11,6 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
-from palpate.core.poses import rotation_matrix
 from palpate.core.shapes import Bend, Shape, Superquadric, Taper
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, build_shape, encode_mesh
 from tests.messages.cases import cases
@@ -188,23 +187,6 @@ def test_exact_takes_rays_to_the_surface_that_the_lattice_deforms():
     assert 1e-9 < np.abs(facets - wanted).max() < 1e-5
 
 
-@pytest.mark.parametrize(("degrees", "x", "y"), [(0.0, 1, 0), (90.0, 0, 1), (-180.0, -1, 0)])
-def test_bend_direction_is_an_azimuth_in_degrees(degrees: float, x: int, y: int):
-    bent = solid(bend=5.0, bend_direction=degrees).mesh(3).vertices
-    moved = bent - solid().mesh(3).vertices
-    ends = np.abs(bent[:, 2]) > 0.04
-    assert np.allclose(moved[ends, :2].mean(axis=0), [0.005 * x, 0.005 * y], atol=0.002)
-
-
-def test_posed_object_is_met_where_it_stands():
-    turn = [0.0, math.sin(0.3), 0.0, math.cos(0.3)]
-    there = solid(taper=[0.2, 0.2], pose={"position": [0.1, 0.2, 0.3], "rotation": turn})
-    axes, origins = rotation_matrix(np.array(turn)), np.array([[0.2, 0, 0.01], [0.2, 0.01, -0.02]])
-    met = there.cast(origins @ axes.T + [0.1, 0.2, 0.3], axes @ SIDEWAYS, 1.0)
-    here = solid(taper=[0.2, 0.2]).cast(origins, SIDEWAYS, 1.0)
-    assert np.allclose(met, here, rtol=0, atol=1e-14)
-
-
 def test_mesh_is_kept_as_it_is():
     mesh = Superquadric(np.array(SIZE), np.array(EXPONENTS)).mesh(2)
     kept = build_shape(ObjectSpec(mesh=encode_mesh(*mesh))).mesh(0)
@@ -232,11 +214,9 @@ def swept(sweep: Any = SWEEP, **section: Any) -> dict[str, Any]:
     (plain(size=[1, -1, 1]), "> 0"),
     (plain(exponents=[1, 3]), "<= 2"),
     (plain(bend=40.0), r"between -32.67 and 32.67 1/m, or this solid folds, got 40"),
-    (plain(bend=-40.0), "bend must lie between -32.67 and 32.67 1/m"),
     (plain(bend=30.0, taper=[0.5, 0.0]), "bend must lie between -21.78 and 21.78 1/m"),
     (plain(bend=39.3, bend_direction=90.0), "bend must lie between -39.2 and 39.2 1/m"),
     (plain(bend=math.nan), "finite curvature"),
-    (plain(bend=math.inf), "finite curvature"),
     (plain(bend_direction=400.0), "<= 360"),
     (plain(taper=[1.0, 0.0]), "< 1"),
     ({**plain(), "exact": True}, "lattice: .* superquadric is exact anyway"),
@@ -259,11 +239,9 @@ def swept(sweep: Any = SWEEP, **section: Any) -> dict[str, Any]:
     ({"torus": {"radius": 0.02, "tube": 0.02}}, "must be less than its radius, 0.02 m"),
     ({"sphere": {"radius": 0.0}}, "Expected `float` > 0"),
     ({"hyperquadric": {"terms": TERMS[:2]}}, "length >= 3"),
-    ({"hyperquadric": {"terms": [TERMS[0]] * 3}}, "planes must face in three independent"),
     ({"hyperquadric": {"terms": [{**TERMS[0], "exponent": 0}] * 3}}, ">= 0.1"),
     (swept(), "a section is exactly one of"),
     (swept(**SECTION, radii=[1, 1, 1]), "got radii and size"),
-    (swept(SWEEP[::-1], **SECTION), "heights must incr"),
     (swept([[0, -1], [1, 1]], **SECTION), ">= 0"),
     (
         {"polyhedron": {**TETRAHEDRON, "faces": [[0, 1, 2], *TETRAHEDRON["faces"][1:]]}},
@@ -275,7 +253,6 @@ def swept(sweep: Any = SWEEP, **section: Any) -> dict[str, Any]:
     ({"boolean": {"union": [BALL, half_space(1.0)]}}, r"half-space that is union\[1\]"),
     ({"boolean": {"difference": [BALL, SHELL]}}, "the tree leaves nothing"),
     ({"boolean": {"union": [SHIFTED, BALL, BALL]}}, r"union\[2\] is the same as union\[1\]"),
-    ({"boolean": half_space(0.0)}, "normal must have a length"),
     (
         {"boolean": {"union": [{"union": ROW}, {"complement": {"union": ROW}}, BALL]}},
         "at most 64 parts in all",

@@ -116,11 +116,6 @@ def test_clock_ticks_in_the_recordings_time(bag: Path, tmp_path: Path):
         assert [n for _, topic, n in played(recorded, clock=clock) if topic == "/clock"] == times
 
 
-def test_player_stands_still_if_it_is_told_to(bag: Path):
-    for paused in (True, False):
-        assert player.SOURCE.paused(player.Params(path=str(bag), paused=paused)) is paused
-
-
 def test_recording_that_cannot_be_played_is_refused(bag: Path, tmp_path: Path):
     with pytest.raises(ValueError, match=r"has no topic '/lag'; it has /log, /world"):
         player.outputs(player.Params(path=str(bag), topics=("/lag",)))
