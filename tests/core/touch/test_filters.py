@@ -20,8 +20,7 @@ from palpate.core.touch import (
     remove_impulses,
     wiener_then_median,
 )
-from tests.core.touch.surfaces import SURFACES, draw_touch
-from tests.core.touch.touches import DOMED, FLAT, X, Y, above
+from tests.core.touch.touches import DOMED, FLAT, SURFACES, X, Y, above, draw_touch
 
 NOISE, CONTACT, DEEPEST = 10e-6, 50e-6, 2.4e-3
 BUMP: Floats = np.maximum(1.5e-3 - 0.5 * (X**2 + Y**2) / 0.03, 0.0)
