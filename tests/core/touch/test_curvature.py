@@ -1,4 +1,4 @@
-"""Normal and curvatures of one touch, with their standard errors."""
+"""Normal and curvatures of one touch with their errors, and of shape operators."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from palpate.core.touch import (
     Pad,
     Patch,
     fit_patch,
+    graph_shape_operator,
     guarded_move,
+    principal_curvatures,
     surface_patch,
 )
 from tests.core.touch.parametric import normal_curvature, shape_operator
@@ -93,13 +95,6 @@ def test_umbilics_and_planes_are_exactly_that():
     assert patch.kind == "smooth" and patch.umbilic
     assert patch.principal == pytest.approx((0.0, 0.0), abs=1e-9)
     assert np.allclose(patch.normal * math.sqrt(1.25), [0.3, -0.4, -1.0], atol=1e-12)
-
-
-def test_the_place_lies_over_the_middle_of_the_contact():
-    touched = (X > 0) & (Y < 2e-3)
-    patch = feel(0.1 * X + 20 * Y**2, touched=touched)
-    x, y = X[touched].mean(), Y[touched].mean()
-    assert np.allclose(patch.place, [x, y, 0.1 * x + 20 * y**2])
 
 
 @pytest.mark.parametrize("count", [0, 1, 4, 7])
@@ -281,3 +276,19 @@ def test_any_array_over_an_elastic_pad_is_read():
     assert surface_patch(np.full((4, 4), 1e-3), PITCH).kind == "smooth"  # the smallest
     assert surface_patch(np.zeros((16, 16)), PITCH).kind == "miss"
     assert surface_patch(pressed((0.02, 0.02), 4e-4), PITCH, contact=5e-4).kind == "miss"
+
+
+# Shape operators of graphs, and the principal curvatures of any
+
+
+@pytest.mark.parametrize("steep", [1e3, 1e6, 1e12, 1e160])
+def test_a_wall_along_the_viewing_direction_is_finite(steep):
+    # A cylinder of radius 2 about the z axis, seen almost along it.
+    around = math.hypot(1.0, 1.0 / steep)  # z = steep (x - y^2 / 4) up to second order
+    wall = graph_shape_operator((steep, 0.0), (0.0, 0.0, -0.5 * steep))
+    k1, k2, *_ = principal_curvatures(wall)
+    assert (k1, k2) == pytest.approx((0.0, -0.5 / around), abs=1e-12)
+    for slopes in ((steep, 0.0), (0.0, -steep), (steep, steep)):
+        shape = graph_shape_operator(slopes, (1.0, 2.0, 3.0))
+        assert np.isfinite([*principal_curvatures(shape)[:2], *shape.normal]).all()
+        assert np.linalg.norm(shape.normal) == pytest.approx(1.0)

@@ -168,12 +168,6 @@ def test_echoes_are_lost_by_the_slope_of_the_pad():
     assert np.array_equal(applied("echo_loss", level).reading, rough)
 
 
-@pytest.mark.parametrize("given", [{"angle": 60.0, "threshold": 0.1}, {"threshold": 0.0}])
-def test_a_wide_lobe_loses_nothing(given):
-    one = applied("echo_loss", touch(field=plane(1.57, 0.3)), **given)
-    assert np.array_equal(one.reading, one.compression)
-
-
 def mixed(field: Floats, share: float = 0.05) -> Floats:
     return applied("crosstalk", touch(field=field), share=share).reading
 

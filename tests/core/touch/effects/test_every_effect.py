@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -50,18 +50,6 @@ def series(pipeline: Pipeline) -> list[SimulatedTouch]:
         touches.append(touch(number, **times, **given))
         states = pipeline.simulate(touches[-1], states)
     return touches
-
-
-@EACH
-def test_an_effect_is_a_frozen_described_value(name):
-    kind = effect_type(name)
-    effect: Any = kind()
-    assert is_dataclass(effect) and effect == kind() and kind.__doc__
-    assert all(field.kw_only for field in fields(kind))
-    with pytest.raises(AttributeError):
-        setattr(effect, fields(kind)[0].name, 0.0)
-    with pytest.raises((AttributeError, TypeError)):
-        effect.unknown = 0.0
 
 
 def test_the_catalogue_is_in_order_of_phase():

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.touch import Fingertip, SimulatedTouch
@@ -81,28 +80,15 @@ FACES = {
 
 @pytest.mark.parametrize("face", FACES)
 def test_nothing_pulls_nothing_enters_and_pressure_means_contact(face):
-    indentation = FACES[face]
-    one = solved(finger(), indentation)
-    pressing = one.pressure > 0.0
-    assert pressing.any() and (one.pressure >= 0.0).all()
-    assert (one.compression >= np.maximum(indentation, 0.0)).all()
-    assert (one.compression - indentation)[pressing].max() <= 2e-7 * indentation.max()
-    # The pressures do make that face: independently of the kernel that found them.
-    assert np.allclose(displacement(finger(), one.pressure), one.compression, rtol=1e-3, atol=0.0)
-
-
-def test_pressures_are_those_of_non_negative_least_squares():
-    tip = finger(rows=6, cols=8)
-    units = np.eye(48).reshape(48, 6, 8)
-    kernel = np.array([displacement(tip, unit, 40).ravel() for unit in units])
-    factor = np.linalg.cholesky(kernel * 1e9)
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        indentation = rng.normal(0.2e-3, 1e-3, (6, 8)) * rng.uniform(0.01, 1.0, (6, 8)) ** 3
-        wanted = np.linalg.solve(factor, indentation.ravel() * 1e6)
-        expected = nnls(factor.T, wanted)[0].reshape(6, 8) * 1e3
-        found = solved(tip, indentation).pressure
-        assert np.allclose(found, expected, rtol=0.0, atol=1e-3 * expected.max())
+    whole = FACES[face]
+    for tip, indentation in ((finger(), whole), (finger(rows=10), whole[3:13])):
+        one = solved(tip, indentation)
+        pressing = one.pressure > 0.0
+        assert pressing.any() and (one.pressure >= 0.0).all()
+        assert (one.compression >= np.maximum(indentation, 0.0)).all()
+        assert (one.compression - indentation)[pressing].max() <= 2e-7 * indentation.max()
+        # The pressures do make that face: independently of the kernel that found them.
+        assert np.allclose(displacement(tip, one.pressure), one.compression, rtol=1e-3, atol=0.0)
 
 
 def test_the_half_space_is_linear_in_modulus_and_depth():
