@@ -128,16 +128,27 @@ def test_result_waits_while_a_model_is_in_the_making():
     assert modelled(known).next_finger == 1
 
 
-def test_results_of_two_fingers_are_taken_up_by_robot_time():
-    known, tasks = acted(exploration(2, survey=SURVEY))
-    assert [task.finger for task in tasks] == [1, 2]
-    assert abs(tasks[0].height - tasks[1].height) >= SETUP.finger_spacing
-    known = finished(known, 1, 30.0)
-    assert known.next_finger is None  # finger 2 may still end before
-    passed = known.with_finger(2, known.fingers[2]._replace(clock=31.0))
-    assert passed.next_finger == 1
-    both = finished(known, 2, 28.0)
-    assert both.next_finger == 2 and taken_up(both).next_finger == 1
+@pytest.mark.parametrize(
+    ("results", "clocks", "first"),
+    [
+        ({}, {}, None),
+        ({1: 5.0}, {2: 4.0}, None),
+        ({1: 5.0}, {2: 5.5}, 1),
+        ({1: 5.0, 2: 4.0}, {}, 2),
+        ({2: 5.0}, {}, None),  # the clock of finger 1 is not known
+        ({1: 5.0, 2: 5.0}, {}, 1),
+        ({2: 5.0}, {1: 5.0}, None),  # finger 1 may still end at 5 s, and comes first then
+        ({2: 5.0}, {1: 6.0, 3: 5.0}, 2),
+    ],
+)
+def test_earliest_result_is_taken_up_when_none_can_be_earlier(results, clocks, first):
+    known, tasks = acted(exploration(3, survey=SURVEY))
+    assert [task.finger for task in tasks] == [1, 2, 3]
+    for finger, clock in ({3: 9.0} | clocks).items():
+        known = known.with_finger(finger, known.fingers[finger]._replace(clock=clock))
+    for finger, robot_time in results.items():
+        known = finished(known, finger, robot_time)
+    assert known.next_finger == first
 
 
 @pytest.mark.parametrize(

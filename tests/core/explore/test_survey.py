@@ -177,24 +177,6 @@ def test_slice_is_approached_about_nearest_contour_from_outside_all():
     assert replace(survey, tips=(tip,)).approach(0.015)[0] == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("finished", "busy", "clocks", "first"),
-    [
-        ({}, {1, 2}, {}, None),
-        ({1: 5.0}, {1}, {}, 1),
-        ({1: 5.0}, {1, 2}, {2: 4.0}, None),
-        ({1: 5.0}, {1, 2}, {2: 5.5}, 1),
-        ({1: 5.0, 2: 4.0}, {1, 2}, {}, 2),
-        ({2: 5.0}, {1, 2}, {}, None),  # its clock is not known
-        ({1: 5.0, 2: 5.0}, {1, 2}, {}, 1),
-        ({2: 5.0}, {1, 2}, {1: 5.0}, None),  # finger 1 may still end at 5 s, and comes first then
-        ({2: 5.0}, {2, 3}, {3: 5.0}, 2),
-    ],
-)
-def test_earliest_result_is_taken_up_when_none_can_be_earlier(finished, busy, clocks, first):
-    assert explore.next_finished(finished, busy, clocks) == first
-
-
 # Swept space
 
 PAD = Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
