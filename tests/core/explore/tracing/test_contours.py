@@ -233,14 +233,6 @@ def test_hidden_stretch_is_gap_of_its_length(azimuth):
     assert np.linalg.norm(0.5 * (gap.start + gap.end)[:2] - middle) < 0.6e-3
 
 
-def test_lost_contact_is_met_again_beyond_gap():
-    run = trace(partly(lambda place: place[:, 1] > -0.01), FLAT)
-    [gap] = run.trace.gaps
-    assert (run.status, gap.reason) == ("occluded", "missed")
-    assert gap.extent == pytest.approx(2.0 * math.sqrt(RADIUS**2 - 0.01**2), abs=1e-3)
-    assert gap.start[0] < 0.0 < gap.end[0] and (run.points[:, 1] > -0.01).all()
-
-
 def test_narrow_slot_is_gap_there_and_nowhere_else():
     run = trace(SLOT, DOMED)
     assert run.status == "occluded" and run.trace.gaps
