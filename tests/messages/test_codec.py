@@ -11,8 +11,7 @@ import pytest
 from palpate import messages
 from palpate.messages import HEADER_SIZE, CodecError, decode, encode, first_difference, split_frame
 from palpate.messages.types import TYPES, LogRecord, ModelGoal, ShapeModel, TactileFrame, World
-from tests.messages.cases import cases
-from tests.messages.drawing import drawn
+from tests.messages.cases import cases, drawn
 
 NAN, INF = float("nan"), float("inf")
 FRAME = replace(drawn(TactileFrame), touch=2, outcome="hit", robot_time=0.5, array=np.ones((3, 4)))
@@ -118,10 +117,7 @@ def test_length_beyond_limit_is_refused_at_both_ends(message, name, value, words
 
 @cases(
     "message, changes, words",
-    (FRAME, {"pose": np.zeros(3)}, r"pose must have shape \(7\)$"),
-    (FRAME, {"pose": np.zeros(7, np.float32)}, "pose must have dtype <f8$"),
     (FRAME, {"pose": [0.0] * 7}, "pose must be an array of float64, got a list$"),
-    (FRAME, {"pose": np.full(7, NAN)}, "pose must be finite$"),
     (LINE, {"text": "\ud800"}, "text cannot be written: 'utf-8'"),
     (LINE, {"text": 1j}, "text .*a complex"),
     (LINE, {"text": {1}}, "text cannot be written: a set"),
@@ -281,7 +277,7 @@ def test_first_field_that_differs_is_named_with_both_values(one, other, found):
     assert first_difference(type(one), encode(one), encode(other)) == found
 
 
-def test_bodies_that_differ_in_bytes_alone_differ(score):
+def test_bodies_that_differ_in_bytes_alone_differ():
     body = encode(LINE)
     longer = body.replace(b"\xa1b", b"\xd9\x01b")  # the same text with a longer prefix
     place = body.index(b"\xa1b")
@@ -289,4 +285,3 @@ def test_bodies_that_differ_in_bytes_alone_differ(score):
     where, one, other = first_difference(LogRecord, body, b"\x80") or ("", "", "")
     assert (where, one) == ("bytes", f"{len(body)} bytes")
     assert other.startswith("1 bytes: ") and "missing field" in other
-    assert first_difference(messages.types.Score, encode(score), encode(score)) is None

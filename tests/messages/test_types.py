@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from palpate import messages
 from palpate.messages import Array, CodecError, Count, Seconds, decode, encode, schema, schema_hash
 from palpate.messages.types import TYPES
-from tests.messages.cases import cases
-from tests.messages.drawing import Rule, drawn
+from tests.messages.cases import Rule, cases, drawn
 
 DOCS = Path(__file__).parents[2] / "docs" / "messages.md"
 EVERY_TYPE = pytest.mark.parametrize("cls", TYPES.values(), ids=TYPES)

@@ -2,16 +2,14 @@
 
 import errno
 import os
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from palpate.messages import Header, bus, pack_frame, split_frame
+from palpate.messages import Header, pack_frame, split_frame
 from palpate.messages.bus import Cause, Consumed, Journal, MessageLog, ParameterLog, SourceProgress
+from tests.messages.cases import file_limit
 
 LARGE = 1 << 16  # Bytes of a body that is written at once
 EDGES = [("a", "/one"), ("b", "/two")]
@@ -27,17 +25,6 @@ def log(folder: Path, **more: Any) -> MessageLog:
 
 def bodies(past: MessageLog, since: int = 0) -> list[int]:
     return [split_frame(one)[2][0] for one in past.since("/talk", since)]
-
-
-@contextmanager
-def file_limit(size: int) -> Iterator[None]:
-    """Within it no file of this process can grow beyond a size: the disk is full."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_frames_within_memory_need_no_file(tmp_path: Path):
@@ -173,19 +160,6 @@ def test_full_disk_is_told_by_log_and_journal(tmp_path: Path):
         pytest.raises(OSError, match="journal of what was consumed has no more room"),
     ):
         Journal(tmp_path / "j", EDGES).note("a", "/one", 0)
-
-
-def test_times_outlive_their_node(tmp_path: Path):
-    topics = ["/talk", "/more"]
-    first = bus.SendTimes(tmp_path / "times", "talker", topics)
-    assert first.before("/talk", 0) is None
-    for topic, sent_ns in (("/talk", 5), ("/more", 6), ("/else", 7), ("/talk", 1 << 60)):
-        first.note(topic, sent_ns)
-    first.close()
-    again = bus.SendTimes(tmp_path / "times", "talker", topics)
-    again.close()
-    noted = [again.before(topic, seq) for topic in (*topics, "/else") for seq in range(3)]
-    assert noted == [5, 1 << 60, None, 6, None, None, None, None, None]
 
 
 def test_journal_grows_and_goes_on_in_order(tmp_path: Path):

@@ -2,7 +2,6 @@
 
 import json
 import random
-import resource
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -27,7 +26,7 @@ from palpate.messages import (
 from palpate.messages.recording import RecordingWriter, open_recording, part_path, parts_of
 from palpate.messages.types import LogRecord, World
 from palpate.nodes.recorder import SINK, Params
-from tests.messages.cases import cases
+from tests.messages.cases import cases, file_limit
 
 TYPES = {"/world": "World", "/log": "LogRecord"}
 MILLISECOND = 1_000_000
@@ -210,13 +209,9 @@ def test_large_regular_messages_are_read_back_and_copied(tmp_path: Path, path: P
 @pytest.mark.parametrize("limit", [200, 1000, 2000, 2600, 3500, 4500, 5300, 6200, 7000, 7700])
 def test_disk_full_at_any_byte_leaves_whole_records(path: Path, whole: bytes, limit: int):
     writer = made(path)
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit * len(whole) // 8000, before[1]))
-    try:
-        with pytest.raises(OSError, match=r"recording stopped, .* cannot be written: File too la"):
-            fill(writer).close()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    words = r"recording stopped, .* cannot be written: File too la"
+    with file_limit(limit * len(whole) // 8000), pytest.raises(OSError, match=words):
+        fill(writer).close()
     writer.close()
     with pytest.raises(ValueError, match="is closed"):
         writer.write("/world", world_header(), b"\x80")
