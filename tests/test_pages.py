@@ -50,8 +50,9 @@ def missing(text: str) -> list[str]:
     return [name for name in named if not any(file.endswith(f"/{name}") for file in FILES)]
 
 
-MOST_WORDS = 25_000  # Of all pages together, those excepted that list every message and erratum
-REFERENCE = ("messages.md", "errata.md")
+# Of all pages together, those excepted that list every message, erratum and figure.
+MOST_WORDS = 24_600
+REFERENCE = ("messages.md", "errata.md", "gallery.md")
 
 
 def test_the_readme_is_read_in_a_minute():

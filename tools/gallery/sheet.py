@@ -14,7 +14,15 @@ from PIL import Image
 
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.files.source_map import InputError, hint
-from palpate.tools.gallery import contours, reconstructions, runs, shapes, style, touch
+from palpate.tools.gallery import (
+    contours,
+    reconstructions,
+    runs,
+    shapes,
+    sketches,
+    style,
+    touch,
+)
 
 
 class GalleryFigure(NamedTuple):
@@ -39,6 +47,11 @@ def _thesis(chapter: int, first: int, last: int | None = None) -> tuple[str, ...
 
 
 FIGURES: dict[str, GalleryFigure] = {
+    "array": GalleryFigure(
+        _thesis(1, 1),
+        "Elements under a pad: a pulse is back sooner where an object presses the pad, (1.1).",
+        sketches.draw_array,
+    ),
     "superellipses": GalleryFigure(
         _thesis(2, 1),
         "Superellipses. Thick: all that the formula gives as printed, with powers without sign.",
@@ -57,6 +70,16 @@ FIGURES: dict[str, GalleryFigure] = {
     "bernstein": GalleryFigure(
         _thesis(2, 4), "The Bernstein polynomials of degree 5.", shapes.draw_bernstein
     ),
+    "de_casteljau": GalleryFigure(
+        _thesis(2, 5),
+        "The cubic's point at 1/3: each side of the polygon is divided so, again and again.",
+        sketches.draw_de_casteljau,
+    ),
+    "parallelepiped": GalleryFigure(
+        _thesis(2, 6),
+        "The box of a free-form deformation: its corner, edges and control points.",
+        sketches.draw_parallelepiped,
+    ),
     "b_splines": GalleryFigure(
         _thesis(2, 7),
         "Cubic B-splines on four knot vectors. Where grey, they do not sum to 1.",
@@ -66,6 +89,21 @@ FIGURES: dict[str, GalleryFigure] = {
         _thesis(2, 8),
         "Hyperquadrics; those below have exponential terms, which dent or swell them.",
         shapes.draw_hyperquadrics,
+    ),
+    "winged_edge": GalleryFigure(
+        _thesis(2, 9),
+        "What an edge of a polyhedron knows: its ends, faces and neighbours.",
+        sketches.draw_winged_edge,
+    ),
+    "preprocessing": GalleryFigure(
+        _thesis(3, 1),
+        "From a raw frame to curvatures, with our topics.",
+        sketches.draw_preprocessing,
+    ),
+    "array_frame": GalleryFigure(
+        _thesis(3, 2),
+        "The frame of the array, and the pad's face over it, heights doubled.",
+        sketches.draw_array_frame,
     ),
     "filters": GalleryFigure(
         _thesis(3, 3, 6),
