@@ -1,4 +1,4 @@
-"""A ball, and the nodes of one finger that touch it, as plain calls in one process."""
+"""A ball, a sensor and a world, and the nodes of one finger as plain calls in one process."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.poses import Pose, pad_rotation
+from palpate.messages.types import World
 from palpate.nodes import curvature, filter, simulator, tracer
 from palpate.nodes.runtime.testing import drive_together
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
+from palpate.nodes.specs.sensors import SensorSpec, info_of
 
 Published = list[tuple[str, Any]]
 RADIUS = 0.03  # Of the ball [m]
+INFO = info_of(SensorSpec(), noise=0.0)
+ALONE = World(platform=0.0, reach=0.15, fingers=1, seed=0)
 
 
 def ball_spec(radius: float = RADIUS, middle: tuple[float, ...] | None = None) -> ObjectSpec:

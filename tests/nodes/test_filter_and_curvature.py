@@ -20,7 +20,7 @@ from palpate.nodes import curvature, filter, fusion
 from palpate.nodes.runtime.testing import drive, example, messages_on
 from palpate.nodes.specs.sensors import PadSpec, SensorSpec, calibration_of_info, info_of
 from tests.messages.cases import cases
-from tests.nodes.loop import sideways
+from tests.nodes.loop import INFO, sideways
 
 SIDE = (np.arange(16) - 7.5) * 1e-3
 SQUARED = SIDE[:, None] ** 2 + SIDE**2
@@ -65,8 +65,8 @@ def patch_of(info: SensorInfo, compression: Floats, **changes: Any) -> SurfacePa
 
 
 @pytest.mark.parametrize("noise", [0.0, 10e-6])
-def test_frame_without_impulses_comes_through_as_it_is(info: SensorInfo, noise: float):
-    told = replace(info, noise=noise)
+def test_frame_without_impulses_comes_through_as_it_is(noise: float):
+    told = replace(INFO, noise=noise)
     noisy = BUMP + (NOISE if noise else 0.0)
     frame = frame_of(told, noisy, move=np.array([0.0, 1.0, 2.0, 0.07, 4.0]))
     [image] = cleaned(told, frame)
@@ -74,35 +74,35 @@ def test_frame_without_impulses_comes_through_as_it_is(info: SensorInfo, noise: 
     assert noise or np.array_equal(image.mask, BUMP > 50e-6)
     assert (image.impulses, image.fault, image.advance) == (0, "none", 0.07)
     assert (image.goal, image.touch, image.robot_time) == (3, 4, 5.0)
-    [image] = cleaned(info, frame_of(info, BUMP), contact=0.5e-3)
+    [image] = cleaned(INFO, frame_of(INFO, BUMP), contact=0.5e-3)
     assert np.array_equal(image.mask, BUMP > 0.5e-3)
 
 
-def test_impulse_is_removed_and_counted(info: SensorInfo):
+def test_impulse_is_removed_and_counted():
     hit = BUMP.copy()
     hit[1, 1], hit[7, 8] = 2.4e-3, 0.0
-    [image] = cleaned(info, frame_of(info, hit))
+    [image] = cleaned(INFO, frame_of(INFO, hit))
     assert image.impulses == 2 and not image.mask[1, 1] and not image.mask[7, 8]
     # A quartic stands for the ball there; the taxels themselves are kept as they are.
     assert np.abs(image.compression - BUMP).max() < 2e-6
 
 
-def test_calibration_is_applied_and_lost_taxel_reads_like_neighbours(info: SensorInfo):
+def test_calibration_is_applied_and_lost_taxel_reads_like_neighbours():
     gain = np.random.default_rng(2).uniform(0.9, 1.1, BUMP.shape)
-    told = replace(info, gain=gain, offset=np.full(BUMP.shape, 1e-5))
-    sent = calibration_of_info(info).encode((BUMP - 1e-5) / gain)
-    [image] = cleaned(told, frame_of(info, BUMP, array=sent))
+    told = replace(INFO, gain=gain, offset=np.full(BUMP.shape, 1e-5))
+    sent = calibration_of_info(INFO).encode((BUMP - 1e-5) / gain)
+    [image] = cleaned(told, frame_of(INFO, BUMP, array=sent))
     assert np.allclose(image.compression, BUMP, rtol=0, atol=1e-15)
     gain = np.ones(BUMP.shape)
     gain[7, 7] = 0.0
-    [image] = cleaned(replace(info, gain=gain), frame_of(info, BUMP))
+    [image] = cleaned(replace(INFO, gain=gain), frame_of(INFO, BUMP))
     assert not image.mask[7, 7] and image.impulses == 0
     assert image.compression[7, 7] == pytest.approx(BUMP[7, 7], abs=0.1e-3)
 
 
-def test_frame_that_comes_twice_is_taken_once(info: SensorInfo):
-    frames = [frame_of(info, BUMP, touch=touch) for touch in (4, 4, 5)]
-    assert [image.touch for image in cleaned(info, *frames)] == [4, 5]
+def test_frame_that_comes_twice_is_taken_once():
+    frames = [frame_of(INFO, BUMP, touch=touch) for touch in (4, 4, 5)]
+    assert [image.touch for image in cleaned(INFO, *frames)] == [4, 5]
 
 
 @cases(
@@ -112,10 +112,10 @@ def test_frame_that_comes_twice_is_taken_once(info: SensorInfo):
     (BUMP - 3e-3, "impossible"),
     (np.full((16, 16), 3.1e-3), "impossible"),
 )
-def test_frame_of_a_faulty_sensor_touches_nothing_and_says_why(array, fault, info: SensorInfo):
-    [image] = cleaned(info, frame_of(info, array))
+def test_frame_of_a_faulty_sensor_touches_nothing_and_says_why(array, fault):
+    [image] = cleaned(INFO, frame_of(INFO, array))
     assert (image.fault, image.mask.any()) == (fault, False)
-    [missed] = cleaned(info, frame_of(info, np.zeros((16, 16)), outcome="miss"))
+    [missed] = cleaned(INFO, frame_of(INFO, np.zeros((16, 16)), outcome="miss"))
     assert missed.fault == "none"
 
 
@@ -124,15 +124,15 @@ def test_frame_of_a_faulty_sensor_touches_nothing_and_says_why(array, fault, inf
     (10e-6, BUMP + NOISE, True),
     (0.0, BUMP, False),
 )
-def test_noisy_frame_that_comes_again_elsewhere_is_frozen(noise, array, frozen, info: SensorInfo):
-    told = replace(info, noise=noise)
+def test_noisy_frame_that_comes_again_elsewhere_is_frozen(noise, array, frozen):
+    told = replace(INFO, noise=noise)
     frames = [frame_of(told, array, touch=n, pose=sideways(0.1 * n)) for n in range(3)]
     faults = [image.fault for image in cleaned(told, *frames)]
     assert faults == ["none", *(["frozen"] * 2 if frozen else ["none"] * 2)]
 
 
-def test_patch_of_a_ball_has_its_curvature_and_outward_normal(info: SensorInfo):
-    patch = patch_of(info, ball(0.03))
+def test_patch_of_a_ball_has_its_curvature_and_outward_normal():
+    patch = patch_of(INFO, ball(0.03))
     assert (patch.kind, patch.fault, patch.goal, patch.touch) == ("smooth", "none", 3, 4)
     # A quartic leaves out the sixth order: (r / R)^4 of the curvature at the contact's rim.
     found = (patch.k1, patch.k2, patch.curvature_across)
@@ -143,8 +143,8 @@ def test_patch_of_a_ball_has_its_curvature_and_outward_normal(info: SensorInfo):
     )
 
 
-def test_patch_of_a_cylinder_has_directions_and_curvature_across(info: SensorInfo):
-    flat = replace(info, dome=0.0)
+def test_patch_of_a_cylinder_has_directions_and_curvature_across():
+    flat = replace(INFO, dome=0.0)
     along = np.maximum(1e-3 - (0.02 - np.sqrt(0.02**2 - SIDE**2)) + 0.0 * SIDE[:, None], 0.0)
     rows, columns = patch_of(flat, along), patch_of(flat, along.T)
     for patch in (rows, columns):
@@ -165,8 +165,8 @@ def test_patch_of_a_cylinder_has_directions_and_curvature_across(info: SensorInf
         for fault in ("dead", "saturated", "frozen", "impossible")
     ),
 )
-def test_patch_without_a_surface_has_no_curvature(compression, changes, kind, info: SensorInfo):
-    patch = patch_of(replace(info, dome=0.0), compression, **changes)
+def test_patch_without_a_surface_has_no_curvature(compression, changes, kind):
+    patch = patch_of(replace(INFO, dome=0.0), compression, **changes)
     assert (patch.kind, patch.k1, patch.k2) == (kind, 0.0, 0.0)
     assert patch.fault == changes.get("fault", "none")
     if kind in ("miss", "invalid"):
@@ -174,9 +174,9 @@ def test_patch_without_a_surface_has_no_curvature(compression, changes, kind, in
         assert not patch.mask.any() and not patch.height.any()
 
 
-def test_taxels_that_are_cut_off_are_no_surface(info: SensorInfo):
+def test_taxels_that_are_cut_off_are_no_surface():
     cut = np.minimum(ball(0.03), 0.7e-3)
-    patch = patch_of(info, cut)
+    patch = patch_of(INFO, cut)
     assert (patch.kind, patch.fault) == ("smooth", "saturated")
     assert not patch.mask[cut >= 0.7e-3].any() and patch.mask.any()
     assert not patch.height[cut >= 0.7e-3].any()

@@ -24,13 +24,11 @@ from palpate.nodes.planner import NODE, Params
 from palpate.nodes.runtime.node import Deferred, NotReadyError
 from palpate.nodes.runtime.testing import example, messages_on
 from palpate.nodes.specs.objects import ObjectSpec, build_shape
-from palpate.nodes.specs.sensors import SensorSpec, info_of
 from tests.messages.cases import cases
-from tests.nodes.loop import Published
+from tests.nodes.loop import ALONE, INFO, Published
 
 RADIUS, TOP, TOUCHES = 0.03, 0.1, 20  # Of the cylinder, and what a contour of it takes
 UNIFORM = Params(planner="uniform", settings={"count": 5})
-ALONE = World(platform=0.0, reach=0.15, fingers=1, seed=0)
 SEVERAL = replace(ALONE, fingers=3)
 FAST = replace(ALONE, robot=ROBOT_PRESETS["modern"].array)
 
@@ -121,7 +119,7 @@ def explored(
 ) -> Published:
     """Everything that the planner publishes, each goal answered at once or in any order."""
     shape, state = shape or Cylinder(), NODE.start(params)[0]
-    waiting: Published = [("/touch/info", info_of(SensorSpec(), noise=0.0)), ("/world", world)]
+    waiting: Published = [("/touch/info", INFO), ("/world", world)]
     published: Published = []
     while waiting:
         # Messages of one publisher on one topic keep their order; others may overtake.
@@ -371,8 +369,7 @@ def test_demand_that_cannot_be_met_is_refused():
     state = NODE.start(Params())[0]
     with pytest.raises(NotReadyError, match="does not know its sensor yet"):
         NODE.check_set(Params(), state)
-    info = info_of(SensorSpec(), noise=0.0)
-    for topic, message in (("/touch/info", info), ("/world", ALONE)):
+    for topic, message in (("/touch/info", INFO), ("/world", ALONE)):
         state, _ = NODE.inputs[topic][1](Params(), state, message)
     state = replace(state, known=replace(state.known, touches=9, seconds=8.0))
     NODE.check_set(Params(most_touches=9, most_seconds=8.0), state)

@@ -12,11 +12,12 @@ import pytest
 from palpate.core.explore.grasp import Hand
 from palpate.core.poses import Pose
 from palpate.core.procedures import Findings, FingerMove, HandMove, approach
-from palpate.messages.types import GraspContacts, SensorInfo, SurfacePatch, World
+from palpate.messages.types import GraspContacts, SurfacePatch, World
 from palpate.nodes.procedure import NODE, Params
 from palpate.nodes.runtime.node import Finished
 from palpate.nodes.runtime.testing import drive, example, messages_on
 from tests.messages.cases import cases
+from tests.nodes.loop import INFO
 
 HERE = __name__
 TWO = World(platform=0.0, reach=0.1, fingers=2, seed=0)
@@ -52,29 +53,29 @@ def patch_of(goal: int, finger: int, x: float = 0.0) -> tuple[str, SurfacePatch]
     return "/touch/patch", example(SurfacePatch, **told)
 
 
-def published(info: SensorInfo, *more: Any, world: World = TWO, **params: Any) -> list[Any]:
+def published(*more: Any, world: World = TWO, **params: Any) -> list[Any]:
     own = {"procedure": f"{HERE}:two_at_once", **params}
-    return drive(NODE, [("/world", world), ("/touch/info", info), *more], own)
+    return drive(NODE, [("/world", world), ("/touch/info", INFO), *more], own)
 
 
-def test_moves_of_two_fingers_begin_together(info: SensorInfo):
-    first, second = messages_on(published(info), "/finger/goal")
+def test_moves_of_two_fingers_begin_together():
+    first, second = messages_on(published(), "/finger/goal")
     assert [(goal.finger, goal.goal, goal.touch) for goal in (first, second)] == [
         (1, 0, 0),
         (2, 0, 0),
     ]
     assert np.array_equal(first.pose, move().pose.array) and first.reach == move().reach
-    later = published(info, patch_of(0, 1), patch_of(0, 2), settings={"count": 2})
+    later = published(patch_of(0, 1), patch_of(0, 2), settings={"count": 2})
     goals = messages_on(later, "/finger/goal")[2:]
     assert [(goal.goal, goal.not_before) for goal in goals] == [(1, 3.0)] * 2
     assert goals[1].pose[0] == pytest.approx(-0.01)
 
 
 @pytest.mark.parametrize("order", [(1, 2), (2, 1)])
-def test_procedure_goes_on_when_all_have_met_something(order: tuple[int, int], info: SensorInfo):
+def test_procedure_goes_on_when_all_have_met_something(order: tuple[int, int]):
     one, other = (patch_of(0, finger, 0.01) for finger in order)
-    assert len(published(info, one)) == 2
-    found = published(info, one, other)[2:]
+    assert len(published(one)) == 2
+    found = published(one, other)[2:]
     topics = [one[0] for one in found if not isinstance(one, Finished)]
     assert topics == ["/probe/traced"] * 2 + ["/procedure/result", "/model/shape"]
     [result], [model] = messages_on(found, topics[2]), messages_on(found, topics[3])
@@ -85,12 +86,12 @@ def test_procedure_goes_on_when_all_have_met_something(order: tuple[int, int], i
     assert len({probe.id for probe in messages_on(found, "/probe/traced")}) == 2
 
 
-def test_hand_closes_again_when_it_has_met_something(info: SensorInfo):
+def test_hand_closes_again_when_it_has_met_something():
     contacts = [
         ("/hand/contacts", example(GraspContacts, number=n, robot_time=4.0, points=np.ones((2, 3))))
         for n in range(2)
     ]
-    found = published(info, *contacts, procedure=f"{HERE}:closings")
+    found = published(*contacts, procedure=f"{HERE}:closings")
     first, second = messages_on(found, "/hand/goal")
     assert (first.number, first.fingers, first.opening, first.reach) == (0, 3, 0.1, 0.09)
     assert (second.number, second.pose[2], second.not_before) == (1, 0.04, 4.0)
@@ -98,12 +99,12 @@ def test_hand_closes_again_when_it_has_met_something(info: SensorInfo):
     assert (result.figures, result.contacts, result.touches) == ({"contacts": 4.0}, 4, 0)
 
 
-def test_too_few_fingers_or_touches_end_it(info: SensorInfo):
-    [result] = messages_on(published(info, world=replace(TWO, fingers=1)), "/procedure/result")
+def test_too_few_fingers_or_touches_end_it():
+    [result] = messages_on(published(world=replace(TWO, fingers=1)), "/procedure/result")
     assert result.status == "unsuited"
     assert "it needs 2 fingers at once, and there are 1" in result.reason
     told = [patch_of(0, 1), patch_of(0, 2)]
-    found = published(info, *told, most_touches=3, settings={"count": 5})
+    found = published(*told, most_touches=3, settings={"count": 5})
     [result] = messages_on(found, "/procedure/result")
     assert (result.status, result.reason) == ("incomplete", "3 touches were not enough")
 
@@ -114,9 +115,9 @@ def test_too_few_fingers_or_touches_end_it(info: SensorInfo):
     (patch_of(0, 3), "nobody asked for touch 0 of goal 0"),
     (("/hand/contacts", example(GraspContacts)), "nobody asked for closing 0"),
 )
-def test_answer_that_was_not_asked_for_is_refused(answer: Any, words: str, info: SensorInfo):
+def test_answer_that_was_not_asked_for_is_refused(answer: Any, words: str):
     with pytest.raises(ValueError, match=words):
-        published(info, answer)
+        published(answer)
 
 
 def test_unknown_procedure_or_setting_is_refused():

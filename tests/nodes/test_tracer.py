@@ -13,13 +13,13 @@ from msgspec import structs
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.messages import encode, types
-from palpate.messages.types import ContourGoal, ProbeGoal, SensorInfo, SurfacePatch, World
+from palpate.messages.types import ContourGoal, ProbeGoal, SurfacePatch, World
 from palpate.nodes import simulator, tracer
 from palpate.nodes.runtime.testing import drive, example, messages_on
 from palpate.nodes.simulator import Params
 from palpate.nodes.specs.objects import ObjectSpec, PoseSpec, SuperquadricSpec
 from palpate.nodes.specs.sensors import PadSpec, SensorSpec
-from tests.nodes.loop import Published, ball_spec, touching
+from tests.nodes.loop import ALONE, INFO, Published, ball_spec, touching
 
 BALL = ball_spec()
 MIDDLE = np.array([0.0, 0.0, 0.03])
@@ -182,9 +182,9 @@ def test_filter_saves_a_contour_from_impulses():
     assert errors[0] < 0.1 * errors[1]
 
 
-def asked(info: SensorInfo, world: World, *more: tuple[str, Any], **params: Any) -> list[Any]:
+def asked(world: World, *more: tuple[str, Any], **params: Any) -> list[Any]:
     """The touches and results that the tracer by itself publishes."""
-    told = [("/world", world), ("/touch/info", info), *more]
+    told = [("/world", world), ("/touch/info", INFO), *more]
     return [message for _, message in drive(tracer.NODE, told, params)]
 
 
@@ -195,30 +195,30 @@ def patch(touch: int = 0, goal: int = 0, **changes: Any) -> tuple[str, SurfacePa
     return "/touch/patch", example(SurfacePatch, touch=touch, goal=goal, **{**fields, **changes})
 
 
-def test_goals_wait_for_each_other(info: SensorInfo, world: World):
+def test_goals_wait_for_each_other():
     goals = [("/probe/goal", probe_goal(id=7)), ("/contour/goal", contour_goal(not_before=0.5))]
-    assert [one.goal for one in asked(info, world, *goals)] == [7]
-    touch, probe, begun = asked(info, world, *goals, patch(goal=7))
+    assert [one.goal for one in asked(ALONE, *goals)] == [7]
+    touch, probe, begun = asked(ALONE, *goals, patch(goal=7))
     assert (touch.goal, probe.id, begun.goal, begun.touch) == (7, 7, 0, 0)
     assert (touch.not_before, begun.not_before) == (0.0, 1.0)
 
 
-def test_touch_that_starts_inside_is_repeated_from_farther_off(info: SensorInfo, world: World):
+def test_touch_that_starts_inside_is_repeated_from_farther_off():
     goal, inside = ("/contour/goal", contour_goal()), {"outcome": "inside"}
-    first, second, third = asked(info, world, goal, patch(**inside), patch(1))
+    first, second, third = asked(ALONE, goal, patch(**inside), patch(1))
     away = [float(np.hypot(*one.pose[:2])) for one in (first, second, third)]
     assert 0.01 < away[1] - away[0] < 0.02 and second.touch == 1
     assert second.direction == pytest.approx(first.direction)
 
 
 @pytest.mark.parametrize(("most", "kind"), [(3, "invalid"), (1, "invalid"), (2, "miss")])
-def test_frames_without_a_surface_end_a_contour(info, world, most: int, kind: str):
+def test_frames_without_a_surface_end_a_contour(most: int, kind: str):
     patches = [patch(n, kind=kind, fault="dead", outcome="hit") for n in range(most)]
-    found = asked(info, world, ("/contour/goal", contour_goal()), *patches, most_faults=most)
+    found = asked(ALONE, ("/contour/goal", contour_goal()), *patches, most_faults=most)
     assert isinstance(found[-1], types.TouchGoal) == (kind == "miss")
     if kind == "invalid":
         assert (found[-1].status, found[-1].fault, found[-1].touches) == ("stuck", "dead", most)
-    probed = asked(info, world, ("/probe/goal", probe_goal(id=0)), patch(kind=kind, fault="dead"))
+    probed = asked(ALONE, ("/probe/goal", probe_goal(id=0)), patch(kind=kind, fault="dead"))
     assert probed[-1].fault == ("dead" if kind == "invalid" else "none")
 
 
@@ -229,22 +229,22 @@ def test_contour_is_given_up_after_most_touches():
 
 
 @pytest.mark.parametrize("order", [0, 1])
-def test_patch_that_was_not_asked_for_is_refused(info: SensorInfo, world: World, order: int):
+def test_patch_that_was_not_asked_for_is_refused(order: int):
     wrong = [patch(goal=1), patch(goal=1)] if order else [patch(touch=1, goal=1)]
     with pytest.raises(ValueError, match=f"nobody asked for touch {1 - order} of goal 1"):
-        asked(info, world, ("/probe/goal", probe_goal()), *wrong)
+        asked(ALONE, ("/probe/goal", probe_goal()), *wrong)
 
 
 @pytest.mark.parametrize(("finger", "most"), [(0, 1), (2, 1), (3, 2)])
-def test_goal_for_a_finger_that_is_not_there_is_refused(info, world, finger: int, most: int):
-    several = replace(world, fingers=most)
+def test_goal_for_a_finger_that_is_not_there_is_refused(finger: int, most: int):
+    several = replace(ALONE, fingers=most)
     with pytest.raises(ValueError, match=f"goal 0 is for finger {finger}; .* are 1 to {most}"):
-        asked(info, several, ("/contour/goal", contour_goal(finger=finger)))
+        asked(several, ("/contour/goal", contour_goal(finger=finger)))
 
 
-def test_goal_for_another_finger_is_left_to_it(info: SensorInfo, world: World):
-    several = replace(world, fingers=2, robot=ROBOT_PRESETS["modern"].array)
+def test_goal_for_another_finger_is_left_to_it():
+    several = replace(ALONE, fingers=2, robot=ROBOT_PRESETS["modern"].array)
     for goal in (("/contour/goal", contour_goal(finger=2)), ("/probe/goal", probe_goal(finger=2))):
-        assert asked(info, several, goal) == []
-        [touch] = asked(info, several, goal, finger=2)
+        assert asked(several, goal) == []
+        [touch] = asked(several, goal, finger=2)
         assert touch.finger == 2

@@ -28,13 +28,13 @@ from palpate.nodes.runtime.node import (
 from palpate.nodes.runtime.work import ContractError
 from palpate.testing import assert_same, drive, example, feed, messages_on, recorded
 from tests.messages.cases import cases
+from tests.nodes.loop import INFO
 
 Record = Callable[..., Path]
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     prefix: str = "got"
-    topic: str = "/out"
 
 
 def line(text: str) -> LogRecord:
@@ -44,7 +44,7 @@ def line(text: str) -> LogRecord:
 def on_line(params: Params, count: int, message: LogRecord) -> tuple[int, Outputs]:
     if message.text == "end":
         return count, [Finished("done")]
-    return count + 1, [(params.topic, line(f"{params.prefix} {count} {message.text}"))]
+    return count + 1, [("/out", line(f"{params.prefix} {count} {message.text}"))]
 
 
 NODE = Node(
@@ -91,13 +91,6 @@ def source(*published: object) -> Source:
     (NODE, [], {"sais": 1}, ValueError, "the parameters do not fit: .*sais"),
     (NODE, [], {"prefix": 1}, ValueError, "the parameters do not fit: Expected `str`"),
     (NODE, [], {"prefix": object()}, ValueError, "the parameters do not fit"),
-    (
-        NODE,
-        [("/need", line("n"))],
-        {"topic": "/no"},
-        ContractError,
-        "node published /no, which",
-    ),
     (SPOILING, [("/in", IMAGE)], None, ValueError, "read-only"),
     (source(), [("/in", line("a"))], None, ValueError, "a source subscribes to nothing"),
     (source(Timed(0.0, "/x", line(""))), [], None, ContractError, "/x, .*; it declares /out"),
@@ -123,16 +116,6 @@ def test_source_is_driven_to_its_end_without_waiting():
     ]
     assert texts(drive(source(*made, Timed(1, "/x", 1)))) == ["a", "b", "e"]
     assert texts(drive(source(*made), most=1)) == ["a"]
-
-
-def test_outputs_of_one_node_are_inputs_of_the_next(info: SensorInfo):
-    array = np.full((16, 16), 2 * info.thickness / info.sound_speed)
-    pose = np.array([0.0, 0, 0, 0, 0, 0, 1])
-    frame = example(TactileFrame, pose=pose, outcome="miss", array=array)
-    images = drive(filter.NODE, [("/touch/info", info), ("/touch/raw", frame)])
-    patches = drive(curvature.NODE, [("/touch/info", info), *images, Finished("end")])
-    assert [patch.kind for patch in messages_on(patches, "/touch/patch")] == ["miss"]
-    assert messages_on([*patches, Finished("end")], "/touch/image") == []
 
 
 def test_example_has_the_given_fields_and_plain_ones_otherwise():
@@ -190,12 +173,12 @@ def frame(touch: int, info: SensorInfo) -> TactileFrame:
 
 
 @pytest.fixture
-def record(tmp_path: Path, info: SensorInfo) -> Record:
+def record(tmp_path: Path) -> Record:
     """Writes a recording of filters, of which one received three frames."""
 
     def make(*graph: str) -> Path:
-        received: list[tuple[str, Any]] = [("/touch/info", info)]
-        received += [("/touch/raw", frame(touch, info)) for touch in range(3)]
+        received: list[tuple[str, Any]] = [("/touch/info", INFO)]
+        received += [("/touch/raw", frame(touch, INFO)) for touch in range(3)]
         published = drive(filter.NODE, received, {"contact": 100e-6})
         sent = [(topic.replace("touch", "f"), message) for topic, message in received[1:]]
         sent += [("/f/image", image) for image in messages_on(published, "/touch/image")]
