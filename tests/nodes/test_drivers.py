@@ -44,7 +44,7 @@ POSE = (0.1, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5)
 SMALL = "0.1,0.2,0.3,0,0,0,1," + ",".join(map(str, range(16)))
 HEADER = "x,y,z,qx,qy,qz,qw," + ",".join(f"v{i}" for i in range(16))
 UNITS, FRAMES = np.tile([0.0, 0, 0, 0, 0, 0, 1], (2, 1)), np.zeros((2, 4, 4))
-Write = Callable[..., Path]
+Write = Callable[[str, str], Path]
 
 
 def ball(radius: float = 0.02, depth: float = 0.8e-3) -> Floats:
@@ -65,18 +65,9 @@ def table(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    """Writes lines into a CSV file, or arrays into an NPZ file."""
-
-    def do(*lines: str, **arrays: Any) -> Path:
-        if arrays:
-            np.savez(tmp_path / "f.npz", **arrays)
-            return tmp_path / "f.npz"
-        (tmp_path / "f.csv").write_text("\n".join(lines))
-        return tmp_path / "f.csv"
-
-    return do
+def packed(folder: Path, **arrays: Any) -> Path:
+    np.savez(folder / "f.npz", **arrays)
+    return folder / "f.npz"
 
 
 @pytest.mark.parametrize(
@@ -84,16 +75,17 @@ def write(tmp_path: Path) -> Write:
     [[SMALL] * 2, [HEADER, SMALL, "", SMALL, ""], [f"\ufeff{SMALL}", SMALL.replace(",", " , ")]],
 )
 def test_table_of_frames_is_read(write: Write, lines: list[str]):
-    frames = read_frames(write(*lines))
+    frames = read_frames(write("f.csv", "\n".join(lines)))
     assert frames.images[1].tolist() == np.arange(16.0).reshape(4, 4).tolist()
     assert frames.poses[0].tolist() == [0.1, 0.2, 0.3, 0, 0, 0, 1]
     assert frames.images.shape == (2, 4, 4) and frames.times is None
-    timed = read_frames(write(f"t,{HEADER}", *(f"{time},{SMALL}" for time in (2.5, 2.5, 3))))
+    lines = [f"t,{HEADER}", *(f"{time},{SMALL}" for time in (2.5, 2.5, 3))]
+    timed = read_frames(write("f.csv", "\n".join(lines)))
     assert timed.times is not None and timed.times.tolist() == [2.5, 2.5, 3.0]
 
 
 def test_array_that_is_not_square_needs_its_rows(write: Write):
-    path = write("0,0,0,0.707,0,0,0.707," + ",".join("0" * 32))
+    path = write("f.csv", "0,0,0,0.707,0,0,0.707," + ",".join("0" * 32))
     frames = read_frames(path, 4, 8)
     assert frames.images.shape == (1, 4, 8)
     assert np.linalg.norm(frames.poses[0][3:]) == pytest.approx(1.0, abs=1e-15)
@@ -107,12 +99,13 @@ def test_every_square_array_is_told_from_its_columns():
         assert row.image.shape == (side, side) and row.time == (1.5 if time else None)
 
 
-def test_arrays_of_frames_are_read(write: Write):
+def test_arrays_of_frames_are_read(tmp_path: Path):
     poses = np.tile(UNITS[0], (3, 1))
-    frames = read_frames(write(frames=np.ones((3, 4, 6), np.int16), poses=poses, times=[0, 1, 1]))
+    arrays = {"frames": np.ones((3, 4, 6), np.int16), "poses": poses}
+    frames = read_frames(packed(tmp_path, **arrays, times=[0, 1, 1]))
     assert frames.images.shape == (3, 4, 6) and frames.images.dtype == np.float64
     assert frames.times is not None and frames.times.tolist() == [0.0, 1.0, 1.0]
-    assert read_frames(write(frames=np.ones((3, 4, 6)), poses=poses)).times is None
+    assert read_frames(packed(tmp_path, **arrays)).times is None
 
 
 @cases(
@@ -129,7 +122,7 @@ def test_arrays_of_frames_are_read(write: Write):
 )
 def test_wrong_table_is_refused_with_its_line(write: Write, lines: list[str], words: str):
     with pytest.raises(ValueError, match=rf"f\.csv{words}"):
-        read_frames(write(*lines))
+        read_frames(write("f.csv", "\n".join(lines)))
 
 
 @cases(
@@ -147,9 +140,9 @@ def test_wrong_table_is_refused_with_its_line(write: Write, lines: list[str], wo
     ({"frames": np.zeros((2, 3, 4)), "poses": UNITS}, "frames of 3 by 4; expected 4 to 64"),
     ({"frames": np.array([None]), "poses": UNITS}, "is no NPZ file of plain arrays"),
 )
-def test_wrong_arrays_are_refused(write: Write, arrays: dict[str, Any], words: str):
+def test_wrong_arrays_are_refused(tmp_path: Path, arrays: dict[str, Any], words: str):
     with pytest.raises(ValueError, match=rf"f\.npz.*{words}"):
-        read_frames(write(**arrays))
+        read_frames(packed(tmp_path, **arrays))
 
 
 @cases(

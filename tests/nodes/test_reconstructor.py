@@ -38,16 +38,12 @@ def felt(frame: Floats, low: float, high: float) -> Published:
     for number, height in enumerate(np.linspace(low + 0.006, high - 0.006, 3)):
         goal = {"id": number, "finger": 1, "frame": frame, "height": float(height), "radius": 0.1}
         goals.append(("/contour/goal", example(ContourGoal, **goal)))
-    ends = [(Pose(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN).array)]
-    ends += [Pose(np.array([0.0, 0.001, low - 0.05]), np.eye(3)).array] if low < 0.0 else []
+    ends = [Pose(np.array([0.001, 0.0, high + 0.05]), FACING_DOWN)]
+    ends += [Pose(np.array([0.0, 0.001, low - 0.05]), np.eye(3))] if low < 0.0 else []
     for number, pose in enumerate(ends, 3):
-        goal = {
-            "id": number,
-            "finger": 1,
-            "pose": (Pose.from_array(frame) @ Pose.from_array(pose)).array,
-            "reach": 0.15,
-        }
-        goals.append(("/probe/goal", example(types.ProbeGoal, **goal)))
+        placed = (Pose.from_array(frame) @ pose).array
+        goal = example(types.ProbeGoal, id=number, finger=1, pose=placed, reach=0.15)
+        goals.append(("/probe/goal", goal))
     ball = ball_spec(RADIUS, tuple(MIDDLE.tolist()))
     published = touching(goals, Simulated(object=ball, effects={"pose_error": {"sigma": 2e-5}}))
     return [one for one in published if one[0] in NODE.inputs]
@@ -86,10 +82,6 @@ def promised(messages: Iterable[tuple[str, Any]]) -> list[Deferred]:
     return published
 
 
-def everything(messages: Iterable[tuple[str, Any]]) -> list[Any]:
-    return [one.make(no_steps) for one in promised(messages)]
-
-
 def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
     return [one.make(no_steps) for one in promised(messages) if one.cls is not SpaceMap]
 
@@ -97,7 +89,7 @@ def models(messages: Iterable[tuple[str, Any]]) -> list[Any]:
 @cache
 def told() -> tuple[Any, ...]:
     """What the node publishes of the ball in a tilted frame."""
-    return tuple(everything(tilted()))
+    return tuple(one.make(no_steps) for one in promised(tilted()))
 
 
 def shapes() -> list[ShapeModel]:
@@ -225,9 +217,7 @@ def single(count: int = TOUCHES, **changes: Any) -> Published:
 
 
 def probe(number: int, outcome: str = "hit") -> tuple[str, Any]:
-    from palpate.messages.types import Probe
-
-    return "/probe/traced", example(Probe, id=number, outcome=outcome, touches=1)
+    return "/probe/traced", example(types.Probe, id=number, outcome=outcome, touches=1)
 
 
 def of_touches(number: int, count: int, ask: Any = goal, **more: Any) -> tuple[str, Any]:
