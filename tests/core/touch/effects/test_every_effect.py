@@ -157,8 +157,3 @@ def test_parameters_that_cannot_be_are_refused(name, parameters, signal, words):
 def test_what_is_no_effect_is_refused(name, error, words):
     with pytest.raises(error, match=words):
         effect_type(name)
-
-
-def test_a_users_own_effect_is_found_by_module_and_class():
-    kind = effect_type("drift")
-    assert effect_type(f"{kind.__module__}:Drift") is kind
