@@ -37,8 +37,8 @@ class Run:
         return self.trace.path.points
 
 
-def goal(height=0.0, radius=0.1, most_touches=150, gap=0.0) -> tracing.TraceGoal:
-    return tracing.TraceGoal(height, np.zeros(2), radius, most_touches, gap)
+def goal(height=0.0, radius=0.1, most_touches=150) -> tracing.TraceGoal:
+    return tracing.TraceGoal(height, np.zeros(2), radius, most_touches)
 
 
 def follow(pad: Pad, wanted: tracing.TraceGoal, answer: Answer) -> Run:

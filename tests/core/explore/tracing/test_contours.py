@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.core import shapes
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import Floats
 from palpate.core.explore import tracing
 from palpate.core.explore.tracing import SliceSpec, TouchCommand, Trace, after_touch, next_command
 from palpate.core.touch import Pad
@@ -190,17 +189,6 @@ def test_odd_start_pad_and_height_still_close(height, pad, radius):
     assert np.allclose(np.linalg.norm(run.points, axis=1), RADIUS, atol=50e-6)
 
 
-def partly(visible: Callable[[Floats], Bools]) -> Any:
-    """A ball of which only some places can be measured."""
-
-    def cast(origins: Floats, direction: Floats, reach: float) -> Floats:
-        ranges = BALL.cast(origins, direction, reach)
-        place = origins + np.where(np.isfinite(ranges), ranges, 0.0)[:, None] * direction
-        return np.where(visible(place), ranges, np.inf)
-
-    return SimpleNamespace(cast=cast)
-
-
 def test_other_part_of_slice_is_not_mixed_in():
     both = lambda origins, *ray: np.minimum(  # noqa: E731
         BALL.cast(origins, *ray), BALL.cast(origins - [0.09, 0.0, 0.0], *ray)
@@ -222,17 +210,6 @@ def test_trembling_hand_closes_box_in_few_touches():
     assert run.status == "closed" and run.trace.touches <= 45
 
 
-@pytest.mark.parametrize("azimuth", [math.pi, -0.38])
-def test_hidden_stretch_is_gap_of_its_length(azimuth):
-    middle = RADIUS * np.array([math.cos(azimuth), math.sin(azimuth)])
-    run = trace(partly(lambda place: np.linalg.norm(place[:, :2] - middle, axis=1) > 2.5e-3), FLAT)
-    assert run.status == "occluded"
-    [gap] = run.trace.gaps
-    assert gap.extent == pytest.approx(np.linalg.norm(gap.end - gap.start))
-    assert 5e-3 - 2e-4 < gap.extent < 6e-3  # half a pitch longer at either end
-    assert np.linalg.norm(0.5 * (gap.start + gap.end)[:2] - middle) < 0.6e-3
-
-
 def test_narrow_slot_is_gap_there_and_nowhere_else():
     run = trace(SLOT, DOMED)
     assert run.status == "occluded" and run.trace.gaps
@@ -240,10 +217,3 @@ def test_narrow_slot_is_gap_there_and_nowhere_else():
     assert {gap.reason for gap in run.trace.gaps} == {"bridged"}
     assert ends[:, 0].max() < -0.018 and np.abs(ends[:, 1]).max() < 0.006
     assert (steps_of(run.points) > SliceSpec(DOMED, 0.0).joined).sum() == len(run.trace.gaps)
-
-
-def test_permitted_gap_saves_touches_and_leaves_holes():
-    whole, sparse = trace(BALL, DOMED), trace(BALL, DOMED, gap=4e-3)
-    assert (sparse.status, sparse.trace.gaps) == ("closed", ())
-    assert sparse.trace.touches < 0.8 * whole.trace.touches
-    assert 2e-3 < steps_of(sparse.points).max() <= SliceSpec(DOMED, 0.0, 4e-3).joined
