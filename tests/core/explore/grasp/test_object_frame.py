@@ -136,21 +136,12 @@ def test_given_axis_is_taken_with_its_uncertain_ends(axis):
 
 
 def test_frame_moves_and_turns_with_object_about_vertical():
-    quarter, one = turn_of(0.0, 0.0, math.pi / 2), leaning().frame()
-    moved = Grasped(
-        leaning().points @ quarter.T + [0.1, 0.2, 0.3],
-        leaning().normals @ quarter.T,
-        leaning().platform + 0.3,
-        replace(
-            leaning().fit,
-            pose=Pose(quarter @ PLACE + [0.1, 0.2, 0.3], quarter @ turn_of(0.5, 0.0, 0.0)).array,
-        ),
-    )
+    quarter, shift, one = turn_of(0.0, 0.0, math.pi / 2), [0.1, 0.2, 0.3], leaning().frame()
+    moved = grasp(ELLIPSOID, quarter @ turn_of(0.5, 0.0, 0.0), quarter @ PLACE + shift)
+    assert moved.points == pytest.approx(leaning().points @ quarter.T + shift, abs=1e-12)
     other = moved.frame()
     assert axes_of(other)[:, 2] == pytest.approx(quarter @ axes_of(one)[:, 2], abs=1e-5)
-    assert other.pose.position == pytest.approx(
-        quarter @ one.pose.position + [0.1, 0.2, 0.3], abs=1e-6
-    )
+    assert other.pose.position == pytest.approx(quarter @ one.pose.position + shift, abs=1e-6)
     assert other[1:4] == pytest.approx(one[1:4], abs=1e-6)
     assert other[5:] == pytest.approx(one[5:], rel=1e-2)
     assert leaning().frame().pose.array.tobytes() == one.pose.array.tobytes()
