@@ -259,7 +259,6 @@ def changed(value: float) -> TactileFrame:
 @cases(
     "one, other, found",
     (FRAME, FRAME, None),
-    (FRAME, replace(FRAME, touch=3), ("touch", "2", "3")),
     (FRAME, replace(FRAME, outcome="miss"), ("outcome", "'hit'", "'miss'")),
     (FRAME, replace(FRAME, robot_time=0.75), ("robot_time", "0.5", "0.75")),
     (FRAME, replace(FRAME, array=np.ones((3, 5))), ("array.shape", "(3, 4)", "(3, 5)")),

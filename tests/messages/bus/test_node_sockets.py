@@ -144,14 +144,7 @@ COUNT: dict[str, Any] = {
 
 @cases(
     "protocol, word",
-    (FROM_NODES, {"kind": "ready"}),
-    (FROM_NODES, {"kind": "alive"}),
-    (FROM_NODES, {"kind": "finished", "reason": "all felt"}),
-    (FROM_NODES, {"kind": "exiting", "status": b"\x80"}),
-    (FROM_NODES, {"kind": "failed", "text": "on /a 3", "trace": ""}),
-    (FROM_NODES, {"kind": "refused", "ticket": 1, "text": "no", "again": True}),
     (FROM_NODES, COUNT),
-    (bus.TO_NODES, {"kind": "set", "param": "a", "value": "1", "ticket": 0}),
     (bus.FROM_TOOLS, {"kind": "publish", "node": "a", "topic": "/a", "body": b""}),
     (bus.TO_TOOLS, {"kind": "status", "launcher": 1, "for_s": 0.5, "nodes": {"a": {"b": 1}}}),
     (bus.TO_HOSTS, {"kind": "spawn", "node": "a", "wiring": bytes(3 << 20), "place": b""}),
