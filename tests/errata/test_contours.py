@@ -20,7 +20,7 @@ from palpate.core.geometry import (
 from palpate.core.splines import PeriodicBasis, clamped_basis, curve_parameters, fit_closed_curve
 from palpate.core.splines.curve_fits import moved_parameters
 from palpate.core.thesis import fit_closed_curve_thesis, rebuild_thesis
-from palpate.core.thesis.layers import rectangle_scale, searched_scale
+from palpate.core.thesis.layers import rectangle_scale
 
 ORDER, COUNT, TOTAL = 4, 16, 19
 SQUARE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
@@ -194,37 +194,6 @@ def test_the_search_moves_on_from_places_that_it_has_not_tested():
     assert max(abs(printed(x) - x) for x in limits) > 0.3
     scales = [ellipse_scale(SQUARE * [x, 1.0], np.zeros(2), np.ones(2)) for x in limits]
     assert scales == pytest.approx(limits)
-
-
-def by_table(limit: float) -> float:
-    """Table 4.2: its ranges for two ellipses that are tested where they are."""
-    low, high = 0.0, 1.0
-    while high - low > 1e-7:
-        first, second = low + 0.382 * (high - low), low + 0.618 * (high - low)
-        meets = first > limit, second > limit
-        assert meets != (True, False)  # its fourth case: a contradiction
-        if all(meets):
-            high = first
-        elif meets[1]:
-            low, high = first, second
-        else:
-            low = second
-    return low
-
-
-def test_the_programs_search_is_far_off_where_that_of_the_table_is_right():
-    turn = 2.0 * np.pi * np.arange(16) / 16
-    shapes = ((1.0, 0.0), (0.4, 0.0), (1.0, 0.2), (0.7, 0.1))
-    found, right, true = [], [], []
-    for wide, lobe in shapes:
-        polygon = circle(16) * [1.0, wide] * (1.0 + lobe * np.cos(3.0 * turn))[:, None]
-        low, high = polygon.min(axis=0), polygon.max(axis=0)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        true.append(ellipse_scale(polygon, middle, half))
-        right.append(by_table(true[-1]))
-        found.append(searched_scale(polygon, middle, half, len(polygon)))
-    assert right == pytest.approx(true, abs=1e-6) and np.ptp(true) > 0.1
-    assert np.abs(np.array(found) - true).max() > 0.2
 
 
 def test_all_edges_are_tested_and_not_as_many_as_the_grid_is_wide():
