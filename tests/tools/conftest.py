@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from palpate.launch.run import Run
 from palpate.messages.types import (
     GraspContacts,
     LogRecord,
@@ -19,6 +20,7 @@ from palpate.messages.types import (
     TactileImage,
     Truth,
 )
+from palpate.nodes.runtime.composed import Ending
 from palpate.nodes.runtime.testing import example
 from palpate.tools.cli.command_line import run
 from tests.tools.recordings import POSE, WORLD, frame, write_recording
@@ -59,6 +61,20 @@ def refusal(call: Callable[..., Printed]) -> Callable[..., str]:
 
 
 @pytest.fixture
+def performed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """Has every exploration die at once; the plans that were to be performed, and how."""
+    asked = []
+    figures = {"status": "died", "reason": "the tracer fell", "missed": ["too coarse"]}
+
+    def perform(plan: Any, *, composed: bool, display: Any) -> Run:
+        asked.append((plan, composed, display))
+        return Run(tmp_path, Ending(status="died", reason="the tracer fell"), figures, None, 3)
+
+    monkeypatch.setattr("palpate.tools.exploration.perform", perform)
+    return asked
+
+
+@pytest.fixture
 def record(tmp_path: Path) -> Callable[..., Path]:
     """Writes a recording of some messages into the test's folder."""
 
@@ -90,42 +106,44 @@ def patch() -> SurfacePatch:
 
 @pytest.fixture
 def explored_messages(sensor, patch, contour, tetrahedron, score) -> list[tuple[str, Any]]:
-    """A message of most kinds; a second contour and a second model, which is empty."""
-    mesh = {"vertices": tetrahedron.vertices, "faces": tetrahedron.faces}
-    floor = {"floor_vertices": tetrahedron.vertices, "floor_faces": tetrahedron.faces}
-    longer = replace(
-        contour,
-        id=1,
-        points=np.arange(9.0).reshape(3, 3),
-        normals=np.zeros((3, 3)),
-        curvature=np.zeros(3),
-        status="occluded",
-        gap_starts=np.ones((1, 3)),
-        gap_ends=np.ones((1, 3)),
-        gap_reasons=("missed",),
-    )
-    empty = replace(
-        tetrahedron,
-        number=2,
-        vertices=np.zeros((0, 3)),
-        faces=np.zeros((0, 3), np.int32),
-        control=np.zeros((4, 4, 5, 3)),
-        dropped_reasons=("too short", 'Lücke, "offen"'),
-        health={"condition": 1.5, "folds": 2.0},
-    )
-    done = example(PlanDone, reason="within, all of it", reached=True, rms_bound_95=None)
+    """A message of each kind that is drawn; the truth lies 1 mm beside the model."""
+    turned = np.array([0.01, 0.02, 0.03, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
+    touch = {"goal": 1, "finger": 2, "pose": turned, "outcome": "hit", "robot_time": 0.5}
+    moved = tetrahedron.vertices + np.array([0.001, 0.0, 0.0])
+    places = {"vertices": moved, "floor_vertices": moved}
+    faces = {"faces": tetrahedron.faces, "floor_faces": tetrahedron.faces}
+    longer = {"points": np.arange(9.0).reshape(3, 3), "normals": np.zeros((3, 3))}
+    longer |= {"curvature": np.zeros(3)}
+    gap = {"gap_starts": np.ones((1, 3)), "gap_ends": np.ones((1, 3)), "gap_reasons": ("missed",)}
+    empty = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
+    empty |= {"control": np.zeros((4, 4, 5, 3)), "health": {"condition": 1.5, "folds": 2.0}}
+    empty |= {"dropped_reasons": ("too short", 'Lücke, "offen"')}
+    image = {"compression": np.full((2, 3), 1e-4), "mask": patch.mask}
+    contacts = {"points": np.eye(3), "normals": np.eye(3), "fingers": np.arange(3, dtype=np.int32)}
+    states = np.zeros((5, 5, 5), np.uint8)
+    states[1:4, 1:4, 1:4], states[2, 2, 2] = 1, 2
+    space = {"number": 1, "low": np.zeros(3), "step": 0.01, "states": states}
+    done = {"reason": "within, all of it", "reached": True, "rms_bound_95": None}
     return [
-        ("/truth", Truth(**mesh, **floor, height=0.03)),
+        ("/world", WORLD),
+        ("/truth", Truth(**places, **faces, height=0.03)),
         ("/touch/info", sensor),
-        *(("/touch/raw", frame(touch)) for touch in range(3)),
-        ("/touch/patch", patch),
+        ("/hand/contacts", example(GraspContacts, **contacts, robot_time=0.25)),
+        ("/touch/raw", frame(0, **touch)),
+        ("/touch/image", example(TactileImage, **touch, **image)),
+        ("/touch/patch", replace(patch, pose=turned)),
         ("/contour/traced", contour),
-        ("/contour/traced", longer),
+        ("/contour/traced", replace(contour, **longer, **gap, id=1, status="occluded")),
+        ("/contour/traced", replace(contour, **longer, id=7, status="occluded", robot_time=16.0)),
+        ("/contour/traced", replace(contour, **longer, id=7, robot_time=17.0)),
         ("/model/shape", tetrahedron),
-        ("/model/shape", empty),
+        ("/model/space", example(SpaceMap, **space)),
+        ("/model/shape", replace(tetrahedron, **empty, number=2, robot_time=30.0)),
         ("/score", score),
-        ("/log", LogRecord(node="filter", level="warning", text="a, b\n=c", robot_time=0.0)),
-        ("/plan/done", done),
+        ("/plan/estimate", example(PlanEstimate, rms_bound_95=0.0005, robot_time=21.0)),
+        ("/plan/estimate", example(PlanEstimate, rms_bound_95=None, robot_time=22.0)),
+        ("/log", LogRecord(node="filter", level="warning", text="a, b\n=c", robot_time=1.0)),
+        ("/plan/done", example(PlanDone, **done, open_places=np.eye(3), robot_time=31.0)),
     ]
 
 
@@ -133,45 +151,6 @@ def explored_messages(sensor, patch, contour, tetrahedron, score) -> list[tuple[
 def explored(record, explored_messages) -> Path:
     """Their recording."""
     return record(explored_messages)
-
-
-@pytest.fixture
-def every_drawn_message(explored_messages, patch, contour, tetrahedron) -> list[tuple[str, Any]]:
-    """A message of each kind that is drawn; the truth lies 1 mm beside the model."""
-    turned = np.array([0.01, 0.02, 0.03, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
-    touch = {"goal": 1, "finger": 2, "pose": turned, "outcome": "hit", "robot_time": 0.5}
-    moved = tetrahedron.vertices + np.array([0.001, 0.0, 0.0])
-    places = {"vertices": moved, "floor_vertices": moved}
-    faces = {"faces": tetrahedron.faces, "floor_faces": tetrahedron.faces}
-    late = {"points": np.arange(9.0).reshape(3, 3), "normals": np.zeros((3, 3))}
-    late |= {"id": 7, "curvature": np.zeros(3)}
-    nothing = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
-    image = {"compression": np.full((2, 3), 1e-4), "mask": patch.mask}
-    contacts = {"points": np.eye(3), "normals": np.eye(3), "fingers": np.arange(3, dtype=np.int32)}
-    states = np.zeros((5, 5, 5), np.uint8)
-    states[1:4, 1:4, 1:4], states[2, 2, 2] = 1, 2
-    space = {"number": 1, "low": np.zeros(3), "step": 0.01, "states": states}
-    known = {topic: message for topic, message in explored_messages if topic != "/model/shape"}
-    return [
-        ("/world", WORLD),
-        ("/truth", Truth(**places, **faces, height=0.03)),
-        ("/touch/info", known["/touch/info"]),
-        ("/hand/contacts", example(GraspContacts, **contacts, robot_time=0.25)),
-        ("/touch/raw", frame(0, **touch, array=np.zeros((2, 3)))),
-        ("/touch/image", example(TactileImage, **touch, **image)),
-        ("/touch/patch", replace(patch, pose=turned)),
-        ("/contour/traced", contour),
-        ("/contour/traced", replace(contour, **late, status="occluded", robot_time=16.0)),
-        ("/contour/traced", replace(contour, **late, robot_time=17.0)),
-        ("/model/shape", tetrahedron),
-        ("/model/space", example(SpaceMap, **space)),
-        ("/model/shape", replace(tetrahedron, **nothing, robot_time=30.0)),
-        ("/score", known["/score"]),
-        ("/plan/estimate", example(PlanEstimate, rms_bound_95=0.0005, robot_time=21.0)),
-        ("/plan/estimate", example(PlanEstimate, rms_bound_95=None, robot_time=22.0)),
-        ("/log", replace(known["/log"], robot_time=1.0)),
-        ("/plan/done", replace(known["/plan/done"], open_places=np.eye(3), robot_time=31.0)),
-    ]
 
 
 @pytest.fixture

@@ -14,11 +14,9 @@ import pytest
 
 import palpate
 import palpate.testing
-from palpate.core.explore.planners import Height, Stop, make_planner
-from palpate.core.touch.effects import effect_type
+from palpate.core.explore.planners import Height, Stop
 from palpate.launch.files.source_map import InputError
 from palpate.launch.launch_file import describe
-from palpate.launch.scene import load_scene
 from palpate.messages.types import SurfacePatch
 from palpate.nodes.runtime.testing import recorded
 from palpate.tools.init import begin
@@ -214,19 +212,6 @@ def test_planner_of_single_touches_explores_without_slices(here, call):
     found = json.loads((here / "out" / "summary.json").read_text())
     assert (found["contours"], found["touches"], found["method"]) == (1, 32, "general")
     assert 5 < len(recorded(here / "out", "/probe/traced")) < 32
-
-
-def test_begun_effects_and_planners_are_found_by_name(write, here):
-    (path, _), listed = begin("effect", "mains_hum", here)
-    assert (path, listed) == (here / "mains_hum.py", "mains_hum:MainsHum")
-    scene = write("s.yaml", BALL + f"effects:\n  - {listed}: {{size: 2.0e-6}}\n")
-    assert load_scene(scene).spec.effects == {listed: {"size": 2e-6}}
-    assert effect_type(listed).__name__ == "MainsHum"
-    _, named = begin("planner", "by_bow", here)
-    sys.path.insert(0, str(here))
-    assert make_planner(named, {"most_bow": 2.0}).most_bow == 2.0
-    with pytest.raises(ValueError, match=r"most_bow is 0; expected 0.1 to 100"):
-        make_planner(named, {"most_bow": 0.0})
 
 
 @pytest.fixture

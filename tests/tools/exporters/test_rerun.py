@@ -72,15 +72,10 @@ def export(call, monkeypatch):
     return do
 
 
-@pytest.fixture
-def bag(record, every_drawn_message):
-    return record(every_drawn_message)
-
-
-def test_each_drawable_is_logged_at_its_robot_time(export, bag):
-    out, logged = export(bag)
+def test_each_drawable_is_logged_at_its_robot_time(export, explored):
+    out, logged = export(explored)
     # All but the world, the sensor, and an estimate without a bound.
-    assert out.endswith("out.rrd: 15 messages of 13 topics\n")
+    assert out.endswith("out.rrd: 16 messages of 13 topics\n")
     assert [*logged["world"][0][1]] == ["z up"]
     assert {
         entity: [(time, *kinds) for time, kinds in many] for entity, many in logged.items()
@@ -92,6 +87,7 @@ def test_each_drawable_is_logged_at_its_robot_time(export, bag):
         "compression/2": [(0.5, "DepthImage")],
         "force_N/2": [(0.5, "Scalars", "SeriesLines")],
         "world/contours/0": [(15.0, "LineStrips3D")],
+        "world/contours/1": [(15.0, "LineStrips3D")],
         "world/contours/7": [(16.0, "LineStrips3D"), (17.0, "LineStrips3D")],
         "world/solid": [(20.0, "Mesh3D", "AnyValues"), (30.0, "Clear")],
         "world/lattice": [(20.0, "LineStrips3D"), (30.0, "Clear")],
@@ -102,14 +98,14 @@ def test_each_drawable_is_logged_at_its_robot_time(export, bag):
         "log/filter": [(1.0, "TextLog")],
         "world/untouched": [(31.0, "Points3D")],
     }
-    layout = bag.with_name("out.rrd").read_text()
+    layout = explored.with_name("out.rrd").read_text()
     assert "{'world/touched': Made(kind='VisibleTimeRanges'" in layout
     assert "'- $origin/truth'" in layout and "name': 'true solid'" in layout
     assert "Made(kind='TimePanel', given=(), named={'timeline': 'robot_time'})" in layout
 
 
-def test_layers_have_their_colours(export, bag):
-    _, logged = export(bag)
+def test_layers_have_their_colours(export, explored):
+    _, logged = export(explored)
     kinds = {"touched": "Points3D", "free": "Points3D", "unknown": "Points3D"}
     kinds |= {"untouched": "Points3D", "lattice": "LineStrips3D", "contours/7": "LineStrips3D"}
     for path, kind in (kinds | {"finger/2": "Boxes3D"}).items():
@@ -120,8 +116,8 @@ def test_layers_have_their_colours(export, bag):
     assert logged["error_mm/rms"][0][1]["SeriesLines"].named == {"colors": rgb("error")}
 
 
-def test_pad_taxels_curves_and_log_hold_what_was_measured(export, bag, patch):
-    _, logged = export(bag)
+def test_pad_taxels_curves_and_log_hold_what_was_measured(export, explored, patch):
+    _, logged = export(explored)
     shown = logged["world/finger/2"][0][1]
     assert shown["Transform3D"].named["translation"].tolist() == [0.01, 0.02, 0.03]
     turn = shown["Transform3D"].named["rotation"].named["xyzw"]
@@ -133,14 +129,16 @@ def test_pad_taxels_curves_and_log_hold_what_was_measured(export, bag, patch):
     assert np.array_equal(points, patch.points)
     assert logged["error_mm/rms"][0][1]["Scalars"].given == pytest.approx((0.4,))
     assert logged["error_mm/bound_95"][0][1]["Scalars"].given == pytest.approx((0.5,))
+    assert logged["error_mm/bound_95"][0][1]["SeriesLines"].named == {"colors": rgb("bound")}
+    assert logged["force_N/2"][0][1]["Scalars"].given == pytest.approx((100.0 * image.sum(),))
     line = logged["log/filter"][0][1]["TextLog"]
     assert (line.given, line.named) == (("a, b\n=c",), {"level": "WARN"})
     opened, closed = (one["LineStrips3D"].given[0][0] for _, one in logged["world/contours/7"])
     assert [len(opened), len(closed), closed[-1].tolist()] == [3, 4, [0.0, 1.0, 2.0]]
 
 
-def test_model_is_a_mesh_coloured_by_what_is_known(export, bag, record, patch, tetrahedron):
-    _, logged = export(bag, "--topics", "/model/shape")  # the truth is not shown, but known
+def test_model_is_a_mesh_coloured_by_what_is_known(export, explored, record, patch, tetrahedron):
+    _, logged = export(explored, "--topics", "/model/shape")  # the truth is not shown, but known
     assert {*logged} == {"world", "world/solid", "world/lattice"}
     shown = logged["world/solid"][0][1]
     mesh = shown["Mesh3D"].named
@@ -160,18 +158,18 @@ def test_model_is_a_mesh_coloured_by_what_is_known(export, bag, record, patch, t
     assert {*logged} == {"world", "world/touched"}
 
 
-def test_exports_that_cannot_be_are_refused(export, bag, refusal, monkeypatch):
-    asked = (bag, "--format", "rerun", "-o", bag.with_name("out.rrd"))
+def test_exports_that_cannot_be_are_refused(export, explored, refusal, monkeypatch):
+    asked = (explored, "--format", "rerun", "-o", explored.with_name("out.rrd"))
     told = refusal("bag export", *asked, "--topics", "/world")
     assert "/world hold nothing that rerun would show" in told
     monkeypatch.setitem(sys.modules, "rerun", None)
     told = refusal("bag export", *asked)
     assert told == "palpate: --format rerun needs rerun-sdk: pip install 'palpate[rerun]'\n"
-    assert [one.name for one in bag.parent.iterdir()] == [bag.name]
+    assert [one.name for one in explored.parent.iterdir()] == [explored.name]
 
 
-def test_real_rerun_writes_a_file(bag, call):
+def test_real_rerun_writes_a_file(explored, call):
     pytest.importorskip("rerun", reason="rerun-sdk is not there: pip install 'palpate[rerun]'")
-    out = bag.with_name("out.rrd")
-    assert call("bag export", bag, "--format", "rerun", "-o", out).code == 0
+    out = explored.with_name("out.rrd")
+    assert call("bag export", explored, "--format", "rerun", "-o", out).code == 0
     assert out.read_bytes()[:4] in (b"RRF2", b"RRF3")
