@@ -1,6 +1,8 @@
-"""What is asked of an exploration, what it is expected to cost, and what accuracy has cost."""
+"""What is asked of an exploration, what it is expected to cost and has cost, and its charts."""
 
 import math
+import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -54,32 +56,15 @@ def test_number_with_its_unit_is_read(text, units, value):
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("0.2", "must have a unit: m, cm, mm, um, in, ft, as in 0.2mm"),
     ("0.2s", "the unit 's' is none of m, cm, mm, um"),
     ("mm", "must be a number with a unit, as 0.2mm"),
-    ("nanmm", "must be a number with a unit"),
     ("0mm", "must be more than 0"),
-    ("-1mm", "must be more than 0"),
     ("1e999mm", "must be more than 0"),
 ])  # fmt: skip
 def test_bad_length_is_refused_in_one_sentence(text, words):
     with pytest.raises(InputError, match=words) as caught:
         read_quantity(text, LENGTHS, "--tolerance")
     assert str(caught.value).startswith(f"--tolerance {text}: ")
-
-
-def test_demand_sets_only_what_is_asked_for():
-    found = read_demand("0.2mm", None, "2min", 150, "draft")
-    assert {key: one.value for key, one in found.items()} == {
-        "planner.tolerance": pytest.approx(2e-4),
-        "planner.most_seconds": 120.0,
-        "planner.most_touches": 150,
-        "reconstructor.quality": "draft",
-    }
-    assert found["planner.tolerance"].source == "--tolerance 0.2mm"
-    assert read_demand(None, None, None, None, None) == {}
-    with pytest.raises(InputError, match="--touches 0: must be at least 1"):
-        read_demand(None, None, None, 0, None)
 
 
 def resolved(settings, tmp_path):
@@ -400,3 +385,70 @@ def test_log_scale_has_round_ticks_and_room_for_its_values():
     assert found.ticks(3) == [20.0, 50.0, 100.0]
     assert log_scale([1e-7, 1e7]).ticks(5) == pytest.approx([1e-7, 1e-4, 0.1, 1e2, 1e5])
     assert log_scale([5.0]).share(5.0) == pytest.approx(0.5)
+
+
+NOTE = {"dot": 'a <dot> & "more"'}
+
+
+@charts.styled
+def figure_of(values=(1.0, 20.0, 300.0), size=(320.0, 240.0)):
+    figure = charts.new_figure(*size)
+    axes = figure.subplots()
+    axes.loglog(values, values, "o-", color=charts.BLUE, gid="dot", label="$5 < $6")
+    axes.set(xlabel="cost, s", ylabel="error, mm")
+    axes.grid()
+    figure.legend()
+    charts.log_ticks(axes)
+    return figure
+
+
+@pytest.fixture(scope="module")
+def text():
+    return charts.svg_text(figure_of(), "What <it> is", NOTE)
+
+
+def test_same_figure_is_same_text(text):
+    assert text == charts.svg_text(figure_of(), "What <it> is", NOTE)
+    assert not re.search(r"\b20\d\d-\d\d", text)  # no date
+
+
+def test_text_is_text_with_its_title_size_and_notes(text):
+    root = ElementTree.fromstring(text)
+    assert root.get("aria-label") == root.findtext(f"{SVG}title") == "What <it> is"
+    assert {one.text for one in root.iter(f"{SVG}title")} == {"What <it> is", *NOTE.values()}
+    texts = {one.text for one in root.iter(f"{SVG}text")}
+    assert {"cost, s", "error, mm", "$5 < $6", "1", "10", "100"} < texts
+    assert [float((root.get(side) or "").removesuffix("pt")) for side in ("width", "height")] == [
+        240.0, 180.0,
+    ]  # fmt: skip
+
+
+def test_picture_is_self_contained_for_light_and_dark_pages(text):
+    assert not re.search(r"<image|<script|@import|@font-face|url\((?!#)", text)
+    assert {*re.findall(r"https?://[\w.]+", text)} == {"http://www.w3.org"}  # its namespaces
+    style, body = text.split("</style>", 1)
+    for used in {*re.findall(r"(?:fill|stroke): #\w+", body)} - {f"stroke: {charts.GREY}"}:
+        assert f'[style*="{used}"]' in style
+    assert len(text) < 20_000
+
+
+@pytest.mark.parametrize("width", [358.0, 670.0])
+@pytest.mark.parametrize("most", [1.01, 1.3, 90.0, 1e4, 1e12])
+def test_numbers_of_an_axis_do_not_touch(width, most):
+    figure = figure_of((40.0, 40.0 * most), (width, 330.0))
+    figure.canvas.draw()
+    for axis, end in ((figure.axes[0].xaxis, "x"), (figure.axes[0].yaxis, "y")):
+        labels = [one for one in axis.get_ticklabels() if one.get_text()]
+        spans = [one.get_window_extent() for one in labels]
+        low, high = f"{end}0", f"{end}1"
+        assert len(spans) >= 2
+        assert all(getattr(a, high) < getattr(b, low) for a, b in pairwise(spans))
+
+
+def test_figure_is_written_whole_or_refused(tmp_path):
+    path = charts.write_figure(figure_of(), tmp_path / "new" / "one.svg", "one")
+    assert path.read_text("utf-8").startswith("<svg ")
+    assert charts.write_figure(figure_of(), tmp_path / "one.png").read_bytes()[1:4] == b"PNG"
+    (tmp_path / "two.png").mkdir()
+    with pytest.raises(InputError, match="cannot be written"):
+        charts.write_figure(figure_of(), tmp_path / "two.png")

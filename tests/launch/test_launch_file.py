@@ -79,8 +79,6 @@ def test_argument_within_the_scene_changes_one_of_its_values():
 @pytest.mark.parametrize(("text", "words"), [
     ("nodes: {}", "the document lacks the key 'ends'"),
     ("ends: a\nnoodes: {}", "f.yaml:2: unknown key 'noodes'; did you mean 'nodes'?"),
-    ("ends: a\nnodes:\n  a: {parms: 1}",
-     "f.yaml:3: unknown key 'parms' in nodes.a; did you mean 'params'?"),
     ("ends: a\nnodes:\n  a:\n    kind: 3", "f.yaml:4: nodes.a.kind is 3; expected text"),
     ("ends: a\nnodes: {a: {if: 3}}", "nodes.a.if is 3; expected true or false"),
     ("args: [x]\nends: a\nnodes: {}", "f.yaml:1: args must be a map"),
@@ -207,8 +205,15 @@ def test_shipped_file_is_included_by_name_unless_one_lies_beside(write):
     assert {find_launch_file(Path(name)) for name in ("explore.yaml", "explore")} == {EXPLORE}
     assert find_exploration() == EXPLORE
     assert find_exploration("planar") == find_launch_file(Path("planar"))
-    with pytest.raises(InputError, match="--procedure plane: must be one of containment, planar"):
-        find_exploration("plane")
+    assert find_exploration(system="thesis") == find_launch_file(Path("thesis"))
+    assert find_exploration(system="palpate") == EXPLORE
+    for asked, words in (
+        (("plane",), "--procedure plane: must be one of containment, planar"),
+        ((None, "ours"), "--system ours: must be one of palpate, thesis"),
+        (("planar", "thesis"), "--procedure planar and --system thesis exclude"),
+    ):
+        with pytest.raises(InputError, match=words):
+            find_exploration(*asked)
     for name, words in (("no.yaml", "does not exist"), ("f.txt", "must end in .yaml or .py")):
         with pytest.raises(InputError, match=words):
             find_launch_file(Path(name))
@@ -358,12 +363,3 @@ ends: a
     assert found.params == {"a": 7, "b": 5} and found.places["b",] == f"{path}:4"
     with pytest.raises(InputError, match=r"nodes\.a\.params has 1; expected a map"):
         entries(write("f.yaml", text.replace("$(box)", "1")))
-
-
-def test_system_and_procedure_are_chosen_by_name():
-    assert find_exploration(system="thesis") == find_launch_file(Path("thesis"))
-    assert find_exploration(system="palpate") == EXPLORE
-    with pytest.raises(InputError, match="--system ours: must be one of palpate, thesis"):
-        find_exploration(system="ours")
-    with pytest.raises(InputError, match="--procedure planar and --system thesis exclude"):
-        find_exploration("planar", "thesis")
