@@ -518,7 +518,7 @@ def test_run_is_loaded_from_its_directory_or_recording(launch_file):
     assert load_run(run.folder).model is None
     for find, path, words in (
         (find_run_mesh, run.folder, "holds no rebuilt solid: there is no mesh.ply in it"),
-        (find_run_mesh, Path("none"), "none: does not exist"),
+        (find_run_mesh, Path("none"), "none: does not exist; it must be a run or a file"),
         (find_bag, run.folder, "holds no recording: there is no topics.mcap in it"),
         (find_bag, Path("none"), "none: the recording does not exist"),
     ):
