@@ -1,4 +1,4 @@
-"""Sound files of an ellipsoid in every mesh format, written by hand [mm]."""
+"""Sound files of an ellipsoid in every mesh format [mm], by trimesh or written by hand."""
 
 import io
 import json
@@ -6,11 +6,10 @@ import struct
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import trimesh
 
 from palpate.core.shapes import Superquadric
 
-Table = NDArray[Any]
 VERTICES, FACES = Superquadric(np.array([30.0, 25.0, 40.0]), np.array([1.0, 1.0])).mesh(2)
 
 
@@ -18,10 +17,6 @@ def npz(arrays: dict[str, Any]) -> bytes:
     file = io.BytesIO()
     np.savez(file, **arrays)
     return file.getvalue()
-
-
-def _lines(table: Table, before: str = "") -> str:
-    return "".join(f"{before}{' '.join(map(str, row))}\n" for row in table.tolist())
 
 
 def ply_head(form: str, faces: int, more: str = "") -> str:
@@ -32,11 +27,11 @@ def ply_head(form: str, faces: int, more: str = "") -> str:
     )
 
 
-def _ply_binary(order: str, name: str) -> bytes:
-    listed = np.zeros(len(FACES), np.dtype([("n", "u1"), ("corners", f"{order}i4", 3)]))
+def _ply_big() -> bytes:
+    listed = np.zeros(len(FACES), np.dtype([("n", "u1"), ("corners", ">i4", 3)]))
     listed["n"], listed["corners"] = 3, FACES
-    head = ply_head(f"binary_{name}_endian", len(FACES)).encode()
-    return head + VERTICES.astype(f"{order}f4").tobytes() + listed.tobytes()
+    head = ply_head("binary_big_endian", len(FACES)).encode()
+    return head + VERTICES.astype(">f4").tobytes() + listed.tobytes()
 
 
 def _ply_mixed() -> bytes:
@@ -52,17 +47,9 @@ def _ply_mixed() -> bytes:
     return head.encode() + coloured.tobytes() + packed
 
 
-def _stl(binary: bool) -> bytes:
-    if binary:
-        kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-        table = np.zeros(len(FACES), kind)
-        table["corners"] = VERTICES[FACES]
-        return bytes(80) + struct.pack("<I", len(FACES)) + table.tobytes()
-    facets = [
-        f"facet normal 0 0 0\nouter loop\n{_lines(corners, 'vertex ')}endloop\nendfacet\n"
-        for corners in VERTICES.round(4)[FACES]
-    ]
-    return f"solid by hand\n{''.join(facets)}endsolid by hand\n".encode()
+def _by_trimesh(kind: str, **how: Any) -> bytes:
+    data = trimesh.Trimesh(VERTICES, FACES, process=False).export(file_type=kind, **how)
+    return data if isinstance(data, bytes) else data.encode()
 
 
 def glb(described: Any, held: bytes) -> bytes:
@@ -92,17 +79,17 @@ GLTF: dict[str, Any] = {
     ],
     "buffers": [{"byteLength": len(HELD)}],
 }
-_ROWS = _lines(VERTICES.round(4)) + _lines(FACES, "3 ")
+_OBJ_VERTICES = "".join("v {} {} {}\n".format(*row) for row in VERTICES.tolist())
 _OBJ_FACES = "".join(f"f {a}//1 {b}//1 {c}//1\n" for a, b, c in (FACES + 1).tolist())
-_OBJ = f"mtllib none.mtl\no by hand\n{_lines(VERTICES, 'v ')}vn 0 0 1\nusemtl red\n{_OBJ_FACES}"
+_OBJ = f"mtllib none.mtl\no by hand\n{_OBJ_VERTICES}vn 0 0 1\nusemtl red\n{_OBJ_FACES}"
 MESHES = {
-    "text.ply": (ply_head("ascii", len(FACES)) + _ROWS).encode(),
-    "little.ply": _ply_binary("<", "little"),
-    "big.ply": _ply_binary(">", "big"),
+    "text.ply": _by_trimesh("ply", encoding="ascii"),
+    "little.ply": _by_trimesh("ply"),
+    "big.ply": _ply_big(),
     "mixed.ply": _ply_mixed(),
-    "text.stl": _stl(binary=False),
-    "binary.stl": _stl(binary=True),
+    "text.stl": _by_trimesh("stl_ascii"),
+    "binary.stl": _by_trimesh("stl"),
     "plain.obj": _OBJ.encode(),
-    "plain.off": f"OFF\n# by hand\n{len(VERTICES)} {len(FACES)} 0\n{_ROWS}".encode(),
+    "plain.off": _by_trimesh("off").replace(b"OFF", b"OFF\n# by hand", 1),
     "plain.glb": glb(GLTF, HELD),
 }
