@@ -69,8 +69,6 @@ def test_length_with_unit_is_the_length_in_metres(write):
     ("a: [", "bad.yaml:1: is not YAML"),
     ("seed: 3", "bad.yaml:1: the document lacks the key 'object'"),
     (BALL + "sede: 3", "bad.yaml:3: unknown key 'sede'; did you mean 'seed'?"),
-    ("object:\n  superquadric:\n    sizes: [1, 1, 1]",
-     "bad.yaml:3: unknown key 'sizes' in object.superquadric; did you mean 'size'?"),
     ("object:\n  superquadric:\n    size: [0.04, -0.03, 0.05]\n    exponents: [1, 1]",
      "bad.yaml:3: object.superquadric.size[1] is -0.03; expected number > 0.0"),
     ("object: {}", "bad.yaml:1: object: an object is exactly one of sphere, cylinder, cone"),
@@ -81,8 +79,6 @@ def test_length_with_unit_is_the_length_in_metres(write):
     ("object:\n  mesh: {unit: mm}", "bad.yaml:2: object.mesh lacks the key 'file'"),
     ("object:\n  mesh: {file: x.ply, unit: inch}",
      "bad.yaml:2: object.mesh.unit is 'inch'; expected one of cm, ft, in, m"),
-    ("object:\n  mesh: {file: ../x.ply, unit: mm}",
-     "bad.yaml:2: object.mesh.file is '../x.ply'; it must lie in the scene's own folder"),
     ("object:\n  generalised_cylinder:\n    section: {size: [0.03, 0.03]}\n"
      "    sweep: [[0.0, 1.0], [0.0, 0.5]]",
      "bad.yaml:2: object.generalised_cylinder: heights must increase, by 1e-09 m or more"),
@@ -223,10 +219,8 @@ NOISE = "\n  - gaussian_noise:\n      "
     ("[{drift: {}, creep: {}}]", "effects[0] must be one effect"),
     ("drift", "bad.yaml:3: effects must be a list"),
     ("[drift, drift]", "bad.yaml:3: effects lists 'drift' twice"),
-    ("['.x:Y']", "must name its module in full"),
     ("[drift, 'palpate.core.touch.effects.electronics:Drift']", "are the same effect"),
     ("[no.such:Module]", "bad.yaml:3: the effect 'no.such:Module' cannot be imported"),
-    ("['os.path:join']", "'os.path:join' is no effect: 'join' must be a dataclass"),
     (NOISE + "sigma: -1", "bad.yaml:5: effects.gaussian_noise: sigma is -1 m; expected 0 to 0.001"),
     (NOISE + "sigmo: 1", "unknown key 'sigmo' in effects.gaussian_noise; did you mean 'sigma'?"),
     (NOISE + "sigma: much", "bad.yaml:5: effects.gaussian_noise.sigma is 'much'; expected number"),
@@ -273,10 +267,8 @@ class Ringing:
 @pytest.mark.parametrize(("source", "words"), [
     ("def (", "cannot be imported: SyntaxError"),
     ("import sys; sys.exit(0)", "cannot be imported: SystemExit"),
-    (OWN.replace("phase: ClassVar = Phase.SIGNAL", "pass"), "its phase must be one of Phase"),
     (OWN.replace("Phase.SIGNAL", "6"), "its phase must be one of Phase"),
     (OWN.replace("Annotated[float", "Annotated[flaot"), "cannot be imported: NameError"),
-    (OWN.replace("return Stage(apply)", "return None"), "prepares a NoneType, not a Stage"),
 ])  # fmt: skip
 def test_module_that_is_no_effect_is_refused(source, words, write, here):
     name = f"odd_{abs(hash((source, words)))}"
@@ -312,13 +304,11 @@ def test_own_planner_is_found_in_the_current_folder(typed, here):
 @pytest.mark.parametrize(("text", "words"), [
     ("planner: unifrom", "f.yaml:2: there is no planner 'unifrom'; did you mean 'uniform'?"),
     ("planner: 3", "f.yaml:2: explore.planner is 3; it must be a name, as predicted"),
-    ("planner: no_such_module:Any", "cannot be imported: ModuleNotFoundError"),
     ("planner: json:loads", "'json:loads' is no planner: 'loads' must be a frozen dataclass"),
     ("settings: 3", "explore.settings is 3; it must be a map of numbers"),
     ("settings: {covr: 5}", "covr"),
     ("settings: {cover: 5.5}", "explore.settings.cover is 5.5; expected whole number"),
     ("settings: {cover: many}", "explore.settings.cover is 'many'; expected whole number"),
-    ("settings: {cover: 4}", "cover must be odd"),
     ("settings: {travel: .nan}", "travel is nan; a number must be finite"),
 ])  # fmt: skip
 def test_bad_planner_is_refused_with_its_line(typed, text, words):
