@@ -121,14 +121,6 @@ def test_what_is_begun_is_free_of_complaints(tmp_path):
         assert done.returncode == 0, done.stdout
 
 
-def test_begun_node_joins_the_graph_of_its_launch_file(here):
-    begun, _ = begin("node", "joins", here)
-    graph = describe(begun[2], {}, here / "out").graph
-    graph.wirings()
-    line = next(line for line in graph.table().splitlines() if line.startswith("/joins "))
-    assert line.split()[1:] == ["Joins", "joins", "recorder"]
-
-
 @pytest.mark.parametrize(
     ("kind", "name", "words"),
     [

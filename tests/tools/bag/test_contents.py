@@ -200,24 +200,6 @@ def test_cut_before_the_first_chunk_leaves_no_file(whole, tmp_path):
         assert [one.name for one in folder.iterdir()] == ["cut.mcap"]
 
 
-def test_flipped_bit_never_recovers_a_wrong_message(whole, tmp_path):
-    reference = kept(tmp_path / "topics.mcap")
-    draw, shorter = random.Random(2), 0
-    for number in range(30):
-        damaged = bytearray(whole)
-        damaged[draw.randrange(len(whole))] ^= 1 << draw.randrange(8)
-        path = tmp_path / f"{number}.mcap"
-        path.write_bytes(damaged)
-        try:
-            found = kept(recover_recording(path).path)
-        except InputError as error:
-            assert "nothing can be recovered" in str(error)
-            found = []
-        assert found == reference[: len(found)]
-        shorter += len(found) < len(reference)
-    assert shorter > 15
-
-
 def test_recovered_copy_holds_all_that_the_recording_says(whole, tmp_path):
     out = recover_recording(tmp_path / "topics.mcap").path
     with out.open("rb") as new, (tmp_path / "topics.mcap").open("rb") as old:

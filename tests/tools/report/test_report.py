@@ -85,13 +85,7 @@ class Packed:
         self.step = self.described["step"]
 
     def array(self, place):
-        kinds = {
-            "u1": np.uint8,
-            "u2": np.dtype("<u2"),
-            "u4": np.dtype("<u4"),
-            "f4": np.dtype("<f4"),
-        }
-        return np.frombuffer(self._data, kinds[place[0]], place[2], place[1])
+        return np.frombuffer(self._data, f"<{place[0]}", place[2], place[1])
 
     def points(self, place):
         return np.array(self.described["low"]) + self.step * self.array(place).reshape(-1, 3)
