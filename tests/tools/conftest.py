@@ -23,6 +23,7 @@ from palpate.messages.types import (
 from palpate.nodes.runtime.composed import Ending
 from palpate.nodes.runtime.testing import example
 from palpate.tools.cli.command_line import run
+from palpate.tools.view.timeline import Timeline, read_timeline
 from tests.tools.recordings import POSE, WORLD, frame, write_recording
 from tests.tools.toy_graph import ToyGraph, toy_graph
 
@@ -58,6 +59,12 @@ def refusal(call: Callable[..., Printed]) -> Callable[..., str]:
         return err
 
     return do
+
+
+@pytest.fixture(scope="module")
+def line(run_folder: Path) -> Timeline:
+    """What happened in a run; its touches and models may be changed by no test."""
+    return read_timeline(run_folder)
 
 
 @pytest.fixture

@@ -284,11 +284,6 @@ def messages(run_folder):
     return [one.message for one in open_decoded(run_folder).published()]
 
 
-@pytest.fixture(scope="module")
-def line(run_folder):
-    return read_timeline(run_folder)
-
-
 def timeline_of(messages):
     line = Timeline()
     for one in messages:
