@@ -127,12 +127,6 @@ def test_area_of_ellipsoid_is_that_of_ball_and_spheroid():
 
 def test_pose_and_noise_become_keys_of_the_scene():
     assert read_setup(None, None) == []
-    at, turn = [0.01, 0.0, 0.05], [0.0, 0.0, 0.6, 0.8]
-    keys = {key: value for _, key, value in read_setup("0.01,0,0.05,0,0,0.6,0.8", "default")}
-    assert keys == {
-        "scene.object.pose.position": at, "scene.object.pose.rotation": turn,
-        "scene.effects.pose_error.sigma": 1e-4, "scene.effects.gaussian_noise.sigma": 1e-5,
-    }  # fmt: skip
     assert read_setup(None, "none") == [("--noise none", "scene.effects", [])]
     for text in ("1,2", "a,b,c", ""):
         with pytest.raises(InputError, match="must be 3 or 7 numbers"):
@@ -140,24 +134,20 @@ def test_pose_and_noise_become_keys_of_the_scene():
     for noise in NOISES:
         changes = {
             key_path(f".{key}")[1:]: SourceMapped(value, option)
-            for option, key, value in read_setup("0,0,0.1", noise)
+            for option, key, value in read_setup("0.01,0,0.05,0,0,0.6,0.8", noise)
         }
         spec = load_scene("vase", changes).spec
         assert list(spec.effects) == (["pose_error", "gaussian_noise"] if NOISES[noise] else [])
-        assert spec.object.pose.position == (0.0, 0.0, 0.1)
+        assert spec.object.pose.position == (0.01, 0.0, 0.05)
+        assert spec.object.pose.rotation == (0.0, 0.0, 0.6, 0.8)
 
 
 def test_unit_size_and_axis_of_mesh_become_keys_of_the_scene():
-    mesh, found = Path("part.ply"), read_mesh_setup(Path("part.ply"), None, "12cm", "y")
-    assert found == [
+    assert read_mesh_setup(Path("part.ply"), None, "12cm", "y") == [
         ("--size", "scene.object.mesh.size", 0.12),
         ("--up", "scene.object.mesh.up", "y"),
     ]
     assert read_mesh_setup(Path("vase"), None, None) == []
-    with pytest.raises(InputError, match=r"--unit cm: vase is no mesh; a scene has object\.mesh"):
-        read_mesh_setup(Path("vase.yaml"), "cm", None)
-    with pytest.raises(InputError, match="--unit and --size exclude each other"):
-        read_mesh_setup(mesh, "cm", "12cm")
 
 
 def estimate(number, touches, bound, halving=None, seconds=2.0):

@@ -66,11 +66,7 @@ def test_shipped_launch_file_takes_everything_from_the_scene(write):
     assert planner.places["tolerance",] == f"{scene}:4"
 
 
-def test_argument_within_the_scene_changes_one_of_its_values():
-    found = described(EXPLORE, scene="sphere", **{"scene.sensor.pitch": 1.2e-3})
-    (simulator,) = (one for one in found.graph.entries if one.name == "simulator")
-    assert simulator.params["sensor"]["pitch"] == 1.2e-3
-    assert found.scene is not None and "pitch: 0.0012" in found.scene.text
+def test_argument_within_no_scene_is_refused():
     for name in ("scene.", "scen.sensor.pitch", "seed.x"):
         with pytest.raises(InputError, match=f"typed: .*has no argument '{name}'"):
             describe(EXPLORE, {name: SourceMapped(1, "typed")}, Path("out"))

@@ -172,6 +172,7 @@ def test_verb_prints_files_and_commands_that_work(kind, here, call):
             assert words == ["-m", "pytest", "test_printed.py"]
             continue
         graph = describe(here / "printed.yaml", {}, here / "out").graph
+        graph.wirings()
         assert words[0] == "launch" or (words[1] == "echo" and words[2] in graph.topics())
     if kind in ("effect", "planner"):
         key = {"effect": "effects", "planner": "explore"}[kind]

@@ -102,7 +102,6 @@ def test_written_calibration_is_read_by_a_scene_and_not_overwritten(worn, write,
     [
         ("3", "bad.yaml:8: sensor.calibration must be the name of a file"),
         ("../found.yaml", "it must lie in the scene's own folder"),
-        ("/found.yaml", "it must lie in the scene's own folder"),
         ("none.yaml", "none.yaml"),
         ("odd.yaml", "odd.yaml:1: calibration.noise is -1; expected number >= 0"),
         ("small.yaml", "calibration.gain must have 16 rows of 16"),

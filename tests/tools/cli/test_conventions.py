@@ -261,7 +261,3 @@ def test_script_of_a_shell_is_printed(call, shell):
     code, out, err = call("--completion", shell)
     assert (code, err) == (0, "") and f"_PALPATE_COMPLETE={shell}_complete" in out
     assert re.search(r"complete .*palpate|compdef .*palpate", out)
-
-
-def test_unknown_shell_is_refused(refusal):
-    assert "'csh' is not one of 'bash', 'zsh', 'fish'" in refusal("--completion csh")
