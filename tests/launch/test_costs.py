@@ -15,7 +15,6 @@ from palpate.launch.cost_chart import draw_cost, draw_panels
 from palpate.launch.demand import (
     LENGTHS,
     NOISES,
-    TIMES,
     demand_text,
     demanded_of,
     read_demand,
@@ -46,18 +45,8 @@ from palpate.testing import example
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-@pytest.mark.parametrize(("text", "units", "value"), [
-    ("0.2mm", LENGTHS, 2e-4), (" 200 um", LENGTHS, 2e-4), ("200µm", LENGTHS, 2e-4),
-    (".5cm", LENGTHS, 5e-3), ("1e-3m", LENGTHS, 1e-3), ("300s", TIMES, 300.0),
-    ("5 min", TIMES, 300.0),
-])  # fmt: skip
-def test_number_with_its_unit_is_read(text, units, value):
-    assert read_quantity(text, units, "--x") == pytest.approx(value, rel=1e-12)
-
-
 @pytest.mark.parametrize(("text", "words"), [
     ("0.2s", "the unit 's' is none of m, cm, mm, um"),
-    ("mm", "must be a number with a unit, as 0.2mm"),
     ("0mm", "must be more than 0"),
     ("1e999mm", "must be more than 0"),
 ])  # fmt: skip

@@ -110,15 +110,6 @@ def test_output_has_80_columns_or_is_json(words, work, tmp_path, call, monkeypat
         assert [line for line in lines if max(map(len, line.split())) < LONG_PATH] == []
 
 
-@pytest.mark.slow
-def test_run_is_meant_by_its_directory_or_its_recording(work, call, monkeypatch):
-    monkeypatch.chdir(work)
-    for words in ("bag info", "cost", "replay --nodes filter", "score"):
-        rest = ["run"] if words == "score" else []
-        one, other = (call(words, path, *rest) for path in ("run", "run/topics.mcap"))
-        assert one == other and one.code in (0, 1)
-
-
 def test_graph_is_meant_by_number_name_directory_or_recording(tmp_path, runtime, monkeypatch):
     monkeypatch.chdir(tmp_path)
     card = {"name": "vase", "pid": 1, "ends": "a", "nodes": (), "taps": {}, "tools": ""}
