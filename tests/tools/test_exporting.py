@@ -144,7 +144,6 @@ def test_unwritable_files_leave_none_behind(run, tmp_path, names, words):
 def test_runs_without_a_solid_are_refused(run_of, truth, tmp_path, tetrahedron):
     (tmp_path / "empty").mkdir()
     for path, words in (
-        (tmp_path / "none", "none: the recording does not exist"),
         (tmp_path / "empty", r"empty: holds no rebuilt solid: there is no mesh\.ply in it"),
         (run_of(tetrahedron, replace(tetrahedron, **NOTHING)), "no model in it has a surface"),
         (run_of(truth), "run: holds no rebuilt solid"),

@@ -15,13 +15,8 @@ from palpate.launch.files.source_map import InputError
 from palpate.launch.scene import SHIPPED_SCENES
 from palpate.tools.cli.command_line import main, palpate_group
 
+pytestmark = pytest.mark.usefixtures("here")
 PALPATE = f"{sys.executable} -P -m palpate"
-
-
-@pytest.fixture(autouse=True)
-def home(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def python(code, *arguments, **how):
@@ -83,9 +78,9 @@ NO_RECORDING = "x.mcap: the recording does not exist"
         ("--completion csh", "'csh' is not one of 'bash', 'zsh', 'fish'"),
     ],
 )
-def test_wrong_command_lines_are_refused_in_one_sentence(home, refusal, words, fragment):
+def test_wrong_command_lines_are_refused_in_one_sentence(here, refusal, words, fragment):
     assert fragment in refusal(words)
-    assert [*home.iterdir()] == []
+    assert [*here.iterdir()] == []
 
 
 ONES = "object: {superquadric: {size: [1, 1, 1], exponents: [1, 1]}}\n"
@@ -101,16 +96,16 @@ BAD_SCENES = {
 
 
 @pytest.mark.parametrize("text", BAD_SCENES)
-def test_bad_scenes_are_refused_and_leave_nothing(write, home, refusal, text):
+def test_bad_scenes_are_refused_and_leave_nothing(write, here, refusal, text):
     box = trimesh.creation.box([50.0, 40.0, 30.0])
     box.update_faces([False] * 2 + [True] * 10)
     box.export("open.off")
     write("bad.yaml", text)
-    before = sorted(home.iterdir())
+    before = sorted(here.iterdir())
     for verb in ("run", "run --json", "scene check"):
         told = refusal(verb, "bad.yaml")
         assert told.startswith("palpate: bad.yaml") and BAD_SCENES[text] in told
-    assert sorted(home.iterdir()) == before
+    assert sorted(here.iterdir()) == before
 
 
 def test_scenes_are_listed_and_checked(call):
@@ -200,10 +195,10 @@ def test_every_failure_is_a_sentence_and_an_exit_code(failing, call, tmp_path, m
         (">/dev/null 2>&1 <&-", "scene chekc", 2),
     ],
 )
-def test_closed_or_full_streams_change_no_exit_code(streams, verb, code, home):
+def test_closed_or_full_streams_change_no_exit_code(streams, verb, code, here):
     script = f"( {PALPATE} {verb} ; echo $? >code ) {streams}"
     subprocess.run(["bash", "-c", script], timeout=300, check=True, capture_output=True)
-    assert int((home / "code").read_text()) == code
+    assert int((here / "code").read_text()) == code
 
 
 def test_output_that_cannot_be_written_is_a_sentence():
@@ -230,10 +225,10 @@ for name in sorted(os.listdir()):
 
 
 @pytest.mark.parametrize("coding", ["utf-8", "ascii"])
-def test_scenes_of_any_name_are_checked_in_any_terminal(coding, home):
+def test_scenes_of_any_name_are_checked_in_any_terminal(coding, here):
     names = ["b\udcff", "é", "a\nb", "-x", "50%s 'a' \"b\""]
     for name in names:
-        path = home / os.fsencode(f"{name}.yaml").decode(errors="surrogateescape")
+        path = here / os.fsencode(f"{name}.yaml").decode(errors="surrogateescape")
         path.write_text("object: {sphere: {radius: 30mm}}")
     done = python(CHECK_ALL, env={**os.environ, "PYTHONIOENCODING": coding})
     assert (done.returncode, done.stderr) == (0, b"")

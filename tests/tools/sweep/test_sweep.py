@@ -3,9 +3,9 @@
 import csv
 import json
 import re
-from html.parser import HTMLParser
 from itertools import product
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -25,6 +25,7 @@ RECORD = {
 }  # fmt: skip
 FAILED = dict.fromkeys(RECORD) | {"status": "died", "exit_code": 3, "reason": "no <luck>, a"}
 FOUR = "scene: sphere\nseeds: 2\ngrid: {planner.tolerance: [1.0e-3, 0.5e-3]}\n"
+XLINK = "{http://www.w3.org/1999/xlink}"
 WIDTHS = 2  # in which each picture of a page is drawn
 
 
@@ -130,7 +131,6 @@ def test_equal_runs_are_found_by_their_parameters(write):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("scene: vaze\n", "1: there is no scene 'vaze'; did you mean 'vase'?"),
         ("scene: []\n", "1: scene is []; expected list of length >= 1"),
         ("scene: sphere\nseeds: 0\n", "2: seeds is 0; expected whole number >= 1"),
         ("scene: sphere\nseeds: 10001\n", "2: seeds is 10001"),
@@ -268,27 +268,10 @@ def test_text_tells_what_differs_and_marks_the_front(sweep):
     assert next(line for line in lines if line[:1] == ["run"])[:3] == ["run", "seed", "status"]
 
 
-class Parts(HTMLParser):
-    """What a page is made of; raises if an element is closed that is not open."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.found = [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.found.append((tag, dict(attrs)))
-        if tag not in ("meta", "link"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.found.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def all(self, tag, name=""):
-        return [its for one, its in self.found if one == tag and name in (its.get("class") or "")]
+def parts_of(text, tag):
+    """Elements of a page, which is well formed but for heads without an end, with this tag."""
+    root = ElementTree.fromstring(re.sub(r"<((?:meta|link)[^>]*)>", r"<\1/>", text))
+    return [one for one in root.iter() if one.tag.rpartition("}")[2] == tag]
 
 
 @pytest.fixture
@@ -308,12 +291,11 @@ COSTS = [{"rms_m": 1e-4 / n, "touches": 40 * n} for n in (1, 2, 3)]
 
 def test_page_leads_to_every_run_without_network(page, tmp_path):
     text = page([COSTS[0], COSTS[1] | {"exit_code": 1}, COSTS[2], FAILED])
-    parts = Parts(text)
-    links = [its.get("xlink:href") or its["href"] for its in parts.all("a")]
+    links = [one.get(f"{XLINK}href") or one.get("href") for one in parts_of(text, "a")]
     folders = {row["folder"] for row in table(tmp_path / "out")}
-    assert {f"{one}/" for one in folders} <= {*links} and len(parts.all("figure")) == 3
+    assert {f"{one}/" for one in folders} <= {*links} and len(parts_of(text, "figure")) == 3
     dots = re.findall(r"<title>(\d): (?:(?!<title>).)*?<a xlink:href", text, re.DOTALL)
-    assert dots == 3 * WIDTHS * ["1", "2", "3"] and len(parts.all("tr")) == 5
+    assert dots == 3 * WIDTHS * ["1", "2", "3"] and len(parts_of(text, "tr")) == 5
     assert not re.search(r"https?://(?!www\.w3\.org)|src=|@import|url\((?!#)", text)
     assert "no <luck>" not in text and "1 run without a model" in text
 
@@ -361,4 +343,4 @@ def test_several_scenes_have_fronts_of_their_own():
 
 
 def test_page_of_failed_runs_has_no_pictures(page):
-    assert Parts(page([FAILED])).all("figure") == []
+    assert parts_of(page([FAILED]), "figure") == []
