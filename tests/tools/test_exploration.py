@@ -93,7 +93,6 @@ def test_meshes_and_maps_are_scenes(performed, here):
         assert f"of {height} mm" in performed[-1][0].asked
     flat = {"superquadric": {"size": [1, 1, 1], "exponents": 4}}
     for scene, options, words in (
-        ("vaes", {}, "there is no scene 'vaes'"),
         ({"object": flat}, {}, r"^scene:3: .*exponents is 4"),
         ((np.eye(3)[:2], [[0, 1, 2]]), {}, "faces must name vertices from 0 to 1"),
         ("box.stl", {"unit": "mm", "size": 0.1}, "unit and --size exclude each other"),

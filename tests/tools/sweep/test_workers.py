@@ -11,6 +11,7 @@ import pytest
 from palpate.launch.files.source_map import InputError
 from palpate.tools.sweep.sweep_file import read_sweep
 from palpate.tools.sweep.sweep_folder import ClusterWorkers, LocalWorkers, run_sweep
+from tests.tools.sweep.workers import RECORD, Workers
 
 # Few slices of a ball make a solid quickly, which misses the tolerance.
 TWO = "scene: sphere\ngrid: {planner.planner: [uniform], planner.settings.count: [3, 4]}\n"
@@ -19,25 +20,6 @@ TWO = "scene: sphere\ngrid: {planner.planner: [uniform], planner.settings.count:
 @pytest.fixture
 def two(write):
     return read_sweep(write("two.yaml", TWO), record=False)
-
-
-class Noting:
-    """Notes jobs and finishes each by a function."""
-
-    width = 1
-
-    def __init__(self, finish, code=0):
-        self.finish, self.jobs, self.code = finish, [], code
-
-    def begin(self, job):
-        self.jobs.append(job)
-        self.finish(job)
-
-    def finished(self):
-        return [(self.jobs[-1], {"status": "finished", "exit_code": self.code, "reason": "done"})]
-
-    def close(self):
-        """Nothing is open."""
 
 
 def figures(folder):
@@ -70,9 +52,9 @@ def test_processes_of_which_one_is_killed_make_the_same_table(two, tmp_path):
 
 @pytest.mark.graph
 def test_killed_process_gives_its_run_back(two, tmp_path):
-    noting = Noting(lambda job: job.folder.mkdir(parents=True))
+    noting = Workers(lambda _: RECORD)
     run_sweep(two, tmp_path / "noted", noting, print)
-    job = noting.jobs[0]._replace(folder=tmp_path / "a")
+    job = noting.begun[0]._replace(folder=tmp_path / "a")
     workers = LocalWorkers(1)
     try:
         workers.begin(job)
@@ -121,7 +103,7 @@ def swept(monkeypatch, tmp_path, two):
     def run(asked, out, workers, say):
         calls.append((asked, out, workers.width))
         say("1 of 1")
-        noting = Noting(lambda job: job.folder.mkdir(parents=True), code=1)
+        noting = Workers(lambda _: RECORD | {"exit_code": 1})
         return run_sweep(asked, tmp_path / "there", noting, lambda _: None)
 
     monkeypatch.setattr("palpate.tools.sweep.sweep_folder.run_sweep", run)
@@ -155,11 +137,14 @@ def test_impossible_sweeps_are_refused(swept, tmp_path, refusal, more, words):
 
 @pytest.mark.slow
 def test_reports_of_a_sweep_are_linked_from_its_page(run_folder, two, here, call):
-    def finish(job):
-        shutil.copytree(run_folder, job.folder)
+    def finish(number):
+        job = workers.begun[number]
+        shutil.copytree(run_folder, job.folder, dirs_exist_ok=True)
         (job.folder / "topics.mcap").unlink()  # it takes long to draw
+        return RECORD
 
-    run_sweep(two, Path("out"), Noting(finish), lambda _: None)
+    workers = Workers(finish, by_place=True)
+    run_sweep(two, Path("out"), workers, lambda _: None)
     *written, page = call("report out").out.splitlines()
     assert page == "out/index.html: written" and len(written) == 2
     text = Path("out/index.html").read_text()
