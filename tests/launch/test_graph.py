@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,10 +39,6 @@ def pair(make_node):
     return Entry(name="a", kind="t.a", source="f.yaml:2"), Entry(name="b", kind="t.b")
 
 
-def changed(entry, **fields):
-    return Entry(**{name: getattr(entry, name) for name in entry.__slots__} | fields)
-
-
 def test_wiring_and_table_name_topic_type_and_both_ends(pair):
     a, b = graph_of(*pair).wirings()
     assert a.outputs == {"/x": "/x"}
@@ -54,8 +50,8 @@ def test_wiring_and_table_name_topic_type_and_both_ends(pair):
     assert table[0].split() == ["topic", "type", "from", "to"]
     assert table[1].split() == ["/x", "LogRecord", "a", "b"]
     assert table[-1] == "ends with the Finished of b"
-    a = changed(pair[0], remap={"/x": "/z"}, namespace="one")
-    b = changed(pair[1], remap={"/x": "/z"})
+    a = replace(pair[0], remap={"/x": "/z"}, namespace="one")
+    b = replace(pair[1], remap={"/x": "/z"})
     first, second = graph_of(a, b).wirings()
     assert first.outputs == {"/x": "/z"}
     assert [(i.topic, i.local) for i in second.inputs] == [("/z", "/x")]
@@ -140,17 +136,17 @@ def test_sink_takes_every_topic_and_a_node_ends_the_graph(pair, make_node):
 ])  # fmt: skip
 def test_graph_that_could_not_run_is_refused(pair, which, change, words):
     entries = list(pair)
-    entries[which] = changed(entries[which], **change)
+    entries[which] = replace(entries[which], **change)
     with pytest.raises(InputError, match=re.escape(words)):
         graph_of(*entries).wirings()
 
 
 def test_topics_and_types_that_do_not_fit_are_refused(pair, make_node):
-    a = changed(pair[0], params={"turns": 0}, places={("turns",): "--set a.turns=0"})
+    a = replace(pair[0], params={"turns": 0}, places={("turns",): "--set a.turns=0"})
     with pytest.raises(InputError, match=r"^--set a.turns=0: a.turns is 0"):
         graph_of(a, pair[1]).wirings()
     with pytest.raises(InputError, match="publishes /x, which 'a' publishes already"):
-        graph_of(*pair, changed(pair[0], name="c")).wirings()
+        graph_of(*pair, replace(pair[0], name="c")).wirings()
     make_node("t.c", inputs={"/x": NodeStatus})
     with pytest.raises(
         InputError, match="subscribes to /x as NodeStatus, but 'a' publishes it as L"
@@ -257,8 +253,8 @@ def test_arguments_are_read_as_yaml():
 
 
 def test_resolved_text_has_what_differs_from_defaults(pair):
-    a = changed(pair[0], remap={"/x": "/z"}, nice=3, host="lab2", on_exit="stop")
-    graph = graph_of(a, changed(pair[1], remap={"/x": "/z"}, namespace="one"))
+    a = replace(pair[0], remap={"/x": "/z"}, nice=3, host="lab2", on_exit="stop")
+    graph = graph_of(a, replace(pair[1], remap={"/x": "/z"}, namespace="one"))
     assert parse_yaml(resolved_text(graph, graph.wirings(), Path("out")), "f").value == {
         "nodes": {
             "a": {

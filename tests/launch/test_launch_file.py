@@ -332,7 +332,6 @@ def test_arguments_are_shown_with_default_and_comment(write, line, row):
 
 @pytest.mark.parametrize(("name", "text", "words"), [
     ("graph.yaml", "args: [1]\n", "args must be a map of names to defaults"),
-    ("graph.py", "describe = 3", "has no function describe"),
     ("graph.py", "1 / 0", "ZeroDivisionError"),
 ])  # fmt: skip
 def test_arguments_of_wrong_file_are_refused(write, name, text, words):

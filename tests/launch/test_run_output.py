@@ -40,12 +40,8 @@ from palpate.nodes.runtime.composed import Ending
 from palpate.nodes.runtime.node import Finished, Node
 from palpate.testing import example
 
+pytestmark = pytest.mark.usefixtures("here")
 RUN = Path("runs/r")
-
-
-@pytest.fixture(autouse=True)
-def _work_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def test_table_is_aligned_and_no_cell_is_cut():

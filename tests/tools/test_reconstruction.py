@@ -17,14 +17,10 @@ from palpate.launch.files.solid_file import load, save
 from palpate.launch.files.source_map import InputError
 from palpate.tools.scoring import read_mesh_or_points
 
+pytestmark = pytest.mark.usefixtures("here")
 TURN = 2 * np.pi * np.arange(30) / 30
 HEIGHTS = np.linspace(-45.0, 45.0, 10)
 CIRCLE = np.column_stack([np.cos(TURN), np.sin(TURN)])
-
-
-@pytest.fixture(autouse=True)
-def home(here):
-    return here
 
 
 def ellipsoid(z, scale=1.0):
@@ -41,9 +37,9 @@ def write_contours(path, contours):
 
 
 @pytest.fixture
-def table(home):
+def table(here):
     """The ellipsoid without its ends, in mm."""
-    return write_contours(home / "points.csv", dict(enumerate(map(ellipsoid, HEIGHTS))))
+    return write_contours(here / "points.csv", dict(enumerate(map(ellipsoid, HEIGHTS))))
 
 
 @pytest.fixture
@@ -67,20 +63,20 @@ MM = ("--unit", "mm")
 TOUCHED = (*MM, "--top", 50, "--bottom", -50)
 
 
-def test_every_file_is_written_in_its_unit(table, home, told):
+def test_every_file_is_written_in_its_unit(table, here, told):
     names = ["a.ply", "a.stl", "a.glb", "a.obj", "a.3mf", "a.npz"]
     text = told(table, *TOUCHED, *(part for name in names for part in ("-o", name)))
     assert all(f"wrote {name}" in text for name in names)
-    assert sorted(path.name for path in home.iterdir()) == sorted([*names, "points.csv"])
-    shapes = [read_mesh_or_points(home / name, None) for name in names if name != "a.3mf"]
-    shapes.append(trimesh.load(home / "a.3mf").convert_units("meters").to_mesh())
+    assert sorted(path.name for path in here.iterdir()) == sorted([*names, "points.csv"])
+    shapes = [read_mesh_or_points(here / name, None) for name in names if name != "a.3mf"]
+    shapes.append(trimesh.load(here / "a.3mf").convert_units("meters").to_mesh())
     for shape in shapes:
         mesh = trimesh.Trimesh(shape.vertices, shape.faces)
         assert mesh.extents == pytest.approx([0.06, 0.048, 0.1], rel=0.01)
         assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.03 * 0.024 * 0.05, rel=0.01)
 
 
-def test_bad_points_and_contours_are_told(table, home, told):
+def test_bad_points_and_contours_are_told(table, here, told):
     lines = table.read_text().splitlines()
     lines[5] = "nan," + lines[5].split(",", 1)[1]
     table.write_text("\n".join([*lines, "1,1,90,77", "2,2,90,77"]))
@@ -96,19 +92,19 @@ def test_bad_points_and_contours_are_told(table, home, told):
     star = (1.0 + 0.9 * np.cos(5 * TURN))[:, None]  # odd, but used
     rings = {n + 17: np.column_stack([CIRCLE, np.full(30, n / 3)]) for n in range(4)}
     rings[19][:, :2] = star * CIRCLE + [0.8, 0.0]
-    assert "warning contour 19 (lines 62 to 91)" in told(write_contours(home / "odd.csv", rings))
+    assert "warning contour 19 (lines 62 to 91)" in told(write_contours(here / "odd.csv", rings))
 
 
 @pytest.mark.slow
-def test_untouched_and_missed_ends_are_doubted(table, home, told):
+def test_untouched_and_missed_ends_are_doubted(table, here, told):
     rings = {
         f"contour_{i}": np.column_stack([CIRCLE, np.full(30, 0.1 + 0.1 * i)]) for i in range(9)
     }
-    np.savez(home / "tin.npz", **rings)
+    np.savez(here / "tin.npz", **rings)
     text = told("tin.npz")
     assert "unit m (assumed; if not, give --unit)" in text
     assert "--bottom or --tops says where" in text and "--top or --tops says where" in text
-    (home / "tops.csv").write_text("0 0 0\n0 0 1\n")
+    (here / "tops.csv").write_text("0 0 0\n0 0 1\n")
     assert "says where" not in told("tin.npz", "--tops", "tops.csv")
     text = told(table, *MM, "--top", 100, "--bottom", -50)
     assert "the top lies 55 mm above the highest contour, where contours are at most 10 mm" in text
@@ -131,15 +127,15 @@ def test_coarse_figures_are_printed_as_json(table, figures, told):
     assert "the superquadric's fit is" in told(table, *MM, "--method", "coarse")
 
 
-def test_control_lattice_is_written(table, home, told):
+def test_control_lattice_is_written(table, here, told):
     told(table, *MM, "--lattice", "a.npz", "-o", "solid.npz")
     told(table, *MM, "--lattice", "a.vtk")
-    control = palpate.load(home / "solid.npz").lattice.lattice.control
-    with np.load(home / "a.npz") as arrays:
+    control = palpate.load(here / "solid.npz").lattice.lattice.control
+    with np.load(here / "a.npz") as arrays:
         assert np.array_equal(arrays["control"], control)
         assert arrays["undeformed"].shape == control.shape
         assert len(arrays["knots_u"]) == control.shape[2] + arrays["degree_u"] + 1
-    lines, number = (home / "a.vtk").read_text().splitlines(), control[..., 0].size
+    lines, number = (here / "a.vtk").read_text().splitlines(), control[..., 0].size
     assert lines[3:6] == [
         "DATASET STRUCTURED_GRID",
         "DIMENSIONS {} {} {}".format(*control.shape[:3]),
@@ -171,20 +167,20 @@ def test_control_lattice_is_written(table, home, told):
         ("--top inf", "--top inf: must be a finite number"),
     ],
 )
-def test_impossible_demands_are_refused(home, refusal, words, fragment):
+def test_impossible_demands_are_refused(here, refusal, words, fragment):
     rings = {f"contour_{i}": ellipsoid(z) for i, z in enumerate(HEIGHTS)}
-    np.savez(home / "points.npz", **rings)
+    np.savez(here / "points.npz", **rings)
     assert fragment in refusal("rebuild points.npz", *words.split())
-    assert [path.name for path in home.iterdir()] == ["points.npz"]
+    assert [path.name for path in here.iterdir()] == ["points.npz"]
 
 
-def test_unusable_files_are_refused(home, refusal):
+def test_unusable_files_are_refused(here, refusal):
     level = {k: [(i, 0, k) for i in range(9)] for k in (0, 1)}
     few = {k + 17: [(i, 0, k) for i in range(2)] for k in range(9)}
-    write_contours(home / "line.csv", level)
-    write_contours(home / "few.csv", few)
-    (home / "a.mcap").write_bytes(b"nothing")
-    (home / "empty").mkdir()
+    write_contours(here / "line.csv", level)
+    write_contours(here / "few.csv", few)
+    (here / "a.mcap").write_bytes(b"nothing")
+    (here / "empty").mkdir()
     assert refusal("rebuild few.csv").endswith("; and 3 more\n")
     for words, fragment in (
         ("line.csv -o a.ply", "line.csv: "),
@@ -194,13 +190,13 @@ def test_unusable_files_are_refused(home, refusal):
         ("empty", "empty: is no folder of a run: it holds no topics.mcap"),
     ):
         assert fragment in refusal("rebuild", *words.split())
-    assert not (home / "a.ply").exists()
+    assert not (here / "a.ply").exists()
 
 
-def test_surface_through_itself_has_no_stated_error(home, told, figures):
+def test_surface_through_itself_has_no_stated_error(here, told, figures):
     away = (0.02 + 0.03 * np.cos(TURN))[:, None]  # a limacon, whose inner loop is a second sheet
     rings = {n: np.column_stack([away * CIRCLE, np.full(30, 0.015 * n)]) for n in range(5)}
-    path = write_contours(home / "looped.csv", rings)
+    path = write_contours(here / "looped.csv", rings)
     text = told(path, "--unit", "m")
     assert "confidence none: the surface passes through itself" in text
     assert re.search(r"passes through itself: \d+ pairs of triangles cross", text)
@@ -208,13 +204,13 @@ def test_surface_through_itself_has_no_stated_error(home, told, figures):
     assert found["self_intersections"] > 0 and found["error_rms_m"] is None
 
 
-def test_solid_is_saved_and_loaded_bit_for_bit(table, home, told):
+def test_solid_is_saved_and_loaded_bit_for_bit(table, here, told):
     told(table, *MM, "-o", "first.npz")
     solid = palpate.load("first.npz")
-    palpate.save(solid, home / "second.npz")
-    assert np.array_equal(*map(tree_to_bytes, (solid, load(home / "second.npz"))))
-    assert (home / "first.npz").read_bytes() == (home / "second.npz").read_bytes()
-    (home / "file").touch()
+    palpate.save(solid, here / "second.npz")
+    assert np.array_equal(*map(tree_to_bytes, (solid, load(here / "second.npz"))))
+    assert (here / "first.npz").read_bytes() == (here / "second.npz").read_bytes()
+    (here / "file").touch()
     for name, words in (
         ("a.ply", r"must end in \.npz"),
         ("nowhere/a.npz", "cannot be written"),
@@ -235,16 +231,16 @@ def test_solid_is_saved_and_loaded_bit_for_bit(table, home, told):
         ({"form": np.array('{"version":1,"tree":{"tuple":[]}}')}, "holds a tuple, not a solid"),
     ],
 )
-def test_archives_without_a_solid_are_refused(home, arrays, words):
+def test_archives_without_a_solid_are_refused(here, arrays, words):
     if arrays is not None:
-        np.savez(home / "a.npz", **arrays)
+        np.savez(here / "a.npz", **arrays)
     with pytest.raises(InputError, match=words):
         load("a.npz")
 
 
-def test_several_files_are_written_together_or_not_at_all(home):
-    (home / "a").write_text("old")
-    (home / "folder").mkdir()
+def test_several_files_are_written_together_or_not_at_all(here):
+    (here / "a").write_text("old")
+    (here / "folder").mkdir()
 
     def fail(path):
         path.write_text("half")
@@ -255,11 +251,11 @@ def test_several_files_are_written_together_or_not_at_all(home):
 
     for other, write, words in (("b", fail, "No space left"), ("folder", new, "it is a folder")):
         with pytest.raises(InputError, match=f"cannot be written: {words}"):
-            write_atomically({home / "a": new, home / other: write})
-        assert (home / "a").read_text() == "old"
-        assert sorted(path.name for path in home.iterdir()) == ["a", "folder"]
-    write_atomically({home / "a": new})
-    assert (home / "a").read_text() == "new"
+            write_atomically({here / "a": new, here / other: write})
+        assert (here / "a").read_text() == "old"
+        assert sorted(path.name for path in here.iterdir()) == ["a", "folder"]
+    write_atomically({here / "a": new})
+    assert (here / "a").read_text() == "new"
 
 
 @pytest.fixture
@@ -273,13 +269,13 @@ def tilted(monkeypatch):
     return frame
 
 
-def test_recording_in_a_tilted_frame_gives_a_solid_in_the_world(tilted, home, figures):
+def test_recording_in_a_tilted_frame_gives_a_solid_in_the_world(tilted, here, figures):
     outs = ("-o", "a.ply", "-o", "a.npz", "--lattice", "a.vtk")
     record = figures("a.mcap", "--bottom", "-0.05", "--top", "0.05", *outs)  # along the axis
     assert record["uncovered_m"] == [0.0, 0.0]
     assert not any("touched at" in text for text in record["warnings"])
-    solid = load(home / "a.npz")
-    for points in (solid.mesh().vertices, read_mesh_or_points(home / "a.ply", "m").vertices):
+    solid = load(here / "a.npz")
+    for points in (solid.mesh().vertices, read_mesh_or_points(here / "a.ply", "m").vertices):
         local = Pose.from_array(tilted).to_local(points) / [
             0.03,
             0.024,
@@ -287,7 +283,7 @@ def test_recording_in_a_tilted_frame_gives_a_solid_in_the_world(tilted, home, fi
         ]
         assert np.linalg.norm(local, axis=1) == pytest.approx(1.0, abs=1e-3)
     first = repr(float(solid.control_lattice.control[0, 0, 0, 0]))
-    assert f"\n{first} " in (home / "a.vtk").read_text()
+    assert f"\n{first} " in (here / "a.vtk").read_text()
 
 
 def test_ends_along_a_tilted_axis_are_doubted_by_height(tilted, told, refusal):
@@ -324,17 +320,17 @@ def write_torus(path, rows):
 
 
 @pytest.mark.parametrize("suffix", ["npz", "ply"])
-def test_points_with_normals_are_read_from_every_format(home, suffix):
-    write_torus(home / "ring.csv", torus(50))
-    write_torus(home / f"ring.{suffix}", torus(50))
-    one, other = (read_oriented(home / f"ring.{kind}")[0] for kind in ("csv", suffix))
+def test_points_with_normals_are_read_from_every_format(here, suffix):
+    write_torus(here / "ring.csv", torus(50))
+    write_torus(here / f"ring.{suffix}", torus(50))
+    one, other = (read_oriented(here / f"ring.{kind}")[0] for kind in ("csv", suffix))
     np.testing.assert_allclose(one.points, other.points, atol=1e-5)
     np.testing.assert_allclose(one.normals, other.normals, atol=1e-6)
 
 
 @pytest.mark.slow
-def test_points_in_no_order_become_a_solid_with_a_hole(home, figures):
-    write_torus(home / "ring.csv", torus(700))
+def test_points_in_no_order_become_a_solid_with_a_hole(here, figures):
+    write_torus(here / "ring.csv", torus(700))
     found = figures("ring.csv", *GENERAL, "-o", "a.npz", "-o", "a.stl")
     assert found["genus"] == 1 and found["watertight"] and found["far_share"] < 0.08
     assert found["volume_m3"] == pytest.approx(2.0 * np.pi**2 * 0.03 * 0.012**2, rel=0.01)
@@ -343,9 +339,9 @@ def test_points_in_no_order_become_a_solid_with_a_hole(home, figures):
 
 
 @pytest.mark.slow
-def test_parts_far_from_any_point_are_told(home, told):
+def test_parts_far_from_any_point_are_told(here, told):
     rows = torus(700)
-    write_torus(home / "half.npz", rows[rows[:, 0] > -10.0])
+    write_torus(here / "half.npz", rows[rows[:, 0] > -10.0])
     assert "of the surface lies over 5 mm from any point" in told("half.npz", *GENERAL)
 
 
@@ -357,12 +353,12 @@ def test_parts_far_from_any_point_are_told(home, told):
         ("x,y,z,nx,ny,nz", (), "must not all lie in one plane"),
     ],
 )
-def test_points_without_a_general_solid_are_refused(home, refusal, header, options, words):
+def test_points_without_a_general_solid_are_refused(here, refusal, header, options, words):
     level = np.random.default_rng(1).uniform(size=(9, 2))
     rows = np.column_stack([level, np.zeros((9, 3)), np.ones(9)])
     np.savetxt("flat.csv", rows, delimiter=",", header=header, comments="")
     assert words in refusal("rebuild flat.csv -o a.stl --method general", *options)
-    assert not (home / "a.stl").exists()
+    assert not (here / "a.stl").exists()
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from palpate.launch.scene import shipped_scenes
 from palpate.tools.cli.command_line import answer_shell, palpate_group
 from tests.tools.toy_graph import toy_graph
 
+pytestmark = pytest.mark.usefixtures("here", "runtime")
 # Commands that do something, and tell no facts but what they have done.
 ACTS = {
     "host", "keys", "bag record", "bag play", "bag pause", "bag resume", "bag step", "bag export",
@@ -133,12 +134,6 @@ def test_graph_is_meant_by_number_name_directory_or_recording(tmp_path, runtime,
 HEAVY = {"scipy", "trimesh", "palpate.launch.run"}
 
 
-@pytest.fixture(autouse=True)
-def home(tmp_path, runtime, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @pytest.fixture
 def complete(monkeypatch, capsys):
     """What is offered for a line, as the shell takes it; nothing else may be printed."""
@@ -166,21 +161,21 @@ def test_commands_and_options_are_completed_in_every_shell(complete):
     assert complete("palpate rebu", "fish") == [f"rebuild\t{told}"]
 
 
-def test_scenes_are_shipped_ones_and_files(complete, home):
+def test_scenes_are_shipped_ones_and_files(complete, here):
     for name in ("vat.yaml", "valve.stl", "vain.txt"):
-        (home / name).touch()
-    (home / "vases").mkdir()
+        (here / name).touch()
+    (here / "vases").mkdir()
     assert complete("palpate run va") == ["vase", "valve.stl", "vat.yaml"]
     assert complete("palpate scene check ") == [*shipped_scenes(), "valve.stl", "vat.yaml"]
     assert complete("palpate calibrate ./vat") == ["./vat.yaml"]
     assert complete("palpate run vases/") == ["file,vases/"]
 
 
-def test_runs_are_those_of_their_folder_latest_first(complete, home):
+def test_runs_are_those_of_their_folder_latest_first(complete, here):
     assert complete("palpate bag info ") == ["file,"]
     for name in ("2026-01-01_vase", "2026-01-02_box"):
-        (home / "runs" / name).mkdir(parents=True)
-    (home / "runs" / "latest").symlink_to("2026-01-02_box")
+        (here / "runs" / name).mkdir(parents=True)
+    (here / "runs" / "latest").symlink_to("2026-01-02_box")
     runs = ["runs/latest", "runs/2026-01-02_box", "runs/2026-01-01_vase"]
     for words in ("bag info", "bag diff runs/latest", "replay", "cost", "recognise", "score"):
         assert complete(f"palpate {words} r") == runs
