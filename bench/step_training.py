@@ -19,10 +19,11 @@ from palpate.core.explore import planners as rules
 
 SEED, OBJECTS, PLACES = 1000, 150, 12  # Drawn with another seed than the objects of any bench
 TOLERANCES = (5e-4, 1e-3, 2.5e-3, 5e-3)  # Over the height
-STEPS = np.geomspace(rules.LEAST_STEP, rules.MOST_STEP, 25)
+MIN_STEP, MAX_STEP = rules.TRAINED.min_step, rules.TRAINED.max_step
+STEPS = np.geomspace(MIN_STEP, MAX_STEP, 25)
 BETWEEN = np.linspace(0.0, 1.0, 12)  # Places between two slices at which the side is compared
 HIDDEN = 6
-# Of the longest steps, which the network learns: of 0.05 to 0.35 the best on 60 other objects.
+# Of the longest steps, which the network learns: of 0.05 to 0.25 the best on 60 other objects.
 QUANTILE = 0.05
 DECAY = 1e-3  # Of the weights' squares
 
@@ -98,7 +99,7 @@ def main() -> None:
     """Train it, and print it."""
     table = np.array([*samples()])
     given = rules.network_inputs(*table[:, :3].T)
-    wanted = np.log(table[:, 3] / rules.LEAST_STEP) / np.log(rules.MOST_STEP / rules.LEAST_STEP)
+    wanted = np.log(table[:, 3] / MIN_STEP) / np.log(MAX_STEP / MIN_STEP)
     net = trained(given, wanted)
     steps = net.steps(*table[:, :3].T)
     print(f"# {len(table)} steps; {np.mean(steps > table[:, 3]):.0%} are too long")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from palpate.bench.table import Row, figure_of
 from palpate.bench.thesis import FIRST, SECOND, Example
@@ -20,7 +20,8 @@ SCENES, QUICK_SCENES = ("vase", "egg", "block", "bottle"), ("vase",)
 EXAMPLES: tuple[Example, ...] = (FIRST, SECOND)
 EXAMPLE_SIZE = "80mm"
 EXAMPLE_ROWS, EXAMPLE_COLUMNS = 121, 180  # Of their meshes
-NOISES = {"exact": "none", "noise": "default"}
+Noise = Literal["none", "default"]
+NOISES: dict[str, Noise] = {"exact": "none", "noise": "default"}
 HEAD = f"{'':<34}{'touches':>9}{'robot':>9}{'compute':>9}{'rms':>11}{'bound':>11}{'ratio':>8}"
 
 
@@ -47,13 +48,13 @@ def system_rows(quick: bool) -> Iterator[Row | str]:
                 yield _row(f"{name}, {noise}: {system}", run, run.rms / runs["palpate"].rms)
 
 
-def _run(shape: str | Mesh, system: str, noise: str) -> SystemRun:
+def _run(shape: str | Mesh, system: str, noise: Noise) -> SystemRun:
     size = None if isinstance(shape, str) else EXAMPLE_SIZE
     with tempfile.TemporaryDirectory() as folder:
         found = explore(
             shape,
             system=system,
-            noise=noise,  # type: ignore[arg-type]
+            noise=noise,
             size=size,
             out=Path(folder) / "run",
             composed=True,

@@ -1,13 +1,12 @@
-"""Fusion node: patches of overlapping touches in, the same with curvatures fused over them out.
+"""Fusion node: surface patches in, the same with curvatures fused over overlapping touches out.
 
-The Kalman filter that Fung, 1999, section 6.1, wishes for, between curvature and tracer. A patch
-that does not overlap the last one, or is not smooth, begins anew. Of a fused patch the jet bends as
-the fused curvatures say, for the tracer and the planner look at that.
+It stands between curvature and tracer: Fung, 1999, section 6.1. The filter restarts at a patch that
+is not smooth, or does not overlap the one before. The jet of a patch is corrected to the fused
+curvatures, because the tracer reads them from the jet.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Annotated, NamedTuple
 
@@ -22,14 +21,12 @@ from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
 MEASURED = "/touch/measured"  # Where the curvature node's patches go instead of to the tracer
-LEAST_COSINE = 0.1  # Cosine between normal and pad below which no jet tells of the surface
-QUADRIC = slice(3, 6)  # The coefficients of a jet that bend it: x^2, xy, y^2
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # Touches overlap whose middles are nearer than this share of the pad's width.
+    # Largest distance between the middles of two touches that overlap, fraction of the pad's width.
     overlap: Annotated[float, Meta(gt=0, le=1, description="1")] = 1.0
 
 
@@ -79,57 +76,32 @@ def _measured(patch: SurfacePatch) -> touch.LocalCurvature:
 
 
 def _fused(patch: SurfacePatch, fused: touch.FusedCurvature) -> SurfacePatch:
-    """The patch with the curvatures that all touches so far tell of."""
+    """The patch with the curvatures of all overlapping touches."""
     shape, covariance = fused.place.shape, fused.place.covariance
     k1, k2, direction, umbilic = touch.principal_curvatures(shape)
-    errors = [
-        _error_along(shape, covariance, one) for one in (direction, _across(shape, direction))
-    ]
-    jet = patch.jet
-    if len(jet) >= QUADRIC.stop:
-        jet = jet.copy()
-        jet[QUADRIC] += _bending(patch, shape)
+    across = np.cross(shape.normal, direction)
     return replace(
         patch,
         k1=k1,
         k2=k2,
-        k1_error=errors[0],
-        k2_error=errors[1],
+        k1_error=touch.curvature_error(shape, covariance, direction),
+        k2_error=touch.curvature_error(shape, covariance, across),
         principal_direction=direction,
         umbilic=umbilic or patch.umbilic,
         curvature_across=touch.curvature_along(shape, patch.direction),
-        curvature_across_error=_error_along(shape, covariance, patch.direction),
-        jet=jet,
+        curvature_across_error=touch.curvature_error(shape, covariance, patch.direction),
+        jet=_corrected_jet(patch, shape),
     )
 
 
-def _across(shape: touch.ShapeOperator, direction: Floats) -> Floats:
-    return np.cross(shape.normal, direction)
-
-
-def _error_along(shape: touch.ShapeOperator, covariance: Floats, direction: Floats) -> float:
-    """Standard error of the normal curvature along the tangential part of a direction."""
-    u, v = (shape.tangents @ direction).tolist()
-    size = math.hypot(u, v)
-    if size == 0.0:
-        return 0.0
-    row = np.array([u * u, 2.0 * u * v, v * v]) / size**2
-    return math.sqrt(max(float(row @ covariance @ row), 0.0))
-
-
-def _bending(patch: SurfacePatch, shape: touch.ShapeOperator) -> Floats:
-    """What a jet's x^2, xy and y^2 gain where the shape operator is another than it told."""
+def _corrected_jet(patch: SurfacePatch, fused: touch.ShapeOperator) -> Floats:
+    """Coefficients of the patch's jet with the fused curvatures."""
+    if not len(patch.jet):
+        return patch.jet
     axes = Pose.from_array(patch.pose).axes
-    level = (shape.tangents @ axes)[:, :2].T  # from the tangents to the pad's x and y
-    cosine = abs(float(patch.normal @ axes[:, 2]))  # its determinant, too: 1 where both agree
-    if cosine < LEAST_COSINE:
-        return np.zeros(3)
-    s11, s12, s22 = shape.parts
-    more = np.array([[s11 - patch.k1, s12], [s12, s22 - patch.k2]])
-    # The second form of a graph is its second derivatives over the length of its normal.
-    onto = np.linalg.inv(level)
-    second = onto.T @ more @ onto / cosine
-    return 0.5 * patch.jet_scale**2 * np.array([second[0, 0], 2.0 * second[0, 1], second[1, 1]])
+    in_pad = fused._replace(tangents=fused.tangents @ axes, normal=fused.normal @ axes)
+    measured = in_pad._replace(parts=(patch.k1, 0.0, patch.k2))
+    return touch.corrected_jet(touch.Jet(patch.jet, patch.jet_scale), measured, in_pad).coefficients
 
 
 NODE = Node(

@@ -241,15 +241,16 @@ def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[S
 
 
 def _uncertainty(model: types.ShapeModel) -> explore.ModelUncertainty:
+    bounded = model.method != "thesis"
     if not len(model.faces):
-        return explore.ModelUncertainty()
+        return explore.ModelUncertainty(bounded=bounded)
     return explore.ModelUncertainty(
         heights=model.uncertainty_height,
         deviations=model.uncertainty,
         whole=model.deviation,
         ends=model.ends_deviation,
         pose=model.health.get("radial_pose_sigma", 0.0),
-        bounded=model.deviation is not None,
+        bounded=bounded,
         starlike=model.health.get("radial_unused", 0.0) == 0.0,
     )
 

@@ -288,7 +288,7 @@ def _reason(known: Exploration, demand: Demand, rule: planners.Planner) -> str:
     if not known.surveyed.contours or (uncertainty.starlike and uncertainty.bounded):
         return choice.reason
     if not uncertainty.bounded:
-        return f"{choice.reason}; nothing tells how far its solid is off"
+        return f"{choice.reason}; its method of rebuilding states no error bound"
     if uncertainty.whole is None:
         return f"{choice.reason}; no solid could be rebuilt from its slices"
     return f"{choice.reason}; its slices are not star-shaped: it is rebuilt from contours alone"

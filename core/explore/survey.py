@@ -72,7 +72,7 @@ class ModelUncertainty(NamedTuple):
     pose: float = 0.0  # Standard deviation of a touch's place, m
     # False if it had to be rebuilt from contours alone, for its slices are not star-shaped.
     starlike: bool = False
-    bounded: bool = True  # Whether its method tells of errors at all
+    bounded: bool = True  # Whether its method of rebuilding states errors
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 from palpate.core import splines
 from palpate.core.arrays import finite_array
 
-MOST_CONDITION = 1e12  # Four digits are left of sixteen
-LEAST_COUNT = 4  # Control points along an axis that a cubic spline needs
+MIN_COUNT = 4  # Control points along an axis that a cubic spline needs
 
 
 class ControlSolution(NamedTuple):
@@ -28,20 +27,24 @@ class ControlSolution(NamedTuple):
 
 
 def solve_control_points(
-    points: ArrayLike, parameters: ArrayLike, shape: tuple[int, int, int]
+    points: ArrayLike,
+    parameters: ArrayLike,
+    shape: tuple[int, int, int],
+    *,
+    max_condition: float = 1e12,
 ) -> ControlSolution:
     """Least squares of (4.25): a lattice of `shape` (l, m, n) that passes points (k, 3).
 
     `parameters` (k, 3) are their triples (s, t, u), from 0 to 1. Raises ValueError if an argument
-    is not so, there are fewer points than control points, or the condition number is so large that
-    no digit of a solution would mean anything.
+    is not so, there are fewer points than control points, or the condition number is above
+    `max_condition`: about four of sixteen digits are exact at the default.
     """
     wanted = finite_array("points", points, (None, 3))
     triples = finite_array("parameters", parameters, (len(wanted), 3))
     if triples.min(initial=0.0) < 0.0 or triples.max(initial=0.0) > 1.0:
         raise ValueError("parameters must lie between 0 and 1")
-    if len(shape) != 3 or min(shape) < LEAST_COUNT:
-        raise ValueError(f"shape must be three numbers of at least {LEAST_COUNT}, got {shape}")
+    if len(shape) != 3 or min(shape) < MIN_COUNT:
+        raise ValueError(f"shape must be three numbers of at least {MIN_COUNT}, got {shape}")
     unknowns = int(np.prod(shape))
     if len(wanted) < unknowns:
         raise ValueError(
@@ -55,11 +58,11 @@ def solve_control_points(
     system = np.einsum("pi,pj,pk->pijk", across, up, along).reshape(len(wanted), unknowns)
     left, sizes, right = np.linalg.svd(system, full_matrices=False)
     condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else float("inf")
-    if condition > MOST_CONDITION:
+    if condition > max_condition:
         raise ValueError(
             f"(4.25) has the condition number {condition:.0e} for {unknowns} control points, and "
-            f"at most {MOST_CONDITION:.0e} leaves digits that mean anything: such points do not "
-            "determine them; rebuild_thesis builds shell and core instead"
+            f"at most {max_condition:.0e} is solved: the points do not determine them; "
+            "rebuild_thesis builds shell and core instead"
         )
     control = right.T @ ((left.T @ wanted) / sizes[:, None])
     volume = splines.SplineVolume(control.reshape(*shape, 3), (s, t, u))

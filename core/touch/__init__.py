@@ -8,13 +8,9 @@ sources. It rests on core arrays, frames and geometry, and on the protocol of sh
 
 from palpate.core.touch.curvature import (
     Estimator as Estimator,
-    FusedCurvature as FusedCurvature,
-    LocalCurvature as LocalCurvature,
     Patch as Patch,
     PatchKind as PatchKind,
-    begin_fusion as begin_fusion,
     fit_patch as fit_patch,
-    fuse as fuse,
     surface_patch as surface_patch,
 )
 from palpate.core.touch.faults import (
@@ -39,6 +35,15 @@ from palpate.core.touch.forms import (
     curvature_along as curvature_along,
     graph_shape_operator as graph_shape_operator,
     principal_curvatures as principal_curvatures,
+)
+from palpate.core.touch.fusion import (
+    FusedCurvature as FusedCurvature,
+    FusionSettings as FusionSettings,
+    LocalCurvature as LocalCurvature,
+    begin_fusion as begin_fusion,
+    corrected_jet as corrected_jet,
+    curvature_error as curvature_error,
+    fuse as fuse,
 )
 from palpate.core.touch.jet import (
     Jet as Jet,

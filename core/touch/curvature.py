@@ -1,9 +1,7 @@
-"""Normal and curvatures of a touched patch, with errors; from one touch or fused over several.
+"""Normal and curvatures of a touched patch, with errors.
 
 Fung, 1999, section 3.5, with a jet in place of the interpolating spline, which turns every taxel's
-noise into curvature. Chapter 6 wishes for a Kalman filter over the derivatives of the tactile
-surface; ours is over the shape operator, which is what these say of the surface itself: three
-numbers that two touches share, however their pads were turned.
+noise into curvature.
 """
 
 from __future__ import annotations
@@ -43,12 +41,8 @@ DIRECTED = 3.0  # Standard deviations by which k1 and k2 differ if their directi
 LEVEL = 1e-9  # In 1 / pads' widths: k1 and k2 that differ by less are equal but for rounding
 AWAY: Floats = np.array([0.0, 0.0, -1.0])  # Normal of an unknown patch: the pad's
 NOWHERE: Floats = np.zeros(3)  # Principal direction where there is none
-# Covariance of S11, S12, S22 if curvature is as likely to change in one direction as in any other.
-ISOTROPIC: Floats = np.diag([1.0, 0.5, 1.0])
-for _shared in (AWAY, NOWHERE, ISOTROPIC):
+for _shared in (AWAY, NOWHERE):
     _shared.setflags(write=False)
-SURPRISE = 7.815  # Squared innovation that three degrees of freedom exceed once in 20 times
-FORGET = 0.7  # What a touch's evidence of how quickly curvature changes keeps with each later one
 
 
 def surface_patch(
@@ -205,7 +199,7 @@ def _fit_beside(
             math.hypot(patch.principal_error[1], unseen),
         ),
         across_error=math.hypot(patch.across_error, unseen),
-        shape_covariance=patch.shape_covariance + unseen**2 * ISOTROPIC,
+        shape_covariance=patch.shape_covariance + unseen**2 * forms.ISOTROPIC,
     )
 
 
@@ -303,98 +297,3 @@ def _patch(
         shape=shape,
         shape_covariance=errors.parts,
     )
-
-
-@readable
-class LocalCurvature(NamedTuple):
-    """Curvature at one place of a surface, with its covariance."""
-
-    point: Floats  # Where, (3,), m
-    shape: forms.ShapeOperator  # The shape operator there, its vectors in the same frame as `point`
-    covariance: Floats  # Of its three parts, (3, 3), 1/m^2
-
-
-class FusedCurvature(NamedTuple):
-    """What the touches so far say of the curvature at the last one's place."""
-
-    place: LocalCurvature  # Curvature there
-    changed: float  # Squared changes of curvature beyond noise, weighted, 1/m^2; may be negative
-    travelled: float  # Squared distances over which they came about, likewise weighted, m^2
-    # Normalised squared innovation of the last touch: 3 on average if all is well; 0 for the first
-    # touch.
-    surprise: float
-    touches: int  # How many touches went into it
-
-    @property
-    def principal(self) -> forms.PrincipalCurvatures:
-        """Principal curvatures and direction."""
-        return forms.principal_curvatures(self.place.shape)
-
-
-def begin_fusion(measured: LocalCurvature) -> FusedCurvature:
-    """The first touch."""
-    return FusedCurvature(measured, 0.0, 0.0, 0.0, 1)
-
-
-def fuse(fused: FusedCurvature, measured: LocalCurvature) -> FusedCurvature:
-    """One more touch, which should overlap the last.
-
-    What was known is carried along the surface to the new place, where the curvature may have
-    changed by a random amount that grows with the distance. How much is learnt from earlier
-    touches: by as much as they differed beyond their noise. A touch that still surprises is given
-    the change that explains it, so that a sudden bend is followed at once.
-    """
-    before, covariance = _carried(fused.place, measured.shape)
-    seen = np.array(measured.shape.parts)
-    innovation = seen - before
-    certain = covariance + measured.covariance
-    if not float(np.trace(certain)) > 0.0:  # nothing to weigh: both are exact
-        return FusedCurvature(measured, fused.changed, fused.travelled, 0.0, fused.touches + 1)
-    squared = float(((measured.point - fused.place.point) ** 2).sum())
-    size = float(innovation @ innovation)
-    changed = FORGET * fused.changed + size - float(np.trace(certain))
-    travelled = FORGET * fused.travelled + float(np.trace(ISOTROPIC)) * squared
-    learnt = fused.changed / fused.travelled if fused.travelled > 0.0 else 0.0
-    drift = max(learnt, 0.0) * squared
-    # The innovation in its own covariance.
-    whitened = np.linalg.solve(np.linalg.cholesky(certain + drift * ISOTROPIC), innovation)
-    surprise = float(whitened @ whitened)
-    if travelled > 0.0:
-        drift = max(drift, changed / travelled * squared)
-    if surprise > SURPRISE:
-        drift = max(drift, size / float(np.trace(ISOTROPIC)))
-    predicted = covariance + drift * ISOTROPIC
-    gain = np.linalg.solve(predicted + measured.covariance, predicted).T
-    keep = np.eye(3) - gain
-    # Joseph's form: a covariance stays one, whatever is rounded.
-    left = keep @ predicted @ keep.T + gain @ measured.covariance @ gain.T
-    parts = before + gain @ innovation
-    shape = measured.shape._replace(parts=(float(parts[0]), float(parts[1]), float(parts[2])))
-    place = LocalCurvature(measured.point, shape, left)
-    return FusedCurvature(place, changed, travelled, surprise, fused.touches + 1)
-
-
-def _carried(place: LocalCurvature, there: forms.ShapeOperator) -> tuple[Floats, Floats]:
-    """Parts and covariance in the tangents of another place: parallel transport."""
-    one, other = place.shape.normal, there.normal
-    axis, cosine = np.cross(one, other), float(one @ other)
-    tangent = place.shape.tangents[0]  # Turned by the shortest way to the normal: Rodrigues
-    turned = cosine * tangent + np.cross(axis, tangent)
-    turned = turned + axis * (float(axis @ tangent) / max(1.0 + cosine, 1e-9))
-    # The tangents of both may be of either hand.
-    mirrored = float(np.linalg.det(np.vstack([place.shape.tangents, one]))) * float(
-        np.linalg.det(np.vstack([there.tangents, other]))
-    )
-    u, v = (there.tangents @ turned).tolist()
-    angle = math.atan2(v, u)
-    c, s = math.cos(angle), math.sin(angle)
-    flip = -1.0 if mirrored < 0.0 else 1.0
-    # Old tangents, told in the new ones, are (c, s) and flip * (-s, c).
-    turn = np.array(
-        [
-            [c * c, -2.0 * flip * c * s, s * s],
-            [c * s, flip * (c * c - s * s), -c * s],
-            [s * s, 2.0 * flip * c * s, c * c],
-        ]
-    )
-    return turn @ np.array(place.shape.parts), turn @ place.covariance @ turn.T

@@ -15,6 +15,9 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 
+# Covariance of S11, S12, S22 if curvature is as likely to change in one direction as in any other.
+ISOTROPIC: Floats = np.diag([1.0, 0.5, 1.0])
+ISOTROPIC.setflags(write=False)
 UMBILIC = 1e-13  # Of their size: principal curvatures that differ by less are equal: rounding
 
 

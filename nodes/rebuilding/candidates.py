@@ -69,6 +69,7 @@ class Candidates:
     sliced: LatticeSolid | None  # The final one as a control lattice; None: slices make no solid
     general: GeneralSolid | None  # None where nothing was touched, or slices do
     touched: ContactPoints  # Of what they are made
+    method: Literal["lattice", "thesis"] = "lattice"  # Of the solid of the slices
     why: str = ""  # Why slices make no solid, if they should
     whole: int = 0  # Touches of which the general solid was last fitted as a whole
     rejected: tuple[str, ...] = ()  # Solids that were fitted and contradicted, and by what
@@ -141,15 +142,11 @@ def shape_model(
     final, missing = is_final(goal), 0.0
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
     frame = IDENTITY_POSE
-    deviation = None
     if isinstance(solid, LatticeSolid):
         parts = _parts(solid, candidates, quality, step)
         frame = IDENTITY_POSE if solid.frame is None else solid.frame
-        with step("bound"):
-            deviation = solid.whole_deviation()
     elif solid is not None:
         parts = _general_parts(solid, quality, step)
-    unknown = isinstance(solid, LatticeSolid) and deviation is None
     volume = _volume(parts, candidates)
     if solid is not None and solid is candidates.general:
         with step("bound"):
@@ -160,15 +157,14 @@ def shape_model(
         probes=goal.probes,
         touches=goal.touches,
         robot_time=goal.robot_time,
-        method=_method(solid, candidates),
+        method=candidates.method if solid is candidates.sliced else "general",
         predicted={name: float(np.sqrt(found.mean())) for name, found in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         missing=missing,
         openings=openings(spanned, volume),
         frame=frame,
-        deviation=None if unknown else 0.0 if deviation is None else deviation.whole,
-        ends_deviation=0.0 if deviation is None else deviation.ends,
+        **_deviations(solid, candidates, step),
         **parts,
         **_errors(parts["vertices"], candidates, step),
         **(_checked(parts["vertices"], parts["faces"], step) if final else {}),
@@ -178,12 +174,16 @@ def shape_model(
     )
 
 
-def _method(
-    solid: AnySolid | None, candidates: Candidates
-) -> Literal["lattice", "general", "thesis"]:
-    if solid is not candidates.sliced:
-        return "general"
-    return "thesis" if isinstance(solid, LatticeSolid) and solid.method == "thesis" else "lattice"
+def _deviations(solid: AnySolid | None, candidates: Candidates, step: Steps) -> dict[str, Any]:
+    """Standard deviation of the surface and of its ends; null where the method states none."""
+    if candidates.method == "thesis":
+        return {"deviation": None}
+    if not isinstance(solid, LatticeSolid):
+        return {"deviation": 0.0}
+    with step("bound"):
+        stated = solid.whole_deviation()
+    assert stated is not None
+    return {"deviation": stated.whole, "ends_deviation": stated.ends}
 
 
 def _dropped(candidates: Candidates, count: int) -> dict[int, str]:

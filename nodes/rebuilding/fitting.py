@@ -89,7 +89,7 @@ class Published(NamedTuple):
 def published_solid(state: State, goal: Goal, step: Steps) -> Published:
     """The solid of a set that predicts better; the last one before it if that alone is sound.
 
-    With the method "thesis" its solid, whatever contradicts it.
+    With the method "thesis" it is that solid, unchecked.
     """
     if state.method == "thesis":
         candidates = fitted_solids(state, goal, step)
@@ -213,14 +213,15 @@ def _sliced(
 
 
 def _by_thesis(state: State, goal: Goal, touched: ContactPoints, step: Steps) -> Candidates:
-    """The thesis's solid of the contours; nobody asks touches whether they contradict it."""
+    """The thesis's solid of the contours, not checked against touches."""
+    alone = Candidates(None, None, touched, method="thesis")
     if not goal.contours:
-        return Candidates(None, None, touched)
+        return alone
     try:
-        return Candidates(_rebuild(state, goal, "thesis", step), None, touched)
+        return replace(alone, sliced=_rebuild(state, goal, "thesis", step))
     except ValueError as error:
-        # Its first contours make no solid yet, and are none the worse for it.
-        return Candidates(None, None, touched, why=str(error) if is_final(goal) else "")
+        # Few contours make no solid yet; only in the end that is a fault of theirs.
+        return replace(alone, why=str(error)) if is_final(goal) else alone
 
 
 def _between(state: State, goal: Goal, space: SpaceMap) -> Floats:

@@ -21,8 +21,7 @@ from palpate.core.explore.planners.fuzzy import (
     Fuzzy as Fuzzy,
 )
 from palpate.core.explore.planners.learned import (
-    LEAST_STEP as LEAST_STEP,
-    MOST_STEP as MOST_STEP,
+    TRAINED as TRAINED,
     Learned as Learned,
     LearnedSteps as LearnedSteps,
     StepNetwork as StepNetwork,

@@ -17,8 +17,6 @@ from palpate.core.explore.planners.protocol import Choice, Observation
 from palpate.core.explore.planners.thesis import step_search
 from palpate.core.plugins import Range, Ranged
 
-LEAST_STEP, MOST_STEP = 0.02, 0.4  # Steps that it can take, over the height
-
 
 class StepNetwork(NamedTuple):
     """A network with one hidden layer of hyperbolic tangents."""
@@ -27,6 +25,8 @@ class StepNetwork(NamedTuple):
     offset: Floats  # (m,)
     outward: Floats  # (m,)
     bias: float
+    min_step: float = 0.02  # Fraction of the object's height
+    max_step: float = 0.4  # Fraction of the object's height
 
     def steps(self, bends: Floats, changes: Floats, tolerances: Floats) -> Floats:
         """Steps (n,) over the height.
@@ -36,7 +36,7 @@ class StepNetwork(NamedTuple):
         """
         hidden = np.tanh(network_inputs(bends, changes, tolerances) @ self.inward + self.offset)
         share = 1.0 / (1.0 + np.exp(-(hidden @ self.outward + self.bias)))
-        return np.asarray(LEAST_STEP * (MOST_STEP / LEAST_STEP) ** share)
+        return np.asarray(self.min_step * (self.max_step / self.min_step) ** share)
 
 
 def network_inputs(bends: Floats, changes: Floats, tolerances: Floats) -> Floats:

@@ -157,7 +157,7 @@ class Observation:
     deviation: float | None = None
     ends_deviation: float = 0.0  # Of it, the part that the ends make, m
     pose_deviation: float = 0.0  # Standard deviation of a touch's place, m; 0 if none is seen
-    bounded: bool = True  # Whether anything tells how far that solid is off
+    bounded: bool = True  # Whether the method of rebuilding states errors
     # The solid as it is known, for single touches; None while there is none.
     surface: ObservedSurface | None = None
     # Whether that is a general solid, which predicts touches better than slices do.

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from palpate.core import splines
 from palpate.core.arrays import Floats
+from palpate.core.geometry import edge_distance
 from palpate.core.thesis import (
     fit_closed_curve_thesis,
     interpolated_parameters,
@@ -15,6 +16,7 @@ from palpate.core.thesis import (
     match_contour,
     ray_azimuths,
 )
+from palpate.core.thesis.layers import searched_scale
 from tests.core.thesis.contours import circle, figure
 
 PLACES = np.random.default_rng(0).random((300, 3))
@@ -153,3 +155,33 @@ def test_poles_have_no_length_and_overshoot_is_clipped():
 def test_bad_input_is_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+def by_table(limit: float) -> float:
+    """Largest scale of an ellipse that fits, by Table 4.2: two are tested where they are."""
+    low, high = 0.0, 1.0
+    while high - low > 1e-7:
+        first, second = low + 0.382 * (high - low), low + 0.618 * (high - low)
+        meets = first > limit, second > limit
+        assert meets != (True, False)  # its fourth case is a contradiction
+        if all(meets):
+            high = first
+        elif meets[1]:
+            low, high = first, second
+        else:
+            low = second
+    return low
+
+
+def test_search_of_table_4_2_finds_largest_ellipse_and_that_of_program_does_not():
+    true, by_program = [], []
+    for wide, lobe in ((1.0, 0.0), (0.4, 0.0), (1.0, 0.2), (0.7, 0.1)):
+        turns = np.arange(16) / 16
+        polygon = circle(turns) * [1.0, wide] * (1.0 + lobe * np.cos(6 * np.pi * turns))[:, None]
+        low, high = polygon.min(axis=0), polygon.max(axis=0)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        # The ellipse is a circle in its own plane.
+        true.append(edge_distance((polygon - middle) / half, np.zeros((1, 2)))[0])
+        by_program.append(searched_scale(polygon, middle, half, len(polygon)))
+    assert [by_table(limit) for limit in true] == pytest.approx(true, abs=1e-6)
+    assert np.ptp(true) > 0.1 and np.abs(np.array(by_program) - true).max() > 0.2

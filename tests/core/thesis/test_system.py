@@ -33,7 +33,10 @@ def test_solid_is_the_thesiss_and_states_no_bound(run):
     summary = json.loads((run / SUMMARY).read_text())
     assert (summary["method"], summary["rms_bound_95_m"]) == ("thesis", None)
     assert 0.1e-3 < summary["rms_m"] < 0.03 * HEIGHT
-    assert "nothing tells how far its solid is off" in summary["reason"]
+    assert "its method of rebuilding states no error bound" in summary["reason"]
+    # Of drafts, too, and of those with too few contours for a solid.
+    assert {one.rms_bound_95 for one in recorded(run, "/plan/estimate")} == {None}
+    assert {one.method for one in recorded(run, "/model/shape")} == {"thesis"}
     last = recorded(run, "/model/shape")[-1]
     assert (last.final, last.deviation, last.closed) == (True, None, True)
     assert last.control.shape[:2] == (5, 5) and last.control.shape[2] == len(last.contours)

@@ -169,8 +169,8 @@ def test_learned_steps_are_longer_where_flatter_and_where_less_is_asked(
         return LearnedSteps(tolerance, 1.0).later(bend, change, 1)
 
     assert step(bend + beyond, tolerance) < step(bend, tolerance) < step(bend, 2.0 * tolerance)
-    assert step(1e9 * beyond, tolerance) >= planners.LEAST_STEP
-    assert step(0.0, tolerance) <= planners.MOST_STEP
+    assert step(1e9 * beyond, tolerance) >= planners.TRAINED.min_step
+    assert step(0.0, tolerance) <= planners.TRAINED.max_step
     half, whole = (LearnedSteps(tolerance, scale).first(bend) for scale in (0.5, 1.0))
     assert half == 0.5 * whole
 
