@@ -39,6 +39,9 @@ ALL = "--all"
 LEFT_OUT = pytest.StashKey[dict[str, int]]()  # Slow tests that were left out, by folder
 
 
+LONGEST_FILES = ("test_pasted.py", "test_hard_objects.py", "test_workers.py", "test_system.py")
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("palpate")
     group.addoption(ALL, action="store_true", help="Run the tests that are marked slow as well.")
@@ -50,6 +53,8 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    # Files whose tests take up to a minute each come first, so that no worker ends with them alone.
+    items.sort(key=lambda item: item.path.name not in LONGEST_FILES)
     if config.getoption(ALL) or "slow" in str(config.option.markexpr):
         return
     left_out = [item for item in items if item.get_closest_marker("slow")]
