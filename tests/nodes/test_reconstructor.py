@@ -265,7 +265,8 @@ def test_where_no_solid_is_sound_the_one_before_stands():
     assert error(found, np.zeros(3), BALL) < 1e-4
 
 
-@pytest.mark.parametrize("bound", [1e-9, pytest.param(1e-3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("bound", [1e-9, 1e-3])
 def test_final_solid_off_its_draft_by_more_than_the_bound_is_rejected(bound: float, monkeypatch):
     monkeypatch.setattr(radial, "LESS", np.inf)  # The final solid takes what a draft has no need of
     last = done(3, [1, 0, 2], [3, 4], rms_bound_95=bound)

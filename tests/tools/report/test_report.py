@@ -294,6 +294,7 @@ def test_diagnostics_lead_to_places_and_times(folder):
         assert kind in found
 
 
+@pytest.mark.slow
 def test_report_verb_writes_into_the_folder_of_its_run(folder, call, monkeypatch):
     monkeypatch.chdir(folder.parent)
     assert call("report run").out == "run/report.html: written\n"
