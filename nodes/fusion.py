@@ -98,10 +98,12 @@ def _corrected_jet(patch: SurfacePatch, fused: touch.ShapeOperator) -> Floats:
     """Coefficients of the patch's jet with the fused curvatures."""
     if not len(patch.jet):
         return patch.jet
-    axes = Pose.from_array(patch.pose).axes
+    pose = Pose.from_array(patch.pose)
+    axes, (x, y, _) = pose.axes, pose.to_local(patch.points.mean(axis=0)[None])[0].tolist()
     in_pad = fused._replace(tangents=fused.tangents @ axes, normal=fused.normal @ axes)
     measured = in_pad._replace(parts=(patch.k1, 0.0, patch.k2))
-    return touch.corrected_jet(touch.Jet(patch.jet, patch.jet_scale), measured, in_pad).coefficients
+    jet = touch.Jet(patch.jet, patch.jet_scale)
+    return touch.corrected_jet(jet, measured, in_pad, (x, y)).coefficients
 
 
 NODE = Node(

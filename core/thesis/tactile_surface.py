@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.touch import Jet, JetFit, Pad
+from palpate.core.touch import Jet, JetFit, Pad, taylor_coefficients
 
 CUBIC = 3
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # Along x, along y
@@ -34,7 +34,7 @@ def fit_bspline(pad: Pad, height: Floats, touched: Bools, noise: float) -> JetFi
     rows = np.stack([np.outer(along_y[b], along_x[a]).ravel() for a, b in ORDERS])
     told = rows @ height.ravel()
     scale = 0.5 * pad.pitch * pad.cols
-    moved = _about_the_middle(at_x, at_y, scale)
+    moved = taylor_coefficients(at_x, at_y, scale)
     jet = Jet(moved @ told, scale)
     misfit = height[touched] - jet.height(x, y)
     return JetFit(
@@ -56,19 +56,3 @@ def _rows(count: int, pitch: float, place: float) -> Floats:
     taxels = np.arange(count) - 0.5 * (count - 1)
     spline = make_interp_spline(taxels, np.eye(count), k=CUBIC)
     return np.stack([spline(place / pitch, nu=order) / pitch**order for order in range(CUBIC)])
-
-
-def _about_the_middle(x: float, y: float, scale: float) -> Floats:
-    """What gives a jet's coefficients from value and derivatives (6,) at a place of the pad, m."""
-    shifted: Floats = np.array(
-        [
-            [1.0, -x, -y, 0.5 * x * x, x * y, 0.5 * y * y],
-            [0.0, 1.0, 0.0, -x, -y, 0.0],
-            [0.0, 0.0, 1.0, 0.0, -x, -y],
-            [0.0, 0.0, 0.0, 0.5, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.5],
-        ]
-    )
-    units: Floats = np.array([1.0, scale, scale, scale**2, scale**2, scale**2])
-    return shifted * units[:, None]

@@ -51,6 +51,7 @@ from palpate.core.touch.jet import (
     fit_jet as fit_jet,
     fit_robust_jet as fit_robust_jet,
     monomials as monomials,
+    taylor_coefficients as taylor_coefficients,
 )
 from palpate.core.touch.pad import (
     CONTACT as CONTACT,

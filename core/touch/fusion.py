@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.touch import forms
-from palpate.core.touch.jet import Jet
+from palpate.core.touch.jet import Jet, taylor_coefficients
 from palpate.reprs import readable
 
 
@@ -143,11 +143,13 @@ def corrected_jet(
     jet: Jet,
     measured: forms.ShapeOperator,
     fused: forms.ShapeOperator,
+    place: tuple[float, float],
     settings: FusionSettings = FusionSettings(),
 ) -> Jet:
     """The jet with second derivatives changed from a measured to a fused shape operator.
 
-    Both are in the pad's frame and have the same tangents. The second derivatives of a graph are
+    Both are in the pad's frame and have the same tangents. `place`: where they hold, x and y [m];
+    height and slopes there are kept. The second derivatives of a graph are
     its second form times the length of its normal. The jet is unchanged if it is no quadric, or the
     surface is too steep.
     """
@@ -157,8 +159,7 @@ def corrected_jet(
     s11, s12, s22 = np.subtract(fused.parts, measured.parts).tolist()
     from_pad = np.linalg.inv(fused.tangents[:, :2].T)  # x and y to the tangents
     change = from_pad.T @ np.array([[s11, s12], [s12, s22]]) @ from_pad / cosine
+    derivatives = np.array([0.0, 0.0, 0.0, change[0, 0], change[0, 1], change[1, 1]])
     coefficients = jet.coefficients.copy()
-    coefficients[3:6] += (
-        0.5 * jet.scale**2 * np.array([change[0, 0], 2.0 * change[0, 1], change[1, 1]])
-    )
+    coefficients[:6] += taylor_coefficients(*place, jet.scale) @ derivatives
     return Jet(coefficients, jet.scale)

@@ -325,3 +325,22 @@ def _powers(x: Floats, degree: int) -> Floats:
     powers[:, 1:] = x[:, None]
     np.cumprod(powers, axis=1, out=powers)
     return powers
+
+
+def taylor_coefficients(x: float, y: float, scale: float) -> Floats:
+    """Matrix (6, 6) from value and derivatives at a place [m] to coefficients of a quadric.
+
+    Derivatives are z_x, z_y, z_xx, z_xy, z_yy; coefficients as of a `Jet` with this `scale` [m].
+    """
+    shifted: Floats = np.array(
+        [
+            [1.0, -x, -y, 0.5 * x * x, x * y, 0.5 * y * y],
+            [0.0, 1.0, 0.0, -x, -y, 0.0],
+            [0.0, 0.0, 1.0, 0.0, -x, -y],
+            [0.0, 0.0, 0.0, 0.5, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.5],
+        ]
+    )
+    units: Floats = np.array([1.0, scale, scale, scale**2, scale**2, scale**2])
+    return shifted * units[:, None]
