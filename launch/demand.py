@@ -37,6 +37,7 @@ def read_demand(
     feature: str | None,
     budget: str | None,
     touches: int | None,
+    underside: str | None,
     quality: str | None,
     procedure: str | None = None,
 ) -> dict[str, SourceMapped]:
@@ -51,6 +52,7 @@ def read_demand(
         ("--tolerance", tolerance, LENGTHS, "planner.tolerance"),
         ("--feature", feature, LENGTHS, "planner.feature"),
         ("--budget", budget, TIMES, "planner.most_seconds"),
+        ("--underside", underside, {}, "planner.underside"),
         ("--quality", quality, {}, "reconstructor.quality"),
     )
     for name, text, units, target in asked:
@@ -196,6 +198,7 @@ def _choices(demanded: Demanded, settings: Mapping[str, SourceMapped]) -> list[s
     if not asked.makes_single_touches:
         parts.append("gap between contours at most a feature")
     parts.append("a closed surface, no hole unentered")
+    parts.append(f"the underside {asked.underside} ({why('planner.underside')})")
     if asked.most_touches is not None:
         parts.append(f"at most {asked.most_touches} touches ({why('planner.most_touches')})")
     if asked.most_seconds is not None:

@@ -42,6 +42,7 @@ Summary = dict[str, Any]
 SCORE_FIELDS = {
     "chamfer_m": "chamfer",
     "rms_m": "rms",
+    "exposed_rms_m": "exposed_rms",
     "hausdorff_m": "hausdorff",
     "p95_m": "p95",
     "normal_deg": "normal",
@@ -54,6 +55,7 @@ _LIMIT_KEYS = {
     "tolerance": "tolerance_m",
     "feature": "feature_m",
     "unknown_share": "unknown_share",
+    "underside_share": "underside_share",
 }
 # The same of what nobody touched, in a PlanDone, and of a node, in its status.
 OPEN_FIELDS = {

@@ -132,7 +132,7 @@ def _surface_kind(summary: Mapping[str, Any]) -> str:
 def _doubts(summary: Mapping[str, Any]) -> list[str]:
     """Why not to believe the solid everywhere, beside the limits that are not kept."""
     found = unknown_texts(summary)
-    bound, error = summary["rms_bound_95_m"], summary["rms_m"]
+    bound, error = summary["rms_bound_95_m"], summary["exposed_rms_m"]
     if bound is not None and error is not None and error > bound:
         found.append("the rms error is larger than the stated bound")
     found += [f"rejected: {one}" for one in summary["rejected"]]
@@ -213,7 +213,9 @@ def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
         )
     if summary.get("under_share"):
         share = _quantity(summary["under_share"], "1")
-        told.append(f"{share} of the surface is the underside, which is taken for flat")
+        told.append(
+            f"{share} of the surface is the underside: it may be hollow, and is not bounded"
+        )
     return told
 
 

@@ -5,11 +5,13 @@ Silent until it has the truth; then a score for each model, and the end after th
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import msgspec
 
 from palpate.core import geometry
+from palpate.core.explore.planners import STANDING_HEIGHT
 from palpate.core.steps import Steps
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs
@@ -30,6 +32,7 @@ class TrueSurface:
 
     def __init__(self, truth: Truth) -> None:
         self.height = truth.height
+        self.exposed = -math.inf if truth.platform is None else truth.platform + STANDING_HEIGHT
         solid = geometry.solidity(truth.vertices, truth.faces)
         self.volume = solid.volume  # m3
         self.genus = NO_GENUS if solid.genus is None else solid.genus
@@ -73,7 +76,7 @@ def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
     every = 1 if model.final else EVERY
     samples = geometry.SAMPLES // every
     rebuilt = geometry.prepare_surface(model.vertices, model.faces, samples)
-    distances = geometry.compare_surfaces(truth.prepared[every], rebuilt)
+    distances = geometry.compare_surfaces(truth.prepared[every], rebuilt, truth.exposed)
     solid = geometry.solidity(model.vertices, model.faces)
     return Score(
         number=model.number,
@@ -91,6 +94,7 @@ def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
         watertight=solid.watertight,
         genus=NO_GENUS if solid.genus is None else solid.genus,
         true_genus=truth.genus,
+        exposed_rms=distances.rms_above,
         final=model.final,
     )
 

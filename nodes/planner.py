@@ -41,6 +41,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     most_seconds: Annotated[float, Meta(gt=0, description="s")] | None = None
     # Whether single touches look for the object's ends; else slices and grasp alone tell of them.
     touch_ends: bool = True
+    # What the object stands on, which nothing can touch: taken for flat, or asked to be known.
+    underside: explore.Underside = "flat"
     # Along which the object is sliced, in the world, of any length; null for its own axis.
     axis: tuple[float, float, float] | None = None
 
@@ -79,6 +81,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             feature=self.feature or explore.FEATURE_SHARE * self.tolerance,
             most_touches=math.inf if self.most_touches is None else self.most_touches,
             most_seconds=math.inf if self.most_seconds is None else self.most_seconds,
+            underside=self.underside,
         )
 
 

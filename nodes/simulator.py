@@ -111,11 +111,11 @@ def start(params: Params) -> tuple[State, Outputs]:
     return state, [
         ("/world", world),
         ("/touch/info", info_of(params.sensor, pipeline.noise, sensed_face(pipeline))),
-        ("/truth", _truth(shape)),
+        ("/truth", _truth(shape, platform)),
     ]
 
 
-def _truth(shape: Shape) -> types.Truth:
+def _truth(shape: Shape, platform: float) -> types.Truth:
     low, high = shape.bounds()
     vertices, faces = shape.mesh(TRUTH_LEVEL)
     floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
@@ -125,6 +125,7 @@ def _truth(shape: Shape) -> types.Truth:
         floor_vertices=floor_vertices,
         floor_faces=floor_faces,
         height=high[2] - low[2],
+        platform=platform,
     )
 
 

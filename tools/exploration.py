@@ -45,6 +45,7 @@ def explore(
     feature: str | float | None = None,
     budget: str | float | None = None,
     touches: int | None = None,
+    underside: Literal["flat", "known"] | None = None,
     quality: Literal["draft", "normal", "fine"] | None = None,
     fingers: int | None = None,
     procedure: str | None = None,
@@ -76,6 +77,9 @@ def explore(
         Robot time that may pass: ``"300s"``, ``"5min"``, or in s.
     touches : int, optional
         Touches that may be made.
+    underside : str, optional
+        What the object stands on: flat, as which it is taken, or known, which no touch from above
+        can make it.
     quality : str, optional
         Of the final mesh: draft, normal or fine.
     fingers : int, optional
@@ -136,6 +140,7 @@ def explore(
             feature=_quantity(feature, "m"),
             budget=_quantity(budget, "s"),
             touches=touches,
+            underside=underside,
             quality=quality,
             fingers=fingers,
             procedure=procedure,
@@ -161,6 +166,7 @@ def plan_exploration(
     feature: str | None = None,
     budget: str | None = None,
     touches: int | None = None,
+    underside: str | None = None,
     quality: str | None = None,
     procedure: str | None = None,
     system: str | None = None,
@@ -190,7 +196,7 @@ def plan_exploration(
     ):
         if value is not None:
             args[name] = SourceMapped(value, option)
-    demand = read_demand(tolerance, feature, budget, touches, quality, procedure)
+    demand = read_demand(tolerance, feature, budget, touches, underside, quality, procedure)
     return plan_run(
         find_exploration(procedure, system),
         args,

@@ -44,6 +44,7 @@ from palpate.core.explore.survey import (
     ModelUncertainty as ModelUncertainty,
     Survey as Survey,
     TracedContour as TracedContour,
+    Underside as Underside,
     next_finished as next_finished,
     widened as widened,
 )

@@ -288,6 +288,7 @@ class Exploration:
             high_deviation=survey.high_deviation,
             tolerance=demand.tolerance,
             resolution=setup.resolution,
+            underside_share=demand.limits.underside_share,
             feature=max(demand.feature, planners.LEAST_FEATURE * (survey.high - survey.low)),
             budget=planners.Budget(
                 most_touches=demand.most_touches,

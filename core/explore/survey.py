@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,10 @@ class SurveySettings:
 SURVEYING = SurveySettings()
 
 
+# What an object stands on is taken for flat, or must be known.
+Underside = Literal["flat", "known"]
+
+
 class Demand(NamedTuple):
     """What is asked of an exploration."""
 
@@ -55,11 +59,13 @@ class Demand(NamedTuple):
     feature: float  # Largest height that may stay untouched, m
     most_touches: float  # Touches that may be made
     most_seconds: float  # Robot time that may pass, s
+    underside: Underside = "flat"
 
     @property
     def limits(self) -> Limits:
         """What is asked of the solid."""
-        return Limits(tolerance=self.tolerance, feature=self.feature)
+        share = None if self.underside == "flat" else 0.0
+        return Limits(tolerance=self.tolerance, feature=self.feature, underside_share=share)
 
 
 class ModelUncertainty(NamedTuple):

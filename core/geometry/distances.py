@@ -52,6 +52,7 @@ class SurfaceDistances(NamedTuple):
     p95: float  # The larger of the two 95 % quantiles, m
     hausdorff: float  # The largest distance of both ways, m
     normal_deg: float  # Mean angle between normals at samples and at their nearest points
+    rms_above: float  # Root mean square distance of samples above a height alone, m
 
 
 @readable
@@ -88,10 +89,19 @@ def prepare_surface(
     return PreparedSurface(normals, places, nearest_search(corners))
 
 
-def compare_surfaces(one: PreparedSurface, other: PreparedSurface) -> SurfaceDistances:
-    """Distances from the samples of each of two surfaces to the other; both count alike."""
+def compare_surfaces(
+    one: PreparedSurface, other: PreparedSurface, height: float = -math.inf
+) -> SurfaceDistances:
+    """Distances from the samples of each of two surfaces to the other; both count alike.
+
+    `height`: of the samples above it, along z, `rms_above` tells [m]; 0 if there are none.
+    """
     (there, there_angles), (back, back_angles) = _one_way(one, other), _one_way(other, one)
     mean_square = 0.5 * (float(np.mean(there**2)) + float(np.mean(back**2)))
+    above = [
+        distances[surface.samples.points[:, 2] > height]
+        for surface, distances in ((one, there), (other, back))
+    ]
     angles = 0.5 * (float(there_angles.mean()) + float(back_angles.mean()))
     return SurfaceDistances(
         chamfer=0.5 * (float(there.mean()) + float(back.mean())),
@@ -99,6 +109,7 @@ def compare_surfaces(one: PreparedSurface, other: PreparedSurface) -> SurfaceDis
         p95=max(float(np.quantile(there, 0.95)), float(np.quantile(back, 0.95))),
         hausdorff=max(float(there.max()), float(back.max())),
         normal_deg=math.degrees(angles),
+        rms_above=math.sqrt(sum(0.5 * float(np.mean(part**2)) for part in above if len(part))),
     )
 
 

@@ -85,3 +85,8 @@ from palpate.core.shapes.triangle_meshes import (
     DeformedShape as DeformedShape,
     TriangleShape as TriangleShape,
 )
+from palpate.core.shapes.wrapping import (
+    WrappedMesh as WrappedMesh,
+    WrapSettings as WrapSettings,
+    wrap_mesh as wrap_mesh,
+)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from palpate.core.archive import arrays_from_bytes
 from palpate.core.arrays import Floats
 from palpate.core.poses import Pose
-from palpate.core.shapes import mend_mesh
+from palpate.core.shapes import Mesh, mend_mesh, wrap_mesh
 from palpate.launch.files import glb, mesh_formats
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.ply import read_ply
@@ -87,7 +87,8 @@ def read_mesh(
 
     `up`: the axis of the file that shall point up. `size`: largest extent that the solid shall
     have, m, in place of a unit. The solid may be of any genus; small faults are mended
-    (`palpate.shapes.mend_mesh`). Returns its vertices (n, 3), each once, in m, its triangles
+    (`palpate.shapes.mend_mesh`), and of what bounds none the outside is taken
+    (`palpate.shapes.wrap_mesh`). Returns its vertices (n, 3), each once, in m, its triangles
     (m, 3), counter-clockwise seen from outside, and a sentence on what was guessed and mended.
     Raises InputError if the file cannot be read, is not one solid of fitting size, or might be in
     several units.
@@ -106,9 +107,25 @@ def read_mesh(
     vertices = _upright(vertices * scale, up)
     _check_size(path, vertices, unit)
     with as_input_errors(path):
-        found = mend_mesh(vertices, faces)
-    told += found.mends
+        found, mends = _one_solid(vertices, faces)
+    told += mends
     return found.vertices, found.faces, f"{path.name}: {'; '.join(told)}" if told else ""
+
+
+def _one_solid(vertices: Vertices, faces: Faces) -> tuple[Mesh, tuple[str, ...]]:
+    """The solid that triangles bound, mended or wrapped, and what was done to them."""
+    try:
+        mended = mend_mesh(vertices, faces)
+    except ValueError as fault:
+        wrapped = wrap_mesh(vertices, faces)
+        left = f", {wrapped.n_left_out} loose parts left out" if wrapped.n_left_out else ""
+        told = (
+            f"{fault}; so its outside was taken as rays from far away see it, at "
+            f"{1e3 * wrapped.resolution:.2g} mm: its faces lie {1e3 * wrapped.offset:.2g} mm rms "
+            f"off that, and {wrapped.closed_share:.1%} of it closes holes{left}"
+        )
+        return Mesh(wrapped.vertices, wrapped.faces), (told,)
+    return Mesh(mended.vertices, mended.faces), mended.mends
 
 
 def _extents(vertices: Vertices) -> Vertices:

@@ -239,4 +239,6 @@ class Score:
     watertight: bool  # True if every edge has exactly two faces
     genus: Count  # Number of handles; -1 for a surface that is not closed and has none to count
     true_genus: Count = -1  # The same of the truth
+    # Root mean square distance of what lies over 1 mm above the platform: what a finger may touch
+    exposed_rms: Metres
     final: bool  # True for the score of the final model

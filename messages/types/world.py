@@ -58,6 +58,7 @@ class Truth:
     floor_vertices: Points
     floor_faces: Triangles  # Triangles of the second tessellation
     height: Metres  # True height of the object
+    platform: Metres | None = None  # Height on which it stands; null if it is held
 
 
 @readable

@@ -62,16 +62,23 @@ QUALITIES: Mapping[str, Quality] = {
 }
 
 
+class FittedGeneral(NamedTuple):
+    """A general solid, and of how many touches it was last fitted."""
+
+    solid: GeneralSolid
+    whole: int  # all of it
+    anew: int  # from nothing
+
+
 @dataclass(frozen=True, eq=False)
 class Candidates:
     """The solids of one set, one of each method."""
 
     sliced: LatticeSolid | None  # The final one as a control lattice; None: slices make no solid
-    general: GeneralSolid | None  # None where nothing was touched, or slices do
+    general: FittedGeneral | None  # None where nothing was touched, or slices do
     touched: ContactPoints  # Of what they are made
     method: Literal["lattice", "thesis"] = "lattice"  # Of the solid of the slices
     why: str = ""  # Why slices make no solid, if they should
-    whole: int = 0  # Touches of which the general solid was last fitted as a whole
     rejected: tuple[str, ...] = ()  # Solids that were fitted and contradicted, and by what
     # How the touches of later sets were predicted, by the number of the set.
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
@@ -101,20 +108,22 @@ class Candidates:
             off = nearest_points(self.volume.search, touched.points).distances
             found["lattice"] = touch_squares(touched, off)
         if self.general is not None:
-            found["general"] = touch_squares(touched, self.general.residuals(touched.points))
+            off = self.general.solid.residuals(touched.points)
+            found["general"] = touch_squares(touched, off)
         return found
 
     def better(self, predicted: Mapping[str, Floats]) -> AnySolid | None:
         """The general solid if it surely predicted the same touches better, else slices."""
-        if self.sliced is None or self.general is None:
-            return self.sliced or self.general
+        whole = None if self.general is None else self.general.solid
+        if self.sliced is None or whole is None:
+            return self.sliced or whole
         sliced, general = (predicted.get(name, _NONE) for name in ("lattice", "general"))
         if not len(general) or len(sliced) != len(general):
             return self.sliced
         gain = sliced - general
         sure = gain.mean() > SURE * gain.std() / np.sqrt(len(gain))
         much = general.mean() < MUCH**2 * sliced.mean()
-        return self.general if sure and much else self.sliced
+        return whole if sure and much else self.sliced
 
     def final_mesh(self, quality: Quality) -> surface.SurfaceMesh:
         """Of about as many triangles whatever the shape: a first mesh tells how fine."""
@@ -148,7 +157,7 @@ def shape_model(
     elif solid is not None:
         parts = _general_parts(solid, quality, step)
     volume = _volume(parts, candidates)
-    if solid is not None and solid is candidates.general:
+    if candidates.general is not None and solid is candidates.general.solid:
         with step("bound"):
             missing = missing_error(volume, candidates.touched)
     return types.ShapeModel(
@@ -218,7 +227,7 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
         distances = touch_distances(candidates.touched, vertices)
         errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
         if candidates.general is not None:
-            errors, bounds = candidates.general.expected_errors(vertices)
+            errors, bounds = candidates.general.solid.expected_errors(vertices)
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
 
 

@@ -22,7 +22,13 @@ from palpate.core.rebuild.general import touch_distances
 from palpate.core.steps import Steps, no_steps
 from palpate.core.touch import Pad
 from palpate.messages import types
-from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality, is_final
+from palpate.nodes.rebuilding.candidates import (
+    QUALITIES,
+    Candidates,
+    FittedGeneral,
+    Quality,
+    is_final,
+)
 from palpate.nodes.rebuilding.soundness import SoundnessSettings, departure, faults_of, lacks
 from palpate.nodes.rebuilding.volume import MeshVolume
 
@@ -31,7 +37,9 @@ if TYPE_CHECKING:
     from palpate.nodes.rebuilding.candidates import AnySolid
 
 SETS = 3  # By how the last so many were predicted a method is chosen
-MORE = 1.25  # Times as many touches as a general solid was fitted to: then it is fitted anew
+# Times as many touches as a general solid was last fitted to as a whole: then it is again; and as
+# it was fitted to from nothing: then it is so again, lest what was wrong once is gone on with.
+MORE, ANEW = 1.25, 2.0
 # A draft misses touches where there is more to touch, and is continued beyond the outermost
 # contours while ends are unknown: that asks for slices, not for another kind of solid. So it may
 # reach far, and through what fingers have swept, beyond them.
@@ -168,20 +176,17 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     alone = _sliced(state, goal, stack_points(touched), methods, step)
     if not touched or (alone.sliced is not None and not goal.failed):
         return alone
-    found = _continued(state, goal, step)
-    if found is not None:
-        return replace(alone, general=found[0], whole=found[1])
     general = _general(state, goal, touched, step)
     if general is None:
         return replace(alone, why="all touches lie in one plane")
     if not is_final(goal):  # a planner goes on by it, and finds out where it is wrong
-        return replace(alone, general=general, whole=len(touched))
+        return replace(alone, general=general)
     space = None if state.space is None else known_space(state, goal)
-    faults = faults_of(MeshVolume(general.mesh(1)), None, alone.touched, space)
+    faults = faults_of(MeshVolume(general.solid.mesh(1)), None, alone.touched, space)
     if faults:
         told = tuple(f"the general solid: {fault}" for fault in faults)
         return replace(alone, rejected=(*alone.rejected, *told))
-    return replace(alone, general=general, whole=len(touched))
+    return replace(alone, general=general)
 
 
 def _sliced(
@@ -235,53 +240,64 @@ def _between(state: State, goal: Goal, space: SpaceMap) -> Floats:
 
 def _general(
     state: State, goal: Goal, touched: list[ContactPoints], step: Steps
-) -> GeneralSolid | None:
-    """The general solid of all touches; None if they lie in one plane."""
-    # Of objects that slices tell of, nobody waits for these imports.
-    from palpate.core.rebuild import general
+) -> FittedGeneral | None:
+    """The general solid of all touches; None if they lie in one plane.
 
-    final = is_final(goal)
+    It goes on from that of the set before where it can: with a few touches within that one's cells
+    each is taken up where it lies, else all of it is fitted again.
+    """
+    earlier = _earlier(state, goal, step)
+    if earlier is not None:
+        more = touched_since(state, earlier[0], goal)
+        before, count = earlier[1], len(touched)
+        few = count <= MORE * before.whole and goal.missed == earlier[0].missed
+        if few and not is_final(goal) and all(before.solid.covers(one.points) for one in more):
+            with step("implicit spline"):
+                solid = before.solid
+                for one in more:
+                    solid = solid.update(one)
+            return before._replace(solid=solid)
+        if count <= ANEW * before.anew:
+            evidence = stack_points([before.solid.contacts, *more])
+            solid = _fit_general(state, goal, evidence, before.solid, step)
+            return FittedGeneral(solid, count, before.anew)
     grasped = [state.contacts[number] for number in range(goal.closings)]
     evidence = stack_points([one for one in grasped if len(one.points)] + touched)
-    if general.is_flat(evidence.points):
+    # Of objects that slices tell of, nobody waits for these imports.
+    from palpate.core.rebuild.general import is_flat
+
+    if is_flat(evidence.points):
         return None
+    return FittedGeneral(
+        _fit_general(state, goal, evidence, None, step), len(touched), len(touched)
+    )
+
+
+def _earlier(state: State, goal: Goal, step: Steps) -> tuple[Goal, FittedGeneral] | None:
+    """The set before with its general solid, if all of its touches count for this one as well."""
+    before = next((one for one in reversed(state.history) if one.number < goal.number), None)
+    if before is None or before.closings != goal.closings:
+        return None
+    if not set(touched_goals(before)) <= set(touched_goals(goal)):
+        return None
+    known = fitted_solids(state, before, step).general
+    return None if known is None else (before, known)
+
+
+def _fit_general(
+    state: State, goal: Goal, evidence: ContactPoints, start: GeneralSolid | None, step: Steps
+) -> GeneralSolid:
+    from palpate.core.rebuild import general
+
     return general.rebuild_general(
         evidence,
         free=known_space(state, goal).free_places(),
         platform=state.platform,
-        cell=general.FINE if final else general.fitting_cell(evidence),
-        folds=general.FOLDS if final else general.FEW_FOLDS,
+        cell=general.FINE if is_final(goal) else general.fitting_cell(evidence),
         outward=True,
+        start=start,
         step=step,
     )
-
-
-def _continued(state: State, goal: Goal, step: Steps) -> tuple[GeneralSolid, int] | None:
-    """The general solid of the set before, with the touches since; None where it must be fitted.
-
-    And the number of touches to which it was last fitted as a whole.
-
-    That is at the end; where there are many more touches than at the last fit, or one of them lies
-    beside the solid; and where a finger went through what was taken for solid.
-    """
-    before = next((one for one in reversed(state.history) if one.number < goal.number), None)
-    if before is None or is_final(goal) or before.missed != goal.missed:
-        return None
-    kept = set(touched_goals(before)) <= set(touched_goals(goal))
-    if not kept or before.closings != goal.closings:
-        return None
-    known = fitted_solids(state, before, step)
-    if known.general is None:
-        return None
-    more = touched_since(state, before, goal)
-    many = len(touched_points(state, goal)) > MORE * known.whole
-    if many or not all(known.general.covers(one.points) for one in more):
-        return None
-    with step("implicit spline"):
-        solid = known.general
-        for one in more:
-            solid = solid.update(one)
-    return solid, known.whole
 
 
 def _rebuild(state: State, goal: Goal, method: Method, step: Steps) -> LatticeSolid:

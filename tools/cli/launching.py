@@ -47,6 +47,11 @@ PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
 @click.option("--budget", metavar="TIME", help="Robot time that may pass, grasp included, as 300s.")
 @click.option("--touches", type=int, help="Touches that may be made.")
 @click.option(
+    "--underside",
+    type=click.Choice(["flat", "known"]),
+    help="What the object stands on: taken for flat, or not done until it is known.",
+)
+@click.option(
     "--quality",
     type=click.Choice(["draft", "normal", "fine"]),
     help="Of the final mesh: 6,000, 45,000 or 180,000 faces.",

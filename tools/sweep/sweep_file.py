@@ -157,7 +157,7 @@ def _demand(name: str, value: SourceMapped) -> Settings:
     """A setting of the planner, as on the command line: ``tolerance: 0.2mm``."""
     tolerance, feature, budget = (str(value.value) if name == one else None for one in DEMANDS)
     try:
-        found = read_demand(tolerance, feature, budget, None, None)
+        found = read_demand(tolerance, feature, budget, None, None, None)
     except InputError as error:
         raise value.error((), str(error).removeprefix("--")) from None
     return {target: SourceMapped(one.value, value.source) for target, one in found.items()}

@@ -57,6 +57,7 @@ from palpate.core.explore.planners.protocol import (
     slice_without_contour as slice_without_contour,
 )
 from palpate.core.explore.planners.surface import (
+    STANDING_HEIGHT as STANDING_HEIGHT,
     ObservedSurface as ObservedSurface,
     OpenArea as OpenArea,
     Progress as Progress,

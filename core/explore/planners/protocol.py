@@ -147,6 +147,8 @@ class Observation:
     tolerance: float  # Root mean square error that is asked for, m
     resolution: float  # Smallest difference that the sensor tells, m
     feature: float  # Largest height that may stay untouched, m
+    # Share of the surface that may be an untouched underside; None: that counts as flat.
+    underside_share: float | None = None
     budget: Budget = field(default_factory=Budget)  # What may be spent
     slices: tuple[ObservedSlice, ...] = ()  # In the order in which they were asked for
     busy_heights: tuple[float, ...] = ()  # Heights at which other fingers are at work, m
@@ -193,7 +195,11 @@ class Observation:
     @property
     def limits(self) -> Limits:
         """What is asked of the solid."""
-        return Limits(tolerance=self.tolerance, feature=self.feature)
+        return Limits(
+            tolerance=self.tolerance,
+            feature=self.feature,
+            underside_share=self.underside_share,
+        )
 
     @property
     def usable_slices(self) -> tuple[ObservedSlice, ...]:

@@ -41,7 +41,8 @@ BODY = 10.0e-3  # Length of the finger behind the pad's face that must be free, 
 LEAST_START, MOST_START = 4.0e-3, 20.0e-3  # Of the face over the place where it is expected, m
 DEVIATIONS = 3.0  # Expected errors that a start lies farther off
 BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
-CLEARANCE = 1.0e-3  # Of the finger from the pedestal, m: what lies so low stands on it
+CLEARANCE = 1.0e-3  # Of the finger from the pedestal, m
+STANDING_HEIGHT = 1.0e-3  # Over the platform, m: what lies so low stands on it
 DOWNWARD = -0.7  # Upward part of the normals of what faces down
 SAME = 1e-9  # Targets that differ by less are one, m
 HIDDEN_SLOPE = 0.5  # Error that an unknown place may hide, over its distance from touch
@@ -150,8 +151,7 @@ class ObservedSurface:
         places = self.places
         return Findings(
             error_bound=self.rms_bound_95,
-            underside_error=self.bound_of(places.under),
-            underside_share=float(places.under.mean()),
+            underside_share=float(places.standing.mean()),
             crease_error=self.bound_of(self.creased),
             crease_share=float(self.creased.mean()),
             unknown_share=self.open_area.share,
@@ -170,8 +170,11 @@ class ObservedSurface:
 
     @cached_property
     def rms_bound_95(self) -> float:
-        """Below which the root mean square error is in 95 of 100 runs, m."""
-        return math.hypot(self.bound_of(np.ones(PLACES, np.bool_)), self.missing)
+        """Below which the root mean square error is in 95 of 100 runs, m.
+
+        Of what the object stands on nothing is known: it may be hollow, and no number bounds it.
+        """
+        return math.hypot(self.bound_of(~self.places.standing), self.missing)
 
     @cached_property
     def progress(self) -> tuple[Progress, ...]:
@@ -190,8 +193,9 @@ class ObservedSurface:
         The tolerance itself where the rest leaves so little of it that touches are in vain.
         """
         touchable = self._touchable(tried)
-        rest = float((np.square(self.bounds_there) * ~touchable).mean())
-        room, share = tolerance**2 - rest, float(touchable.mean())
+        counted = ~self.places.standing
+        rest = float((np.square(self.bounds_there) * ~touchable)[counted].mean())
+        room, share = tolerance**2 - rest, float(touchable[counted].mean())
         if room < LEAST_ROOM**2 * share * tolerance**2:
             return tolerance
         return min(math.sqrt(room / share), tolerance) if share else tolerance
@@ -327,7 +331,7 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     standing = under = np.zeros(PLACES, np.bool_)
     if surface.platform is not None:
         heights = points[:, 2] - surface.platform
-        standing = heights < CLEARANCE
+        standing = heights < STANDING_HEIGHT
         under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
             (heights < BODY) & (normals[:, 2] < DOWNWARD)
         )

@@ -23,6 +23,8 @@ class Limits:
     # Share of the surface that may lie farther than `unknown_distance` from every touch. Beside
     # what an object stands on and in corners that hold a pad off, a little always does.
     unknown_share: float = 0.01
+    # Share of the surface that may be an underside which nothing touched; None: it counts as flat.
+    underside_share: float | None = None
 
     @property
     def unknown_distance(self) -> float:
@@ -39,10 +41,8 @@ class Findings:
     """What is known of a solid; None where it is not known, or does not apply to it."""
 
     error_bound: float | None = None  # 95 % bound of the root mean square error [m]
-    # The same of two parts alone, with their shares of the surface: what the object stands on, and
-    # creases that are too narrow for a finger.
-    underside_error: float | None = None  # [m]
-    underside_share: float | None = None
+    underside_share: float | None = None  # of the surface, on which the object stands
+    # The error bound of creases alone that are too narrow for a finger, and their share.
     crease_error: float | None = None  # [m]
     crease_share: float | None = None
     unknown_share: float | None = None  # of the surface, underside apart, far from every touch
@@ -113,17 +113,16 @@ def _errors(found: Findings, limits: Limits) -> Iterator[Criterion]:
         return
     yield Criterion("error bound", found.error_bound, tolerance, "m")
     # A part that alone takes the whole solid beyond the tolerance is named with what it may err by.
-    for name, error, share in (
-        ("underside error", found.underside_error, found.underside_share),
-        ("crease error", found.crease_error, found.crease_share),
-    ):
-        if error is not None and share and error * math.sqrt(share) > tolerance:
-            yield Criterion(name, error, tolerance / math.sqrt(share), "m")
+    error, share = found.crease_error, found.crease_share
+    if error is not None and share and error * math.sqrt(share) > tolerance:
+        yield Criterion("crease error", error, tolerance / math.sqrt(share), "m")
     if found.true_error is not None:
         yield Criterion("rms error", found.true_error, tolerance, "m")
 
 
 def _coverage(found: Findings, limits: Limits) -> Iterator[Criterion]:
+    if limits.underside_share is not None and found.underside_share is not None:
+        yield Criterion("underside", found.underside_share, limits.underside_share, "1")
     if limits.feature is not None:
         if found.unknown_share is not None:
             yield Criterion("unknown share", found.unknown_share, limits.unknown_share, "1")

@@ -5,6 +5,7 @@ over a narrow band of cells, whose control values are a lattice. Weights and siz
 tuned. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
 """
 
+from palpate.core.rebuild.general.errors import touch_distances as touch_distances
 from palpate.core.rebuild.general.orientation import (
     Orientation as Orientation,
     oriented as oriented,
@@ -15,10 +16,7 @@ from palpate.core.rebuild.general.rebuilding import (
     rebuild_general as rebuild_general,
 )
 from palpate.core.rebuild.general.solid import (
-    FEW_FOLDS as FEW_FOLDS,
     FINE as FINE,
-    FOLDS as FOLDS,
     GeneralSolid as GeneralSolid,
-    touch_distances as touch_distances,
     touch_squares as touch_squares,
 )

@@ -10,6 +10,7 @@ scipy factors no sparse symmetric matrix but as a general one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
@@ -98,18 +99,57 @@ class Factor(NamedTuple):
     sides: tuple[Floats, ...]  # Below them, over the border, (b, k)
 
     def solve(self, right: Floats) -> Floats:
-        """The solution (n,) of the equations with a right-hand side."""
+        """The solution of the equations with right-hand sides, (n,) or (n, k)."""
         found = right.copy()
-        every = zip(self.dissection.fronts, self.corners, self.sides, strict=True)
-        fronts = [one for one in every if len(one[0].own)]
-        for front, corner, side in fronts:
-            own, _ = scipy.linalg.lapack.dtrtrs(corner, found[front.own], lower=1)
+        for front, corner, side in self._eliminating():
+            own = scipy.linalg.lapack.dtrtrs(corner, found[front.own], lower=1)[0]
             found[front.own] = own
             found[front.border] -= side @ own
-        for front, corner, side in reversed(fronts):
-            own = found[front.own] - found[front.border] @ side
+        return self._substituted(found)
+
+    def draws(self, normal: Floats) -> Floats:
+        """Draws (n, k) whose covariance is the inverse of the equations, of normal ones (n, k)."""
+        return self._substituted(normal.copy())
+
+    def _eliminating(self) -> list[tuple[Front, Floats, Floats]]:
+        every = zip(self.dissection.fronts, self.corners, self.sides, strict=True)
+        return [one for one in every if len(one[0].own)]
+
+    def _substituted(self, found: Floats) -> Floats:
+        for front, corner, side in reversed(self._eliminating()):
+            own = found[front.own] - side.T @ found[front.border]
             found[front.own] = scipy.linalg.lapack.dtrtrs(corner, own, lower=1, trans=1)[0]
         return found
+
+    def halves(self, right: scipy.sparse.csr_matrix) -> Iterator[tuple[Longs, Floats]]:
+        """The product of the inverse of the lower factor and a sparse right-hand side (n, k).
+
+        Front by front: which columns (c,) have rows there, and these rows, (own, c). With all of
+        them F, the product F^T F is that of the right-hand side and the solution.
+        """
+        passed: dict[int, tuple[Longs, Longs, Floats]] = {}  # Columns, control values, rows
+        place = np.empty(self.dissection.size, np.int64)
+        for number, (front, corner, side) in enumerate(
+            zip(self.dissection.fronts, self.corners, self.sides, strict=True)
+        ):
+            count, size = len(front.own), len(front.own) + len(front.border)
+            place[front.own], place[front.border] = np.arange(count), np.arange(count, size)
+            begun = right[front.own].tocoo()
+            below = [passed.pop(part) for part in front.parts if part in passed]
+            columns = np.unique(np.concatenate([begun.col, *(one[0] for one in below)]))
+            if not len(columns):
+                continue
+            rows = np.zeros((size, len(columns)), order="F")
+            rows[begun.row, np.searchsorted(columns, begun.col)] = begun.data
+            for others, values, part in below:
+                rows[np.ix_(place[values], np.searchsorted(columns, others))] += part
+            solved, rest = rows[:count], rows[count:]
+            if count:
+                solved = scipy.linalg.blas.dtrsm(1.0, corner, solved, lower=1)
+                rest = rest - side @ solved
+                yield columns.astype(np.int64), solved
+            if len(front.border):
+                passed[number] = columns.astype(np.int64), front.border, rest
 
 
 class Blocks(Protocol):

@@ -29,10 +29,18 @@ import scipy
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.rebuild.general.band import LOCAL, Band, basis_rows, cell_integrals
-from palpate.core.rebuild.general.dissection import Dissection, Longs, dissect, factorise
+from palpate.core.rebuild.general.dissection import (
+    Dissection,
+    Factor,
+    Longs,
+    dissect,
+    factorise,
+)
 from palpate.reprs import readable
 
 MOST_STEPS, RESIDUAL = 15, 3e-3
+LEAST_SLOPE = 0.3  # Of the spline's gradient: a flatter one is no distance
+LEAST_POSE = 1e-9  # Cells: exact poses are as sure as this where they must be inverted
 
 
 @readable
@@ -72,16 +80,74 @@ class ImplicitFit:
     residuals: Floats  # Of each point along its normal, its touch displaced, (k,)
 
 
-@readable
-class Fitted(NamedTuple):
-    """A spline over cells of one size, and what it was fitted to, in cells."""
+class Start(NamedTuple):
+    """What a fit is begun with, in cells."""
+
+    weights: Floats  # Of each point, (k,), from 0 to 1
+    displacements: Floats  # Of each touch, (t, 3)
+
+    def begun(self, fit: ImplicitFit, scale: float) -> Start:
+        """With what a fit of the first touches found, in cells `scale` times as large."""
+        weights, displacements = self.weights.copy(), self.displacements.copy()
+        # What lay beside the band had no weight, and says nothing of outliers.
+        weights[: len(fit.weights)] = np.where(fit.weights > 0.0, fit.weights, 1.0)
+        displacements[: len(fit.displacements)] = scale * fit.displacements
+        return Start(weights, displacements)
+
+
+def plain_start(points: int, touches: int) -> Start:
+    """Where nothing is known."""
+    return Start(np.ones(points), np.zeros((touches, 3)))
+
+
+class Spline(NamedTuple):
+    """A fitted spline, and how large its cells are."""
 
     cell: float  # Edge of a cell, m
     fit: ImplicitFit
+
+    def distances(self, places: Floats) -> Floats:
+        """Signed distances (n,) of places (n, 3) from the origin, m, to first order; NaN beyond."""
+        value, gradient = self.fit.band.evaluate(self.fit.control, places / self.cell)
+        slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
+        return np.asarray(self.cell * value / slope)
+
+
+class Solution(NamedTuple):
+    """A fit, and the equations that it solves."""
+
+    fit: ImplicitFit
+    equations: Equations
+    factor: Factor  # Of the equations of the control values alone
+    shares: Floats  # What each point of the equations weighs in them, (k,)
+    right: Floats  # What is asked of the control values, displacements apart, (n,)
+
+    def coupling(self) -> scipy.sparse.csr_matrix:
+        """How control values (n,) and displacements (3 t,) depend on each other, (n, 3 t)."""
+        equations = self.equations
+        square = (self.shares / equations.scale.point) ** 2
+        weighted = equations.displacing.multiply(square[:, None])
+        return scipy.sparse.csr_matrix(equations.values.T @ weighted)
+
+    def touch_blocks(self) -> Floats:
+        """Equations of each touch's displacement alone, (t, 3, 3)."""
+        return touch_blocks(self.equations, self.shares)
+
+    def row_weights(self, points: Longs) -> Floats:
+        """What divides value and gradient of some points by their deviations, (k, 4)."""
+        scale = self.equations.scale
+        deviations = np.array([scale.point, *[scale.normal] * 3])
+        return np.asarray(self.shares[points, None] / deviations)
+
+
+class Fitted(NamedTuple):
+    """A spline over cells of one size, and what it was fitted to, in cells."""
+
+    spline: Spline
+    solution: Solution
     points: TouchedPoints
     control: Floats  # Of the coarse solid
     weights: Weights
-    order: Dissection
 
 
 class CellBlocks(NamedTuple):
@@ -138,9 +204,7 @@ class Equations:
         local = band.local[self.cell]
         ends = np.arange(0, LOCAL * len(order) + 1, LOCAL)
         shape = (len(order), len(band.control))
-        self.values, *self.slopes = (
-            scipy.sparse.csr_matrix((one.ravel(), local.ravel(), ends), shape=shape) for one in rows
-        )
+        self.values = scipy.sparse.csr_matrix((rows[0].ravel(), local.ravel(), ends), shape=shape)
         self.displacing = scipy.sparse.csr_matrix(
             (
                 self.normals.ravel(),
@@ -161,13 +225,16 @@ class Equations:
     def right_side(self, shares: Floats) -> Floats:
         """What the normals ask of the gradients, (n,)."""
         factor = (shares / self.scale.normal) ** 2
-        pairs = zip(self.slopes, self.normals.T, strict=True)
-        return np.asarray(sum(slope.T @ (factor * along) for slope, along in pairs))
+        asked = np.einsum("akl,ka->kl", self.rows[1:], factor[:, None] * self.normals)
+        local = self.band.local[self.cell]
+        found = np.bincount(local.ravel(), asked.ravel(), len(self.band.control))
+        return np.asarray(found, np.float64)
 
     def misfits(self, control: Floats, displacements: Floats) -> tuple[Floats, Floats]:
         """Residuals of points, (k,), and how far off the gradients are, (k,)."""
         value = self.values @ control + self.displacing @ displacements.ravel()
-        gradient = np.stack([slope @ control for slope in self.slopes], axis=1)
+        local = control[self.band.local[self.cell]]
+        gradient = np.einsum("akl,kl->ka", self.rows[1:], local)
         return value, np.linalg.norm(gradient - self.normals, axis=1)
 
 
@@ -180,52 +247,51 @@ def fit_implicit(
     points: TouchedPoints,
     coarse: Floats,
     weights: Weights,
-    *,
-    touches: int,
-    rounds: int,
-    start: ImplicitFit | None = None,
+    start: Start,
     dissection: Dissection | None = None,
-) -> ImplicitFit:
+) -> Solution:
     """The spline over a band; points outside it have no weight.
 
-    `coarse` (n,): the coarse solid at the control values, in cells. `touches`: how many there are.
-    `rounds`: of weighing outliers anew. `start`: a fit over the same band whose displacements and
-    weights are begun with. `dissection`: of the band, if it is known.
+    `coarse` (n,): the coarse solid at the control values, in cells. `start`: what points weigh, and
+    where displacements are looked for first. `dissection`: of the band, if it is known.
     """
-    equations = Equations(band, points, weights, touches, dissection)
+    equations = Equations(band, points, weights, len(start.displacements), dissection)
     third, mass = cell_integrals()
     regular = weights.variation * third + weights.anchor * mass
     pulled = np.zeros(len(band.control))
     np.add.at(pulled, band.local, weights.anchor * (coarse[band.local] @ mass))
-    shares = np.ones(len(equations.order)) if start is None else start.weights[equations.order]
-    moved = np.zeros((touches, 3)) if start is None else start.displacements
-    for _ in range(rounds):
-        control, moved = _solve(equations, shares, regular, pulled, moved)
-        value, tilt = equations.misfits(control, moved)
-        off = (value / weights.point) ** 2 + (tilt / weights.normal) ** 2
-        shares = (1.0 + off / weights.cauchy**2) ** -0.5
-    every, residuals = np.zeros(len(points.places)), np.full(len(points.places), np.nan)
-    every[equations.order], residuals[equations.order] = shares, value
-    return ImplicitFit(band, control, moved, every, residuals)
-
-
-def _solve(
-    equations: Equations, shares: Floats, regular: Floats, pulled: Floats, start: Floats
-) -> tuple[Floats, Floats]:
-    """Control values (n,) and displacements (t, 3) of least energy."""
+    shares = start.weights[equations.order]
     factor = factorise(equations.dissection, equations.blocks(shares, regular))
     right = equations.right_side(shares) + pulled
+    control, moved = _solve(equations, factor, shares, right, start.displacements)
+    value, tilt = equations.misfits(control, moved)
+    off = (value / weights.point) ** 2 + (tilt / weights.normal) ** 2
+    every, residuals = np.zeros(len(points.places)), np.full(len(points.places), np.nan)
+    every[equations.order] = (1.0 + off / weights.cauchy**2) ** -0.5
+    residuals[equations.order] = value
+    fit = ImplicitFit(band, control, moved, every, residuals)
+    return Solution(fit, equations, factor, shares, right)
 
-    alone = factor.solve(right)
-    pose = equations.scale.pose
-    if not pose:
-        return alone, np.zeros_like(start)
+
+def touch_blocks(equations: Equations, shares: Floats) -> Floats:
+    """Equations of each touch's displacement alone, (t, 3, 3)."""
     square = (shares / equations.scale.point) ** 2
     normals, touch, count = equations.normals.T, equations.touch, equations.count
     own = np.empty((count, 3, 3))
     for i, j in np.ndindex(3, 3):
         own[:, i, j] = np.bincount(touch, normals[i] * normals[j] * square, count)
-    own += np.eye(3) / pose**2
+    return np.asarray(own + np.eye(3) / max(equations.scale.pose, LEAST_POSE) ** 2)
+
+
+def _solve(
+    equations: Equations, factor: Factor, shares: Floats, right: Floats, start: Floats
+) -> tuple[Floats, Floats]:
+    """Control values (n,) and displacements (t, 3) of least energy."""
+    alone = factor.solve(right)
+    if not equations.scale.pose:
+        return alone, np.zeros_like(start)
+    square = (shares / equations.scale.point) ** 2
+    own = touch_blocks(equations, shares)
     inverse = np.asarray(np.linalg.inv(own), np.float64)
 
     def to_touches(control: Floats) -> Floats:

@@ -16,9 +16,18 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Floats, Ints, check_extent, finite_array, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
-from palpate.core.rebuild.general.band import basis_rows, cells_between, make_band
+from palpate.core.rebuild.general.band import basis_rows, make_band
 from palpate.core.rebuild.general.dissection import dissect
-from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, TouchedPoints, fit_implicit
+from palpate.core.rebuild.general.errors import distance_errors
+from palpate.core.rebuild.general.fitting import (
+    Fitted,
+    ImplicitFit,
+    Solution,
+    Spline,
+    TouchedPoints,
+    fit_implicit,
+    plain_start,
+)
 from palpate.core.rebuild.general.orientation import oriented
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
@@ -27,13 +36,13 @@ DENSE = 1.5e-4  # Area of the hull for each touch below which they do, m^2
 VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
 FOLLOWED = 2  # Times, at most, that the band is widened where the surface leaves it
 FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
-BAND = 1.0  # Cells to both sides of the coarse solid's surface
+BAND = 1.0  # Cells to both sides of the surface as it is known
+SEARCHED = 4.0  # Cells to both sides of the coarse solid's, where an earlier spline is asked
 SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
 AREA = 1.5  # Of the area of the hull over the number of touches: what a point may stand for
 HULL_POINTS = 5_000  # More say no more about the hull
 MOST_POINTS = 30_000  # More are thinned out
-ROUNDS = 2
-LEAST_SLOPE = 0.3  # Of the spline's gradient: a flatter one is no distance
+ROUNDS = 2  # Of weighing outliers, where nothing is known of them
 FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
 
 
@@ -71,8 +80,8 @@ def rebuild_general(
     platform: float | None = None,
     cell: float = solid.FINE,
     pose: float = solid.POSE,
-    folds: int = solid.FOLDS,
     outward: bool = False,
+    start: solid.GeneralSolid | None = None,
     step: Steps = no_steps,
 ) -> solid.GeneralSolid:
     """The solid of touched points with normals, of whatever shape it is.
@@ -81,10 +90,11 @@ def rebuild_general(
     any length, outward: those that point inwards are turned (`oriented`) unless `outward` vouches
     for all, as a pad does. `free` (k, 3): places that a finger has swept. `platform`: height on
     which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
-    standard deviation of a touch's place. `folds`: quarters of the touches that are left out in
-    turn, to predict them. Cells are larger where an object is so large that there would be too
-    many (`GridSettings`). Raises ValueError without normals, if they disagree, if all lies in one
-    plane, or in more than a metre: coordinates are in metres.
+    standard deviation of a touch's place. `start`: the solid of the first of these contacts, as it
+    has them: what is known of it is gone on with, which takes a fraction of the time. Cells are
+    larger where an object is so large that there would be too many (`GridSettings`). Raises
+    ValueError without normals, if they disagree, if all lies in one plane, or in more than a metre:
+    coordinates are in metres.
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
@@ -98,18 +108,19 @@ def rebuild_general(
     if is_flat(contacts.points):
         raise ValueError("patches must not all lie in one plane")
     cell = max(cell, least_cell(contacts.points))
-    touched = _thinned(contacts)
+    touched = contacts if start is not None else _thinned(contacts)
     touched = touched if outward else oriented(touched).contacts
     with step("topology"):
         coarse = _coarse(touched, free, platform, cell)
     with step("implicit spline"):
         setting = Setting(touched, coarse, platform, pose)
-        first = setting.fit(max(cell, solid.COARSE), None)
-        fitted = first if cell >= solid.COARSE else setting.fit(cell, first)
+        before = None if start is None else Spline(start.cell, start.fit)
+        if before is None and cell < solid.COARSE:
+            before = setting.fit(solid.COARSE, None, 1).spline
+        fitted = setting.fit(cell, before, ROUNDS if before is None else 1)
     with step("held-out touches"):
-        predicted = solid.held_out_errors(fitted, folds)
-        foot = None if platform is None else solid.foot_errors(fitted)
-    known = fitted.fit, coarse, touched, platform, predicted, foot, pose
+        predicted = distance_errors(fitted)
+    known = fitted.spline.fit, coarse, touched, platform, predicted, pose
     return solid.GeneralSolid(setting.origin, cell, *known)
 
 
@@ -148,33 +159,43 @@ class Setting(NamedTuple):
         """Of the cells, (3,)."""
         return np.array([0.0, 0.0, self.platform or 0.0])
 
-    def fit(self, cell: float, before: Fitted | None) -> Fitted:
-        """The spline over the cells at the surface of the one before, or of the coarse solid."""
+    def fit(self, cell: float, before: Spline | None, rounds: int) -> Fitted:
+        """The spline over the cells at the surface, which is followed where it leaves them.
+
+        `before`: a spline of the first of these touches, which tells where the surface lies, how
+        far touches are off and which points are outliers. `rounds`: of weighing outliers.
+        """
         places = (self.touched.points - self.origin) / cell
         points = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
         touches = int(points.touch.max()) + 1
-        weights = solid.cell_weights(cell, self.pose)
-        standing = self.platform is not None
-        if before is None:
-            cells = _first_cells(self, points, cell)
-        else:
-            cells = _finer(before, points, cell, standing=standing)
+        start = plain_start(len(places), touches)
+        if before is not None:
+            start = start.begun(before.fit, before.cell / cell)
+        cells = _surface_cells(self, before, points, cell)
+        found: Solution | None = None
         for turn in range(FOLLOWED + 1):
             band = make_band(cells)
-            control = self.coarse.at(band.control * cell + self.origin) / cell
             order = dissect(band.cells, band.local, len(band.control))
-            terms = band, points, control, weights
-            fit = fit_implicit(*terms, touches=touches, rounds=1, dissection=order)
-            beyond = surface_neighbours(fit, standing=standing)
+            control = self.coarse.at(band.control * cell + self.origin) / cell
+            terms = points, control, solid.cell_weights(cell, self.pose)
+            found = None  # no two factors at a time
+            found = fit_implicit(band, *terms, start, order)
+            beyond = surface_neighbours(found.fit, standing=self.platform is not None)
             if turn == FOLLOWED or not len(beyond):
                 break
             cells = np.concatenate([band.cells, beyond])
-        fit = fit_implicit(*terms, touches=touches, rounds=ROUNDS - 1, start=fit, dissection=order)
-        return Fitted(cell, fit, *terms[1:], order)
+            start = start._replace(displacements=found.fit.displacements)
+        assert found is not None
+        for _ in range(rounds - 1):
+            start, found = start.begun(found.fit, 1.0), None
+            found = fit_implicit(band, *terms, start, order)
+        return Fitted(Spline(cell, found.fit), found, *terms)
 
 
-def _first_cells(setting: Setting, points: TouchedPoints, cell: float) -> Ints:
-    """Cells whose middle lies near the coarse solid's surface, and those that were touched."""
+def _surface_cells(
+    setting: Setting, before: Spline | None, points: TouchedPoints, cell: float
+) -> Ints:
+    """Cells whose middle lies near the surface as far as it is known, and those touched."""
     coarse, standing = setting.coarse, setting.platform is not None
     low = np.floor((coarse.low - setting.origin) / cell).astype(int)
     shape = np.array(coarse.distances.shape) * coarse.step
@@ -182,29 +203,15 @@ def _first_cells(setting: Setting, points: TouchedPoints, cell: float) -> Ints:
     if standing:
         low[2] = -1
     middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
-    distances = coarse.at(middles * cell + setting.origin)
-    near = np.abs(distances) < BAND * cell
+    distances = coarse.at(middles * cell + setting.origin) / cell
+    if before is not None:
+        close = np.flatnonzero(np.abs(distances) < SEARCHED)
+        there = before.distances(middles[close] * cell) / cell
+        distances[close] = np.where(np.isfinite(there), there, distances[close])
+    near = np.abs(distances) < BAND
     if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
         lowest = np.percentile(points.places[:, 2], solid.LOWEST) + FOOT
-        near |= (middles[:, 2] < lowest) & (distances < BAND * cell)
-    found = cells_between(near.reshape(high - low), low)
-    return np.concatenate([found, np.floor(points.places).astype(np.int32)])
-
-
-def _finer(before: Fitted, points: TouchedPoints, cell: float, *, standing: bool) -> Ints:
-    """Cells whose middle lies near a spline's surface, and those that were touched."""
-    parts = int(np.ceil(before.cell / cell))
-    share = (np.moveaxis(np.indices((parts,) * 3), 0, -1).reshape(-1, 3) + 0.5) / parts
-    band = before.fit.band
-    inside = (band.cells[:, None] + share).reshape(-1, 3) * before.cell / cell
-    middles = np.asarray(np.unique(np.floor(inside), axis=0) + 0.5)
-    value, gradient = band.evaluate(before.fit.control, middles * cell / before.cell)
-    slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
-    away = value / slope * before.cell / cell
-    near = np.abs(away) < BAND
-    if standing:
-        lowest = np.percentile(points.places[:, 2], solid.LOWEST) + FOOT
-        near |= (middles[:, 2] < lowest) & (away < BAND)
+        near |= (middles[:, 2] < lowest) & (distances < BAND)
     found = np.floor(middles[near]).astype(np.int32)
     return np.concatenate([found, np.floor(points.places).astype(np.int32)])
 

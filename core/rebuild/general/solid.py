@@ -5,13 +5,7 @@ were touched; over them the spline is fitted. Beyond the band the coarse solid g
 that stands is cut off at its platform. Parts that no touch supports, and hollows that none has
 reached, are nothing but ripples of the fit, and are left out.
 
-How far it is off is a function of the distance from what was touched. Touches are left out in turn,
-and predicted from the others: what the solid is off by at a place that lies so far from everything
-touched is what it was off by where a touch then came. A touch that is left out is itself displaced
-by its pose error, which is taken off again. Beyond the farthest of these distances nothing was ever
-checked: there the error is taken to grow with the distance itself. An object that stands is
-continued below its lowest touches; how well that can be done is checked by leaving out all walls
-that were touched within the same height above them.
+How far it is off is a function of the distance from what was touched (`errors`).
 """
 
 from __future__ import annotations
@@ -26,18 +20,16 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import SHARP, nearest_points, nearest_search, self_intersection
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
+from palpate.core.rebuild.general.errors import DistanceErrors, touch_distances
 from palpate.core.rebuild.general.fitting import (
-    Fitted,
     ImplicitFit,
     TouchedPoints,
     Weights,
-    fit_implicit,
     refit_locally,
 )
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.protocol import Closest, Solid
 from palpate.core.shapes import Mesh, grid_surface
-from palpate.reprs import readable
 
 FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell where touches lie close together, and else, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
@@ -49,29 +41,13 @@ RETREATS = 20  # Rounds in which vertices of faces that cross go back to where t
 LEAST_PART = 0.02  # Of what was touched: a part with less of it is no part of the object
 LOCAL_REACH = 12.0e-3  # Of a touch: the solid is fitted anew so far about it, m
 LEAST_SLOPE = 0.2  # Of the spline's gradient: a flatter one is no distance
-FOLDS, FEW_FOLDS = 4, 2  # Of the touches; and how many of these are left out on the way
-# Distances from touched points, in cells, between which errors are averaged.
-EDGES = np.array([0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0])
-LEAST_TOUCHES = 6  # In a class, for its mean to be believed
 LOWEST = 0.5  # Percent of the points: those are not the height above which an object was touched
-UPWARD = 0.5  # Upward part of the normals of floors and ledges, which nothing goes on below
-LEAST_FOOT = 0.01  # Height of the lowest touches over the platform, cells: below is no foot
-SURE = 1.64  # Standard errors added to a mean: 95 of 100 are below
-GROWTH = 0.5  # Error over distance where nothing was checked
-LEAST_GRADIENT = 0.3  # Of the gradient
 FARTHEST = 15.0e-3  # m
-OPEN = 5.0e-3  # From every touch: what lies farther was not touched, m
-# Error of a place that is left open over that of one that was touched later, at the same distance:
-# what is left open is what is hard to reach. One more each so many m, and at most so many.
-OPEN_WAY, MOST_OPEN_FACTOR = 2.5e-3, 4.5
-FOOT_FACTOR = 2.5  # The same of what lies below the lowest touches
-LEAN = 0.05  # How far an underside may be off that nobody touched, over the distance from touch
 # What reaches so far beyond the convex hull of all that was touched is made up, m. Its error is
 # what is over that, the bound so many times.
 PROTRUDING, PROTRUDING_FACTOR = 1.0e-3, 1.5
 GRID = 2.0e-3  # Of touched points one for each cube of this edge spans the hull, m
 BLOCK = 1000  # Places that are held against all faces of it at a time
-LEAST_ERROR = 10.0e-6  # Of a mesh beside its surface, m
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +61,6 @@ class GeneralSolid(Solid):
     contacts: ContactPoints  # What was touched
     platform: float | None
     predicted: DistanceErrors  # How far it is off, by the distance from touch, m
-    foot: FootErrors | None  # And below the lowest touches; None if it is held, or touched all over
     pose: float  # Standard deviation of the error of a touch's place
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
@@ -174,20 +149,12 @@ class GeneralSolid(Solid):
     def expected_errors(self, places: Floats) -> tuple[Floats, Floats]:
         """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
         distances = touch_distances(self.contacts, places)
-        errors, bounds = (self.predicted.at(distances, upper=upper) for upper in (False, True))
-        bounds = open_factors(distances) * bounds
+        errors, bounds = self.predicted.at(distances), self.predicted.bounds(distances)
         outer = distances > PROTRUDING  # nothing else can lie so far beyond what was touched
         beyond = protrusions(self.contacts.points, places[outer]) - PROTRUDING
         errors[outer] = np.maximum(errors[outer], beyond)
         bounds[outer] = np.maximum(bounds[outer], PROTRUDING_FACTOR * beyond)
-        if self.platform is None or self.foot is None:
-            return errors, bounds
-        heights = places[:, 2] - self.platform
-        below, foot = heights < self.foot.lowest, self.foot.at(heights)
-        within = np.minimum(distances, OPEN)
-        near, most = (self.predicted.at(within, upper=upper) for upper in (False, True))
-        most = np.hypot(open_factors(within) * most, self.foot.bounds(heights, distances))
-        return np.where(below, np.hypot(near, foot), errors), np.where(below, most, bounds)
+        return errors, bounds
 
     def covers(self, places: Floats) -> bool:
         """Whether all places (n, 3) lie in the band, so that `update` takes them up."""
@@ -236,7 +203,7 @@ class GeneralSolid(Solid):
             "outliers": float(1.0 - inlying.mean()),
             "residual": self.cell * float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0,
             "displacement": self.cell * float(np.sqrt((fit.displacements**2).sum(axis=1).mean())),
-            "held_out": self.predicted.alarm,
+            "held_out": self.predicted.held_out,
         }
 
     def _volume(self, parts: int) -> tuple[Ints, Floats]:
@@ -297,30 +264,6 @@ def cell_weights(cell: float, pose: float) -> Weights:
     )
 
 
-@readable
-@dataclass(frozen=True, slots=True, eq=False)
-class DistanceErrors:
-    """Root mean square errors by distance from touched points; in one unit of length."""
-
-    distances: Floats  # Middles of the classes that were checked, ascending, (k,)
-    errors: Floats  # Never falling, (k,)
-    upper: Floats  # Their upper bounds of 95 %, (k,)
-    alarm: float  # Root mean square error of all touches that were left out
-
-    def at(self, distances: Floats, *, upper: bool = False) -> Floats:
-        """Expected errors (n,) at distances (n,), or upper bounds of them."""
-        errors = self.upper if upper else self.errors
-        if not len(errors):
-            return np.asarray(GROWTH * distances)
-        beyond = np.maximum(distances - self.distances[-1], 0.0)
-        return np.asarray(np.interp(distances, self.distances, errors) + GROWTH * beyond)
-
-
-def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
-    """Distances (n,) of places (n, 3) from the nearest touched point, m."""
-    return np.asarray(scipy.spatial.cKDTree(contacts.points).query(places)[0])
-
-
 def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
     """Of each touch, the mean square (t,) of the distances (n,) of its points from a solid, m^2.
 
@@ -329,11 +272,6 @@ def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
     found = np.minimum(distances, FARTHEST) ** 2
     _, touch, counts = np.unique(touched.touch, return_inverse=True, return_counts=True)
     return np.asarray(np.bincount(touch, found) / counts)
-
-
-def open_factors(distances: Floats) -> Floats:
-    """By how much bounds (n,) grow where nothing was touched within distances (n,), m."""
-    return np.asarray(np.minimum(1.0 + distances / OPEN_WAY, MOST_OPEN_FACTOR))
 
 
 def protrusions(touched: Floats, places: Floats) -> Floats:
@@ -347,95 +285,3 @@ def protrusions(touched: Floats, places: Floats) -> Floats:
         some = slice(begin, begin + BLOCK)
         beyond[some] = (places[some] @ faces[:, :3].T + faces[:, 3]).max(axis=1)
     return np.maximum(beyond, 0.0)
-
-
-@readable
-@dataclass(frozen=True, slots=True, eq=False)
-class FootErrors:
-    """Errors below the lowest touches of an object that stands, m."""
-
-    lowest: float  # Height of these over the platform
-    error: float  # Root mean square error at the platform
-
-    def at(self, heights: Floats) -> Floats:
-        """Expected errors (n,) at heights (n,) over the platform: as the square of the way down."""
-        below = np.clip(self.lowest - heights, 0.0, self.lowest)
-        return np.asarray(self.error * np.square(below / max(self.lowest, LEAST_ERROR)))
-
-    def bounds(self, heights: Floats, distances: Floats) -> Floats:
-        """Bounds (n,) of them at distances (n,) from touch: undersides may lean, or be hollow."""
-        return np.asarray(np.hypot(FOOT_FACTOR * self.at(heights), LEAN * distances))
-
-
-def held_out_errors(fitted: Fitted, folds: int) -> DistanceErrors:
-    """Errors by distance, m, of a fit; so many quarters of the touches are left out in turn."""
-    points, touches = fitted.points, len(fitted.fit.displacements)
-    rng = np.random.default_rng(touches)
-    fold = rng.permutation(touches) % FOLDS
-    away, squares = np.full(len(points.places), np.nan), np.full(len(points.places), np.nan)
-    for turn in range(folds):
-        out = fold[points.touch] == turn
-        if out.any() and not out.all():
-            away[out], squares[out] = _left_out(fitted, out)
-    return _by_distance(points, away, squares, _pose_variance(fitted), fitted.cell)
-
-
-def foot_errors(fitted: Fitted) -> FootErrors | None:
-    """Errors below the lowest touches of an object that stands, m.
-
-    None if nothing was touched above them, or the object down to its foot.
-    """
-    points, cell = fitted.points, fitted.cell
-    lowest = float(np.percentile(points.places[:, 2], LOWEST))
-    out = (points.places[:, 2] < 2.0 * lowest) & (points.normals[:, 2] < UPWARD)
-    if lowest < LEAST_FOOT or not out.any() or out.all():
-        return None
-    _, squares = _left_out(fitted, out)
-    down = 2.0 - points.places[out, 2] / lowest
-    known = np.isfinite(squares)
-    excess = max(float(squares[known].mean()) - _pose_variance(fitted), 0.0)
-    return FootErrors(lowest * cell, cell * float(np.sqrt(excess / np.mean(down[known] ** 4))))
-
-
-def _left_out(fitted: Fitted, out: Bools) -> tuple[Floats, Floats]:
-    """Of points that are left out, how far they lie from the others, and off, squared; cells."""
-    fit, kept, places = fitted.fit, fitted.points.only(~out), fitted.points.places[out]
-    start = replace(fit, weights=fit.weights[~out], residuals=fit.residuals[~out])
-    terms = fit.band, kept, fitted.control, fitted.weights
-    touches = len(fit.displacements)
-    other = fit_implicit(*terms, touches=touches, rounds=1, start=start, dissection=fitted.order)
-    value, gradient = fit.band.evaluate(other.control, places)
-    slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_GRADIENT)
-    return np.asarray(scipy.spatial.cKDTree(kept.places).query(places)[0]), (value / slope) ** 2
-
-
-def _pose_variance(fitted: Fitted) -> float:
-    """Of displacements along the normals, as far as overlaps tell."""
-    points, displacements = fitted.points, fitted.fit.displacements
-    along = np.einsum("ij,ij->i", points.normals, displacements[points.touch])
-    return float(np.mean(along**2))
-
-
-def _by_distance(
-    points: TouchedPoints, away: Floats, squares: Floats, pose: float, cell: float
-) -> DistanceErrors:
-    known = np.isfinite(squares)
-    classes = np.digitize(away[known], EDGES) - 1
-    touch, square, distance = points.touch[known], squares[known], away[known]
-    middles, means, upper = [], [], []
-    for number in range(len(EDGES)):
-        here = classes == number
-        of_touch, counts = np.unique(touch[here], return_counts=True)
-        if len(of_touch) < LEAST_TOUCHES:
-            continue
-        sums = np.bincount(np.searchsorted(of_touch, touch[here]), square[here])
-        each = sums / counts
-        mean = max(float(each.mean()) - pose, 0.0)
-        middles.append(float(distance[here].mean()))
-        means.append(mean)
-        upper.append(mean + SURE * float(each.std()) / np.sqrt(len(each)))
-    least = (LEAST_ERROR / cell) ** 2
-    rising = np.sqrt(np.maximum.accumulate(means) + least) if means else np.zeros(0)
-    above = np.sqrt(np.maximum.accumulate(upper) + least) if upper else np.zeros(0)
-    alarm = float(np.sqrt(square.mean())) if len(square) else 0.0
-    return DistanceErrors(np.array(middles) * cell, rising * cell, above * cell, alarm * cell)

@@ -23,7 +23,7 @@ def normals():
 
 @pytest.fixture(scope="module")
 def ball(normals):
-    return palpate.rebuild_general(RADIUS * normals, 2.0 * normals, cell=5e-3, folds=1)
+    return palpate.rebuild_general(RADIUS * normals, 2.0 * normals, cell=5e-3)
 
 
 @pytest.fixture(scope="module")

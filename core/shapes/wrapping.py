@@ -1,0 +1,232 @@
+"""The outside of any triangles: what rays from far away can see, as one closed surface.
+
+Meshes that bound no solid still have an outside. Parallel rays from all around meet it first, from
+whichever side its faces are written; where both sides of a face are seen, through a hole in what it
+bounds, most rays tell which is out. The normals at the hits are the gradient of a function that is
+1 inside and 0 outside, which is found as a solution of Poisson's equation on an even grid
+(Kazhdan, Bolitho and Hoppe, *Poisson surface reconstruction*, 2006); holes and what no ray sees are
+closed as smoothly as may be. The surface at the level of the hits is moved onto the triangles where
+these lie beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from palpate.core.arrays import Bools, Floats, Ints
+from palpate.core.geometry import (
+    areas_and_normals,
+    nearest_points,
+    nearest_search,
+    self_intersection,
+)
+from palpate.core.shapes.tessellations import grid_surface
+from palpate.core.shapes.triangle_meshes import HAS_EMBREE, Embree, ZBuffer
+
+
+@dataclass(frozen=True, slots=True)
+class WrapSettings:
+    """How finely the outside is taken; a scan takes some 4 s with 96 voxels."""
+
+    n_voxels: int = 96  # along the largest extent
+    margin: int = 10  # voxels around it, where the function falls to nothing
+    n_directions: int = 48  # of the rays, evenly around
+    smoothing: float = 1.0  # [voxels] of what hits tell
+    max_projection: float = 1.5  # [voxels] from the triangles: vertices as near are moved onto them
+    near_hit: float = 2.5  # [voxels] from a hit: what lies farther closes a hole
+    min_part: float = 0.02  # fraction of the largest part's volume: smaller ones are left out
+    max_closed_share: float = 0.4  # of the surface, that may close holes
+    max_retreats: int = 20  # rounds in which vertices of faces that cross are moved back
+    simplification: float = 0.01  # [voxels] by which the surface may move for fewer faces
+
+
+class WrappedMesh(NamedTuple):
+    """A closed surface around triangles."""
+
+    vertices: Floats  # (n, 3), m
+    faces: Ints  # (m, 3), outward
+    resolution: float  # edge of a voxel [m]: what is thinner may be lost
+    offset: float  # root mean square distance of what rays met from the surface [m]
+    closed_share: float  # of the surface, that closes holes or was not seen
+    n_left_out: int  # parts that do not touch the largest
+
+
+def wrap_mesh(
+    vertices: Floats, faces: Ints, settings: WrapSettings = WrapSettings()
+) -> WrappedMesh:
+    """The outside of triangles (m, 3) of vertices (n, 3) [m], as a closed surface of any genus.
+
+    Raises ValueError, which goes on from the mesh's name, if nothing is enclosed.
+    """
+    step = float(np.ptp(vertices, axis=0).max()) / settings.n_voxels
+    low = vertices.min(axis=0) - settings.margin * step
+    extent = np.ptp(vertices, axis=0) + 2.0 * settings.margin * step
+    shape = tuple(
+        int(scipy.fft.next_fast_len(int(np.ceil(side / step)) + 1, real=True)) for side in extent
+    )
+    places, normals = _outer_hits(vertices, faces, step, settings)
+    grid = _Grid(low, step, shape)
+    kept = _outward(grid, places, normals, settings.smoothing)
+    places, normals = places[kept], normals[kept]
+    values = _indicator(grid, places, normals, settings.smoothing)
+    values, n_left_out = _largest_part(values, settings.min_part)
+    mesh = grid_surface(values)
+    if not len(mesh.faces):
+        raise ValueError("bounds no solid: nothing lies behind its faces")
+    surface = low + step * mesh.vertices
+    moved = _moved_onto(surface, mesh.faces, vertices[faces], step, settings)
+    moved, outer = _simplified(moved, mesh.faces, settings.simplification * step)
+    search = nearest_search(moved[outer])
+    some = places[:: max(1, len(places) // 20_000)]
+    offsets = nearest_points(search, some).distances
+    areas = areas_and_normals(moved[outer])[0]
+    middles = moved[outer].mean(axis=1)
+    far = scipy.spatial.cKDTree(places).query(middles)[0] > settings.near_hit * step
+    closed = float(areas[far].sum() / areas.sum())
+    if closed > settings.max_closed_share:
+        raise ValueError(
+            f"bounds no solid: {closed:.0%} of its outside would be a guess, and no more than "
+            f"{settings.max_closed_share:.0%} may be; close it in a mesh editor"
+        )
+    return WrappedMesh(
+        moved,
+        outer,
+        step,
+        float(np.sqrt(np.mean(offsets**2))),
+        closed,
+        n_left_out,
+    )
+
+
+def _outer_hits(
+    vertices: Floats, faces: Ints, step: float, settings: WrapSettings
+) -> tuple[Floats, Floats]:
+    """Where parallel rays first meet the triangles, and the normals there towards them, (k, 3)."""
+    rays = Embree(vertices, faces) if HAS_EMBREE else ZBuffer(vertices, faces)
+    units = areas_and_normals(vertices[faces])[1]
+    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    reach = 0.5 * float(np.linalg.norm(np.ptp(vertices, axis=0))) + 2.0 * step
+    across = np.arange(-reach, reach, step) + 0.25 * step
+    plane = np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1).reshape(-1, 2)
+    places, normals = [], []
+    for direction in _directions(settings.n_directions):
+        first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+        first /= np.linalg.norm(first)
+        axes = np.stack([first, np.cross(direction, first)])
+        origins = middle - 2.0 * reach * direction + plane @ axes
+        hits = rays.first_hits(origins, direction)
+        met = np.flatnonzero(hits.faces >= 0)
+        facing = units[hits.faces[met]]
+        towards = np.where((facing @ direction > 0.0)[:, None], -facing, facing)
+        places.append(origins[met] + hits.ranges[met, None] * direction)
+        normals.append(towards)
+    return np.concatenate(places), np.concatenate(normals)
+
+
+def _directions(count: int) -> Floats:
+    """Unit directions (n, 3) spread evenly, along a spiral."""
+    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
+    radius = np.sqrt(1.0 - height**2)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+
+
+class _Grid(NamedTuple):
+    low: Floats
+    step: float
+    shape: tuple[int, ...]
+
+    def nearest(self, places: Floats) -> tuple[Ints, ...]:
+        """Numbers along each axis of the nodes that places (k, 3) lie at."""
+        at = np.round((places - self.low) / self.step).astype(np.int32)
+        return tuple(at.T)
+
+    def summed(self, places: Floats, values: Floats | None = None) -> Floats:
+        """Values (k,), or ones, summed over the places nearest to each node."""
+        flat = np.ravel_multi_index(self.nearest(places), self.shape)
+        sums = np.bincount(flat, values, int(np.prod(self.shape)))
+        return np.asarray(sums.reshape(self.shape), np.float64)
+
+    def field(self, places: Floats, vectors: Floats, smoothing: float) -> list[Floats]:
+        """Vectors (k, 3) summed and smoothed, one array an axis."""
+        return [
+            scipy.ndimage.gaussian_filter(self.summed(places, vectors[:, axis]), smoothing)
+            for axis in range(3)
+        ]
+
+
+def _outward(grid: _Grid, places: Floats, normals: Floats, smoothing: float) -> Bools:
+    """Which hits (k,) lie on the side of their faces that most rays about them have seen."""
+    at = grid.nearest(places)
+    mean = np.stack([axis[at] for axis in grid.field(places, normals, smoothing)], axis=1)
+    return np.asarray((mean * normals).sum(axis=1) > 0.0)
+
+
+def _indicator(grid: _Grid, places: Floats, normals: Floats, smoothing: float) -> Floats:
+    """A function on the grid, negative inside and 0 where the hits are."""
+    density = scipy.ndimage.gaussian_filter(grid.summed(places), smoothing)
+    density *= np.sqrt(2.0 * np.pi) * smoothing  # hits for each square of a voxel's face
+    at = grid.nearest(places)
+    areas = 1.0 / np.maximum(density[at], 1e-6)
+    field = grid.field(places, areas[:, None] * normals, smoothing)
+    waves = np.meshgrid(
+        *(2.0 * np.pi * np.fft.fftfreq(count) for count in grid.shape[:2]),
+        2.0 * np.pi * np.fft.rfftfreq(grid.shape[2]),
+        indexing="ij",
+        sparse=True,
+    )
+    squares = waves[0] ** 2 + waves[1] ** 2 + waves[2] ** 2
+    squares[0, 0, 0] = 1.0
+    divergence = sum(
+        1j * wave * scipy.fft.rfftn(part) for wave, part in zip(waves, field, strict=True)
+    )
+    values = -scipy.fft.irfftn(divergence / squares, grid.shape)
+    return np.asarray(values - np.average(values[at], weights=areas))
+
+
+def _largest_part(values: Floats, min_part: float) -> tuple[Floats, int]:
+    """The function without hollows and without all parts but the largest; how many it had."""
+    border = np.ones(values.shape, np.bool_)
+    border[1:-1, 1:-1, 1:-1] = False
+    inside = scipy.ndimage.binary_fill_holes((values < 0.0) & ~border)
+    parts, _ = scipy.ndimage.label(inside)
+    counts = np.bincount(parts.ravel())
+    counts[0] = 0
+    largest = int(counts.argmax())
+    kept = (parts == largest) & (counts[largest] > 0)
+    others = np.delete(counts, largest)
+    n_left_out = int((others >= min_part * counts[largest]).sum())
+    return np.where(kept, np.minimum(values, -1e-6), np.maximum(values, 1e-6)), n_left_out
+
+
+def _moved_onto(
+    surface: Floats, faces: Ints, corners: Floats, step: float, settings: WrapSettings
+) -> Floats:
+    """Vertices (n, 3) moved onto triangles (m, 3, 3) beside them, but where faces would cross."""
+    found = nearest_points(nearest_search(corners), surface)
+    near = found.distances < settings.max_projection * step
+    moved = np.where(near[:, None], found.points, surface)
+    for _ in range(settings.max_retreats):
+        crossed = np.unique(faces[self_intersection(moved, faces).faces])
+        if not len(crossed):
+            return moved
+        moved[crossed] = surface[crossed]
+    return surface
+
+
+def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints]:
+    """The surface of fewer faces, within a tolerance [m], if it crosses itself nowhere then."""
+    from manifold3d import Error, Manifold, Mesh64
+
+    rows = np.ascontiguousarray(faces, np.uint64)
+    solid = Manifold(Mesh64(np.ascontiguousarray(vertices, np.float64), rows))
+    if solid.status() != Error.NoError:
+        return vertices, faces
+    mesh = solid.simplify(tolerance).to_mesh64()
+    fewer = np.array(mesh.tri_verts, np.int32)
+    places = np.array(mesh.vert_properties[:, :3], np.float64)
+    return (vertices, faces) if self_intersection(places, fewer).count else (places, fewer)
