@@ -187,5 +187,6 @@ def score() -> Score:
         size=0.03,
         watertight=True,
         genus=0,
+        exposed_rms=0.0003,
         final=True,
     )

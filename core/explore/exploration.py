@@ -7,6 +7,7 @@ and ends in the slicing frame (`Survey`), what each `Finger` does, and what the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -72,6 +73,10 @@ class GoalSettings:
     single_batch: int = 8
     single_share: float = 0.08
     contour_share: float = 0.05
+    # An object of less than `small_extent` [m] is given up after `small_touches` unless more, or
+    # fewer, are asked for: what they have not told the next ones will not either.
+    small_extent: float = 0.15
+    small_touches: int = 800
     max_goals: int = 4000  # a message lists no more than `messages.fields.MAX_ITEMS` results
 
 
@@ -291,7 +296,7 @@ class Exploration:
             underside_share=demand.limits.underside_share,
             feature=max(demand.feature, planners.LEAST_FEATURE * (survey.high - survey.low)),
             budget=planners.Budget(
-                most_touches=demand.most_touches,
+                most_touches=min(demand.most_touches, self.usual_touches(demand)),
                 most_seconds=demand.most_seconds,
                 touches=self.touches,
                 seconds=self.seconds,
@@ -310,6 +315,14 @@ class Exploration:
             tried=np.reshape(self.targets, (-1, 3)),
             resting=self.fingers[finger].resting,
         )
+
+    def usual_touches(self, demand: Demand) -> float:
+        """The most touches where nobody asked for a number: of a small object, and else as many."""
+        settings, points = self.setup.goals, self.hand.points
+        if math.isfinite(demand.most_touches) or not len(points):
+            return math.inf
+        small = float(np.ptp(points, axis=0).max()) < settings.small_extent
+        return settings.small_touches if small else math.inf
 
     def with_finger(self, number: int, finger: Finger) -> Exploration:
         """With a finger that does something else."""

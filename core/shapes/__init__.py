@@ -43,6 +43,7 @@ from palpate.core.shapes.hyperquadrics import (
     Hyperquadric as Hyperquadric,
 )
 from palpate.core.shapes.mending import (
+    MeshFault as MeshFault,
     mend_mesh as mend_mesh,
 )
 from palpate.core.shapes.polyhedra import (

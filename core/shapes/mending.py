@@ -34,6 +34,14 @@ MOST_PARTED = 100_000  # Faces of a piece for which planes are tried: more take 
 NO_SOLID = "bounds no solid: its faces enclose nothing, or meet as those of no solid do"
 
 
+class MeshFault(ValueError):
+    """What of a mesh cannot be mended, and, in the whole message, why not."""
+
+    def __init__(self, fault: str, why: str = ""):
+        super().__init__(fault + why)
+        self.fault = fault
+
+
 class MendedMesh(NamedTuple):
     """One closed, outward surface that does not cross itself, and what was done to make it one."""
 
@@ -60,7 +68,7 @@ def mend_mesh(vertices: Floats, faces: Ints) -> MendedMesh:
         if solid is None:
             solid = as_manifold(*_closed(vertices, faces, size, mends, own=crossed > 0))
         if solid is None:
-            raise ValueError(NO_SOLID)
+            raise MeshFault(NO_SOLID)
         crossed = crossed or len(np.unique(_crossings(solid).through))
         found = _crossings(_united(_without_specks(solid, size, mends), size, mends))
         if _widest(found.vertices, _loops(found.without_them())) > HOLE_SHARE * size:
@@ -70,7 +78,7 @@ def mend_mesh(vertices: Floats, faces: Ints) -> MendedMesh:
             _tell(mends, crossed, "face", "that crossed others cut where they did")
             _tell(mends, solidity(vertices, faces).genus or 0, "handle", "kept")
             return MendedMesh(vertices, faces, tuple(mends))
-    raise ValueError("crosses itself in ways that cannot be mended; mend it in a mesh editor")
+    raise MeshFault("crosses itself in ways that cannot be mended", "; mend it in a mesh editor")
 
 
 def _is_sound(vertices: Floats, faces: Ints) -> bool:
@@ -153,7 +161,7 @@ def _closed(
         faces, turned = _turned_alike(faces)
     _tell(mends, turned, "face", "turned like the others")
     if not len(faces):
-        raise ValueError(NO_SOLID)
+        raise MeshFault(NO_SOLID)
     loose = loose_walls(vertices, faces, STITCH_SHARE * size)
     _tell(mends, int(loose.sum()), "face", "of loose walls within it left out")
     faces = faces[~loose]
@@ -161,9 +169,10 @@ def _closed(
     widest = _widest(vertices, loops)
     if widest > HOLE_SHARE * size:
         what = "crosses itself over" if own else "is open: it has a hole of"
-        raise ValueError(
-            f"{what} {1e3 * widest:.3g} mm, and no more than {HOLE_SHARE:.0%} of its size, "
-            f"{1e3 * HOLE_SHARE * size:.3g} mm, can be closed by guess; close it in a mesh editor"
+        raise MeshFault(
+            f"{what} {1e3 * widest:.3g} mm",
+            f", and no more than {HOLE_SHARE:.0%} of its size, {1e3 * HOLE_SHARE * size:.3g} mm, "
+            "can be closed by guess; close it in a mesh editor",
         )
     what = "crossing" if own else "hole"
     _tell(mends, len(loops), what, f"of up to {1e3 * widest:.2g} mm closed")
@@ -194,7 +203,7 @@ def _turned_alike(faces: Ints) -> tuple[Ints, int]:
     group = linked_groups(2 * count, one, other)
     kept, turned = group[:count], group[count:]
     if (kept == turned).any():
-        raise ValueError("has one side only, like a Moebius strip: it bounds no solid")
+        raise MeshFault("has one side only, like a Moebius strip: it bounds no solid")
     number = np.bincount(kept, minlength=2 * count)
     flip = (number[turned] > number[kept]) | ((number[turned] == number[kept]) & (turned < kept))
     return np.where(flip[:, None], faces[:, ::-1], faces), int(flip.sum())
@@ -257,7 +266,7 @@ def _united(pieces: list[Manifold], size: float, mends: list[str]) -> Manifold:
     from manifold3d import Manifold, OpType
 
     if not pieces:
-        raise ValueError(NO_SOLID)
+        raise MeshFault(NO_SOLID)
     if max(pieces, key=lambda one: abs(one.volume())).volume() < 0.0:
         mends.append("turned outwards")
         pieces = [_turned(one) for one in pieces]
@@ -276,9 +285,9 @@ def _united(pieces: list[Manifold], size: float, mends: list[str]) -> Manifold:
     volume = 1e6 * sum(one.volume() for one in hollows)
     _tell(mends, len(hollows), "closed hollow", f"of {volume:.2g} cm3 in all filled")
     if len(solids) != 1:
-        raise ValueError(
-            f"is made of {len(solids)} pieces that do not touch; an object is one solid: "
-            "join them, or leave all but one out"
+        raise MeshFault(
+            f"is made of {len(solids)} pieces that do not touch",
+            "; an object is one solid: join them, or leave all but one out",
         )
     return solids[0]
 

@@ -34,12 +34,12 @@ class WrapSettings:
 
     n_voxels: int = 96  # along the largest extent
     margin: int = 10  # voxels around it, where the function falls to nothing
-    n_directions: int = 48  # of the rays, evenly around
+    n_directions: int = 32  # of the rays, evenly around
     smoothing: float = 1.0  # [voxels] of what hits tell
     max_projection: float = 1.5  # [voxels] from the triangles: vertices as near are moved onto them
     near_hit: float = 2.5  # [voxels] from a hit: what lies farther closes a hole
     min_part: float = 0.02  # fraction of the largest part's volume: smaller ones are left out
-    max_closed_share: float = 0.4  # of the surface, that may close holes
+    max_closed_share: float = 0.25  # of the surface, that may close holes
     max_retreats: int = 20  # rounds in which vertices of faces that cross are moved back
     simplification: float = 0.01  # [voxels] by which the surface may move for fewer faces
 

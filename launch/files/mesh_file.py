@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from palpate.core.archive import arrays_from_bytes
 from palpate.core.arrays import Floats
 from palpate.core.poses import Pose
-from palpate.core.shapes import Mesh, mend_mesh, wrap_mesh
+from palpate.core.shapes import Mesh, MeshFault, mend_mesh, wrap_mesh
 from palpate.launch.files import glb, mesh_formats
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.ply import read_ply
@@ -116,12 +116,12 @@ def _one_solid(vertices: Vertices, faces: Faces) -> tuple[Mesh, tuple[str, ...]]
     """The solid that triangles bound, mended or wrapped, and what was done to them."""
     try:
         mended = mend_mesh(vertices, faces)
-    except ValueError as fault:
+    except MeshFault as error:
         wrapped = wrap_mesh(vertices, faces)
         left = f", {wrapped.n_left_out} loose parts left out" if wrapped.n_left_out else ""
         told = (
-            f"{fault}; so its outside was taken as rays from far away see it, at "
-            f"{1e3 * wrapped.resolution:.2g} mm: its faces lie {1e3 * wrapped.offset:.2g} mm rms "
+            f"{error.fault}: its outside was taken, as rays from far away see it, at "
+            f"{1e3 * wrapped.resolution:.2g} mm; its faces lie {1e3 * wrapped.offset:.2g} mm rms "
             f"off that, and {wrapped.closed_share:.1%} of it closes holes{left}"
         )
         return Mesh(wrapped.vertices, wrapped.faces), (told,)

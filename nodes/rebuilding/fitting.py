@@ -296,6 +296,7 @@ def _fit_general(
         cell=general.FINE if is_final(goal) else general.fitting_cell(evidence),
         outward=True,
         start=start,
+        draft=not is_final(goal),
         step=step,
     )
 

@@ -62,7 +62,7 @@ def resolved(settings, tmp_path):
 
 
 def test_demand_is_told_with_reason_and_expected_cost(tmp_path):
-    settings = read_demand("0.4mm", None, "300s", None, "fine")
+    settings = read_demand("0.4mm", None, "300s", None, "known", "fine")
     wirings = resolved(settings, tmp_path)
     text = " ".join(demand_text(wirings, settings, (0.08, 0.08, 0.08)).split())
     for part in (
@@ -71,13 +71,14 @@ def test_demand_is_told_with_reason_and_expected_cost(tmp_path):
         "unknown at most 1 % of the surface, over half a feature from any touch",
         "gap between contours at most a feature",
         "a closed surface, no hole unentered",
+        "the underside known (--underside known)",
         "at most 300 s (--budget 300s)",
         "quality fine (--quality fine)",
         "expected about",
         "for 0.5 % of 80 mm",
     ):
         assert part in text
-    own = read_demand("0.4mm", "3mm", None, 90, None)
+    own = read_demand("0.4mm", "3mm", None, 90, None, None)
     text = " ".join(demand_text(resolved(own, tmp_path), own, None).split())
     assert "feature 3 mm (--feature 3mm)" in text
     assert "at most 90 touches (--touches 90)" in text
@@ -87,8 +88,8 @@ def test_demand_is_told_with_reason_and_expected_cost(tmp_path):
 
 def test_time_too_short_for_the_grasp_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"--budget 20s: most_seconds is 20 s; the grasp alone"):
-        resolved(read_demand(None, None, "20s", None, None), tmp_path)
-    assert resolved(read_demand(None, None, "31s", None, None), tmp_path)
+        resolved(read_demand(None, None, "20s", None, None, None), tmp_path)
+    assert resolved(read_demand(None, None, "31s", None, None, None), tmp_path)
 
 
 def test_expected_cost_rises_with_accuracy_and_surface(tmp_path):

@@ -241,9 +241,9 @@ def headline(progress, *told, files=(), folder=RUN):
 
 
 KEYS = """
-palpate status reason scene seed chamfer_m rms_m hausdorff_m p95_m normal_deg volume_error
-sampling_floor_m size_m watertight genus contours contours_failed uncovered_m rms_bound_95_m
-tolerance_m tolerance_met largest_untouched_m limits criteria reached true_genus self_crossings
+palpate status reason scene seed chamfer_m rms_m exposed_rms_m hausdorff_m p95_m normal_deg
+volume_error sampling_floor_m size_m watertight genus contours contours_failed uncovered_m
+rms_bound_95_m tolerance_m tolerance_met largest_untouched_m limits criteria reached true_genus self_crossings
 open_share open_width_m open_places_m open_normals open_touches under_share method predicted_m
 rejected contacts touches robot_time_s ready_s wall_s compute_s touches_per_s mesh_sha256 final gaps
 duplicates restarts nodes numerics curve steps missed procedure
@@ -301,8 +301,8 @@ def test_run_without_a_solid_has_missed_its_goal(progress, tetrahedron, score):
     ({"untouched_gap": 0.03}, ["untouched gap 30.000 mm (limit 20 mm)"]),
     ({"unentered_hole": 5e-3}, ["unentered hole 5.000 mm (none is allowed)"]),
     ({"untraced_height": 5e-3}, ["untraced height 5.000 mm (none is allowed)"]),
-    ({"error_bound": 3e-3, "underside_error": 7e-3, "underside_share": 0.16},
-     ["error bound 3.000 mm (limit 1 mm)", "underside error 7.000 mm (limit 2.5 mm)"]),
+    ({"error_bound": 3e-3, "crease_error": 7e-3, "crease_share": 0.16},
+     ["error bound 3.000 mm (limit 1 mm)", "crease error 7.000 mm (limit 2.5 mm)"]),
 ])  # fmt: skip
 def test_limit_that_is_not_kept_is_named(progress, changes, missed):
     reason = "the budget is spent: 40 of 40 touches"

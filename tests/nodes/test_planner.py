@@ -263,7 +263,7 @@ def test_models_are_asked_of_single_touches_that_hit_and_told_of_misses():
     vertices, faces = build_shape(msgspec.convert(solid, ObjectSpec)).mesh(2)
     told = {"vertices": vertices, "faces": faces, "method": "general"}
     names = ("vertex_errors", "vertex_bounds", "vertex_distances")
-    told |= {name: np.full(len(vertices), 1e-3) for name in names}
+    told |= {name: np.full(len(vertices), 2e-3) for name in names}
     outcomes = {1: "miss", 2: "inside", 3: "hit", 4: "bottomed"}
     shape = Cylinder(
         probe=lambda goal, probe: replace(probe, outcome=outcomes.get(goal.id, "hit")),

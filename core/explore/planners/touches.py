@@ -29,6 +29,18 @@ LEAST_OPEN = 0.002
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PayingSettings:
+    """When more touches are worth their time."""
+
+    n_touches: int = 20  # the next ones, taken together
+    min_gain: float = 0.02  # fraction of the error bound, or of the unknown area
+    touched_distance: float = 1e-3  # [m] from a touch: bounds there are those of what was touched
+
+
+PAYING = PayingSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Touches:
     """The planner of single touches."""
 
@@ -76,6 +88,11 @@ def next_touch(
     left = surface.left(observation.tried)
     if bound is None:
         bound = surface.rms_bound_95
+    if bound > observation.tolerance and not touches_pay(surface, left):
+        return protocol.Stop(
+            f"the next {PAYING.n_touches} touches would lower neither error nor unknown area by "
+            f"{PAYING.min_gain:.0%}"
+        )
     # What no touch reaches is no reason to touch the rest more often than it takes.
     touchable = surface.touchable_bound(observation.tried)
     limit = surface.touchable_limit(observation.tried, observation.tolerance)
@@ -97,6 +114,29 @@ def next_touch(
     if touchable <= limit:
         return protocol.Stop("no finger reaches where the error may be large")
     return protocol.Stop("no further touch would lower the error enough")
+
+
+def touches_pay(surface: ObservedSurface, left: Floats, settings: PayingSettings = PAYING) -> bool:
+    """Whether the best next touches would lower the error bound or what is unknown.
+
+    `left` (n,): squared errors at the places of the surface that touches may still take. A place
+    that a touch meets is known as well afterwards as most that were touched.
+    """
+    gains = [float(left[offer.places].sum()) for offer in surface.offers]
+    best = np.argsort(gains)[::-1][: settings.n_touches]
+    met = np.zeros(len(left), np.bool_)
+    for number in best:
+        met[surface.offers[number].places] = True
+    met &= left > 0.0
+    counted = ~surface.places.standing
+    bounds, unknown = surface.bounds_there[counted], surface.away[counted]
+    near = surface.places.distances[counted] <= settings.touched_distance
+    touched = float(np.median(bounds[near])) if near.any() else 0.0
+    after = np.where(met[counted], np.minimum(bounds, touched), bounds)
+    lower = float(np.square(after).mean()) < (1.0 - settings.min_gain) ** 2 * float(
+        np.square(bounds).mean()
+    )
+    return lower or int((unknown & met[counted]).sum()) > settings.min_gain * int(unknown.sum())
 
 
 def has_settled(progress: Sequence[Progress]) -> bool:

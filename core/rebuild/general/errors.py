@@ -21,7 +21,11 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, Solution
-from palpate.core.rebuild.general.leave_out import LeftOut, leave_out
+from palpate.core.rebuild.general.leave_out import (
+    LeftOut,
+    displacement_covariance,
+    leave_out,
+)
 from palpate.reprs import readable
 
 
@@ -36,19 +40,20 @@ class ErrorSettings:
     min_error: float = 10e-6  # [m] of a mesh beside its surface
     growth: float = 0.5  # largest error, over the distance from touch
     near: float = 0.7  # [cells] from touch: what counts as touched
-    bound_factor: float = 1.5  # of a bound, over the expected error
+    bound_factor: float = 1.25  # of a bound, over the expected error
     # What lies open is what is hard to reach: there bounds grow by 1 for each `open_growth` [m] of
     # distance beyond `open_distance` [m], up to `max_open_factor` times.
     open_distance: float = 2.5e-3
     open_growth: float = 2.5e-3
     max_open_factor: float = 2.0
+    calibrated_growth: float = 1.5  # times as many touches: then a draft is calibrated again
     max_ratio: float = 10.0  # of a touch's squared offset over the expected one, in their mean
 
 
 ERRORS = ErrorSettings()
 # Distances from touched points, in cells, between which errors are averaged.
 EDGES = np.array([0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0, 10.0, 14.0, np.inf])
-CHI_SQUARE_MEDIAN = float(scipy.stats.chi2.median(1))
+CHI_SQUARE_MEDIAN = 0.4549364  # Of one degree of freedom
 BLOCK = 512  # Places at which draws are looked at together
 
 
@@ -60,6 +65,8 @@ class DistanceErrors:
     distances: Floats  # Middles of the classes, ascending, (k,)
     errors: Floats  # Never falling, (k,)
     held_out: float  # Root mean square offset of touches that were left out
+    calibration: float  # Squared errors over those that the fit expected, by these touches
+    calibrated: int  # How many touches there were then
 
     def at(self, distances: Floats) -> Floats:
         """Expected errors (n,) at distances (n,)."""
@@ -80,12 +87,23 @@ def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
     return np.asarray(scipy.spatial.cKDTree(contacts.points).query(places)[0])
 
 
-def distance_errors(fitted: Fitted) -> DistanceErrors:
-    """The errors of a fit by distance, and how far touches that are left out are off, m."""
-    cell, left = fitted.spline.cell, leave_out(fitted.solution)
+def distance_errors(fitted: Fitted, before: DistanceErrors | None = None) -> DistanceErrors:
+    """The errors of a fit by distance, and how far touches that are left out are off, m.
+
+    `before`: of a fit of most of these touches, whose calibration still holds.
+    """
+    cell, solution = fitted.spline.cell, fitted.solution
+    count = len(fitted.spline.fit.displacements)
+    if before is None or count > ERRORS.calibrated_growth * before.calibrated:
+        left = leave_out(solution)
+        solution, covariance = left.solution, left.covariance
+        scale, held_out = calibration(left), cell * float(np.sqrt(left.squares.mean()))
+    else:
+        covariance = displacement_covariance(solution)
+        scale, held_out, count = before.calibration, before.held_out, before.calibrated
     places = _surface_places(fitted.spline.fit)
     distances = np.asarray(scipy.spatial.cKDTree(fitted.points.places).query(places)[0])
-    squares = calibration(left) * _variances(left, places)
+    squares = scale * _variances(solution, covariance, places)
     # Far from touches nothing holds the spline, and the object no less.
     touched = float(np.median(squares[distances <= max(ERRORS.near, float(distances.min()))]))
     squares = np.minimum(squares, (np.sqrt(touched) + ERRORS.growth * distances) ** 2)
@@ -97,8 +115,7 @@ def distance_errors(fitted: Fitted) -> DistanceErrors:
         errors.append(float(squares[here].mean()))
     least = (ERRORS.min_error / cell) ** 2
     rising = np.sqrt(np.maximum.accumulate(errors) + least)
-    held_out = float(np.sqrt(left.squares.mean()))
-    return DistanceErrors(cell * np.array(middles), cell * rising, cell * held_out)
+    return DistanceErrors(cell * np.array(middles), cell * rising, held_out, scale, count)
 
 
 def calibration(left: LeftOut) -> float:
@@ -121,11 +138,10 @@ def _surface_places(fit: ImplicitFit) -> Floats:
     return places[reached]
 
 
-def _variances(left: LeftOut, places: Floats) -> Floats:
-    """Variance (n,) of the surface at places (n, 3) on it, cells^2."""
-    solution = left.solution
+def _variances(solution: Solution, covariance: Floats, places: Floats) -> Floats:
+    """Variance (n,) of the surface at places (n, 3) on it, cells^2; as of `_draws`."""
     band, control = solution.fit.band, solution.fit.control
-    draws = _draws(solution, left.displacements)
+    draws = _draws(solution, covariance)
     gradient = band.evaluate(control, places)[1]
     slope = np.maximum(np.linalg.norm(gradient, axis=1), ERRORS.min_slope)
     number, within = band.locate(places)
@@ -139,8 +155,13 @@ def _variances(left: LeftOut, places: Floats) -> Floats:
 
 
 def _draws(solution: Solution, covariance: Floats) -> Floats:
-    """Control values (n, d) less their mean, displacements of this covariance drawn with them."""
+    """Control values (n, d) less their mean, displacements of this covariance drawn with them.
+
+    With a covariance (0, 0) displacements are held.
+    """
     rng, count = np.random.default_rng(0), ERRORS.n_draws
+    if not len(covariance):
+        return solution.factor.draws(rng.normal(size=(len(solution.right), count)))
     symmetric = 0.5 * (covariance + covariance.T)
     moved = np.linalg.cholesky(symmetric) @ rng.normal(size=(len(covariance), count))
     free = solution.factor.draws(rng.normal(size=(len(solution.right), count)))

@@ -33,33 +33,55 @@ class LeaveOutSettings:
 
     n_directions: int = 30  # of the rows of a touch
     n_iterations: int = 1  # of the subspace
-    max_touches: int = 64  # that are left out, drawn from those with most points
+    max_touches: int = 64  # that are left out, drawn
     min_points: int = 4  # of a touch, where as many have them
     max_leverage: float = 1.0 - 1e-9  # largest eigenvalue of a hat matrix's block
+    # With more touches their displacements are held as they were found, but for those left out:
+    # their covariance would fill memory.
+    max_displaced: int = 1000
+
+
+LEAVING_OUT = LeaveOutSettings()
 
 
 class LeftOut(NamedTuple):
     """A fit, solved exactly, and what it predicts of touches that are left out."""
 
     solution: Solution
-    displacements: Floats  # Covariance of the displacements of all touches, (3 t, 3 t), cells^2
+    covariance: Floats  # Of the displacements of all touches, (3 t, 3 t), or none, cells^2
     squares: Floats  # Mean squared offset of each touch that was left out, (k,), cells^2
     expected: Floats  # What the fit expects these to be, (k,), cells^2
 
 
-def leave_out(solution: Solution, settings: LeaveOutSettings = LeaveOutSettings()) -> LeftOut:
+def displacement_covariance(solution: Solution, settings: LeaveOutSettings = LEAVING_OUT) -> Floats:
+    """Covariance (3 t, 3 t) of the displacements of all touches, cells^2; (0, 0) if too many."""
+    count = solution.equations.count
+    if count > settings.max_displaced:
+        return np.zeros((0, 0))
+    return _Inverse.of(solution, [], np.arange(count)).displacements
+
+
+def leave_out(solution: Solution, settings: LeaveOutSettings = LEAVING_OUT) -> LeftOut:
     """Leave out as many touches as `settings` ask for, each in turn."""
     touches = _drawn_touches(solution, settings)
     sketches = [_sketch(solution, touch, settings) for touch in touches]
-    inverse = _Inverse.of(solution, sketches)
-    solution = _exact(solution, inverse.displacements)
+    count = solution.equations.count
+    whole = count <= settings.max_displaced
+    displaced = np.arange(count) if whole else np.array(touches)
+    inverse = _Inverse.of(solution, sketches, displaced)
+    if whole:
+        solution = _exact(solution, inverse.displacements)
+    place = {int(touch): number for number, touch in enumerate(displaced)}
     found = np.array(
         [
-            _left_out(solution, sketch, inverse.of_touch(number, touch), settings.max_leverage)
+            _left_out(
+                solution, sketch, inverse.of_touch(number, place[touch]), settings.max_leverage
+            )
             for number, (sketch, touch) in enumerate(zip(sketches, touches, strict=True))
         ]
     )
-    return LeftOut(solution, inverse.displacements, *found.T)
+    covariance = inverse.displacements if whole else np.zeros((0, 0))
+    return LeftOut(solution, covariance, *found.T)
 
 
 def _drawn_touches(solution: Solution, settings: LeaveOutSettings) -> list[int]:
@@ -105,17 +127,25 @@ class _Inverse(NamedTuple):
     """The inverse of the equations of control values and displacements, at directions."""
 
     own: Floats  # For the directions of each touch, displacements held, (t, d, d)
-    across: Floats  # From them to all displacements, (t, d, 3 n)
-    displacements: Floats  # (3 n, 3 n)
+    across: Floats  # From them to the displacements that are not held, (t, d, 3 n)
+    displacements: Floats  # Of these, (3 n, 3 n)
 
     @classmethod
-    def of(cls, solution: Solution, sketches: list[_Sketch]) -> _Inverse:
-        """From the factor of the control values' equations alone, by its Schur complement."""
-        count = 3 * solution.equations.count
-        width = max(one.directions.shape[1] for one in sketches)
+    def of(
+        cls, solution: Solution, sketches: list[_Sketch], displaced: NDArray[np.int64]
+    ) -> _Inverse:
+        """From the factor of the control values' equations alone, by its Schur complement.
+
+        `displaced` (n,): touches whose displacements are unknown; those of others are held.
+        """
+        moving = (3 * displaced[:, None] + np.arange(3)).ravel()
+        count = len(moving)
+        width = max((one.directions.shape[1] for one in sketches), default=1)
         total = width * len(sketches)
-        sides = [_columns(solution, sketches, width), solution.coupling()]
-        right = scipy.sparse.csr_matrix(scipy.sparse.hstack(sides))
+        sides = [_columns(solution, sketches, width)] if sketches else []
+        right = scipy.sparse.csr_matrix(
+            scipy.sparse.hstack([*sides, solution.coupling()[:, moving]])
+        )
         own = np.zeros((len(sketches), width, width))
         across, product = np.zeros((total, count)), np.zeros((count, count))
         for columns, rows in solution.factor.halves(right):
@@ -126,13 +156,16 @@ class _Inverse(NamedTuple):
             own[touches] += blocks @ blocks.transpose(0, 2, 1)
             across[np.ix_(sketched, moved)] += rows[:, :split].T @ rest
             product[np.ix_(moved, moved)] += rest.T @ rest
-        schur = scipy.linalg.block_diag(*solution.touch_blocks()) - product
+        schur = scipy.linalg.block_diag(*solution.touch_blocks()[displaced]) - product
         inverse = np.asarray(np.linalg.inv(schur))
         return cls(own, across.reshape(len(sketches), width, count), inverse)
 
-    def of_touch(self, number: int, touch: int) -> Floats:
-        """For the directions of one sketched touch and its displacement, (d + 3, d + 3)."""
-        across, own = self.across[number], slice(3 * touch, 3 * touch + 3)
+    def of_touch(self, number: int, place: int) -> Floats:
+        """For the directions of one sketched touch and its displacement, (d + 3, d + 3).
+
+        `place`: of the touch among those that are displaced.
+        """
+        across, own = self.across[number], slice(3 * place, 3 * place + 3)
         through = across @ self.displacements
         blocks = [
             [self.own[number] + through @ across.T, -through[:, own]],

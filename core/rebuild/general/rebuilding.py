@@ -34,6 +34,7 @@ from palpate.core.steps import Steps, no_steps
 
 DENSE = 1.5e-4  # Area of the hull for each touch below which they do, m^2
 VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
+LET_GO = 0.01  # Of the cells, that the surface of a draft may leave for others
 FOLLOWED = 2  # Times, at most, that the band is widened where the surface leaves it
 FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
 BAND = 1.0  # Cells to both sides of the surface as it is known
@@ -82,6 +83,7 @@ def rebuild_general(
     pose: float = solid.POSE,
     outward: bool = False,
     start: solid.GeneralSolid | None = None,
+    draft: bool = False,
     step: Steps = no_steps,
 ) -> solid.GeneralSolid:
     """The solid of touched points with normals, of whatever shape it is.
@@ -91,7 +93,9 @@ def rebuild_general(
     for all, as a pad does. `free` (k, 3): places that a finger has swept. `platform`: height on
     which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
     standard deviation of a touch's place. `start`: the solid of the first of these contacts, as it
-    has them: what is known of it is gone on with, which takes a fraction of the time. Cells are
+    has them: what is known of it is gone on with, which takes a fraction of the time. `draft`: a
+    solid to decide by while there is more to touch, which lets a few cells go that the surface
+    leaves, and keeps what `start` knows of its errors. Cells are
     larger where an object is so large that there would be too many (`GridSettings`). Raises
     ValueError without normals, if they disagree, if all lies in one plane, or in more than a metre:
     coordinates are in metres.
@@ -113,15 +117,16 @@ def rebuild_general(
     with step("topology"):
         coarse = _coarse(touched, free, platform, cell)
     with step("implicit spline"):
-        setting = Setting(touched, coarse, platform, pose)
+        setting = Setting(touched, coarse, platform, pose, LET_GO if draft else 0.0)
         before = None if start is None else Spline(start.cell, start.fit)
         if before is None and cell < solid.COARSE:
             before = setting.fit(solid.COARSE, None, 1).spline
         fitted = setting.fit(cell, before, ROUNDS if before is None else 1)
     with step("held-out touches"):
-        predicted = distance_errors(fitted)
-    known = fitted.spline.fit, coarse, touched, platform, predicted, pose
-    return solid.GeneralSolid(setting.origin, cell, *known)
+        known = start.predicted if draft and start is not None else None
+        predicted = distance_errors(fitted, known)
+    fit = fitted.spline.fit
+    return solid.GeneralSolid(setting.origin, cell, fit, coarse, touched, platform, predicted, pose)
 
 
 def is_flat(points: Floats) -> bool:
@@ -153,6 +158,7 @@ class Setting(NamedTuple):
     coarse: CoarseSolid
     platform: float | None
     pose: float
+    let_go: float  # Fraction of the cells that the surface may leave for others
 
     @property
     def origin(self) -> Floats:
@@ -181,7 +187,7 @@ class Setting(NamedTuple):
             found = None  # no two factors at a time
             found = fit_implicit(band, *terms, start, order)
             beyond = surface_neighbours(found.fit, standing=self.platform is not None)
-            if turn == FOLLOWED or not len(beyond):
+            if turn == FOLLOWED or len(beyond) <= self.let_go * len(band.cells):
                 break
             cells = np.concatenate([band.cells, beyond])
             start = start._replace(displacements=found.fit.displacements)

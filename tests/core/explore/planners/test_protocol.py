@@ -202,8 +202,8 @@ def test_what_is_no_planner_is_refused(name, settings, words):
         make_planner(name, settings)
 
 
-ASKED = planners.Limits(tolerance=1e-4, feature=2e-3)
-GOOD = dict(error_bound=1e-4, underside_error=1e-3, underside_share=0.005, crease_error=1e-3)
+ASKED = planners.Limits(tolerance=1e-4, feature=2e-3, underside_share=0.01)
+GOOD = dict(error_bound=1e-4, underside_share=0.005, crease_error=1e-3)
 GOOD |= dict(crease_share=0.005, unknown_share=0.01, untouched_gap=2e-3, unentered_hole=0.0)
 GOOD |= dict(untraced_height=0.0, closed=True, self_crossings=0, genus=1, true_genus=1)
 GOOD |= dict(true_error=1e-4)
@@ -213,7 +213,7 @@ WORSE = {"error_bound": (1.1e-4, None), "underside_share": (0.0101,), "crease_er
 WORSE |= {"unknown_share": (0.011,), "untouched_gap": (2.1e-3,), "unentered_hole": (1e-3,)}
 WORSE |= {"untraced_height": (1e-3,), "closed": (False,), "self_crossings": (1,), "genus": (0, 2)}
 WORSE |= {"true_error": (2e-4,)}
-NAMES = {"underside_share": "underside error", "closed": "open surface", "true_error": "rms error"}
+NAMES = {"underside_share": "underside", "closed": "open surface", "true_error": "rms error"}
 ALWAYS = {"untraced_height", "closed", "self_crossings", "genus"}  # whatever is asked
 
 
@@ -228,7 +228,10 @@ def test_verdict_names_limit_that_is_not_kept(name):
         stated = {k: v for k, v in (GOOD | {name: value}).items() if v is not None}
         assert findings.stated() == stated
     assert planners.judge(planners.Findings(), planners.Limits()).reached is None
-    assert ASKED.stated() == {"tolerance": 1e-4, "feature": 2e-3, "unknown_share": 0.01}
+    asked = {"tolerance": 1e-4, "feature": 2e-3, "unknown_share": 0.01, "underside_share": 0.01}
+    assert ASKED.stated() == asked
+    flat = planners.Limits(tolerance=1e-4)  # what stands on the platform is taken for flat
+    assert planners.judge(planners.Findings(error_bound=1e-4, underside_share=0.5), flat).reached
 
 
 def test_examples_of_page_are_right():

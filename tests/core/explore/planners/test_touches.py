@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -129,8 +130,9 @@ def test_spanned_opening_is_unknown_until_touched():
     assert np.linalg.norm(estimate.open_area.places[0] - top) < 5e-3
     assert estimate_error(ball(EXACT, openings=mouth)).reached
     lying = ball(lambda at: 1e-2 if at[2] < 0.0205 else 1e-5, platform=FOOT)
-    assert isinstance(Touches().next(lying), Stop)  # the underside counts, too
-    assert failures(lying) == ["error bound", "underside error"]
+    assert failures(lying) == []  # what it stands on may be hollow: no number bounds it
+    assert lying.surface.findings.underside_share > 0.01
+    assert failures(replace(lying, underside_share=0.0)) == ["underside"]
 
 
 def test_crease_that_holds_pad_off_may_hide_error():

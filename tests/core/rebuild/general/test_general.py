@@ -16,8 +16,10 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import GeneralSolid, oriented, rebuild_general
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
 from palpate.core.rebuild.general.dissection import dissect, factorise
-from palpate.core.rebuild.general.fitting import CellBlocks
+from palpate.core.rebuild.general.fitting import CellBlocks, Start, TouchedPoints, fit_implicit
+from palpate.core.rebuild.general.leave_out import LeaveOutSettings, leave_out
 from palpate.core.rebuild.general.rebuilding import GridSettings, least_cell
+from palpate.core.rebuild.general.solid import cell_weights
 
 PAGE = Path(__file__).parents[4] / "docs" / "general.md"
 RADIUS, TUBE = 0.028, 0.011  # Of a torus, m
@@ -80,10 +82,9 @@ def test_displaced_touches_are_put_back():
 def test_stated_errors_grow_with_distance_from_touch():
     known = torus().predicted
     assert (np.diff(known.distances) > 0.0).all() and (np.diff(known.errors) >= 0.0).all()
-    assert (known.upper >= known.errors).all()
     beyond = known.distances[-1] + np.array([0.0, 0.01, 0.02])
     assert np.diff(known.at(beyond)) == pytest.approx([0.005, 0.005])  # Half of the distance
-    assert known.at(known.distances, upper=True) == pytest.approx(known.upper)
+    assert (known.bounds(beyond) > known.at(beyond)).all()
     far = (RADIUS + TUBE + np.array([0.0, 0.01, 0.02]))[:, None] * [1.0, 0.0, 0.0]
     errors, bounds = torus().expected_errors(far)
     assert (errors <= bounds).all() and errors[0] < 1e-3
@@ -108,6 +109,52 @@ def test_one_touch_more_is_nearly_the_whole_fit():
     left, was = (float(np.abs(one - values[2]).mean()) for one in (values[1], values[0]))
     assert left < 0.3 * was
     assert len(after.fit.displacements) == len(before.fit.displacements) + 1
+
+
+def without(points: TouchedPoints, touch: int) -> TouchedPoints:
+    return points.only(points.touch != touch)
+
+
+def test_touch_is_left_out_as_by_a_fit_without_it():
+    touched = torus_touches(2, 1e-4)
+    solid = rebuild_general(touched, cell=CELL, pose=1e-4)
+    band, fit = solid.fit.band, solid.fit
+    points = TouchedPoints(solid.contacts.points / CELL, solid.contacts.normals, touched.touch)
+    terms = solid.coarse.at(band.control * CELL) / CELL, cell_weights(CELL, 1e-4)
+    start = Start(fit.weights, fit.displacements)
+    left = leave_out(fit_implicit(band, points, *terms, start), LeaveOutSettings(max_touches=90))
+    drawn = np.random.default_rng(90).permutation(90)
+    for number in range(3):
+        out = points.touch == drawn[number]
+        kept = Start(fit.weights[~out], fit.displacements)
+        others = without(points, drawn[number])
+        solution = fit_implicit(band, others, *terms, kept)
+        exact = leave_out(solution).solution.fit  # without conjugate gradients
+        off = band.evaluate(exact.control, points.places[out])[0]
+        assert np.mean(off**2) == pytest.approx(left.squares[number], rel=0.02)
+    # Of touches that are displaced as the fit believes, the squares are what it expects.
+    assert 0.5 < np.mean(left.squares / left.expected) < 1.5
+
+
+def test_solid_that_goes_on_from_another_is_nearly_the_whole_fit():
+    touched = torus_touches()
+    first = ContactPoints(*(np.asarray(one)[touched.touch < 36] for one in touched))
+    begun = rebuild_general(first, cell=CELL, pose=1e-5)
+    gone_on = rebuild_general(touched, cell=CELL, pose=1e-5, start=begun)
+    before, after, whole = (
+        np.sqrt(np.mean(torus_distance(one.mesh(1).vertices) ** 2))
+        for one in (begun, gone_on, torus())
+    )
+    assert after < 1.2 * whole < 0.5 * before
+
+
+def test_error_is_as_large_as_stated():
+    for pose in (1e-5, 2e-4):
+        solid = rebuild_general(torus_touches(3, pose), cell=CELL, pose=pose)
+        places = solid.mesh(1).vertices
+        errors, bounds = (np.sqrt(np.mean(one**2)) for one in solid.expected_errors(places))
+        true = np.sqrt(np.mean(torus_distance(places) ** 2))
+        assert 0.4 * errors < true < bounds
 
 
 def touched_above(touched: ContactPoints, height: float) -> ContactPoints:
