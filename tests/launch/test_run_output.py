@@ -243,7 +243,8 @@ def headline(progress, *told, files=(), folder=RUN):
 KEYS = """
 palpate status reason scene seed chamfer_m rms_m exposed_rms_m hausdorff_m p95_m normal_deg
 volume_error sampling_floor_m size_m watertight genus contours contours_failed uncovered_m
-rms_bound_95_m tolerance_m tolerance_met largest_untouched_m limits criteria reached true_genus self_crossings
+rms_bound_95_m tolerance_m tolerance_met largest_untouched_m limits criteria reached true_genus
+self_crossings
 open_share open_width_m open_places_m open_normals open_touches under_share method predicted_m
 rejected contacts touches robot_time_s ready_s wall_s compute_s touches_per_s mesh_sha256 final gaps
 duplicates restarts nodes numerics curve steps missed procedure
