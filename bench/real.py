@@ -30,13 +30,13 @@ from palpate.core.shapes import Mesh
 from palpate.launch.files.mesh_file import read_mesh
 from palpate.launch.files.source_map import InputError
 
-FORM, VERSION = "palpate real", 1
+FORM, VERSION = "palpate real", 2
 FOLDER, FILE = "bench-real", "runs.json"
 SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
 SHARES = (0.01, 0.005, 0.002)  # Of the size
 SEEDS, QUICK_SEEDS = 5, 1
 INDEPENDENT, AT_ONCE = 400, 10  # Samples for trimesh, and of these at a time
-LINE = "{:<24}{:>5}{:>9}{:>9}{:>9}{:>9}{:>8}{:>8}{:>7}{:>16}{:>8}{:>8}  {}"
+LINE = "{:<24}{:>5}{:>9}{:>9}{:>9}{:>9}{:>9}{:>8}{:>8}{:>7}{:>16}{:>8}{:>8}  {}"
 SAMPLES = 20_000  # Places on each surface
 NEAR = 5e-3  # Of a touched point, m
 VIEWS = ((20.0, 35.0), (20.0, 215.0), (75.0, 35.0), (-60.0, 35.0))  # Elevation, azimuth, degrees
@@ -50,6 +50,7 @@ class RealRun(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: int
     size_m: float  # Largest extent
     rms_m: float = 0.0  # Our own distance, of the last model
+    exposed_rms_m: float = 0.0  # The same without what stands on the platform
     independent_rms_m: float = 0.0  # The same by trimesh
     touched_rms_m: float = 0.0  # Of places within 5 mm of a touched point
     sampling_floor_m: float = 0.0
@@ -69,8 +70,8 @@ class RealRun(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def held(self) -> bool:
-        """Whether the error is below what was stated."""
-        return self.bound_m is not None and self.rms_m <= self.bound_m
+        """Whether the error, the underside apart, is below what was stated."""
+        return self.bound_m is not None and self.exposed_rms_m <= self.bound_m
 
 
 class RealRuns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -113,7 +114,7 @@ class RealFigures(msgspec.Struct, frozen=True):
             return f"{run.object:<24}{run.seed:>5}  no model: {run.failed}"
         reached = "/".join("-" if one is None else str(one) for one in run.reached)
         stated = "none" if run.bound_m is None else f"{1e3 * run.bound_m:.3f}"
-        lengths = (run.rms_m, run.independent_rms_m, run.touched_rms_m)
+        lengths = (run.rms_m, run.exposed_rms_m, run.independent_rms_m, run.touched_rms_m)
         return LINE.format(
             run.object,
             run.seed,
@@ -146,7 +147,18 @@ def real_rows(
     folder.mkdir(parents=True, exist_ok=True)
     kept = _kept(folder / FILE)
     yield "lengths in mm; touches at 1 %, 0.5 % and 0.2 % of the size, as far as stated"
-    heads = ("object", "seed", "rms", "trimesh", "touched", "bound", "covered", "open", "genus")
+    heads = (
+        "object",
+        "seed",
+        "rms",
+        "exposed",
+        "trimesh",
+        "touched",
+        "bound",
+        "covered",
+        "open",
+        "genus",
+    )
     yield LINE.format(*heads, "touches at", "in all", "robot", "")
     for path in paths:
         for seed in range(QUICK_SEEDS if quick else SEEDS):
@@ -191,6 +203,7 @@ def _run(path: Path, seed: int, folder: Path) -> RealRun:
     return msgspec.structs.replace(
         nothing,
         rms_m=found.score.rms,
+        exposed_rms_m=found.score.exposed_rms,
         independent_rms_m=_independent(solid, real),
         touched_rms_m=picture.touched_rms,
         sampling_floor_m=found.score.sampling_floor,
@@ -236,13 +249,14 @@ def _summary(runs: Sequence[RealRun]) -> Iterator[str]:
     if not stated:
         return
     held = sum(one.held for one in stated)
-    worst = max(one.rms_m / (one.bound_m or np.inf) for one in stated)
+    shares = [one.exposed_rms_m / (one.bound_m or np.inf) for one in stated]
     met = [one for one in stated if one.met]
     wrong = sum(one.covered < 1.0 - (one.under_share or 0.0) - 0.01 for one in met)
     yield (
-        f"the bound held in {held} of {len(stated)} runs, the error at most {worst:.2f} times of "
-        f"it; {len(met)} runs within tolerance, {wrong} of them with more than 1 % of the surface "
-        "over 5 mm from any touch, the underside apart"
+        f"the bound held in {held} of {len(stated)} runs, the error {np.median(shares):.2f} of it "
+        f"in the median and at most {max(shares):.2f}; {len(met)} runs within tolerance, "
+        f"{wrong} of them with more than 1 % of the surface over 5 mm from any touch, the "
+        "underside apart"
     )
 
 

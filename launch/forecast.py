@@ -56,7 +56,7 @@ class ForecastSettings:
     grasp_seconds: float = 110.0  # robot time until the first contour [s]
     seconds_per_touch: float = 2.0  # robot time of a single touch with its way [s]
     compute_per_slice_touch: float = 0.05  # processor time on one core of 2020 [s]
-    compute_per_single_touch: float = 0.3  # the same where a general solid is fitted [s]
+    compute_per_single_touch: float = 0.22  # the same where a general solid is fitted [s]
 
 
 class Forecast(NamedTuple):
