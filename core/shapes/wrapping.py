@@ -62,6 +62,7 @@ def wrap_mesh(
 
     Raises ValueError, which goes on from the mesh's name, if nothing is enclosed.
     """
+    faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]
     step = float(np.ptp(vertices, axis=0).max()) / settings.n_voxels
     low = vertices.min(axis=0) - settings.margin * step
     extent = np.ptp(vertices, axis=0) + 2.0 * settings.margin * step
@@ -78,8 +79,9 @@ def wrap_mesh(
     if not len(mesh.faces):
         raise ValueError("bounds no solid: nothing lies behind its faces")
     surface = low + step * mesh.vertices
-    moved = _moved_onto(surface, mesh.faces, vertices[faces], step, settings)
-    moved, outer = _simplified(moved, mesh.faces, settings.simplification * step)
+    moved = _moved_onto(surface, vertices[faces], settings.max_projection * step)
+    simple = _simplified(moved, mesh.faces, settings.simplification * step)
+    moved, outer = simple or _uncrossed(surface, moved, mesh.faces, settings.max_retreats)
     search = nearest_search(moved[outer])
     some = places[:: max(1, len(places) // 20_000)]
     offsets = nearest_points(search, some).distances
@@ -203,30 +205,33 @@ def _largest_part(values: Floats, min_part: float) -> tuple[Floats, int]:
     return np.where(kept, np.minimum(values, -1e-6), np.maximum(values, 1e-6)), n_left_out
 
 
-def _moved_onto(
-    surface: Floats, faces: Ints, corners: Floats, step: float, settings: WrapSettings
-) -> Floats:
-    """Vertices (n, 3) moved onto triangles (m, 3, 3) beside them, but where faces would cross."""
+def _moved_onto(surface: Floats, corners: Floats, reach: float) -> Floats:
+    """Vertices (n, 3) moved onto triangles (m, 3, 3) that lie within a reach [m] of them."""
     found = nearest_points(nearest_search(corners), surface)
-    near = found.distances < settings.max_projection * step
-    moved = np.where(near[:, None], found.points, surface)
-    for _ in range(settings.max_retreats):
-        crossed = np.unique(faces[self_intersection(moved, faces).faces])
-        if not len(crossed):
-            return moved
-        moved[crossed] = surface[crossed]
-    return surface
+    return np.where((found.distances < reach)[:, None], found.points, surface)
 
 
-def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints]:
-    """The surface of fewer faces, within a tolerance [m], if it crosses itself nowhere then."""
+def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints] | None:
+    """The surface of fewer faces, within a tolerance [m]; None if it crosses itself then."""
     from manifold3d import Error, Manifold, Mesh64
 
     rows = np.ascontiguousarray(faces, np.uint64)
     solid = Manifold(Mesh64(np.ascontiguousarray(vertices, np.float64), rows))
     if solid.status() != Error.NoError:
-        return vertices, faces
+        return None
     mesh = solid.simplify(tolerance).to_mesh64()
     fewer = np.array(mesh.tri_verts, np.int32)
     places = np.array(mesh.vert_properties[:, :3], np.float64)
-    return (vertices, faces) if self_intersection(places, fewer).count else (places, fewer)
+    return None if self_intersection(places, fewer).count else (places, fewer)
+
+
+def _uncrossed(
+    surface: Floats, moved: Floats, faces: Ints, max_retreats: int
+) -> tuple[Floats, Ints]:
+    """Moved vertices (n, 3), but where they came from where their faces (m, 3) would cross."""
+    for _ in range(max_retreats):
+        crossed = np.unique(faces[self_intersection(moved, faces).faces])
+        if not len(crossed):
+            return moved, faces
+        moved[crossed] = surface[crossed]
+    return surface, faces
