@@ -40,7 +40,8 @@ class WrapSettings:
     near_hit: float = 2.5  # [voxels] from a hit: what lies farther closes a hole
     min_part: float = 0.02  # fraction of the largest part's volume: smaller ones are left out
     max_closed_share: float = 0.25  # of the surface, that may close holes
-    max_retreats: int = 20  # rounds in which vertices of faces that cross are moved back
+    max_retreats: int = 5  # rounds in which vertices of faces that cross are moved back
+    n_offsets: int = 20_000  # hits whose distances from the surface are averaged
     simplification: float = 0.01  # [voxels] by which the surface may move for fewer faces
 
 
@@ -63,14 +64,11 @@ def wrap_mesh(
     Raises ValueError, which goes on from the mesh's name, if nothing is enclosed.
     """
     faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]
-    step = float(np.ptp(vertices, axis=0).max()) / settings.n_voxels
-    low = vertices.min(axis=0) - settings.margin * step
-    extent = np.ptp(vertices, axis=0) + 2.0 * settings.margin * step
-    shape = tuple(
-        int(scipy.fft.next_fast_len(int(np.ceil(side / step)) + 1, real=True)) for side in extent
-    )
+    used, corners = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], corners.reshape(-1, 3).astype(np.int32)
+    grid = _grid_around(vertices, settings)
+    step = grid.step
     places, normals = _outer_hits(vertices, faces, step, settings)
-    grid = _Grid(low, step, shape)
     kept = _outward(grid, places, normals, settings.smoothing)
     places, normals = places[kept], normals[kept]
     values = _indicator(grid, places, normals, settings.smoothing)
@@ -78,30 +76,36 @@ def wrap_mesh(
     mesh = grid_surface(values)
     if not len(mesh.faces):
         raise ValueError("bounds no solid: nothing lies behind its faces")
-    surface = low + step * mesh.vertices
-    moved = _moved_onto(surface, vertices[faces], settings.max_projection * step)
-    simple = _simplified(moved, mesh.faces, settings.simplification * step)
-    moved, outer = simple or _uncrossed(surface, moved, mesh.faces, settings.max_retreats)
-    search = nearest_search(moved[outer])
-    some = places[:: max(1, len(places) // 20_000)]
-    offsets = nearest_points(search, some).distances
-    areas = areas_and_normals(moved[outer])[0]
-    middles = moved[outer].mean(axis=1)
-    far = scipy.spatial.cKDTree(places).query(middles)[0] > settings.near_hit * step
-    closed = float(areas[far].sum() / areas.sum())
+    surface = grid.low + step * mesh.vertices
+    closed = _closed_share(surface[mesh.faces], places, settings.near_hit * step)
     if closed > settings.max_closed_share:
         raise ValueError(
             f"bounds no solid: {closed:.0%} of its outside would be a guess, and no more than "
             f"{settings.max_closed_share:.0%} may be; close it in a mesh editor"
         )
-    return WrappedMesh(
-        moved,
-        outer,
-        step,
-        float(np.sqrt(np.mean(offsets**2))),
-        closed,
-        n_left_out,
-    )
+    moved = _moved_onto(surface, vertices[faces], settings.max_projection * step)
+    simple = _simplified(moved, mesh.faces, settings.simplification * step)
+    moved, outer = simple or _uncrossed(surface, moved, mesh.faces, settings.max_retreats)
+    some = places[:: max(1, len(places) // settings.n_offsets)]
+    offsets = nearest_points(nearest_search(moved[outer]), some).distances
+    offset = float(np.sqrt(np.mean(offsets**2)))
+    return WrappedMesh(moved, outer, step, offset, closed, n_left_out)
+
+
+def _grid_around(vertices: Floats, settings: WrapSettings) -> _Grid:
+    """An even grid that holds the vertices (n, 3) [m] and its margin."""
+    step = float(np.ptp(vertices, axis=0).max()) / settings.n_voxels
+    counts = np.ceil(np.ptp(vertices, axis=0) / step).astype(int) + 2 * settings.margin + 1
+    shape = tuple(int(scipy.fft.next_fast_len(int(count), real=True)) for count in counts)
+    return _Grid(vertices.min(axis=0) - settings.margin * step, step, shape)
+
+
+def _closed_share(corners: Floats, places: Floats, near: float) -> float:
+    """Fraction of triangles (m, 3, 3), by area, that lie farther than this from all hits."""
+    areas = areas_and_normals(corners)[0]
+    tree = scipy.spatial.cKDTree(places)
+    far = np.isinf(tree.query(corners.mean(axis=1), distance_upper_bound=near)[0])
+    return float(areas[far].sum() / areas.sum())
 
 
 def _outer_hits(

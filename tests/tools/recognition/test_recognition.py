@@ -172,6 +172,9 @@ def test_files_without_a_solid_are_refused(tmp_path, refusal, name, content, wor
     if content is not None:
         (tmp_path / name).write_bytes(content)
     assert words in refusal("recognise", tmp_path / name)
+
+
+def test_surface_that_bounds_no_solid_is_refused(tmp_path):
     vertices, faces = copy_of("egg")
     write_mesh(tmp_path / "open.ply", vertices, faces[:3])
     with pytest.raises(InputError, match=r"open.ply: "):
