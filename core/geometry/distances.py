@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry.meshes import areas_and_normals, triangle_corners
 from palpate.core.geometry.nearest import NearestSearch, nearest_points, nearest_search
 from palpate.core.least_squares import Solutions, levenberg_marquardt
@@ -94,14 +94,14 @@ def compare_surfaces(
 ) -> SurfaceDistances:
     """Distances from the samples of each of two surfaces to the other; both count alike.
 
-    `height`: of the samples above it, along z, `rms_above` tells [m]; 0 if there are none.
+    `height`: `rms_above` tells of the samples above it, along z, whose nearest points lie above it
+    as well [m]; 0 if there are none.
     """
-    (there, there_angles), (back, back_angles) = _one_way(one, other), _one_way(other, one)
+    (there, there_angles, up), (back, back_angles, down) = (
+        _one_way(*pair, height) for pair in ((one, other), (other, one))
+    )
     mean_square = 0.5 * (float(np.mean(there**2)) + float(np.mean(back**2)))
-    above = [
-        distances[surface.samples.points[:, 2] > height]
-        for surface, distances in ((one, there), (other, back))
-    ]
+    above = there[up], back[down]
     angles = 0.5 * (float(there_angles.mean()) + float(back_angles.mean()))
     return SurfaceDistances(
         chamfer=0.5 * (float(there.mean()) + float(back.mean())),
@@ -113,14 +113,21 @@ def compare_surfaces(
     )
 
 
-def _one_way(source: PreparedSurface, target: PreparedSurface) -> tuple[Floats, Floats]:
-    """Distance (m) and angle between normals (rad), each (n,), at the source's samples."""
+def _one_way(
+    source: PreparedSurface, target: PreparedSurface, height: float
+) -> tuple[Floats, Floats, Bools]:
+    """Distance [m], angle between normals [rad] and whether both ends lie above a height [m].
+
+    Each (n,), at the source's samples.
+    """
     nearest = nearest_points(target.search, source.samples.points)
     here, there = source.normals[source.samples.faces], target.normals[nearest.faces]
     across = np.cross(here, there)
     sine = np.sqrt(np.einsum("ij,ij->i", across, across))
     # By atan2: the arc cosine loses half the digits of small angles.
-    return nearest.distances, np.arctan2(sine, np.einsum("ij,ij->i", here, there))
+    angles = np.arctan2(sine, np.einsum("ij,ij->i", here, there))
+    above = np.minimum(source.samples.points[:, 2], nearest.points[:, 2]) > height
+    return nearest.distances, angles, above
 
 
 class SurfaceSamples(NamedTuple):

@@ -89,5 +89,6 @@ from palpate.core.shapes.triangle_meshes import (
 from palpate.core.shapes.wrapping import (
     WrappedMesh as WrappedMesh,
     WrapSettings as WrapSettings,
+    without_crossings as without_crossings,
     wrap_mesh as wrap_mesh,
 )

@@ -24,6 +24,7 @@ from palpate.core.geometry import (
     nearest_search,
     self_intersection,
 )
+from palpate.core.shapes.mending import arrays_of, as_manifold
 from palpate.core.shapes.tessellations import grid_surface
 from palpate.core.shapes.triangle_meshes import HAS_EMBREE, Embree, ZBuffer
 
@@ -84,8 +85,12 @@ def wrap_mesh(
             f"{settings.max_closed_share:.0%} may be; close it in a mesh editor"
         )
     moved = _moved_onto(surface, vertices[faces], settings.max_projection * step)
-    simple = _simplified(moved, mesh.faces, settings.simplification * step)
-    moved, outer = simple or _uncrossed(surface, moved, mesh.faces, settings.max_retreats)
+    outer = mesh.faces
+    simple = _simplified(moved, outer, settings.simplification * step)
+    if simple is not None:
+        moved, outer = simple
+    else:
+        moved = without_crossings(surface, moved, outer, settings.max_retreats)
     some = places[:: max(1, len(places) // settings.n_offsets)]
     offsets = nearest_points(nearest_search(moved[outer]), some).distances
     offset = float(np.sqrt(np.mean(offsets**2)))
@@ -217,25 +222,18 @@ def _moved_onto(surface: Floats, corners: Floats, reach: float) -> Floats:
 
 def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints] | None:
     """The surface of fewer faces, within a tolerance [m]; None if it crosses itself then."""
-    from manifold3d import Error, Manifold, Mesh64
-
-    rows = np.ascontiguousarray(faces, np.uint64)
-    solid = Manifold(Mesh64(np.ascontiguousarray(vertices, np.float64), rows))
-    if solid.status() != Error.NoError:
+    solid = as_manifold(vertices, faces)
+    if solid is None:
         return None
-    mesh = solid.simplify(tolerance).to_mesh64()
-    fewer = np.array(mesh.tri_verts, np.int32)
-    places = np.array(mesh.vert_properties[:, :3], np.float64)
+    places, fewer = arrays_of(solid.simplify(tolerance))
     return None if self_intersection(places, fewer).count else (places, fewer)
 
 
-def _uncrossed(
-    surface: Floats, moved: Floats, faces: Ints, max_retreats: int
-) -> tuple[Floats, Ints]:
-    """Moved vertices (n, 3), but where they came from where their faces (m, 3) would cross."""
-    for _ in range(max_retreats):
+def without_crossings(places: Floats, moved: Floats, faces: Ints, max_rounds: int) -> Floats:
+    """Moved vertices (n, 3), but at their old places where faces (m, 3) would cross."""
+    for _ in range(max_rounds):
         crossed = np.unique(faces[self_intersection(moved, faces).faces])
         if not len(crossed):
-            return moved, faces
-        moved[crossed] = surface[crossed]
-    return surface, faces
+            return moved
+        moved[crossed] = places[crossed]
+    return places

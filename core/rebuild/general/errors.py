@@ -38,7 +38,6 @@ class ErrorSettings:
     """
 
     n_draws: int = 64  # of the spline
-    min_touches: int = 8  # that must have been left out, for their median to count below 1
     min_slope: float = 0.3  # of the spline's gradient: a flatter one is no distance
     max_value: float = 0.1  # [cells] of the spline, at places that count as on the surface
     min_error: float = 10e-6  # [m] of a mesh beside its surface
@@ -123,11 +122,13 @@ def distance_errors(fitted: Fitted, before: DistanceErrors | None = None) -> Dis
 
 
 def calibration(left: LeftOut) -> float:
-    """Squared errors over those that a fit expects, as the touches that were left out tell."""
+    """Squared errors over those that a fit expects, as the touches that were left out tell.
+
+    At least 1: touches that agree may all be off alike, as by the bias of a sensor.
+    """
     ratios = left.squares / left.expected
     median = float(np.median(ratios)) / CHI_SQUARE_MEDIAN
-    found = max(median, float(np.minimum(ratios, ERRORS.max_ratio).mean()))
-    return found if len(ratios) >= ERRORS.min_touches else max(found, 1.0)
+    return max(median, float(np.minimum(ratios, ERRORS.max_ratio).mean()), 1.0)
 
 
 def _surface_places(fit: ImplicitFit) -> Floats:

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import SHARP, nearest_points, nearest_search, self_intersection
+from palpate.core.geometry import SHARP, nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.errors import DistanceErrors, touch_distances
@@ -29,7 +29,7 @@ from palpate.core.rebuild.general.fitting import (
 )
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.protocol import Closest, Solid
-from palpate.core.shapes import Mesh, grid_surface
+from palpate.core.shapes import Mesh, grid_surface, without_crossings
 
 FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell where touches lie close together, and else, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
@@ -103,7 +103,7 @@ class GeneralSolid(Solid):
             for one in (places, moved):
                 one[:, 2] = np.maximum(one[:, 2], self.origin[2])
                 one[flat, 2] = self.origin[2]
-        return Mesh(_uncrossed(places, moved, faces), faces)
+        return Mesh(without_crossings(places, moved, faces, RETREATS), faces)
 
     def __repr__(self) -> str:
         return f"<GeneralSolid {self._size()} m, of {len(self.fit.displacements)} touches>"
@@ -241,16 +241,6 @@ class GeneralSolid(Solid):
         reached = np.isin(np.arange(count + 1), parts[border & ~inside])
         reached[0] = False
         return ~reached[parts]
-
-
-def _uncrossed(places: Floats, moved: Floats, faces: Ints) -> Floats:
-    """Moved vertices (n, 3), but at their old places where faces (m, 3) would cross."""
-    for _ in range(RETREATS):
-        crossed = np.unique(faces[self_intersection(moved, faces).faces])
-        if not len(crossed):
-            return moved
-        moved[crossed] = places[crossed]
-    return places
 
 
 def cell_weights(cell: float, pose: float) -> Weights:
