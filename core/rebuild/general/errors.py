@@ -51,6 +51,7 @@ class ErrorSettings:
     max_open_factor: float = 2.0
     calibrated_growth: float = 1.5  # times as many touches: then a draft is calibrated again
     max_ratio: float = 10.0  # of a touch's squared offset over the expected one, in their mean
+    prior_touches: float = 8.0  # that are as far off as expected, counted with those left out
 
 
 ERRORS = ErrorSettings()
@@ -124,11 +125,14 @@ def distance_errors(fitted: Fitted, before: DistanceErrors | None = None) -> Dis
 def calibration(left: LeftOut) -> float:
     """Squared errors over those that a fit expects, as the touches that were left out tell.
 
-    At least 1: touches that agree may all be off alike, as by the bias of a sensor.
+    That they agree better than expected may be chance: `prior_touches` that agree as expected are
+    counted with them, as by a conjugate prior of a variance.
     """
     ratios = left.squares / left.expected
     median = float(np.median(ratios)) / CHI_SQUARE_MEDIAN
-    return max(median, float(np.minimum(ratios, ERRORS.max_ratio).mean()), 1.0)
+    found = max(median, float(np.minimum(ratios, ERRORS.max_ratio).mean()))
+    known = len(ratios) / (len(ratios) + ERRORS.prior_touches)
+    return max(found, 1.0 + known * (found - 1.0))
 
 
 def _surface_places(fit: ImplicitFit) -> Floats:
