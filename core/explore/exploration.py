@@ -70,8 +70,8 @@ class GoalSettings:
     # A model is due after `single_batch` single touches, or `single_share` of all touches if that
     # is more; after contours, when they have at least `contour_share` of all touches. So the work
     # of long runs, too, grows with the first power of their touches.
-    single_batch: int = 8
-    single_share: float = 0.08
+    single_batch: int = 10
+    single_share: float = 0.12
     contour_share: float = 0.05
     # An object of less than `small_extent` [m] is given up after `small_touches` unless more, or
     # fewer, are asked for: what they have not told the next ones will not either.

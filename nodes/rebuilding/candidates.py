@@ -91,7 +91,7 @@ class Candidates:
 
     def mesh_of(self, solid: AnySolid) -> Mesh | surface.SurfaceMesh:
         """A mesh for a look of one of the solids."""
-        return self.volume.mesh if isinstance(solid, LatticeSolid) else solid.mesh(1)
+        return self.volume.mesh if isinstance(solid, LatticeSolid) else solid.rough_mesh
 
     def predicted(self, number: int, touched: ContactPoints) -> dict[str, Floats]:
         """Mean square distance of each touch since from the solids, by method, m^2.
@@ -243,7 +243,7 @@ def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:
 
 def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) -> dict[str, Any]:
     with step("mesh"):
-        mesh = solid.mesh(1 if quality is None else quality.parts)
+        mesh = solid.rough_mesh if quality is None else solid.mesh(quality.parts)
     health = _rounded(solid.health())
     return {"vertices": mesh.vertices, "faces": mesh.faces, "health": health}
 

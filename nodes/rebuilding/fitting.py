@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 SETS = 3  # By how the last so many were predicted a method is chosen
 # Times as many touches as a general solid was last fitted to as a whole: then it is again; and as
 # it was fitted to from nothing: then it is so again, lest what was wrong once is gone on with.
-MORE, ANEW = 1.25, 2.0
+MORE, ANEW = 1.25, 3.0
 # A draft misses touches where there is more to touch, and is continued beyond the outermost
 # contours while ends are unknown: that asks for slices, not for another kind of solid. So it may
 # reach far, and through what fingers have swept, beyond them.
@@ -182,7 +182,7 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     if not is_final(goal):  # a planner goes on by it, and finds out where it is wrong
         return replace(alone, general=general)
     space = None if state.space is None else known_space(state, goal)
-    faults = faults_of(MeshVolume(general.solid.mesh(1)), None, alone.touched, space)
+    faults = faults_of(MeshVolume(general.solid.rough_mesh), None, alone.touched, space)
     if faults:
         told = tuple(f"the general solid: {fault}" for fault in faults)
         return replace(alone, rejected=(*alone.rejected, *told))

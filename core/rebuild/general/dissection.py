@@ -60,7 +60,9 @@ def dissect(cells: Ints, local: Ints, count: int) -> Dissection:
             values = np.unique(local[order[low:high]]).astype(np.int64)
         inner = (first[values] >= low) & (last[values] < high)
         own = np.zeros(0, np.int64) if parts else order[low:high]
-        fronts.append(Front(own, parts, values[inner], values[~inner]))
+        mine = values[inner]
+        mine = mine[np.lexsort((last[mine], first[mine]))]
+        fronts.append(Front(own, parts, mine, values[~inner]))
     turn = np.empty(count, np.int64)
     turn[np.concatenate([front.own for front in fronts])] = np.arange(count)
     ordered = (front._replace(border=_by(turn, front.border)) for front in fronts)
@@ -172,31 +174,58 @@ def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
     for number, front in enumerate(dissection.fronts):
         count, size = len(front.own), len(front.own) + len(front.border)
         place[front.own], place[front.border] = np.arange(count), np.arange(count, size)
-        matrix: Floats = np.zeros((size, size), order="F")
-        if len(front.cells):
-            at = place[dissection.local[front.cells]]
-            flat = at[:, :, None] + size * at[:, None, :]
-            sums = np.bincount(flat.ravel(), blocks.of(front.cells).ravel(), size * size)
-            matrix += sums.reshape((size, size), order="F")
-        for part in front.parts:
-            _add_lower(matrix, left.pop(part), place[dissection.fronts[part].border])
-        matrix[np.arange(count), np.arange(count)] += ridge
-        corner, side = matrix[:count, :count], matrix[count:, :count]
+        if front.parts:
+            below = [(left.pop(part), dissection.fronts[part].border) for part in front.parts]
+            corner, side, rest = _joined([(part, place[at]) for part, at in below], count, size)
+        else:
+            local = place[dissection.local[front.cells]]
+            corner, side, rest = _summed(local, blocks.of(front.cells), count, size)
+        corner[np.arange(count), np.arange(count)] += ridge
         if count:
-            corner, _ = scipy.linalg.lapack.dpotrf(corner, lower=1)
-        left[number] = np.asfortranarray(matrix[count:, count:])
+            corner, _ = scipy.linalg.lapack.dpotrf(corner, lower=1, overwrite_a=1)
         if side.size:
-            side = scipy.linalg.blas.dtrsm(1.0, corner, side, side=1, lower=1, trans_a=1)
-            left[number] = scipy.linalg.blas.dsyrk(
-                -1.0, side, 1.0, left[number], lower=1, overwrite_c=1
+            side = scipy.linalg.blas.dtrsm(
+                1.0, corner, side, side=1, lower=1, trans_a=1, overwrite_b=1
             )
+            rest = scipy.linalg.blas.dsyrk(-1.0, side, 1.0, rest, lower=1, overwrite_c=1)
+        left[number] = rest
         corners.append(corner)
         sides.append(side)
     return Factor(dissection, tuple(corners), tuple(sides))
 
 
-def _add_lower(matrix: Floats, part: Floats, at: Longs) -> None:
-    """Add a lower triangle (b, b) to rows and columns `at` (b,), ascending, stretch by stretch."""
-    starts = np.flatnonzero(np.diff(at, prepend=-2) != 1).tolist()
-    for left, right in pairwise([*starts, len(at)]):
-        matrix[at[left:], at[left] : at[left] + right - left] += part[left:, left:right]
+class _Matrix(NamedTuple):
+    """Lower triangle of a front's equations, in columns."""
+
+    corner: Floats  # Over its own control values, (k, k)
+    side: Floats  # Below, over its border, (b, k)
+    rest: Floats  # Over its border, (b, b)
+
+
+def _summed(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
+    """The sum of blocks (m, 64, 64) at places (m, 64) of a front of `size`, `count` its own."""
+    flat = local[:, :, None] + size * local[:, None, :]
+    sums = np.bincount(flat.ravel(), blocks.ravel(), size * size)
+    matrix = sums.reshape((size, size), order="F")
+    parts = matrix[:count, :count], matrix[count:, :count], matrix[count:, count:]
+    return _Matrix(*(np.asarray(part, np.float64, order="F") for part in parts))
+
+
+def _joined(below: list[tuple[Floats, Longs]], count: int, size: int) -> _Matrix:
+    """The sum of the lower triangles (b, b) that two halves leave, at ascending places (b,)."""
+    shapes = (count, count), (size - count, count), (size - count, size - count)
+    found = _Matrix(*(np.zeros(shape, order="F") for shape in shapes))
+    for part, at in below:
+        starts = (np.diff(at, prepend=-2) != 1) | (at == count)
+        ends = [*np.flatnonzero(starts).tolist(), len(at)]
+        stretches = [(slice(i, j), int(at[i]), int(at[i]) + j - i) for i, j in pairwise(ends)]
+        for number, (columns, low, high) in enumerate(stretches):
+            for rows, first, last in stretches[number:]:
+                if first < count:
+                    into = found.corner[first:last, low:high]
+                elif low < count:
+                    into = found.side[first - count : last - count, low:high]
+                else:
+                    into = found.rest[first - count : last - count, low - count : high - count]
+                into += part[rows, columns]
+    return found

@@ -38,7 +38,7 @@ from palpate.core.rebuild.general.dissection import (
 )
 from palpate.reprs import readable
 
-MOST_STEPS, RESIDUAL = 15, 3e-3
+MOST_STEPS, RESIDUAL = 15, 0.03
 LEAST_SLOPE = 0.3  # Of the spline's gradient: a flatter one is no distance
 LEAST_POSE = 1e-9  # Cells: exact poses are as sure as this where they must be inverted
 
@@ -264,13 +264,21 @@ def fit_implicit(
     factor = factorise(equations.dissection, equations.blocks(shares, regular))
     right = equations.right_side(shares) + pulled
     control, moved = _solve(equations, factor, shares, right, start.displacements)
-    value, tilt = equations.misfits(control, moved)
-    off = (value / weights.point) ** 2 + (tilt / weights.normal) ** 2
-    every, residuals = np.zeros(len(points.places)), np.full(len(points.places), np.nan)
-    every[equations.order] = (1.0 + off / weights.cauchy**2) ** -0.5
-    residuals[equations.order] = value
-    fit = ImplicitFit(band, control, moved, every, residuals)
+    fit = with_residuals(equations, len(points.places), control, moved)
     return Solution(fit, equations, factor, shares, right)
+
+
+def with_residuals(
+    equations: Equations, count: int, control: Floats, displacements: Floats
+) -> ImplicitFit:
+    """A solution of the equations, and what each of `count` points says of it."""
+    scale = equations.scale
+    value, tilt = equations.misfits(control, displacements)
+    off = (value / scale.point) ** 2 + (tilt / scale.normal) ** 2
+    weights, residuals = np.zeros(count), np.full(count, np.nan)
+    weights[equations.order] = (1.0 + off / scale.cauchy**2) ** -0.5
+    residuals[equations.order] = value
+    return ImplicitFit(equations.band, control, displacements, weights, residuals)
 
 
 def touch_blocks(equations: Equations, shares: Floats) -> Floats:

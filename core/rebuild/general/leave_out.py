@@ -12,7 +12,7 @@ factor together. Displacements of the touches are unknowns as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.rebuild.general.fitting import Solution
+from palpate.core.rebuild.general.fitting import Solution, with_residuals
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +49,23 @@ class LeftOut(NamedTuple):
 
     solution: Solution
     covariance: Floats  # Of the displacements of all touches, (3 t, 3 t), or none, cells^2
+    touches: Ints  # Which were left out, (k,)
     squares: Floats  # Mean squared offset of each touch that was left out, (k,), cells^2
     expected: Floats  # What the fit expects these to be, (k,), cells^2
 
 
-def displacement_covariance(solution: Solution, settings: LeaveOutSettings = LEAVING_OUT) -> Floats:
-    """Covariance (3 t, 3 t) of the displacements of all touches, cells^2; (0, 0) if too many."""
+def solved_exactly(
+    solution: Solution, settings: LeaveOutSettings = LEAVING_OUT
+) -> tuple[Solution, Floats]:
+    """The same without what conjugate gradients leave, and the covariance of all displacements.
+
+    The covariance is (3 t, 3 t), cells^2; (0, 0), with the same solution, of too many touches.
+    """
     count = solution.equations.count
     if count > settings.max_displaced:
-        return np.zeros((0, 0))
-    return _Inverse.of(solution, [], np.arange(count)).displacements
+        return solution, np.zeros((0, 0))
+    covariance = _Inverse.of(solution, [], np.arange(count)).displacements
+    return _exact(solution, covariance), covariance
 
 
 def leave_out(solution: Solution, settings: LeaveOutSettings = LEAVING_OUT) -> LeftOut:
@@ -81,7 +88,7 @@ def leave_out(solution: Solution, settings: LeaveOutSettings = LEAVING_OUT) -> L
         ]
     )
     covariance = inverse.displacements if whole else np.zeros((0, 0))
-    return LeftOut(solution, covariance, *found.T)
+    return LeftOut(solution, covariance, np.array(touches, np.int32), *found.T)
 
 
 def _drawn_touches(solution: Solution, settings: LeaveOutSettings) -> list[int]:
@@ -193,9 +200,9 @@ def _exact(solution: Solution, displacements: Floats) -> Solution:
     coupling, factor = solution.coupling(), solution.factor
     moved = -displacements @ (coupling.T @ factor.solve(solution.right))
     control = factor.solve(solution.right - coupling @ moved)
-    return solution._replace(
-        fit=replace(solution.fit, control=control, displacements=moved.reshape(-1, 3))
-    )
+    count = len(solution.fit.weights)
+    fit = with_residuals(solution.equations, count, control, moved.reshape(-1, 3))
+    return solution._replace(fit=fit)
 
 
 def _left_out(

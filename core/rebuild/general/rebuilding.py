@@ -18,7 +18,7 @@ from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, make_band
 from palpate.core.rebuild.general.dissection import dissect
-from palpate.core.rebuild.general.errors import distance_errors
+from palpate.core.rebuild.general.errors import surface_errors
 from palpate.core.rebuild.general.fitting import (
     Fitted,
     ImplicitFit,
@@ -33,12 +33,14 @@ from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
 DENSE = 1.5e-4  # Area of the hull for each touch below which they do, m^2
+SPACED, COARSEST = 0.2, 8.0e-3  # Cells of drafts, of the way between touches, and at most, m
 VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
 LET_GO = 0.01  # Of the cells, that the surface of a draft may leave for others
 FOLLOWED = 2  # Times, at most, that the band is widened where the surface leaves it
 FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
 BAND = 1.0  # Cells to both sides of the surface as it is known
 SEARCHED = 4.0  # Cells to both sides of the coarse solid's, where an earlier spline is asked
+LACKED = 3.0  # Cells from an earlier spline's, from which on its object may have other surface
 SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
 AREA = 1.5  # Of the area of the hull over the number of touches: what a point may stand for
 HULL_POINTS = 5_000  # More say no more about the hull
@@ -70,7 +72,10 @@ def least_cell(points: Floats, settings: GridSettings | None = None) -> float:
 def fitting_cell(contacts: ContactPoints) -> float:
     """Edge of the cells that so many touches can fill, m: finer ones cost more and tell no more."""
     touches = len(np.unique(contacts.touch))
-    return solid.FINE if _hull_area(contacts.points) < DENSE * touches else solid.COARSE
+    spacing = math.sqrt(_hull_area(contacts.points) / touches)
+    if spacing**2 < DENSE:
+        return solid.FINE
+    return float(np.clip(SPACED * spacing, solid.COARSE, COARSEST))
 
 
 def rebuild_general(
@@ -124,8 +129,7 @@ def rebuild_general(
         fitted = setting.fit(cell, before, ROUNDS if before is None else 1)
     with step("held-out touches"):
         known = start.predicted if draft and start is not None else None
-        predicted = distance_errors(fitted, known)
-    fit = fitted.spline.fit
+        fit, predicted = surface_errors(fitted, known)
     return solid.GeneralSolid(setting.origin, cell, fit, coarse, touched, platform, predicted, pose)
 
 
@@ -179,6 +183,7 @@ class Setting(NamedTuple):
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
         found: Solution | None = None
+        weighed = 0
         for turn in range(FOLLOWED + 1):
             band = make_band(cells)
             order = dissect(band.cells, band.local, len(band.control))
@@ -190,9 +195,9 @@ class Setting(NamedTuple):
             if turn == FOLLOWED or len(beyond) <= self.let_go * len(band.cells):
                 break
             cells = np.concatenate([band.cells, beyond])
-            start = start._replace(displacements=found.fit.displacements)
+            start, weighed = start.begun(found.fit, 1.0), weighed + 1
         assert found is not None
-        for _ in range(rounds - 1):
+        for _ in range(weighed, rounds - 1):
             start, found = start.begun(found.fit, 1.0), None
             found = fit_implicit(band, *terms, start, order)
         return Fitted(Spline(cell, found.fit), found, *terms)
@@ -213,7 +218,13 @@ def _surface_cells(
     if before is not None:
         close = np.flatnonzero(np.abs(distances) < SEARCHED)
         there = before.distances(middles[close] * cell) / cell
-        distances[close] = np.where(np.isfinite(there), there, distances[close])
+        known = np.isfinite(there)
+        # Beside the band of the earlier spline the coarse solid tells only of what that one lacks.
+        beside = scipy.spatial.cKDTree(before.fit.band.cells + 0.5).query(
+            middles[close][~known] * (cell / before.cell), distance_upper_bound=LACKED
+        )
+        there[~known] = np.where(beside[0] < LACKED, np.inf, distances[close][~known])
+        distances[close] = there
     near = np.abs(distances) < BAND
     if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
         lowest = np.percentile(points.places[:, 2], solid.LOWEST) + FOOT

@@ -5,12 +5,13 @@ were touched; over them the spline is fitted. Beyond the band the coarse solid g
 that stands is cut off at its platform. Parts that no touch supports, and hollows that none has
 reached, are nothing but ripples of the fit, and are left out.
 
-How far it is off is a function of the distance from what was touched (`errors`).
+How far it is off depends on the distance from what was touched, and its bend (`errors`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -20,7 +21,7 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import SHARP, nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_rows
-from palpate.core.rebuild.general.errors import DistanceErrors, touch_distances
+from palpate.core.rebuild.general.errors import SurfaceErrors, touch_distances
 from palpate.core.rebuild.general.fitting import (
     ImplicitFit,
     TouchedPoints,
@@ -60,7 +61,7 @@ class GeneralSolid(Solid):
     coarse: CoarseSolid  # Beyond the band
     contacts: ContactPoints  # What was touched
     platform: float | None
-    predicted: DistanceErrors  # How far it is off, by the distance from touch, m
+    predicted: SurfaceErrors  # How far it is off, m
     pose: float  # Standard deviation of the error of a touch's place
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
@@ -88,6 +89,17 @@ class GeneralSolid(Solid):
         Vertices stay where the grid has them where the surface is so sharp that, moved onto it,
         their triangles would cross.
         """
+        places, moved, faces = self._surface(parts)
+        return Mesh(without_crossings(places, moved, faces, RETREATS), faces)
+
+    @cached_property
+    def rough_mesh(self) -> Mesh:
+        """Triangles of whole cells, for a look on the way: at sharp edges some may cross."""
+        _, moved, faces = self._surface(1)
+        return Mesh(moved, faces)
+
+    def _surface(self, parts: int) -> tuple[Floats, Floats, Ints]:
+        """Vertices (n, 3) on the grid, moved onto the surface, m, and their faces (m, 3)."""
         corner, values = self._volume(parts)
         step = self.cell / parts
         standing = self.platform is not None
@@ -103,7 +115,7 @@ class GeneralSolid(Solid):
             for one in (places, moved):
                 one[:, 2] = np.maximum(one[:, 2], self.origin[2])
                 one[flat, 2] = self.origin[2]
-        return Mesh(without_crossings(places, moved, faces, RETREATS), faces)
+        return places, moved, faces
 
     def __repr__(self) -> str:
         return f"<GeneralSolid {self._size()} m, of {len(self.fit.displacements)} touches>"
@@ -141,7 +153,7 @@ class GeneralSolid(Solid):
         found = np.abs(value) / slope
         far = ~(found < self.cell)
         if far.any():
-            mesh = self.mesh(1)
+            mesh = self.rough_mesh
             search = nearest_search(mesh.vertices[mesh.faces])
             found[far] = nearest_points(search, places[far]).distances
         return np.asarray(found)
@@ -149,7 +161,7 @@ class GeneralSolid(Solid):
     def expected_errors(self, places: Floats) -> tuple[Floats, Floats]:
         """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
         distances = touch_distances(self.contacts, places)
-        errors, bounds = self.predicted.at(distances), self.predicted.bounds(distances)
+        errors, bounds = self.predicted.at(places - self.origin, distances)
         outer = distances > PROTRUDING  # nothing else can lie so far beyond what was touched
         beyond = protrusions(self.contacts.points, places[outer]) - PROTRUDING
         errors[outer] = np.maximum(errors[outer], beyond)
