@@ -261,7 +261,8 @@ def test_where_no_solid_is_sound_the_one_before_stands():
     told = [*single(), of_touches(1, TOUCHES - 2), through, probe(TOUCHES, "miss")]
     before, found = models([*told, of_touches(2, TOUCHES, done, missed=(TOUCHES,))])
     assert "a finger has passed through" in found.rejected[0]
-    assert found.final and np.allclose(found.vertices.mean(axis=0), before.vertices.mean(axis=0))
+    middles = (found.vertices.mean(axis=0), before.vertices.mean(axis=0))  # of other triangles
+    assert found.final and np.allclose(*middles, atol=5e-4)
     assert error(found, np.zeros(3), BALL) < 1e-4
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from palpate.core.arrays import Floats, Ints, check_extent, finite_array, positive
+from palpate.core.arrays import Bools, Floats, Ints, check_extent, finite_array, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_rows, make_band
@@ -32,8 +32,7 @@ from palpate.core.rebuild.general.orientation import oriented
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
-DENSE = 1.5e-4  # Area of the hull for each touch below which they do, m^2
-SPACED, COARSEST = 0.2, 8.0e-3  # Cells of drafts, of the way between touches, and at most, m
+DENSE = 12.0e-3  # Way between touches below which drafts take the finest cells, m
 VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
 LET_GO = 0.01  # Of the cells, that the surface of a draft may leave for others
 FOLLOWED = 2  # Times, at most, that the band is widened where the surface leaves it
@@ -46,17 +45,18 @@ AREA = 1.5  # Of the area of the hull over the number of touches: what a point m
 HULL_POINTS = 5_000  # More say no more about the hull
 MOST_POINTS = 30_000  # More are thinned out
 ROUNDS = 2  # Of weighing outliers, where nothing is known of them
+CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Corners
 FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
 
 
 class GridSettings(NamedTuple):
-    """How large objects may be, and how fine their grids: so that a fit stays within 2 GB.
+    """How large objects may be, and how fine their grids: so that a fit stays within 0.4 GB.
 
-    The factor of a ball's band of 16,000 cells takes 0.6 GB, that of 51,000 cells 2.3 GB.
+    The factor of a bottle's band of 11,000 cells takes 0.36 GB, that of a ball of 51,000 2.3 GB.
     """
 
     max_extent: float = 1.0  # [m] of all points
-    max_cells: int = 30_000  # of a spline's band
+    max_cells: int = 8_000  # of a spline's band
     cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
     max_voxels: float = 8e6  # of the coarse solid, its mirror image and margin apart
 
@@ -71,11 +71,8 @@ def least_cell(points: Floats, settings: GridSettings | None = None) -> float:
 
 def fitting_cell(contacts: ContactPoints) -> float:
     """Edge of the cells that so many touches can fill, m: finer ones cost more and tell no more."""
-    touches = len(np.unique(contacts.touch))
-    spacing = math.sqrt(_hull_area(contacts.points) / touches)
-    if spacing**2 < DENSE:
-        return solid.FINE
-    return float(np.clip(SPACED * spacing, solid.COARSE, COARSEST))
+    spacing = math.sqrt(_hull_area(contacts.points) / len(np.unique(contacts.touch)))
+    return solid.FINE if spacing < DENSE else solid.COARSE
 
 
 def rebuild_general(
@@ -229,20 +226,35 @@ def _surface_cells(
     if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
         lowest = np.percentile(points.places[:, 2], solid.LOWEST) + FOOT
         near |= (middles[:, 2] < lowest) & (distances < BAND)
-    found = np.floor(middles[near]).astype(np.int32)
-    return np.concatenate([found, np.floor(points.places).astype(np.int32)])
+    found = [middles[near], points.places]
+    if before is not None:
+        found.append(_crossed_places(before.fit) * (before.cell / cell))
+    return np.asarray(np.floor(np.concatenate(found)), np.int32)
+
+
+def _crossed_places(fit: ImplicitFit) -> Floats:
+    """Middles (n, 3) of those eighths of the cells that the surface passes through."""
+    nodes = np.moveaxis(np.indices((3, 3, 3)), 0, -1).reshape(-1, 3) / 2.0
+    inside = _inside(fit, nodes).reshape(-1, 3, 3, 3)
+    corners = [inside[:, x : x + 2, y : y + 2, z : z + 2] for x, y, z in np.ndindex(2, 2, 2)]
+    crossed = [one.any(axis=(1, 2, 3)) & ~one.all(axis=(1, 2, 3)) for one in corners]
+    middles = fit.band.cells[:, None] + 0.25 + 0.5 * CUBE
+    return np.asarray(middles[np.column_stack(crossed)])
+
+
+def _inside(fit: ImplicitFit, within: Floats) -> Bools:
+    """Whether places (k, 3) in each cell lie inside, (n, k)."""
+    values = fit.control[fit.band.local] @ basis_rows(within)[0].T
+    return np.asarray(values < 0.0)
 
 
 def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
     """Cells (k, 3) beside a band that the surface enters through a face of one of its cells."""
     band = fit.band
-    corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)
-    values = fit.control[band.local] @ basis_rows(corners)[0].T
-    inside = values < 0.0
-    found = []
+    inside, found = _inside(fit, CUBE), []
     for axis in range(3):
         for side in (0, 1):
-            face = inside[:, corners[:, axis] == side]
+            face = inside[:, CUBE[:, axis] == side]
             crossed = face.any(axis=1) & ~face.all(axis=1)
             beside = band.cells[crossed].copy()
             beside[:, axis] += 2 * side - 1

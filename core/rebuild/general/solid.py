@@ -32,7 +32,7 @@ from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.protocol import Closest, Solid
 from palpate.core.shapes import Mesh, grid_surface, without_crossings
 
-FINE, COARSE = 3.5e-3, 5.0e-3  # Edge of a cell where touches lie close together, and else, m
+FINE, COARSE = 4.0e-3, 5.0e-3  # Edge of a cell in the end, and before it, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
 VARIATION, ANCHOR = 0.05, 1e6  # m and 1/m^5: of the energy's last two terms
 DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones

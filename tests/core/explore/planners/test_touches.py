@@ -145,9 +145,9 @@ def test_crease_that_holds_pad_off_may_hide_error():
     creased = seen.surface.creased
     assert (np.abs(seen.surface.places.points[creased, 2] - 0.05) < 4e-3).all()
     assert 0.01 < creased.mean() < 0.2
-    assert seen.surface.bound_of(creased) > 0.35e-3 > 2e-5
+    assert seen.surface.bound_of(creased) > 0.2e-3 > 2e-5
     assert seen.surface.touchable_bound(np.zeros((0, 3))) < 2e-5
-    tight = known(surface=seen.surface, general=True, tolerance=1e-4)
+    tight = known(surface=seen.surface, general=True, tolerance=5e-5)
     assert isinstance(Touches().next(tight), Stop)
     assert failures(tight) == ["error bound", "crease error"]
     round_ = ball(EXACT, lambda at: 4e-3)  # a pad reaches all of a ball

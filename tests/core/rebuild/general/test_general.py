@@ -259,7 +259,7 @@ def test_cells_are_as_large_as_memory_asks(radius: float):
     cell, settings = least_cell(at), GridSettings()
     assert 8.0 * np.pi * (radius / cell) ** 2 <= 1.01 * settings.max_cells
     assert (2.0 * radius / cell) ** 3 <= settings.max_voxels
-    assert (cell < 3.5e-3) == (radius < 0.1)
+    assert (cell < 4e-3) == (radius < 0.1)
 
 
 @pytest.mark.slow
