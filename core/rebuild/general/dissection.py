@@ -22,7 +22,7 @@ from palpate.core.arrays import Floats, Ints
 
 Longs = NDArray[np.int64]
 
-LEAF = 96  # Cells that are not halved
+LEAF = 192  # Cells that are not halved
 RIDGE = 1e-9  # Of the largest diagonal: keeps control values that nothing tells
 
 

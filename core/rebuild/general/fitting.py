@@ -153,7 +153,8 @@ class Fitted(NamedTuple):
 class CellBlocks(NamedTuple):
     """Blocks (64, 64) of the cells of a band, made when they are asked for: all fill memory."""
 
-    rows: Floats  # Weighed rows of the points in the order of their cells, (k, 4, 64)
+    rows: Floats  # Of the points in the order of their cells, (4, k, 64)
+    scale: Floats  # What they are weighed with, (4, k)
     cell: Ints  # Cell of each point, ascending, (k,)
     regular: Floats  # What is in each block, (64, 64)
 
@@ -163,7 +164,8 @@ class CellBlocks(NamedTuple):
         found[:] = self.regular
         starts, ends = (np.searchsorted(self.cell, cells, side) for side in ("left", "right"))
         for place in np.flatnonzero(ends > starts):
-            rows = self.rows[starts[place] : ends[place]].reshape(-1, LOCAL)
+            here = slice(starts[place], ends[place])
+            rows = (self.rows[:, here] * self.scale[:, here, None]).reshape(-1, LOCAL)
             found[place] += rows.T @ rows
         return found
 
@@ -173,7 +175,10 @@ class CellBlocks(NamedTuple):
         if not len(self.cell):
             return float(self.regular.diagonal().max())
         starts = np.flatnonzero(np.diff(self.cell, prepend=-1))
-        squares = np.add.reduceat((self.rows**2).sum(axis=1), starts)
+        squares = sum(
+            np.add.reduceat((rows * scale[:, None]) ** 2, starts)
+            for rows, scale in zip(self.rows, self.scale, strict=True)
+        )
         most = (squares + self.regular.diagonal()).max(axis=1).argmax()
         block = self.of(self.cell[starts[most], None].astype(np.int64))[0]
         return float(block.diagonal().max())
@@ -219,8 +224,7 @@ class Equations:
         `shares` (k,) weigh the points.
         """
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
-        scaled = (self.rows * (shares / scale[:, None])[..., None]).transpose(1, 0, 2)
-        return CellBlocks(np.ascontiguousarray(scaled), self.cell, regular)
+        return CellBlocks(self.rows, shares / scale[:, None], self.cell, regular)
 
     def right_side(self, shares: Floats) -> Floats:
         """What the normals ask of the gradients, (n,)."""

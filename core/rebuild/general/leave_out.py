@@ -33,7 +33,7 @@ class LeaveOutSettings:
 
     n_directions: int = 30  # of the rows of a touch
     n_iterations: int = 1  # of the subspace
-    max_touches: int = 64  # that are left out, drawn
+    max_touches: int = 48  # that are left out, drawn
     min_points: int = 4  # of a touch, where as many have them
     max_leverage: float = 1.0 - 1e-9  # largest eigenvalue of a hat matrix's block
     # With more touches their displacements are held as they were found, but for those left out:

@@ -34,8 +34,6 @@ from palpate.core.steps import Steps, no_steps
 
 DENSE = 12.0e-3  # Way between touches below which drafts take the finest cells, m
 VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
-LET_GO = 0.01  # Of the cells, that the surface of a draft may leave for others
-FOLLOWED = 2  # Times, at most, that the band is widened where the surface leaves it
 FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
 BAND = 1.0  # Cells to both sides of the surface as it is known
 SEARCHED = 4.0  # Cells to both sides of the coarse solid's, where an earlier spline is asked
@@ -56,7 +54,7 @@ class GridSettings(NamedTuple):
     """
 
     max_extent: float = 1.0  # [m] of all points
-    max_cells: int = 8_000  # of a spline's band
+    max_cells: int = 6_000  # of a spline's band
     cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
     max_voxels: float = 8e6  # of the coarse solid, its mirror image and margin apart
 
@@ -119,7 +117,9 @@ def rebuild_general(
     with step("topology"):
         coarse = _coarse(touched, free, platform, cell)
     with step("implicit spline"):
-        setting = Setting(touched, coarse, platform, pose, LET_GO if draft else 0.0)
+        setting = Setting(
+            touched, coarse, platform, pose, Following(1, 0.01) if draft else Following()
+        )
         before = None if start is None else Spline(start.cell, start.fit)
         if before is None and cell < solid.COARSE:
             before = setting.fit(solid.COARSE, None, 1).spline
@@ -152,6 +152,13 @@ def _coarse(
     )
 
 
+class Following(NamedTuple):
+    """How far the surface is followed where it leaves the band."""
+
+    turns: int = 2  # Times, at most, that the band is widened
+    let_go: float = 0.0  # Fraction of the cells that the surface may leave for others
+
+
 class Setting(NamedTuple):
     """What a spline is fitted to; m."""
 
@@ -159,7 +166,7 @@ class Setting(NamedTuple):
     coarse: CoarseSolid
     platform: float | None
     pose: float
-    let_go: float  # Fraction of the cells that the surface may leave for others
+    following: Following
 
     @property
     def origin(self) -> Floats:
@@ -181,7 +188,7 @@ class Setting(NamedTuple):
         cells = _surface_cells(self, before, points, cell)
         found: Solution | None = None
         weighed = 0
-        for turn in range(FOLLOWED + 1):
+        for turn in range(self.following.turns + 1):
             band = make_band(cells)
             order = dissect(band.cells, band.local, len(band.control))
             control = self.coarse.at(band.control * cell + self.origin) / cell
@@ -189,7 +196,9 @@ class Setting(NamedTuple):
             found = None  # no two factors at a time
             found = fit_implicit(band, *terms, start, order)
             beyond = surface_neighbours(found.fit, standing=self.platform is not None)
-            if turn == FOLLOWED or len(beyond) <= self.let_go * len(band.cells):
+            if turn == self.following.turns or len(beyond) <= self.following.let_go * len(
+                band.cells
+            ):
                 break
             cells = np.concatenate([band.cells, beyond])
             start, weighed = start.begun(found.fit, 1.0), weighed + 1

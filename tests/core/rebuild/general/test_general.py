@@ -236,9 +236,9 @@ def test_dissection_solves_what_a_dense_matrix_does():
     for local, block in zip(band.local, blocks, strict=True):
         dense[np.ix_(local, local)] += block
     right = rng.normal(size=count)
-    given = CellBlocks(
-        rows[:, None].reshape(-1, 1, 64), np.repeat(np.arange(len(rows)), 70), 0.0 * blocks[0]
-    )
+    flat = rows.reshape(1, -1, 64)
+    of_cell = np.repeat(np.arange(len(rows)), 70)
+    given = CellBlocks(flat, np.ones(flat.shape[:2]), of_cell, 0.0 * blocks[0])
     found = factorise(dissect(band.cells, band.local, count), given).solve(right)
     assert found == pytest.approx(np.linalg.solve(dense, right), rel=1e-5, abs=1e-9)
 
