@@ -1,15 +1,16 @@
 """Real objects: a folder of meshes explored with noise, each run measured twice and kept.
 
-Beside our own distances stand those of trimesh, from fewer samples. *Covered* is the share of the
-true surface within 5 mm of a touched point. A share of the size (the largest extent) is reached at
-the first model of which the run states that its error is below it. A
+Without a folder it is a drawn set of thin and hollow things. Beside our own distances stand those
+of trimesh, from fewer samples. *Covered* is the share of the true surface within 5 mm of a touched
+point. Error and bound are also told by part of the rebuilt surface. A share of the size (the
+largest extent) is reached at the first model of which the run states that its error is below it. A
 picture shows each surface coloured by how far it is from the other.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,16 +22,20 @@ from scipy.spatial import cKDTree
 from trimesh import proximity
 
 from palpate.bench.accuracy.runs import check_sources, sources_digest
+from palpate.bench.explored import ExploreObject
 from palpate.bench.harness import NOISY, Demand, Explored, explore_object
 from palpate.bench.results import read_form, write_form
 from palpate.bench.table import Figure, figure_of
 from palpate.core.arrays import Floats
+from palpate.core.explore.planners import STANDING_HEIGHT
 from palpate.core.geometry import areas_and_normals, nearest_points, nearest_search, sample_surface
 from palpate.core.shapes import Mesh
 from palpate.launch.files.mesh_file import read_mesh
 from palpate.launch.files.source_map import InputError
+from palpate.messages.types import ShapeModel
+from palpate.nodes.specs.objects import ObjectSpec, object_extents
 
-FORM, VERSION = "palpate real", 2
+FORM, VERSION = "palpate real", 3
 FOLDER, FILE = "bench-real", "runs.json"
 SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
 SHARES = (0.01, 0.005, 0.002)  # Of the size
@@ -41,6 +46,39 @@ SAMPLES = 20_000  # Places on each surface
 NEAR = 5e-3  # Of a touched point, m
 VIEWS = ((20.0, 35.0), (20.0, 215.0), (75.0, 35.0), (-60.0, 35.0))  # Elevation, azimuth, degrees
 LEAST, MOST = 0.01, 5.0  # Ends of the colours, mm
+PARTS = (2e-3, 5e-3, np.inf)  # Distances from touch up to which the surface is one part, m
+PART_NAMES = ("touched", "near", "far", "underside")
+
+
+def _cylinder(radius: float, height: float, z: float = 0.0) -> dict[str, Any]:
+    solid = {"radius": radius, "height": height}
+    return {"cylinder": solid, "pose": {"position": [0.0, 0.0, z + 0.5 * height]}}
+
+
+def _without(*parts: Mapping[str, Any]) -> dict[str, Any]:
+    return {"boolean": {"difference": list(parts)}}
+
+
+# Thin and hollow things that stand on their lower end; m.
+DRAWN: Mapping[str, dict[str, Any]] = {
+    "plate": {"box": {"size": [0.06, 0.008, 0.05]}},
+    "ring": {"torus": {"radius": 0.03, "tube": 0.008}},
+    "tube": _without(_cylinder(0.03, 0.05), _cylinder(0.022, 0.07, -0.01)),
+    "mug": _without(_cylinder(0.035, 0.08), _cylinder(0.028, 0.08, 0.01)),
+    "bored block": _without(
+        {"box": {"size": [0.06, 0.05, 0.03]}, "pose": {"position": [0.0, 0.0, 0.015]}},
+        _cylinder(0.009, 0.05, -0.01),
+    ),
+}
+
+
+class PartError(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Error of a part of the rebuilt surface, and what was stated of it; m."""
+
+    name: str  # One of `PART_NAMES`
+    share: float  # Of the surface
+    rms_m: float
+    bound_m: float
 
 
 class RealRun(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,6 +103,7 @@ class RealRun(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reached: tuple[int | None, ...] = (None,) * len(SHARES)  # Touches at each share of the size
     robot_time_s: float = 0.0
     compute_s: float = 0.0
+    parts: tuple[PartError, ...] = ()
     reason: str = ""
     failed: str = ""  # Why there is no model, if there is none
 
@@ -133,16 +172,11 @@ class RealFigures(msgspec.Struct, frozen=True):
 def real_rows(
     quick: bool, *, meshes: Path | None = None, sheet: Path | None = None
 ) -> Iterator[RealFigures | str]:
-    """Explore every mesh of the folder that ``--meshes`` names, with several seeds.
+    """Explore every mesh of the folder that ``--meshes`` names, or what is drawn, by several seeds.
 
-    What is there already is not made again. Raises InputError if there is no folder, or no mesh in
-    it.
+    What is there already is not made again. Raises InputError if there is no mesh in the folder.
     """
-    if meshes is None:
-        raise InputError("real explores the meshes of a folder: name it with --meshes DIR")
-    paths = sorted(one for one in meshes.glob("*") if one.suffix.lower() in SUFFIXES)
-    if not paths:
-        raise InputError(f"--meshes: {meshes} holds no mesh ({', '.join(SUFFIXES)})")
+    things = _drawn() if meshes is None else _scanned(meshes)
     folder = sheet or Path(FOLDER)
     folder.mkdir(parents=True, exist_ok=True)
     kept = _kept(folder / FILE)
@@ -160,15 +194,41 @@ def real_rows(
         "genus",
     )
     yield LINE.format(*heads, "touches at", "in all", "robot", "")
-    for path in paths:
+    made = []
+    for thing in things:
         for seed in range(QUICK_SEEDS if quick else SEEDS):
-            known = [one for one in kept.runs if (one.object, one.seed) == (path.name, seed)]
+            known = [one for one in kept.runs if (one.object, one.seed) == (thing.name, seed)]
             if not known:
-                known = [_run(path, seed, folder)]
+                known = [_run(thing, seed, folder)]
                 kept = msgspec.structs.replace(kept, runs=(*kept.runs, *known))
                 write_form(folder / FILE, kept)
+            made += known
             yield RealFigures(known[0])
-    yield from _summary(kept.runs)
+    yield from _summary(made)
+    yield from _by_part(made)
+
+
+class _Thing(NamedTuple):
+    """What is explored."""
+
+    name: str
+    target: ExploreObject
+    size: float  # Largest extent, m
+
+
+def _scanned(folder: Path) -> Iterator[_Thing]:
+    paths = sorted(one for one in folder.glob("*") if one.suffix.lower() in SUFFIXES)
+    if not paths:
+        raise InputError(f"--meshes: {folder} holds no mesh ({', '.join(SUFFIXES)})")
+    for path in paths:
+        vertices, faces, _ = read_mesh(path)
+        yield _Thing(path.name, Mesh(vertices, faces), float(np.ptp(vertices, axis=0).max()))
+
+
+def _drawn() -> Iterator[_Thing]:
+    for name, words in DRAWN.items():
+        spec = msgspec.convert(words, ObjectSpec)
+        yield _Thing(name, words, max(object_extents(spec)[0]))
 
 
 def _kept(path: Path) -> RealRuns:
@@ -179,14 +239,12 @@ def _kept(path: Path) -> RealRuns:
     return found
 
 
-def _run(path: Path, seed: int, folder: Path) -> RealRun:
-    vertices, faces, _ = read_mesh(path)
-    size = float(np.ptp(vertices, axis=0).max())
-    begun = time.process_time()
-    nothing = RealRun(path.name, seed, size)
+def _run(thing: _Thing, seed: int, folder: Path) -> RealRun:
+    begun, size = time.process_time(), thing.size
+    nothing = RealRun(thing.name, seed, size)
     try:
         found = explore_object(
-            Mesh(vertices, faces),
+            thing.target,
             NOISY,
             Demand(planner="touches", tolerance=SHARES[-1] * size, feature=None),
             seed=seed,
@@ -199,7 +257,8 @@ def _run(path: Path, seed: int, folder: Path) -> RealRun:
         return msgspec.structs.replace(nothing, failed=found.done.reason, touches=found.touches)
     solid = trimesh.Trimesh(last.vertices, last.faces, process=False)
     real = trimesh.Trimesh(truth.vertices, truth.faces, process=False)
-    picture = draw_run(found, folder / f"{path.stem}-{seed}.png", f"{path.stem}, seed {seed}")
+    stem = Path(thing.name).stem
+    picture = draw_run(found, folder / f"{stem}-{seed}.png", f"{stem}, seed {seed}")
     return msgspec.structs.replace(
         nothing,
         rms_m=found.score.rms,
@@ -218,6 +277,7 @@ def _run(path: Path, seed: int, folder: Path) -> RealRun:
         reached=_reached(found, size),
         robot_time_s=found.done.robot_time,
         compute_s=compute,
+        parts=picture.parts,
         reason=found.done.reason,
     )
 
@@ -260,6 +320,24 @@ def _summary(runs: Sequence[RealRun]) -> Iterator[str]:
     )
 
 
+def _by_part(runs: Sequence[RealRun]) -> Iterator[str]:
+    """How error and bound compare in each part of the rebuilt surfaces."""
+    for name in PART_NAMES:
+        parts = [part for run in runs for part in run.parts if part.name == name]
+        if not parts:
+            continue
+        share, rms = (np.mean([getattr(one, key) for one in parts]) for key in ("share", "rms_m"))
+        line = f"{name:<10} {share:6.1%} of the surface, rms {1e3 * rms:.3f} mm"
+        ratios = [one.rms_m / one.bound_m for one in parts if one.bound_m > 0.0]
+        if name == "underside" or not ratios:  # no number bounds what may be hollow
+            yield line
+        else:
+            yield (
+                f"{line}, error {np.median(ratios):.2f} of the bound in the median, above it in "
+                f"{sum(one > 1.0 for one in ratios)} of {len(ratios)}"
+            )
+
+
 class _Side(NamedTuple):
     """One of two surfaces that are compared."""
 
@@ -274,6 +352,7 @@ class Deviations(NamedTuple):
 
     touched_rms: float  # Root mean square distance of places near a touched point, m
     covered: float  # Share of the true surface near a touched point
+    parts: tuple[PartError, ...]  # Of the rebuilt surface
 
 
 def draw_run(found: Explored, path: Path, title: str) -> Deviations:
@@ -291,7 +370,24 @@ def draw_run(found: Explored, path: Path, title: str) -> Deviations:
     near = np.concatenate(away) <= NEAR
     every = np.concatenate([side.distances for side in sides])
     touched = float(np.sqrt(np.mean(every[near] ** 2))) if near.any() else 0.0
-    return Deviations(touched, float(near[:SAMPLES].mean()))
+    covered = float(near[:SAMPLES].mean())
+    return Deviations(touched, covered, tuple(_parts(last, truth.platform, sides[1])))
+
+
+def _parts(model: ShapeModel, platform: float | None, side: _Side) -> Iterator[PartError]:
+    """Error and bound of the parts of a rebuilt surface by their distance from touch."""
+    if not len(model.vertex_distances):
+        return
+    nearest = cKDTree(model.vertices).query(side.places)[1]
+    distances, bounds = model.vertex_distances[nearest], model.vertex_bounds[nearest]
+    part = np.digitize(distances, PARTS[:-1])
+    if platform is not None:
+        part[side.places[:, 2] < platform + STANDING_HEIGHT] = len(PARTS)
+    for number, name in enumerate(PART_NAMES):
+        here = part == number
+        if here.any():
+            rms, bound = (np.sqrt(np.mean(one[here] ** 2)) for one in (side.distances, bounds))
+            yield PartError(name, float(here.mean()), float(rms), float(bound))
 
 
 def _from_touch(vertices: Floats, distances: Floats, places: Floats) -> Floats:

@@ -39,7 +39,7 @@ BENCHES: Mapping[str, Bench] = {
         in_all=False,
     ),
     "real": Bench(
-        "the meshes of a folder, explored with noise: true errors, bounds, coverage, pictures",
+        "meshes, or drawn thin things, explored with noise: errors, bounds, coverage, pictures",
         {"meshes": "real:real_rows"},
         {"meshes": ("sheet", "meshes")},
         in_all=False,

@@ -37,6 +37,7 @@ MUCH = 0.5  # Of the slices' error: what a general solid's must be below
 _NONE = np.zeros(0)
 Goal = types.ModelGoal | types.PlanDone
 
+MOST_PARTS = 4  # Of a cell along each edge: more show nothing more
 HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
 MUCH_DEEPER = 1.5  # Of the error bound: the same
 # Depth to which a pad enters an opening beyond that, over the square of the distance from its rim,
@@ -55,7 +56,7 @@ class Quality(NamedTuple):
 
     faces: int  # Triangles, about, if it takes as many
     tolerance: float  # Of the size: distance of the mesh from the surface, at least
-    parts: int  # Pieces of a general solid's cell along each of its edges
+    parts: int  # Pieces of a general solid's cell along each of its edges, at least
 
 
 # Faces cost computing here, in scoring and in files; they do not change the surface.
@@ -256,7 +257,10 @@ def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:
 
 def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) -> dict[str, Any]:
     with step("mesh"):
-        mesh = solid.rough_mesh if quality is None else solid.mesh(quality.parts)
+        mesh = solid.rough_mesh
+        if quality is not None:
+            most = int(np.sqrt(quality.faces / max(len(mesh.faces), 1)))
+            mesh = solid.mesh(min(max(most, quality.parts), MOST_PARTS))
     health = _rounded(solid.health())
     return {"vertices": mesh.vertices, "faces": mesh.faces, "health": health}
 

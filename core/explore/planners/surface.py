@@ -52,7 +52,7 @@ BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes i
 HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
 CREASED = 1.0e-3  # Between a pad that rests on what is about a place, and the place: a crease, m
 BESIDES = 64  # Places about a place that may hold a pad off
-CREASE_SLOPE = 0.2  # Error that a crease may hide, over its distance from touch
+CREASE_SLOPE = 0.3  # Error that a crease may hide, over its distance from touch
 # Share of the tolerance that must be left for what touches reach; it takes twice the touches.
 LEAST_ROOM = 0.8
 # Error that an opening may hide, over the distance of its middle from its rim: with its walls, of

@@ -10,6 +10,10 @@ about a place: as (1 + (k b)^2)^(1/2) with the angle b between normals that lie 
 And all are scaled by how touches that are left out in turn are off, over how far they are expected
 to be: by the mean of the ratios, or by their median if that says more. No touch counts for much:
 those that alone know of an edge are far off, and say little of the rest.
+
+Where an object has many edges the energy moves whole faces, and all their touches with them, which
+no touch that is left out tells. But then touches seem displaced by more than the poses are said to
+be off: what they are displaced over that counts as an error of all places alike.
 """
 
 from __future__ import annotations
@@ -78,6 +82,7 @@ class SurfaceErrors:
     errors: Floats  # Where the surface is flat, never falling, (k,)
     places: Floats  # On the surface, from its origin, (n, 3)
     bends: Floats  # There, rad, (n,)
+    common: float  # Of all places alike, as displacements of the touches tell
     held_out: float  # Root mean square offset of touches that were left out
     calibration: float  # Squared errors over those that the fit expected, by these touches
     calibrated: int  # How many touches there were then
@@ -87,7 +92,7 @@ class SurfaceErrors:
         bends = self.bends[scipy.spatial.cKDTree(self.places).query(places)[1]]
         beyond = ERRORS.growth * np.maximum(distances - self.distances[-1], 0.0)
         errors = np.interp(distances, self.distances, self.errors) + beyond
-        errors = errors * np.sqrt(bend_factors(bends))
+        errors = np.hypot(errors * np.sqrt(bend_factors(bends)), self.common)
         opened = np.maximum(distances - ERRORS.open_distance, 0.0) / ERRORS.open_growth
         factors = ERRORS.bound_factor * np.minimum(1.0 + opened, ERRORS.max_open_factor)
         return errors, factors * errors
@@ -127,9 +132,17 @@ def surface_errors(
     distances = np.asarray(scipy.spatial.cKDTree(fitted.points.places).query(places)[0])
     variances = scale * _variances(solution, covariance, places)
     middles, errors = _by_distance(distances, variances, cell)
+    common = cell * _common_error(solution.fit, fitted.points, fitted.weights.pose)
     return solution.fit, SurfaceErrors(
-        cell * middles, cell * errors, cell * places, bends, held_out, scale, count
+        cell * middles, cell * errors, cell * places, bends, common, held_out, scale, count
     )
+
+
+def _common_error(fit: ImplicitFit, points: TouchedPoints, pose: float) -> float:
+    """By how much touches are displaced along their normals over what their poses may be, cells."""
+    along = np.einsum("ni,ni->n", points.normals, fit.displacements[points.touch])
+    means = np.bincount(points.touch, along) / np.maximum(np.bincount(points.touch), 1)
+    return float(np.sqrt(max(float(np.mean(means**2)) - pose**2, 0.0)))
 
 
 def _touch_middles(points: TouchedPoints) -> Floats:

@@ -223,6 +223,8 @@ def _left_out(
     leverages = np.clip(leverages, 0.0, max_leverage)
     gains, directions = leverages / (1.0 - leverages), basis @ turned
     without = residuals + directions @ (gains * (directions.T @ residuals))
-    expected = 1.0 + np.square(directions) @ gains
+    uncertain = np.square(directions) @ gains
     values, scale = slice(None, None, 4), weights[:, 0] ** 2
-    return float(np.mean(without[values] ** 2 / scale)), float(np.mean(expected[values] / scale))
+    # Points that no spline follows have lost weight in the fit, but are no less sure for that.
+    expected = equations.scale.point**2 + uncertain[values] / scale
+    return float(np.mean(without[values] ** 2 / scale)), float(np.mean(expected))

@@ -156,8 +156,40 @@ def test_error_is_as_large_as_stated():
         errors, bounds = (np.sqrt(np.mean(one**2)) for one in solid.expected_errors(places))
         true = np.sqrt(np.mean(torus_distance(places) ** 2))
         assert true < bounds
-        # Exact touches may all be off alike: no fit counts as surer than its own noise.
         assert pose == 1e-5 or 0.4 * errors < true
+
+
+def test_what_touches_are_displaced_over_their_poses_counts_everywhere():
+    touched = torus_touches(3, 2e-4)
+    said, unsaid = (rebuild_general(touched, cell=CELL, pose=pose) for pose in (2e-4, 5e-5))
+    assert said.predicted.common < 5e-5
+    assert 1e-4 < unsaid.predicted.common < 2e-4
+    errors = unsaid.expected_errors(unsaid.mesh(1).vertices)[0]
+    assert errors.min() >= unsaid.predicted.common
+
+
+def test_errors_are_larger_where_the_surface_bends_and_said_to_be():
+    rng = np.random.default_rng(1)
+    middles = rng.uniform(-1.0, 1.0, (160, 1, 3))
+    axis = np.abs(middles[:, 0]).argmax(axis=1)
+    points = np.clip(middles + 0.12 * rng.normal(size=(160, 20, 3)), -1.0, 1.0)
+    normals = np.zeros((160, 20, 3))
+    side = np.sign(middles[np.arange(160), 0, axis])
+    points[np.arange(160), :, axis] = side[:, None]
+    normals[np.arange(160), :, axis] = side[:, None]
+    touch = np.repeat(np.arange(160, dtype=np.int32), 20)
+    half = 0.02
+    cube = ContactPoints(half * points.reshape(-1, 3), normals.reshape(-1, 3), touch)
+    solid = rebuild_general(cube, cell=CELL, outward=True)
+    places = solid.mesh(2).vertices
+    within = np.sort(half - np.abs(places), axis=1)
+    outside = np.linalg.norm(np.minimum(half - np.abs(places), 0.0), axis=1)
+    true = np.where(outside > 0.0, outside, within[:, 0])
+    edge, face = within[:, 1] < 2e-3, within[:, 1] > 8e-3
+    expected = solid.expected_errors(places)[0]
+    for errors in (true, expected):
+        one, other = (np.sqrt(np.mean(errors[here] ** 2)) for here in (edge, face))
+        assert one > 2.0 * other
 
 
 def touched_above(touched: ContactPoints, height: float) -> ContactPoints:
