@@ -49,14 +49,19 @@ class ForecastSettings:
     # Area of a box's content over that of the ellipsoid in it; only until the grasp is known.
     fullness: float = 1.2
     typical_perimeter: float = 0.22  # of the shipped scenes: area over height [m]
-    # Of single touches, at `typical_share` of the height; others as slices have it.
-    touches_per_area: float = 0.6e4  # [1/m^2]
-    typical_share: float = 2e-3  # tolerance over height
+    # Single touches on `typical_area` [m^2] for `typical_tolerance` [m], and how they grow with a
+    # power of the area: large objects have no more features. With the tolerance as slices do, of
+    # an object of `typical_height` [m], whatever its own: what they cannot tell is the poses' error.
+    typical_touches: float = 80.0
+    typical_area: float = 0.02
+    area_power: float = 0.7
+    typical_tolerance: float = 2e-4
+    typical_height: float = 0.1
     spread: float = 1.5  # factor between the middle and either quartile of single touches
     grasp_seconds: float = 110.0  # robot time until the first contour [s]
     seconds_per_touch: float = 2.0  # robot time of a single touch with its way [s]
     compute_per_slice_touch: float = 0.05  # processor time on one core of 2020 [s]
-    compute_per_single_touch: float = 0.22  # the same where a general solid is fitted [s]
+    compute_per_single_touch: float = 0.15  # the same where a general solid is fitted [s]
 
 
 class Forecast(NamedTuple):
@@ -87,10 +92,10 @@ def forecast(
     if area is None:
         area = settings.fullness * ellipsoid_area(size)
     height = float(size[2])
-    cost = expected_cost(asked.tolerance / height)
     if asked.makes_single_touches:
-        found = _single_touches(cost, area, settings)
+        found = _single_touches(asked.tolerance, area, settings)
     else:
+        cost = expected_cost(asked.tolerance / height)
         found = _slices(cost, area / height / settings.typical_perimeter, settings)
     return found._replace(compute=found.compute * QUALITY_COST[quality])
 
@@ -116,7 +121,7 @@ class SizeLimits:
     max_extent: float = 1.0  # [m], of a fit: `core.rebuild.general.GridSettings`
     touch_area: float = 1.54  # [pad widths squared] of surface that one touch covers
     touch_memory: float = 40e3  # [bytes] of a touch
-    fit_memory: float = 1.5e9  # [bytes] of one fit at most: `core.rebuild.general.GridSettings`
+    fit_memory: float = 0.45e9  # [bytes] of one fit at most: `core.rebuild.general.GridSettings`
     touch_seconds: float = 0.05  # of processor time, of a touch at least [s]
 
 
@@ -179,9 +184,13 @@ def _slices(cost: ExpectedCost, wider: float, settings: ForecastSettings) -> For
     return Forecast((low, middle, high), (begins, median, ends), compute)
 
 
-def _single_touches(cost: ExpectedCost, area: float, settings: ForecastSettings) -> Forecast:
-    finer = cost.touches[1] / expected_cost(settings.typical_share).touches[1]
-    middle = settings.touches_per_area * area * finer
+def _single_touches(tolerance: float, area: float, settings: ForecastSettings) -> Forecast:
+    asked, typical = (
+        expected_cost(one / settings.typical_height).touches[1]
+        for one in (tolerance, settings.typical_tolerance)
+    )
+    larger = (area / settings.typical_area) ** settings.area_power
+    middle = settings.typical_touches * larger * asked / typical
     touches = middle / settings.spread, middle, middle * settings.spread
     low, median, high = (
         settings.grasp_seconds + settings.seconds_per_touch * one for one in touches
