@@ -27,11 +27,7 @@ from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, Solution, TouchedPoints
-from palpate.core.rebuild.general.leave_out import (
-    LeftOut,
-    leave_out,
-    solved_exactly,
-)
+from palpate.core.rebuild.general.leave_out import LeftOut, leave_out, solved_exactly
 from palpate.reprs import readable
 
 
@@ -52,7 +48,7 @@ class ErrorSettings:
     near: float = 0.7  # [cells] from touch: what counts as touched
     bend_reach: float = 3e-3  # [m] along the surface, over which its bend is an angle
     bend_weight: float = 4.1  # [1/rad] of a bend in the errors
-    bound_factor: float = 1.25  # of a bound, over the expected error
+    bound_factor: float = 1.3  # of a bound, over the expected error
     # What lies open is what is hard to reach: there bounds grow by 1 for each `open_growth` [m] of
     # distance beyond `open_distance` [m], up to `max_open_factor` times.
     open_distance: float = 2.5e-3
@@ -121,8 +117,8 @@ def surface_errors(
     if before is None or count > ERRORS.calibrated_growth * before.calibrated:
         left = leave_out(solution)
         solution, covariance = left.solution, left.covariance
-        middles = _touch_middles(fitted.points)[left.touches]
-        scale = calibration(left, bend_factors(_bends(solution.fit, middles, reach)))
+        touched = _touch_middles(fitted.points)[left.touches]
+        scale = calibration(left, bend_factors(_bends(solution.fit, touched, reach)))
         held_out = cell * float(np.sqrt(left.squares.mean()))
     else:
         solution, covariance = solved_exactly(solution)

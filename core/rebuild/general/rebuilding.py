@@ -33,6 +33,7 @@ from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
 DENSE = 12.0e-3  # Way between touches below which drafts take the finest cells, m
+MOST_OVER = 1.15  # Times as many cells as there may be, with which a fit is begun
 VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
 FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
 BAND = 1.0  # Cells to both sides of the surface as it is known
@@ -54,16 +55,21 @@ class GridSettings(NamedTuple):
     """
 
     max_extent: float = 1.0  # [m] of all points
-    max_cells: int = 6_000  # of a spline's band
+    max_cells: int = 5_000  # of a spline's band
     cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
-    max_voxels: float = 8e6  # of the coarse solid, its mirror image and margin apart
+    max_voxels: float = 1.5e6  # of the coarse solid, its margin apart
 
 
-def least_cell(points: Floats, settings: GridSettings | None = None) -> float:
+def least_cell(
+    points: Floats, platform: float | None = None, settings: GridSettings | None = None
+) -> float:
     """Edge of the smallest cells that a fit of points (n, 3) may have [m]."""
     settings = settings or GridSettings()
+    sides = np.ptp(points, axis=0)
+    if platform is not None:  # the coarse solid has its mirror image below
+        sides[2] = 2.0 * max(float(points[:, 2].max()) - platform, 0.0)
     by_band = settings.cells_per_square * _hull_area(points) / settings.max_cells
-    by_voxels = 2.0 * float(np.prod(np.ptp(points, axis=0))) / settings.max_voxels
+    by_voxels = float(np.prod(sides)) / settings.max_voxels
     return max(math.sqrt(by_band), math.cbrt(by_voxels) / VOXELS)
 
 
@@ -111,7 +117,7 @@ def rebuild_general(
     check_extent("patches", contacts.points, GridSettings().max_extent)
     if is_flat(contacts.points):
         raise ValueError("patches must not all lie in one plane")
-    cell = max(cell, least_cell(contacts.points))
+    cell = max(cell, least_cell(contacts.points, platform))
     touched = contacts if start is not None else _thinned(contacts)
     touched = touched if outward else oriented(touched).contacts
     with step("topology"):
@@ -127,7 +133,9 @@ def rebuild_general(
     with step("held-out touches"):
         known = start.predicted if draft and start is not None else None
         fit, predicted = surface_errors(fitted, known)
-    return solid.GeneralSolid(setting.origin, cell, fit, coarse, touched, platform, predicted, pose)
+    return solid.GeneralSolid(
+        setting.origin, fitted.spline.cell, fit, coarse, touched, platform, predicted, pose
+    )
 
 
 def is_flat(points: Floats) -> bool:
@@ -186,6 +194,9 @@ class Setting(NamedTuple):
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
+        over = len(make_band(cells).cells) / (MOST_OVER * GridSettings().max_cells)
+        if over > 1.0:  # more surface than the touched points' hull has
+            return self.fit(cell * math.sqrt(MOST_OVER * over), before, rounds)
         found: Solution | None = None
         weighed = 0
         for turn in range(self.following.turns + 1):
