@@ -51,7 +51,7 @@ class ForecastSettings:
     typical_perimeter: float = 0.22  # of the shipped scenes: area over height [m]
     # Single touches on `typical_area` [m^2] for `typical_tolerance` [m], and how they grow with a
     # power of the area: large objects have no more features. With the tolerance as slices do, of
-    # an object of `typical_height` [m], whatever its own: what they cannot tell is the poses' error.
+    # an object of `typical_height` [m], whatever its own: the error of the poses is the same.
     typical_touches: float = 80.0
     typical_area: float = 0.02
     area_power: float = 0.7
