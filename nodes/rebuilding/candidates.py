@@ -39,10 +39,6 @@ Goal = types.ModelGoal | types.PlanDone
 
 MOST_PARTS = 4  # Of a cell along each edge: more show nothing more
 HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
-MUCH_DEEPER = 1.5  # Of the error bound: the same
-# Depth to which a pad enters an opening beyond that, over the square of the distance from its rim,
-# 1/m: half as much again as the most domed pad enters it by its dome.
-ENTERED = 50.0
 NO_ARCHIVE = np.zeros(0, np.uint8)
 
 
@@ -176,7 +172,7 @@ def shape_model(
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         missing=missing,
-        openings=_openings(spanned, volume, solid),
+        openings=_openings(spanned, volume),
         frame=frame,
         **_deviations(solid, candidates, step),
         **parts,
@@ -214,23 +210,14 @@ def _volume(parts: Mapping[str, Any], candidates: Candidates) -> MeshVolume:
     return MeshVolume(Mesh(parts["vertices"], parts["faces"]))
 
 
-def _openings(spanned: Floats, volume: MeshVolume, solid: AnySolid | None) -> Floats:
+def _openings(spanned: Floats, volume: MeshVolume) -> Floats:
     """Places (k, 3) of those that pads spanned where a solid would have been touched, m.
 
-    It is hollow there: else it would be, for the pad has been where the solid is said to be, deeper
-    than its surface may be off. What is deeper than a pad enters an opening so wide is no opening:
-    the solid is too large there.
+    It is hollow there: else it would be, for the pad has been where the solid is said to be.
     """
     if not len(spanned) or not len(volume.mesh.faces):
         return np.zeros((0, 3))
-    depths = volume.depths(spanned)
-    hollow = depths > HOLLOW
-    if not isinstance(solid, LatticeSolid | None) and hollow.any():
-        some, depths = spanned[hollow], depths[hollow]
-        least = MUCH_DEEPER * solid.expected_errors(some)[1]
-        most = HOLLOW + ENTERED * touch_distances(solid.contacts, some) ** 2
-        hollow[hollow] = (depths > least) & (depths < most)
-    return spanned[hollow]
+    return spanned[volume.depths(spanned) > HOLLOW]
 
 
 def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, Any]:
