@@ -220,9 +220,12 @@ def _scanned(folder: Path) -> Iterator[_Thing]:
     paths = sorted(one for one in folder.glob("*") if one.suffix.lower() in SUFFIXES)
     if not paths:
         raise InputError(f"--meshes: {folder} holds no mesh ({', '.join(SUFFIXES)})")
-    for path in paths:
-        vertices, faces, _ = read_mesh(path)
-        yield _Thing(path.name, Mesh(vertices, faces), float(np.ptp(vertices, axis=0).max()))
+    return map(_read_thing, paths)
+
+
+def _read_thing(path: Path) -> _Thing:
+    vertices, faces, _ = read_mesh(path)
+    return _Thing(path.name, Mesh(vertices, faces), float(np.ptp(vertices, axis=0).max()))
 
 
 def _drawn() -> Iterator[_Thing]:
