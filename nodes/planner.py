@@ -265,7 +265,8 @@ def _surface(state: State, model: types.ShapeModel) -> planners.ObservedSurface 
     earlier = before.surface.progress if before.surface is not None and before.general else ()
     distance = state.demand.limits.unknown_distance
     pad = pad_of_info(state.info)
-    return observed_surface(model, pad, state.world, distance, known.refused, earlier)
+    aims = known.refused, known.aimed
+    return observed_surface(model, pad, state.world, distance, *aims, earlier=earlier)
 
 
 def _take_up(state: State, known: explore.Exploration) -> tuple[State, Outputs]:

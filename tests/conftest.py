@@ -47,6 +47,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(ALL, action="store_true", help="Run the tests that are marked slow as well.")
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
     """One worker more than cores: tests of processes wait more than they compute."""
     return (os.cpu_count() or 1) + 1

@@ -274,6 +274,11 @@ class Exploration:
         return np.reshape([one.target for one in self.singles if one.in_vain], (-1, 3))
 
     @property
+    def aimed(self) -> Floats:
+        """What single touches were aimed at, (n, 3) [m]."""
+        return np.reshape([one.target for one in self.singles], (-1, 3))
+
+    @property
     def next_finger(self) -> int | None:
         """The finger whose result is taken up next; None if one must be waited for."""
         if self.model.is_pending:

@@ -38,6 +38,8 @@ def observed_surface(
     world: World,
     unknown_distance: float,  # From every touch, beyond which a place is unknown, m
     refused: Floats | None = None,  # What touches were aimed at in vain, (n, 3), m
+    aimed: Floats | None = None,  # What single touches were aimed at, (n, 3), m
+    *,
     earlier: tuple[Progress, ...] = (),  # What was known with fewer touches
 ) -> ObservedSurface | None:
     """The model as planners of single touches are told of it; None if nothing tells of errors."""
@@ -54,6 +56,7 @@ def observed_surface(
         reach=world.reach,
         unknown_distance=unknown_distance,
         refused=np.zeros((0, 3)) if refused is None else refused,
+        aimed=np.zeros((0, 3)) if aimed is None else aimed,
         openings=model.openings,
         touches=model.touches,
         earlier=earlier,

@@ -41,6 +41,7 @@ def ball(side: tuple[float, float, float], error: float = 1e-3) -> Observation:
         platform=0.0,
         reach=0.12,
         refused=np.zeros((0, 3)),
+        aimed=np.zeros((0, 3)),
     )
     return replace(
         observation_of((), TOLERANCE), surface=surface, general=True, tolerance=TOLERANCE

@@ -92,6 +92,7 @@ class ObservedSurface:
     platform: float | None  # Height on which the object stands
     reach: float  # Of the finger, sideways from the axis and up from the platform
     refused: Floats  # Where touches in vain were aimed at before, (j, 3)
+    aimed: Floats  # Where single touches were aimed at before, (i, 3)
     # Places in the solid at which a pad touched nothing but what is beside them, (k, 3)
     openings: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     missing: float = 0.0  # Error of the whole that comes of touched parts which it lacks, m
@@ -118,16 +119,20 @@ class ObservedSurface:
     def squares(self) -> Floats:
         """Squared errors at the places, (n,); 0 where nobody can touch, or did in vain.
 
-        Where nothing tells of errors, distances from what was touched stand for them.
+        Where nothing tells of errors, distances from what was touched stand for them. An opening
+        is worth what it may hide until a touch was aimed at it: most are none, but places where
+        the solid is a little too large.
         """
-        places = self.places
+        places, near = self.places, 0.5 * NEAR * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
+        squares = np.where(places.spanned, np.square(places.bounds), squares)
         if len(self.refused):
-            near = point_tree(self.refused).query(places.points)[0] < 0.5 * NEAR * pad_width(
-                self.pad
-            )
-            squares = np.where(near, 0.0, squares)
-        return np.where(places.standing | places.spanned, 0.0, squares)
+            squares[point_tree(self.refused).query(places.points)[0] < near] = 0.0
+        if len(self.aimed) and places.spanned.any():
+            middles = places.points[_middles(places, places.spanned)]
+            aimed = point_tree(self.aimed).query(middles)[0] < 2.0 * near
+            squares[places.spanned & aimed[point_tree(middles).query(places.points)[1]]] = 0.0
+        return np.where(places.standing, 0.0, squares)
 
     @cached_property
     def open_area(self) -> OpenArea:

@@ -49,21 +49,22 @@ class Band:
         number, within = self.locate(places)
         inside = number >= 0
         value, gradient = np.full(len(places), np.nan), np.full((len(places), 3), np.nan)
-        control = values[self.local[number[inside]]].reshape(-1, 4, 4, 4)
-        (x, y, z), (dx, dy, dz) = (
-            _cubics(within[inside], order).transpose(1, 0, 2) for order in range(2)
-        )
+        value[inside], gradient[inside] = self.evaluate_in(values, number[inside], within[inside])
+        return value, gradient
+
+    def evaluate_in(self, values: Floats, number: Ints, within: Floats) -> tuple[Floats, Floats]:
+        """The same in cells of these numbers (k,), at places (k, 3) in them."""
+        control = values[self.local[number]].reshape(-1, 4, 4, 4)
+        (x, y, z), (dx, dy, dz) = (_cubics(within, order).transpose(1, 0, 2) for order in range(2))
         # Direction by direction: a tenth of the work of 64 products for each of the four.
         planes, sloped = (np.einsum("kxyz,kz->kxy", control, one) for one in (z, dz))
         lines = np.einsum("kxy,ky->kx", planes, y)
-        value[inside] = np.einsum("kx,kx->k", lines, x)
         slopes = [
             np.einsum("kx,kx->k", lines, dx),
             np.einsum("kxy,ky,kx->k", planes, dy, x),
             np.einsum("kxy,ky,kx->k", sloped, y, x),
         ]
-        gradient[inside] = np.column_stack(slopes)
-        return value, gradient
+        return np.einsum("kx,kx->k", lines, x), np.column_stack(slopes)
 
 
 def make_band(cells: Ints) -> Band:
@@ -84,8 +85,13 @@ def cell_keys(cells: Ints) -> Ints:
     return np.asarray((shifted[:, 0] * 2 * REACH + shifted[:, 1]) * 2 * REACH + shifted[:, 2])
 
 
+def basis_values(within: Floats) -> Floats:
+    """Values of the 64 splines at places (k, 3) in a cell, (k, 64)."""
+    return _products(*[_cubics(within, 0)] * 3)
+
+
 def basis_rows(within: Floats) -> Floats:
-    """Values and gradients of the 64 splines at places (k, 3) in a cell, (4, k, 64)."""
+    """Their values and gradients, (4, k, 64)."""
     values, slopes = (_cubics(within, order) for order in range(2))  # (k, 3, 4)
     return np.stack(
         [_products(values, values, values)]

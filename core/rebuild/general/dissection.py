@@ -141,15 +141,21 @@ class Factor(NamedTuple):
             columns = np.unique(np.concatenate([begun.col, *(one[0] for one in below)]))
             if not len(columns):
                 continue
-            rows = np.zeros((size, len(columns)), order="F")
-            rows[begun.row, np.searchsorted(columns, begun.col)] = begun.data
-            for others, values, part in below:
-                rows[np.ix_(place[values], np.searchsorted(columns, others))] += part
-            solved, rest = rows[:count], rows[count:]
+            solved, rest = (
+                np.zeros((rows, len(columns)), order="F") for rows in (count, size - count)
+            )
+            solved[begun.row, np.searchsorted(columns, begun.col)] = begun.data
+            while below:
+                others, values, part = below.pop(0)
+                at, across = place[values], np.searchsorted(columns, others)
+                own = at < count
+                solved[np.ix_(at[own], across)] += part[own]
+                rest[np.ix_(at[~own] - count, across)] += part[~own]
             if count:
-                solved = scipy.linalg.blas.dtrsm(1.0, corner, solved, lower=1)
-                rest = rest - side @ solved
+                solved = scipy.linalg.blas.dtrsm(1.0, corner, solved, lower=1, overwrite_b=1)
                 yield columns.astype(np.int64), solved
+            if side.size:
+                rest = scipy.linalg.blas.dgemm(-1.0, side, solved, 1.0, rest, overwrite_c=1)
             if len(front.border):
                 passed[number] = columns.astype(np.int64), front.border, rest
 

@@ -25,7 +25,7 @@ import scipy
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.general.band import basis_rows
+from palpate.core.rebuild.general.band import basis_values
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, Solution, TouchedPoints
 from palpate.core.rebuild.general.leave_out import LeftOut, leave_out, solved_exactly
 from palpate.reprs import readable
@@ -222,7 +222,7 @@ def _variances(solution: Solution, covariance: Floats, places: Floats) -> Floats
     found = np.empty(len(places))
     for begin in range(0, len(places), BLOCK):
         some = slice(begin, begin + BLOCK)
-        rows = basis_rows(within[some])[0]
+        rows = basis_values(within[some])
         values = np.einsum("kl,kld->kd", rows, draws[band.local[number[some]]])
         found[some] = np.square(values).mean(axis=1)
     return np.asarray(found / slope**2)

@@ -28,7 +28,7 @@ import numpy as np
 import scipy
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.rebuild.general.band import LOCAL, Band, basis_rows, cell_integrals
+from palpate.core.rebuild.general.band import LOCAL, Band, basis_rows, basis_values, cell_integrals
 from palpate.core.rebuild.general.dissection import (
     Dissection,
     Factor,
@@ -39,6 +39,7 @@ from palpate.core.rebuild.general.dissection import (
 from palpate.reprs import readable
 
 MOST_STEPS, RESIDUAL = 15, 0.03
+BLOCK = 4096  # Points whose rows are made at a time
 LEAST_SLOPE = 0.3  # Of the spline's gradient: a flatter one is no distance
 LEAST_POSE = 1e-9  # Cells: exact poses are as sure as this where they must be inverted
 
@@ -153,8 +154,8 @@ class Fitted(NamedTuple):
 class CellBlocks(NamedTuple):
     """Blocks (64, 64) of the cells of a band, made when they are asked for: all fill memory."""
 
-    rows: Floats  # Of the points in the order of their cells, (4, k, 64)
-    scale: Floats  # What they are weighed with, (4, k)
+    within: Floats  # Places of the points in their cells, in the order of these, (k, 3)
+    scale: Floats  # What their rows are weighed with, (4, k)
     cell: Ints  # Cell of each point, ascending, (k,)
     regular: Floats  # What is in each block, (64, 64)
 
@@ -163,25 +164,32 @@ class CellBlocks(NamedTuple):
         found = np.empty((len(cells), LOCAL, LOCAL))
         found[:] = self.regular
         starts, ends = (np.searchsorted(self.cell, cells, side) for side in ("left", "right"))
+        last = np.cumsum(ends - starts)  # of the points of these cells
+        first = last - (ends - starts)
+        rows = self._weighed(np.repeat(starts - first, ends - starts) + np.arange(last[-1]))
         for place in np.flatnonzero(ends > starts):
-            here = slice(starts[place], ends[place])
-            rows = (self.rows[:, here] * self.scale[:, here, None]).reshape(-1, LOCAL)
-            found[place] += rows.T @ rows
+            own = rows[:, first[place] : last[place]].reshape(-1, LOCAL)
+            found[place] += own.T @ own
         return found
 
     @property
     def largest(self) -> float:
         """The largest diagonal element of all blocks."""
-        if not len(self.cell):
-            return float(self.regular.diagonal().max())
-        starts = np.flatnonzero(np.diff(self.cell, prepend=-1))
-        squares = sum(
-            np.add.reduceat((rows * scale[:, None]) ** 2, starts)
-            for rows, scale in zip(self.rows, self.scale, strict=True)
-        )
-        most = (squares + self.regular.diagonal()).max(axis=1).argmax()
-        block = self.of(self.cell[starts[most], None].astype(np.int64))[0]
-        return float(block.diagonal().max())
+        regular, most = self.regular.diagonal(), [float(self.regular.diagonal().max())]
+        ends = np.append(np.flatnonzero(np.diff(self.cell)) + 1, len(self.cell))
+        begin = 0
+        while begin < len(self.cell):  # some cells at a time
+            beyond = int(np.searchsorted(ends, begin + BLOCK))
+            end = int(ends[min(beyond, len(ends) - 1)])
+            starts = np.flatnonzero(np.diff(self.cell[begin:end], prepend=-1))
+            squares = (self._weighed(np.arange(begin, end)) ** 2).sum(axis=0)
+            most.append(float((np.add.reduceat(squares, starts) + regular).max()))
+            begin = end
+        return max(most)
+
+    def _weighed(self, points: Longs) -> Floats:
+        """Rows of some points, (4, m, 64)."""
+        return basis_rows(self.within[points]) * self.scale[:, points, None]
 
 
 class Equations:
@@ -204,12 +212,12 @@ class Equations:
         self.order, self.band, self.scale, self.count = order, band, weights, count
         self.cell = number[order]
         self.normals, self.touch = points.normals[order], points.touch[order]
-        rows = basis_rows(within[order])
-        self.rows = rows
+        self.within = within[order]
         local = band.local[self.cell]
         ends = np.arange(0, LOCAL * len(order) + 1, LOCAL)
         shape = (len(order), len(band.control))
-        self.values = scipy.sparse.csr_matrix((rows[0].ravel(), local.ravel(), ends), shape=shape)
+        values = basis_values(self.within)
+        self.values = scipy.sparse.csr_matrix((values.ravel(), local.ravel(), ends), shape=shape)
         self.displacing = scipy.sparse.csr_matrix(
             (
                 self.normals.ravel(),
@@ -224,21 +232,23 @@ class Equations:
         `shares` (k,) weigh the points.
         """
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
-        return CellBlocks(self.rows, shares / scale[:, None], self.cell, regular)
+        return CellBlocks(self.within, shares / scale[:, None], self.cell, regular)
 
     def right_side(self, shares: Floats) -> Floats:
         """What the normals ask of the gradients, (n,)."""
-        factor = (shares / self.scale.normal) ** 2
-        asked = np.einsum("akl,ka->kl", self.rows[1:], factor[:, None] * self.normals)
-        local = self.band.local[self.cell]
-        found = np.bincount(local.ravel(), asked.ravel(), len(self.band.control))
-        return np.asarray(found, np.float64)
+        asked = ((shares / self.scale.normal) ** 2)[:, None] * self.normals
+        found = np.zeros(len(self.band.control))
+        for begin in range(0, len(self.cell), BLOCK):
+            some = slice(begin, begin + BLOCK)
+            sums = np.einsum("akl,ka->kl", basis_rows(self.within[some])[1:], asked[some])
+            local = self.band.local[self.cell[some]]
+            found += np.bincount(local.ravel(), sums.ravel(), len(found))
+        return found
 
     def misfits(self, control: Floats, displacements: Floats) -> tuple[Floats, Floats]:
         """Residuals of points, (k,), and how far off the gradients are, (k,)."""
-        value = self.values @ control + self.displacing @ displacements.ravel()
-        local = control[self.band.local[self.cell]]
-        gradient = np.einsum("akl,kl->ka", self.rows[1:], local)
+        value = np.asarray(self.values @ control + self.displacing @ displacements.ravel())
+        gradient = self.band.evaluate_in(control, self.cell, self.within)[1]
         return value, np.linalg.norm(gradient - self.normals, axis=1)
 
 

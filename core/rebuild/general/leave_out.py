@@ -20,6 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats, Ints
+from palpate.core.rebuild.general.band import basis_rows
 from palpate.core.rebuild.general.fitting import Solution, with_residuals
 
 
@@ -114,7 +115,7 @@ def _sketch(solution: Solution, touch: int, settings: LeaveOutSettings) -> _Sket
     rows = np.flatnonzero(equations.touch == touch)
     weights = solution.row_weights(rows)
     controls, place = np.unique(equations.band.local[equations.cell[rows]], return_inverse=True)
-    weighted = equations.rows[:, rows].transpose(1, 0, 2) * weights[..., None]
+    weighted = basis_rows(equations.within[rows]).transpose(1, 0, 2) * weights[..., None]
     dense = np.zeros((len(rows), 4, len(controls)))
     at = np.broadcast_to(place.reshape(len(rows), 1, -1), weighted.shape)
     np.put_along_axis(dense, at, weighted, axis=2)
@@ -212,8 +213,8 @@ def _left_out(
     equations, rows = solution.equations, sketch.rows
     weights = solution.row_weights(rows)
     normals = equations.normals[rows]
-    control = solution.fit.control[equations.band.local[equations.cell[rows]]]
-    fitted = np.einsum("akl,kl->ka", equations.rows[:, rows], control)
+    cell, within = equations.cell[rows], equations.within[rows]
+    fitted = np.column_stack(equations.band.evaluate_in(solution.fit.control, cell, within))
     moved = solution.fit.displacements[equations.touch[rows[0]]]
     residuals = (weights * (np.column_stack([-normals @ moved, normals]) - fitted)).ravel()
     fewer = len(inverse) - 3 - sketch.inner.shape[1]

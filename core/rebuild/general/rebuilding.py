@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Bools, Floats, Ints, check_extent, finite_array, positive
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
-from palpate.core.rebuild.general.band import basis_rows, make_band
+from palpate.core.rebuild.general.band import basis_values, make_band
 from palpate.core.rebuild.general.dissection import dissect
 from palpate.core.rebuild.general.errors import surface_errors
 from palpate.core.rebuild.general.fitting import (
@@ -264,7 +264,7 @@ def _crossed_places(fit: ImplicitFit) -> Floats:
 
 def _inside(fit: ImplicitFit, within: Floats) -> Bools:
     """Whether places (k, 3) in each cell lie inside, (n, k)."""
-    values = fit.control[fit.band.local] @ basis_rows(within)[0].T
+    values = fit.control[fit.band.local] @ basis_values(within).T
     return np.asarray(values < 0.0)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import SHARP, nearest_points, nearest_search
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
-from palpate.core.rebuild.general.band import basis_rows
+from palpate.core.rebuild.general.band import basis_values
 from palpate.core.rebuild.general.errors import SurfaceErrors, touch_distances
 from palpate.core.rebuild.general.fitting import (
     ImplicitFit,
@@ -228,7 +228,7 @@ class GeneralSolid(Solid):
         nodes = (np.moveaxis(np.indices(shape), 0, -1) / parts + low) * self.cell + self.origin
         values = (self.coarse.at(nodes.reshape(-1, 3)) / self.cell).reshape(shape)
         within = np.moveaxis(np.indices((parts + 1,) * 3), 0, -1).reshape(-1, 3)
-        found = self.fit.control[self.fit.band.local] @ basis_rows(within / parts)[0].T
+        found = self.fit.control[self.fit.band.local] @ basis_values(within / parts).T
         at = (cells - low)[:, None] * parts + within
         above = (at >= 0).all(axis=2)
         values[tuple(at[above].T)] = found[above]

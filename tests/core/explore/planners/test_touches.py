@@ -30,7 +30,7 @@ def solid(mesh: shapes.Mesh, errors: Field, distances: Field = NEAR, **changes: 
     away = np.array([distances(at) for at in mesh.vertices])
     surface = planners.ObservedSurface(
         **{"mesh": mesh, "errors": each, "bounds": 1.6 * each, "distances": away, "pad": PAD}
-        | {"platform": 0.0, "reach": 0.12, "refused": np.zeros((0, 3))}
+        | {"platform": 0.0, "reach": 0.12, "refused": np.zeros((0, 3)), "aimed": np.zeros((0, 3))}
         | changes
     )
     return known(surface=surface, general=True, tolerance=2e-4)
@@ -119,13 +119,20 @@ def test_known_solid_ends_touches():
 def test_spanned_opening_is_unknown_until_touched():
     top = MIDDLE + [0.0, 0.0, RADIUS]
     mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
-    opened = ball(
-        EXACT, lambda at: 3e-3 if np.linalg.norm(at - top) < 5e-3 else 1e-3, openings=mouth
-    )
+    away = lambda at: max(4e-3 - float(np.linalg.norm(at - top)), 1e-3)  # noqa: E731
+    aimed = list[Floats]()
+    while isinstance(
+        choice := Touches().next(
+            opened := ball(EXACT, away, openings=mouth, aimed=np.reshape(aimed, (-1, 3)))
+        ),
+        Touch,
+    ):
+        assert np.linalg.norm(choice.target - top) < 6e-3
+        aimed.append(choice.target)
+    assert 1 <= len(aimed) <= 3
     estimate = estimate_error(opened)
-    assert isinstance(Touches().next(opened), Stop)
     assert failures(opened) == ["error bound", "unentered hole"]
-    assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.1)
+    assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.2)
     assert estimate.rms_bound_95 > 1e-4  # what it may hide counts
     assert np.linalg.norm(estimate.open_area.places[0] - top) < 5e-3
     assert estimate_error(ball(EXACT, openings=mouth)).reached

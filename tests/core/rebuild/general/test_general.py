@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,8 +16,8 @@ from palpate.core.geometry import solidity
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import GeneralSolid, oriented, rebuild_general
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
-from palpate.core.rebuild.general.dissection import dissect, factorise
-from palpate.core.rebuild.general.fitting import CellBlocks, Start, TouchedPoints, fit_implicit
+from palpate.core.rebuild.general.dissection import Longs, dissect, factorise
+from palpate.core.rebuild.general.fitting import Start, TouchedPoints, fit_implicit
 from palpate.core.rebuild.general.leave_out import LeaveOutSettings, leave_out
 from palpate.core.rebuild.general.rebuilding import GridSettings, least_cell
 from palpate.core.rebuild.general.solid import cell_weights
@@ -257,6 +258,19 @@ def test_splines_sum_to_one_and_integrals_are_exact():
     assert np.ones(64) @ mass @ np.ones(64) == pytest.approx(1.0)
 
 
+class GivenBlocks(NamedTuple):
+    """Blocks of all cells, (m, 64, 64)."""
+
+    every: Floats
+
+    def of(self, cells: Longs) -> Floats:
+        return np.asarray(self.every[cells])
+
+    @property
+    def largest(self) -> float:
+        return float(self.every.max())
+
+
 def test_dissection_solves_what_a_dense_matrix_does():
     rng = np.random.default_rng(5)
     cells = np.argwhere(rng.random((6, 6, 5)) < 0.6).astype(np.int32)
@@ -268,9 +282,7 @@ def test_dissection_solves_what_a_dense_matrix_does():
     for local, block in zip(band.local, blocks, strict=True):
         dense[np.ix_(local, local)] += block
     right = rng.normal(size=count)
-    flat = rows.reshape(1, -1, 64)
-    of_cell = np.repeat(np.arange(len(rows)), 70)
-    given = CellBlocks(flat, np.ones(flat.shape[:2]), of_cell, 0.0 * blocks[0])
+    given = GivenBlocks(blocks)
     found = factorise(dissect(band.cells, band.local, count), given).solve(right)
     assert found == pytest.approx(np.linalg.solve(dense, right), rel=1e-5, abs=1e-9)
 
