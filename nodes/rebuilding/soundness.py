@@ -18,6 +18,7 @@ from palpate.core.geometry import (
     areas_and_normals,
     compare_surfaces,
     nearest_points,
+    point_tree,
     prepare_surface,
 )
 from palpate.core.rebuild import surface
@@ -136,7 +137,11 @@ def missing_error(
     order = np.argsort(touched.touch, kind="stable")
     _, first, counts = np.unique(touched.touch[order], return_index=True, return_counts=True)
     middles = touched.points[order[first + counts // 2]]
-    off = nearest_points(volume.search, middles).distances
+    # Near to a vertex they are near to the surface: it is asked of few others.
+    vertices, near = point_tree(volume.mesh.vertices), settings.max_missing_offset
+    off = np.asarray(vertices.query(middles, distance_upper_bound=near)[0])
+    if np.isinf(off).any():
+        off = nearest_points(volume.search, middles[np.isinf(off)]).distances
     area = float(areas_and_normals(volume.mesh.vertices[volume.mesh.faces])[0].sum())
     squares = off[off > settings.max_missing_offset] ** 2
     return math.sqrt(float(squares.sum()) * settings.touched_area / area)

@@ -130,7 +130,7 @@ class ObservedSurface:
             squares[point_tree(self.refused).query(places.points)[0] < near] = 0.0
         if len(self.aimed) and places.spanned.any():
             middles = places.points[_middles(places, places.spanned)]
-            aimed = point_tree(self.aimed).query(middles)[0] < 2.0 * near
+            aimed = np.asarray(point_tree(self.aimed).query(middles)[0]) < 2.0 * near
             squares[places.spanned & aimed[point_tree(middles).query(places.points)[1]]] = 0.0
         return np.where(places.standing, 0.0, squares)
 
