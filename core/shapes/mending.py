@@ -30,7 +30,7 @@ CONTAINED = 1e-6  # Of its volume: what of a hollow may stand out of the object 
 MOST_ROUNDS = 4  # Times that a patch of crossings is cut out, each time a ring wider
 MOST_CUTS = 6  # Planes one after the other that part a piece which crosses itself
 PLANES = 6  # Places along each axis at which a plane is tried
-MOST_PARTED = 100_000  # Faces of a piece for which planes are tried: more take minutes
+MOST_PARTED = 20_000  # Faces of a piece for which planes are tried: more take many seconds
 NO_SOLID = "bounds no solid: its faces enclose nothing, or meet as those of no solid do"
 
 

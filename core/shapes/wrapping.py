@@ -231,9 +231,20 @@ def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats
 
 def without_crossings(places: Floats, moved: Floats, faces: Ints, max_rounds: int) -> Floats:
     """Moved vertices (n, 3), but at their old places where faces (m, 3) would cross."""
+    some = faces
     for _ in range(max_rounds):
-        crossed = np.unique(faces[self_intersection(moved, faces).faces])
+        crossed = np.unique(some[self_intersection(moved, some).faces])
         if not len(crossed):
             return moved
         moved[crossed] = places[crossed]
+        some = faces[_may_cross(moved, faces, crossed)]
     return places
+
+
+def _may_cross(vertices: Floats, faces: Ints, changed: Ints) -> Bools:
+    """Which faces (m, 3) lie so near to changed vertices (k,) that they may cross one of theirs."""
+    corners = vertices[faces]
+    longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+    tree = scipy.spatial.cKDTree(vertices[changed])
+    near = np.isfinite(tree.query(vertices, distance_upper_bound=2.0 * longest)[0])
+    return np.asarray(near[faces].any(axis=1))
