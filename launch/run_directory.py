@@ -26,7 +26,7 @@ from palpate.launch.processes.registry import RUNS_FOLDER, running_graphs
 from palpate.launch.progress import Progress
 from palpate.launch.summary_text import criteria_texts
 from palpate.messages.recording import free_bytes
-from palpate.messages.types import ProcedureResult, Score, ShapeModel
+from palpate.messages.types import PlanDone, ProcedureResult, Score, ShapeModel
 from palpate.nodes.runtime.composed import Ending
 
 RUNS = Path(RUNS_FOLDER)  # Where run directories are made, unless the user wants another folder
@@ -249,7 +249,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     summary = {
         "palpate": __version__,
         "status": ending.status,
-        "reason": ending.reason if done is None else f"{done.reason}; {ending.reason}",
+        "reason": _reason(ending, done, verdict),
         "procedure": _procedure(progress.procedure),
         "scene": scene,
         "seed": seed,
@@ -294,6 +294,15 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
     }
     told = (done or progress.procedure) is not None and ending.status == "finished"
     return {**summary, "missed": missed_goals(summary) if told else []}
+
+
+def _reason(ending: Ending, done: PlanDone | None, verdict: Verdict) -> str:
+    """Why the exploration was over, and then the run; planners know neither mesh nor truth."""
+    if done is None:
+        return ending.reason
+    is_missed = done.reached and verdict.reached is False
+    why = "every limit that the planner knows of is kept" if is_missed else done.reason
+    return f"{why}; {ending.reason}"
 
 
 def _mesh_facts(model: ShapeModel | None, score: Score | None) -> dict[str, Any]:

@@ -336,9 +336,10 @@ def test_mesh_and_truth_are_judged_too(progress, tetrahedron, score, model, trut
     facts = {"closed": True, "genus": 0, "self_crossings": 0} | model
     progress.model = replace(tetrahedron, **facts)
     progress.scores = [(3.0, replace(score, **truth))]
-    progress.done = planned()
+    progress.done = planned(reason="every limit is kept", reached=True)
     summary = summary_of(progress)
     assert summary["missed"] == missed and exit_code(summary, rebuilds=True) == bool(missed)
+    assert summary["reason"].startswith("every limit is kept;") != bool(missed)
     assert kind in headline_text(summary, [], RUN)
 
 

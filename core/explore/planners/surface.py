@@ -57,7 +57,7 @@ CREASE_SLOPE = 0.3  # Error that a crease may hide, over its distance from touch
 LEAST_ROOM = 0.8
 # Error that an opening may hide, over the distance of its middle from its rim: with its walls, of
 # one that is four times as deep as wide: a bore of 8 mm through 30 mm.
-SPANNED_SLOPE = 13.0
+SPANNED_SLOPE = 16.0
 TOUCHED_AREA = 1.0e-4  # That one touch covers, m^2
 FAR = 1.0  # Rays that meet nothing end here, m
 

@@ -47,8 +47,9 @@ FARTHEST = 15.0e-3  # m
 # What reaches so far beyond the convex hull of all that was touched is made up, m. Its error is
 # what is over that, the bound so many times.
 PROTRUDING, PROTRUDING_FACTOR = 1.0e-3, 1.5
-GRID = 2.0e-3  # Of touched points one for each cube of this edge spans the hull, m
-BLOCK = 1000  # Places that are held against all faces of it at a time
+# Of touched points one for each cube of this edge, m or of the extent, spans the hull.
+GRID, GRID_SHARE = 2.0e-3, 0.01
+BLOCK = 1_000_000  # Pairs of places and faces of the hull that are looked at together
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,12 +279,14 @@ def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
 
 def protrusions(touched: Floats, places: Floats) -> Floats:
     """How far places (n, 3) lie beyond the convex hull of touched points (k, 3), (n,), m, or 0."""
-    _, first = np.unique(np.floor(touched / GRID), axis=0, return_index=True)
+    grid = max(GRID, GRID_SHARE * float(np.ptp(touched, axis=0).max()))
+    _, first = np.unique(np.floor(touched / grid), axis=0, return_index=True)
     beyond = np.zeros(len(places))
     if len(first) <= touched.shape[1]:
         return beyond
     faces = scipy.spatial.ConvexHull(touched[first], qhull_options="QJ").equations
-    for begin in range(0, len(places), BLOCK):
-        some = slice(begin, begin + BLOCK)
+    block = max(BLOCK // len(faces), 1)
+    for begin in range(0, len(places), block):
+        some = slice(begin, begin + block)
         beyond[some] = (places[some] @ faces[:, :3].T + faces[:, 3]).max(axis=1)
     return np.maximum(beyond, 0.0)
