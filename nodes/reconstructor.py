@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from msgspec import Struct
 
-from palpate.core.explore import empty_map, spanned_places, swept_places
+from palpate.core.explore import empty_map, sorted_spans, swept_places
 from palpate.core.poses import Pose
 from palpate.core.rebuild import other_method
 from palpate.core.rebuild.contours import ContactPoints
@@ -29,7 +29,7 @@ from palpate.nodes.rebuilding.fitting import (
     is_complete,
     known_space,
     published_solid,
-    spanned_by,
+    untouched_openings,
 )
 from palpate.nodes.runtime.node import Deferred, Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
@@ -78,8 +78,8 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
         )
         freed = (*swept.get(patch.goal, ()), state.space.numbers(places))
         swept = {**swept, patch.goal: freed}
-        hollow = spanned_places(state.pad, pose, patch.mask)
-        spanned = {**spanned, patch.goal: (*spanned.get(patch.goal, ()), hollow)}
+        found = sorted_spans(state.pad, pose, patch.mask, patch.points, patch.normals)
+        spanned = {**spanned, patch.goal: (*spanned.get(patch.goal, ()), found)}
     touches = {**state.touches, patch.goal: of_goal}
     return _fit_ready(replace(state, touches=touches, swept=swept, spanned=spanned))
 
@@ -152,7 +152,7 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
         found.candidates,
         found.solid,
         found.predicted,
-        spanned_by(state, goal),
+        untouched_openings(state, goal),
         state.quality if is_final(goal) else None,
         step,
         found.rejected,

@@ -33,7 +33,9 @@ from palpate.core.explore.free_space import (
     VOXEL as VOXEL,
     Longs as Longs,
     SpaceMap as SpaceMap,
+    SpannedPlaces as SpannedPlaces,
     empty_map as empty_map,
+    sorted_spans as sorted_spans,
     spanned_places as spanned_places,
     swept_places as swept_places,
 )

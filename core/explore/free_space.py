@@ -7,8 +7,10 @@ for poses err. The rest is unknown, the inside of the object with it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ VOXEL = 2.5e-3  # Edge of one, m: a sixth of a pad
 MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while free ones are listed
 MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
 PRESSED = 1.5e-3  # By how much, m
+VALLEY = math.radians(20.0)  # Between normals to both sides of what holds a pad off as a valley
 EVERY = 2  # Taxels along rows and columns: places of the face that are swept
 States = NDArray[np.uint8]
 Longs = NDArray[np.int64]
@@ -89,11 +92,74 @@ def spanned_places(pad: Pad, pose: Pose, touched: Bools) -> Floats:
 
     What lies there behind the face is hollow. `pose`: of the pad. `touched` (rows, cols).
     """
-    spanned = np.zeros_like(touched)
+    spanned = np.any([_before_and_after(touched, axis)[0] >= 0 for axis in (0, 1)], axis=0)
+    return pose.to_outer(_face(pad)[spanned.ravel()])
+
+
+class SpannedPlaces(NamedTuple):
+    """Places on the face of a pad that nothing touched, between others that were, m."""
+
+    openings: Floats  # Under which anything may be, (k, 3)
+    valleys: Floats  # Between sides that lean towards each other and hold the pad off, (l, 3)
+
+
+def sorted_spans(
+    pad: Pad, pose: Pose, touched: Bools, points: Floats, normals: Floats
+) -> SpannedPlaces:
+    """The spanned places of a touch, as `spanned_places`, by what may be under them.
+
+    `points`, `normals` (k, 3): where the pad touched, m, and outwards there. To both sides of a
+    valley normals lean towards each other, by over `VALLEY` in the mean of all its taxels, along
+    rows or columns; what was touched all around is none.
+    """
+    from scipy.ndimage import binary_fill_holes, label, mean
+
+    face = pose.to_outer(_face(pad))
+    spanned, leaning = np.zeros_like(touched), np.zeros(touched.shape)
     for axis in (0, 1):
-        before = np.logical_or.accumulate(touched, axis=axis)
-        after = np.flip(np.logical_or.accumulate(np.flip(touched, axis), axis=axis), axis)
-        spanned |= before & after & ~touched
+        before, after = _before_and_after(touched, axis)
+        along = before >= 0
+        found = _leaning(face[before[along]], face[after[along]], points, normals)
+        leaning[along] = np.minimum(leaning[along], found)
+        spanned |= along
+    regions, count = label(spanned, np.ones((3, 3)))
+    numbers = np.arange(1, count + 1)
+    enclosed = mean(binary_fill_holes(touched) & ~touched, regions, numbers)
+    leans = mean(leaning, regions, numbers) < -2.0 * math.sin(0.5 * VALLEY)
+    valley = np.append(False, leans & (np.asarray(enclosed) == 0.0))[regions]
+    return SpannedPlaces(face[(spanned & ~valley).ravel()], face[valley.ravel()])
+
+
+def _before_and_after(touched: Bools, axis: int) -> tuple[Longs, Longs]:
+    """Numbers (rows, cols) of the nearest touched taxels to both sides of those that are not.
+
+    -1 for touched taxels, and where there is none to a side.
+    """
+    numbers = np.arange(touched.size).reshape(touched.shape)
+    before = np.maximum.accumulate(np.where(touched, numbers, -1), axis=axis)
+    flipped = np.flip(np.where(touched, numbers, touched.size), axis)
+    after = np.flip(np.minimum.accumulate(flipped, axis=axis), axis)
+    none = touched | (before < 0) | (after == touched.size)
+    return np.where(none, -1, before), np.where(none, -1, after)
+
+
+def _face(pad: Pad) -> Floats:
+    """Places (rows * cols, 3) of the taxels, in the pad's frame, m."""
     x, y = pad.grid()
-    face = np.column_stack([x[spanned], y[spanned], -pad.sag()[spanned]])
-    return np.asarray(pose.to_outer(face))
+    return np.column_stack([x.ravel(), y.ravel(), -pad.sag().ravel()])
+
+
+def _leaning(before: Floats, after: Floats, points: Floats, normals: Floats) -> Floats:
+    """How far normals nearest to places to both sides, (n, 3) each, lean apart; to each other: < 0.
+
+    As the difference of unit vectors along the way between the places, (n,).
+    """
+    if not len(before) or not len(points):
+        return np.zeros(len(before))
+    one, other = (
+        normals[np.linalg.norm(side[:, None] - points, axis=2).argmin(axis=1)]
+        for side in (before, after)
+    )
+    across = after - before
+    along = np.einsum("ni,ni->n", other - one, across)
+    return np.asarray(along / np.linalg.norm(across, axis=1))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeGuard
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore import Longs, SpaceMap
+from palpate.core.explore import Longs, SpaceMap, SpannedPlaces
 from palpate.core.poses import Pose
 from palpate.core.rebuild import LatticeSolid, Method, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
@@ -292,6 +292,7 @@ def _fit_general(
     return general.rebuild_general(
         evidence,
         free=known_space(state, goal).free_places(),
+        spanned=spanned_by(state, goal).valleys,
         platform=state.platform,
         cell=general.FINE if is_final(goal) else general.fitting_cell(evidence),
         outward=True,
@@ -351,7 +352,7 @@ class State:
     # Voxels that the touches of a goal have swept.
     swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=dict)
     # Places that the pad spanned in a goal's touches, between what it touched.
-    spanned: Mapping[int, tuple[Floats, ...]] = field(default_factory=dict)
+    spanned: Mapping[int, tuple[SpannedPlaces, ...]] = field(default_factory=dict)
     # Both by number.
     contours: Mapping[int, types.Contour] = field(default_factory=dict)
     probes: Mapping[int, types.Probe] = field(default_factory=dict)
@@ -394,10 +395,16 @@ def known_space(state: State, goal: Goal) -> SpaceMap:
     return state.space.marked(np.concatenate([none, *free]), touched)
 
 
-def spanned_by(state: State, goal: Goal) -> Floats:
-    """Places (n, 3) that pads spanned, and that nothing has touched anywhere near, m."""
+def spanned_by(state: State, goal: Goal) -> SpannedPlaces:
+    """What pads spanned in the touches of a set, m."""
     spanned = [one for id_ in touched_goals(goal) for one in state.spanned.get(id_, ())]
-    places = np.concatenate([np.zeros((0, 3)), *spanned])
+    none = SpannedPlaces(np.zeros((0, 3)), np.zeros((0, 3)))
+    return SpannedPlaces(*map(np.concatenate, zip(none, *spanned, strict=True)))
+
+
+def untouched_openings(state: State, goal: Goal) -> Floats:
+    """Places (n, 3) of openings that pads spanned and nothing has touched anywhere near, m."""
+    places = spanned_by(state, goal).openings
     if not len(places):
         return places
     touched = stack_points([one for one in touched_points(state, goal) if len(one.points)])

@@ -49,6 +49,7 @@ HIDDEN_SLOPE = 0.5  # Error that an unknown place may hide, over its distance fr
 OPENINGS = 8  # Of which the middles are told
 LEAST_MEAN = 0.3  # Length of a mean normal below which they point everywhere
 BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes it, m
+OPENING_AIMS = 2  # Touches aimed at an opening after which it is left
 HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
 CREASED = 1.0e-3  # Between a pad that rests on what is about a place, and the place: a crease, m
 BESIDES = 64  # Places about a place that may hold a pad off
@@ -120,8 +121,8 @@ class ObservedSurface:
         """Squared errors at the places, (n,); 0 where nobody can touch, or did in vain.
 
         Where nothing tells of errors, distances from what was touched stand for them. An opening
-        is worth what it may hide until a touch was aimed at it: most are none, but places where
-        the solid is a little too large.
+        is worth what it may hide until `OPENING_AIMS` touches were aimed at it, the one that found
+        it among them: most are none, but places where the solid is a little too large.
         """
         places, near = self.places, 0.5 * NEAR * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
@@ -130,8 +131,9 @@ class ObservedSurface:
             squares[point_tree(self.refused).query(places.points)[0] < near] = 0.0
         if len(self.aimed) and places.spanned.any():
             middles = places.points[_middles(places, places.spanned)]
-            aimed = np.asarray(point_tree(self.aimed).query(middles)[0]) < 2.0 * near
-            squares[places.spanned & aimed[point_tree(middles).query(places.points)[1]]] = 0.0
+            aims = point_tree(self.aimed).query_ball_point(middles, 2.0 * near, return_length=True)
+            tried = np.asarray(aims) >= OPENING_AIMS
+            squares[places.spanned & tried[point_tree(middles).query(places.points)[1]]] = 0.0
         return np.where(places.standing, 0.0, squares)
 
     @cached_property

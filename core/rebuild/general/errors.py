@@ -52,7 +52,7 @@ class ErrorSettings:
     near: float = 0.7  # [cells] from touch: what counts as touched
     bend_reach: float = 3e-3  # [m] along the surface, over which its bend is an angle
     bend_weight: float = 4.1  # [1/rad] of a bend in the errors
-    bound_factor: float = 1.2  # of a bound, over the expected error
+    bound_factor: float = 1.25  # of a bound, over the expected error
     # What lies open is what is hard to reach: there bounds grow by 1 for each `open_growth` [m] of
     # distance beyond `open_distance` [m], up to `max_open_factor` times.
     open_distance: float = 2.5e-3
@@ -67,7 +67,7 @@ class ErrorSettings:
     # What touches of scanned objects say (0.4 to 0.9) counts as so many of these touches do. With
     # half of it (balls, tori) errors far from touch are half of what the energy lets expect.
     usual_calibration: float = 0.6
-    prior_touches: float = 4.0
+    prior_touches: float = 8.0
 
 
 ERRORS = ErrorSettings()

@@ -80,6 +80,10 @@ class ImplicitFit:
     weights: Floats  # Of each point, (k,), from 0 to 1
     residuals: Floats  # Of each point along its normal, its touch displaced, (k,)
 
+    def of_first(self, count: int) -> ImplicitFit:
+        """What the first so many points say of it."""
+        return replace(self, weights=self.weights[:count], residuals=self.residuals[:count])
+
 
 class Start(NamedTuple):
     """What a fit is begun with, in cells."""

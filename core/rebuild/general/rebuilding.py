@@ -84,6 +84,7 @@ def rebuild_general(
     normals: ArrayLike | None = None,
     *,
     free: Floats | None = None,
+    spanned: Floats | None = None,
     platform: float | None = None,
     cell: float = solid.FINE,
     pose: float = solid.POSE,
@@ -96,15 +97,16 @@ def rebuild_general(
 
     `contacts`: world frame, m; or points (n, 3), each a touch of its own, with `normals` (n, 3) of
     any length, outward: those that point inwards are turned (`oriented`) unless `outward` vouches
-    for all, as a pad does. `free` (k, 3): places that a finger has swept. `platform`: height on
-    which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
-    standard deviation of a touch's place. `start`: the solid of the first of these contacts, as it
-    has them: what is known of it is gone on with, which takes a fraction of the time. `draft`: a
-    solid to decide by while there is more to touch, which lets a few cells go that the surface
-    leaves, and keeps what `start` knows of its errors. Cells are
-    larger where an object is so large that there would be too many (`GridSettings`). Raises
-    ValueError without normals, if they disagree, if all lies in one plane, or in more than a metre:
-    coordinates are in metres.
+    for all, as a pad does. `free` (k, 3): places that a finger has swept. `spanned` (l, 3): places
+    on the face of a pad that touched nothing there, but to both sides: the surface lies behind
+    them. `platform`: height on which the object stands; None if it is held. `cell`: edge of the
+    spline's cells. `pose`: standard deviation of a touch's place. `start`: the solid of the first
+    of these contacts, as it has them: what is known of it is gone on with, which takes a fraction
+    of the time. `draft`: a solid to decide by while there is more to touch, which lets a few cells
+    go that the surface leaves, and keeps what `start` knows of its errors. Cells are larger where
+    an object is so large that there would be too many (`GridSettings`). Raises ValueError without
+    normals, if they disagree, if all lies in one plane, or in more than a metre: coordinates are in
+    metres.
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
@@ -123,9 +125,9 @@ def rebuild_general(
     with step("topology"):
         coarse = _coarse(touched, free, platform, cell)
     with step("implicit spline"):
-        setting = Setting(
-            touched, coarse, platform, pose, Following(1, 0.01) if draft else Following()
-        )
+        following = Following(1, 0.01) if draft else Following()
+        beside = np.zeros((0, 3)) if spanned is None else spanned
+        setting = Setting(touched, coarse, beside, platform, pose, following)
         before = None if start is None else Spline(start.cell, start.fit)
         if before is None and cell < solid.COARSE:
             before = setting.fit(solid.COARSE, None, 1).spline
@@ -133,6 +135,7 @@ def rebuild_general(
     with step("held-out touches"):
         known = start.predicted if draft and start is not None else None
         fit, predicted = surface_errors(fitted, known)
+    fit = fit.of_first(len(touched.points))
     return solid.GeneralSolid(
         setting.origin, fitted.spline.cell, fit, coarse, touched, platform, predicted, pose
     )
@@ -172,6 +175,7 @@ class Setting(NamedTuple):
 
     touched: ContactPoints
     coarse: CoarseSolid
+    spanned: Floats  # Behind which the surface lies, (l, 3)
     platform: float | None
     pose: float
     following: Following
@@ -188,9 +192,10 @@ class Setting(NamedTuple):
         far touches are off and which points are outliers. `rounds`: of weighing outliers.
         """
         places = (self.touched.points - self.origin) / cell
-        points = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
-        touches = int(points.touch.max()) + 1
-        start = plain_start(len(places), touches)
+        touched = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
+        points = self._held_off(touched, cell, before)
+        start = plain_start(len(points.places), int(points.touch.max()) + 1)
+        start.weights[len(places) :] = solid.SPANNED_WEIGHT
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
@@ -217,7 +222,28 @@ class Setting(NamedTuple):
         for _ in range(weighed, rounds - 1):
             start, found = start.begun(found.fit, 1.0), None
             found = fit_implicit(band, *terms, start, order)
-        return Fitted(Spline(cell, found.fit), found, *terms)
+        return Fitted(Spline(cell, found.fit), found, touched, *terms[1:])
+
+    def _held_off(
+        self, touched: TouchedPoints, cell: float, before: Spline | None
+    ) -> TouchedPoints:
+        """With those spanned places that an earlier spline has inside, or nearly, at its surface.
+
+        They are displaced with the touch that is nearest.
+        """
+        if before is None or not len(self.spanned):
+            return touched
+        places = self.spanned - self.origin
+        value, gradient = before.fit.band.evaluate(before.fit.control, places / before.cell)
+        inside = before.cell * value < solid.SPANNED_MARGIN  # False where it is NaN
+        places, gradient = places[inside] / cell, gradient[inside]
+        slope = np.linalg.norm(gradient, axis=1, keepdims=True)
+        nearest = scipy.spatial.cKDTree(touched.places).query(places)[1]
+        return TouchedPoints(
+            np.concatenate([touched.places, places]),
+            np.concatenate([touched.normals, gradient / np.maximum(slope, solid.LEAST_SLOPE)]),
+            np.concatenate([touched.touch, touched.touch[nearest]]),
+        )
 
 
 def _surface_cells(

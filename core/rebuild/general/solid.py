@@ -34,6 +34,9 @@ from palpate.core.shapes import Mesh, grid_surface, without_crossings
 
 FINE, COARSE = 4.0e-3, 5.0e-3  # Edge of a cell in the end, and before it, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
+# Weight of a place that a pad spanned, over that of a touched one; and how far behind it, m, the
+# surface may lie to be drawn to it: what lies deeper is let alone.
+SPANNED_WEIGHT, SPANNED_MARGIN = 0.2, 0.15e-3
 VARIATION, ANCHOR = 0.05, 1e6  # m and 1/m^5: of the energy's last two terms
 DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones
 POSE = 0.1e-3  # Of a touch's displacement, m

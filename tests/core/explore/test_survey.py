@@ -228,3 +228,17 @@ def test_untouched_taxels_between_touched_ones_are_spanned():
     wanted = np.column_stack([x[~touched], -y[~touched], np.full(24, 0.04)])
     assert np.sort(places, axis=0) == pytest.approx(np.sort(wanted, axis=0))
     assert not len(explore.spanned_places(PAD, END, np.hypot(x, y) < 4e-3))
+
+
+@pytest.mark.parametrize(("lean", "opens"), [(0.0, True), (0.3, True), (-0.1, True), (-0.3, False)])
+def test_strip_between_sides_that_lean_together_is_no_opening(lean, opens):
+    (x, y), touched = PAD.grid(), np.ones((16, 16), np.bool_)
+    touched[:, 6:10] = False
+    points = END.to_outer(np.column_stack([x[touched], y[touched], np.zeros(touched.sum())]))
+    aside = np.sin(lean) * np.sign(points[:, 0])
+    normals = np.column_stack([aside, 0.0 * aside, np.sqrt(1.0 - aside**2)])
+    spans = explore.sorted_spans(PAD, END, touched, points, normals)
+    assert [len(one) for one in spans] == ([64, 0] if opens else [0, 64])
+    touched[[0, -1]] = True  # all around: whatever the sides, it may be deep
+    spans = explore.sorted_spans(PAD, END, touched, points, normals)
+    assert [len(one) for one in spans] == [56, 0]

@@ -129,7 +129,7 @@ def test_spanned_opening_is_unknown_until_touched():
     ):
         assert np.linalg.norm(choice.target - top) < 6e-3
         aimed.append(choice.target)
-    assert 1 <= len(aimed) <= 3
+    assert 2 <= len(aimed) <= 4
     estimate = estimate_error(opened)
     assert failures(opened) == ["error bound", "unentered hole"]
     assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.2)
