@@ -242,6 +242,26 @@ def test_without_normals_or_touches_it_is_refused():
             rebuild_general(wrong)
 
 
+def test_surface_lies_behind_what_a_pad_spanned():
+    rng = np.random.default_rng(1)
+    out = rng.normal(size=(3000, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    out = out[np.hypot(out[:, 0], out[:, 1]) + (out[:, 2] < 0.0) > 0.3]  # but for the top
+    touched = ContactPoints(0.03 * out, out, np.arange(len(out), dtype=np.int32) // 20)
+    whole = rebuild_general(touched, pose=1e-5, outward=True)
+    grid = np.array([[x, y, 0.0] for x in (-2e-3, 0.0, 2e-3) for y in (-2e-3, 0.0, 2e-3)])
+
+    def top(face: float) -> float:
+        """Height of the ball's top behind a pad's face at a height, m."""
+        spans = grid + [0.0, 0.0, face]
+        fitted = rebuild_general(touched, pose=1e-5, outward=True, spanned=spans, start=whole)
+        assert len(fitted.fit.weights) == len(touched.points)
+        return face - float(fitted.evaluate(spans[4:5])[0][0])
+
+    assert top(0.031) == pytest.approx(0.03, abs=1e-4)  # the face lies over the surface
+    assert 0.0294 < top(0.0295) < 0.02975
+
+
 def test_splines_sum_to_one_and_integrals_are_exact():
     within = np.random.default_rng(0).random((20, 3))
     rows = basis_rows(within)
