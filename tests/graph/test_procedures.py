@@ -14,12 +14,12 @@ from tests.graph.conftest import palpate
 pytestmark = pytest.mark.graph
 # Procedure, the scene that it suits, and the model that it makes.
 SUITED = [
-    ("openings", "cup", "Openings"),
+    ("planar", "block", "BoundaryRepresentation"),
     *(
         pytest.param(*case, marks=pytest.mark.slow)
         for case in (
             ("containment", "egg", "Superquadric"),
-            ("planar", "block", "BoundaryRepresentation"),
+            ("openings", "cup", "Openings"),
             ("follower", "amphora", "GeneralisedCone"),
             ("fearing", "cone", "ConePose"),
         )

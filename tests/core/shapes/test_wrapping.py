@@ -29,9 +29,10 @@ def wrong(kind: str) -> tuple[Floats, Ints]:
     return np.concatenate([vertices, inner]), np.concatenate([faces, faces + len(vertices)])
 
 
-@pytest.mark.parametrize(
-    "kind", ["open below", "turned at random", "doubled inside out", "with an inner ball"]
-)
+@pytest.mark.parametrize("kind", [
+    "turned at random", "doubled inside out", "with an inner ball",
+    pytest.param("open below", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_outside_is_closed_and_where_the_triangles_are(kind):
     found = wrap_mesh(*wrong(kind), COARSE)
     body = solidity(found.vertices, found.faces)
@@ -44,6 +45,7 @@ def test_outside_is_closed_and_where_the_triangles_are(kind):
     assert (found.closed_share > 0.05) == (kind == "open below")
 
 
+@pytest.mark.slow
 def test_two_balls_are_one_and_parts_apart_are_told():
     vertices, faces = BALL
     for shift, parts in ((0.06, 0), (0.11, 1)):
