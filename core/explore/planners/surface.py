@@ -12,7 +12,6 @@ would meet or come near to.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,6 +19,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
+from palpate.core.explore.planners.hollows import (
+    BESIDES,
+    approach_directions,
+    least_concavity,
+    pad_gaps,
+    pad_width,
+)
 from palpate.core.explore.planners.verdict import Findings
 from palpate.core.geometry import areas_and_normals, point_tree, sample_surface
 from palpate.core.poses import Pose
@@ -33,8 +39,6 @@ if TYPE_CHECKING:
 PLACES = 4000  # Of the surface at which errors are told
 TRIED = 32  # Places to which touches are tried: the worst, not too close together
 APART = 0.75  # Widths of the pad between two of these
-TILTS = np.radians([0.0, 25.0, 45.0, 65.0])  # Of the approach from the normal
-AROUND = 8  # Directions of each tilt
 RAYS = 6  # Along each side of the pad's face
 NEAR = 0.33  # Of the pad's width: what lies so near to a contact is known afterwards
 BODY = 10.0e-3  # Length of the finger behind the pad's face that must be free, m
@@ -52,7 +56,9 @@ BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes i
 OPENING_AIMS = 2  # Touches aimed at an opening after which it is left
 HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
 CREASED = 1.0e-3  # Between a pad that rests on what is about a place, and the place: a crease, m
-BESIDES = 64  # Places about a place that may hold a pad off
+# A place of a crease that lies so far from touch, m, and about which the surface is concave all
+# around, with a radius below this, m, may be the mouth of a bore: a countersink is.
+PIT_DISTANCE, PIT_RADIUS = 2.5e-3, 20.0e-3
 CREASE_SLOPE = 0.3  # Error that a crease may hide, over its distance from touch
 # Share of the tolerance that must be left for what touches reach; it takes twice the touches.
 LEAST_ROOM = 0.8
@@ -168,7 +174,7 @@ class ObservedSurface:
     @cached_property
     def unentered_hole(self) -> float:
         """Width of the widest hole that a pad spanned and nothing entered, m; 0 without one."""
-        return 2.0 * float(self.places.distances[self.places.spanned].max(initial=0.0))
+        return 2.0 * float(self.places.distances[self.places.spanned | self.pits].max(initial=0.0))
 
     @cached_property
     def area(self) -> float:
@@ -231,8 +237,22 @@ class ObservedSurface:
     @cached_property
     def bounds_there(self) -> Floats:
         """Bounds of 95 % of the errors at the places, and of what creases may hide, (n,), m."""
-        bounds, distances = self.places.bounds, self.places.distances
-        return np.where(self.creased, np.maximum(bounds, CREASE_SLOPE * distances), bounds)
+        distances = self.places.distances
+        slopes = np.where(self.creased, CREASE_SLOPE, 0.0)
+        slopes[self.pits] = SPANNED_SLOPE
+        return np.maximum(self.places.bounds, slopes * distances)
+
+    @cached_property
+    def pits(self) -> Bools:
+        """Which places may be the mouth of a hole below a pit that holds pads off, (n,)."""
+        places = self.places
+        pits = self.creased & (places.distances > PIT_DISTANCE)
+        if pits.any():
+            there = places.points[pits], places.normals[pits]
+            around = pad_width(self.pad) / 2.0
+            found = least_concavity(places.points, places.normals, *there, around)
+            pits[pits] = found > 1.0 / PIT_RADIUS
+        return pits
 
     @cached_property
     def shape(self) -> TriangleShape:
@@ -326,11 +346,6 @@ def _outward(places: SurfacePlaces, number: int) -> Floats:
     return np.asarray(mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny))
 
 
-def pad_width(pad: Pad) -> float:
-    """Of its longer side, m."""
-    return pad.pitch * max(pad.rows, pad.cols)
-
-
 def _places(surface: ObservedSurface) -> SurfacePlaces:
     corners = surface.mesh.vertices[surface.mesh.faces]
     points, faces = sample_surface(corners, PLACES, np.random.default_rng(len(corners)))
@@ -360,36 +375,6 @@ def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:
     if not standing.any():
         return standing
     return np.asarray(point_tree(points[standing, :2]).query(points[:, :2])[0] < width)
-
-
-def pad_gaps(
-    pad: Pad, points: Floats, places: Floats, normals: Floats, enough: float = 0.0
-) -> Floats:
-    """How far off what is beside them holds a pad from places, (k,), m, if it leans as it may.
-
-    `points` (n, 3): of the surface, m. `places`, `normals` (k, 3): of some, and out of it. No
-    further lean is tried where the pad comes as near as `enough`, m.
-    """
-    half = 0.5 * pad_width(pad)
-    count = min(BESIDES, len(points))
-    corner = math.sqrt(2.0) * half
-    beside = np.asarray(point_tree(points).query(places, count, distance_upper_bound=corner)[1])
-    known = np.concatenate([points, np.full((1, 3), np.inf)])
-    away = np.where(beside[..., None] < len(points), known[beside] - places[:, None], 0.0)
-    leaning = approach_directions(np.array([0.0, 0.0, 1.0]))
-    local = np.array([direction for tilt, direction in leaning if tilt < TILTS[-1]])
-    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    first /= np.maximum(np.linalg.norm(first, axis=1), np.finfo(float).tiny)[:, None]
-    frames = np.stack([first, np.cross(normals, first), normals], axis=1)
-    squares = np.einsum("kni,kni->kn", away, away)
-    gaps, left = np.full(len(places), np.inf), np.arange(len(places))
-    for direction in local:
-        over = np.matmul(away[left], (direction @ frames[left])[..., None])[..., 0]
-        aside = squares[left] - over**2
-        held = np.where(aside < half**2, over - 0.5 * pad.dome * aside, 0.0)
-        gaps[left] = np.minimum(gaps[left], held.max(axis=1))
-        left = left[gaps[left] > enough]
-    return gaps
 
 
 def _offers(surface: ObservedSurface) -> list[TouchOffer]:
@@ -438,19 +423,6 @@ def _best_approach(
         if tilt == 0.0 and best is not None and number in best.places:
             break  # straight on is best where it is free
     return best
-
-
-def approach_directions(normal: Floats) -> Iterator[tuple[float, Floats]]:
-    """Unit directions (3,) out of which a place may be approached, with their tilt, rad."""
-    yield 0.0, normal
-    aside = np.eye(3)[int(np.abs(normal).argmin())]
-    first = np.cross(normal, aside)
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
-    for tilt in TILTS[1:].tolist():
-        for turn in 2.0 * np.pi * np.arange(AROUND) / AROUND:
-            level = math.cos(turn) * first + math.sin(turn) * second
-            yield tilt, math.cos(tilt) * normal + math.sin(tilt) * level
 
 
 def _approach(

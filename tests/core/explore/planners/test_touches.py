@@ -142,6 +142,25 @@ def test_spanned_opening_is_unknown_until_touched():
     assert failures(replace(lying, underside_share=0.0)) == ["underside"]
 
 
+@pytest.mark.parametrize(("bend", "hides"), [((-1, -1), True), ((-1, 0), False), ((-1, 1), False)])
+def test_pit_that_holds_pad_off_may_be_the_mouth_of_a_hole(bend, hides):
+    """A table with a pit, a valley or a saddle in its middle, 5 mm from every touch there."""
+    x, y = np.meshgrid(*[np.linspace(-0.03, 0.03, 61)] * 2)
+    dip = sum(sign * np.minimum(at**2, 9e-5) for sign, at in zip(bend, (x, y), strict=True))
+    top = 0.04 + (-40.0 * dip - 7.2e-3 * (min(bend) < 0))
+    rows = np.stack([x, y, top], axis=-1).reshape(-1, 3)
+    corner = np.arange(61 * 60).reshape(60, 61)[:, :-1].ravel()
+    faces = np.concatenate([
+        np.column_stack([corner, corner + 1, corner + 61]),
+        np.column_stack([corner + 1, corner + 62, corner + 61]),
+    ])  # fmt: skip
+    middle = rows[30 * 61 + 30]
+    away = lambda at: max(5e-3 - float(np.linalg.norm(at - middle)), 0.5e-3)  # noqa: E731
+    seen = solid(shapes.Mesh(rows, faces.astype(np.int32)), EXACT, away, platform=None)
+    assert (seen.surface.unentered_hole > 4e-3) == hides
+    assert ("unentered hole" in failures(seen)) == hides
+
+
 def test_crease_that_holds_pad_off_may_hide_error():
     turn, height = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 97)[:-1], np.linspace(0.01, 0.09, 81))
     radius = 0.01 + 0.5 * np.abs(height - 0.05)  # an hourglass
