@@ -59,15 +59,21 @@ def _without(*parts: Mapping[str, Any]) -> dict[str, Any]:
     return {"boolean": {"difference": list(parts)}}
 
 
+BLOCK = {"box": {"size": [0.06, 0.05, 0.03]}, "pose": {"position": [0.0, 0.0, 0.015]}}
 # Thin and hollow things that stand on their lower end; m.
 DRAWN: Mapping[str, dict[str, Any]] = {
     "plate": {"box": {"size": [0.06, 0.008, 0.05]}},
     "ring": {"torus": {"radius": 0.03, "tube": 0.008}},
     "tube": _without(_cylinder(0.03, 0.05), _cylinder(0.022, 0.07, -0.01)),
     "mug": _without(_cylinder(0.035, 0.08), _cylinder(0.028, 0.08, 0.01)),
-    "bored block": _without(
-        {"box": {"size": [0.06, 0.05, 0.03]}, "pose": {"position": [0.0, 0.0, 0.015]}},
-        _cylinder(0.009, 0.05, -0.01),
+    "bored block": _without(BLOCK, _cylinder(0.009, 0.05, -0.01)),
+    "countersunk block": _without(
+        BLOCK,
+        _cylinder(0.004, 0.05, -0.01),
+        {
+            "cone": {"radius": 0.004, "top": 0.0102, "height": 0.0062},
+            "pose": {"position": [0.0, 0.0, 0.0271]},
+        },
     ),
 }
 
