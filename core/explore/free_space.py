@@ -25,6 +25,7 @@ MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while f
 MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
 PRESSED = 1.5e-3  # By how much, m
 VALLEY = math.radians(20.0)  # Between normals to both sides of what holds a pad off as a valley
+STEEPEST = 0.9  # Sine of half the largest angle between them that is taken at its word
 EVERY = 2  # Taxels along rows and columns: places of the face that are swept
 States = NDArray[np.uint8]
 Longs = NDArray[np.int64]
@@ -101,6 +102,8 @@ class SpannedPlaces(NamedTuple):
 
     openings: Floats  # Under which anything may be, (k, 3)
     valleys: Floats  # Between sides that lean towards each other and hold the pad off, (l, 3)
+    # How deep the surface lies there if the sides go on, over the distance from them, (l,)
+    slopes: Floats
 
 
 def sorted_spans(
@@ -125,9 +128,11 @@ def sorted_spans(
     regions, count = label(spanned, np.ones((3, 3)))
     numbers = np.arange(1, count + 1)
     enclosed = mean(binary_fill_holes(touched) & ~touched, regions, numbers)
-    leans = mean(leaning, regions, numbers) < -2.0 * math.sin(0.5 * VALLEY)
-    valley = np.append(False, leans & (np.asarray(enclosed) == 0.0))[regions]
-    return SpannedPlaces(face[(spanned & ~valley).ravel()], face[valley.ravel()])
+    sines = np.append(0.0, -0.5 * np.asarray(mean(leaning, regions, numbers)))  # of half the angle
+    is_valley = (sines > math.sin(0.5 * VALLEY)) & (np.append(0.0, enclosed) == 0.0)
+    valley = is_valley[regions]
+    slopes = np.tan(np.arcsin(np.minimum(sines, STEEPEST)))[regions[valley]]
+    return SpannedPlaces(face[(spanned & ~valley).ravel()], face[valley.ravel()], slopes)
 
 
 def _before_and_after(touched: Bools, axis: int) -> tuple[Longs, Longs]:

@@ -14,7 +14,8 @@ import numpy as np
 
 from palpate.core.archive import tree_to_bytes
 from palpate.core.arrays import Floats, Ints
-from palpate.core.geometry import nearest_points, self_intersection, solidity
+from palpate.core.explore import SpannedPlaces
+from palpate.core.geometry import nearest_points, point_tree, self_intersection, solidity
 from palpate.core.poses import IDENTITY_POSE
 from palpate.core.rebuild import LatticeSolid, fit_coarse, lattice as lattices, recover, surface
 from palpate.core.rebuild.contours import ContactPoints
@@ -38,6 +39,7 @@ _NONE = np.zeros(0)
 Goal = types.ModelGoal | types.PlanDone
 
 MOST_PARTS = 4  # Of a cell along each edge: more show nothing more
+BESIDE_VALLEY = 3.0e-3  # From where a pad spanned it: vertices as near lie in a valley, m
 HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
 NO_ARCHIVE = np.zeros(0, np.uint8)
 
@@ -142,7 +144,7 @@ def shape_model(
     candidates: Candidates,  # What was fitted; neither if there was nothing to rebuild
     solid: AnySolid | None,  # The one of these that is published
     predicted: Mapping[str, Floats],  # Mean square distances of new touches, by method, m^2
-    spanned: Floats,  # Places that pads spanned, and that nothing touched, (k, 3), m
+    spanned: SpannedPlaces,  # What pads spanned, and nothing touched
     quality: Quality | None = None,  # Of the mesh, if it is the final one
     step: Steps = no_steps,  # Told which step begins
     rejected: tuple[str, ...] = (),  # Solids that were rejected instead, and why
@@ -172,11 +174,11 @@ def shape_model(
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         missing=missing,
-        openings=_openings(spanned, volume),
+        openings=_openings(spanned.openings, volume),
         frame=frame,
         **_deviations(solid, candidates, step),
         **parts,
-        **_errors(parts["vertices"], candidates, step),
+        **_errors(parts["vertices"], candidates, spanned, step),
         **(_checked(parts["vertices"], parts["faces"], step) if final else {}),
         rejected=rejected,
         final=final,
@@ -220,7 +222,9 @@ def _openings(spanned: Floats, volume: MeshVolume) -> Floats:
     return spanned[volume.depths(spanned) > HOLLOW]
 
 
-def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, Any]:
+def _errors(
+    vertices: Floats, candidates: Candidates, spanned: SpannedPlaces, step: Steps
+) -> dict[str, Any]:
     """Distance from touch at each vertex, and the error that it lets expect, if that is known."""
     if not len(candidates.touched.points) or not len(vertices):
         return {}
@@ -229,7 +233,16 @@ def _errors(vertices: Floats, candidates: Candidates, step: Steps) -> dict[str, 
         errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
         if candidates.general is not None:
             errors, bounds = candidates.general.solid.expected_errors(vertices)
+            bounds = np.maximum(bounds, _valley_depths(vertices, spanned) * distances)
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
+
+
+def _valley_depths(vertices: Floats, spanned: SpannedPlaces) -> Floats:
+    """How deep a surface may lie below vertices (n, 3) at valleys, over the distance from touch."""
+    if not len(spanned.valleys):
+        return np.zeros(len(vertices))
+    away, nearest = point_tree(spanned.valleys).query(vertices)
+    return np.where(away < BESIDE_VALLEY, spanned.slopes[nearest], 0.0)
 
 
 def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:

@@ -396,19 +396,15 @@ def known_space(state: State, goal: Goal) -> SpaceMap:
 
 
 def spanned_by(state: State, goal: Goal) -> SpannedPlaces:
-    """What pads spanned in the touches of a set, m."""
+    """What pads spanned in the touches of a set, but openings that anything has touched near to."""
     spanned = [one for id_ in touched_goals(goal) for one in state.spanned.get(id_, ())]
-    none = SpannedPlaces(np.zeros((0, 3)), np.zeros((0, 3)))
-    return SpannedPlaces(*map(np.concatenate, zip(none, *spanned, strict=True)))
-
-
-def untouched_openings(state: State, goal: Goal) -> Floats:
-    """Places (n, 3) of openings that pads spanned and nothing has touched anywhere near, m."""
-    places = spanned_by(state, goal).openings
-    if not len(places):
-        return places
+    none = SpannedPlaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    found = SpannedPlaces(*map(np.concatenate, zip(none, *spanned, strict=True)))
+    if not len(found.openings):
+        return found
     touched = stack_points([one for one in touched_points(state, goal) if len(one.points)])
-    return places[touch_distances(touched, places) > HALF_OPENING]
+    far = touch_distances(touched, found.openings) > HALF_OPENING
+    return found._replace(openings=found.openings[far])
 
 
 def touched_points(state: State, goal: Goal) -> list[ContactPoints]:
