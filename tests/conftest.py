@@ -39,12 +39,7 @@ ALL = "--all"
 LEFT_OUT = pytest.StashKey[dict[str, int]]()  # Slow tests that were left out, by folder
 
 
-# Whose tests take up to a minute each, the longest together first.
-LONGEST_FILES = (
-    "test_pasted.py", "test_golden.py", "test_run.py", "test_init.py", "test_own.py",
-    "test_explorers.py", "test_workers.py", "test_hard_objects.py", "test_procedures.py",
-    "test_system.py", "test_gallery.py", "test_snippets.py", "test_recognition.py",
-)  # fmt: skip
+LONGEST_FILES = ("test_pasted.py", "test_hard_objects.py", "test_workers.py", "test_system.py")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -54,12 +49,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """Two workers more than cores: tests of processes wait more than they compute."""
-    return (os.cpu_count() or 1) + 2
+    """One worker more than cores: tests of processes wait more than they compute."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    items[:] = spread(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+    # Files whose tests take up to a minute each come first, so that no worker ends with them alone.
+    items.sort(key=lambda item: item.path.name not in LONGEST_FILES)
     if config.getoption(ALL) or "slow" in str(config.option.markexpr):
         return
     left_out = [item for item in items if item.get_closest_marker("slow")]
@@ -69,22 +65,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.stash[LEFT_OUT] = dict(counts)
     if hasattr(config, "workeroutput"):  # a worker of pytest-xdist: its controller reports
         config.workeroutput["left_out"] = dict(counts)
-
-
-def spread(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
-    """Tests in an order of which each worker gets an even stretch that begins with long files.
-
-    So no worker ends with a long file alone; those of one file stay together, with its fixtures.
-    """
-    files = [[one for one in items if one.path.name == name] for name in LONGEST_FILES]
-    rest = [one for one in items if one.path.name not in LONGEST_FILES]
-    share, ordered = -(-len(items) // workers), list[pytest.Item]()
-    for number in range(workers):
-        for of_file in files[number::workers]:
-            ordered += of_file
-        missing = max((number + 1) * share - len(ordered), 0)
-        ordered, rest = ordered + rest[:missing], rest[missing:]
-    return ordered + rest
 
 
 @pytest.hookimpl(optionalhook=True)
