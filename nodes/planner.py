@@ -265,8 +265,15 @@ def _surface(state: State, model: types.ShapeModel) -> planners.ObservedSurface 
     earlier = before.surface.progress if before.surface is not None and before.general else ()
     distance = state.demand.limits.unknown_distance
     pad = pad_of_info(state.info)
-    aims = known.refused, known.aimed
-    return observed_surface(model, pad, state.world, distance, *aims, earlier=earlier)
+    return observed_surface(
+        model,
+        pad,
+        state.world,
+        distance,
+        refused=known.refused,
+        aimed=known.aimed,
+        earlier=earlier,
+    )
 
 
 def _take_up(state: State, known: explore.Exploration) -> tuple[State, Outputs]:

@@ -29,7 +29,7 @@ from palpate.nodes.rebuilding.fitting import (
     is_complete,
     known_space,
     published_solid,
-    spanned_by,
+    untouched_spans,
 )
 from palpate.nodes.runtime.node import Deferred, Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
@@ -152,7 +152,7 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
         found.candidates,
         found.solid,
         found.predicted,
-        spanned_by(state, goal),
+        untouched_spans(state, goal),
         state.quality if is_final(goal) else None,
         step,
         found.rejected,

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array, not_negative, scaled_mad
+from palpate.core.geometry import axes_across
 
 FeatureGroup = Literal["V", "E", "F", "P"]  # Vertex, edge, face, parabolic point
 FeaturePlace = Literal["T", "B", "S", "M"]  # Top, bottom, side, meridian
@@ -251,13 +252,6 @@ def _first_splits(points: Floats, outward: Floats, count: int) -> list[Ints]:
     x, y = ((points - top) @ axes_across(outward).T).T
     azimuths = np.mod(np.arctan2(y, x) - turns[:, None], 2.0 * np.pi)
     return [*((azimuths * count / (2.0 * np.pi)).astype(np.int32) % count)]
-
-
-def axes_across(direction: Floats) -> Floats:
-    """Two unit vectors (2, 3) square to a direction (3,) and to each other."""
-    first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first)])
 
 
 def _settled(

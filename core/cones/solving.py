@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, positive
-from palpate.core.cones.features import ENDS, Feature, axes_across
+from palpate.core.cones.features import ENDS, Feature
+from palpate.core.geometry import axes_across
 
 ANGLE_NOISE = math.radians(1.0)  # Of both components of a measured direction across itself
 POSITION_NOISE = 1e-4  # Of each coordinate of a touched point, m

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats
+from palpate.core.geometry import point_tree
 from palpate.core.poses import Pose
 from palpate.core.touch import Pad
 
@@ -24,8 +25,6 @@ VOXEL = 2.5e-3  # Edge of one, m: a sixth of a pad
 MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while free ones are listed
 MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
 PRESSED = 1.5e-3  # By how much, m
-VALLEY = math.radians(20.0)  # Between normals to both sides of what holds a pad off as a valley
-STEEPEST = 0.9  # Sine of half the largest angle between them that is taken at its word
 EVERY = 2  # Taxels along rows and columns: places of the face that are swept
 States = NDArray[np.uint8]
 Longs = NDArray[np.int64]
@@ -97,23 +96,46 @@ def spanned_places(pad: Pad, pose: Pose, touched: Bools) -> Floats:
     return pose.to_outer(_face(pad)[spanned.ravel()])
 
 
-class SpannedPlaces(NamedTuple):
-    """Places on the face of a pad that nothing touched, between others that were, m."""
+@dataclass(frozen=True, slots=True)
+class ValleySettings:
+    """Which spanned places lie in a valley.
 
-    openings: Floats  # Under which anything may be, (k, 3)
-    valleys: Floats  # Between sides that lean towards each other and hold the pad off, (l, 3)
-    # How deep the surface lies there if the sides go on, over the distance from them, (l,)
-    slopes: Floats
+    The sides of a right-angled step lean by 90 degrees, those of a bore in a plane not at all.
+    """
+
+    min_angle: float = 20.0  # [deg] between the normals to both sides
+    max_half_sine: float = 0.9  # sine of half that angle: larger ones count as this
+    reach: float = 3.0e-3  # [m] of a valley from where a pad spanned it
+
+
+class SpannedPlaces(NamedTuple):
+    """Places on the face of a pad without contact between taxels with contact, world frame, m."""
+
+    openings: Floats  # (k, 3): the surface behind may have any depth
+    valleys: Floats  # (l, 3): the sides lean towards each other and hold the pad off
+    slopes: Floats  # (l,): depth of the valley if its sides continue, over the distance from them
+
+    def slopes_at(self, places: Floats, settings: ValleySettings = ValleySettings()) -> Floats:
+        """Slopes (n,) of the nearest valleys at places (n, 3) [m]; 0 outside all valleys."""
+        if not len(self.valleys):
+            return np.zeros(len(places))
+        distances, nearest = point_tree(self.valleys).query(places)
+        return np.where(distances < settings.reach, self.slopes[nearest], 0.0)
 
 
 def sorted_spans(
-    pad: Pad, pose: Pose, touched: Bools, points: Floats, normals: Floats
+    pad: Pad,
+    pose: Pose,
+    touched: Bools,
+    points: Floats,
+    normals: Floats,
+    settings: ValleySettings = ValleySettings(),
 ) -> SpannedPlaces:
-    """The spanned places of a touch, as `spanned_places`, by what may be under them.
+    """The `spanned_places` of a touch, divided into openings and valleys.
 
-    `points`, `normals` (k, 3): where the pad touched, m, and outwards there. To both sides of a
-    valley normals lean towards each other, by over `VALLEY` in the mean of all its taxels, along
-    rows or columns; what was touched all around is none.
+    `points`, `normals` (k, 3): the contacts [m] and their outward normals. A connected region of
+    spanned taxels is a valley if the mean angle between the normals to both sides of its taxels,
+    along rows or columns, exceeds `min_angle`, and no part of it is enclosed by contact.
     """
     from scipy.ndimage import binary_fill_holes, label, mean
 
@@ -129,16 +151,17 @@ def sorted_spans(
     numbers = np.arange(1, count + 1)
     enclosed = mean(binary_fill_holes(touched) & ~touched, regions, numbers)
     sines = np.append(0.0, -0.5 * np.asarray(mean(leaning, regions, numbers)))  # of half the angle
-    is_valley = (sines > math.sin(0.5 * VALLEY)) & (np.append(0.0, enclosed) == 0.0)
+    min_sine = math.sin(0.5 * math.radians(settings.min_angle))
+    is_valley = (sines > min_sine) & (np.append(0.0, enclosed) == 0.0)
     valley = is_valley[regions]
-    slopes = np.tan(np.arcsin(np.minimum(sines, STEEPEST)))[regions[valley]]
+    slopes = np.tan(np.arcsin(np.minimum(sines, settings.max_half_sine)))[regions[valley]]
     return SpannedPlaces(face[(spanned & ~valley).ravel()], face[valley.ravel()], slopes)
 
 
 def _before_and_after(touched: Bools, axis: int) -> tuple[Longs, Longs]:
-    """Numbers (rows, cols) of the nearest touched taxels to both sides of those that are not.
+    """Numbers (rows, cols) of the nearest touched taxels before and after each untouched taxel.
 
-    -1 for touched taxels, and where there is none to a side.
+    -1 at touched taxels, and where one of the two is missing.
     """
     numbers = np.arange(touched.size).reshape(touched.shape)
     before = np.maximum.accumulate(np.where(touched, numbers, -1), axis=axis)
@@ -155,9 +178,10 @@ def _face(pad: Pad) -> Floats:
 
 
 def _leaning(before: Floats, after: Floats, points: Floats, normals: Floats) -> Floats:
-    """How far normals nearest to places to both sides, (n, 3) each, lean apart; to each other: < 0.
+    """Difference (n,) of the normals to both sides, along the line between the sides.
 
-    As the difference of unit vectors along the way between the places, (n,).
+    `before`, `after` (n, 3): places of the two sides [m]; the normal of each is that of the nearest
+    of `points`. Negative where the normals lean towards each other.
     """
     if not len(before) or not len(points):
         return np.zeros(len(before))

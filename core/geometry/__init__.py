@@ -26,6 +26,7 @@ from palpate.core.geometry.meshes import (
     SHARP as SHARP,
     are_outside as are_outside,
     areas_and_normals as areas_and_normals,
+    axes_across as axes_across,
     close_rings as close_rings,
     corner_normals as corner_normals,
     face_edges as face_edges,

@@ -162,6 +162,13 @@ def areas_and_normals(corners: Floats) -> tuple[Floats, Floats]:
     return 0.5 * length, cross / np.where(length > 0.0, length, 1.0)[:, None]
 
 
+def axes_across(directions: Floats) -> Floats:
+    """Two unit vectors (..., 2, 3) perpendicular to unit vectors (..., 3) and to each other."""
+    first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=-1)])
+    first /= np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), np.finfo(float).tiny)
+    return np.stack([first, np.cross(directions, first)], axis=-2)
+
+
 def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Ints]:
     """Watertight mesh of genus 0 from two poles and the rings between them.
 

@@ -20,6 +20,7 @@ import scipy
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import (
     areas_and_normals,
+    axes_across,
     nearest_points,
     nearest_search,
     self_intersection,
@@ -125,10 +126,7 @@ def _outer_hits(
     plane = np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1).reshape(-1, 2)
     places, normals = [], []
     for direction in _directions(settings.n_directions):
-        first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
-        first /= np.linalg.norm(first)
-        axes = np.stack([first, np.cross(direction, first)])
-        origins = middle - 2.0 * reach * direction + plane @ axes
+        origins = middle - 2.0 * reach * direction + plane @ axes_across(direction)
         hits = rays.first_hits(origins, direction)
         met = np.flatnonzero(hits.faces >= 0)
         facing = units[hits.faces[met]]
@@ -242,7 +240,10 @@ def without_crossings(places: Floats, moved: Floats, faces: Ints, max_rounds: in
 
 
 def _may_cross(vertices: Floats, faces: Ints, changed: Ints) -> Bools:
-    """Which faces (m, 3) lie so near to changed vertices (k,) that they may cross one of theirs."""
+    """Which faces (m, 3) may cross a face of the changed vertices (k,).
+
+    A face that crosses another has a corner within twice the longest edge of each of its corners.
+    """
     corners = vertices[faces]
     longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
     tree = scipy.spatial.cKDTree(vertices[changed])

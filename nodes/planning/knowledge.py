@@ -37,9 +37,9 @@ def observed_surface(
     pad: Pad,  # Of the finger
     world: World,
     unknown_distance: float,  # From every touch, beyond which a place is unknown, m
+    *,
     refused: Floats | None = None,  # What touches were aimed at in vain, (n, 3), m
     aimed: Floats | None = None,  # What single touches were aimed at, (n, 3), m
-    *,
     earlier: tuple[Progress, ...] = (),  # What was known with fewer touches
 ) -> ObservedSurface | None:
     """The model as planners of single touches are told of it; None if nothing tells of errors."""

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.core.archive import tree_to_bytes
 from palpate.core.arrays import Floats, Ints
 from palpate.core.explore import SpannedPlaces
-from palpate.core.geometry import nearest_points, point_tree, self_intersection, solidity
+from palpate.core.geometry import nearest_points, self_intersection, solidity
 from palpate.core.poses import IDENTITY_POSE
 from palpate.core.rebuild import LatticeSolid, fit_coarse, lattice as lattices, recover, surface
 from palpate.core.rebuild.contours import ContactPoints
@@ -39,7 +39,6 @@ _NONE = np.zeros(0)
 Goal = types.ModelGoal | types.PlanDone
 
 MOST_PARTS = 4  # Of a cell along each edge: more show nothing more
-BESIDE_VALLEY = 3.0e-3  # From where a pad spanned it: vertices as near lie in a valley, m
 HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
 NO_ARCHIVE = np.zeros(0, np.uint8)
 
@@ -233,16 +232,8 @@ def _errors(
         errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
         if candidates.general is not None:
             errors, bounds = candidates.general.solid.expected_errors(vertices)
-            bounds = np.maximum(bounds, _valley_depths(vertices, spanned) * distances)
+            bounds = np.maximum(bounds, spanned.slopes_at(vertices) * distances)
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
-
-
-def _valley_depths(vertices: Floats, spanned: SpannedPlaces) -> Floats:
-    """How deep a surface may lie below vertices (n, 3) at valleys, over the distance from touch."""
-    if not len(spanned.valleys):
-        return np.zeros(len(vertices))
-    away, nearest = point_tree(spanned.valleys).query(vertices)
-    return np.where(away < BESIDE_VALLEY, spanned.slopes[nearest], 0.0)
 
 
 def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:

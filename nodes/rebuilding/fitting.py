@@ -396,15 +396,20 @@ def known_space(state: State, goal: Goal) -> SpaceMap:
 
 
 def spanned_by(state: State, goal: Goal) -> SpannedPlaces:
-    """What pads spanned in the touches of a set, but openings that anything has touched near to."""
-    spanned = [one for id_ in touched_goals(goal) for one in state.spanned.get(id_, ())]
+    """The places that pads spanned in the touches of a set [m]."""
+    touches = [one for id_ in touched_goals(goal) for one in state.spanned.get(id_, ())]
     none = SpannedPlaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    found = SpannedPlaces(*map(np.concatenate, zip(none, *spanned, strict=True)))
-    if not len(found.openings):
-        return found
-    touched = stack_points([one for one in touched_points(state, goal) if len(one.points)])
-    far = touch_distances(touched, found.openings) > HALF_OPENING
-    return found._replace(openings=found.openings[far])
+    return SpannedPlaces(*map(np.concatenate, zip(none, *touches, strict=True)))
+
+
+def untouched_spans(state: State, goal: Goal) -> SpannedPlaces:
+    """The same without openings near to which anything was touched."""
+    spanned = spanned_by(state, goal)
+    if not len(spanned.openings):
+        return spanned
+    contacts = stack_points([one for one in touched_points(state, goal) if len(one.points)])
+    is_far = touch_distances(contacts, spanned.openings) > HALF_OPENING
+    return spanned._replace(openings=spanned.openings[is_far])
 
 
 def touched_points(state: State, goal: Goal) -> list[ContactPoints]:

@@ -137,7 +137,7 @@ def missing_error(
     order = np.argsort(touched.touch, kind="stable")
     _, first, counts = np.unique(touched.touch[order], return_index=True, return_counts=True)
     middles = touched.points[order[first + counts // 2]]
-    # Near to a vertex they are near to the surface: it is asked of few others.
+    # A point near a vertex is near the surface: only the others need the exact distance.
     vertices, near = point_tree(volume.mesh.vertices), settings.max_missing_offset
     off = np.asarray(vertices.query(middles, distance_upper_bound=near)[0])
     if np.isinf(off).any():

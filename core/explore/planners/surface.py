@@ -20,7 +20,7 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.explore.planners.hollows import (
-    BESIDES,
+    HOLLOWS,
     approach_directions,
     least_concavity,
     pad_gaps,
@@ -53,12 +53,7 @@ HIDDEN_SLOPE = 0.5  # Error that an unknown place may hide, over its distance fr
 OPENINGS = 8  # Of which the middles are told
 LEAST_MEAN = 0.3  # Length of a mean normal below which they point everywhere
 BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes it, m
-OPENING_AIMS = 2  # Touches aimed at an opening after which it is left
 HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
-CREASED = 1.0e-3  # Between a pad that rests on what is about a place, and the place: a crease, m
-# A place of a crease that lies so far from touch, m, and about which the surface is concave all
-# around, with a radius below this, m, may be the mouth of a bore: a countersink is.
-PIT_DISTANCE, PIT_RADIUS = 2.5e-3, 20.0e-3
 CREASE_SLOPE = 0.3  # Error that a crease may hide, over its distance from touch
 # Share of the tolerance that must be left for what touches reach; it takes twice the touches.
 LEAST_ROOM = 0.8
@@ -126,9 +121,9 @@ class ObservedSurface:
     def squares(self) -> Floats:
         """Squared errors at the places, (n,); 0 where nobody can touch, or did in vain.
 
-        Where nothing tells of errors, distances from what was touched stand for them. An opening
-        is worth what it may hide until `OPENING_AIMS` touches were aimed at it, the one that found
-        it among them: most are none, but places where the solid is a little too large.
+        Without known errors, distances from what was touched stand for them. An opening counts with
+        the error that it may hide until `n_opening_aims` touches were aimed at it, including the
+        one that found it: most turn out to be places where the solid is a little too large.
         """
         places, near = self.places, 0.5 * NEAR * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
@@ -138,7 +133,7 @@ class ObservedSurface:
         if len(self.aimed) and places.spanned.any():
             middles = places.points[_middles(places, places.spanned)]
             aims = point_tree(self.aimed).query_ball_point(middles, 2.0 * near, return_length=True)
-            tried = np.asarray(aims) >= OPENING_AIMS
+            tried = np.asarray(aims) >= HOLLOWS.n_opening_aims
             squares[places.spanned & tried[point_tree(middles).query(places.points)[1]]] = 0.0
         return np.where(places.standing, 0.0, squares)
 
@@ -223,15 +218,21 @@ class ObservedSurface:
         return float(np.sqrt(squares.mean())) if len(squares) else 0.0
 
     @cached_property
+    def neighbours(self) -> Ints:
+        """Numbers of places, so few that a pad's worth of them are `n_neighbours`."""
+        in_reach = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES / self.area
+        return np.arange(0, PLACES, max(round(in_reach / HOLLOWS.n_neighbours), 1), dtype=np.int32)
+
+    @cached_property
     def creased(self) -> Bools:
         """At which places what is beside them holds a pad off, however it leans, (n,)."""
         places = self.places
-        creased = ~places.standing & (places.distances > CREASED)
+        creased = ~places.standing & (places.distances > HOLLOWS.min_gap)
         if creased.any():
-            around = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES / self.area
-            beside = places.points[:: max(round(around / BESIDES), 1)]
             there = places.points[creased], places.normals[creased]
-            creased[creased] = pad_gaps(self.pad, beside, *there, enough=CREASED) > CREASED
+            beside = places.points[self.neighbours]
+            gaps = pad_gaps(self.pad, beside, *there, enough=HOLLOWS.min_gap)
+            creased[creased] = gaps > HOLLOWS.min_gap
         return creased
 
     @cached_property
@@ -244,14 +245,14 @@ class ObservedSurface:
 
     @cached_property
     def pits(self) -> Bools:
-        """Which places may be the mouth of a hole below a pit that holds pads off, (n,)."""
+        """Which places of creases are concave all around, (n,): a hole may go on below them."""
         places = self.places
-        pits = self.creased & (places.distances > PIT_DISTANCE)
+        pits = self.creased & (places.distances > HOLLOWS.min_pit_distance)
         if pits.any():
+            beside = places.points[self.neighbours], places.normals[self.neighbours]
             there = places.points[pits], places.normals[pits]
-            around = pad_width(self.pad) / 2.0
-            found = least_concavity(places.points, places.normals, *there, around)
-            pits[pits] = found > 1.0 / PIT_RADIUS
+            concavity = least_concavity(*beside, *there, 0.5 * pad_width(self.pad))
+            pits[pits] = concavity > 1.0 / HOLLOWS.max_pit_radius
         return pits
 
     @cached_property

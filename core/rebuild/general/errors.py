@@ -28,6 +28,7 @@ import numpy as np
 import scipy
 
 from palpate.core.arrays import Floats
+from palpate.core.geometry import axes_across
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.band import basis_values
 from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, Solution, TouchedPoints
@@ -58,9 +59,9 @@ class ErrorSettings:
     open_distance: float = 2.5e-3
     open_growth: float = 2.5e-3
     max_open_factor: float = 1.5
-    # Of the bend [rad], between which the common error grows to `edge_factor` times as much. Boxes
-    # with sharp edges are off by 0.25 to 0.4 mm there, however often they are touched.
-    edge_bends: tuple[float, float] = (0.3, 0.8)
+    # The common error grows between these bends to `edge_factor` times its value. Drawn boxes with
+    # sharp edges err by 0.25 to 0.4 mm there, even with 230 touches.
+    edge_bends: tuple[float, float] = (0.3, 0.8)  # [rad]
     edge_factor: float = 3.0
     calibrated_growth: float = 1.5  # times as many touches: then a draft is calibrated again
     max_ratio: float = 10.0  # of a touch's squared offset over the expected one, in their mean
@@ -109,7 +110,7 @@ def bend_factors(bends: Floats) -> Floats:
 
 
 def _edge_factors(bends: Floats) -> Floats:
-    """Times as much as elsewhere that the common error counts where the surface is so bent, rad."""
+    """Factors (n,) of the common error at places with these bends (n,) [rad]."""
     return np.asarray(np.interp(bends, ERRORS.edge_bends, (1.0, ERRORS.edge_factor)))
 
 
@@ -177,7 +178,7 @@ def _by_distance(distances: Floats, variances: Floats, cell: float) -> tuple[Flo
 
 
 def _smoother(errors: Floats, scale: float) -> Floats:
-    """Errors by distance, which grow less where touches agree better than usual."""
+    """Errors by distance, whose growth is reduced where `scale` is below the usual calibration."""
     growing = min(scale / ERRORS.usual_calibration, 1.0)
     return np.asarray(np.sqrt(errors[0] ** 2 + growing * (errors**2 - errors[0] ** 2)))
 
@@ -191,12 +192,11 @@ def _bends(fit: ImplicitFit, places: Floats, reach: float) -> Floats:
     normals = _unit_gradients(fit, places)
     known = np.isfinite(normals).all(axis=1)
     places, normals = places[known], normals[known]
-    side = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(normals, side)
+    axes = axes_across(normals)
     least = np.ones(len(places))  # cosine
     for turn in np.linspace(0.0, 2.0 * np.pi, N_BEND_DIRECTIONS, endpoint=False):
-        there = _unit_gradients(fit, places + reach * (np.cos(turn) * side + np.sin(turn) * other))
+        beside = places + reach * (np.cos(turn) * axes[:, 0] + np.sin(turn) * axes[:, 1])
+        there = _unit_gradients(fit, beside)
         least = np.fmin(least, np.einsum("ni,ni->n", normals, there))
     bends[known] = np.arccos(np.clip(least, -1.0, 1.0))
     return bends

@@ -7,6 +7,7 @@ that it enters. Where touches lie close together a finer spline is fitted over i
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -170,6 +171,17 @@ class Following(NamedTuple):
     let_go: float = 0.0  # Fraction of the cells that the surface may leave for others
 
 
+@dataclass(frozen=True, slots=True)
+class SpannedSettings:
+    """How the spline is kept behind places that a pad spanned."""
+
+    weight: float = 0.2  # of such a place, over that of a touched point
+    max_depth: float = 0.15e-3  # [m] of the surface behind such a place, up to which it is fitted
+
+
+SPANNED = SpannedSettings()
+
+
 class Setting(NamedTuple):
     """What a spline is fitted to; m."""
 
@@ -195,7 +207,7 @@ class Setting(NamedTuple):
         touched = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
         points = self._held_off(touched, cell, before)
         start = plain_start(len(points.places), int(points.touch.max()) + 1)
-        start.weights[len(places) :] = solid.SPANNED_WEIGHT
+        start.weights[len(places) :] = SPANNED.weight
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
@@ -227,15 +239,15 @@ class Setting(NamedTuple):
     def _held_off(
         self, touched: TouchedPoints, cell: float, before: Spline | None
     ) -> TouchedPoints:
-        """With those spanned places that an earlier spline has inside, or nearly, at its surface.
+        """The touched points, and those spanned places that an earlier spline does not clear.
 
-        They are displaced with the touch that is nearest.
+        Each spanned place belongs to the touch of the nearest point, and is displaced with it.
         """
         if before is None or not len(self.spanned):
             return touched
         places = self.spanned - self.origin
         value, gradient = before.fit.band.evaluate(before.fit.control, places / before.cell)
-        inside = before.cell * value < solid.SPANNED_MARGIN  # False where it is NaN
+        inside = before.cell * value < SPANNED.max_depth  # False where it is NaN
         places, gradient = places[inside] / cell, gradient[inside]
         slope = np.linalg.norm(gradient, axis=1, keepdims=True)
         nearest = scipy.spatial.cKDTree(touched.places).query(places)[1]

@@ -34,9 +34,6 @@ from palpate.core.shapes import Mesh, grid_surface, without_crossings
 
 FINE, COARSE = 4.0e-3, 5.0e-3  # Edge of a cell in the end, and before it, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
-# Weight of a place that a pad spanned, over that of a touched one; and how far behind it, m, the
-# surface may lie to be drawn to it: what lies deeper is let alone.
-SPANNED_WEIGHT, SPANNED_MARGIN = 0.2, 0.15e-3
 VARIATION, ANCHOR = 0.05, 1e6  # m and 1/m^5: of the energy's last two terms
 DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones
 POSE = 0.1e-3  # Of a touch's displacement, m
@@ -47,12 +44,21 @@ LOCAL_REACH = 12.0e-3  # Of a touch: the solid is fitted anew so far about it, m
 LEAST_SLOPE = 0.2  # Of the spline's gradient: a flatter one is no distance
 LOWEST = 0.5  # Percent of the points: those are not the height above which an object was touched
 FARTHEST = 15.0e-3  # m
-# What reaches so far beyond the convex hull of all that was touched is made up, m. Its error is
-# what is over that, the bound so many times.
-PROTRUDING, PROTRUDING_FACTOR = 1.0e-3, 1.5
-# Of touched points one for each cube of this edge, m or of the extent, spans the hull.
-GRID, GRID_SHARE = 2.0e-3, 0.01
-BLOCK = 1_000_000  # Pairs of places and faces of the hull that are looked at together
+
+
+@dataclass(frozen=True, slots=True)
+class ProtrusionSettings:
+    """The error of surface beyond the convex hull of all touched points, which no touch supports."""
+
+    min_height: float = 1.0e-3  # [m] over the hull: the error is the height over this
+    bound_factor: float = 1.5  # of a bound, over that error
+    # The hull is that of one point for each cube of the larger of both edges.
+    grid: float = 2.0e-3  # [m]
+    grid_share: float = 0.01  # fraction of the extent of the touched points
+    n_pairs: int = 1_000_000  # of a place and a face of the hull, compared at a time
+
+
+PROTRUSIONS = ProtrusionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,10 +172,10 @@ class GeneralSolid(Solid):
         """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
         distances = touch_distances(self.contacts, places)
         errors, bounds = self.predicted.at(places - self.origin, distances)
-        outer = distances > PROTRUDING  # nothing else can lie so far beyond what was touched
-        beyond = protrusions(self.contacts.points, places[outer]) - PROTRUDING
+        outer = distances > PROTRUSIONS.min_height  # no other place lies as far over the hull
+        beyond = protrusions(self.contacts.points, places[outer]) - PROTRUSIONS.min_height
         errors[outer] = np.maximum(errors[outer], beyond)
-        bounds[outer] = np.maximum(bounds[outer], PROTRUDING_FACTOR * beyond)
+        bounds[outer] = np.maximum(bounds[outer], PROTRUSIONS.bound_factor * beyond)
         return errors, bounds
 
     def covers(self, places: Floats) -> bool:
@@ -282,13 +288,14 @@ def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
 
 def protrusions(touched: Floats, places: Floats) -> Floats:
     """How far places (n, 3) lie beyond the convex hull of touched points (k, 3), (n,), m, or 0."""
-    grid = max(GRID, GRID_SHARE * float(np.ptp(touched, axis=0).max()))
+    extent = float(np.ptp(touched, axis=0).max())
+    grid = max(PROTRUSIONS.grid, PROTRUSIONS.grid_share * extent)
     _, first = np.unique(np.floor(touched / grid), axis=0, return_index=True)
     beyond = np.zeros(len(places))
     if len(first) <= touched.shape[1]:
         return beyond
     faces = scipy.spatial.ConvexHull(touched[first], qhull_options="QJ").equations
-    block = max(BLOCK // len(faces), 1)
+    block = max(PROTRUSIONS.n_pairs // len(faces), 1)
     for begin in range(0, len(places), block):
         some = slice(begin, begin + block)
         beyond[some] = (places[some] @ faces[:, :3].T + faces[:, 3]).max(axis=1)

@@ -119,7 +119,7 @@ def test_known_solid_ends_touches():
 def test_spanned_opening_is_unknown_until_touched():
     top = MIDDLE + [0.0, 0.0, RADIUS]
     mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
-    away = lambda at: max(4e-3 - float(np.linalg.norm(at - top)), 1e-3)  # noqa: E731
+    away = lambda at: np.clip(6e-3 - float(np.linalg.norm(at - top)), 1e-3, 3e-3)  # noqa: E731
     aimed = list[Floats]()
     while isinstance(
         choice := Touches().next(
@@ -129,10 +129,10 @@ def test_spanned_opening_is_unknown_until_touched():
     ):
         assert np.linalg.norm(choice.target - top) < 6e-3
         aimed.append(choice.target)
-    assert 2 <= len(aimed) <= 4
+    assert isinstance(choice, Stop) and 2 <= len(aimed) <= 4
     estimate = estimate_error(opened)
     assert failures(opened) == ["error bound", "unentered hole"]
-    assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.2)
+    assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.1)
     assert estimate.rms_bound_95 > 1e-4  # what it may hide counts
     assert np.linalg.norm(estimate.open_area.places[0] - top) < 5e-3
     assert estimate_error(ball(EXACT, openings=mouth)).reached
