@@ -48,7 +48,7 @@ FARTHEST = 15.0e-3  # m
 
 @dataclass(frozen=True, slots=True)
 class ProtrusionSettings:
-    """The error of surface beyond the convex hull of all touched points, which no touch supports."""
+    """The error of surface beyond the convex hull of all touched points."""
 
     min_height: float = 1.0e-3  # [m] over the hull: the error is the height over this
     bound_factor: float = 1.5  # of a bound, over that error
