@@ -169,6 +169,7 @@ Ratio = Annotated[float, Unit("1")]
 Count = Annotated[int, Unit("#")]
 # Position x, y, z in m, then a unit quaternion x, y, z, w.
 Pose = Annotated[Floats, Array("<f8", (7,), "m, 1")]
+Poses = Annotated[Floats, Array("<f8", (None, 7), "m, 1")]
 Vector = Annotated[Floats, Array("<f8", (3,), "m")]
 Direction = Annotated[Floats, Array("<f8", (3,), "1")]
 PlanarPoint = Annotated[Floats, Array("<f8", (2,), "m")]

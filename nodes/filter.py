@@ -71,6 +71,7 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
         goal=frame.goal,
         touch=frame.touch,
         finger=frame.finger,
+        placement=frame.placement,
         direction=frame.direction,
         pose=frame.pose,
         outcome=frame.outcome,

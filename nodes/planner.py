@@ -18,11 +18,17 @@ from palpate.core.explore import planners
 from palpate.core.poses import Pose
 from palpate.core.robot_time import RobotPreset
 from palpate.messages import types
-from palpate.nodes.planning.knowledge import fitted_superquadric, observed_surface, plan_done
+from palpate.nodes.planning.knowledge import (
+    fitted_superquadric,
+    lying_of,
+    observed_surface,
+    plan_done,
+)
 from palpate.nodes.runtime.node import Deferred, Node, NotReadyError, Outputs
 from palpate.nodes.specs.sensors import CONTACT_ERROR, pad_of_info, resolution_of_info
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
+MOST_TURNS = 8
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -43,6 +49,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     touch_ends: bool = True
     # What the object stands on, which nothing can touch: taken for flat, or asked to be known.
     underside: explore.Underside = "flat"
+    # Times that the object may be turned over, where that lets more of it be touched.
+    turns: Annotated[int, Meta(ge=0, le=MOST_TURNS)] = 1
     # Along which the object is sliced, in the world, of any length; null for its own axis.
     axis: tuple[float, float, float] | None = None
 
@@ -82,6 +90,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             most_touches=math.inf if self.most_touches is None else self.most_touches,
             most_seconds=math.inf if self.most_seconds is None else self.most_seconds,
             underside=self.underside,
+            most_turns=self.turns,
         )
 
 
@@ -168,6 +177,11 @@ def take_contacts(
     return _act(state, explore.with_contacts(state.explored, points, normals, contacts.robot_time))
 
 
+def take_turned(params: Params, state: State, turned: types.Turned) -> tuple[State, Outputs]:
+    """Find out how the object lies now."""
+    return _act(state, explore.with_turned(state.explored, turned.robot_time))
+
+
 def take_coarse(params: Params, state: State, coarse: types.Superquadric) -> tuple[State, Outputs]:
     """Fix the slicing frame."""
     fit = fitted_superquadric(coarse)
@@ -227,13 +241,17 @@ def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[S
     if model.final:
         return state, []
     state = replace(state, demand=params.demand)
+    lying = lying_of(model, state.explored.lying)
     known = explore.with_model(
         state.explored,
         dropped=frozenset(model.dropped),
         uncertainty=_uncertainty(model),
-        surface=_surface(state, model),
+        surface=None if lying.pose is None else _surface(state, model, lying.pose),
         general=model.method == "general",
+        lying=lying,
     )
+    if known.lying.fault:
+        return _act(state, known)
     observation = known.observation(state.demand)
     state, outputs = _act(state, known)
     # Nobody waits for what is said of it.
@@ -258,11 +276,17 @@ def _uncertainty(model: types.ShapeModel) -> explore.ModelUncertainty:
     )
 
 
-def _surface(state: State, model: types.ShapeModel) -> planners.ObservedSurface | None:
-    """The model as planners of single touches are told of it; None if nothing tells of errors."""
+def _surface(state: State, model: types.ShapeModel, pose: Pose) -> planners.ObservedSurface | None:
+    """The model as planners of single touches are told of it; None if nothing tells of errors.
+
+    `pose`: of the object in the world.
+    """
     assert state.world is not None and state.info is not None
     known, before = state.explored, state.explored.model
-    earlier = before.surface.progress if before.surface is not None and before.general else ()
+    known = replace(known, lying=known.lying._replace(pose=pose))
+    before_surface = before.surface if before.general else None
+    is_as_before = before_surface is not None and state.explored.lying.pose is not None
+    earlier = before_surface.progress if before_surface is not None and is_as_before else ()
     distance = state.demand.limits.unknown_distance
     pad = pad_of_info(state.info)
     return observed_surface(
@@ -273,6 +297,7 @@ def _surface(state: State, model: types.ShapeModel) -> planners.ObservedSurface 
         refused=known.refused,
         aimed=known.aimed,
         earlier=earlier,
+        pose=pose if known.lying.placement else None,
     )
 
 
@@ -302,33 +327,42 @@ def _messages(goal: explore.Goal, known: explore.Exploration, demand: explore.De
     match goal:
         case explore.CloseHand():
             return [("/hand/goal", _grasp_goal(goal, known))]
+        case explore.TurnObject():
+            return [("/hand/turn", _turn_goal(goal, known))]
         case explore.MakeModel():
             return [("/model/goal", _model_goal(known))]
         case explore.Done():
             return _last_words(goal.reason, known, demand)
         case explore.Task():
-            return [_task_goal(goal, known.surveyed.frame.pose)]
+            return [_task_goal(goal, known.surveyed.frame.pose, known.lying.placement)]
 
 
-def _task_goal(task: explore.Task, frame: Pose) -> tuple[str, object]:
+def _task_goal(task: explore.Task, frame: Pose, placement: int) -> tuple[str, object]:
     match task.work:
         case explore.TraceSlice() as work:
             return "/contour/goal", _contour_goal(task, work, frame)
         case explore.TouchEnd(_, command):
-            return "/probe/goal", _probe_goal(task, frame @ command.pose, command.reach)
+            return "/probe/goal", _probe_goal(task, frame @ command.pose, command.reach, 0)
         case explore.SingleTouch(touch):
-            return "/probe/goal", _probe_goal(task, touch.pose, touch.reach)
+            return "/probe/goal", _probe_goal(task, touch.pose, touch.reach, placement)
 
 
 def _grasp_goal(goal: explore.CloseHand, known: explore.Exploration) -> types.GraspGoal:
     return types.GraspGoal(
         number=known.hand.closings,
+        placement=known.lying.placement,
         pose=goal.pose.array,
         fingers=goal.hand.fingers,
         opening=goal.hand.opening,
         reach=goal.hand.reach,
         advanced=np.array(goal.hand.advanced),
         not_before=known.seconds,
+    )
+
+
+def _turn_goal(goal: explore.TurnObject, known: explore.Exploration) -> types.TurnGoal:
+    return types.TurnGoal(
+        placement=known.lying.placement, pose=goal.pose.array, not_before=known.seconds
     )
 
 
@@ -348,10 +382,11 @@ def _contour_goal(task: explore.Task, work: explore.TraceSlice, frame: Pose) -> 
     )
 
 
-def _probe_goal(task: explore.Task, pose: Pose, reach: float) -> types.ProbeGoal:
+def _probe_goal(task: explore.Task, pose: Pose, reach: float, placement: int) -> types.ProbeGoal:
     return types.ProbeGoal(
         id=task.number,
         finger=task.finger,
+        placement=placement,
         pose=pose.array,
         reach=reach,
         not_before=task.start,
@@ -417,6 +452,7 @@ NODE = Node(
         "/world": (types.World, know_world),
         "/touch/info": (types.SensorInfo, know_sensor),
         "/hand/contacts": (types.GraspContacts, take_contacts),
+        "/hand/turned": (types.Turned, take_turned),
         "/model/coarse": (types.Superquadric, take_coarse),
         "/finger/clock": (types.FingerClock, take_clock),
         "/contour/traced": (types.Contour, take_result),
@@ -425,6 +461,7 @@ NODE = Node(
     },
     outputs={
         "/hand/goal": types.GraspGoal,
+        "/hand/turn": types.TurnGoal,
         "/contour/goal": types.ContourGoal,
         "/probe/goal": types.ProbeGoal,
         "/model/goal": types.ModelGoal,

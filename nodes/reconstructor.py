@@ -20,15 +20,15 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.steps import Steps
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, coarse_model, is_final, shape_model
-from palpate.nodes.rebuilding.fitting import (
-    TOUCHED_OUTCOMES,
+from palpate.nodes.rebuilding.fitting import TOUCHED_OUTCOMES, published_solid, seen_state
+from palpate.nodes.rebuilding.received import (
     Goal,
     State,
     Way,
+    closings_in,
     is_coarse,
     is_complete,
     known_space,
-    published_solid,
     untouched_spans,
 )
 from palpate.nodes.runtime.node import Deferred, Node, Outputs
@@ -66,22 +66,29 @@ def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[S
 
 def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
     """Keep what a touch measured."""
-    assert state.pad is not None and state.space is not None
-    pose = Pose.from_array(patch.pose)
     points = ContactPoints.of_touch(patch.points, patch.normals)
     of_goal = {**state.touches.get(patch.goal, {}), patch.touch: points}
-    swept, spanned = state.swept, state.spanned
-    if patch.outcome != "inside":
-        met = patch.outcome in TOUCHED_OUTCOMES
-        places = swept_places(
-            state.pad, pose.advanced(-patch.advance), pose, state.space.step, touched=met
-        )
-        freed = (*swept.get(patch.goal, ()), state.space.numbers(places))
-        swept = {**swept, patch.goal: freed}
-        found = sorted_spans(state.pad, pose, patch.mask, patch.points, patch.normals)
-        spanned = {**spanned, patch.goal: (*spanned.get(patch.goal, ()), found)}
-    touches = {**state.touches, patch.goal: of_goal}
-    return _fit_ready(replace(state, touches=touches, swept=swept, spanned=spanned))
+    state = replace(state, touches={**state.touches, patch.goal: of_goal})
+    if patch.placement:
+        state = replace(state, placements={**state.placements, patch.goal: patch.placement})
+    return _fit_ready(state if patch.outcome == "inside" else _with_swept(state, patch))
+
+
+def _with_swept(state: State, patch: types.SurfacePatch) -> State:
+    """With the space that a touch has swept, and what its pad spanned."""
+    pad, space = state.pad, state.space
+    assert pad is not None and space is not None
+    pose, met = Pose.from_array(patch.pose), patch.outcome in TOUCHED_OUTCOMES
+    start = pose.advanced(-patch.advance)
+    places = swept_places(pad, start, pose, space.step, touched=met)
+    found = sorted_spans(pad, pose, patch.mask, patch.points, patch.normals)
+    before = state.spanned.get(patch.goal, ())
+    state = replace(state, spanned={**state.spanned, patch.goal: (*before, found)})
+    if patch.placement:
+        later = (*state.swept_places.get(patch.goal, ()), places)
+        return replace(state, swept_places={**state.swept_places, patch.goal: later})
+    freed = (*state.swept.get(patch.goal, ()), space.numbers(places))
+    return replace(state, swept={**state.swept, patch.goal: freed})
 
 
 def take_contacts(
@@ -90,7 +97,15 @@ def take_contacts(
     """Keep what the hand met."""
     each = np.arange(len(received.points), dtype=np.int32)
     met = ContactPoints(received.points, received.normals, each)
-    return _fit_ready(replace(state, contacts={**state.contacts, received.number: met}))
+    placements = {**state.closing_placements, received.number: received.placement}
+    contacts = {**state.contacts, received.number: met}
+    return _fit_ready(replace(state, contacts=contacts, closing_placements=placements))
+
+
+def take_turn(params: Params, state: State, turn: types.TurnGoal) -> tuple[State, Outputs]:
+    """Remember how the object is to lie."""
+    turns = {**state.turns, turn.placement: Pose.from_array(turn.pose)}
+    return _fit_ready(replace(state, turns=turns))
 
 
 def take_contour(params: Params, state: State, contour: types.Contour) -> tuple[State, Outputs]:
@@ -129,7 +144,7 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
 
 
 def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquadric:
-    contacts = [state.contacts[number].points for number in range(goal.closings)]
+    contacts = [one.points for one in closings_in(state, goal, 0)]
     with step("superquadric"):
         met = np.concatenate([np.zeros((0, 3)), *contacts])
         return coarse_model(goal.number, met, three_shapes=state.three_shapes)
@@ -138,8 +153,9 @@ def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquad
 def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
     """The map that goes with a model."""
     assert state.space is not None
+    seen = seen_state(state, goal, step)
     with step("space"):
-        space = known_space(state, goal)
+        space = known_space(seen, goal)
     return types.SpaceMap(number=goal.number, low=space.low, step=space.step, states=space.states)
 
 
@@ -152,7 +168,7 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
         found.candidates,
         found.solid,
         found.predicted,
-        untouched_spans(state, goal),
+        untouched_spans(seen_state(state, goal, step), goal),
         state.quality if is_final(goal) else None,
         step,
         found.rejected,
@@ -174,6 +190,7 @@ NODE = Node(
         "/world": (types.World, know_world),
         "/touch/info": (types.SensorInfo, know_sensor),
         "/hand/contacts": (types.GraspContacts, take_contacts),
+        "/hand/turn": (types.TurnGoal, take_turn),
         "/touch/patch": (types.SurfacePatch, take_patch),
         "/contour/traced": (types.Contour, take_contour),
         "/probe/traced": (types.Probe, take_probe),
@@ -187,5 +204,9 @@ NODE = Node(
     },
     needs=("/world", "/touch/info"),
     fan_in=("/touch/patch", "/contour/traced", "/probe/traced"),
-    optional=("/hand/contacts", "/contour/traced"),  # touches of a driver come without
+    optional=(
+        "/hand/contacts",
+        "/hand/turn",
+        "/contour/traced",
+    ),  # touches of a driver come without
 )

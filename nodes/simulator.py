@@ -9,10 +9,18 @@ import numpy as np
 from msgspec import Struct
 
 from palpate.core.arrays import Floats
-from palpate.core.poses import Pose
+from palpate.core.geometry import RestingSolid
+from palpate.core.poses import IDENTITY_POSE, Pose, rotation_angle
 from palpate.core.robot_time import ROBOT_PRESETS, contact_seconds, free_seconds, move_between
-from palpate.core.shapes import Shape
-from palpate.core.touch import HITS, Pipeline, SimulatedTouch, StageStates
+from palpate.core.shapes import PosedShape, Shape
+from palpate.core.touch import (
+    HITS,
+    Pipeline,
+    SimulatedTouch,
+    StageStates,
+    set_down,
+    turning_way,
+)
 from palpate.messages import types
 from palpate.nodes.runtime.node import Finger, Node, Outputs
 from palpate.nodes.specs.objects import ObjectSpec, Seed, build_shape, fitted_reach
@@ -28,6 +36,7 @@ from palpate.nodes.specs.sensors import (
 FIRST_HAND_FINGER = 1001  # Of the hand: it chooses other random numbers than the exploring ones
 NO_SURFACE_PATH = -1.0  # Way along the surface where there was none
 TRUTH_LEVEL, FLOOR_LEVEL = 6, 5  # 82k and 20k faces
+IDENTITY = Pose.from_array(IDENTITY_POSE)
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -89,6 +98,10 @@ class State:
     met: LastContact | None = None  # Where the last touch ended, if it met the object
     hand: HandState | None = None  # The hand, once it was used
     platform: float = 0.0  # Height on which the object stands, m
+    placement: int = 0  # How often the object has been turned over
+    upright: Shape | None = None  # The object as it stood at first, once it was turned over
+    lies: Pose = IDENTITY  # How it lies now, from how it stood at first
+    waiting: tuple[types.TouchGoal, ...] = ()  # Touches of later placements
 
 
 def start(params: Params) -> tuple[State, Outputs]:
@@ -141,6 +154,8 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
         )
     if goal.finger != params.finger:
         return state, []
+    if goal.placement > state.placement:  # nobody knows which of two publishers is heard first
+        return replace(state, waiting=(*state.waiting, goal)), []
     pipeline, robot = state.pipeline, ROBOT_PRESETS[params.robot]
     begun = max(state.clock, goal.not_before)
     pose = Pose.from_array(goal.pose)
@@ -180,6 +195,7 @@ def _frame(
         goal=goal.goal,
         touch=goal.touch,
         finger=goal.finger,
+        placement=goal.placement,
         direction=goal.direction,
         pose=done.believed.array,
         outcome=done.outcome,
@@ -213,6 +229,7 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
     clock = closing.begun + contact_seconds(robot, grasp.advance)
     contacts = types.GraspContacts(
         number=goal.number,
+        placement=state.placement,
         points=grasp.points,
         normals=grasp.normals,
         fingers=np.array(grasp.fingers, np.int32),
@@ -223,6 +240,37 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
     )
     used = HandState(hand.fingers, remembered, hand.closings + 1, pose, advanced)
     return replace(state, hand=used, clock=clock), [("/hand/contacts", contacts)]
+
+
+def turn_over(params: Params, state: State, goal: types.TurnGoal) -> tuple[State, Outputs]:
+    """Set the object down on another side, as well as the hand can; touches that wait follow."""
+    upright = state.shape if state.upright is None else state.upright
+    asked, robot = Pose.from_array(goal.pose), ROBOT_PRESETS[params.robot]
+    resting = RestingSolid(*upright.mesh(TRUTH_LEVEL))
+    pose = set_down(resting, asked, state.platform, params.seed, goal.placement)
+    (travel, grip), turn = turning_way(), rotation_angle(state.lies.axes, pose.axes)
+    begun = max(state.clock, goal.not_before)
+    clock = begun + free_seconds(robot, travel, turn) + contact_seconds(robot, grip)
+    move = np.array([begun - state.clock, travel, turn, grip, NO_SURFACE_PATH])
+    turned = types.Turned(placement=goal.placement, move=move, robot_time=clock)
+    waiting, state = (
+        state.waiting,
+        replace(
+            state,
+            shape=PosedShape(upright, pose),
+            upright=upright,
+            lies=pose,
+            placement=goal.placement,
+            clock=clock,
+            met=None,
+            waiting=(),
+        ),
+    )
+    outputs: Outputs = [("/hand/turned", turned)] if params.finger == 1 else []
+    for one in waiting:
+        state, more = touch(params, state, one)
+        outputs += more
+    return state, outputs
 
 
 def _hand(params: Params, state: State, fingers: int) -> HandState:
@@ -249,13 +297,19 @@ NODE = Node(
     step="casting",
     start=start,
     handler_timeout=20.0,
-    inputs={"/finger/goal": (types.TouchGoal, touch), "/hand/goal": (types.GraspGoal, take_grasp)},
+    inputs={
+        "/finger/goal": (types.TouchGoal, touch),
+        "/hand/goal": (types.GraspGoal, take_grasp),
+        "/hand/turn": (types.TurnGoal, turn_over),
+    },
     outputs={
         "/world": types.World,
         "/truth": types.Truth,
         "/touch/info": types.SensorInfo,
         "/touch/raw": types.TactileFrame,
         "/hand/contacts": types.GraspContacts,
+        "/hand/turned": types.Turned,
     },
-    shared=("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts"),
+    optional=("/hand/turn",),  # other graphs than those of a planner never turn it over
+    shared=("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts", "/hand/turned"),
 )

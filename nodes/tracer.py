@@ -103,6 +103,7 @@ def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[Sta
         probe = types.Probe(
             id=job.goal.id,
             finger=patch.finger,
+            placement=patch.placement,
             outcome="miss" if is_invalid else patch.outcome,
             point=_deepest(state.pad, pose, patch),
             normal=-pose.axes[:, 2] if is_invalid else patch.normal,
@@ -136,6 +137,7 @@ def _begin(
             goal=goal.id,
             touch=0,
             finger=goal.finger,
+            placement=goal.placement,
             pose=goal.pose,
             reach=goal.reach,
             depth=tracing.TOUCH_DEPTH,
@@ -146,6 +148,7 @@ def _begin(
             probe = types.Probe(
                 id=goal.id,
                 finger=goal.finger,
+                placement=goal.placement,
                 outcome="miss",
                 point=goal.pose[:3],
                 normal=-pose.axes[:, 2],

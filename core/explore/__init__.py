@@ -14,6 +14,7 @@ from palpate.core.explore.exploration import (
     Goal as Goal,
     GoalSettings as GoalSettings,
     GraspSettings as GraspSettings,
+    Lying as Lying,
     MakeModel as MakeModel,
     ModelStatus as ModelStatus,
     ProbedPoint as ProbedPoint,
@@ -23,10 +24,12 @@ from palpate.core.explore.exploration import (
     Task as Task,
     TouchEnd as TouchEnd,
     TraceSlice as TraceSlice,
+    TurnObject as TurnObject,
     with_coarse as with_coarse,
     with_contacts as with_contacts,
     with_model as with_model,
     with_result as with_result,
+    with_turned as with_turned,
 )
 from palpate.core.explore.free_space import (
     TOUCHED as TOUCHED,
@@ -38,6 +41,11 @@ from palpate.core.explore.free_space import (
     sorted_spans as sorted_spans,
     spanned_places as spanned_places,
     swept_places as swept_places,
+)
+from palpate.core.explore.placing import (
+    KnownSurface as KnownSurface,
+    Placement as Placement,
+    place_object as place_object,
 )
 from palpate.core.explore.survey import (
     FEATURE_SHARE as FEATURE_SHARE,

@@ -27,6 +27,7 @@ from palpate.core.explore.exploration import (
     Task,
     TouchEnd,
     TraceSlice,
+    TurnObject,
     Work,
 )
 from palpate.core.explore.survey import Demand
@@ -39,6 +40,8 @@ def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Go
     """What is to be done now, in order; nothing while all fingers and models are under way."""
     if known.survey is None:
         return [_grasp_goal(known, demand)]
+    if known.lying.pose is None:
+        return _placing_goals(known, demand)
     given: list[Goal] = []
     for number, finger in known.fingers.items():
         if finger.task is not None or known.broken:
@@ -48,7 +51,7 @@ def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Go
             known = known.after(goal)
     if given or known.tasks or known.model.is_pending:
         return given
-    return [Done(_reason(known, demand, rule))]
+    return [_turn_goal(known, demand) or Done(_reason(known, demand, rule))]
 
 
 def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
@@ -65,7 +68,8 @@ def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
 def _next_closing(known: Exploration) -> CloseHand | None:
     """None once the hand has touched enough, or looked everywhere."""
     contacts, setup, settings = known.hand, known.setup, known.setup.grasp
-    if len(contacts.points) >= settings.enough_contacts or contacts.grips >= settings.max_grips:
+    enough = settings.turned_contacts if known.lying.placement else settings.enough_contacts
+    if len(contacts.points) >= enough or contacts.grips >= settings.max_grips:
         return None
     opening = settings.opening * setup.reach
     hand = grasp.Hand(opening=opening, reach=opening)
@@ -74,7 +78,8 @@ def _next_closing(known: Exploration) -> CloseHand | None:
         pose = grasp.next_pose(hand, *touched)
         return CloseHand(pose, grasp.brought_near(hand, pose, *touched))
     places = grasp.search_places(setup.reach, settings.search_spacing)
-    search = grasp.search_pose(places, contacts.closings, setup.platform)
+    number = contacts.closings - contacts.earlier
+    search = grasp.search_pose(places, number, setup.platform)
     return None if search is None else CloseHand(search, hand)
 
 
@@ -91,6 +96,33 @@ def _fits_closing(known: Exploration, demand: Demand, closing: CloseHand) -> boo
     travel += max(before, default=0.0) + max(advanced, default=0.0)
     reach = closing.hand.reach - min(advanced, default=0.0)
     return known.seconds + longest_seconds(known.setup.robot, travel, turn, reach) <= limit
+
+
+def _placing_goals(known: Exploration, demand: Demand) -> list[Goal]:
+    """What tells how the object lies that was turned over: closings of the hand, then a model."""
+    if known.lying.fault:
+        return [] if known.model.is_pending else [Done(known.lying.fault)]
+    if known.lying.is_turning or known.model.is_pending:
+        return []
+    closing = _next_closing(known)
+    if closing is not None and _fits_closing(known, demand, closing):
+        return [closing]
+    return [MakeModel()]
+
+
+def _turn_goal(known: Exploration, demand: Demand) -> Goal | None:
+    """To set the object down on another side, where that brings the demand nearer."""
+    surface, lying = known.model.surface, known.lying
+    if lying.placement >= demand.most_turns or known.broken or surface is None:
+        return None
+    observation = known.observation(demand)
+    if observation.budget.spent or lying.pose is None:
+        return None
+    found = planners.estimate_error(observation).findings
+    if planners.judge(found, observation.limits).reached:
+        return None
+    turn = planners.choose_turn(surface, demand.tolerance, underside=demand.underside == "known")
+    return None if turn is None else TurnObject(turn @ lying.pose)
 
 
 def _finger_goals(
@@ -230,6 +262,8 @@ def _choice(
     """
     if known.goals >= known.setup.goals.max_goals:
         return planners.Stop("a model can list no more contours and single touches")
+    if known.lying.placement and not getattr(rule, "single_touches", False):
+        rule = planners.Touches()  # slices lie as the object lay at first
     settled = planners.settled_height(rule, observation)
     if settled is not None:
         return settled

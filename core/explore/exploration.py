@@ -8,7 +8,7 @@ and ends in the slicing frame (`Survey`), what each `Finger` does, and what the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ from palpate.core.explore.survey import (
     next_finished,
     widened,
 )
-from palpate.core.poses import Pose
+from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.robot_time import RobotPreset, longest_seconds
 from palpate.core.shapes import FittedSuperquadric
 from palpate.core.touch import FAULTS, HITS, FrameFault, TouchOutcome
@@ -36,6 +36,7 @@ class GraspSettings:
     """How often the hand closes, and where it looks for the object."""
 
     enough_contacts: int = 60  # the hand has touched enough
+    turned_contacts: int = 36  # the same of an object that was turned over: its shape is known
     max_grips: int = 30  # closings on the object
     search_spacing: float = 12e-3  # of places where the object is looked for [m]; below a pad
     opening: float = 0.8  # of the fingers, fraction of the reach
@@ -116,6 +117,12 @@ class CloseHand(NamedTuple):
     hand: grasp.Hand
 
 
+class TurnObject(NamedTuple):
+    """Goal: set the object down on another side."""
+
+    pose: Pose  # that it shall have in the world, from how it lay at first
+
+
 class TraceSlice(NamedTuple):
     """Work of a finger: a contour around the object."""
 
@@ -141,6 +148,7 @@ class SingleTouch(NamedTuple):
 
 
 Work = TraceSlice | TouchEnd | SingleTouch
+UNTURNED = Pose.from_array(IDENTITY_POSE)
 
 
 class Task(NamedTuple):
@@ -165,7 +173,7 @@ class Done(NamedTuple):
     reason: str
 
 
-Goal = CloseHand | Task | MakeModel | Done
+Goal = CloseHand | TurnObject | Task | MakeModel | Done
 
 
 class ProbedPoint(NamedTuple):
@@ -201,16 +209,27 @@ class HandContacts:
     points: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) [m]
     normals: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # outward, (n, 3)
     closings: int = 0  # times that it has closed
+    earlier: int = 0  # of these, before the object was turned over last: contacts are those since
     grips: int = 0  # of these, since it first met something
     last: CloseHand | None = None  # how it was closed last
     fit: FittedSuperquadric | None = None  # the coarse model of all contacts
+
+
+class Lying(NamedTuple):
+    """How the object lies."""
+
+    placement: int = 0  # how often it has been turned over
+    # In the world, from how it lay at first; None: since it was turned over nobody knows yet.
+    pose: Pose | None = UNTURNED
+    is_turning: bool = False  # whether the hand is still at it
+    fault: str = ""  # why nobody will know
 
 
 class SingleResult(NamedTuple):
     """A single touch that was made."""
 
     number: int
-    target: Floats  # (3,) [m]
+    target: Floats  # as the object lay at first, (3,) [m]
     outcome: TouchOutcome
     in_vain: bool  # whether it touched nothing near to its target
 
@@ -240,6 +259,7 @@ class Exploration:
     singles: tuple[SingleResult, ...] = ()
     retry: SingleTouch | None = None  # single touch that is to be begun anew from farther off
     model: ModelStatus = field(default_factory=ModelStatus)
+    lying: Lying = field(default_factory=Lying)
     goals: int = 0  # contours and touches that were asked for
     touches: int = 0  # touches made
     seconds: float = 0.0  # robot time that has passed [s]
@@ -266,17 +286,23 @@ class Exploration:
     @property
     def targets(self) -> tuple[Floats, ...]:
         """What single touches were aimed at since the last model, (3,) each [m]."""
-        return tuple(one.target for one in self.singles[self.model.singles :])
+        return tuple(self._in_world(self.singles[self.model.singles :]))
 
     @property
     def refused(self) -> Floats:
         """What single touches were aimed at in vain, (n, 3) [m]."""
-        return np.reshape([one.target for one in self.singles if one.in_vain], (-1, 3))
+        return self._in_world([one for one in self.singles if one.in_vain])
 
     @property
     def aimed(self) -> Floats:
         """What single touches were aimed at, (n, 3) [m]."""
-        return np.reshape([one.target for one in self.singles], (-1, 3))
+        return self._in_world(self.singles)
+
+    def _in_world(self, singles: Sequence[SingleResult]) -> Floats:
+        """Where the targets of single touches lie now, (n, 3) [m]."""
+        targets = np.reshape([one.target for one in singles], (-1, 3))
+        pose = self.lying.pose
+        return targets if self.lying.placement == 0 or pose is None else pose.to_outer(targets)
 
     @property
     def next_finger(self) -> int | None:
@@ -338,6 +364,14 @@ class Exploration:
         match goal:
             case CloseHand():
                 return replace(self, hand=replace(self.hand, last=goal))
+            case TurnObject():
+                closings, fit = self.hand.closings, self.hand.fit
+                return replace(
+                    self,
+                    hand=HandContacts(closings=closings, earlier=closings, fit=fit),
+                    lying=Lying(self.lying.placement + 1, None, is_turning=True),
+                    model=self.model._replace(general=True),
+                )
             case Task():
                 finger = self.fingers[goal.finger]._replace(task=goal)
                 retry = None if isinstance(goal.work, SingleTouch) else self.retry
@@ -367,6 +401,12 @@ def with_contacts(
         grips=before.grips + bool(len(before.points) or len(points)),
     )
     return replace(known, hand=hand, seconds=seconds)
+
+
+def with_turned(known: Exploration, seconds: float) -> Exploration:
+    """With the object set down on another side, and the robot time after it [s]."""
+    lying = known.lying._replace(is_turning=False)
+    return replace(known, lying=lying, seconds=seconds)
 
 
 def with_coarse(known: Exploration, fit: FittedSuperquadric, axis: Floats | None) -> Exploration:
@@ -405,8 +445,10 @@ def with_model(
     surface: planners.ObservedSurface | None,
     *,
     general: bool,  # whether it is a general solid
+    lying: Lying | None = None,  # how the object lies, as far as the model tells; None: as before
 ) -> Exploration:
     """With what a model says of itself."""
+    known = known if lying is None else replace(known, lying=lying)
     survey = known.surveyed.with_dropped(dropped)
     model = known.model._replace(
         is_pending=False, singles=len(known.singles), surface=surface, general=general
@@ -481,6 +523,9 @@ def _with_single(known: Exploration, task: Task, probed: ProbedPoint) -> Explora
     hit = probed.outcome in HITS
     distance = float(np.linalg.norm(probed.point - touch.target))
     in_vain = not hit or distance > settings.max_target_distance
-    result = SingleResult(task.number, touch.target, probed.outcome, in_vain)
+    target = touch.target
+    if known.lying.placement and known.lying.pose is not None:
+        target = known.lying.pose.to_local(target)
+    result = SingleResult(task.number, target, probed.outcome, in_vain)
     probes = (*known.probes, task.number) if hit else known.probes
     return replace(known, singles=(*known.singles, result), probes=probes, retry=None)

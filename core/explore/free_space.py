@@ -23,6 +23,7 @@ from palpate.core.touch import Pad
 UNKNOWN, FREE, TOUCHED = 0, 1, 2  # States of a voxel
 VOXEL = 2.5e-3  # Edge of one, m: a sixth of a pad
 MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while free ones are listed
+BESIDE = 10.0e-3  # Beside what was touched: so far nothing lies below the platform, m
 MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
 PRESSED = 1.5e-3  # By how much, m
 EVERY = 2  # Taxels along rows and columns: places of the face that are swept
@@ -51,6 +52,13 @@ class SpaceMap:
         flat[free] = np.maximum(flat[free], FREE)
         flat[touched] = TOUCHED
         return replace(self, states=states)
+
+    def below(self, points: Floats) -> Floats:
+        """Places (k, 3) in two layers of voxels below the map, under points (n, 3) [m]."""
+        low, high = points.min(axis=0) - BESIDE, points.max(axis=0) + BESIDE
+        x, y = (np.arange(low[axis], high[axis], self.step) for axis in (0, 1))
+        heights = self.low[2] - self.step * np.array([1.0, 2.0])
+        return np.stack(np.meshgrid(x, y, heights), axis=-1).reshape(-1, 3)
 
     def free_places(self) -> Floats:
         """Middles of the free voxels, (k, 3), m."""

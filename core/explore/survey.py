@@ -60,6 +60,7 @@ class Demand(NamedTuple):
     most_touches: float  # Touches that may be made
     most_seconds: float  # Robot time that may pass, s
     underside: Underside = "flat"
+    most_turns: int = 0  # Times that the object may be set down on another side
 
     @property
     def limits(self) -> Limits:

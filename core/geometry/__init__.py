@@ -62,3 +62,9 @@ from palpate.core.geometry.polygons import (
     turn_between as turn_between,
     winding_number as winding_number,
 )
+from palpate.core.geometry.resting import (
+    Rest as Rest,
+    RestingSolid as RestingSolid,
+    centre_of_mass as centre_of_mass,
+    rotation_between as rotation_between,
+)

@@ -84,3 +84,7 @@ from palpate.core.touch.taxel_calibration import (
     CalibrationTouches as CalibrationTouches,
     estimate_calibration as estimate_calibration,
 )
+from palpate.core.touch.turning import (
+    set_down as set_down,
+    turning_way as turning_way,
+)

@@ -30,6 +30,8 @@ from palpate.messages.types.motion import (
     Probe as Probe,
     ProbeGoal as ProbeGoal,
     TouchGoal as TouchGoal,
+    Turned as Turned,
+    TurnGoal as TurnGoal,
 )
 from palpate.messages.types.procedure import (
     BoundaryRepresentation as BoundaryRepresentation,

@@ -22,6 +22,7 @@ from palpate.messages.fields import (
     PerMetre,
     Points,
     Pose,
+    Poses,
     Radians,
     Ratio,
     Seconds,
@@ -192,6 +193,13 @@ class ShapeModel:
     vertex_distances: Lengths = field(default_factory=lambda: np.zeros(0))
     # What a general solid lacks where touches lie far off it: root mean square error over all of it
     missing: Metres = 0.0
+    # Pose (n, 7) of the object in the world after each time that it was turned over, as far as they
+    # are known; the solid is given where it lay at first
+    placements: Poses = field(default_factory=lambda: np.zeros((0, 7)))
+    # How far each of these may be off along the normals of what was touched, root mean square
+    placement_errors: Lengths = field(default_factory=lambda: np.zeros(0))
+    # What is wrong with placements, a sentence each; none if nothing is
+    placement_faults: tuple[str, ...] = ()
     # Places in the solid at which a pad touched nothing but what is beside them: it is hollow there
     openings: Points = field(default_factory=lambda: np.zeros((0, 3)))
     frame: Pose  # Slicing frame in the world, along whose z axis heights count

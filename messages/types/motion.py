@@ -87,6 +87,8 @@ class ProbeGoal:
 
     id: Count  # Number of the goal; contours and probes share one series
     finger: Count  # The finger that shall touch
+    # How often the object has been turned over before it; the pose is in the world as it is then
+    placement: Count = 0
     pose: Pose  # Start pose of the pad
     reach: Metres  # Longest way along the pad's z axis
     not_before: Seconds  # Robot time of the decision
@@ -104,6 +106,7 @@ class Probe:
 
     id: Count  # Number of the goal
     finger: Count  # The finger that touched
+    placement: Count = 0  # How often the object had been turned over before it
     outcome: Outcome  # How the guarded move ended
     point: Vector  # Deepest point touched, world frame; the end of the reach after a miss
     # Outward normal at the middle of the contact, or the pad's own if it could not be touched
@@ -121,6 +124,7 @@ class TouchGoal:
     goal: Count  # Number of the contour or probe that the touch belongs to
     touch: Count  # Counts up by one within the goal
     finger: Count  # The finger that shall move
+    placement: Count = 0  # How often the object has been turned over before it
     pose: Pose  # Start pose of the pad: it moves along its z axis
     reach: Metres  # Longest way to first contact
     depth: Metres  # Press until the deepest compression is this
@@ -143,6 +147,7 @@ class GraspGoal:
     """A pose of the hand from which it shall close. On ``/hand/goal``."""
 
     number: Count  # Counts up by one
+    placement: Count = 0  # How often the object has been turned over before it
     pose: Pose  # Pose of the hand: its fingers close about its z axis, its palm moves along it
     fingers: Count  # Fingers beside the palm
     opening: Metres  # Distance of the fingertips and of the palm from the middle of the open hand
@@ -158,6 +163,7 @@ class GraspContacts:
     """Where the fingers met the object. On ``/hand/contacts``."""
 
     number: Count  # Number of the goal
+    placement: Count = 0  # How often the object had been turned over before it
     points: Points  # Contact points, world frame
     normals: Directions  # Outward unit normals at the contacts
     fingers: FingerNumbers  # The finger of each contact, from 0; the palm is the last
@@ -165,4 +171,25 @@ class GraspContacts:
     blocked: Count  # Fingers that did not close, for the platform or the object was in their way
     # What the hand's way was made of: the approach is that of the finger that went farthest
     move: MoveParts
+    robot_time: Seconds  # Robot time when the hand had opened again
+
+
+@readable
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TurnGoal:
+    """The object shall be set down on another side. Planner to simulator on ``/hand/turn``."""
+
+    placement: Count  # How often it has been turned over then, from 1
+    # Pose of the object in the world that is asked for: its own frame is the world at first
+    pose: Pose
+    not_before: Seconds  # Robot time of the decision
+
+
+@readable
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Turned:
+    """The object was set down on another side: nobody knows exactly how. On ``/hand/turned``."""
+
+    placement: Count  # How often it has been turned over now
+    move: MoveParts  # What the hand's way was made of
     robot_time: Seconds  # Robot time when the hand had opened again

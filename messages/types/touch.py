@@ -53,6 +53,7 @@ class TouchHeader:
     goal: Count  # Number of the contour or probe that the touch belongs to
     touch: Count  # Counts up by one within the goal
     finger: Count  # The finger that touched, from 1
+    placement: Count = 0  # How often the object had been turned over before it
     direction: Direction  # Direction across the contour, world frame
     pose: Pose  # Believed pose of the pad: its z axis points into the object
     outcome: Outcome  # How the guarded move ended

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.core.arrays import Floats
+from palpate.core.explore import Lying
 from palpate.core.explore.planners import (
     Findings,
     Limits,
@@ -13,6 +14,7 @@ from palpate.core.explore.planners import (
     Progress,
     judge,
 )
+from palpate.core.poses import Pose
 from palpate.core.shapes import Bend, FittedSuperquadric, Mesh
 from palpate.core.touch import Pad
 from palpate.messages.types import ModelGoal, PlanDone, ShapeModel, Superquadric, World
@@ -32,6 +34,17 @@ def fitted_superquadric(coarse: Superquadric) -> FittedSuperquadric:
     )
 
 
+def lying_of(model: ShapeModel, lying: Lying) -> Lying:
+    """How the object lies, as far as a model tells: no other tells of the last placement."""
+    number = lying.placement
+    if number == 0 or lying.is_turning:
+        return lying
+    if len(model.placements) < number:
+        why = "; ".join(model.placement_faults) or "no model tells of it"
+        return lying._replace(fault=f"nobody knows how the object lies since it was turned: {why}")
+    return lying._replace(pose=Pose.from_array(model.placements[number - 1]))
+
+
 def observed_surface(
     model: ShapeModel,
     pad: Pad,  # Of the finger
@@ -41,12 +54,16 @@ def observed_surface(
     refused: Floats | None = None,  # What touches were aimed at in vain, (n, 3), m
     aimed: Floats | None = None,  # What single touches were aimed at, (n, 3), m
     earlier: tuple[Progress, ...] = (),  # What was known with fewer touches
+    pose: Pose | None = None,  # Of the object in the world, if it was turned over
 ) -> ObservedSurface | None:
     """The model as planners of single touches are told of it; None if nothing tells of errors."""
     if not len(model.vertex_errors):
         return None
+    vertices, openings = model.vertices, model.openings
+    if pose is not None:
+        vertices, openings = pose.to_outer(vertices), pose.to_outer(openings)
     return ObservedSurface(
-        mesh=Mesh(model.vertices, model.faces),
+        mesh=Mesh(vertices, model.faces),
         errors=model.vertex_errors,
         bounds=model.vertex_bounds,
         distances=model.vertex_distances,
@@ -57,9 +74,10 @@ def observed_surface(
         unknown_distance=unknown_distance,
         refused=np.zeros((0, 3)) if refused is None else refused,
         aimed=np.zeros((0, 3)) if aimed is None else aimed,
-        openings=model.openings,
+        openings=openings,
         touches=model.touches,
         earlier=earlier,
+        turned=pose is not None,
     )
 
 

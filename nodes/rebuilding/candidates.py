@@ -16,7 +16,7 @@ from palpate.core.archive import tree_to_bytes
 from palpate.core.arrays import Floats, Ints
 from palpate.core.explore import SpannedPlaces
 from palpate.core.geometry import nearest_points, self_intersection, solidity
-from palpate.core.poses import IDENTITY_POSE
+from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.rebuild import LatticeSolid, fit_coarse, lattice as lattices, recover, surface
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import touch_distances, touch_squares
@@ -70,6 +70,15 @@ class FittedGeneral(NamedTuple):
     solid: GeneralSolid
     whole: int  # all of it
     anew: int  # from nothing
+    poses: tuple[Pose, ...] = ()  # Of the object in the world after each time it was turned over
+
+
+class Placements(NamedTuple):
+    """How the object lay after each time that it was turned over."""
+
+    poses: tuple[Pose, ...] = ()  # In the world; as many as are known
+    errors: tuple[float, ...] = ()  # How far each may be off along normals, root mean square [m]
+    faults: tuple[str, ...] = ()  # What is wrong with them, a sentence each
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +91,7 @@ class Candidates:
     method: Literal["lattice", "thesis"] = "lattice"  # Of the solid of the slices
     why: str = ""  # Why slices make no solid, if they should
     rejected: tuple[str, ...] = ()  # Solids that were fitted and contradicted, and by what
+    placements: Placements = field(default_factory=Placements)
     # How the touches of later sets were predicted, by the number of the set.
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
 
@@ -173,6 +183,9 @@ def shape_model(
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         missing=missing,
+        placements=np.reshape([one.array for one in candidates.placements.poses], (-1, 7)),
+        placement_errors=np.array(candidates.placements.errors, np.float64),
+        placement_faults=candidates.placements.faults,
         openings=_openings(spanned.openings, volume),
         frame=frame,
         **_deviations(solid, candidates, step),

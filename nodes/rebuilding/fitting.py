@@ -1,4 +1,4 @@
-"""What the reconstructor has received, and solids of a set of it.
+"""Solids of a set of what the reconstructor has received.
 
 They are fitted as a whole, or continued from those of the set before it. A fit depends on the sets
 alone, in the order of their numbers: one that is not kept is made anew.
@@ -8,26 +8,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeGuard
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Floats
-from palpate.core.explore import Longs, SpaceMap, SpannedPlaces
+from palpate.core.arrays import Floats, Ints
+from palpate.core.explore import SpaceMap
 from palpate.core.poses import Pose
 from palpate.core.rebuild import LatticeSolid, Method, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
-from palpate.core.rebuild.general import touch_distances
 from palpate.core.steps import Steps, no_steps
-from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import (
-    QUALITIES,
     Candidates,
     FittedGeneral,
-    Quality,
+    Placements,
     is_final,
+)
+from palpate.nodes.rebuilding.placements import located, refined
+from palpate.nodes.rebuilding.received import (
+    Goal,
+    State,
+    as_at_first,
+    closings_in,
+    known_space,
+    spanned_by,
+    touched_goals,
+    touched_points,
+    touched_since,
+    touches_of,
+    touches_since,
 )
 from palpate.nodes.rebuilding.soundness import SoundnessSettings, departure, faults_of, lacks
 from palpate.nodes.rebuilding.volume import MeshVolume
@@ -45,10 +56,6 @@ MORE, ANEW = 1.25, 3.0
 # reach far, and through what fingers have swept, beyond them.
 DRAFT = SoundnessSettings(max_contradicted=1.0)
 ON_THE_WAY = SoundnessSettings(max_contradicted=1.0, max_overhang=math.inf)
-Goal = types.ModelGoal | types.PlanDone
-Way = Literal["best", "thesis"]
-TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
-HALF_OPENING = 1.5e-3  # From every touch: what pads spanned and lies farther is an opening, m
 UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
 
@@ -61,8 +68,9 @@ def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, 
     """
     squares: dict[str, list[Floats]] = {"lattice": [], "general": []}
     later, sets, enough = goal, 0, False
+    seen = seen_state(state, goal, step)
     for before in reversed(state.history):
-        since = touched_since(state, before, later)
+        since = touched_since(seen, before, later)
         if not since:
             continue
         touched = stack_points(since)
@@ -83,6 +91,11 @@ def fitted_solids(state: State, goal: Goal, step: Steps) -> Candidates:
     if goal.number not in state.fitted:
         state.fitted[goal.number] = _candidates(state, goal, step)
     return state.fitted[goal.number]
+
+
+def seen_state(state: State, goal: Goal, step: Steps) -> State:
+    """What was received as if the object had not been turned over, as the solids of a set tell."""
+    return as_at_first(state, fitted_solids(state, goal, step).placements.poses)
 
 
 class Published(NamedTuple):
@@ -169,19 +182,36 @@ def _draft(
 
 
 def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
-    touched = [one for one in touched_points(state, goal) if len(one.points)]
+    """The solids of a set, and how the object lay in each placement as far as they tell."""
+    before = next((one for one in reversed(state.history) if one.number < goal.number), None)
+    known = Placements() if before is None else fitted_solids(state, before, step).placements
+    found = _fitted(state, known.poses, goal, step)
+    if found.general is None or not state.turns:
+        return replace(found, placements=known)
+    with step("placement"):
+        known = known._replace(poses=found.general.poses)
+        placements = located(state, goal, found.general.solid, known)
+    seen = as_at_first(state, placements.poses)
+    touched = stack_points([one for one in touched_points(seen, goal) if len(one.points)])
+    return replace(found, placements=placements, touched=touched)
+
+
+def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> Candidates:
+    """The solids of a set; `poses`: of the object after each time that it was turned over."""
+    seen = as_at_first(state, poses)
+    touched = [one for one in touched_points(seen, goal) if len(one.points)]
     if state.method == "thesis":
         return _by_thesis(state, goal, stack_points(touched), step)
     methods: tuple[Method, ...] = ("lattice", "draft") if is_final(goal) else ("draft",)
     alone = _sliced(state, goal, stack_points(touched), methods, step)
     if not touched or (alone.sliced is not None and not goal.failed):
         return alone
-    general = _general(state, goal, touched, step)
+    general = _general(state, poses, goal, step)
     if general is None:
         return replace(alone, why="all touches lie in one plane")
     if not is_final(goal):  # a planner goes on by it, and finds out where it is wrong
         return replace(alone, general=general)
-    space = None if state.space is None else known_space(state, goal)
+    space = None if state.space is None else known_space(seen, goal)
     faults = faults_of(MeshVolume(general.solid.rough_mesh), None, alone.touched, space)
     if faults:
         told = tuple(f"the general solid: {fault}" for fault in faults)
@@ -239,44 +269,52 @@ def _between(state: State, goal: Goal, space: SpaceMap) -> Floats:
 
 
 def _general(
-    state: State, goal: Goal, touched: list[ContactPoints], step: Steps
+    state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps
 ) -> FittedGeneral | None:
     """The general solid of all touches; None if they lie in one plane.
 
     It goes on from that of the set before where it can: with a few touches within that one's cells
     each is taken up where it lies, else all of it is fitted again.
     """
+    seen = as_at_first(state, poses)
+    touched = touches_since(seen, (), goal)
     earlier = _earlier(state, goal, step)
     if earlier is not None:
-        more = touched_since(state, earlier[0], goal)
+        more = touches_since(seen, touched_goals(earlier[0]), goal)
         before, count = earlier[1], len(touched)
         few = count <= MORE * before.whole and goal.missed == earlier[0].missed
-        if few and not is_final(goal) and all(before.solid.covers(one.points) for one in more):
+        # Once more of it is touched than what it stood on lets, it does not stand any more.
+        still = not any(placement for _, placement in more) or before.solid.platform is None
+        covered = all(before.solid.covers(one.points) for one, _ in more)
+        if few and still and covered and not is_final(goal):
             with step("implicit spline"):
                 solid = before.solid
-                for one in more:
-                    solid = solid.update(one)
-            return before._replace(solid=solid)
-        if count <= ANEW * before.anew:
-            evidence = stack_points([before.solid.contacts, *more])
-            solid = _fit_general(state, goal, evidence, before.solid, step)
-            return FittedGeneral(solid, count, before.anew)
-    grasped = [state.contacts[number] for number in range(goal.closings)]
-    evidence = stack_points([one for one in grasped if len(one.points)] + touched)
+                for one, placement in more:
+                    solid = solid.update(one, placement)
+            return before._replace(solid=solid, poses=poses)
+        if still and count <= ANEW * before.anew:
+            evidence = stack_points([before.solid.contacts, *(one for one, _ in more)])
+            first = before.solid.placements_of_touches
+            of_touch = np.array([*first, *(number for _, number in more)], np.int32)
+            solid = _fit_general(seen, goal, evidence, of_touch, before.solid, step)
+            return FittedGeneral(solid, count, before.anew, refined(poses, solid.motions))
+    grasped = [one for one in closings_in(state, goal, 0)]
     # Of objects that slices tell of, nobody waits for these imports.
     from palpate.core.rebuild.general import is_flat
 
+    evidence = stack_points([*grasped, *(one for one, _ in touched)])
     if is_flat(evidence.points):
         return None
-    return FittedGeneral(
-        _fit_general(state, goal, evidence, None, step), len(touched), len(touched)
-    )
+    contacts = sum(len(np.unique(one.touch)) for one in grasped)
+    of_touch = np.array([0] * contacts + [number for _, number in touched], np.int32)
+    solid = _fit_general(seen, goal, evidence, of_touch, None, step)
+    return FittedGeneral(solid, len(touched), len(touched), refined(poses, solid.motions))
 
 
 def _earlier(state: State, goal: Goal, step: Steps) -> tuple[Goal, FittedGeneral] | None:
     """The set before with its general solid, if all of its touches count for this one as well."""
     before = next((one for one in reversed(state.history) if one.number < goal.number), None)
-    if before is None or before.closings != goal.closings:
+    if before is None or len(closings_in(state, before, 0)) != len(closings_in(state, goal, 0)):
         return None
     if not set(touched_goals(before)) <= set(touched_goals(goal)):
         return None
@@ -285,17 +323,28 @@ def _earlier(state: State, goal: Goal, step: Steps) -> tuple[Goal, FittedGeneral
 
 
 def _fit_general(
-    state: State, goal: Goal, evidence: ContactPoints, start: GeneralSolid | None, step: Steps
+    seen: State,
+    goal: Goal,
+    evidence: ContactPoints,
+    placement: Ints,
+    start: GeneralSolid | None,
+    step: Steps,
 ) -> GeneralSolid:
     from palpate.core.rebuild import general
 
+    space = known_space(seen, goal)
+    free, platform = space.free_places(), seen.platform
+    if placement.any() and platform is not None:
+        # What it stood on at first is surface like all other; below it there was nothing.
+        free, platform = np.concatenate([free, space.below(evidence.points)]), None
     return general.rebuild_general(
         evidence,
-        free=known_space(state, goal).free_places(),
-        spanned=spanned_by(state, goal).valleys,
-        platform=state.platform,
+        free=free,
+        spanned=spanned_by(seen, goal).valleys,
+        platform=platform,
         cell=general.FINE if is_final(goal) else general.fitting_cell(evidence),
         outward=True,
+        placement=placement if placement.any() else None,
         start=start,
         draft=not is_final(goal),
         step=step,
@@ -306,7 +355,7 @@ def _rebuild(state: State, goal: Goal, method: Method, step: Steps) -> LatticeSo
     return rebuild_set(
         [state.contours[id_] for id_ in goal.contours],
         [state.probes[id_] for id_ in goal.probes],
-        {id_: _touches_of(state, id_) for id_ in touched_goals(goal)},
+        {id_: touches_of(state, id_) for id_ in touched_goals(goal)},
         state.platform,
         method,
         step,
@@ -333,99 +382,6 @@ def rebuild_set(
         frame=frame,
         step=step,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class State:
-    """What has been received."""
-
-    quality: Quality = QUALITIES["normal"]  # Of the final mesh
-    method: Way = "best"  # How solids are rebuilt
-    three_shapes: bool = False  # Whether the coarse model is a sphere, a box or a cylinder
-    platform: float | None = 0.0  # Height on which the object stands, m; None if it is held
-    pad: Pad | None = None  # The sensor's array
-    # Every touch; goals are numbered for all fingers together.
-    touches: TouchesByGoal = field(default_factory=dict)
-    # Where the hand met the object, by the number of the closing; each contact is a touch.
-    contacts: Mapping[int, ContactPoints] = field(default_factory=dict)
-    space: SpaceMap | None = None  # Of all that a finger reaches, empty
-    # Voxels that the touches of a goal have swept.
-    swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=dict)
-    # Places that the pad spanned in a goal's touches, between what it touched.
-    spanned: Mapping[int, tuple[SpannedPlaces, ...]] = field(default_factory=dict)
-    # Both by number.
-    contours: Mapping[int, types.Contour] = field(default_factory=dict)
-    probes: Mapping[int, types.Probe] = field(default_factory=dict)
-    asked: tuple[Goal, ...] = ()  # Models still to be fitted, in order
-    history: tuple[Goal, ...] = ()  # Those that were fitted, in order
-    # What was fitted last, by number, lest it is fitted twice: no model differs for it.
-    fitted: dict[int, Candidates] = field(default_factory=dict)
-
-
-def touched_goals(goal: Goal) -> tuple[int, ...]:
-    """Numbers of all goals whose touches count for a model."""
-    return (*goal.contours, *goal.probes, *goal.arcs)
-
-
-def is_complete(state: State, goal: Goal) -> bool:
-    """Whether all of a set is there."""
-    if is_coarse(goal):
-        return all(number in state.contacts for number in range(goal.closings))
-    contours = (*goal.contours, *goal.arcs)
-    wanted: list[types.Contour | types.Probe | None] = [state.contours.get(id_) for id_ in contours]
-    wanted += [state.probes.get(id_) for id_ in (*goal.probes, *goal.missed)]
-    return all(number in state.contacts for number in range(goal.closings)) and all(
-        one is not None and len(state.touches.get(one.id, {})) == one.touches for one in wanted
-    )
-
-
-def is_coarse(goal: Goal) -> TypeGuard[types.ModelGoal]:
-    """Whether a superquadric is asked for."""
-    return isinstance(goal, types.ModelGoal) and not touched_goals(goal)
-
-
-def known_space(state: State, goal: Goal) -> SpaceMap:
-    """The map of space, as the touches of a set have left it."""
-    assert state.space is not None
-    none = np.zeros(0, np.int64)
-    ids = (*touched_goals(goal), *goal.missed)
-    free = [voxels for id_ in ids for voxels in state.swept.get(id_, ())]
-    points = [one.points for one in touched_points(state, goal)]
-    touched = state.space.numbers(np.concatenate([np.zeros((0, 3)), *points]))
-    return state.space.marked(np.concatenate([none, *free]), touched)
-
-
-def spanned_by(state: State, goal: Goal) -> SpannedPlaces:
-    """The places that pads spanned in the touches of a set [m]."""
-    touches = [one for id_ in touched_goals(goal) for one in state.spanned.get(id_, ())]
-    none = SpannedPlaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    return SpannedPlaces(*map(np.concatenate, zip(none, *touches, strict=True)))
-
-
-def untouched_spans(state: State, goal: Goal) -> SpannedPlaces:
-    """The same without openings near to which anything was touched."""
-    spanned = spanned_by(state, goal)
-    if not len(spanned.openings):
-        return spanned
-    contacts = stack_points([one for one in touched_points(state, goal) if len(one.points)])
-    is_far = touch_distances(contacts, spanned.openings) > HALF_OPENING
-    return spanned._replace(openings=spanned.openings[is_far])
-
-
-def touched_points(state: State, goal: Goal) -> list[ContactPoints]:
-    """What each touch of a set has touched, perhaps nothing."""
-    return [one for id_ in touched_goals(goal) for one in _touches_of(state, id_)]
-
-
-def _touches_of(state: State, id_: int) -> list[ContactPoints]:
-    return [one for _, one in sorted(state.touches.get(id_, {}).items())]
-
-
-def touched_since(state: State, before: Goal, goal: Goal) -> list[ContactPoints]:
-    """What each touch between two goals has touched."""
-    known = set(touched_goals(before))
-    found = (_touches_of(state, id_) for id_ in touched_goals(goal) if id_ not in known)
-    return [one for touches in found for one in touches if len(one.points)]
 
 
 def common_frame(contours: Sequence[types.Contour]) -> Floats:

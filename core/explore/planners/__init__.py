@@ -85,6 +85,9 @@ from palpate.core.explore.planners.trial import (
     observation_of as observation_of,
     run_planner as run_planner,
 )
+from palpate.core.explore.planners.turning import (
+    choose_turn as choose_turn,
+)
 from palpate.core.explore.planners.uniform import (
     Uniform as Uniform,
 )

@@ -4,8 +4,8 @@ A planner is told of the solid by its triangles and the error that is expected a
 Places of it are drawn by area; those with the largest expected error are approached along their
 normals and along directions about them, and rays from the face of the pad tell what a touch would
 meet there, and whether the finger is free on its way: the finger is a prism behind the pad. The
-platform is a pedestal, as wide as what stands on it: beside it the finger reaches lower, and
-touches what faces down. A touch is worth the squared errors, times area, of the places that it
+platform is a pedestal, as wide as the convex hull of what stands on it: beside it the finger
+reaches lower, and touches what faces down. A touch is worth the squared errors, times area, of the places that it
 would meet or come near to.
 """
 
@@ -17,6 +17,7 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.explore.planners.hollows import (
@@ -46,6 +47,7 @@ LEAST_START, MOST_START = 4.0e-3, 20.0e-3  # Of the face over the place where it
 DEVIATIONS = 3.0  # Expected errors that a start lies farther off
 BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
 CLEARANCE = 1.0e-3  # Of the finger from the pedestal, m
+PEDESTAL_GRID = 4.0e-3  # Of places on its top, m: far less than a pad
 STANDING_HEIGHT = 1.0e-3  # Over the platform, m: what lies so low stands on it
 DOWNWARD = -0.7  # Upward part of the normals of what faces down
 SAME = 1e-9  # Targets that differ by less are one, m
@@ -101,6 +103,8 @@ class ObservedSurface:
     touches: int = 0  # That were made
     earlier: tuple[Progress, ...] = ()  # What was known before, of the same method
     unknown_distance: float = 10.0e-3  # From every touch, beyond which a place is unknown
+    # Whether it was turned over: what it stands on now was within reach before.
+    turned: bool = False
 
     def __post_init__(self) -> None:
         count = len(finite_array("mesh.vertices", self.mesh.vertices, (None, 3)))
@@ -159,7 +163,7 @@ class ObservedSurface:
         places = self.places
         return Findings(
             error_bound=self.rms_bound_95,
-            underside_share=float(places.standing.mean()),
+            underside_share=float(places.flat.mean()),
             crease_error=self.bound_of(self.creased),
             crease_share=float(self.creased.mean()),
             unknown_share=self.open_area.share,
@@ -182,7 +186,7 @@ class ObservedSurface:
 
         Of what the object stands on nothing is known: it may be hollow, and no number bounds it.
         """
-        return math.hypot(self.bound_of(~self.places.standing), self.missing)
+        return math.hypot(self.bound_of(~self.places.flat), self.missing)
 
     @cached_property
     def progress(self) -> tuple[Progress, ...]:
@@ -201,7 +205,7 @@ class ObservedSurface:
         The tolerance itself where the rest leaves so little of it that touches are in vain.
         """
         touchable = self._touchable(tried)
-        counted = ~self.places.standing
+        counted = ~self.places.flat
         rest = float((np.square(self.bounds_there) * ~touchable)[counted].mean())
         room, share = tolerance**2 - rest, float(touchable[counted].mean())
         if room < LEAST_ROOM**2 * share * tolerance**2:
@@ -227,7 +231,7 @@ class ObservedSurface:
     def creased(self) -> Bools:
         """At which places what is beside them holds a pad off, however it leans, (n,)."""
         places = self.places
-        creased = ~places.standing & (places.distances > HOLLOWS.min_gap)
+        creased = ~places.flat & (places.distances > HOLLOWS.min_gap)
         if creased.any():
             there = places.points[creased], places.normals[creased]
             beside = places.points[self.neighbours]
@@ -254,6 +258,23 @@ class ObservedSurface:
             concavity = least_concavity(*beside, *there, 0.5 * pad_width(self.pad))
             pits[pits] = concavity > 1.0 / HOLLOWS.max_pit_radius
         return pits
+
+    @cached_property
+    def pedestal(self) -> Floats:
+        """Places (k, 3) all over the top of what the object stands on: the hull of where it does."""
+        standing = self.places.points[self.places.standing]
+        if len(standing) < 3 or self.platform is None:
+            return standing
+        try:
+            planes = scipy.spatial.ConvexHull(standing[:, :2]).equations
+        except scipy.spatial.QhullError:  # it stands on a line
+            return standing
+        sides = zip(standing.min(axis=0)[:2], standing.max(axis=0)[:2], strict=True)
+        x, y = np.meshgrid(*(np.arange(low, high, PEDESTAL_GRID) for low, high in sides))
+        grid = np.column_stack([x.ravel(), y.ravel()])
+        grid = grid[(grid @ planes[:, :2].T + planes[:, 2] <= 0.0).all(axis=1)]
+        top = np.column_stack([grid, np.full(len(grid), self.platform)])
+        return np.concatenate([standing, top])
 
     @cached_property
     def shape(self) -> TriangleShape:
@@ -322,7 +343,9 @@ class SurfacePlaces(NamedTuple):
     bounds: Floats  # Their bounds of 95 %, (n,), m
     distances: Floats  # From what was touched, (n,), m
     standing: Bools  # Whether the object stands on it, (n,): nobody can touch it there
-    # Or it faces down so near to that, (n,), that the pedestal is in the way of most touches.
+    flat: Bools  # Of that, what is taken for flat, (n,): it always stood on it
+    # What is flat, or faces down so near to that, (n,), that the pedestal is in the way of most
+    # touches.
     under: Bools
     spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
 
@@ -351,10 +374,12 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     corners = surface.mesh.vertices[surface.mesh.faces]
     points, faces = sample_surface(corners, PLACES, np.random.default_rng(len(corners)))
     normals = areas_and_normals(corners)[1][faces]
-    standing = under = np.zeros(PLACES, np.bool_)
+    standing = flat = under = np.zeros(PLACES, np.bool_)
     if surface.platform is not None:
         heights = points[:, 2] - surface.platform
         standing = heights < STANDING_HEIGHT
+    if surface.platform is not None and not surface.turned:
+        flat = standing
         under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
             (heights < BODY) & (normals[:, 2] < DOWNWARD)
         )
@@ -365,10 +390,10 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     spanned = np.zeros(PLACES, np.bool_)
     if len(surface.openings):
         near = point_tree(surface.openings).query(points)[0] < BESIDE
-        spanned = near & (distances > HALF_OPENING) & ~standing
+        spanned = near & (distances > HALF_OPENING) & ~flat
         bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
     told = points, normals, errors, bounds, distances
-    return SurfacePlaces(*told, standing, under, spanned)
+    return SurfacePlaces(*told, standing, flat, under, spanned)
 
 
 def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:
@@ -451,7 +476,7 @@ def _approach(
     begin = contact + start * outward
     if math.hypot(*begin[:2]) > surface.reach:
         return None
-    if _meets_pedestal(places.points[places.standing], contact, axes, pad, start + BODY):
+    if _meets_pedestal(surface.pedestal, contact, axes, pad, start + BODY):
         return None
     return TouchOffer(
         Pose(begin, axes), start + BEYOND, points.mean(axis=0), known.astype(np.int32)

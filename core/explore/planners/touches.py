@@ -128,7 +128,7 @@ def touches_pay(surface: ObservedSurface, left: Floats, settings: PayingSettings
     for number in best:
         met[surface.offers[number].places] = True
     met &= left > 0.0
-    counted = ~surface.places.standing
+    counted = ~surface.places.flat
     bounds, unknown = surface.bounds_there[counted], surface.away[counted]
     near = surface.places.distances[counted] <= settings.touched_distance
     touched = float(np.median(bounds[near])) if near.any() else 0.0

@@ -31,7 +31,13 @@ from palpate.core.arrays import Floats
 from palpate.core.geometry import axes_across
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.band import basis_values
-from palpate.core.rebuild.general.fitting import Fitted, ImplicitFit, Solution, TouchedPoints
+from palpate.core.rebuild.general.fitting import (
+    Fitted,
+    ImplicitFit,
+    Solution,
+    TouchedPoints,
+    touch_middles,
+)
 from palpate.core.rebuild.general.leave_out import LeftOut, leave_out, solved_exactly
 from palpate.reprs import readable
 
@@ -132,7 +138,7 @@ def surface_errors(
     if before is None or count > ERRORS.calibrated_growth * before.calibrated:
         left = leave_out(solution)
         solution, covariance = left.solution, left.covariance
-        touched = _touch_middles(fitted.points)[left.touches]
+        touched = touch_middles(fitted.points.places, fitted.points.touch)[left.touches]
         scale = calibration(left, bend_factors(_bends(solution.fit, touched, reach)))
         held_out = cell * float(np.sqrt(left.squares.mean()))
     else:
@@ -144,24 +150,20 @@ def surface_errors(
     variances = scale * _variances(solution, covariance, places)
     middles, errors = _by_distance(distances, variances, cell)
     errors = _smoother(errors, scale)
-    common = cell * _common_error(solution.fit, fitted.points, fitted.weights.pose)
+    alone = solution.fit.displacements
+    if fitted.shared is not None:
+        alone = fitted.shared.without(alone)
+    common = cell * _common_error(alone, fitted.points, fitted.weights.pose)
     return solution.fit, SurfaceErrors(
         cell * middles, cell * errors, cell * places, bends, common, held_out, scale, count
     )
 
 
-def _common_error(fit: ImplicitFit, points: TouchedPoints, pose: float) -> float:
+def _common_error(displacements: Floats, points: TouchedPoints, pose: float) -> float:
     """By how much touches are displaced along their normals over what their poses may be, cells."""
-    along = np.einsum("ni,ni->n", points.normals, fit.displacements[points.touch])
+    along = np.einsum("ni,ni->n", points.normals, displacements[points.touch])
     means = np.bincount(points.touch, along) / np.maximum(np.bincount(points.touch), 1)
     return float(np.sqrt(max(float(np.mean(means**2)) - pose**2, 0.0)))
-
-
-def _touch_middles(points: TouchedPoints) -> Floats:
-    """Mean of the points of each touch, (t, 3)."""
-    count = np.maximum(np.bincount(points.touch), 1)
-    sums = [np.bincount(points.touch, points.places[:, axis]) for axis in range(3)]
-    return np.asarray(np.column_stack(sums) / count[:, None])
 
 
 def _by_distance(distances: Floats, variances: Floats, cell: float) -> tuple[Floats, Floats]:

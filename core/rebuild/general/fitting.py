@@ -12,6 +12,11 @@ as large. Normals are weighed loosely: of those next to edges many are wrong by 
 no spline follows lose weight as a Cauchy distribution has it. The equations are summed cell by
 cell; displacements are eliminated, and found by conjugate gradients.
 
+Where an object was turned over, all touches since share six unknowns more: how it lies. Unknowns of
+a Gaussian prior that displacements share make these depend on each other: their prior covariance is
+pose^2 + C C^T with the columns C of what each unknown moves, and the inverse of that, by Woodbury's
+identity, is (1 - C (C^T C + pose^2)^-1 C^T) / pose^2.
+
 With one touch more it is solved anew about that touch alone. Control values whose cells all lie
 near the touch are free, the others stay: the equations of these cells are summed again, of the
 points in them only, and solved densely. It takes the same time whatever the size of the object and
@@ -67,6 +72,13 @@ class TouchedPoints(NamedTuple):
     def only(self, kept: Bools) -> TouchedPoints:
         """Those where a mask (n,) is set; touches keep their numbers."""
         return TouchedPoints(self.places[kept], self.normals[kept], self.touch[kept])
+
+
+def touch_middles(places: Floats, touch: Ints) -> Floats:
+    """Mean of the points (n, 3) of each touch, (t, 3)."""
+    count = np.maximum(np.bincount(touch), 1)
+    sums = [np.bincount(touch, places[:, axis]) for axis in range(3)]
+    return np.asarray(np.column_stack(sums) / count[:, None])
 
 
 @readable
@@ -145,6 +157,31 @@ class Solution(NamedTuple):
         return np.asarray(self.shares[points, None] / deviations)
 
 
+class SharedMotions(NamedTuple):
+    """What touches are displaced by together, in cells."""
+
+    columns: Floats  # By each unknown, of standard deviation 1, (3 t, u)
+    pose: float  # Standard deviation of what each touch is displaced by beside that, not 0
+
+    def of(self, displacements: Floats) -> Floats:
+        """What the displacements (t, 3) say of the unknowns, (u,)."""
+        return np.asarray(np.linalg.solve(self._system(), self.columns.T @ displacements.ravel()))
+
+    def without(self, displacements: Floats) -> Floats:
+        """What touches are displaced by, each for itself, (t, 3)."""
+        return displacements - (self.columns @ self.of(displacements)).reshape(-1, 3)
+
+    def roots(self) -> Floats:
+        """R (3 t, u) with which the inverse of the prior covariance is 1 / pose^2 - R R^T."""
+        lower = np.linalg.cholesky(self._system())
+        turned = scipy.linalg.solve_triangular(lower, self.columns.T, lower=True)
+        return np.asarray(turned.T / self.pose)
+
+    def _system(self) -> Floats:
+        square = self.columns.T @ self.columns
+        return np.asarray(square + self.pose**2 * np.eye(len(square)))
+
+
 class Fitted(NamedTuple):
     """A spline over cells of one size, and what it was fitted to, in cells."""
 
@@ -153,6 +190,7 @@ class Fitted(NamedTuple):
     points: TouchedPoints
     control: Floats  # Of the coarse solid
     weights: Weights
+    shared: SharedMotions | None = None  # None where the object was never turned over
 
 
 class CellBlocks(NamedTuple):
@@ -206,7 +244,9 @@ class Equations:
         weights: Weights,
         count: int,
         dissection: Dissection | None = None,
+        shared: SharedMotions | None = None,
     ):
+        self.shared_roots = np.zeros((3 * count, 0)) if shared is None else shared.roots()
         if dissection is None:
             dissection = dissect(band.cells, band.local, len(band.control))
         self.dissection = dissection
@@ -267,13 +307,15 @@ def fit_implicit(
     weights: Weights,
     start: Start,
     dissection: Dissection | None = None,
+    shared: SharedMotions | None = None,
 ) -> Solution:
     """The spline over a band; points outside it have no weight.
 
     `coarse` (n,): the coarse solid at the control values, in cells. `start`: what points weigh, and
-    where displacements are looked for first. `dissection`: of the band, if it is known.
+    where displacements are looked for first. `dissection`: of the band, if it is known. `shared`:
+    motions that touches share beside their own displacements.
     """
-    equations = Equations(band, points, weights, len(start.displacements), dissection)
+    equations = Equations(band, points, weights, len(start.displacements), dissection, shared)
     third, mass = cell_integrals()
     regular = weights.variation * third + weights.anchor * mass
     pulled = np.zeros(len(band.control))
@@ -319,6 +361,7 @@ def _solve(
     square = (shares / equations.scale.point) ** 2
     own = touch_blocks(equations, shares)
     inverse = np.asarray(np.linalg.inv(own), np.float64)
+    roots = equations.shared_roots
 
     def to_touches(control: Floats) -> Floats:
         along = np.asarray(equations.displacing.T @ (square * (equations.values @ control)))
@@ -330,7 +373,9 @@ def _solve(
 
     def apply(displacements: Floats) -> Floats:
         through = to_touches(factor.solve(to_control(displacements)))
-        return np.asarray(np.einsum("tij,tj->ti", own, displacements) - through)
+        together = roots @ (roots.T @ displacements.ravel())
+        alone = np.einsum("tij,tj->ti", own, displacements)
+        return np.asarray(alone - through - together.reshape(-1, 3))
 
     moved = conjugate_gradients(apply, -to_touches(alone), inverse, start)
     return alone - factor.solve(to_control(moved)), moved

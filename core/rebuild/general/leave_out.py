@@ -164,7 +164,9 @@ class _Inverse(NamedTuple):
             own[touches] += blocks @ blocks.transpose(0, 2, 1)
             across[np.ix_(sketched, moved)] += rows[:, :split].T @ rest
             product[np.ix_(moved, moved)] += rest.T @ rest
-        schur = scipy.linalg.block_diag(*solution.touch_blocks()[displaced]) - product
+        roots = solution.equations.shared_roots[moving]
+        own_blocks = scipy.linalg.block_diag(*solution.touch_blocks()[displaced])
+        schur = own_blocks - product - roots @ roots.T
         inverse = np.asarray(np.linalg.inv(schur))
         return cls(own, across.reshape(len(sketches), width, count), inverse)
 

@@ -30,6 +30,7 @@ from palpate.core.rebuild.general.fitting import (
     plain_start,
 )
 from palpate.core.rebuild.general.orientation import oriented
+from palpate.core.rebuild.general.placements import MOTIONS, replaced, shared_motions
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
@@ -90,6 +91,7 @@ def rebuild_general(
     cell: float = solid.FINE,
     pose: float = solid.POSE,
     outward: bool = False,
+    placement: Ints | None = None,
     start: solid.GeneralSolid | None = None,
     draft: bool = False,
     step: Steps = no_steps,
@@ -98,16 +100,18 @@ def rebuild_general(
 
     `contacts`: world frame, m; or points (n, 3), each a touch of its own, with `normals` (n, 3) of
     any length, outward: those that point inwards are turned (`oriented`) unless `outward` vouches
-    for all, as a pad does. `free` (k, 3): places that a finger has swept. `spanned` (l, 3): places
-    on the face of a pad that touched nothing there, but to both sides: the surface lies behind
-    them. `platform`: height on which the object stands; None if it is held. `cell`: edge of the
-    spline's cells. `pose`: standard deviation of a touch's place. `start`: the solid of the first
-    of these contacts, as it has them: what is known of it is gone on with, which takes a fraction
-    of the time. `draft`: a solid to decide by while there is more to touch, which lets a few cells
-    go that the surface leaves, and keeps what `start` knows of its errors. Cells are larger where
-    an object is so large that there would be too many (`GridSettings`). Raises ValueError without
-    normals, if they disagree, if all lies in one plane, or in more than a metre: coordinates are in
-    metres.
+    for all, as a pad does. `placement` (t,): how often the object had been turned over before each
+    touch; those of later placements are given where it lay at first, as far as known, and a rigid
+    motion of each placement is fitted with the solid (`GeneralSolid.motions`). `free` (k, 3):
+    places that a finger has swept. `spanned` (l, 3): places on the face of a pad that touched
+    nothing there, but to both sides: the surface lies behind them. `platform`: height on which the
+    object stands; None if it is held. `cell`: edge of the spline's cells. `pose`: standard
+    deviation of a touch's place. `start`: the solid of the first of these contacts, as it has them:
+    what is known of it is gone on with, which takes a fraction of the time. `draft`: a solid to
+    decide by while there is more to touch, which lets a few cells go that the surface leaves, and
+    keeps what `start` knows of its errors. Cells are larger where an object is so large that there
+    would be too many (`GridSettings`). Raises ValueError without normals, if they disagree, if all
+    lies in one plane, or in more than a metre: coordinates are in metres.
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
@@ -128,7 +132,10 @@ def rebuild_general(
     with step("implicit spline"):
         following = Following(1, 0.01) if draft else Following()
         beside = np.zeros((0, 3)) if spanned is None else spanned
-        setting = Setting(touched, coarse, beside, platform, pose, following)
+        placed = np.zeros(0, np.int32) if placement is None else placement
+        if placed.any():
+            pose = max(pose, MOTIONS.least_pose)
+        setting = Setting(touched, coarse, beside, platform, pose, following, placed)
         before = None if start is None else Spline(start.cell, start.fit)
         if before is None and cell < solid.COARSE:
             before = setting.fit(solid.COARSE, None, 1).spline
@@ -137,9 +144,10 @@ def rebuild_general(
         known = start.predicted if draft and start is not None else None
         fit, predicted = surface_errors(fitted, known)
     fit = fit.of_first(len(touched.points))
-    return solid.GeneralSolid(
+    found = solid.GeneralSolid(
         setting.origin, fitted.spline.cell, fit, coarse, touched, platform, predicted, pose
     )
+    return found if fitted.shared is None else replaced(found, setting.placement, fitted.shared)
 
 
 def is_flat(points: Floats) -> bool:
@@ -191,6 +199,7 @@ class Setting(NamedTuple):
     platform: float | None
     pose: float
     following: Following
+    placement: Ints  # Of each touch, (t,); empty if all are of the first
 
     @property
     def origin(self) -> Floats:
@@ -208,6 +217,7 @@ class Setting(NamedTuple):
         points = self._held_off(touched, cell, before)
         start = plain_start(len(points.places), int(points.touch.max()) + 1)
         start.weights[len(places) :] = SPANNED.weight
+        shared = shared_motions(points, self.placement, cell, self.pose)
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
@@ -222,7 +232,7 @@ class Setting(NamedTuple):
             control = self.coarse.at(band.control * cell + self.origin) / cell
             terms = points, control, solid.cell_weights(cell, self.pose)
             found = None  # no two factors at a time
-            found = fit_implicit(band, *terms, start, order)
+            found = fit_implicit(band, *terms, start, order, shared)
             beyond = surface_neighbours(found.fit, standing=self.platform is not None)
             if turn == self.following.turns or len(beyond) <= self.following.let_go * len(
                 band.cells
@@ -233,8 +243,8 @@ class Setting(NamedTuple):
         assert found is not None
         for _ in range(weighed, rounds - 1):
             start, found = start.begun(found.fit, 1.0), None
-            found = fit_implicit(band, *terms, start, order)
-        return Fitted(Spline(cell, found.fit), found, touched, *terms[1:])
+            found = fit_implicit(band, *terms, start, order, shared)
+        return Fitted(Spline(cell, found.fit), found, touched, *terms[1:], shared)
 
     def _held_off(
         self, touched: TouchedPoints, cell: float, before: Spline | None

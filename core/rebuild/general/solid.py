@@ -10,7 +10,7 @@ How far it is off depends on the distance from what was touched, and its bend (`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.geometry import SHARP, nearest_points, nearest_search
+from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_values
 from palpate.core.rebuild.general.errors import SurfaceErrors, touch_distances
@@ -73,6 +74,10 @@ class GeneralSolid(Solid):
     platform: float | None
     predicted: SurfaceErrors  # How far it is off, m
     pose: float  # Standard deviation of the error of a touch's place
+    # How often the object had been turned over before each touch, (t,); empty: never
+    placement: Ints = field(default_factory=lambda: np.zeros(0, np.int32))
+    # What the fit moved the touches of each later placement by: `contacts` are moved already
+    motions: tuple[Pose, ...] = ()
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
         """The spline, m, and its gradient at places (n, 3): (n,), (n, 3); NaN beyond the band."""
@@ -183,10 +188,11 @@ class GeneralSolid(Solid):
         cells = np.floor((places - self.origin) / self.cell).astype(np.int32)
         return bool((self.fit.band.find(cells) >= 0).all())
 
-    def update(self, touched: ContactPoints) -> GeneralSolid:
+    def update(self, touched: ContactPoints, placement: int = 0) -> GeneralSolid:
         """The solid with what one touch more has touched, fitted anew within `LOCAL_REACH` of it.
 
-        Elsewhere it stays as it is, so that a touch takes the same time however many there were.
+        `placement`: how often the object had been turned over before. Elsewhere the solid stays as
+        it is, so that a touch takes the same time however many there were.
         Topology stays, too: what lies beyond the band counts at the next `rebuild_general`.
         """
         touched = checked_contacts(touched)
@@ -203,7 +209,14 @@ class GeneralSolid(Solid):
             np.concatenate([np.asarray(self.contacts.normals), points.normals]),
             np.concatenate([self.contacts.touch, more.touch]).astype(np.int32),
         )
-        return replace(self, fit=fit, contacts=contacts)
+        known = np.append(self.placements_of_touches, np.int32(placement))
+        return replace(self, fit=fit, contacts=contacts, placement=known)
+
+    @property
+    def placements_of_touches(self) -> Ints:
+        """How often the object had been turned over before each touch, (t,)."""
+        count = len(self.fit.displacements)
+        return self.placement if len(self.placement) else np.zeros(count, np.int32)
 
     def _points(self) -> TouchedPoints:
         places = (self.contacts.points - self.origin) / self.cell

@@ -1,0 +1,202 @@
+"""How an object lies that was turned over: its pose, from a few contacts and the solid as known.
+
+It was set down on another side, by a hand that errs, with a turn about the vertical that nobody
+kIt was set down on another side, by a hand that errs, with a turn about the vertical that nobody
+knows, and may have rolled onto a side that nobody asked for. So each side on which the solid may
+rest is tried at even azimuths. From there contacts are brought onto the surface, by their
+distances from its tangent planes and by the angles between normals (Chen and Medioni, *Object
+modelling by registration of multiple range images*, 1992; normals as by Serafin and Grisetti,
+*NICP*, 2015), each over what it may be off: so places of which nothing is known say little. Poses
+that fit as well as the best one are told: the object looks alike from there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.core.arrays import Floats
+from palpate.core.geometry import RestingSolid, point_tree, rotation_between
+from palpate.core.least_squares import Solutions, cauchy_loss, levenberg_marquardt
+from palpate.core.poses import Pose, right_jacobians, rotation_angle, rotations_from_vectors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacingSettings:
+    """How the pose of an object that was turned over is looked for."""
+
+    n_azimuths: int = 36  # turns about the vertical from which each side is tried
+    max_rests: int = 24  # sides that are tried, those nearest to the one asked for
+    rest_spacing: float = math.radians(12.0)  # sides that differ by less are tried as one [rad]
+    coarse_steps: int = 10  # of all starts
+    n_best: int = 12  # starts that are followed to the end
+    fine_steps: int = 40
+    normal_error: float = 0.25  # standard deviation of a normal's components
+    least_error: float = 0.2e-3  # [m] of a place of the surface: how far apart places are counts
+    outlier: float = 3.0  # deviations from which on a contact counts as an outlier
+    same_angle: float = math.radians(8.0)  # poses turned by less are one [rad]
+    # Poses are as good as the best if their cost, per contact, is larger by no more than this.
+    same_cost: float = 0.15
+    max_cost: float = 2.0  # per contact, of the best: beyond it the pose is not known
+    min_contacts: int = 8
+
+
+PLACING = PlacingSettings()
+
+
+class KnownSurface(NamedTuple):
+    """Places of a solid in its own frame, and how far they may be off."""
+
+    points: Floats  # (n, 3) [m]
+    normals: Floats  # outward, (n, 3)
+    errors: Floats  # standard deviations, (n,) [m]
+
+
+class Placement(NamedTuple):
+    """How an object lies."""
+
+    pose: Pose  # of its own frame in the world
+    cost: float  # of the contacts, each: 0.5 to 1 where they fit
+    error: float  # root mean square shift along the normals that contacts leave open [m]
+    alternatives: tuple[Pose, ...]  # other poses that fit as well
+
+
+def place_object(
+    surface: KnownSurface,
+    resting: RestingSolid,
+    points: Floats,
+    normals: Floats,
+    asked: Floats,
+    platform: float,
+    settings: PlacingSettings = PLACING,
+) -> Placement | None:
+    """How it lies, or None where the contacts fit it nowhere.
+
+    `resting`: the solid's hull, in its own frame. `points`, `normals` (n, 3): contacts in the world
+    [m]. `asked` (3, 3): the rotation that it was to be given. `platform`: height on which it lies.
+    """
+    if len(points) < settings.min_contacts:
+        return None
+    starts = _starts(resting, points, asked, platform, settings)
+    problem = _Registration(surface, points, normals, settings)
+    rough = problem.solve(starts, settings.coarse_steps)
+    best = np.argsort(rough.cost, kind="stable")[: settings.n_best]
+    starts = [problem.pose(starts[one], rough.parameters[one]) for one in best]
+    fine = problem.solve(starts, settings.fine_steps)
+    costs = fine.cost / len(points)
+    poses = [problem.pose(*one) for one in zip(starts, fine.parameters, strict=True)]
+    order = np.argsort(costs, kind="stable")
+    first = int(order[0])
+    if not costs[first] <= settings.max_cost:
+        return None
+    found = [poses[first]]
+    for one in order[1:]:
+        alike = costs[one] <= costs[first] + settings.same_cost
+        if alike and all(
+            rotation_angle(poses[one].axes, other.axes) > settings.same_angle for other in found
+        ):
+            found.append(poses[one])
+    error = problem.error(starts[first], fine.parameters[first])
+    return Placement(found[0], float(costs[first]), error, tuple(found[1:]))
+
+
+def _starts(
+    resting: RestingSolid, points: Floats, asked: Floats, platform: float, settings: PlacingSettings
+) -> list[Pose]:
+    """Poses of the object on each of its sides, turned about the vertical, amid the contacts."""
+    down = -asked[2]  # downwards in the object's frame
+    rests: list[Floats] = []
+    for rest in sorted(resting.rests, key=lambda one: -float(one.down @ down)):
+        if all(one @ rest.down < math.cos(settings.rest_spacing) for one in rests):
+            rests.append(rest.down)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    poses = []
+    for one in [down, *rests[: settings.max_rests]]:
+        level = rotation_between(one, np.array([0.0, 0.0, -1.0]))
+        for azimuth in 2.0 * math.pi * np.arange(settings.n_azimuths) / settings.n_azimuths:
+            axes = rotations_from_vectors(np.array([[0.0, 0.0, azimuth]]))[0] @ level
+            corners = resting.hull @ axes.T
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            place = middle - 0.5 * (low + high)
+            poses.append(Pose(np.array([*place[:2], platform - low[2]]), axes))
+    return poses
+
+
+class _Registration:
+    """Contacts that are brought onto a surface, by small motions of poses at which they begin."""
+
+    def __init__(
+        self, surface: KnownSurface, points: Floats, normals: Floats, settings: PlacingSettings
+    ):
+        self.surface, self.points, self.normals, self.settings = surface, points, normals, settings
+        self.middle = points.mean(axis=0)
+        self.tree = point_tree(surface.points)
+        self.errors = np.maximum(surface.errors, settings.least_error)
+
+    def solve(self, starts: list[Pose], steps: int) -> Solutions:
+        """From each pose, a turn and a shift of the contacts about their middle, (b, 6)."""
+        turns = np.stack([start.axes.T for start in starts])
+        shifts = np.stack([start.to_local(self.middle[None])[0] for start in starts])
+        return levenberg_marquardt(
+            lambda parameters, rows: self._residuals(turns[rows], shifts[rows], parameters),
+            np.zeros((len(starts), 6)),
+            np.full(6, -np.inf),
+            np.full(6, np.inf),
+            loss=cauchy_loss(self.settings.outlier),
+            steps=steps,
+            tolerance=1e-6,
+        )
+
+    def pose(self, start: Pose, parameters: Floats) -> Pose:
+        """The pose of the object that a start's motion leads to."""
+        turn = start.axes.T @ rotations_from_vectors(parameters[None, :3])[0]
+        shift = start.to_local(self.middle[None])[0] + parameters[3:]
+        return Pose(self.middle - turn.T @ shift, np.ascontiguousarray(turn.T))
+
+    def error(self, start: Pose, parameters: Floats) -> float:
+        """How far the pose may be off along the normals at the contacts, root mean square [m]."""
+        turns, shifts = start.axes.T[None], start.to_local(self.middle[None])
+        _, jacobian = self._residuals(turns, shifts, parameters[None])
+        covariance = np.linalg.pinv(jacobian[0].T @ jacobian[0])
+        along = jacobian[0][: len(self.points)]
+        variances = np.einsum("ni,ij,nj->n", along, covariance, along)
+        moved = self._moved(turns, shifts, parameters[None])[0]
+        errors = self.errors[self.tree.query(moved)[1]]
+        return float(np.sqrt(np.mean(variances * errors**2)))
+
+    def _moved(self, turns: Floats, shifts: Floats, parameters: Floats) -> Floats:
+        """Contacts (b, n, 3) in the object's frame."""
+        rotations = turns @ rotations_from_vectors(parameters[:, :3])
+        offsets = shifts[:, None] + parameters[:, None, 3:]
+        return np.asarray((self.points - self.middle) @ rotations.transpose(0, 2, 1) + offsets)
+
+    def _residuals(
+        self, turns: Floats, shifts: Floats, parameters: Floats
+    ) -> tuple[Floats, Floats]:
+        """Distances from tangent planes, (b, n), then differences of normals, (b, 3 n)."""
+        rotations = turns @ rotations_from_vectors(parameters[:, :3])
+        moved = self._moved(turns, shifts, parameters)
+        nearest = np.reshape(self.tree.query(moved.reshape(-1, 3))[1], moved.shape[:2])
+        there, errors = self.surface.normals[nearest], self.errors[nearest]
+        off = np.einsum("bni,bni->bn", moved - self.surface.points[nearest], there) / errors
+        turned = self.normals @ rotations.transpose(0, 2, 1)
+        apart = (turned - there) / self.settings.normal_error
+        bends = right_jacobians(parameters[:, :3])
+        along = there / errors[..., None]
+        local = np.cross(self.points - self.middle, along @ rotations)
+        by_place = np.concatenate([local @ bends, along], axis=2)
+        by_normal = -rotations[:, None] @ _crosses(self.normals) @ bends[:, None]
+        by_normal = np.concatenate([by_normal, np.zeros_like(by_normal)], axis=3)
+        by_normal = by_normal.reshape(len(turns), -1, 6) / self.settings.normal_error
+        residuals = np.concatenate([off, apart.reshape(len(turns), -1)], axis=1)
+        return residuals, np.concatenate([by_place, by_normal], axis=1)
+
+
+def _crosses(vectors: Floats) -> Floats:
+    """Matrices (n, 3, 3) of the vector products with vectors (n, 3)."""
+    x, y, z = vectors.T
+    none = np.zeros_like(x)
+    return np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), 2, 0)

@@ -1,0 +1,94 @@
+"""On which side an object is set down next: the one that lets a finger touch most of what is open.
+
+The solid as known may rest on several sides. Each is judged by the places that no finger reaches
+as it lies now and that would face up, or sideways well above the platform, by what errors they may
+hide: squared, as planners of touches weigh them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.core.arrays import Bools
+from palpate.core.explore.planners.surface import HIDDEN_SLOPE, ObservedSurface
+from palpate.core.geometry import Rest, RestingSolid, rotation_between
+from palpate.core.poses import Pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurningSettings:
+    """When an object is turned over, and on which side it is set down."""
+
+    min_upward: float = -0.3  # upward part of the normals of what a finger reaches
+    min_height: float = 12.0e-3  # [m] over the platform of what it reaches, unless it faces up
+    facing_up: float = 0.7  # upward part of normals that face up
+    min_gain: float = 0.1  # fraction of all squared errors that it must bring within reach
+    near_best: float = (
+        0.8  # of the best side's gain: of sides with as much the most stable is taken
+    )
+    max_rests: int = 200  # sides that are looked at, the most stable
+
+
+TURNING = TurningSettings()
+
+
+def choose_turn(
+    surface: ObservedSurface,
+    tolerance: float,
+    *,
+    underside: bool,
+    settings: TurningSettings = TURNING,
+) -> Pose | None:
+    """The motion that sets the object down on its best other side; None if none brings enough.
+
+    `tolerance`: error that is asked for [m]. `underside`: whether what it has always stood on must
+    be known, however small; else that counts for nothing. The motion is that of the object as it
+    lies now.
+    """
+    if surface.platform is None or not len(surface.mesh.faces):
+        return None
+    places = surface.places
+    hidden = np.square(np.maximum(places.bounds, HIDDEN_SLOPE * places.distances))
+    total = float(np.maximum(hidden, tolerance**2).sum())
+    hidden[surface.reached | (hidden < tolerance**2)] = 0.0
+    least = settings.min_gain * total
+    if underside and places.flat.any():
+        least, hidden = 0.0, np.where(places.flat, np.maximum(hidden, tolerance**2), hidden)
+    elif not underside:
+        hidden[places.flat] = 0.0
+    resting = RestingSolid(surface.mesh.vertices, surface.mesh.faces)
+    rests = resting.rests[: settings.max_rests]
+    gains = [float(hidden[_within_reach(surface, resting, one, settings)].sum()) for one in rests]
+    most = max(gains, default=0.0)
+    if not most > least:
+        return None
+    best = min(
+        (
+            rest
+            for rest, gain in zip(rests, gains, strict=True)
+            if gain >= settings.near_best * most
+        ),
+        key=lambda rest: rest.height,
+    )
+    return _set_down(resting, best, surface.platform)
+
+
+def _within_reach(
+    surface: ObservedSurface, resting: RestingSolid, rest: Rest, settings: TurningSettings
+) -> Bools:
+    """Which places (n,) a finger is expected to reach when the object lies on a side."""
+    places = surface.places
+    upward = -places.normals @ rest.down
+    height = float((resting.hull @ rest.down).max()) - places.points @ rest.down
+    high = (height > settings.min_height) | (upward > settings.facing_up)
+    return np.asarray((upward > settings.min_upward) & high)
+
+
+def _set_down(resting: RestingSolid, rest: Rest, platform: float) -> Pose:
+    """The motion onto a side by the smallest angle, with the centre of mass on the upright axis."""
+    axes = rotation_between(rest.down, np.array([0.0, 0.0, -1.0]))
+    x, y, _ = axes @ resting.centre
+    lowest = float((resting.hull @ axes[2]).min())
+    return Pose(np.array([-x, -y, platform - lowest]), axes)

@@ -1,0 +1,68 @@
+"""How the object lay after each time that it was turned over, as contacts and touches tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.core.explore import KnownSurface, Placement, place_object
+from palpate.core.geometry import RestingSolid, areas_and_normals, sample_surface
+from palpate.core.poses import Pose
+from palpate.core.rebuild import GeneralSolid
+from palpate.core.rebuild.contours import ContactPoints, stack_points
+from palpate.nodes.rebuilding.candidates import Placements
+from palpate.nodes.rebuilding.received import Goal, State, closings_in
+
+PLACES = 12_000  # Of the solid's surface, onto which contacts are brought
+OTHERWISE = math.radians(10.0)  # Between the side asked for and the one it lies on: it is told
+
+
+def refined(poses: Sequence[Pose], motions: Sequence[Pose]) -> tuple[Pose, ...]:
+    """Poses of the object in the world, its touches moved in its own frame as a fit found."""
+    moved = [pose @ motion.inverse() for pose, motion in zip(poses, motions, strict=False)]
+    return (*moved, *poses[len(moved) :])
+
+
+def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:
+    """The placements with those since, of which the hand has told, as far as it tells."""
+    poses, errors, faults = list(known.poses), list(known.errors), list(known.faults)
+    for number in range(len(poses) + 1, max(state.turns) + 1):
+        closings = closings_in(state, goal, number)
+        if not closings or state.platform is None:
+            break
+        contacts, asked = stack_points(closings), state.turns[number]
+        found = _place(solid, contacts, asked, state.platform)
+        if found is None:
+            faults.append(f"its {len(contacts.points)} contacts of the hand fit the solid nowhere")
+            break
+        faults += _told(found, asked)
+        poses.append(found.pose)
+        errors.append(found.error)
+    return Placements(tuple(poses), tuple(errors), tuple(dict.fromkeys(faults)))
+
+
+def _place(
+    solid: GeneralSolid, contacts: ContactPoints, asked: Pose, platform: float
+) -> Placement | None:
+    assert contacts.normals is not None
+    mesh = solid.rough_mesh
+    corners = mesh.vertices[mesh.faces]
+    places, faces = sample_surface(corners, PLACES, np.random.default_rng(0))
+    errors = solid.expected_errors(places)[0]
+    surface = KnownSurface(places, areas_and_normals(corners)[1][faces], errors)
+    resting = RestingSolid(mesh.vertices, mesh.faces)
+    met = contacts.points, contacts.normals
+    return place_object(surface, resting, *met, asked.axes, platform)
+
+
+def _told(found: Placement, asked: Pose) -> list[str]:
+    """What a person should know of a placement, a sentence each."""
+    told = []
+    lean = float(np.arccos(np.clip(found.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
+    if lean > OTHERWISE:
+        told.append(f"it lies {math.degrees(lean):.0f} degrees otherwise than asked")
+    if found.alternatives:
+        told.append(f"its contacts fit {len(found.alternatives) + 1} ways to lie: it looks alike")
+    return told
