@@ -40,12 +40,13 @@ def read_demand(
     underside: str | None,
     quality: str | None,
     procedure: str | None = None,
+    turns: int | None = None,
 ) -> dict[str, SourceMapped]:
     """Settings of nodes for what was asked on the command line; those not asked for are left out.
 
     `procedure`: the exploratory procedure, to which only `touches` means anything. Raises
-    InputError as `read_quantity` does, if `touches` is not positive, or if a procedure is asked for
-    what it cannot keep.
+    InputError as `read_quantity` does, if `touches` is not positive or there are too many `turns`,
+    or if a procedure is asked for what it cannot keep.
     """
     found: dict[str, SourceMapped] = {}
     asked: tuple[tuple[str, str | None, Mapping[str, float], str], ...] = (
@@ -53,6 +54,7 @@ def read_demand(
         ("--feature", feature, LENGTHS, "planner.feature"),
         ("--budget", budget, TIMES, "planner.most_seconds"),
         ("--underside", underside, {}, "planner.underside"),
+        ("--turns", None if turns is None else str(turns), {}, "planner.turns"),
         ("--quality", quality, {}, "reconstructor.quality"),
     )
     for name, text, units, target in asked:
@@ -64,6 +66,10 @@ def read_demand(
         if text is not None:
             value = read_quantity(text, units, name) if units else text
             found[target] = SourceMapped(value, f"{name} {text}")
+    if turns is not None:
+        if not 0 <= turns <= planner.MOST_TURNS:
+            raise InputError(f"--turns {turns}: must be from 0 to {planner.MOST_TURNS}")
+        found["planner.turns"] = SourceMapped(turns, f"--turns {turns}")
     if touches is not None:
         if touches < 1:
             raise InputError(f"--touches {touches}: must be at least 1")
@@ -199,6 +205,9 @@ def _choices(demanded: Demanded, settings: Mapping[str, SourceMapped]) -> list[s
         parts.append("gap between contours at most a feature")
     parts.append("a closed surface, no hole unentered")
     parts.append(f"the underside {asked.underside} ({why('planner.underside')})")
+    turned = "never" if asked.turns == 0 else "once" if asked.turns == 1 else f"{asked.turns} times"
+    often = turned if asked.turns == 0 else f"at most {turned}, where that pays"
+    parts.append(f"turned over {often} ({why('planner.turns')})")
     if asked.most_touches is not None:
         parts.append(f"at most {asked.most_touches} touches ({why('planner.most_touches')})")
     if asked.most_seconds is not None:

@@ -31,6 +31,7 @@ from palpate.messages.types import (
     Score,
     ShapeModel,
     Superquadric,
+    Turned,
 )
 from palpate.nodes.runtime.composed import Watcher
 
@@ -48,7 +49,9 @@ LAST_KEPT: Mapping[type, str] = {
     **dict.fromkeys(PROCEDURE_MODELS, "recovered"),
 }
 # Types of the messages that are gathered.
-GATHERED_TYPES = (*LAST_KEPT, Contour, GraspContacts, ParameterEvent, PlanEstimate, Probe, Score)
+GATHERED_TYPES = (
+    *LAST_KEPT, Contour, GraspContacts, ParameterEvent, PlanEstimate, Probe, Score, Turned
+)  # fmt: skip
 TRACED_STATUSES = ("closed", "occluded")  # Endings of a contour that is of use
 MODEL_TOPIC = "/model/shape"  # As the planner calls the topic of the models it decides by
 TOUCHES_A_LINE = 25  # Without a contour, between two lines of progress
@@ -160,7 +163,7 @@ class ProgressWatcher(Watcher):
         self._stamp()
         if type(message) in LAST_KEPT:
             setattr(progress, LAST_KEPT[type(message)], message)
-        if isinstance(message, (Contour, Probe, GraspContacts)):
+        if isinstance(message, (Contour, Probe, GraspContacts, Turned)):
             progress.robot_time = max(progress.robot_time, message.robot_time)
         if isinstance(message, Contour):
             traced = message.status in TRACED_STATUSES and len(message.points) > 0

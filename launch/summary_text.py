@@ -211,6 +211,7 @@ def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
             f"{millimetres(summary['open_width_m'])} wide at ({place}) mm: about "
             f"{counted(touches, 'touch', 'touches')} if a finger reaches it"
         )
+    told += [f"since it was turned over {one}" for one in summary.get("placement_faults", ())]
     if summary.get("under_share"):
         share = _quantity(summary["under_share"], "1")
         told.append(
@@ -228,9 +229,16 @@ def _cost(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _time(summary: Mapping[str, Any]) -> list[str]:
-    counts = ("contacts", "contact"), ("contours", "contour"), ("touches", "touch")
+    counts = (
+        ("contacts", "contact"),
+        ("turns", "turn"),
+        ("contours", "contour"),
+        ("touches", "touch"),
+    )
     parts = [
-        counted(summary[key], one, key) for key, one in counts if summary[key] or key == "touches"
+        counted(summary[key], one, key)
+        for key, one in counts
+        if summary.get(key) or key == "touches"
     ]
     parts += [f"robot {summary['robot_time_s']:.1f} s", f"wall {summary['wall_s']:.1f} s"]
     if summary["compute_s"] is not None:

@@ -29,7 +29,7 @@ from palpate.launch.printing import counted, text_table, titled
 from palpate.launch.run_directory import find_bag, read_summary
 from palpate.messages import CodecError, decode
 from palpate.messages.recording import Recording, open_recording
-from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame
+from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame, Turned
 from palpate.nodes.runtime.node import recorded_nodes
 
 PARTS = ("travel", "approach", "dwell", "retract", "wait")  # Of a time, in the order told
@@ -41,7 +41,7 @@ SIMULATOR = "palpate.nodes.simulator"
 HAND_FINGER = 1  # The hand is moved by the arm of this finger
 # What is read, by type: topics may have been given other names.
 KINDS: Mapping[str, type] = {
-    kind.__name__: kind for kind in (ContourGoal, ProbeGoal, TactileFrame, GraspContacts)
+    kind.__name__: kind for kind in (ContourGoal, ProbeGoal, TactileFrame, GraspContacts, Turned)
 }
 TITLE_WIDTH = 12  # Letters
 
@@ -213,7 +213,7 @@ def _collected(recording: Recording) -> tuple[dict[int | None, Phase], dict[int,
             case ProbeGoal(id=goal):
                 phases[goal] = "probes"
                 continue
-            case GraspContacts() as moved:
+            case GraspContacts() | Turned() as moved:
                 number, named = HAND_FINGER, None
             case TactileFrame() as moved:
                 number, named = moved.finger, moved.goal

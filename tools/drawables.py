@@ -2,7 +2,8 @@
 
 The view, the report, the film and the exporters write these drawables in their own formats, with
 the names and colours of `LAYERS`. A drawable replaces what its path showed before, unless its layer
-accumulates.
+accumulates. An object that was turned over is drawn as it lay at first, and fingers as they were
+to it: what is not known to lie anywhere yet is not drawn.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
+from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.touch import Pad
 from palpate.launch.colours import COLOURS, rgb
 from palpate.launch.files.mesh_file import uncertainties
@@ -191,12 +193,14 @@ class Drawable(NamedTuple):
 
 @dataclass(slots=True)
 class Known:
-    """What earlier messages say that later ones need: the sensor, the truth, times of models."""
+    """What earlier messages say that later ones need: sensor, truth, models' times, placements."""
 
     pad: Pad | None = None
     taxel_stiffness: float = np.nan  # [N/m]
     surface: TruthSurface | None = None
     times: dict[int, float] = field(default_factory=dict)  # Robot time of each model [s]
+    # Of the object in the world after each time that it was turned over, as far as models tell
+    placements: tuple[Pose, ...] = ()
 
     def take(self, message: Any) -> None:
         """Remember what a message says of others."""
@@ -206,6 +210,14 @@ class Known:
             self.surface = TruthSurface(message)
         elif isinstance(message, types.ShapeModel):
             self.times[message.number] = message.robot_time
+            if len(message.placements) > len(self.placements):
+                self.placements = tuple(map(Pose.from_array, message.placements))
+
+    def lies(self, placement: int) -> Pose | None:
+        """How the object lay in the world in a placement; None where no model has told of it."""
+        if placement == 0:
+            return Pose.from_array(IDENTITY_POSE)
+        return self.placements[placement - 1] if placement <= len(self.placements) else None
 
 
 def drawables(message: Any, known: Known) -> list[Drawable]:
@@ -267,18 +279,26 @@ def _contour(contour: types.Contour, known: Known) -> Iterable[Drawable]:
 
 
 def _patch(patch: types.SurfacePatch, known: Known) -> Iterable[Drawable]:
-    if len(patch.points):
-        points = Points(patch.points, TAXEL_RADIUS, patch.normals)
+    lies = known.lies(patch.placement)
+    if len(patch.points) and lies is not None:
+        normals = patch.normals @ lies.axes
+        points = Points(lies.to_local(patch.points), TAXEL_RADIUS, normals)
         yield Drawable("touched", points, patch.robot_time)
 
 
 def _contacts(grasp: types.GraspContacts, known: Known) -> Iterable[Drawable]:
-    if len(grasp.points):
-        yield Drawable("touched", Points(grasp.points, CONTACT_RADIUS), grasp.robot_time)
+    lies = known.lies(grasp.placement)
+    if len(grasp.points) and lies is not None:
+        points = Points(lies.to_local(grasp.points), CONTACT_RADIUS)
+        yield Drawable("touched", points, grasp.robot_time)
 
 
 def _frame(frame: types.TactileFrame, known: Known) -> Iterable[Drawable]:
-    finger = Finger(frame.finger, frame.pose, known.pad)
+    lies = known.lies(frame.placement)
+    if lies is None:
+        return
+    pose = lies.inverse() @ Pose.from_array(frame.pose)
+    finger = Finger(frame.finger, pose.array if frame.placement else frame.pose, known.pad)
     yield Drawable(f"finger/{frame.finger}", finger, frame.robot_time)
 
 

@@ -46,6 +46,7 @@ def explore(
     budget: str | float | None = None,
     touches: int | None = None,
     underside: Literal["flat", "known"] | None = None,
+    turns: int | None = None,
     quality: Literal["draft", "normal", "fine"] | None = None,
     fingers: int | None = None,
     procedure: str | None = None,
@@ -78,8 +79,11 @@ def explore(
     touches : int, optional
         Touches that may be made.
     underside : str, optional
-        What the object stands on: flat, as which it is taken, or known, which no touch from above
-        can make it.
+        What the object stands on: flat, as which it is taken, or known, for which it is turned
+        over.
+    turns : int, optional
+        Times that the object may be set down on another side, 0 to 8, where that pays; 1 if left
+        out.
     quality : str, optional
         Of the final mesh: draft, normal or fine.
     fingers : int, optional
@@ -141,6 +145,7 @@ def explore(
             budget=_quantity(budget, "s"),
             touches=touches,
             underside=underside,
+            turns=turns,
             quality=quality,
             fingers=fingers,
             procedure=procedure,
@@ -167,6 +172,7 @@ def plan_exploration(
     budget: str | None = None,
     touches: int | None = None,
     underside: str | None = None,
+    turns: int | None = None,
     quality: str | None = None,
     procedure: str | None = None,
     system: str | None = None,
@@ -196,7 +202,7 @@ def plan_exploration(
     ):
         if value is not None:
             args[name] = SourceMapped(value, option)
-    demand = read_demand(tolerance, feature, budget, touches, underside, quality, procedure)
+    demand = read_demand(tolerance, feature, budget, touches, underside, quality, procedure, turns)
     return plan_run(
         find_exploration(procedure, system),
         args,

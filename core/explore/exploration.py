@@ -36,7 +36,7 @@ class GraspSettings:
     """How often the hand closes, and where it looks for the object."""
 
     enough_contacts: int = 60  # the hand has touched enough
-    turned_contacts: int = 36  # the same of an object that was turned over: its shape is known
+    turned_contacts: int = 48  # the same of an object that was turned over: its shape is known
     max_grips: int = 30  # closings on the object
     search_spacing: float = 12e-3  # of places where the object is looked for [m]; below a pad
     opening: float = 0.8  # of the fingers, fraction of the reach

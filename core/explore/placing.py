@@ -33,14 +33,19 @@ class PlacingSettings:
     rest_spacing: float = math.radians(12.0)  # sides that differ by less are tried as one [rad]
     coarse_steps: int = 10  # of all starts
     n_best: int = 12  # starts that are followed to the end
-    fine_steps: int = 40
+    fine_steps: int = 25
+    tolerance: float = 1.0e-4  # a step that promises to lower the cost by less than its square ends
     normal_error: float = 0.25  # standard deviation of a normal's components
     least_error: float = 0.2e-3  # [m] of a place of the surface: how far apart places are counts
     outlier: float = 3.0  # deviations from which on a contact counts as an outlier
     same_angle: float = math.radians(8.0)  # poses turned by less are one [rad]
-    # Poses are as good as the best if their cost, per contact, is larger by no more than this.
-    same_cost: float = 0.15
-    max_cost: float = 2.0  # per contact, of the best: beyond it the pose is not known
+    # Costs are negative logarithms of likelihoods, half the squares of what is off.
+    rocked_angle: float = math.radians(
+        10.0
+    )  # leaning more from what was asked, it has rocked [rad]
+    rocked_cost: float = 4.0  # of that: it happens in a few of a hundred turns
+    same_cost: float = 4.0  # poses are as good as the best if their cost is larger by no more
+    max_cost: float = 2.0  # of each contact, of the best pose: beyond it the pose is not known
     min_contacts: int = 8
 
 
@@ -86,11 +91,13 @@ def place_object(
     best = np.argsort(rough.cost, kind="stable")[: settings.n_best]
     starts = [problem.pose(starts[one], rough.parameters[one]) for one in best]
     fine = problem.solve(starts, settings.fine_steps)
-    costs = fine.cost / len(points)
     poses = [problem.pose(*one) for one in zip(starts, fine.parameters, strict=True)]
+    upright = np.array([one.axes[2] @ asked[2] for one in poses])
+    rocked = upright < math.cos(settings.rocked_angle)
+    costs = fine.cost + settings.rocked_cost * rocked
     order = np.argsort(costs, kind="stable")
     first = int(order[0])
-    if not costs[first] <= settings.max_cost:
+    if not fine.cost[first] <= settings.max_cost * len(points):
         return None
     found = [poses[first]]
     for one in order[1:]:
@@ -100,7 +107,7 @@ def place_object(
         ):
             found.append(poses[one])
     error = problem.error(starts[first], fine.parameters[first])
-    return Placement(found[0], float(costs[first]), error, tuple(found[1:]))
+    return Placement(found[0], float(fine.cost[first]) / len(points), error, tuple(found[1:]))
 
 
 def _starts(
@@ -147,7 +154,7 @@ class _Registration:
             np.full(6, np.inf),
             loss=cauchy_loss(self.settings.outlier),
             steps=steps,
-            tolerance=1e-6,
+            tolerance=self.settings.tolerance,
         )
 
     def pose(self, start: Pose, parameters: Floats) -> Pose:

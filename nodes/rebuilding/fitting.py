@@ -32,6 +32,7 @@ from palpate.nodes.rebuilding.received import (
     State,
     as_at_first,
     closings_in,
+    contacts_in,
     known_space,
     spanned_by,
     touched_goals,
@@ -283,8 +284,9 @@ def _general(
         more = touches_since(seen, touched_goals(earlier[0]), goal)
         before, count = earlier[1], len(touched)
         few = count <= MORE * before.whole and goal.missed == earlier[0].missed
-        # Once more of it is touched than what it stood on lets, it does not stand any more.
-        still = not any(placement for _, placement in more) or before.solid.platform is None
+        # What the hand met in a placement counts from its first touch on.
+        known = {int(number) for number in before.solid.placements_of_touches}
+        still = {number for _, number in more} <= known
         covered = all(before.solid.covers(one.points) for one, _ in more)
         if few and still and covered and not is_final(goal):
             with step("implicit spline"):
@@ -298,15 +300,16 @@ def _general(
             of_touch = np.array([*first, *(number for _, number in more)], np.int32)
             solid = _fit_general(seen, goal, evidence, of_touch, before.solid, step)
             return FittedGeneral(solid, count, before.anew, refined(poses, solid.motions))
-    grasped = [one for one in closings_in(state, goal, 0)]
     # Of objects that slices tell of, nobody waits for these imports.
     from palpate.core.rebuild.general import is_flat
 
-    evidence = stack_points([*grasped, *(one for one, _ in touched)])
+    grasped = contacts_in(state, goal, poses, {number for _, number in touched} | {0})
+    parts = [*grasped, *touched]
+    evidence = stack_points([one for one, _ in parts])
     if is_flat(evidence.points):
         return None
-    contacts = sum(len(np.unique(one.touch)) for one in grasped)
-    of_touch = np.array([0] * contacts + [number for _, number in touched], np.int32)
+    of_touch = np.concatenate([np.full(int(one.touch.max()) + 1, at) for one, at in parts])
+    of_touch = of_touch.astype(np.int32)
     solid = _fit_general(seen, goal, evidence, of_touch, None, step)
     return FittedGeneral(solid, len(touched), len(touched), refined(poses, solid.motions))
 

@@ -92,6 +92,18 @@ def as_at_first(state: State, poses: Sequence[Pose]) -> State:
     return replace(state, touches=touches, swept=swept, spanned=spanned)
 
 
+def contacts_in(
+    state: State, goal: Goal, poses: Sequence[Pose], placements: Collection[int]
+) -> list[tuple[ContactPoints, int]]:
+    """What the hand met in some placements, as if the object had never been turned over."""
+    found = [(one, 0) for one in closings_in(state, goal, 0) if 0 in placements]
+    for number, pose in enumerate(poses, 1):
+        if number in placements:
+            met = closings_in(state, goal, number)
+            found += [(_seen_from(pose, one), number) for one in met]
+    return found
+
+
 def _seen_from(pose: Pose, touched: ContactPoints) -> ContactPoints:
     assert touched.normals is not None
     points, normals = pose.to_local(touched.points), touched.normals @ pose.axes

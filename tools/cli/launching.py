@@ -52,6 +52,11 @@ PERFORMING = ("composed", "as_json", "quiet", "verbose", "view")
     help="What the object stands on: taken for flat, or not done until it is known.",
 )
 @click.option(
+    "--turns",
+    type=int,
+    help="Times that the object may be set down on another side; 1 where that pays.",
+)
+@click.option(
     "--quality",
     type=click.Choice(["draft", "normal", "fine"]),
     help="Of the final mesh: 6,000, 45,000 or 180,000 faces.",

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
+from palpate.core.poses import Pose
 from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.tools.bag.decoding import open_decoded
@@ -89,7 +90,8 @@ class Timeline:
     _drawables: dict[int, tuple[Any, list[Drawable]]] = field(default_factory=dict)
     _images: dict[tuple[int, int, int], Floats] = field(default_factory=dict)
     _blind: dict[tuple[int, int, int], Touch] = field(default_factory=dict)  # Without an image yet
-    _early: list[types.SurfacePatch] = field(default_factory=list)  # Before the sensor was known
+    # Before the sensor was known, or how the object lay
+    _early: list[types.SurfacePatch] = field(default_factory=list)
 
     def add(self, message: Any) -> None:
         """Take a message; types that nobody draws are passed over."""
@@ -170,10 +172,10 @@ class Timeline:
         before = np.searchsorted(times, times - window, side="right")
         return times, (np.arange(1, len(times) + 1) - before) / np.minimum(window, times + 1e-9)
 
-    def _take_sensor(self, _: types.SensorInfo) -> None:
-        for patch in self._early:
+    def _take_early(self) -> None:
+        early, self._early = self._early, []
+        for patch in early:
             self._take_patch(patch)
-        self._early.clear()
 
     def _take_truth(self, truth: types.Truth) -> None:
         self.truth = truth
@@ -195,20 +197,25 @@ class Timeline:
         return touch._replace(compression=pressed, force=force)
 
     def _take_patch(self, patch: types.SurfacePatch) -> None:
-        if self.known.pad is None:
+        lies = self.known.lies(patch.placement)
+        if self.known.pad is None or lies is None:
             self._early.append(patch)
             return
+        pose, normal = patch.pose, patch.normal
+        if patch.placement:  # drawn as the object lay at first
+            pose = (lies.inverse() @ Pose.from_array(pose)).array
+            normal = normal @ lies.axes
         key = patch.finger, patch.goal, patch.touch
         touch = Touch(
             patch.robot_time,
             patch.goal,
             patch.touch,
             patch.finger,
-            patch.pose,
+            pose,
             patch.outcome,
             patch.kind,
             self._touched(patch),
-            patch.normal,
+            normal,
             patch.residual,
             np.zeros((0, 0)),
             np.nan,
@@ -226,6 +233,9 @@ class Timeline:
         return points[:: max(1, -(-len(points) // MOST_POINTS))]
 
     def _take_model(self, model: types.ShapeModel) -> None:
+        if len(model.placements):
+            self._drawables.clear()  # what the hand met is drawn where the object lay
+            self._take_early()
         if len(model.faces):
             insort(self.models, model, key=_rank)
 
@@ -255,7 +265,7 @@ def growing(touches: Sequence[Touch], done: set[int]) -> Iterator[Drawable]:
 
 
 _TAKEN: Mapping[type, Callable[[Timeline, Any], None]] = {
-    types.SensorInfo: Timeline._take_sensor,
+    types.SensorInfo: lambda line, _: line._take_early(),
     types.TactileImage: Timeline._take_image,
     types.SurfacePatch: Timeline._take_patch,
     types.ShapeModel: Timeline._take_model,

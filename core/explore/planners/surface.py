@@ -5,8 +5,8 @@ Places of it are drawn by area; those with the largest expected error are approa
 normals and along directions about them, and rays from the face of the pad tell what a touch would
 meet there, and whether the finger is free on its way: the finger is a prism behind the pad. The
 platform is a pedestal, as wide as the convex hull of what stands on it: beside it the finger
-reaches lower, and touches what faces down. A touch is worth the squared errors, times area, of the places that it
-would meet or come near to.
+reaches lower, and touches what faces down. A touch is worth the squared errors, times area, of the
+places that it would meet or come near to.
 """
 
 from __future__ import annotations
@@ -261,7 +261,7 @@ class ObservedSurface:
 
     @cached_property
     def pedestal(self) -> Floats:
-        """Places (k, 3) all over the top of what the object stands on: the hull of where it does."""
+        """Places (k, 3) all over the top of the pedestal: the hull of where the object stands."""
         standing = self.places.points[self.places.standing]
         if len(standing) < 3 or self.platform is None:
             return standing

@@ -25,9 +25,7 @@ class TurningSettings:
     min_height: float = 12.0e-3  # [m] over the platform of what it reaches, unless it faces up
     facing_up: float = 0.7  # upward part of normals that face up
     min_gain: float = 0.1  # fraction of all squared errors that it must bring within reach
-    near_best: float = (
-        0.8  # of the best side's gain: of sides with as much the most stable is taken
-    )
+    near_best: float = 0.95  # of the largest gain: of such sides the most stable is taken
     max_rests: int = 200  # sides that are looked at, the most stable
 
 
