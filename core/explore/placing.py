@@ -32,7 +32,7 @@ class PlacingSettings:
     max_rests: int = 24  # sides that are tried, those nearest to the one asked for
     rest_spacing: float = math.radians(12.0)  # sides that differ by less are tried as one [rad]
     coarse_steps: int = 10  # of all starts
-    n_best: int = 12  # starts that are followed to the end
+    n_best: int = 8  # poses, no two of them alike, that are followed to the end
     fine_steps: int = 25
     tolerance: float = 1.0e-4  # a step that promises to lower the cost by less than its square ends
     normal_error: float = 0.25  # standard deviation of a normal's components
@@ -88,26 +88,31 @@ def place_object(
     starts = _starts(resting, points, asked, platform, settings)
     problem = _Registration(surface, points, normals, settings)
     rough = problem.solve(starts, settings.coarse_steps)
-    best = np.argsort(rough.cost, kind="stable")[: settings.n_best]
-    starts = [problem.pose(starts[one], rough.parameters[one]) for one in best]
+    found = [problem.pose(*one) for one in zip(starts, rough.parameters, strict=True)]
+    best = _unlike(found, rough.cost, settings.same_angle)[: settings.n_best]
+    starts = [found[one] for one in best]
     fine = problem.solve(starts, settings.fine_steps)
     poses = [problem.pose(*one) for one in zip(starts, fine.parameters, strict=True)]
     upright = np.array([one.axes[2] @ asked[2] for one in poses])
     rocked = upright < math.cos(settings.rocked_angle)
     costs = fine.cost + settings.rocked_cost * rocked
-    order = np.argsort(costs, kind="stable")
-    first = int(order[0])
+    first, *others = _unlike(poses, costs, settings.same_angle)
     if not fine.cost[first] <= settings.max_cost * len(points):
         return None
-    found = [poses[first]]
-    for one in order[1:]:
-        alike = costs[one] <= costs[first] + settings.same_cost
-        if alike and all(
-            rotation_angle(poses[one].axes, other.axes) > settings.same_angle for other in found
-        ):
-            found.append(poses[one])
+    alike = [one for one in others if costs[one] <= costs[first] + settings.same_cost]
     error = problem.error(starts[first], fine.parameters[first])
-    return Placement(found[0], float(fine.cost[first]) / len(points), error, tuple(found[1:]))
+    alternatives = tuple(poses[one] for one in alike)
+    return Placement(poses[first], float(fine.cost[first]) / len(points), error, alternatives)
+
+
+def _unlike(poses: list[Pose], costs: Floats, same_angle: float) -> list[int]:
+    """Numbers of poses, the best first, without those that are turned little from better ones."""
+    kept: list[int] = []
+    for one in np.argsort(costs, kind="stable").tolist():
+        turns = (rotation_angle(poses[one].axes, poses[other].axes) for other in kept)
+        if all(turn > same_angle for turn in turns):
+            kept.append(one)
+    return kept
 
 
 def _starts(

@@ -45,7 +45,7 @@ class RestingSolid:
     @cached_property
     def rests(self) -> tuple[Rest, ...]:
         """All sides on which it rests, the most stable first."""
-        stable = np.flatnonzero(self._above().min(axis=1) >= INSIDE)
+        stable = np.flatnonzero(self._above.min(axis=1) >= INSIDE)
         ordered = stable[np.argsort(self._heights[stable], kind="stable")]
         return tuple(Rest(self._normals[one], float(self._heights[one])) for one in ordered)
 
@@ -54,13 +54,14 @@ class RestingSolid:
 
         It goes down on the facet that lies most nearly level, and rolls from there.
         """
-        above = self._above()
+        above = self._above
         facet, seen = int((self._normals @ down).argmax()), np.zeros(len(above), np.bool_)
         while above[facet].min() < INSIDE and not seen[facet]:
             seen[facet] = True
             facet = int(self._neighbours[facet, above[facet].argmin()])
         return Rest(self._normals[facet], float(self._heights[facet]))
 
+    @cached_property
     def _above(self) -> Floats:
         """Barycentric coordinates (f, 3) in each facet of the place below the centre of mass."""
         foot = self.centre + self._heights[:, None] * self._normals

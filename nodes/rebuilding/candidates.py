@@ -70,13 +70,13 @@ class FittedGeneral(NamedTuple):
     solid: GeneralSolid
     whole: int  # all of it
     anew: int  # from nothing
-    poses: tuple[Pose, ...] = ()  # Of the object in the world after each time it was turned over
+    underside: Floats | None = None  # Places on which it stood at first, if it was turned over
 
 
 class Placements(NamedTuple):
     """How the object lay after each time that it was turned over."""
 
-    poses: tuple[Pose, ...] = ()  # In the world; as many as are known
+    poses: tuple[Pose, ...] = ()  # In the world, by contacts of the hand; as many as are known
     errors: tuple[float, ...] = ()  # How far each may be off along normals, root mean square [m]
     faults: tuple[str, ...] = ()  # What is wrong with them, a sentence each
 
@@ -94,6 +94,14 @@ class Candidates:
     placements: Placements = field(default_factory=Placements)
     # How the touches of later sets were predicted, by the number of the set.
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
+
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """Of the object in each placement, by contacts of the hand and all touches."""
+        poses = self.placements.poses
+        motions = () if self.general is None else self.general.solid.motions
+        moved = (pose @ one.inverse() for pose, one in zip(poses, motions, strict=False))
+        return (*moved, *poses[len(motions) :])
 
     @cached_property
     def volume(self) -> MeshVolume:
@@ -183,7 +191,7 @@ def shape_model(
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         missing=missing,
-        placements=np.reshape([one.array for one in candidates.placements.poses], (-1, 7)),
+        placements=np.reshape([one.array for one in candidates.poses], (-1, 7)),
         placement_errors=np.array(candidates.placements.errors, np.float64),
         placement_faults=candidates.placements.faults,
         openings=_openings(spanned.openings, volume),

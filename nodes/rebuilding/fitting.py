@@ -26,7 +26,7 @@ from palpate.nodes.rebuilding.candidates import (
     Placements,
     is_final,
 )
-from palpate.nodes.rebuilding.placements import located, refined
+from palpate.nodes.rebuilding.placements import located, underside_of
 from palpate.nodes.rebuilding.received import (
     Goal,
     State,
@@ -190,11 +190,8 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     if found.general is None or not state.turns:
         return replace(found, placements=known)
     with step("placement"):
-        known = known._replace(poses=found.general.poses)
         placements = located(state, goal, found.general.solid, known)
-    seen = as_at_first(state, placements.poses)
-    touched = stack_points([one for one in touched_points(seen, goal) if len(one.points)])
-    return replace(found, placements=placements, touched=touched)
+    return replace(found, placements=placements)
 
 
 def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> Candidates:
@@ -293,13 +290,14 @@ def _general(
                 solid = before.solid
                 for one, placement in more:
                     solid = solid.update(one, placement)
-            return before._replace(solid=solid, poses=poses)
+            return before._replace(solid=solid)
         if still and count <= ANEW * before.anew:
             evidence = stack_points([before.solid.contacts, *(one for one, _ in more)])
             first = before.solid.placements_of_touches
             of_touch = np.array([*first, *(number for _, number in more)], np.int32)
-            solid = _fit_general(seen, goal, evidence, of_touch, before.solid, step)
-            return FittedGeneral(solid, count, before.anew, refined(poses, solid.motions))
+            below = before.underside
+            solid = _fit_general(seen, goal, evidence, of_touch, before.solid, below, step)
+            return FittedGeneral(solid, count, before.anew, below)
     # Of objects that slices tell of, nobody waits for these imports.
     from palpate.core.rebuild.general import is_flat
 
@@ -310,8 +308,13 @@ def _general(
         return None
     of_touch = np.concatenate([np.full(int(one.touch.max()) + 1, at) for one, at in parts])
     of_touch = of_touch.astype(np.int32)
-    solid = _fit_general(seen, goal, evidence, of_touch, None, step)
-    return FittedGeneral(solid, len(touched), len(touched), refined(poses, solid.motions))
+    below = None
+    if of_touch.any() and earlier is not None:
+        below = earlier[1].underside
+        below = underside_of(earlier[1].solid) if below is None else below
+    solid = _fit_general(seen, goal, evidence, of_touch, None, below, step)
+    count = len(touched)
+    return FittedGeneral(solid, count, count, below)
 
 
 def _earlier(state: State, goal: Goal, step: Steps) -> tuple[Goal, FittedGeneral] | None:
@@ -331,6 +334,7 @@ def _fit_general(
     evidence: ContactPoints,
     placement: Ints,
     start: GeneralSolid | None,
+    underside: Floats | None,
     step: Steps,
 ) -> GeneralSolid:
     from palpate.core.rebuild import general
@@ -348,6 +352,7 @@ def _fit_general(
         cell=general.FINE if is_final(goal) else general.fitting_cell(evidence),
         outward=True,
         placement=placement if placement.any() else None,
+        underside=underside,
         start=start,
         draft=not is_final(goal),
         step=step,

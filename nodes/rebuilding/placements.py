@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.core.arrays import Floats
 from palpate.core.explore import KnownSurface, Placement, place_object
 from palpate.core.geometry import RestingSolid, areas_and_normals, sample_surface
 from palpate.core.poses import Pose
@@ -16,13 +16,21 @@ from palpate.nodes.rebuilding.candidates import Placements
 from palpate.nodes.rebuilding.received import Goal, State, closings_in
 
 PLACES = 12_000  # Of the solid's surface, onto which contacts are brought
+STANDING = 0.2e-3  # Of a face over the platform that belongs to the underside, m
+UNDERSIDE_AREA = 12.0e-6  # For which one place of the underside stands, m^2
 OTHERWISE = math.radians(10.0)  # Between the side asked for and the one it lies on: it is told
 
 
-def refined(poses: Sequence[Pose], motions: Sequence[Pose]) -> tuple[Pose, ...]:
-    """Poses of the object in the world, its touches moved in its own frame as a fit found."""
-    moved = [pose @ motion.inverse() for pose, motion in zip(poses, motions, strict=False)]
-    return (*moved, *poses[len(moved) :])
+def underside_of(solid: GeneralSolid) -> Floats:
+    """Places (k, 3) evenly over what a solid stands on; none if it is held."""
+    mesh = solid.rough_mesh
+    corners = mesh.vertices[mesh.faces]
+    standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + STANDING
+    area = float(areas_and_normals(corners[standing])[0].sum())
+    if solid.platform is None or not area > 0.0:
+        return np.zeros((0, 3))
+    count = math.ceil(area / UNDERSIDE_AREA)
+    return sample_surface(corners[standing], count, np.random.default_rng(0)).points
 
 
 def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:

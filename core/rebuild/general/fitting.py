@@ -92,9 +92,14 @@ class ImplicitFit:
     weights: Floats  # Of each point, (k,), from 0 to 1
     residuals: Floats  # Of each point along its normal, its touch displaced, (k,)
 
-    def of_first(self, count: int) -> ImplicitFit:
-        """What the first so many points say of it."""
-        return replace(self, weights=self.weights[:count], residuals=self.residuals[:count])
+    def of_first(self, points: int, touches: int) -> ImplicitFit:
+        """What the first so many points and touches say of it."""
+        return replace(
+            self,
+            weights=self.weights[:points],
+            residuals=self.residuals[:points],
+            displacements=self.displacements[:touches],
+        )
 
 
 class Start(NamedTuple):

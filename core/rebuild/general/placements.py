@@ -1,30 +1,30 @@
 """Touches of an object that was turned over: how each placement's touches are moved together.
 
-How the object lies after it was turned is known from a few contacts, to half a millimetre or so.
-The rest is six unknowns of a placement, a turn and a shift, which are fitted with the solid and the
-displacements of single touches. What was found is then taken out of the touches.
+How the object lies after it was turned is known from contacts of the hand, to a tenth or two of a
+millimetre. The rest is six unknowns of a placement, a turn and a shift, which are fitted with the
+solid and the displacements of single touches. They stay near to what contacts have told: where an
+object has sharp edges the energy of a smooth surface turns all touches of a placement together.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.core.arrays import Ints
+from palpate.core.arrays import Floats, Ints
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.fitting import SharedMotions, TouchedPoints, touch_middles
-from palpate.core.rebuild.general.solid import GeneralSolid
 
 
 @dataclass(frozen=True, slots=True)
 class MotionSettings:
     """How far a placement may be off before it is fitted: standard deviations."""
 
-    shift: float = 1.0e-3  # [m] along each axis, of the middle of its touches
-    turn: float = math.radians(1.0)  # [rad] about each axis
+    shift: float = 0.2e-3  # [m] along each axis, of the middle of its touches
+    turn: float = math.radians(0.4)  # [rad] about each axis
     least_pose: float = 2.0e-6  # [m]: exact poses count as known no better
 
 
@@ -42,7 +42,9 @@ def shared_motions(
     if not len(placement) or not placement.any():
         return None
     count = int(points.touch.max()) + 1
-    middles, of_touch = touch_middles(points.places, points.touch), placement[:count]
+    middles, of_touch = touch_middles(points.places, points.touch), np.zeros(count, np.int32)
+    known = min(count, len(placement))  # those beyond are none of the hand's or a finger's
+    of_touch[:known] = placement[:known]
     columns = np.zeros((count, 3, 6 * int(placement.max())))
     for number in range(1, int(placement.max()) + 1):
         own = np.flatnonzero(of_touch == number)
@@ -57,27 +59,17 @@ def shared_motions(
     return SharedMotions(columns.reshape(3 * count, -1), pose / cell)
 
 
-def replaced(solid: GeneralSolid, placement: Ints, shared: SharedMotions) -> GeneralSolid:
-    """The solid with the touches of each later placement moved as the fit found.
+def found_motions(contacts: ContactPoints, placement: Ints, unknowns: Floats) -> tuple[Pose, ...]:
+    """The motion of each later placement, of what was touched in it.
 
-    They are not displaced by that any more.
+    `unknowns` (6 p,): as fitted, over their standard deviations.
     """
-    unknowns = shared.of(solid.fit.displacements).reshape(-1, 6)
-    contacts, motions = solid.contacts, []
-    points, normals = contacts.points.copy(), np.array(contacts.normals)
     middles = touch_middles(contacts.points, contacts.touch)
     of_touch = placement[: len(middles)]
-    of_point = of_touch[contacts.touch]
-    for number, unknown in enumerate(unknowns, 1):
-        if not (of_touch == number).any():
-            motions.append(Pose(np.zeros(3), np.eye(3)))
-            continue
-        middle = middles[of_touch == number].mean(axis=0)
+    motions = []
+    for number, unknown in enumerate(unknowns.reshape(-1, 6), 1):
+        own = middles[of_touch == number]
+        middle = own.mean(axis=0) if len(own) else np.zeros(3)
         turn = rotations_from_vectors(MOTIONS.turn * unknown[None, :3])[0]
-        motion = Pose(middle + MOTIONS.shift * unknown[3:] - turn @ middle, turn)
-        own = of_point == number
-        points[own], normals[own] = motion.to_outer(points[own]), normals[own] @ turn.T
-        motions.append(motion)
-    fit = replace(solid.fit, displacements=shared.without(solid.fit.displacements))
-    moved = ContactPoints(points, normals, contacts.touch)
-    return replace(solid, contacts=moved, fit=fit, placement=placement, motions=tuple(motions))
+        motions.append(Pose(middle + MOTIONS.shift * unknown[3:] - turn @ middle, turn))
+    return tuple(motions)

@@ -7,7 +7,7 @@ that it enters. Where touches lie close together a finer spline is fitted over i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ from palpate.core.rebuild.general.fitting import (
     plain_start,
 )
 from palpate.core.rebuild.general.orientation import oriented
-from palpate.core.rebuild.general.placements import MOTIONS, replaced, shared_motions
+from palpate.core.rebuild.general.placements import MOTIONS, found_motions, shared_motions
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.steps import Steps, no_steps
 
@@ -92,6 +92,7 @@ def rebuild_general(
     pose: float = solid.POSE,
     outward: bool = False,
     placement: Ints | None = None,
+    underside: Floats | None = None,
     start: solid.GeneralSolid | None = None,
     draft: bool = False,
     step: Steps = no_steps,
@@ -102,16 +103,17 @@ def rebuild_general(
     any length, outward: those that point inwards are turned (`oriented`) unless `outward` vouches
     for all, as a pad does. `placement` (t,): how often the object had been turned over before each
     touch; those of later placements are given where it lay at first, as far as known, and a rigid
-    motion of each placement is fitted with the solid (`GeneralSolid.motions`). `free` (k, 3):
-    places that a finger has swept. `spanned` (l, 3): places on the face of a pad that touched
-    nothing there, but to both sides: the surface lies behind them. `platform`: height on which the
-    object stands; None if it is held. `cell`: edge of the spline's cells. `pose`: standard
-    deviation of a touch's place. `start`: the solid of the first of these contacts, as it has them:
-    what is known of it is gone on with, which takes a fraction of the time. `draft`: a solid to
-    decide by while there is more to touch, which lets a few cells go that the surface leaves, and
-    keeps what `start` knows of its errors. Cells are larger where an object is so large that there
-    would be too many (`GridSettings`). Raises ValueError without normals, if they disagree, if all
-    lies in one plane, or in more than a metre: coordinates are in metres.
+    motion of each placement is fitted with the solid (`GeneralSolid.motions`). `underside` (m, 3):
+    places on which it stood at first, taken for flat where nothing was touched near to them. `free`
+    (k, 3): places that a finger has swept. `spanned` (l, 3): places on the face of a pad that
+    touched nothing there, but to both sides: the surface lies behind them. `platform`: height on
+    which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
+    standard deviation of a touch's place. `start`: the solid of the first of these contacts, as it
+    has them: what is known of it is gone on with, which takes a fraction of the time. `draft`: a
+    solid to decide by while there is more to touch, which lets a few cells go that the surface
+    leaves, and keeps what `start` knows of its errors. Cells are larger where an object is so large
+    that there would be too many (`GridSettings`). Raises ValueError without normals, if they
+    disagree, if all lies in one plane, or in more than a metre: coordinates are in metres.
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
@@ -127,15 +129,17 @@ def rebuild_general(
     cell = max(cell, least_cell(contacts.points, platform))
     touched = contacts if start is not None else _thinned(contacts)
     touched = touched if outward else oriented(touched).contacts
+    below = _untouched(underside, touched.points)
     with step("topology"):
-        coarse = _coarse(touched, free, platform, cell)
+        coarse = _coarse(_with_underside(touched, below), free, platform, cell)
     with step("implicit spline"):
         following = Following(1, 0.01) if draft else Following()
-        beside = np.zeros((0, 3)) if spanned is None else spanned
+        none = np.zeros((0, 3))
+        beside = none if spanned is None else spanned
         placed = np.zeros(0, np.int32) if placement is None else placement
         if placed.any():
             pose = max(pose, MOTIONS.least_pose)
-        setting = Setting(touched, coarse, beside, platform, pose, following, placed)
+        setting = Setting(touched, coarse, beside, below, platform, pose, following, placed)
         before = None if start is None else Spline(start.cell, start.fit)
         if before is None and cell < solid.COARSE:
             before = setting.fit(solid.COARSE, None, 1).spline
@@ -143,11 +147,36 @@ def rebuild_general(
     with step("held-out touches"):
         known = start.predicted if draft and start is not None else None
         fit, predicted = surface_errors(fitted, known)
-    fit = fit.of_first(len(touched.points))
+    count = int(touched.touch.max()) + 1
+    every, fit = fit.displacements, fit.of_first(len(touched.points), count)
     found = solid.GeneralSolid(
         setting.origin, fitted.spline.cell, fit, coarse, touched, platform, predicted, pose
     )
-    return found if fitted.shared is None else replaced(found, setting.placement, fitted.shared)
+    if fitted.shared is None:
+        return found
+    motions = found_motions(touched, placed, fitted.shared.of(every))
+    return replace(found, placement=placed, motions=motions)
+
+
+def _untouched(underside: Floats | None, touched: Floats) -> Floats:
+    """Those places of an underside, (k, 3), that lie far from all that was touched."""
+    if underside is None or not len(underside):
+        return np.zeros((0, 3))
+    away = scipy.spatial.cKDTree(touched).query(underside)[0]
+    return np.asarray(underside[away > UNDERSIDE.min_distance])
+
+
+def _with_underside(touched: ContactPoints, below: Floats) -> ContactPoints:
+    """Touched points, and places that face down, as of one touch more."""
+    if not len(below):
+        return touched
+    assert touched.normals is not None
+    last = np.full(len(below), touched.touch.max() + 1, np.int32)
+    return ContactPoints(
+        np.concatenate([touched.points, below]),
+        np.concatenate([touched.normals, np.broadcast_to([0.0, 0.0, -1.0], below.shape)]),
+        np.concatenate([touched.touch, last]),
+    )
 
 
 def is_flat(points: Floats) -> bool:
@@ -190,12 +219,24 @@ class SpannedSettings:
 SPANNED = SpannedSettings()
 
 
+@dataclass(frozen=True, slots=True)
+class UndersideSettings:
+    """What is taken for flat of an object that was turned over, until it is touched."""
+
+    min_distance: float = 8.0e-3  # [m] from all that was touched
+    weight: float = 0.2  # of such a place, over that of a touched point
+
+
+UNDERSIDE = UndersideSettings()
+
+
 class Setting(NamedTuple):
     """What a spline is fitted to; m."""
 
     touched: ContactPoints
     coarse: CoarseSolid
     spanned: Floats  # Behind which the surface lies, (l, 3)
+    below: Floats  # Places where an underside is taken for flat, (j, 3)
     platform: float | None
     pose: float
     following: Following
@@ -214,9 +255,10 @@ class Setting(NamedTuple):
         """
         places = (self.touched.points - self.origin) / cell
         touched = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
-        points = self._held_off(touched, cell, before)
+        points = self._with_below(self._held_off(touched, cell, before), cell)
         start = plain_start(len(points.places), int(points.touch.max()) + 1)
         start.weights[len(places) :] = SPANNED.weight
+        start.weights[len(points.places) - len(self.below) :] = UNDERSIDE.weight
         shared = shared_motions(points, self.placement, cell, self.pose)
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
@@ -265,6 +307,18 @@ class Setting(NamedTuple):
             np.concatenate([touched.places, places]),
             np.concatenate([touched.normals, gradient / np.maximum(slope, solid.LEAST_SLOPE)]),
             np.concatenate([touched.touch, touched.touch[nearest]]),
+        )
+
+    def _with_below(self, points: TouchedPoints, cell: float) -> TouchedPoints:
+        """With what is taken for flat, as of one touch more."""
+        if not len(self.below):
+            return points
+        down = np.broadcast_to([0.0, 0.0, -1.0], self.below.shape)
+        last = np.full(len(self.below), self.touched.touch.max() + 1, np.int32)
+        return TouchedPoints(
+            np.concatenate([points.places, (self.below - self.origin) / cell]),
+            np.concatenate([points.normals, down]),
+            np.concatenate([points.touch, last]),
         )
 
 
@@ -332,10 +386,15 @@ def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
 
 
 def _thinned(contacts: ContactPoints) -> ContactPoints:
+    """Some of the points of each touch, its first among them, so that no touch is lost."""
     every = -(-len(contacts.points) // MOST_POINTS)
     if every <= 1:
         return contacts
-    kept = np.arange(len(contacts.points)) % every == 0
+    order = np.argsort(contacts.touch, kind="stable")
+    sizes = np.bincount(contacts.touch)
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    kept = rank % every == 0
     assert contacts.normals is not None
     return ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
 

@@ -76,7 +76,7 @@ class GeneralSolid(Solid):
     pose: float  # Standard deviation of the error of a touch's place
     # How often the object had been turned over before each touch, (t,); empty: never
     placement: Ints = field(default_factory=lambda: np.zeros(0, np.int32))
-    # What the fit moved the touches of each later placement by: `contacts` are moved already
+    # What moves `contacts` of each later placement to where they fit
     motions: tuple[Pose, ...] = ()
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:

@@ -13,6 +13,7 @@ import pytest
 from palpate.core.archive import tree_from_arrays, tree_to_arrays
 from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import GeneralSolid, oriented, rebuild_general
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
@@ -66,6 +67,32 @@ def test_vertices_lie_on_the_surface_and_distances_have_signs():
     assert np.nanmax(np.abs(value)) < 2e-5 and np.nanmin(np.linalg.norm(gradient, axis=1)) > 0.5
     places = np.array([[RADIUS, 0.0, 0.0], [0.0, 0.0, 0.0], [RADIUS + TUBE + 0.004, 0.0, 0.0]])
     assert torus().signed_distance(places) == pytest.approx(torus_distance(places), abs=2e-4)
+
+
+def test_touches_of_a_later_placement_are_moved_together_to_where_they_fit():
+    """Every other touch was made after the torus was turned, and is half a degree off since."""
+    touched = torus_touches(2, 1e-4)
+    placement = (np.arange(90) % 2).astype(np.int32)
+    later = placement[touched.touch] == 1
+    turn = rotations_from_vectors(np.array([[0.006, -0.008, 0.0]]))[0]
+    off = Pose(np.array([0.2e-3, -0.1e-3, 0.3e-3]), turn)
+    points = np.where(later[:, None], off.to_outer(touched.points), touched.points)
+    normals = np.where(later[:, None], touched.normals @ turn.T, touched.normals)
+    moved = ContactPoints(points, normals, touched.touch)
+    found = rebuild_general(moved, cell=CELL, pose=1e-4, placement=placement)
+    alone = rebuild_general(moved, cell=CELL, pose=1e-4)
+    errors = [
+        float(np.sqrt(np.mean(torus_distance(one.mesh().vertices) ** 2))) for one in (alone, found)
+    ]
+    assert errors[1] < 0.8 * errors[0] and len(found.motions) == 1
+    back = found.motions[0] @ off
+    offsets = [
+        float(np.sqrt(np.mean(torus_distance(one.to_outer(touched.points[later])) ** 2)))
+        for one in (off, back)
+    ]
+    assert offsets[1] < 0.6 * offsets[0]
+    one_more = found.update(ContactPoints.of_touch(points[:30], normals[:30]), placement=1)
+    assert one_more.placements_of_touches.tolist() == [*placement.tolist(), 1]
 
 
 @pytest.mark.slow

@@ -1,0 +1,126 @@
+"""How an object lies that was turned over, from contacts of the hand on the solid as known."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.explore.placing import KnownSurface, Placement, place_object
+from palpate.core.geometry import RestingSolid, areas_and_normals, sample_surface
+from palpate.core.poses import Pose, rotation_angle, rotations_from_vectors
+from palpate.core.shapes import Mesh, Superquadric
+from palpate.core.touch import set_down
+
+NOISE = 0.1e-3
+UPSIDE_DOWN = Pose(np.array([0.0, 0.0, 0.03]), np.diag([1.0, -1.0, -1.0]))
+BLOCK = Superquadric(np.array([0.03, 0.02, 0.015]), np.array([0.2, 0.4])).mesh(5)
+X, Y, Z = BLOCK.vertices.T
+# It is wider at one end, and thicker at one side: it looks alike from nowhere else.
+WEDGE = Mesh(np.column_stack([X, Y * (1.0 + 10.0 * X), Z * (1.0 + 12.0 * Y)]), BLOCK.faces)
+CAN = Superquadric(np.array([0.03, 0.03, 0.02]), np.array([0.1, 1.0])).mesh(5)
+
+
+class Contacts(NamedTuple):
+    points: Floats
+    normals: Floats
+
+
+def known(mesh: Mesh, error: float = 0.1e-3) -> KnownSurface:
+    corners = mesh.vertices[mesh.faces]
+    points, faces = sample_surface(corners, 8000, np.random.default_rng(0))
+    return KnownSurface(points, areas_and_normals(corners)[1][faces], np.full(8000, error))
+
+
+def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> Contacts:
+    """What a hand meets all around, but below."""
+    rng = np.random.default_rng(seed)
+    corners = mesh.vertices[mesh.faces]
+    points, faces = sample_surface(corners, 4000, rng)
+    normals = areas_and_normals(corners)[1][faces] @ lies.axes.T
+    points = lies.to_outer(points)
+    chosen = rng.choice(np.flatnonzero(normals[:, 2] > -0.5), count, replace=False)
+    return Contacts(points[chosen] + NOISE * rng.normal(size=(count, 3)), normals[chosen])
+
+
+def placed(mesh: Mesh, lies: Pose, seed: int = 0, asked: Pose = UPSIDE_DOWN) -> Placement | None:
+    contacts = met(mesh, lies, seed)
+    return place_object(known(mesh), RestingSolid(*mesh), *contacts, asked.axes, 0.0)
+
+
+def off_along_normals(mesh: Mesh, found: Pose, true: Pose) -> float:
+    surface = known(mesh)
+    off = found.to_outer(surface.points) - true.to_outer(surface.points)
+    along = np.einsum("ni,ni->n", off, surface.normals @ true.axes.T)
+    return float(np.sqrt(np.mean(along**2)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pose_is_found_whatever_the_turn_about_the_vertical(seed):
+    lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, seed, 1)
+    found = placed(WEDGE, lies, seed)
+    assert found is not None and not found.alternatives
+    assert off_along_normals(WEDGE, found.pose, lies) < 0.1e-3
+    assert off_along_normals(WEDGE, found.pose, lies) < 3.0 * found.error
+    assert rotation_angle(found.pose.axes, lies.axes) < np.radians(0.6)
+
+
+def test_object_that_rolled_onto_another_side_is_recognised():
+    side = Pose(np.array([0.0, 0.0, 0.03]), np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]))
+    lies = set_down(RestingSolid(*WEDGE), side, 0.0, 5, 1)
+    found = placed(WEDGE, lies)
+    assert found is not None and off_along_normals(WEDGE, found.pose, lies) < 0.1e-3
+    assert found.pose.axes[2] @ UPSIDE_DOWN.axes[2] < 0.5
+
+
+def test_can_turns_freely_and_is_said_to_look_alike():
+    lies = set_down(RestingSolid(*CAN), UPSIDE_DOWN, 0.0, 1, 1)
+    found = placed(CAN, lies)
+    assert found is not None and off_along_normals(CAN, found.pose, lies) < 0.1e-3
+    assert found.alternatives
+    for other in found.alternatives:
+        assert off_along_normals(CAN, other, lies) > 0.0  # it is another pose of the same surface
+
+
+def test_contacts_of_another_object_or_too_few_give_no_pose():
+    lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 1, 1)
+    points, normals = met(WEDGE, lies, 0)
+    larger = known(Mesh(1.5 * WEDGE.vertices, WEDGE.faces))
+    resting = RestingSolid(1.5 * WEDGE.vertices, WEDGE.faces)
+    assert place_object(larger, resting, points, normals, UPSIDE_DOWN.axes, 0.0) is None
+    few = points[:7], normals[:7]
+    assert place_object(known(WEDGE), RestingSolid(*WEDGE), *few, UPSIDE_DOWN.axes, 0.0) is None
+
+
+def test_places_of_which_little_is_known_say_little():
+    """With the upper side off by a millimetre, and said to be unsure, the rest tells the pose."""
+    lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 2, 1)
+    points, normals = met(WEDGE, lies, 0, 80)
+    surface = known(WEDGE)
+    unsure = surface.normals[:, 2] < -0.9  # faces up now
+    shifted = surface.points - unsure[:, None] * [0.0, 0.0, 1.0e-3]
+    errors = np.where(unsure, 3.0e-3, 0.1e-3)
+    resting = RestingSolid(*WEDGE)
+    off = []
+    for told in (errors, np.full(len(errors), 0.1e-3)):
+        believed = KnownSurface(shifted, surface.normals, told)
+        found = place_object(believed, resting, points, normals, UPSIDE_DOWN.axes, 0.0)
+        off.append(1.0 if found is None else off_along_normals(WEDGE, found.pose, lies))
+    assert off[0] < 0.12e-3 and off[0] < off[1]
+
+
+def test_motion_of_everything_moves_the_pose_alone():
+    lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 1, 1)
+    points, normals = met(WEDGE, lies, 0)
+    turn = rotations_from_vectors(np.array([[0.0, 0.0, 0.7]]))[0]
+    surface, resting = known(WEDGE), RestingSolid(*WEDGE)
+    first = place_object(surface, resting, points, normals, UPSIDE_DOWN.axes, 0.0)
+    moved = place_object(
+        surface, resting, points @ turn.T + [0.01, 0.0, 0.0], normals @ turn.T,
+        UPSIDE_DOWN.axes, 0.0,
+    )  # fmt: skip
+    assert first is not None and moved is not None
+    back = Pose(turn.T @ (moved.pose.position - [0.01, 0.0, 0.0]), turn.T @ moved.pose.axes)
+    assert off_along_normals(WEDGE, back, first.pose) < 0.02e-3
