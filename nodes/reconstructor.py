@@ -21,6 +21,7 @@ from palpate.core.steps import Steps
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, coarse_model, is_final, shape_model
 from palpate.nodes.rebuilding.fitting import TOUCHED_OUTCOMES, published_solid, seen_state
+from palpate.nodes.rebuilding.placements import mistaken_error
 from palpate.nodes.rebuilding.received import (
     Goal,
     State,
@@ -163,6 +164,9 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
     found = published_solid(state, goal, step)
     for number in sorted(state.fitted)[:-KEPT]:
         del state.fitted[number]
+    general, placements = found.candidates.general, found.candidates.placements
+    with step("bound"):
+        mistaken = 0.0 if general is None else mistaken_error(general.solid, placements)
     return shape_model(
         goal,
         found.candidates,
@@ -172,6 +176,7 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
         state.quality if is_final(goal) else None,
         step,
         found.rejected,
+        mistaken,
     )
 
 

@@ -14,7 +14,10 @@ import numpy as np
 import scipy
 
 from palpate.core.arrays import Floats, Ints, finite_array
+from palpate.core.poses import axes_along
 
+LEANS = 8  # Directions in which a solid is leant
+SAME_SIDE = np.radians(20.0)  # Angle between facets of what is one side of a round solid
 INSIDE = -1e-9  # Barycentric coordinate of a point on a facet's edge, but for rounding
 
 
@@ -60,6 +63,17 @@ class RestingSolid:
             seen[facet] = True
             facet = int(self._neighbours[facet, above[facet].argmin()])
         return Rest(self._normals[facet], float(self._heights[facet]))
+
+    def is_firm(self, rest: Rest, lean: float, same: float = SAME_SIDE) -> bool:
+        """Whether it comes to rest on the same side, leaning by an angle [rad] to any direction.
+
+        `same`: angle between directions of one side [rad], for round ones have many facets.
+        """
+        across = axes_along(rest.down)[:, :2]
+        turns = np.linspace(0.0, 2.0 * np.pi, LEANS, endpoint=False)
+        sides = np.column_stack([np.cos(turns), np.sin(turns)]) @ across.T
+        downs = np.cos(lean) * rest.down + np.sin(lean) * sides
+        return all(self.settled(one).down @ rest.down > np.cos(same) for one in downs)
 
     @cached_property
     def _above(self) -> Floats:

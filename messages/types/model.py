@@ -191,7 +191,8 @@ class ShapeModel:
     vertex_bounds: Lengths = field(default_factory=lambda: np.zeros(0))  # Its bound of 95 %
     # Distance of each vertex from the nearest touched point
     vertex_distances: Lengths = field(default_factory=lambda: np.zeros(0))
-    # What a general solid lacks where touches lie far off it: root mean square error over all of it
+    # Root mean square error over all of a general solid of what it lacks, as touches far off it
+    # tell, and of touches that are misplaced if it lay otherwise since it was turned over
     missing: Metres = 0.0
     # Pose (n, 7) of the object in the world after each time that it was turned over, as far as they
     # are known; the solid is given where it lay at first

@@ -77,7 +77,7 @@ def observed_surface(
         openings=openings,
         touches=model.touches,
         earlier=earlier,
-        turned=pose is not None,
+        pose=pose,
     )
 
 

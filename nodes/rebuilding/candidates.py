@@ -5,6 +5,7 @@ Messages are of a solid by slices, a general one, or the coarse superquadric.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -79,6 +80,7 @@ class Placements(NamedTuple):
     poses: tuple[Pose, ...] = ()  # In the world, by contacts of the hand; as many as are known
     errors: tuple[float, ...] = ()  # How far each may be off along normals, root mean square [m]
     faults: tuple[str, ...] = ()  # What is wrong with them, a sentence each
+    alternatives: tuple[tuple[Pose, ...], ...] = ()  # Of each: other poses that fit as well
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +167,7 @@ def shape_model(
     quality: Quality | None = None,  # Of the mesh, if it is the final one
     step: Steps = no_steps,  # Told which step begins
     rejected: tuple[str, ...] = (),  # Solids that were rejected instead, and why
+    mistaken: float = 0.0,  # Error if the object lay in another way that fits as well, m
 ) -> types.ShapeModel:
     """The message for the solid that predicts better."""
     dropped = _dropped(candidates, len(goal.contours))
@@ -179,7 +182,7 @@ def shape_model(
     volume = _volume(parts, candidates)
     if candidates.general is not None and solid is candidates.general.solid:
         with step("bound"):
-            missing = missing_error(volume, candidates.touched)
+            missing = math.hypot(missing_error(volume, candidates.touched), mistaken)
     return types.ShapeModel(
         number=goal.number,
         contours=goal.contours,

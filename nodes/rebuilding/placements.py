@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore import KnownSurface, Placement, place_object
-from palpate.core.geometry import RestingSolid, areas_and_normals, sample_surface
+from palpate.core.geometry import (
+    RestingSolid,
+    areas_and_normals,
+    nearest_points,
+    nearest_search,
+    sample_surface,
+)
 from palpate.core.poses import Pose
 from palpate.core.rebuild import GeneralSolid
 from palpate.core.rebuild.contours import ContactPoints, stack_points
@@ -18,6 +25,7 @@ from palpate.nodes.rebuilding.received import Goal, State, closings_in
 PLACES = 12_000  # Of the solid's surface, onto which contacts are brought
 STANDING = 0.2e-3  # Of a face over the platform that belongs to the underside, m
 UNDERSIDE_AREA = 12.0e-6  # For which one place of the underside stands, m^2
+MISTAKEN_PLACES = 2_000  # At which the solid is held against itself, turned
 OTHERWISE = math.radians(10.0)  # Between the side asked for and the one it lies on: it is told
 
 
@@ -35,7 +43,7 @@ def underside_of(solid: GeneralSolid) -> Floats:
 
 def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:
     """The placements with those since, of which the hand has told, as far as it tells."""
-    poses, errors, faults = list(known.poses), list(known.errors), list(known.faults)
+    poses, errors, faults, others = map(list[Any], known)
     for number in range(len(poses) + 1, max(state.turns) + 1):
         closings = closings_in(state, goal, number)
         if not closings or state.platform is None:
@@ -48,7 +56,8 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
         faults += _told(found, asked)
         poses.append(found.pose)
         errors.append(found.error)
-    return Placements(tuple(poses), tuple(errors), tuple(dict.fromkeys(faults)))
+        others.append(found.alternatives)
+    return Placements(tuple(poses), tuple(errors), tuple(dict.fromkeys(faults)), tuple(others))
 
 
 def _place(
@@ -74,3 +83,24 @@ def _told(found: Placement, asked: Pose) -> list[str]:
     if found.alternatives:
         told.append(f"its contacts fit {len(found.alternatives) + 1} ways to lie: it looks alike")
     return told
+
+
+def mistaken_error(solid: GeneralSolid, placements: Placements) -> float:
+    """Root mean square error if it lay in another way that fits as well, the worst of them [m].
+
+    An object that looks alike from there is the same then, but for what was touched since: by how
+    much it differs from itself, over what both may be off by themselves.
+    """
+    if not any(placements.alternatives):
+        return 0.0
+    mesh = solid.rough_mesh
+    corners = mesh.vertices[mesh.faces]
+    places = sample_surface(corners, MISTAKEN_PLACES, np.random.default_rng(0)).points
+    search, own = nearest_search(corners), 2.0 * np.square(solid.expected_errors(places)[0]).mean()
+    worst = 0.0
+    for pose, others in zip(placements.poses, placements.alternatives, strict=True):
+        for other in others:
+            moved = (other.inverse() @ pose).to_outer(places)
+            off = nearest_points(search, moved).distances
+            worst = max(worst, float(np.square(off).mean() - own))
+    return math.sqrt(worst)

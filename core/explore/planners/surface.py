@@ -103,8 +103,7 @@ class ObservedSurface:
     touches: int = 0  # That were made
     earlier: tuple[Progress, ...] = ()  # What was known before, of the same method
     unknown_distance: float = 10.0e-3  # From every touch, beyond which a place is unknown
-    # Whether it was turned over: what it stands on now was within reach before.
-    turned: bool = False
+    pose: Pose | None = None  # From how it lay at first, if it was turned over
 
     def __post_init__(self) -> None:
         count = len(finite_array("mesh.vertices", self.mesh.vertices, (None, 3)))
@@ -132,6 +131,9 @@ class ObservedSurface:
         places, near = self.places, 0.5 * NEAR * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
         squares = np.where(places.spanned, np.square(places.bounds), squares)
+        if self.pose is not None:  # what it stood on at first can be touched now
+            hidden = np.square(HIDDEN_SLOPE * places.distances)
+            squares = np.where(places.flat, np.maximum(squares, hidden), squares)
         if len(self.refused):
             squares[point_tree(self.refused).query(places.points)[0] < near] = 0.0
         if len(self.aimed) and places.spanned.any():
@@ -343,9 +345,9 @@ class SurfacePlaces(NamedTuple):
     bounds: Floats  # Their bounds of 95 %, (n,), m
     distances: Floats  # From what was touched, (n,), m
     standing: Bools  # Whether the object stands on it, (n,): nobody can touch it there
-    flat: Bools  # Of that, what is taken for flat, (n,): it always stood on it
-    # What is flat, or faces down so near to that, (n,), that the pedestal is in the way of most
-    # touches.
+    flat: Bools  # Whether it stood on it at first, (n,), and nothing touched it since
+    # Whether it stands there and was never turned over, or this faces down so near to that, (n,),
+    # that the pedestal is in the way of most touches.
     under: Bools
     spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
 
@@ -375,18 +377,21 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     points, faces = sample_surface(corners, PLACES, np.random.default_rng(len(corners)))
     normals = areas_and_normals(corners)[1][faces]
     standing = flat = under = np.zeros(PLACES, np.bool_)
-    if surface.platform is not None:
-        heights = points[:, 2] - surface.platform
-        standing = heights < STANDING_HEIGHT
-    if surface.platform is not None and not surface.turned:
-        flat = standing
-        under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
-            (heights < BODY) & (normals[:, 2] < DOWNWARD)
-        )
     errors, bounds, distances = (
         told[surface.mesh.faces[faces]].mean(axis=1)
         for told in (surface.errors, surface.bounds, surface.distances)
     )
+    if surface.platform is not None:
+        heights = points[:, 2] - surface.platform
+        standing = heights < STANDING_HEIGHT
+        flat = standing
+    if surface.platform is not None and surface.pose is None:
+        under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
+            (heights < BODY) & (normals[:, 2] < DOWNWARD)
+        )
+    elif surface.platform is not None and surface.pose is not None:
+        at_first = surface.pose.to_local(points)[:, 2] - surface.platform
+        flat = (at_first < STANDING_HEIGHT) & (distances > NEAR * pad_width(surface.pad))
     spanned = np.zeros(PLACES, np.bool_)
     if len(surface.openings):
         near = point_tree(surface.openings).query(points)[0] < BESIDE

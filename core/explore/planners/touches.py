@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
@@ -93,27 +93,43 @@ def next_touch(
             f"the next {PAYING.n_touches} touches would lower neither error nor unknown area by "
             f"{PAYING.min_gain:.0%}"
         )
-    # What no touch reaches is no reason to touch the rest more often than it takes.
-    touchable = surface.touchable_bound(observation.tried)
-    limit = surface.touchable_limit(observation.tried, observation.tolerance)
-    if bound > observation.tolerance and touchable > limit:
-        wanted = least_gain * observation.tolerance**2 * len(left)
-        found = _best(observation, surface, left, wanted)
+    for worth, wanted, reason in _aims(observation, surface, left, least_gain, bound):
+        found = _best(observation, surface, worth, wanted)
         if found is not None:
-            return protocol.Touch(*found[:3], "the expected error is largest there")
-    reachable = surface.reachable(observation.tried)
-    if reachable > LEAST_OPEN:
-        found = _best(observation, surface, (surface.away & (left > 0.0)).astype(float), 1.0)
-        if found is not None:
-            return protocol.Touch(*found[:3], "nothing near to it was touched")
+            return protocol.Touch(*found[:3], reason)
     findings = replace(surface.findings, error_bound=bound)
     if judge(findings, observation.limits).reached:
         return protocol.Stop(protocol.ALL_REACHED)
     if bound <= observation.tolerance:
         return protocol.Stop("no finger reaches what is unknown")
-    if touchable <= limit:
+    if not _is_touchable_error_large(observation, surface):
         return protocol.Stop("no finger reaches where the error may be large")
     return protocol.Stop("no further touch would lower the error enough")
+
+
+def _aims(
+    observation: protocol.Observation,
+    surface: ObservedSurface,
+    left: Floats,
+    least_gain: float,
+    bound: float,
+) -> Iterator[tuple[Floats, float, str]]:
+    """What touches are worth at the places (n,), what one must bring, and why; the first first."""
+    if bound > observation.tolerance and _is_touchable_error_large(observation, surface):
+        wanted = least_gain * observation.tolerance**2 * len(left)
+        yield left, wanted, "the expected error is largest there"
+    can_be = left > 0.0
+    if surface.reachable(observation.tried) > LEAST_OPEN:
+        yield (surface.away & can_be).astype(float), 1.0, "nothing near to it was touched"
+    if observation.limits.underside_share is not None and surface.pose is not None:
+        flat = surface.places.flat & can_be
+        yield flat.astype(float), 1.0, "it stood there, and nothing has touched it since"
+
+
+def _is_touchable_error_large(observation: protocol.Observation, surface: ObservedSurface) -> bool:
+    """What no touch reaches is no reason to touch the rest more often than it takes."""
+    limit = surface.touchable_limit(observation.tried, observation.tolerance)
+    return surface.touchable_bound(observation.tried) > limit
 
 
 def touches_pay(surface: ObservedSurface, left: Floats, settings: PayingSettings = PAYING) -> bool:

@@ -7,6 +7,7 @@ hide: squared, as planners of touches weigh them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ class TurningSettings:
     min_gain: float = 0.1  # fraction of all squared errors that it must bring within reach
     near_best: float = 0.95  # of the largest gain: of such sides the most stable is taken
     max_rests: int = 200  # sides that are looked at, the most stable
+    # Leaning by this when it is set down the object must still come to rest on that side [rad].
+    lean: float = math.radians(6.0)
 
 
 TURNING = TurningSettings()
@@ -58,19 +61,16 @@ def choose_turn(
         hidden[places.flat] = 0.0
     resting = RestingSolid(surface.mesh.vertices, surface.mesh.faces)
     rests = resting.rests[: settings.max_rests]
-    gains = [float(hidden[_within_reach(surface, resting, one, settings)].sum()) for one in rests]
-    most = max(gains, default=0.0)
-    if not most > least:
-        return None
-    best = min(
-        (
-            rest
-            for rest, gain in zip(rests, gains, strict=True)
-            if gain >= settings.near_best * most
-        ),
-        key=lambda rest: rest.height,
+    gains = np.array(
+        [hidden[_within_reach(surface, resting, one, settings)].sum() for one in rests]
     )
-    return _set_down(resting, best, surface.platform)
+    while len(rests) and gains.max() > least:
+        near_best = np.flatnonzero(gains >= settings.near_best * gains.max())
+        best = rests[int(near_best[0])]  # the most stable
+        if resting.is_firm(best, settings.lean):
+            return _set_down(resting, best, surface.platform)
+        gains[near_best[0]] = 0.0
+    return None
 
 
 def _within_reach(
