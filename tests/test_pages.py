@@ -51,7 +51,7 @@ def missing(text: str) -> list[str]:
 
 
 # Of all pages together, those excepted that list every message, erratum and figure.
-MOST_WORDS = 24_600
+MOST_WORDS = 24_800
 REFERENCE = ("messages.md", "errata.md", "gallery.md")
 
 
