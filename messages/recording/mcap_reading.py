@@ -28,7 +28,7 @@ MAX_CHUNK_BYTES = MAX_MESSAGE_BYTES + (1 << 20)
 # Most bytes of those records that are held in memory.
 MAX_HELD_BYTES: Mapping[int, int] = {
     Opcode.CHUNK: MAX_CHUNK_BYTES,
-    Opcode.METADATA: 8 << 20,
+    Opcode.METADATA: MAX_MESSAGE_BYTES,  # parameters of nodes, a mesh that is touched among them
     Opcode.DATA_END: 1 << 10,
     Opcode.SCHEMA: 1 << 20,
     Opcode.CHANNEL: 1 << 20,

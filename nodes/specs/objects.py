@@ -45,7 +45,7 @@ QuaternionPart = Annotated[float, Meta(ge=-10, le=10)]
 Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
 
 EXTENT_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
-LEAST_REACH = 0.15  # Of a finger whose reach fits the object, m
+LEAST_REACH, MOST_REACH = 0.15, 10.0  # Of a finger whose reach fits the object, m
 REACH_OVER_EXTENT = 1.25  # The hand opens to 0.8 of the reach
 
 
@@ -309,7 +309,7 @@ def object_extents(spec: ObjectSpec) -> tuple[tuple[float, float, float], float]
 def fitted_reach(spec: ObjectSpec) -> float:
     """The finger's reach that an object asks for, m: the hand, which opens less, goes around it."""
     size, aside = object_extents(spec)
-    return max(LEAST_REACH, REACH_OVER_EXTENT * max(aside, size[2]))
+    return min(max(LEAST_REACH, REACH_OVER_EXTENT * max(aside, size[2])), MOST_REACH)
 
 
 def _shape_in_its_frame(spec: ObjectSpec) -> shapes.Shape:
