@@ -170,6 +170,8 @@ class Demand(NamedTuple):
     settings: Mapping[str, Any] = {}  # The rule's numbers
     axis: tuple[float, float, float] | None = None  # Along which it is sliced; None: the object's
     feature: float | None = FEATURE  # What may stay untouched, m; None if the tolerance says
+    underside: str = "flat"  # What it stands on: flat, or to be known
+    turns: int = 1  # Times that it may be turned over
 
 
 def write_scene(

@@ -14,6 +14,7 @@ from palpate.core.explore.exploration import (
     Goal as Goal,
     GoalSettings as GoalSettings,
     GraspSettings as GraspSettings,
+    HandContacts as HandContacts,
     Lying as Lying,
     MakeModel as MakeModel,
     ModelStatus as ModelStatus,

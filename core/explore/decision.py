@@ -51,7 +51,7 @@ def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Go
             known = known.after(goal)
     if given or known.tasks or known.model.is_pending:
         return given
-    return [_turn_goal(known, demand) or Done(_reason(known, demand, rule))]
+    return [_turn_goal(known, demand, rule) or Done(_reason(known, demand, rule))]
 
 
 def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
@@ -110,10 +110,18 @@ def _placing_goals(known: Exploration, demand: Demand) -> list[Goal]:
     return [MakeModel()]
 
 
-def _turn_goal(known: Exploration, demand: Demand) -> Goal | None:
-    """To set the object down on another side, where that brings the demand nearer."""
+def _turn_goal(known: Exploration, demand: Demand, rule: planners.Planner) -> Goal | None:
+    """To set the object down on another side, where that brings the demand nearer.
+
+    Only a rule that chooses single touches makes use of it; and where slices give a solid, only an
+    underside that is to be known asks for it.
+    """
     surface, lying = known.model.surface, known.lying
-    if lying.placement >= demand.most_turns or known.broken or surface is None:
+    touches = isinstance(rule, planners.Predicted) or getattr(rule, "single_touches", False)
+    asked = demand.underside == "known" or known.model.general
+    if lying.placement >= demand.most_turns or not (touches and asked):
+        return None
+    if known.broken or surface is None or not known.surveyed.uncertainty.bounded:
         return None
     observation = known.observation(demand)
     if observation.budget.spent or lying.pose is None:

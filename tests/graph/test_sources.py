@@ -128,7 +128,8 @@ def test_source_that_is_quiet_for_long_has_not_stalled(run, tmp_path, monkeypatc
 
 
 BODY = (
-    "{goal: 0, touch: %d, finger: 1, direction: [0, 0, 1], pose: [0, 0, 0, 0, 0, 0, 1], "
+    "{goal: 0, touch: %d, finger: 1, placement: 0, direction: [0, 0, 1], "
+    "pose: [0, 0, 0, 0, 0, 0, 1], "
     "outcome: hit, array: [[1e-6, 2e-6]], move: [0, 0, 0, 0, -1], robot_time: 1}"
 )
 

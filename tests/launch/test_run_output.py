@@ -246,7 +246,8 @@ volume_error sampling_floor_m size_m watertight genus contours contours_failed u
 rms_bound_95_m tolerance_m tolerance_met largest_untouched_m limits criteria reached true_genus
 self_crossings
 open_share open_width_m open_places_m open_normals open_touches under_share method predicted_m
-rejected contacts touches robot_time_s ready_s wall_s compute_s touches_per_s mesh_sha256 final gaps
+rejected turns placements placement_errors_m placement_faults contacts touches robot_time_s ready_s
+wall_s compute_s touches_per_s mesh_sha256 final gaps
 duplicates restarts nodes numerics curve steps missed procedure
 """
 

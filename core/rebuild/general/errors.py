@@ -136,7 +136,7 @@ def surface_errors(
     reach = ERRORS.bend_reach / cell
     count = len(fitted.spline.fit.displacements)
     if before is None or count > ERRORS.calibrated_growth * before.calibrated:
-        left = leave_out(solution)
+        left = leave_out(solution, count=int(fitted.points.touch.max()) + 1)
         solution, covariance = left.solution, left.covariance
         touched = touch_middles(fitted.points.places, fitted.points.touch)[left.touches]
         scale = calibration(left, bend_factors(_bends(solution.fit, touched, reach)))

@@ -69,9 +69,14 @@ def solved_exactly(
     return _exact(solution, covariance), covariance
 
 
-def leave_out(solution: Solution, settings: LeaveOutSettings = LEAVING_OUT) -> LeftOut:
-    """Leave out as many touches as `settings` ask for, each in turn."""
-    touches = _drawn_touches(solution, settings)
+def leave_out(
+    solution: Solution, settings: LeaveOutSettings = LEAVING_OUT, count: int | None = None
+) -> LeftOut:
+    """Leave out as many touches as `settings` ask for, each in turn.
+
+    `count`: of the touches, where what follows them in the equations was not touched.
+    """
+    touches = _drawn_touches(solution, settings, count)
     sketches = [_sketch(solution, touch, settings) for touch in touches]
     count = solution.equations.count
     whole = count <= settings.max_displaced
@@ -92,9 +97,9 @@ def leave_out(solution: Solution, settings: LeaveOutSettings = LEAVING_OUT) -> L
     return LeftOut(solution, covariance, np.array(touches, np.int32), *found.T)
 
 
-def _drawn_touches(solution: Solution, settings: LeaveOutSettings) -> list[int]:
+def _drawn_touches(solution: Solution, settings: LeaveOutSettings, count: int | None) -> list[int]:
     """Touches with points in the band, drawn; those with few points only after all others."""
-    points = np.bincount(solution.equations.touch, minlength=solution.equations.count)
+    points = np.bincount(solution.equations.touch, minlength=solution.equations.count)[:count]
     drawn = np.random.default_rng(len(points)).permutation(len(points))
     order = drawn[np.argsort(points[drawn] < settings.min_points, kind="stable")]
     return [int(touch) for touch in order[: settings.max_touches] if points[touch]]

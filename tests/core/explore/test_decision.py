@@ -232,3 +232,39 @@ def test_general_solid_has_no_ends_to_be_touched():
     every = exploration(survey=replace(SURVEY, ends={}), model=explore.ModelStatus(general=True))
     [task] = acted(every)[1]
     assert isinstance(task.work, explore.TraceSlice)
+
+
+def test_after_a_turn_the_hand_closes_then_a_model_tells_how_it_lies():
+    known = exploration(survey=SURVEY, hand=explore.HandContacts(closings=7, fit=None))
+    upside_down = Pose(np.array([0.0, 0.0, TOP]), FACING_DOWN)
+    known = known.after(explore.TurnObject(upside_down))
+    assert acted(known)[1] == []  # the hand is still at it
+    known = explore.with_turned(known, 60.0)
+    known, [closing] = acted(known)
+    assert isinstance(closing, explore.CloseHand) and known.hand.closings == 7
+    assert known.lying == explore.Lying(1, None) and known.seconds == 60.0
+    met = TOP * np.repeat(UP[None], 48, axis=0) + RADIUS * RIM[:48]
+    known = explore.with_contacts(known, met, RIM[:48], 70.0)
+    known, goals = acted(known)
+    assert goals == [explore.MakeModel()] and acted(known)[1] == []
+    model = {"dropped": frozenset[int](), "uncertainty": explore.ModelUncertainty()}
+    told = explore.with_model(
+        known, **model, surface=None, general=True, lying=explore.Lying(1, upside_down)
+    )
+    assert told.lying.pose is upside_down and not told.model.is_pending
+    lost = explore.Lying(1, None, fault="its contacts fit nowhere")
+    known = explore.with_model(known, **model, surface=None, general=True, lying=lost)
+    assert acted(known)[1] == [explore.Done("its contacts fit nowhere")]
+
+
+def test_targets_of_single_touches_turn_with_the_object():
+    pose = Pose(np.array([0.01, 0.0, TOP]), FACING_DOWN)
+    known = replace(exploration(survey=SURVEY), lying=explore.Lying(1, pose))
+    known = known.after(explore.Task(0, 1, 0.0, TOP, 1.0, math.inf, SINGLE))
+    result = explore.Result(5.0, 1, "none", explore.ProbedPoint("hit", TOP * UP, UP))
+    known = known.with_finger(1, known.fingers[1]._replace(result=result))
+    known = explore.with_result(known, 1, 1e-3)
+    assert known.singles[0].target == pytest.approx(pose.to_local(TOP * UP))
+    assert known.aimed[0] == pytest.approx(TOP * UP)
+    turned_back = replace(known, lying=explore.Lying())
+    assert turned_back.aimed[0] == pytest.approx(pose.to_local(TOP * UP))

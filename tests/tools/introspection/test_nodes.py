@@ -119,8 +119,8 @@ def yaml_float(value):
 
 def test_message_is_published_by_its_node(graph, call, refusal):
     graph.start()
-    fields = "goal: 1, touch: 2, finger: 1, direction: [0, 0, 1], pose: [0, 0, 0, 0, 0, 0, 1]"
-    fields += ", move: [0, 0, 0, 0, 0], robot_time: 3"
+    fields = "goal: 1, touch: 2, finger: 1, placement: 0, direction: [0, 0, 1]"
+    fields += ", pose: [0, 0, 0, 0, 0, 0, 1], move: [0, 0, 0, 0, 0], robot_time: 3"
     body = f"{{{fields}, outcome: hit, array: [[1, 2], [3, 4]]}}"
     told = "published TactileFrame on /t\n"
     assert call("topic pub t", body, "-t", 2, "-r", 1000).out == 2 * told

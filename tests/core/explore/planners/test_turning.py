@@ -1,0 +1,82 @@
+"""On which side an object is set down, and what is open as it lies now."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.core import shapes
+from palpate.core.explore import planners
+from palpate.core.explore.planners import Touch, Touches, choose_turn, estimate_error
+from palpate.core.poses import Pose
+from tests.core.explore.planners.sides import known
+from tests.core.explore.planners.test_touches import EXACT, solid
+
+SIZE = np.array([0.03, 0.02, 0.015])
+BRICK = shapes.Superquadric(SIZE, np.array([0.15, 0.15])).mesh(4)
+BRICK = shapes.Mesh(BRICK.vertices + [0.0, 0.0, SIZE[2]], BRICK.faces)
+UPSIDE_DOWN = Pose(np.array([0.0, 0.0, 2.0 * SIZE[2]]), np.diag([1.0, -1.0, -1.0]))
+
+
+def standing(**changes):
+    """A brick of which all is known but its underside."""
+    return solid(BRICK, EXACT, lambda at: 12e-3 if at[2] < 1e-3 else 1e-3, **changes).surface
+
+
+def test_underside_that_must_be_known_is_turned_to_where_fingers_reach_it():
+    motion = choose_turn(standing(), 2e-4, underside=True)
+    assert motion is not None
+    moved = motion.to_outer(BRICK.vertices)
+    assert moved[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert moved[:, :2].mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert motion.axes[2, 2] < -0.9  # upside down: lying on a side a part of it would stay low
+    assert choose_turn(standing(), 2e-4, underside=False) is None  # it is taken for flat
+
+
+def test_nothing_is_turned_where_no_side_brings_more_or_nothing_stands():
+    touched = solid(BRICK, EXACT).surface
+    assert choose_turn(touched, 2e-4, underside=False) is None
+    assert choose_turn(standing(platform=None), 2e-4, underside=True) is None
+
+
+def test_what_it_stood_on_is_flat_until_touched_and_is_touched_next():
+    """After half a turn the old underside faces up."""
+    before = standing()
+    assert before.findings.underside_share == pytest.approx(0.24, abs=0.06)
+    mesh = shapes.Mesh(UPSIDE_DOWN.to_outer(BRICK.vertices), BRICK.faces)
+    turned = replace(before, mesh=mesh, pose=UPSIDE_DOWN)
+    share = turned.findings.underside_share
+    assert share == pytest.approx(before.findings.underside_share, abs=0.06)
+    demanded = replace(known(surface=turned, general=True, tolerance=2e-4), underside_share=0.0)
+    choice = Touches().next(demanded)
+    assert isinstance(choice, Touch) and choice.pose.axes[2, 2] < -0.5  # from above
+    names = [one.name for one in estimate_error(demanded).verdict.failed]
+    assert "underside" in names
+    touched = replace(turned, distances=np.full(len(mesh.vertices), 1e-3))
+    assert touched.findings.underside_share == 0.0
+
+
+def test_no_finger_comes_up_through_the_ring_on_which_an_object_stands():
+    u, v = (2.0 * np.pi * np.arange(count) / count for count in (96, 48))
+    u, v = np.meshgrid(u, v, indexing="ij")
+    away = 0.05 + 0.012 * np.cos(v)
+    places = np.stack([away * np.cos(u), away * np.sin(u), 0.012 + 0.012 * np.sin(v)], axis=-1)
+    number = np.arange(96 * 48).reshape(96, 48)
+    a, b = number, np.roll(number, -1, axis=0)
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    faces = np.stack([np.stack(one, -1) for one in ((a, b, c), (a, c, d))]).reshape(-1, 3)
+    mesh = shapes.Mesh(places.reshape(-1, 3), faces.astype(np.int32))
+    inner = lambda at: 1e-3 if np.hypot(*at[:2]) < 0.042 else 1e-5  # noqa: E731
+    surface = solid(mesh, inner).surface
+    assert len(surface.offers)
+    for offer in surface.offers:
+        start = offer.pose.position
+        assert np.hypot(*start[:2]) > 0.05 or start[2] > 0.0
+    held = solid(mesh, inner, platform=None).surface
+    assert any(
+        offer.pose.position[2] < 0.0 and np.hypot(*offer.pose.position[:2]) < 0.05
+        for offer in held.offers
+    )
+    assert isinstance(planners.check_choice(Touches(), known(surface=held, general=True)), Touch)
